@@ -106,7 +106,8 @@ def _write_hdf5(new: Path, cube: Cube, labelled: xr.Dataset, attributes: Mapping
         for rows, block in row_blocks(cube):
             samples[rows] = block
         for name, array in labelled.variables.items():
-            file.create_dataset(str(name), data=array.values)
+            values = array.values if array.dtype.kind != "U" else array.values.astype(object)  # h5py's texts
+            file.create_dataset(str(name), data=values)
         dimensions = {NAME: DIMENSIONS} | {str(name): array.dims for name, array in labelled.variables.items()}
         for name in labelled.coords:
             file[name].make_scale(name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 from collections.abc import Mapping
 from dataclasses import fields
@@ -32,20 +31,22 @@ from t2d_rt.saved import (
     write_folder,
 )
 from t2d_rt.signal import range_doppler, range_profile, spectrogram
-from t2d_rt.signal.doppler import check_processing
+from t2d_rt.signal.doppler import check_names, check_processing
 from t2d_rt.signal.multiplex import check_axes
 from t2d_rt.stage import set_up_again
 from t2d_rt.store import check_taken, replacing
-from t2d_rt.truth import truth_table
+from t2d_rt.truth import prefixed, truth_table
 from t2d_rt.types import Accuracy, Radar
 
 if TYPE_CHECKING:
+    import numpy as np
     import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from t2d_rt.canvas import StyleOptions
     from t2d_rt.maps import Maps
+    from t2d_rt.model import Model
     from t2d_rt.view import Viewer
 
 
@@ -93,10 +94,7 @@ class Recording:
         self.settings = dict(settings or {})
         self.versions = dict(versions or {})
         self.processing = dict(processing or {})
-        options = [*inspect.signature(spectrogram).parameters][2:]
-        unknown = [name for name in self.processing if name not in options]
-        if unknown:
-            raise InputError(f"unknown spectrogram option {unknown[0]!r}; choose from {', '.join(options)}")
+        check_names(self.processing)
         self._spectrogram: xr.DataArray | None = None
 
     def __repr__(self) -> str:
@@ -196,25 +194,25 @@ class Recording:
 
     @property
     def paths(self) -> xr.Dataset:
-        """The paths to the targets over (target, pair, time_s), every 40 ms: delay, length, speed, level, directions, and what each
-        meets and where, as `paths_at` says. They are worked out from the experiment each time: keep what you use again."""
+        """The paths to the targets, every 40 ms: delay, speed, level, directions, what each meets; worked out each time."""
         return self.paths_at()
 
     def paths_at(self, times_s: Any = None) -> xr.Dataset:
-        """As `paths`, at instants of the record (K,) [s]. docs/rooms.md explains the variables."""
-        model = set_up_again(self.experiment, self.inputs).model
-        return path_table(model, self.accuracy or Accuracy(), checked_times(model, times_s))
+        """As `paths`, at instants of the record (K,) [s]; docs/rooms.md explains the variables."""
+        return path_table(*self._set_up(times_s))
 
     @property
     def truth(self) -> xr.Dataset:
-        """What the radar has before it, every 20 ms: joints in its own coordinates, range, speed, direction and visible fraction of
-        each segment, contacts of the feet, as `truth_at` says. It is worked out from the experiment each time."""
+        """Joints, segments and contacts of persons, range and speed of all targets, every 20 ms; worked out each time."""
         return self.truth_at()
 
     def truth_at(self, times_s: Any = None) -> xr.Dataset:
-        """As `truth`, at instants of the record (K,) [s]. docs/results-and-files.md explains the variables."""
+        """As `truth`, at instants of the record (K,) [s]; docs/results-and-files.md explains the variables."""
+        return truth_table(*self._set_up(times_s))
+
+    def _set_up(self, times_s: Any) -> tuple[Model, Accuracy, np.ndarray | None]:
         model = set_up_again(self.experiment, self.inputs).model
-        return truth_table(model, self.accuracy or Accuracy(), checked_times(model, times_s))
+        return model, self.accuracy or Accuracy(), checked_times(model, times_s)
 
     def view(self, *others: Recording) -> Viewer:
         """A page of body, room, paths and maps on one timeline, for a notebook or to `save`; of two recordings side by side."""
@@ -361,13 +359,17 @@ class Recording:
             if figure is not None and picture is not None:
                 figure.savefig(new.with_name(picture.name))
 
-    def export(self, path: str | Path, *, overwrite: bool = False) -> None:
+    def export(self, path: str | Path, *, truth: bool = False, overwrite: bool = False) -> None:
         """Write ADC cube, spectrogram, axes and attributes as one file for other programs; a failure changes nothing.
 
         .mat for MATLAB takes cubes up to 2 GiB, .nc (NetCDF) up to 8 GiB, .h5 (HDF5, needs h5py) and .npz (NumPy) any.
+        truth: whether `truth` is written too, each of its arrays and axes with truth_ before its name.
         """
         target = check_export(path, self.cube, overwrite=overwrite)
-        write_export(target, self.cube, self._labelled_spectrogram(), self.attributes, overwrite=overwrite)
+        labelled = self._labelled_spectrogram()
+        if flag("truth", truth):
+            labelled = labelled.merge(prefixed(self.truth))
+        write_export(target, self.cube, labelled, self.attributes, overwrite=overwrite)
 
     def _write(self, folder: Path) -> None:
         labelled, adc = self._labelled_spectrogram(), self.adc

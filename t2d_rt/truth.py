@@ -101,6 +101,11 @@ def person_rows(truth: xr.Dataset, person: int = 0) -> np.ndarray:
     return np.concatenate(columns, axis=1).astype(np.float32)
 
 
+def prefixed(truth: xr.Dataset) -> xr.Dataset:
+    """The same with truth_ before the name of every variable and axis, beside a recording's own."""
+    return truth.rename({name: f"truth_{name}" for name in (*truth.variables, *truth.sizes)})
+
+
 class Nearby(NamedTuple):
     """Something at instants, a little earlier and a little later."""
 

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+import t2d_rt as t2d
+from builders import walk
 from t2d_rt import export, rows
 from t2d_rt.cli import main
 from t2d_rt.cubes import DiskCube, new_cube
@@ -181,3 +183,56 @@ def test_command_line(
     assert main(["export", "walk.zarr"]) == 2
     assert main(["export", "walk.zarr", "--overwrite"]) == 0
     assert main(["export", "missing.zarr"]) == 2
+
+
+@pytest.mark.parametrize("ending", [".npz", ".mat", ".h5", ".nc"])
+def test_truth_beside_a_recording(
+    seen: Recording, tmp_path: Path, ending: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By the command line, as other programs read it: numbers, flags and names."""
+    if ending == ".h5":
+        pytest.importorskip("h5py", reason="the extra hdf5 is not installed")
+    seen.save(tmp_path / "walk.zarr")
+    target = tmp_path / f"walk{ending}"
+    assert main(["export", str(tmp_path / "walk.zarr"), "--truth", "-o", str(target)]) == 0
+    truth = seen.truth
+    if ending == ".npz":
+        with np.load(target, allow_pickle=False) as file:
+            found = dict(file)
+        names, units = found["truth_joint"].tolist(), json.loads(str(found["units"]))
+    elif ending == ".mat":
+        from scipy.io import loadmat
+
+        found = loadmat(target, simplify_cells=True)
+        found["truth_joints_m"] = found["truth_joints_m"].reshape(truth.joints_m.shape)
+        found["truth_contact"] = found["truth_contact"].reshape(truth.contact.shape)
+        names, units = [each.strip() for each in found["truth_joint"]], found["units"]
+    elif ending == ".h5":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(target) as file:
+            found = {name: file[name][()] for name in ("truth_joints_m", "truth_contact")}
+            names, units = [each.decode() for each in file["truth_joint"]], {n: file[n].attrs["units"] for n in found}
+            assert [each.label for each in file["truth_joints_m"].dims][2:] == ["truth_joint", "truth_xyz"]
+    else:
+        import xarray as xr
+
+        with xr.open_dataset(target, engine="scipy") as data:
+            found = {name: data[name].values for name in ("truth_joints_m", "truth_contact")}
+            names, units = [str(each) for each in data.truth_joint.values], {n: data[n].attrs["units"] for n in found}
+    np.testing.assert_array_equal(found["truth_joints_m"], truth.joints_m.values)
+    np.testing.assert_array_equal(found["truth_contact"], truth.contact.values)
+    assert names == truth.joint.values.tolist()
+    assert units["truth_joints_m"] == "m"
+    assert len(units["truth_contact"]) == 0
+
+
+@pytest.fixture(scope="module")
+def seen() -> Recording:
+    """A simulated one."""
+    return t2d.simulate(t2d.place(t2d.trim(walk(), 0, 0.1)), radar=RADAR, method="ellipsoid")
+
+
+def test_a_measured_recording_has_no_truth_to_export(result: Recording, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="the recording was measured and has no experiment"):
+        result.export(tmp_path / "walk.npz", truth=True)
+    assert not (tmp_path / "walk.npz").exists()

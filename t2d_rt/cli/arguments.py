@@ -22,6 +22,7 @@ SHORT = {"-o": "--output", "-n": "--count"}
 
 FLAGS = (
     "--overwrite",
+    "--truth",
     "--align",
     "--relative",
     "--help",

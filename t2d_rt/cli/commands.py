@@ -242,7 +242,7 @@ def export_command(options: Namespace) -> None:
 
     source = Path(options.file)
     target = Path(options.output or source.with_suffix(".mat").name)
-    Recording.load(source).export(target, overwrite=options.overwrite)
+    Recording.load(source).export(target, truth=options.truth, overwrite=options.overwrite)
     say(f"wrote {target}")
 
 

@@ -169,6 +169,10 @@ def export_parser() -> ArgumentParser:
         type=str | None,
         help="File to write; its ending says its format: .mat, .h5, .nc or .npz. By default it has FILE's name and ends in .mat.",
     )
+    parser.add_argument(
+        "--truth", type=bool, default=False, nargs="?", const=True,
+        help="Whether joints, segments and contacts of the targets over time are written too.",
+    )  # fmt: skip
     add_overwrite(parser)
     return parser
 

@@ -177,6 +177,14 @@ def spectrogram(
     )
 
 
+def check_names(processing: Mapping[str, Any]) -> None:
+    """Refuses names of options that `spectrogram` does not have."""
+    options = [*inspect.signature(spectrogram).parameters][2:]
+    unknown = [name for name in processing if name not in options]
+    if unknown:
+        raise InputError(f"unknown spectrogram option {unknown[0]!r}; choose from {', '.join(options)}")
+
+
 def check_processing(radar: Radar, chirps: int, given: Mapping[str, Any]) -> None:
     """Refuses options of `spectrogram` that no record of so many chirps can be processed with, before there is one."""
     rows = chirps // len(radar.tx_offsets_m) if radar.multiplexing == "ddm" else chirps
