@@ -36,7 +36,7 @@ def at_a_glance(
 ) -> str:
     """The table that a notebook shows of a recording with a cube of that shape (chirp, antenna, sample)."""
     error = "not measured" if settings.get("error_db") is None else f"{settings['error_db']:.1f} dB"
-    pictures = "plot(), plot_range_time(), plot_range_doppler()"
+    pictures = "plot(), plot_range_time(), plot_range_doppler(), view()"
     rows = [
         ("ADC cube", f"{cube_size(shape, radar)}, {8 * math.prod(shape) / 1e6:.4g} MB"),
         ("made with", made_with(settings, measured=measured)),

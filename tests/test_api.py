@@ -28,7 +28,7 @@ VERTICES = np.repeat(TETRAHEDRON[None], 3, axis=0)
 WITHOUT_NUMBERS = {
     "Motion.index", "Slab", "Opening", "Piece", "gate", "Recording.plot", "Recording.save", "plot_spectrogram",
     "plot_range_time", "plot_range_doppler", "Recording.plot_range_time", "Recording.plot_range_doppler", "Recording.export",
-    "plot_range_angle", "plot_point_cloud", "plot_comparison", "plot_scene",
+    "plot_range_angle", "plot_point_cloud", "plot_comparison", "plot_scene", "Viewer",
 }  # fmt: skip
 """Public functions that make things without arrays, pictures, files or places."""
 QUICK = ("--method", "ellipsoid", "--radar", "ci4r", "--stop-s", "0.2")

@@ -23,7 +23,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.result import Recording
 from t2d_rt.signal import coherent_interval, range_doppler, range_doppler_over
 from t2d_rt.types import MovingMesh, Radar
-from t2d_rt.view import Viewer
+from t2d_rt.view import Viewer, gather
 
 TABLE2 = Radar.preset("table2")
 KINDS = {"u1": np.uint8, "u2": np.uint16, "u4": np.uint32, "f4": np.float32}
@@ -41,6 +41,12 @@ def walker() -> Recording:
 @pytest.fixture(scope="module")
 def viewer(walker: Recording) -> Viewer:
     return walker.view()
+
+
+@pytest.fixture(scope="module")
+def both(walker: Recording) -> Viewer:
+    """That recording beside its own samples, 20 dB weaker, as if they had been measured."""
+    return walker.view(Recording(np.float32(0.1) * np.asarray(walker.cube), TABLE2, processing={"mti": "mean"}))
 
 
 @pytest.fixture(scope="module")
@@ -169,9 +175,8 @@ def test_maps_over_time_are_those_of_each_interval(preset: str, mti: str) -> Non
         np.testing.assert_allclose(found.velocity_mps, one.velocity_mps)
 
 
-def test_two_recordings_share_their_levels(walker: Recording) -> None:
-    other = Recording(np.float32(0.1) * np.asarray(walker.cube), TABLE2, processing={"mti": "mean"})
-    first, second = numbers(walker.view(other).html)["recordings"]
+def test_two_recordings_share_their_levels(both: Viewer) -> None:
+    first, second = numbers(both.html)["recordings"]
     for kind in ("spectrogram", "range_time", "range_doppler"):
         assert first["maps"][kind]["high_db"] == second["maps"][kind]["high_db"]
         strongest, weaker = (int(each["maps"][kind]["values"].max()) for each in (first, second))
@@ -196,6 +201,20 @@ def test_a_ball_and_a_target_that_is_not_stored() -> None:
     assert "was computed by a function, which is not stored" in alone["why_no_room"]
 
 
+def test_long_recordings_have_fewer_frames(walker: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, most in (("MOST_FRAMES", 10), ("MOST_MAPS", 4), ("MOST_PLACES", 3 * 17 * 162)):
+        monkeypatch.setattr(gather, name, most)
+    found = gather.gathered(walker)
+    assert found["frames_hz"] == pytest.approx(10 / 0.8, rel=0.01)
+    assert {len(part["speed"]) for part in found["parts"]} == {11}
+    body = found["targets"][0]
+    assert (body["every"], body["frames"], len(body["vertices"])) == (4, 3, 3)
+    solid = walker.experiment.targets_from(walker.inputs)[0] if walker.experiment else None
+    places = t2d.segments(solid).solid().vertices_at(np.arange(3) * 4 / found["frames_hz"])
+    np.testing.assert_allclose(body["low"] + body["pitch"] * body["vertices"], places, atol=1.1e-4)
+    assert len(found["maps"]["range_doppler"]["times"]) <= 5
+
+
 def test_silence_is_dark() -> None:
     found = numbers(Viewer(Recording(np.zeros((600, 1, TABLE2.samples), np.complex64), TABLE2)).html)["recordings"][0]
     assert not found["maps"]["spectrogram"]["values"].any()
@@ -211,8 +230,10 @@ def test_a_notebook_shows_it(viewer: Viewer) -> None:
     assert repr(viewer).startswith("Viewer(")
 
 
-def test_names_cannot_leave_the_text(walker: Recording) -> None:
-    html = Viewer(walker, ["</script><script>alert(1)//\x1b[1m"]).html
+def test_names_cannot_leave_the_text() -> None:
+    html = Viewer(
+        Recording(np.ones((300, 1, TABLE2.samples), np.complex64), TABLE2), ["</script><script>alert(1)//\x1b[1m"]
+    ).html
     assert "<script>alert" not in html
     assert numbers(html)["title"].startswith("</script>")
 
@@ -236,9 +257,9 @@ def test_places_that_are_refused(viewer: Viewer, tmp_path: Path, name: str, sent
 def test_what_is_no_recording_is_refused(walker: Recording) -> None:
     with pytest.raises(InputError, match="two side by side, got 3"):
         Viewer([walker, walker, walker])
-    with pytest.raises(InputError, match="recordings must be"):
+    with pytest.raises(InputError, match="recordings must be a Recording or a list of two, got"):
         Viewer([walker, 3])  # type: ignore[list-item]
-    with pytest.raises(InputError, match="titles must be a text for each of 1 recordings"):
+    with pytest.raises(InputError, match="titles must be a text for each of 1 recordings, got 2"):
         Viewer(walker, ["a", "b"])
 
 
@@ -400,14 +421,15 @@ def test_speeds_beyond_the_radars_are_folded(browser: Browser, page: Path) -> No
 
 
 @DARK
-def test_two_side_by_side_and_a_measured_one_alone(browser: Browser, walker: Recording, tmp_path: Path) -> None:
-    measured = Recording(np.asarray(walker.cube), TABLE2)
-    walker.view(measured).save(tmp_path / "two.html")
+def test_two_side_by_side_and_a_measured_one_alone(
+    browser: Browser, walker: Recording, both: Viewer, tmp_path: Path
+) -> None:
+    both.save(tmp_path / "two.html")
     browser.open(tmp_path / "two.html", "#t=0.4&speed=1")
     assert browser.run("state.panels.length") == 2
     assert browser.run("document.querySelectorAll('.map canvas').length") == 6
     assert browser.run("document.getElementById('told').textContent").count("measured") == 1
-    measured.view().save(tmp_path / "one.html")
+    Recording(np.asarray(walker.cube), TABLE2).view().save(tmp_path / "one.html")
     browser.open(tmp_path / "one.html", "#t=0.4&speed=1")
     assert "was measured" in browser.run("document.querySelector('.why').textContent")
     assert browser.run("document.getElementById('sides').hidden")

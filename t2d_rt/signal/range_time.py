@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import integer, number
+from t2d_rt.checks import array, integer, number
 from t2d_rt.errors import InputError
 from t2d_rt.signal.doppler import Mti, ascending, checked_windows, filtered, window_starts
 from t2d_rt.signal.maps import RangeDoppler, RangeTime
@@ -120,6 +120,9 @@ def range_doppler_over(
     from scipy import fft
 
     check_recording(adc, radar)
+    times_s = array("times_s", times_s, ("time",))
+    if not len(times_s):
+        raise InputError("times_s must hold at least one time, got none")
     clutter_filter = Mti.of(mti, cutoff_mps, kernel)
     adc, radar = separated(adc, radar)
     n_window, _, _ = checked_windows(radar, adc.shape[0], n_window, None, None)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.checks import file_path, flag, instance
+from t2d_rt.checks import file_path, flag, shown
 from t2d_rt.errors import InputError, printable
 from t2d_rt.result_text import made_with
 from t2d_rt.store import check_place, check_taken, replacing
@@ -37,14 +37,16 @@ class Viewer:
         """
         from t2d_rt.result import Recording
 
-        some = [recordings] if isinstance(recordings, Recording) else list(recordings)
-        for each in some:
-            instance("recordings", each, Recording, "recordings")
+        some = [recordings] if isinstance(recordings, Recording) else recordings
+        if not isinstance(some, (list, tuple)) or not all(isinstance(each, Recording) for each in some):
+            raise InputError(f"recordings must be a Recording or a list of two, got {shown(recordings)}")
         if not 1 <= len(some) <= MOST_RECORDINGS:
             raise InputError(f"a page shows one recording or two side by side, got {len(some)}; make several pages")
-        names = [told(each) for each in some] if titles is None else list(titles)
-        if len(names) != len(some) or not all(isinstance(each, str) for each in names):
-            raise InputError(f"titles must be a text for each of {len(some)} recordings, got {titles!r:.80}")
+        names = [told(each) for each in some] if titles is None else titles
+        if not isinstance(names, (list, tuple)) or not all(isinstance(each, str) for each in names):
+            raise InputError(f"titles must be a list of texts, got {shown(titles)}")
+        if len(names) != len(some):
+            raise InputError(f"titles must be a text for each of {len(some)} recordings, got {len(names)}")
         self.html = page(some, [printable(each) for each in names])
         """The page."""
 

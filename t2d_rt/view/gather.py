@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 FRAMES_HZ, MAPS_HZ = 25.0, 12.5
 """Rates of bodies, their speeds and paths, and of range-Doppler maps."""
+MOST_FRAMES, MOST_MAPS, MOST_PLACES = 1500, 750, 3_000_000
+"""Of long recordings fewer a second, so that there are no more frames and maps; and no more places of one target's vertices."""
 LEVELS_DB = 80.0
 """Below the peak, as far as a map's levels are kept."""
 SILENCE_DB = -300.0
@@ -43,7 +46,7 @@ SHELL_M = 0.05
 def gathered(recording: Recording) -> dict[str, Any]:
     """All of one recording; where there is nothing to show in three dimensions, `why_no_room` says why in a sentence."""
     found: dict[str, Any] = {
-        "radar": _radar(recording.radar), "maps": maps(recording), "frames_hz": FRAMES_HZ,
+        "radar": _radar(recording.radar), "maps": maps(recording), "frames_hz": FRAMES_HZ, "focus": 0,
         "why_no_room": _why_no_room(recording), "standing": None,
         **{name: [] for name in ("targets", "parts", "surfaces", "walls", "paths")},
     }  # fmt: skip
@@ -66,7 +69,8 @@ def _why_no_room(recording: Recording) -> str | None:
 def room(model: Model, accuracy: Accuracy) -> dict[str, Any]:
     """Targets, their parts with speeds and ranges, the scene and the paths through it, over a model's record."""
     span_s = model.span_s
-    frames_s = record_times(span_s, FRAMES_HZ)
+    rate_hz = min(FRAMES_HZ, MOST_FRAMES / (span_s[1] - span_s[0]))
+    frames_s = record_times(span_s, rate_hz)
     truth, people = truth_table(model, accuracy, frames_s), persons(model)
     names = target_names(model.modelled)
     targets: list[dict[str, Any]] = []
@@ -95,7 +99,7 @@ def room(model: Model, accuracy: Accuracy) -> dict[str, Any]:
     )
     surfaces, bounds = _surfaces(model.scene), _bounds(model, targets)
     return {
-        "targets": targets, "parts": parts, "standing": feet, "focus": people[0].number if people else 0,
+        "frames_hz": rate_hz, "targets": targets, "parts": parts, "standing": feet, "focus": people[0].number if people else 0,
         "surfaces": surfaces, "bounds": bounds, "floor_m": float(bounds["low"][2]),
         "walls": [each["name"] for each in surfaces if each["shell"] and not abs(each["inward"][2]) > 0.5],
         "paths": _paths(path_table(model, accuracy, frames_s)),
@@ -106,9 +110,11 @@ def room(model: Model, accuracy: Accuracy) -> dict[str, Any]:
 
 
 def _moving(model: Model, number: int, person: Person | None, parts: int, frames_s: np.ndarray) -> dict[str, Any]:
-    """A target's triangles, the place of their vertices at each frame, and the part that each vertex belongs to."""
+    """A target's triangles, the place of their vertices at each of the frames or at each few, and the part of each vertex."""
     geometry = model.geometries[number]
     solid = geometry.solid()
+    every = math.ceil(solid.vertices * len(frames_s) / MOST_PLACES)
+    frames_s = frames_s[::every]
     places = solid.vertices_at(np.clip(model.span_s[0] + frames_s, *model.span_s))
     low, high = places.min(axis=(0, 1)), places.max(axis=(0, 1))
     pitch = np.maximum((high - low) / 65535, PITCH_M)
@@ -121,7 +127,8 @@ def _moving(model: Model, number: int, person: Person | None, parts: int, frames
         owner[solid.faces] = faces_owner[:, None]
     middles = places.mean(axis=1)
     return {
-        "vertices": np.round((places - low) / pitch).astype(np.uint16), "low": low, "pitch": pitch, "frames": len(frames_s),
+        "vertices": np.round((places - low) / pitch).astype(np.uint16), "low": low, "pitch": pitch,
+        "frames": len(frames_s), "every": every,
         "faces": solid.faces.astype(np.uint32), "owner": owner, "middles": middles.astype(np.float32),
         "radii": np.linalg.norm(places - middles[:, None], axis=-1).max(axis=1).astype(np.float32),
     }  # fmt: skip
@@ -261,8 +268,8 @@ def _beam(radar: Radar) -> list[float] | None:
 def maps(recording: Recording) -> dict[str, Any]:
     """Spectrogram, range over time, and range-Doppler maps at `MAPS_HZ`, in 8 bits, as far as they hold anything."""
     spectrogram, range_time = recording.spectrogram, recording.range_time
-    end_s = float(spectrogram.time_s[-1])
-    times_s = np.arange(float(spectrogram.time_s[0]), end_s + 1e-9, 1 / MAPS_HZ)
+    start_s, end_s = (float(spectrogram.time_s[place]) for place in (0, -1))
+    times_s = np.arange(start_s, end_s + 1e-9, max(1 / MAPS_HZ, (end_s - start_s) / MOST_MAPS))
     middles_s, doppler = recording._maps.range_doppler_over(times_s)
     found = {}
     for name, image in (("spectrogram", spectrogram), ("range_time", range_time)):

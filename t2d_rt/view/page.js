@@ -98,7 +98,7 @@ class Panel {
 
   partsAt(time) {
     const at = time * this.recording.frames_hz;
-    return this.recording.parts.map((part, number) => ({ ...part, number, speed: interpolated(part.speed, at), range: interpolated(part.range, at), spread: part.spread ? interpolated(part.spread, at) : 0, depth: part.depth ? interpolated(part.depth, at) : .1 }));
+    return this.recording.parts.map((part, number) => ({ ...part, number, speed: interpolated(part.speed, at), range: interpolated(part.range, at), spread: part.spread ? interpolated(part.spread, at) : 0, depth: part.depth ? interpolated(part.depth, at) : .1, visible: part.visible ? interpolated(part.visible, at) : null }));
   }
 
   pathsAt(time, target = this.focus) {  // those to a target that exist then, strongest first, levels relative to the direct one
@@ -159,7 +159,7 @@ class Panel {
     }
     if (range !== null) lit = lit.filter(part => reached.has(part.number));
     this.parts = new Set(lit.map(part => part.number));
-    const name = part => `<b>${safe(part.name)}</b> (${part.spread > .3 ? `${fixed(part.speed - part.spread, 1)} to ${fixed(part.speed + part.spread, 1)}` : fixed(part.speed, 1)} m/s${Math.abs(part.speed) > radar.max_speed ? ", folded" : ""}, ${part.range.toFixed(2)} m)`;
+    const name = part => `<b>${safe(part.name)}</b> (${part.spread > .3 ? `${fixed(part.speed - part.spread, 1)} to ${fixed(part.speed + part.spread, 1)}` : fixed(part.speed, 1)} m/s${Math.abs(part.speed) > radar.max_speed ? ", folded" : ""}, ${part.range.toFixed(2)} m${part.visible === null ? "" : `, ${(100 * part.visible).toFixed(0)} % in view`})`;
     const nearest = all.slice().sort((a, b) => off(a) - off(b))[0];
     const who = !parts.length ? "" : lit.length ? `${range === null ? "At that speed moves: " : "There: "}${lit.slice(0, 4).map(name).join(", ")}${lit.length > 4 ? ` and ${lit.length - 4} more` : ""}. `
       : speed !== null && nearest ? `Nothing moves at that speed then; nearest is ${name(nearest)}. ` : "Nothing stands at that range. ";
@@ -168,13 +168,14 @@ class Panel {
   }
 
   story(paths) {
-    const { standing, parts, frames_hz: rate, walls } = this.recording, time = state.time, said = [];
+    const { recording } = this, { standing, parts, frames_hz: rate, walls } = recording, time = state.time, said = [];
     if (standing) {
       const feet = ["left", "right"].map(side => ({ side, down: standing[side][Math.min(standing[side].length - 1, Math.round(time * rate))] > 0, part: parts.find(each => each.foot == side) }));
       const swing = ({ side, part }) => `the <b style="color:${side == "left" ? "#ff8c42" : "#56b4e9"}">${side} foot</b> swings (${spoken(interpolated(part.speed, time * rate))})`;
       const text = feet.every(each => each.down) ? "both feet stand" : feet.every(each => !each.down) ? feet.map(swing).join(", ") : feet.map(each => each.down ? `the ${each.side} foot stands` : swing(each)).sort((a, b) => b.includes("swings") - a.includes("swings")).join(", ");
       said.push(text[0].toUpperCase() + text.slice(1) + ".");
     }
+    if (recording.paths.length && !paths.length) said.push("No path leads there now.");
     const ghosts = paths.filter(path => path.order > 0), direct = paths.find(path => path.order == 0);
     if (ghosts.length) {
       const tell = path => `${course(path)}${direct ? ` (${decibels(path.level)} against the direct path, ${(path.range - direct.range).toFixed(2)} m farther)` : ""}`;

@@ -42,7 +42,7 @@ const SOFTWARE = (() => {  // where no graphics card draws, smooth edges cost as
   return !told || /swiftshader|llvmpipe|software/i.test(gl.getParameter(told.UNMASKED_RENDERER_WEBGL));
 })();
 
-const penOf = canvas => canvas.getContext("2d", { willReadFrequently: SOFTWARE });
+const penOf = (canvas, alpha = false) => canvas.getContext("2d", { alpha, willReadFrequently: SOFTWARE });
 
 const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]], dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
@@ -68,7 +68,7 @@ class Room {
     this.canvas = box.appendChild(document.createElement("canvas"));
     this.over = box.appendChild(document.createElement("canvas"));
     this.over.className = "over";
-    const gl = this.gl = this.canvas.getContext("webgl2", { antialias: !SOFTWARE, preserveDrawingBuffer: true });
+    const gl = this.gl = this.canvas.getContext("webgl2", { antialias: !SOFTWARE, alpha: false });
     if (!gl) throw new Error("this browser has no WebGL 2; take a newer one, or switch its hardware acceleration on");
     [this.solid, this.dark, this.line] = [SOLID, DARK, LINE].map(text => this.program(...text));
     this.targets = recording.targets.map(each => this.mesh(each));
@@ -178,9 +178,8 @@ class Room {
   }
 
   centres(time) {  // middle and radius of each target then
-    const at = time * this.recording.frames_hz;
-    return this.targets.map(({ middles, radii, frames }) => {
-      const k = Math.min(frames - 1, Math.floor(at)), n = Math.min(frames - 1, k + 1), f = Math.min(1, at - k);
+    return this.targets.map(({ middles, radii, frames, every }) => {
+      const at = time * this.recording.frames_hz / every, k = Math.min(frames - 1, Math.floor(at)), n = Math.min(frames - 1, k + 1), f = Math.min(1, at - k);
       return { middle: blend(Array.from(middles.subarray(3 * k, 3 * k + 3)), Array.from(middles.subarray(3 * n, 3 * n + 3)), f), radius: Math.max(radii[k], radii[n]) };
     });
   }
@@ -219,7 +218,7 @@ class Room {
       gl.uniform1f(u.known, lamp ? 1 : 0); gl.uniform1f(u.bias, lamp ? lamp.bias : 0); gl.uniform1f(u.alpha, 1);
     }
     for (const target of this.targets) {
-      const at = Math.max(0, Math.min(target.frames - 1, time * rec.frames_hz)), k = Math.min(target.frames - 1, Math.floor(at)), n = Math.min(target.frames - 1, k + 1), size = 6 * target.vertices.length / 3 / target.frames;
+      const at = Math.max(0, Math.min(target.frames - 1, time * rec.frames_hz / target.every)), k = Math.min(target.frames - 1, Math.floor(at)), n = Math.min(target.frames - 1, k + 1), size = 6 * target.vertices.length / 3 / target.frames;
       gl.bindVertexArray(target.array);
       gl.bindBuffer(gl.ARRAY_BUFFER, target.buffer);
       for (const [place, frame] of [[0, k], [1, n]]) { gl.enableVertexAttribArray(place); gl.vertexAttribPointer(place, 3, gl.UNSIGNED_SHORT, false, 0, frame * size); }
@@ -291,7 +290,7 @@ class Room {
   }
 
   drawNames(time, matrix, state, shown) {
-    const { over } = this, pen = penOf(over), ratio = over.width / Math.max(1, over.clientWidth), size = this.em * ratio;
+    const { over } = this, pen = penOf(over, true), ratio = over.width / Math.max(1, over.clientWidth), size = this.em * ratio;
     pen.clearRect(0, 0, over.width, over.height);
     pen.font = `${size}px system-ui, "DejaVu Sans", sans-serif`; pen.textAlign = "center"; pen.lineJoin = "round"; pen.lineWidth = 3 * ratio;
     const taken = [], write = (text, point, colour, dotted) => {

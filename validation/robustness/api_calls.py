@@ -235,6 +235,9 @@ def _signals(folder: Path) -> list[Call]:
              {**adc, "range_window": "hann", "mti": "mean", "cutoff_mps": 0.1, "kernel": (1, -1), "n_window": 32, "overlap": 16}),
         Call("coherent_interval", signal.coherent_interval,
              {**adc, "time_s": 0.01, "chirps": 32, "mti": "mean", "cutoff_mps": 0.1, "kernel": (1, -1)}),
+        Call("range_doppler_over", signal.range_doppler_over,
+             {**adc, "times_s": np.array([0.01, 0.02]), "range_window": "hann", "mti": "mean", "cutoff_mps": 0.1, "kernel": (1, -1),
+              "n_window": 32}),
         Call("range_doppler", signal.range_doppler, {**adc, **windows, "correct_coupling": True}),
         Call("range_fft", signal.range_fft, {"adc": one, "window": "hann", "n_fft": 16, "bins": slice(4), "block": 8}),
         Call("range_profile", signal.range_profile, {**adc, "window": "hann", "n_fft": 16}),
@@ -314,6 +317,7 @@ def _results(folder: Path) -> list[Call]:
         Call("compare.figures", comparison.figures, {"result": recorded}),
         Call("compare.ridge", comparison.ridge, {"power_db": np.zeros((3, 4)), "speeds_mps": np.arange(3.0)}),
         Call("compare.envelope", comparison.envelope, {"power_db": np.zeros((3, 4)), "speeds_mps": np.arange(3.0)}),
+        Call("Viewer", t2d.Viewer, {"recordings": [recorded], "titles": ["a"]}, str),
         Call("simulate", t2d.simulate, simulated, lambda r: r.cube),
         Call(
             "synthesize", t2d.synthesize,
