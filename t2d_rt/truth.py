@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 TRUTH_RATE_HZ = 50.0
 """Rate where no times are given: a foot moves by some 8 cm from one instant to the next."""
+MADE_FOR = re.compile(r"made for .*, class (\w+), by ")
+"""How the origin of a motion that was made from a sentence begins."""
 UNITS = {"m": "m", "mps": "m/s", "rad": "rad", "s": "s"}
 """Units by the end of a name."""
 
@@ -61,7 +64,8 @@ def truth_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = N
     from the radar; `segment_range_m`, `segment_speed_mps`, `segment_azimuth_rad` and `segment_elevation_rad` (segment) of the
     middles of the body's 17 segments; `segment_visible` (segment), the fraction of what faces the radar that neither the body
     itself, another target nor the scene hides; `contact` (foot, part), whether heel and ball of each foot stand. Ranges and speeds
-    are means over transmitters and receivers. A target without joints, as a fan or a mesh, is no person.
+    are means over transmitters and receivers. A target without joints, as a fan or a mesh, is no person. The coordinate `activity`
+    (person) is the class that a motion was made for, of all of it; "" where none is known, as of a file.
     """
     import xarray as xr
 
@@ -82,6 +86,7 @@ def truth_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = N
         coords={
             "time_s": times_s, "target": names, "person": [names[each.number] for each in people], "joint": joints,
             "xyz": list(XYZ), "segment": list(SEGMENTS), "foot": list(SIDES), "part": list(PARTS),
+            "activity": ("person", np.array([activity(each.motion) for each in people], dtype=np.str_)),
         },
     )  # fmt: skip
     for name, values in data.variables.items():
@@ -148,6 +153,12 @@ def persons(model: Model) -> list[Person]:
             arguments: Mapping[str, Any] = source.made.arguments
             found.append(Person(number, arguments["motion"], arguments["body"]))
     return found
+
+
+def activity(motion: Motion) -> str:
+    """The class that a motion was made for; "" where its origin tells none."""
+    found = MADE_FOR.match(motion.origin[0]) if motion.origin else None
+    return found[1] if found else ""
 
 
 def _polar(radar: Radar, points: Nearby, apart_s: np.ndarray) -> dict[str, np.ndarray]:
