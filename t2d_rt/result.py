@@ -363,7 +363,7 @@ class Recording:
         """Write ADC cube, spectrogram, axes and attributes as one file for other programs; a failure changes nothing.
 
         .mat for MATLAB takes cubes up to 2 GiB, .nc (NetCDF) up to 8 GiB, .h5 (HDF5, needs h5py) and .npz (NumPy) any.
-        truth: whether `truth` is written too, each of its arrays and axes with truth_ before its name.
+        truth: whether `truth` is written too, each of its arrays and axes with `truth_` before its name.
         """
         target = check_export(path, self.cube, overwrite=overwrite)
         labelled = self._labelled_spectrogram()

@@ -79,8 +79,8 @@ class ChosenPairs:
         used = [each for each in kept if each.used]
         if not used:
             raise InputError(
-                "only_paths and without_paths leave path pairs alone that are too weak to be modelled; name others, or raise "
-                "accuracy.dynamic_range_db"
+                "only_paths and without_paths leave path pairs alone that are too weak to be modelled; name others, or model "
+                "weaker ones (accuracy.dynamic_range_db, a lower tolerance)"
             )
         return cls(
             pairs=[each.pair for each in used],

@@ -86,7 +86,7 @@ def simulate(
     material: material of everything but movers; by default a body is "skin" and a mesh keeps its own.
     phase_from: point of an ellipsoid that its phase comes from: the "specular" point, or the "centre" as in the Text2Doppler paper.
     only_paths: names of the path pairs to the targets that have echoes, as `Recording.paths` lists them; all by default. In a name
-        * stands for any characters: ["direct", "*ceiling*"]. How finely a pair is modelled does not depend on which are on, so that
+        * stands for any characters: ["direct", "ceiling*"]. How finely a pair is modelled does not depend on which are on, so that
         recordings of the parts add up to that of the whole; clutter and noise are in each of them.
     without_paths: names of path pairs that have no echoes.
     measure_error: whether `Recording.error_db` is measured, at a few random chirps; by default where a tolerance is given.
