@@ -18,11 +18,11 @@ import t2d_rt as t2d
 ROOT = Path(__file__).resolve().parents[1]
 GENERATED = ROOT / "docs/generated"
 REPORTS = re.compile(r"(?:\.\./)+validation/(report|bench)/")
-ELSEWHERE = re.compile(r"\[([^\]]*)\]\((?:\.\./(?!\.)[^)]*|examples/[^)]*|[A-Z]+(?:\.md)?)\)")
+ELSEWHERE = re.compile(r"\[([^\]]*)\]\((?:\.\./(?!\.)[^)]*|examples/[^)]*|[A-Z]+(?:\.(?:md|cff))?)\)")
 """Links to files that have no page; group 1 is what they say."""
 FUNCTION = re.compile(r"(\\(?:sin|cos|tan|log)(?:\^\w)?) ?(?=[\w\\])(?!\\left)")
 """That its argument follows without brackets: a thin space comes between."""
-PARAMETER = re.compile(r"(\w+): +(.*)")
+PARAMETER = re.compile(r"(\w+(?:, \w+)*): +(.*)")
 
 _drawn: list[Figure] = []
 
@@ -124,7 +124,7 @@ def _read_source(app: Any, name: str, source: list[str]) -> None:
 
 
 def _parameters(app: Any, what: str, name: str, value: Any, options: Any, lines: list[str]) -> None:
-    """Makes fields of the lines "name: what it is" of a docstring, for names of parameters."""
+    """Makes fields of the lines "name: what it is" of a docstring, for names of parameters, also "one, other: what they are"."""
     try:
         parameters = {each.lstrip("*") for each in inspect.signature(value).parameters}
     except (TypeError, ValueError):
@@ -132,10 +132,11 @@ def _parameters(app: Any, what: str, name: str, value: Any, options: Any, lines:
     found: list[str] = []
     for line in (each.replace("|", "\\|") for each in lines):
         named = PARAMETER.match(line)
-        if named and named[1] in parameters:
+        names = named[1].split(", ") if named else []
+        if named and parameters.issuperset(names):
             if found and found[-1] and not found[-1].startswith((":param", " ")):
                 found.append("")
-            found.append(f":param {named[1]}: {named[2]}")
+            found += [f":param {each}: {named[2]}" for each in names]
         elif not set(line) <= {"-"} or not line:
             found.append(line)
     lines[:] = [each for each in found if each != "Parameters"]

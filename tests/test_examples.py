@@ -27,7 +27,7 @@ pytestmark = pytest.mark.usefixtures("coarse_bodies")
 FRAMES, FEW = 280, {"README": 20, "background": 100, "results-and-files": 60, "learning": 20}
 """Of the bundled walk, of which pages take stretches up to 2.3 s; of pages that take all of it."""
 README = ROOT / "README.md"
-PAGES = [README, *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [README, *(path for path in sorted((ROOT / "docs").glob("*.md")) if path.stem != "index")]
 SLOW = "t2d-rt plan", "t2d-rt simulate walk --start-s 2 --stop-s 2.3 --scene"
 """Commands that take a minute: `test_tolerance` and the README's commands have the same in small."""
 SHORTER = {"t2d-rt train": ["--epochs", "2"], "t2d-rt dataset small-hard": ["--workers", "1"]}

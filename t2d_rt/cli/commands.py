@@ -134,6 +134,7 @@ def compare_command(options: Namespace) -> None:
         names = [each.stem for each in files]
         labels = names if names[0] != names[1] else [str(each) for each in files]
     else:
+        options.file = str(files[0])
         radar = radar_of(options)
         motion = motion_of(options, files[0], radar)
         recordings = [_recorded(motion, options, radar, method) for method in ("ellipsoid", "mesh")]
