@@ -127,7 +127,7 @@ def cell_image(vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray, siz
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     seen = normal[:, 1] > 0
     shade = 0.45 + 0.55 * np.clip(normal[seen] @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)
-    points, face = _samples(corners[seen], 1.0 / scale)
+    points, face = samples_of(corners[seen], 1.0 / scale)
     column = np.floor((points[:, 0] - middle) * scale + width / 2).astype(int)
     row = np.floor(floor - points[:, 2] * scale).astype(int)
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
@@ -137,7 +137,7 @@ def cell_image(vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray, siz
     return image.reshape(height // OVERSAMPLING, OVERSAMPLING, width // OVERSAMPLING, OVERSAMPLING, 3).mean(axis=(1, 3))
 
 
-def _samples(corners: np.ndarray, spacing_m: float) -> tuple[np.ndarray, np.ndarray]:
+def samples_of(corners: np.ndarray, spacing_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Points (N, 3) on triangles (F, 3, 3), at most `spacing_m` apart, and the triangle of each (N,)."""
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=1)
     counts = np.clip(np.ceil(longest / spacing_m), 1, 64).astype(int)
