@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from t2d_rt.accuracy import plan
+    from t2d_rt.animation import animate
     from t2d_rt.comparison import compare
     from t2d_rt.errors import BackendError, InputError, T2DError, T2DWarning
     from t2d_rt.experiment import Experiment
@@ -65,6 +66,7 @@ _HOMES = {
     "t2d_rt.recordings": ("load_recording",),
     "t2d_rt.result": ("Recording",),
     "t2d_rt.scene": ("CeilingFan", "Curtain", "Door", "Pet", "Room", "TableFan", "mover", "save_scene"),
+    "t2d_rt.animation": ("animate",),
     "t2d_rt.comparison": ("compare",),
     "t2d_rt.experiment": ("Experiment",),
     "t2d_rt.named": ("bodies", "example", "examples", "movers", "presets", "scenes"),
@@ -123,6 +125,7 @@ __all__ = [
     "Viewer",
     "add_background",
     "add_noise",
+    "animate",
     "bodies",
     "check_motion",
     "compare",

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -61,7 +61,7 @@ def animate(
     recording: Recording, path: str | Path, *, width_px: int = 800, frames_hz: float = 12.5, title: str | None = None,
     overwrite: bool = False,
 ) -> None:  # fmt: skip
-    """Writes an animation of a simulated recording, in real time: its targets and room, coloured by radial speed, and its spectrogram.
+    """Writes an animation of a simulated recording, in real time: its targets in their room by radial speed, and its spectrogram.
 
     path: ends in .gif, or in .mp4, for which the program ffmpeg must be there.
     width_px: width of the picture; its height is 0.44 of that.
@@ -101,8 +101,8 @@ def check_animation(path: str | Path, *, overwrite: bool) -> Path:
 def _base(
     recording: Recording, width: int, title: str | None
 ) -> tuple[np.ndarray, tuple[int, ...], tuple[float, ...], tuple[float, float]]:
-    """The picture without what moves, (height, width, 3); the pixels of the room (top, bottom, left, right); the chart's edges (top,
-    bottom [pixel], and the columns of 0 s and of 1 s); and the speeds at its lower and upper end."""
+    """The picture without what moves, (height, width, 3); the pixels of the room (top, bottom, left, right); top and bottom of the
+    chart [pixel] and the columns of 0 s and of 1 s; and the speeds at its lower and upper end."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure = blank_figure(width / DPI, round(HEIGHT * width / 2) * 2 / DPI)
@@ -110,7 +110,9 @@ def _base(
     room, strip, chart = figure.subplots(1, 3, width_ratios=(1.0, 0.03, 1.15))
     image = recording.spectrogram
     style = Style(bar=False)
-    draw_map(chart, "spectrogram", image.velocity_mps.values, image.time_s.values, image.values, style=style, title=title)
+    draw_map(
+        chart, "spectrogram", image.velocity_mps.values, image.time_s.values, image.values, style=style, title=title
+    )
     low, high = chart.get_ylim()
     reach = max(-low, high)
     ramp = np.linspace(low, high, 256)[:, None]
@@ -157,11 +159,11 @@ def _stage(model: Model, times_s: np.ndarray) -> _Stage:
 
 def _camera(boresight: np.ndarray) -> np.ndarray:
     """Rows: to the right of the picture, towards the camera, up; the camera stands at the radar's side, to its right."""
-    around, up = np.radians(CAMERA_DEG)
+    azimuth, up = np.radians(CAMERA_DEG)
     ahead = boresight * [1, 1, 0]
     ahead = ahead / np.linalg.norm(ahead) if np.linalg.norm(ahead) > 1e-6 else np.array([1.0, 0.0, 0.0])
     side = np.array([ahead[1], -ahead[0], 0.0])
-    towards = math.cos(up) * (-math.cos(around) * ahead + math.sin(around) * side) + [0, 0, math.sin(up)]
+    towards = math.cos(up) * (-math.cos(azimuth) * ahead + math.sin(azimuth) * side) + [0, 0, math.sin(up)]
     right = np.cross([0.0, 0.0, 1.0], towards)
     right /= np.linalg.norm(right)
     return np.stack([right, towards, np.cross(towards, right)])
@@ -183,7 +185,12 @@ def _lines(model: Model, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         )
     colours = FLOOR if model.scene is None else EDGE
     axes = 0.16 * np.asarray(model.radar.axes)
-    corners = [radar + axes[1] + axes[2], radar + axes[1] - axes[2], radar - axes[1] - axes[2], radar - axes[1] + axes[2]]
+    corners = [
+        radar + axes[1] + axes[2],
+        radar + axes[1] - axes[2],
+        radar - axes[1] - axes[2],
+        radar - axes[1] + axes[2],
+    ]
     tip = radar + 2.5 * axes[0]
     device = [(corners[k], corners[(k + 1) % 4]) for k in range(4)] + [(each, tip) for each in corners]
     foot = [(radar * [1, 1, 0] + [0, 0, min(float(low[2]), 0.0)], radar)]
@@ -268,7 +275,7 @@ def _write_mp4(pictures: Iterator[np.ndarray], path: Path, rate_hz: float) -> No
     first = next(pictures)
     command = [
         "ffmpeg", "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{first.shape[1]}x{first.shape[0]}",
-        "-r", f"{rate_hz:g}", "-i", "-", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "20", "-movflags", "+faststart", str(path),
+        "-r", f"{rate_hz:g}", "-i", "-", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "20", str(path),
     ]  # fmt: skip
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         _, told = process.communicate(b"".join([first.tobytes(), *(each.tobytes() for each in pictures)]))

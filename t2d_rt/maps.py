@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.canvas import Style, drawable
+from t2d_rt.canvas import Style, StyleOptions, drawable
 from t2d_rt.checks import positive
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.cubes import Cube
+from t2d_rt.decibels import decibel
+from t2d_rt.errors import InputError
 from t2d_rt.plots import plotted
-from t2d_rt.signal import coherent_interval, range_doppler, range_doppler_over, range_time
+from t2d_rt.signal import coherent_interval, range_angle, range_doppler, range_doppler_over, range_time
 from t2d_rt.signal.doppler import checked_windows
-from t2d_rt.signal.maps import RangeDoppler, RangeTime
+from t2d_rt.signal.maps import RangeAngle, RangeDoppler, RangeTime
 from t2d_rt.types import Radar
 
-AXIS_UNITS = {"m": "m", "s": "s", "mps": "m/s"}
+AXIS_UNITS = {"m": "m", "s": "s", "mps": "m/s", "rad": "rad"}
 """Units of an axis by the end of its name."""
 GHOSTS = 15
 """Most paths that are marked on a map."""
@@ -48,13 +50,31 @@ class Maps:
 
     def range_doppler_at(self, time_s: float | None, interval_s: float | None) -> tuple[RangeDoppler, float, float]:
         """Range-Doppler map of one coherent interval, and the interval's middle and length [s]."""
+        part, radar, middle_s, length_s = self._interval(time_s, interval_s)
+        return range_doppler(part, radar, range_window=self._range_window()), middle_s, length_s
+
+    def range_angle(
+        self, time_s: float | None, interval_s: float | None, options: Mapping[str, Any]
+    ) -> tuple[RangeAngle, float, float]:
+        """Range-azimuth map of one coherent interval by an antenna array, and the interval's middle and length [s]."""
+        if not np.ptp(self.radar.virtual_offsets_m[:, 1]) > 1e-3 * self.radar.wavelength_m:
+            raise InputError(
+                f"azimuths need antennas side by side, and this radar has {self.radar.antennas} above one another or alone; "
+                "simulate with an array, as radar='array-3x4'"
+            )
+        part, radar, middle_s, length_s = self._interval(time_s, interval_s)
+        options = {"range_window": self._range_window(), **options}
+        return range_angle(part, radar, mti="none", **options), middle_s, length_s
+
+    def _interval(self, time_s: float | None, interval_s: float | None) -> tuple[np.ndarray, Radar, float, float]:
+        """Rows of one coherent interval after MTI, their radar, middle and length [s]."""
         interval = self.radar.separated.loop_interval_s
         if interval_s is None:
             chirps, _ = self._columns()
         else:
             chirps = max(2, round(positive("interval_s", interval_s, 1e6, unit="s") / interval))
         part, radar, middle_s = coherent_interval(self.cube, self.radar, time_s=time_s, chirps=chirps, **self._mti())
-        return range_doppler(part, radar, range_window=self._range_window()), middle_s, chirps * interval
+        return part, radar, middle_s, chirps * interval
 
     def range_doppler_over(self, times_s: np.ndarray) -> tuple[np.ndarray, RangeDoppler]:
         """Range-Doppler maps of intervals as long as the spectrogram's windows about these times, and the middles of these [s]."""
@@ -84,6 +104,12 @@ class Maps:
         return checked_windows(radar, rows, n_window, overlap, None)[:2]
 
 
+def labelled_map(name: str, result: Any, attributes: Mapping[str, str]) -> xr.DataArray:
+    """Levels of a map [dB re 1 W] with their axes, which are the fields of the map in order."""
+    axes = {each.name: getattr(result, each.name) for each in fields(result) if each.name != "power"}
+    return labelled(name, decibel(result.power), tuple(axes), axes, {**attributes, "units": "dB re 1 W"})
+
+
 def labelled(
     name: str, values: Any, dims: tuple[str, ...], axes: Mapping[str, Any], attributes: Mapping[str, str]
 ) -> xr.DataArray:
@@ -97,16 +123,21 @@ def labelled(
 
 
 def drawn(
-    image: xr.DataArray, ax: Any, style: Style, title: str | None, note: str | None = None, paths: xr.Dataset | None = None
+    image: xr.DataArray, ax: Any, title: str | None, note: str | None, style: StyleOptions, paths: xr.Dataset | None = None
 ) -> Figure | Axes:  # fmt: skip
     """A labelled map in a figure of its own, or in axes of the user's, which are returned; with the strongest of `paths` marked."""
     kind: Any = image.name
     y, x = (image[axis].values for axis in image.dims)
-    made = plotted(kind, y, x, image.values, ax, style, title, note)
+    made = plotted(kind, y, x, image.values, ax, Style(**style), title, note)
     if paths is not None:
         drawn_on: Any = made.axes if ax is None else [ax]
         mark_ghosts(drawn_on[0], paths)
     return made
+
+
+def interval_told(image: xr.DataArray) -> str:
+    """Length and middle of the interval of a map."""
+    return f"{1e3 * image.attrs['interval_s']:.3g} ms, its middle at {image.attrs['time_s']:.3f} s"
 
 
 def mark_ghosts(axes: Axes, paths: xr.Dataset) -> None:

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack, overload
+from typing import TYPE_CHECKING, Any, Unpack, cast, overload
 
 from t2d_rt.added_background import background_power, background_settings
 from t2d_rt.checks import call, file_path, flag, instance, numeric
 from t2d_rt.cubes import Cube, DiskCube, check_complex64
-from t2d_rt.decibels import decibel
 from t2d_rt.errors import InputError
 from t2d_rt.experiment import Experiment
 from t2d_rt.export import check_export, write_export
 from t2d_rt.inputs import Inputs
+from t2d_rt.maps import Maps, drawn, interval_told, labelled, labelled_map
 from t2d_rt.path_table import checked_times, path_table
 from t2d_rt.result_text import at_a_glance, cube_size, made_with
 from t2d_rt.rows import DIMENSIONS, NAME
@@ -30,7 +30,7 @@ from t2d_rt.saved import (
     read_folder,
     write_folder,
 )
-from t2d_rt.signal import range_doppler, range_profile, spectrogram
+from t2d_rt.signal import point_cloud, range_doppler, range_profile, spectrogram
 from t2d_rt.signal.doppler import check_names, check_processing
 from t2d_rt.signal.multiplex import check_axes
 from t2d_rt.stage import set_up_again
@@ -45,8 +45,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from t2d_rt.canvas import StyleOptions
-    from t2d_rt.maps import Maps
     from t2d_rt.model import Model
+    from t2d_rt.signal.maps import PointCloud
     from t2d_rt.view import Viewer
 
 
@@ -153,24 +153,24 @@ class Recording:
             from t2d_rt.lazy_array import lazy_variable
 
             values = lazy_variable(self.cube)
-        return self._labelled(NAME, values, DIMENSIONS, times, "sqrt(W)")
+        return labelled(NAME, values, DIMENSIONS, times, {**self.attributes, "units": "sqrt(W)"})
 
     @property
     def range_profile(self) -> xr.DataArray:
         """Range FFT of every chirp [sqrt(W)], complex (chirp, antenna, range_m), in memory."""
         profile = range_profile(self.cube, self.radar, window=self.processing.get("range_window", "hann"))
         axes = {"range_m": profile.range_m, "chirp_time_s": ("chirp", profile.time_s)}
-        return self._labelled("range_profile", profile.profile, ("chirp", "antenna", "range_m"), axes, "sqrt(W)")
+        dims, told = ("chirp", "antenna", "range_m"), {**self.attributes, "units": "sqrt(W)"}
+        return labelled("range_profile", profile.profile, dims, axes, told)
 
     @property
     def spectrogram(self) -> xr.DataArray:
         """Micro-Doppler spectrogram, power [dB re 1 W] (velocity_mps, time_s), positive speed = approaching."""
         if self._spectrogram is None:
             result = spectrogram(self.cube, self.radar, **{**self.processing, "mti": self._mti})
-            axes = {"velocity_mps": result.velocity_mps, "time_s": result.time_s}
             added = self.settings.get("background")
-            power = result.power if added is None else background_power(result, added)
-            self._spectrogram = self._labelled("spectrogram", decibel(power), tuple(axes), axes, "dB re 1 W")
+            result = result if added is None else replace(result, power=background_power(result, added))
+            self._spectrogram = labelled_map("spectrogram", result, self.attributes)
         return self._spectrogram
 
     @property
@@ -181,16 +181,7 @@ class Recording:
     @property
     def range_doppler(self) -> xr.DataArray:
         """Range-Doppler map of the whole record, power [dB re 1 W] (velocity_mps, range_m)."""
-        result = range_doppler(self.cube, self.radar)
-        axes = {"velocity_mps": result.velocity_mps, "range_m": result.range_m}
-        return self._labelled("range_doppler", decibel(result.power), tuple(axes), axes, "dB re 1 W")
-
-    def _labelled(
-        self, name: str, values: Any, dims: tuple[str, ...], axes: Mapping[str, Any], units: str
-    ) -> xr.DataArray:
-        from t2d_rt.maps import labelled
-
-        return labelled(name, values, dims, axes, {**self.attributes, "units": units})
+        return labelled_map("range_doppler", range_doppler(self.cube, self.radar), self.attributes)
 
     @property
     def paths(self) -> xr.Dataset:
@@ -254,9 +245,7 @@ class Recording:
     @property
     def range_time(self) -> xr.DataArray:
         """Range over time after MTI, power [dB re 1 W] (range_m, time_s); its columns are those of the spectrogram."""
-        result = self._maps.range_time()
-        axes = {"range_m": result.range_m, "time_s": result.time_s}
-        return self._labelled("range_time", decibel(result.power), tuple(axes), axes, "dB re 1 W")
+        return labelled_map("range_time", self._maps.range_time(), self.attributes)
 
     def range_doppler_at(self, time_s: float | None = None, *, interval_s: float | None = None) -> xr.DataArray:
         """Range-Doppler map of one coherent interval after MTI, power [dB re 1 W] (velocity_mps, range_m).
@@ -265,15 +254,22 @@ class Recording:
         interval_s: its length; that of the spectrogram's windows by default.
         """
         result, middle_s, length_s = self._maps.range_doppler_at(time_s, interval_s)
-        axes = {"velocity_mps": result.velocity_mps, "range_m": result.range_m}
-        array = self._labelled("range_doppler", decibel(result.power), tuple(axes), axes, "dB re 1 W")
-        array.attrs |= {"time_s": middle_s, "interval_s": length_s}
-        return array
+        return labelled_map("range_doppler", result, self.attributes).assign_attrs(time_s=middle_s, interval_s=length_s)
+
+    def range_angle(
+        self, time_s: float | None = None, *, interval_s: float | None = None, **options: Any
+    ) -> xr.DataArray:
+        """Range-azimuth map of one coherent interval after MTI, by an antenna array, power [dB re 1 W] (range_m, azimuth_rad), left
+        > 0; time and interval as of `range_doppler_at`, options as of `signal.range_angle`."""
+        result, middle_s, length_s = self._maps.range_angle(time_s, interval_s, options)
+        return labelled_map("range_angle", result, self.attributes).assign_attrs(time_s=middle_s, interval_s=length_s)
+
+    def point_cloud(self, **options: Any) -> PointCloud:
+        """Detections frame by frame: range, direction, speed, SNR; options as of `signal.point_cloud`."""
+        return point_cloud(self.cube, self.radar, **options)
 
     @property
     def _maps(self) -> Maps:
-        from t2d_rt.maps import Maps
-
         return Maps(cube=self.cube, radar=self.radar, processing=self.processing, mti=self._mti)
 
     @overload
@@ -290,7 +286,7 @@ class Recording:
         width_in: width of the figure [inch]: 3.5 for a column of a paper, 7 for its width.
         """
         note = None if self.error_db is None else f"measured error {self.error_db:.1f} dB"
-        return self._drawn(self.spectrogram, ax, title, note, style)
+        return drawn(self.spectrogram, ax, title, note, style)
 
     @overload
     def plot_range_time(
@@ -302,7 +298,7 @@ class Recording:
         self, title: str | None = None, *, ax: Axes | None = None, **style: Unpack[StyleOptions]
     ) -> Figure | Axes:
         """`range_time` as a figure; options as of `plot`."""
-        return self._drawn(self.range_time, ax, title, None, style)
+        return drawn(self.range_time, ax, title, None, style)
 
     @overload
     def plot_range_doppler(
@@ -323,19 +319,23 @@ class Recording:
         ghosts: whether the strongest paths are marked at their ranges and speeds, with their names.
         """
         image = self.range_doppler_at(time_s, interval_s=interval_s)
-        note = f"{1e3 * image.attrs['interval_s']:.3g} ms, its middle at {image.attrs['time_s']:.3f} s"
         paths = self.paths_at(image.attrs["time_s"]) if flag("ghosts", ghosts) else None
-        return self._drawn(image, ax, title, note, style, paths)
+        return drawn(image, ax, title, interval_told(image), style, paths)
 
-    def _drawn(
-        self, image: xr.DataArray, ax: Axes | None, title: str | None, note: str | None, style: StyleOptions,
-        paths: xr.Dataset | None = None,
+    def plot_range_angle(
+        self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None,
+        ax: Axes | None = None, **style: Unpack[StyleOptions],
     ) -> Figure | Axes:  # fmt: skip
-        """A map in a figure of its own, or in axes of the user's, with marks of paths."""
-        from t2d_rt.canvas import Style
-        from t2d_rt.maps import drawn
+        """`range_angle` as a figure; options as of `plot`, and time and length of the interval [s]."""
+        image = self.range_angle(time_s, interval_s=interval_s)
+        return drawn(image, ax, title, interval_told(image), style)
 
-        return drawn(image, ax, Style(**style), title, note, paths)
+    def plot_point_cloud(self, title: str | None = None, *, ax: Axes | None = None, **style: Any) -> Figure | Axes:
+        """`point_cloud` from above and from the side; in `ax` from above. `cmap` and `width_in` as of `plot`."""
+        from t2d_rt.plots import plot_point_cloud
+
+        found, plot = self.point_cloud(), cast(Any, plot_point_cloud)
+        return plot(found.xyz_m, found.speed_mps, ax=ax, title=title, **style)
 
     def save(self, path: str | Path, *, overwrite: bool = False, figure: Figure | None = None) -> None:
         """Write adc and spectrogram with all attributes to a zarr folder; a failure leaves things as they were.

@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
 
 COMMANDS = (
-    "simulate", "plan", "compare", "sweep", "scene", "paths", "view", "describe", "motion", "check-motion", "library",
+    "simulate", "plan", "compare", "sweep", "plot", "scene", "paths", "view", "describe", "motion", "check-motion", "library",
     "dataset", "background", "train", "evaluate", "predict", "benchmark", "transfer", "gap", "info", "export", "list",
 )  # fmt: skip
 
 OWN_MODULES = (
-    "sweep", "paths", "view", "describe", "motion", "check-motion", "library", "dataset", "background", "train", "evaluate",
+    "sweep", "plot", "paths", "view", "describe", "motion", "check-motion", "library", "dataset", "background", "train", "evaluate",
     "predict", "benchmark", "transfer", "gap",
 )  # fmt: skip
 """Commands with a module of their own: its `parser` makes the options, its `run` does what they say."""
@@ -152,6 +152,7 @@ def _overview() -> str:
         "  t2d-rt plan FILE       Tells what an error tolerance would model and leave out, and the time and memory it would take.\n"
         "  t2d-rt compare A B     Compares two recordings, or the ellipsoid model of a motion file with the mesh model.\n"
         "  t2d-rt sweep FILE      Simulates with some options varied: panels on one scale, and a table of differences.\n"
+        "  t2d-rt plot RECORDING  Draws a map of a recording for a paper, or animates body and spectrogram (.gif, .mp4).\n"
         "  t2d-rt scene NAME      Draws a room from above and in three dimensions, with the paths from the radar to a walker.\n"
         "  t2d-rt paths FILE      Tells over which paths a target is seen: delay, range, speed, level and directions of each.\n"
         "  t2d-rt view RECORDING  Writes one HTML file that shows body, room, paths and maps of a recording, or of two.\n"

@@ -24,6 +24,7 @@ FLAGS = (
     "--overwrite",
     "--truth",
     "--align",
+    "--animate",
     "--relative",
     "--help",
     "--print_config",

@@ -46,10 +46,14 @@ def parser() -> ArgumentParser:
     found.add_argument("--time_s", type=float | None, help=told)
     found.add_argument("--interval_s", type=float | None, help="Length of that interval [s]; a window's by default.")
     found.add_argument("--cmap", type=str | None, help="A colour map of Matplotlib; viridis by default.")
-    found.add_argument("--dynamic_range_db", type=float | None, help="Span of the colours below the peak [dB]; 50 by default.")
+    found.add_argument(
+        "--dynamic_range_db", type=float | None, help="Span of the colours below the peak [dB]; 50 by default."
+    )
     told = "Least and greatest level of the colours [dB re 1 W] instead, as [-140, -90]."
     found.add_argument("--limits_db", type=tuple[float, float] | None, help=told)
-    told = "Width of the picture [inch]: 3.5 for a column of a paper, 7 for its width, which is the default of most maps."
+    told = (
+        "Width of the picture [inch]: 3.5 for a column of a paper, 7 for its width, which is the default of most maps."
+    )
     found.add_argument("--width_in", type=float | None, help=told)
     told = "Whether body, room and spectrogram are animated, as a .gif, or an .mp4 where ffmpeg is there."
     found.add_argument("--animate", type=bool, default=False, nargs="?", const=True, help=told)
