@@ -201,6 +201,14 @@ def test_a_ball_and_a_target_that_is_not_stored() -> None:
     assert "was computed by a function, which is not stored" in alone["why_no_room"]
 
 
+def test_columns_of_bursts_stand_at_their_times() -> None:
+    time_s, power_db = np.array([0.0, 0.1, 1.0, 1.1]), np.arange(4.0)[None]
+    even_s, found = gather.evenly(time_s, power_db)
+    np.testing.assert_allclose(even_s, np.arange(12) / 10)
+    np.testing.assert_array_equal(found[0], [0, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 3])
+    assert gather.evenly(np.arange(4.0), power_db)[1] is power_db
+
+
 def test_long_recordings_have_fewer_frames(walker: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, most in (("MOST_FRAMES", 10), ("MOST_MAPS", 4), ("MOST_PLACES", 3 * 17 * 162)):
         monkeypatch.setattr(gather, name, most)
@@ -370,7 +378,7 @@ def test_a_click_on_the_arc_of_a_foot_lights_that_foot(browser: Browser, page: P
     assert f"{other} foot" not in lit
     told = browser.run("document.getElementById('told').textContent")
     assert f"{side} foot" in told
-    assert re.search(r"Echoes at that speed come from \d\.\d\d m \(\d+\.\d ns\): path direct", told)
+    assert re.search(r"The strongest echoes at that speed come from \d\.\d\d m \(\d+\.\d ns\): path direct", told)
     assert green(colours(browser.picture(room))) > green(before) + 30
     # The same cell of the range-Doppler map, and the trunk at its range over time.
     part = next(each for each in shown["parts"] if each["name"] == f"{side} foot")

@@ -10,7 +10,7 @@ import numpy as np
 from t2d_rt.body.fit import fit
 from t2d_rt.body.segments import SEGMENTS, segment_of_faces
 from t2d_rt.body.template import template
-from t2d_rt.canvas import occupied, thinned
+from t2d_rt.canvas import COLUMNS, occupied, thinned
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.decibels import decibel
 from t2d_rt.model import Model
@@ -273,7 +273,7 @@ def maps(recording: Recording) -> dict[str, Any]:
     middles_s, doppler = recording._maps.range_doppler_over(times_s)
     found = {}
     for name, image in (("spectrogram", spectrogram), ("range_time", range_time)):
-        time_s, power_db = thinned(image.time_s.values, image.values)
+        time_s, power_db = evenly(*thinned(image.time_s.values, image.values))
         axis = image[image.dims[0]].values
         found[name] = _map(power_db[None], ("speed" if name == "spectrogram" else "range", axis), ("time", time_s))
     found["range_doppler"] = {
@@ -281,6 +281,15 @@ def maps(recording: Recording) -> dict[str, Any]:
         "times": middles_s.astype(np.float32),
     }
     return found
+
+
+def evenly(time_s: np.ndarray, power_db: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns at even times: those of bursts stand until the next one is nearer."""
+    steps = np.diff(time_s)
+    if len(steps) < 2 or np.ptp(steps) < 0.01 * steps.min():
+        return time_s, power_db
+    even_s = np.linspace(time_s[0], time_s[-1], min(COLUMNS, round(float(time_s[-1] - time_s[0]) / steps.min()) + 1))
+    return even_s, power_db[:, np.abs(even_s[:, None] - time_s).argmin(axis=1)]
 
 
 def _map(power_db: np.ndarray, up: tuple[str, np.ndarray], across: tuple[str, np.ndarray]) -> dict[str, Any]:

@@ -26,7 +26,7 @@ class Chart {
   measure() {  // where the image lies within the canvas, as large as that is now
     fit(this.canvas);
     const ratio = this.canvas.width / Math.max(1, this.canvas.clientWidth), em = parseFloat(getComputedStyle(document.documentElement).fontSize) * ratio;
-    this.place = { ratio, em, left: 3.6 * em, top: 1.5 * em, width: this.canvas.width - 9.9 * em, height: this.canvas.height - 4.2 * em };
+    this.place = { ratio, em, left: 4.1 * em, top: 1.5 * em, width: this.canvas.width - 10.4 * em, height: this.canvas.height - 4.2 * em };
   }
 
   px(x) { const { left, width } = this.place, [low, high] = this.span.x; return left + (x - low) / (high - low) * width; }

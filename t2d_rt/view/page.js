@@ -163,7 +163,7 @@ class Panel {
     const nearest = all.slice().sort((a, b) => off(a) - off(b))[0];
     const who = !parts.length ? "" : lit.length ? `${range === null ? "At that speed moves: " : "There: "}${lit.slice(0, 4).map(name).join(", ")}${lit.length > 4 ? ` and ${lit.length - 4} more` : ""}. `
       : speed !== null && nearest ? `Nothing moves at that speed then; nearest is ${name(nearest)}. ` : "Nothing stands at that range. ";
-    const whence = range === null ? told.length ? `Echoes at that speed come from ${told.join("; from ")}.` : "No echo at that speed rises out of the map's floor then." : `Delay: ${told.join()}.`;
+    const whence = range === null ? told.length ? `The strongest echoes at that speed come from ${told.join("; from ")}.` : "No echo at that speed rises out of the map's floor then." : `Delay: ${told.join()}.`;
     return who + whence;
   }
 
@@ -173,7 +173,8 @@ class Panel {
       const feet = ["left", "right"].map(side => ({ side, down: standing[side][Math.min(standing[side].length - 1, Math.round(time * rate))] > 0, part: parts.find(each => each.foot == side) }));
       const swing = ({ side, part }) => `the <b style="color:${side == "left" ? "#ff8c42" : "#56b4e9"}">${side} foot</b> swings (${spoken(interpolated(part.speed, time * rate))})`;
       const text = feet.every(each => each.down) ? "both feet stand" : feet.every(each => !each.down) ? feet.map(swing).join(", ") : feet.map(each => each.down ? `the ${each.side} foot stands` : swing(each)).sort((a, b) => b.includes("swings") - a.includes("swings")).join(", ");
-      said.push(text[0].toUpperCase() + text.slice(1) + ".");
+      const whose = recording.targets.length > 1 ? `${safe(recording.targets[feet[0].part.target].name)}: ` : "";
+      said.push(whose + (whose ? text : text[0].toUpperCase() + text.slice(1)) + ".");
     }
     if (recording.paths.length && !paths.length) said.push("No path leads there now.");
     const ghosts = paths.filter(path => path.order > 0), direct = paths.find(path => path.order == 0);
