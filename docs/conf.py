@@ -22,6 +22,7 @@ ELSEWHERE = re.compile(r"\[([^\]]*)\]\((?:\.\./(?!\.)[^)]*|examples/[^)]*|[A-Z]+
 """Links to files that have no page; group 1 is what they say."""
 FUNCTION = re.compile(r"(\\(?:sin|cos|tan|log)(?:\^\w)?) ?(?=[\w\\])(?!\\left)")
 """That its argument follows without brackets: a thin space comes between."""
+OVERLINE = re.compile(r'<mover>((?:(?!<mover>).)*)<mo accent="true">&#x02015;</mo></mover>')
 PARAMETER = re.compile(r"(\w+(?:, \w+)*): +(.*)")
 
 _drawn: list[Figure] = []
@@ -99,7 +100,8 @@ def _mathml(writer: Any, node: nodes.math | nodes.math_block) -> None:
     found = latex2mathml.converter.convert(formula, display=display)
     if "\\" in found:
         raise ValueError(f"a formula has a command that MathML lacks: {node.astext()}")
-    # Bars around a magnitude are as high as the line, and stand close to it.
+    # Bars over a product are as long as it is; those around a magnitude are as high as the line, and stand close to it.
+    found = OVERLINE.sub(r'<mrow class="overline">\1</mrow>', found)
     found = found.replace("<mo>&#x0007C;</mo>", '<mo stretchy="false" lspace="0" rspace="0">|</mo>')
     writer.body.append(f'<div class="formula">{found}</div>' if display == "block" else found)
     raise nodes.SkipNode
