@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import runpy
 import shlex
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from dataset_folder import made as made_up
 from measures import check_picture, nmse_db
 from t2d_rt import named
 from t2d_rt.cli import main
+from t2d_rt.dataset import recipe as recipe_files
 from t2d_rt.dataset import work
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.work import Made, Plans
@@ -32,6 +34,8 @@ SLOW = "t2d-rt plan", "t2d-rt simulate walk --start-s 2 --stop-s 2.3 --scene"
 """Commands that take a minute: `test_tolerance` and the README's commands have the same in small."""
 SHORTER = {"t2d-rt train": ["--epochs", "2"], "t2d-rt dataset small-hard": ["--workers", "1"]}
 """Options that a page's command has in the tests besides: made-up samples are made in this process."""
+FEWER = "descriptions_per_class: 20", "descriptions_per_class: 5"
+"""Of the recipe small-hard: 80 samples of eight classes, for 320."""
 REAL_SAMPLES = 2
 """Samples of data sets that are simulated; the others are made up."""
 
@@ -72,8 +76,13 @@ def known() -> dict[tuple[str, int], Made]:
 
 
 @pytest.fixture
-def remembered(known: dict[tuple[str, int], Made], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pages make the same samples of a data set; those after the first ones are made up."""
+def remembered(known: dict[tuple[str, int], Made], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Pages make the same samples of a data set; those after the first ones are made up, and the small set is smaller."""
+    shutil.copytree(recipe_files.FOLDER, tmp_path / "recipes")
+    small = tmp_path / "recipes" / "small-hard.yaml"
+    assert FEWER[0] in small.read_text()
+    small.write_text(small.read_text().replace(*FEWER))
+    monkeypatch.setattr(recipe_files, "FOLDER", tmp_path / "recipes")
     remember_samples(monkeypatch, known)
     make_sample = work.make_sample
 
