@@ -361,14 +361,13 @@ def test_ctrl_c_while_the_program_loads(module: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", ["simulate", "motion"])
-def test_help_without_docstrings(command: str) -> None:
+def test_help_without_docstrings(run: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     """`python -OO` drops them; what the options tell is the same."""
-    plain, bare = (
-        subprocess.run(
-            [sys.executable, *flags, "-m", "t2d_rt.cli", command, "--help"], capture_output=True, text=True, check=False
-        )
-        for flags in ([], ["-OO"])
+    monkeypatch.setenv("COLUMNS", "100")
+    code = (
+        "import contextlib\nfrom t2d_rt.cli import main\n"
+        "for command in ('simulate', 'motion'):\n    with contextlib.suppress(SystemExit): main((command, '--help'))"
     )
+    bare = subprocess.run([sys.executable, "-OO", "-c", code], capture_output=True, text=True, check=False)
     assert (bare.returncode, bare.stderr) == (0, "")
-    assert bare.stdout == plain.stdout
+    assert bare.stdout == "".join(run(command, "--help").out for command in ("simulate", "motion"))

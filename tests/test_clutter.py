@@ -182,10 +182,10 @@ def test_each_antenna_has_the_delay_of_its_own_image() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("scene", "paths"), [("empty_room", 55), ("living_room", 55)])
-def test_paths_are_those_of_sionna(scene: str, paths: int) -> None:
+def test_paths_are_those_of_sionna() -> None:
     """All within 60 dB of the strongest, delays, amplitudes and phases; the line of sight is left out."""
     mitsuba(select("cpu"))
+    scene = "living_room"
     import sionna.rt as rt
 
     radar = Radar.preset("table2", tx_offsets_m=[[0, 0.12, 0.03]], rx_offsets_m=[[0.02, -0.08, 0]])
@@ -218,7 +218,7 @@ def test_paths_are_those_of_sionna(scene: str, paths: int) -> None:
             assert abs(20 * math.log10(abs(field / nearest))) < 0.1
             assert abs(np.angle(field / nearest, deg=True)) < 5
     dominant = [delay for delay, field in there if abs(field) > 1e-3 * strongest]
-    assert len(dominant) > paths
+    assert len(dominant) > 55
     assert all(min(abs(delay - mine) for mine, _ in ours) < 1e-12 for delay in dominant)
 
 

@@ -76,8 +76,11 @@ def path_speeds(mesh: MovingMesh, fine: Refinement, parts: Patches, radar: Radar
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("radar", [TABLE2, BISTATIC, NARROW], ids=["table2", "bistatic", "narrow"])
-@pytest.mark.parametrize("spin", [0.0, 6.0, 20.0])
+@pytest.mark.parametrize(
+    ("spin", "radar"),
+    [(0.0, TABLE2), (6.0, TABLE2), (20.0, TABLE2), (20.0, BISTATIC), (0.0, NARROW)],
+    ids=["still", "slow", "fast", "bistatic", "narrow"],
+)
 def test_every_facet_in_one_patch_and_no_patch_too_large(spin: float, radar: Radar) -> None:
     mesh = spinning_ball(spin, (-1.0, 0.5, 0.0))
     fine = refined(mesh)

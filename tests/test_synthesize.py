@@ -94,12 +94,9 @@ def swinging_sheet(radar: Radar, *, frames: int = 60, rate_hz: float = 100.0) ->
 @pytest.mark.parametrize(
     ("preset", "tolerance_db"),
     [
-        *((preset, db) for preset in ("table2", "array-3x4") for db in (-30, -40, -50, -60)),
-        *(
-            (preset, db)
-            for preset in ("table2-uniform", "table2-burst", "text2doppler-code", "ci4r")
-            for db in (-30, -60)
-        ),
+        *(("table2", db) for db in (-30, -40, -50, -60)),
+        *((preset, -60) for preset in ("array-3x4", "table2-burst", "ci4r")),
+        *((preset, -30) for preset in ("table2-uniform", "text2doppler-code")),
     ],
 )
 def test_merged_echoes_keep_the_tolerance(preset: str, tolerance_db: float) -> None:
