@@ -2,7 +2,7 @@
 
 const $ = name => document.getElementById(name), LIGHT = .299792458;  // m/ns
 const MOST_ROWS = 7, MOST_SHOWN = 14, WEAKEST_DB = -45, STEPS = [0.05, 0.1, 0.25, 0.5, 1, 2];
-const state = { time: 0, playing: false, camera: null, panels: [], grain: 1, fps: 0 };
+const state = { time: 0, playing: false, camera: null, panels: [], grain: 1, fps: 0, written: 0 };
 
 async function unpacked() {  // numbers of the page: each { at, kind, count, deltas } in the header stands for an array
   const meta = JSON.parse($("meta").textContent), text = atob($("data").textContent.trim()), packed = new Uint8Array(text.length);
@@ -39,7 +39,7 @@ function course(path) {  // of a path by reflections, in words
 
 class Panel {
   constructor(recording, colours) {
-    this.recording = recording; this.parts = new Set(); this.paths = new Set(); this.cell = null; this.written = 0;
+    this.recording = recording; this.parts = new Set(); this.paths = new Set(); this.cell = null;
     this.box = $("panels").appendChild(document.createElement("section")); this.box.className = "panel";
     this.box.appendChild(document.createElement("h2")).textContent = recording.title;
     const place = name => { const made = this.box.appendChild(document.createElement("div")); made.className = name; return made; };
@@ -238,19 +238,15 @@ class Panel {
     };
   }
 
-  draw() {
-    const paths = this.pathsAt(state.time);
-    if (this.room) {
-      const write = !state.playing || performance.now() - this.written > 150;  // no one reads faster
-      this.room.draw(state.time, state.camera, state.grain, this, paths.filter((path, i) => i < MOST_SHOWN || this.paths.has(path.number)), write);
-      if (write) {
-        this.said.innerHTML = this.story(paths); this.list.innerHTML = this.rows(paths); this.written = performance.now();
-      }
-    }
+  draw(all) {  // the room; and names, texts and maps, if `all` is to be brought up to date
+    const paths = this.pathsAt(state.time), span = Number($("span").value);
+    if (this.room) this.room.draw(state.time, state.camera, state.grain, this, paths.filter((path, i) => i < MOST_SHOWN || this.paths.has(path.number)), all);
+    if (!all) return;
+    if (this.room) { this.said.innerHTML = this.story(paths); this.list.innerHTML = this.rows(paths); }
+    const known = JSON.stringify([$("truth").checked, [...this.paths], this.cell, this.focus]);
     for (const chart of this.charts) {
-      const moment = chart.kind == "range_doppler" ? this.moment(chart) : 0, time = chart.kind == "range_doppler" ? chart.map.times[moment] : state.time;
-      const known = JSON.stringify([$("truth").checked, [...this.paths], this.cell, this.focus]), span = Number($("span").value) + (chart.kind == "range_doppler" ? 10 : 0);  // its echoes are spread over more cells
-      chart.draw(moment, span, known, this.marks(chart, time, chart.kind == "range_doppler" ? this.pathsAt(time) : []));
+      const moving = chart.kind == "range_doppler", moment = moving ? this.moment(chart) : 0, time = moving ? chart.map.times[moment] : state.time;
+      chart.draw(moment, span + (moving ? 10 : 0), known, this.marks(chart, time, moving ? this.pathsAt(time) : []));  // its echoes are spread over more cells
       chart.point(state.time);
     }
   }
@@ -294,11 +290,12 @@ function look(from) {
   $("look").value = from;
 }
 
-function seek(time) { state.time = Math.max(0, Math.min(state.duration, time)); $("time").value = state.time; draw(); }
+function seek(time) { state.time = Math.max(0, Math.min(state.duration, time)); draw(); }
 
 function draw() {
-  $("clock").value = `${state.time.toFixed(2)} of ${state.duration.toFixed(2)} s`;
-  for (const panel of state.panels) panel.draw();
+  const now = performance.now(), all = !state.playing || !SOFTWARE || now - state.written > 120;  // without a graphics card each thing that moves costs
+  if (all) { $("clock").value = `${state.time.toFixed(2)} of ${state.duration.toFixed(2)} s`; $("time").value = state.time; state.written = now; }
+  for (const panel of state.panels) panel.draw(all);
 }
 
 function play(on) {
@@ -335,7 +332,7 @@ function keys(event) {
 async function start() {
   const meta = await unpacked(), asked = new URLSearchParams(location.hash.slice(1));
   $("panels").className = meta.recordings.length > 1 ? "two" : "one";
-  $("title").textContent = meta.title;
+  $("title").textContent = meta.title; $("title").title = meta.recordings.map(each => each.radar.told).join("\n");
   Object.assign(state, { duration: meta.duration_s, frames_hz: meta.frames_hz });
   state.panels = meta.recordings.map(each => new Panel(each, meta.colours));
   $("sides").hidden = !meta.recordings.some(each => each.standing); $("truth").parentNode.hidden = $("sides").hidden;
@@ -349,7 +346,6 @@ async function start() {
   $("span").onchange = $("truth").onchange = draw;
   $("look").onchange = event => { look(event.target.value); draw(); };
   addEventListener("keydown", keys); addEventListener("resize", draw);
-  $("time").value = state.time;
   if (asked.has("speed")) clicked("spectrogram", state.time, Number(asked.get("speed"))); else draw();
   if (asked.has("play")) play(true);
   document.body.dataset.ready = performance.now().toFixed(0);
