@@ -39,6 +39,7 @@ LONGEST = (
     "test_examples",
     "test_tolerance",
     "test_rooms",
+    "test_view",
     "test_library",
     "test_dataset",
     "test_pipeline",
