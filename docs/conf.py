@@ -10,6 +10,7 @@ from typing import Any
 
 import latex2mathml.converter
 from docutils import nodes
+from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 from sphinx_gallery.scrapers import figure_rst
 
@@ -36,6 +37,7 @@ def _last_figure(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str,
     _drawn.append(found)
     path = next(block_vars["image_path_iterator"])
     found.savefig(path, dpi=110)
+    plt.close(found)  # pyplot would keep it to the end
     return str(figure_rst([path], gallery_conf["src_dir"]))
 
 

@@ -52,6 +52,18 @@ table[["range_m", "speed_mps", "level_dbm", "reflections"]].head(10).round(2)
 recording.plot_range_doppler(time_s=0.2, interval_s=0.1, ghosts=True, dynamic_range_db=60)
 
 # %%
+# Paths are switched on and off by name. Echoes add up, so that the ghosts of one wall and all that is without it make
+# the whole again.
+
+wall = {"scene": "empty_room", "clutter": "none"}
+whole = t2d.simulate(ball, **wall).cube
+parts = [t2d.simulate(ball, **wall, **{which: ["*wall-y*"]}).cube for which in ("only_paths", "without_paths")]
+share, rest = (np.sum(np.abs(each) ** 2) / np.sum(np.abs(whole) ** 2) for each in (parts[0], sum(parts) - whole))
+print(
+    f"ghosts of the wall {10 * np.log10(share):.1f} dB, what the sum of both parts lacks {10 * np.log10(rest):.1f} dB"
+)
+
+# %%
 # A walk
 # ------
 #
@@ -78,3 +90,7 @@ print(t2d.compare(free.processed(mti="mean"), room, labels=("free space", "empty
 # On a map of range and speed they come apart again: behind the person stand ghosts of the whole person.
 
 room.plot_range_doppler(time_s=0.5, ghosts=True)
+
+# %%
+# `room.view()` shows body, room and paths in three dimensions beside these maps, with one time cursor: see
+# :doc:`/view`.

@@ -65,7 +65,7 @@ print(comparison)
 
 # %%
 # The trunk's speed agrees, and the envelope, which features of a classifier are mostly made of, is much alike. Cell
-# by cell the two differ about as much as two realisations of speckle do.
+# by cell the two differ somewhat more than two realisations of speckle do.
 
 comparison.plot()
 
