@@ -17,7 +17,17 @@ from t2d_rt.named import noise_named, radar_named
 from t2d_rt.propagation.collisions import Collisions
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.room import Clutter
-from t2d_rt.sources import Plain, SceneFile, Source, StoredScene, Substance, Unknown, found_beside, target_from
+from t2d_rt.sources import (
+    Plain,
+    SceneFile,
+    Source,
+    StoredScene,
+    Substance,
+    Unknown,
+    found_beside,
+    target_from,
+    with_others,
+)
 from t2d_rt.targets import TargetLike
 from t2d_rt.types import Radar, Receiver, Scene, Surface
 from t2d_rt.types.fields import Count
@@ -69,6 +79,11 @@ class Experiment(Plain):
     """Seed of the diffuse points, and of noise whose receiver has no seed of its own."""
     noise: Literal["none"] | Receiver = "none"
     """What the receiver adds; "receiver" becomes the shipped values for the radar's band."""
+
+    @field_validator("targets", mode="before")
+    @classmethod
+    def _movers_of_others(cls, value: Any) -> Any:
+        return [with_others(each) for each in value] if isinstance(value, (list, tuple)) else value
 
     @field_validator("radar", mode="before")
     @classmethod

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, cast
 
@@ -16,7 +16,8 @@ from t2d_rt.motion import aside, load_motion, place, trim
 from t2d_rt.motion.generate import COMPOSED, LONGEST_S, motion_from_text, understood
 from t2d_rt.motion.vary import hold, vary_gait
 from t2d_rt.named import found_from, motion_path
-from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, Pet, TableFan
+from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, OwnMover, Pet, TableFan, mover
+from t2d_rt.scene.movers import KINDS, kinds
 from t2d_rt.targets import TargetLike, segments, skin
 from t2d_rt.types import Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
 from t2d_rt.types.fields import Count, Fields, Number
@@ -158,6 +159,16 @@ class MoverMesh(Plain):
     stop_s: Number
 
 
+class OtherMover(Plain):
+    """A mover of another package, by its fields."""
+
+    noun: ClassVar[str] = "mover"
+
+    kind: Literal["mover"] = "mover"
+    fields: dict[str, Any]
+    """Its own, `kind` among them."""
+
+
 class MeshArrays(Plain):
     """A mesh of the user, its vertices stored."""
 
@@ -231,10 +242,22 @@ class SceneFile(Plain):
 
 Source = Annotated[
     MotionFile | MotionText | MotionArrays | BodyMesh | MoverMesh | MeshArrays | EllipsoidArrays | Unknown
-    | TableFan | CeilingFan | Curtain | Door | Pet,
+    | OtherMover | TableFan | CeilingFan | Curtain | Door | Pet,
     Discriminator("kind"),
 ]  # fmt: skip
 """Where a target comes from."""
+OWN_KINDS = "file", "text", "motion", "skin", "segments", "mover_mesh", "mesh", "ellipsoids", "unknown", "mover"
+"""Kinds of sources that are no movers."""
+
+
+def with_others(source: Any) -> Any:
+    """A source as it is stored, where it is a mover of another package or a mapping of its fields."""
+    if isinstance(source, OwnMover):
+        return OtherMover(fields=source.model_dump(mode="json"))
+    kind = source.get("kind") if isinstance(source, Mapping) else None
+    if not isinstance(kind, str) or kind in (*KINDS, *OWN_KINDS) or kind not in kinds():
+        return source
+    return OtherMover(fields=mover(source).model_dump(mode="json"))
 
 
 def found_beside(source: Any, folder: Path) -> Any:
@@ -272,6 +295,8 @@ def stored_scene(scene: Scene | None, store: Store) -> str | StoredScene:
 
 
 def _source(target: TargetLike, store: Store) -> Any:
+    if isinstance(target, OwnMover):
+        return OtherMover(fields=target.model_dump(mode="json"))
     if isinstance(target, Mover):
         return target
     if isinstance(target, Motion):
@@ -303,6 +328,8 @@ def _source(target: TargetLike, store: Store) -> Any:
 
 def target_from(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) -> TargetLike:
     """The target of a source; file names are relative to `folder`."""
+    if isinstance(source, OtherMover):
+        return mover(source.fields)
     if isinstance(source, Mover):
         return source
     if isinstance(source, MotionFile):

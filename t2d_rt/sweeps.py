@@ -27,7 +27,7 @@ from t2d_rt.plots import VELOCITY_LABEL, draw_map
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.radar.synthesize import Progress
 from t2d_rt.result import Recording
-from t2d_rt.scene.movers import KINDS, mover
+from t2d_rt.scene.movers import kinds, mover
 from t2d_rt.simulate import simulate
 from t2d_rt.sources import sources_of, stored_scene
 from t2d_rt.store import check_place, replacing
@@ -241,7 +241,7 @@ def _given(accuracy: Accuracy | Mapping[str, Any] | None) -> dict[str, Any]:
 
 def _plain(name: str, value: Any) -> Any:
     """A value as it stands in YAML; movers with all of their fields."""
-    of_mover = isinstance(value, Mapping) and value.get("kind") in KINDS
+    of_mover = isinstance(value, Mapping) and value.get("kind") in kinds()
     if of_mover or (isinstance(value, str) and re.fullmatch(r"targets\.\d+", name)):
         value = mover(value)
     if hasattr(value, "model_dump"):

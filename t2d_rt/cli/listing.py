@@ -57,9 +57,9 @@ def _bodies() -> Iterator[tuple[str, str]]:
 
 
 def _movers() -> Iterator[tuple[str, str]]:
-    from t2d_rt.scene.movers import KINDS as MOVERS
+    from t2d_rt.scene.movers import kinds
 
-    for name, kind in MOVERS.items():
+    for name, kind in kinds().items():
         told = " ".join((kind.__doc__ or "").split("\n\n")[0].split())
         options = [field for field in kind.model_fields if field not in ("kind", "position_m")]
         yield name, f"{told} Options: {', '.join(options)}."

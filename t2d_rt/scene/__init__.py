@@ -1,6 +1,6 @@
 """Rooms: walls with doors and windows, furniture by name, written as Mitsuba/Sionna XML; movers: what moves by itself."""
 
-from t2d_rt.scene.movers import CeilingFan, Curtain, Door, Mover, Pet, TableFan, mover
+from t2d_rt.scene.movers import CeilingFan, Curtain, Door, Mover, OwnMover, Pet, TableFan, mover
 from t2d_rt.scene.room import Opening, Piece, Room, Slab
 from t2d_rt.scene.xml import save_scene
 
@@ -10,6 +10,7 @@ __all__ = [
     "Door",
     "Mover",
     "Opening",
+    "OwnMover",
     "Pet",
     "Piece",
     "Room",

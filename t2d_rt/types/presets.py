@@ -2,28 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from t2d_rt.checks import unknown_name
+from t2d_rt.checks import shown, unknown_name
+from t2d_rt.errors import InputError
 from t2d_rt.files import read_yaml
+from t2d_rt.plugins import loaded, plugins
 
 
 def preset_names() -> list[str]:
-    """Names that `Radar.preset` knows."""
-    return sorted(
-        entry.name.removesuffix(".yaml") for entry in _preset_folder().iterdir() if entry.name.endswith(".yaml")
-    )
+    """Names that `Radar.preset` knows, those of other packages included."""
+    own = _packaged()
+    return sorted([*own, *plugins("radars", own)])
 
 
-def preset_path(name: str) -> Path:
-    """The packaged YAML file of a preset."""
-    known = preset_names()
-    wanted = str(name).lower().replace("_", "-")
-    if wanted not in known:
-        raise unknown_name("radar preset", name, known, hint=", or give a YAML file")
-    return _preset_folder() / f"{wanted}.yaml"
+def preset_fields(name: str) -> dict[str, Any]:
+    """Field names and values of a preset, from its packaged YAML file or from another package."""
+    own, wanted = _packaged(), str(name).lower().replace("_", "-")
+    if wanted in own:
+        return read_radar(_preset_folder() / f"{wanted}.yaml")
+    others = plugins("radars", own)
+    if wanted not in others:
+        raise unknown_name("radar preset", name, [*own, *others], hint=", or give a YAML file")
+    found = loaded(others[wanted])
+    values = found.model_dump() if hasattr(found, "model_dump") else found
+    if not isinstance(values, Mapping):
+        raise InputError(
+            f"the radar {wanted} of another package must be a Radar or a mapping of its fields, got {shown(found)}"
+        )
+    return dict(values)
+
+
+def _packaged() -> list[str]:
+    return [entry.name.removesuffix(".yaml") for entry in _preset_folder().iterdir() if entry.name.endswith(".yaml")]
 
 
 def _preset_folder() -> Path:

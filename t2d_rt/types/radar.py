@@ -21,7 +21,7 @@ from t2d_rt.store import replacing
 from t2d_rt.tables import html_table
 from t2d_rt.types.antennas import Isotropic, Pattern, axes_along, one_view, polarization_product
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
-from t2d_rt.types.presets import preset_path, read_radar
+from t2d_rt.types.presets import preset_fields, read_radar
 from t2d_rt.types.radar_text import described, one_line
 from t2d_rt.types.timing import check_timing, chirp_starts, chirp_times
 
@@ -114,7 +114,7 @@ class Radar(Fields):
     @classmethod
     def preset(cls, name: str, **changes: Any) -> Radar:
         """A radar by name, e.g. "table2"; '-' and '_' are the same. `changes` override its fields."""
-        return cls(**{**read_radar(preset_path(name)), **changes})
+        return cls(**{**preset_fields(name), **changes})
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> Radar:

@@ -11,6 +11,7 @@ from t2d_rt.checks import integer, unknown_name
 from t2d_rt.errors import InputError
 from t2d_rt.learn.maps import checked_size
 from t2d_rt.learn.require import require_learning
+from t2d_rt.plugins import loaded, plugins
 
 if TYPE_CHECKING:
     from torch import nn
@@ -51,9 +52,14 @@ class ModelCard:
 
 
 def model_names() -> list[str]:
-    """Names of the models."""
+    """Names of the models, those of other packages included."""
+    own = _own()
+    return sorted([*own, *plugins("models", own)])
+
+
+def _own() -> list[str]:
     folder = Path(__file__).parent
-    return sorted(each.stem.replace("_", "-") for each in folder.glob("*.py") if each.stem not in OTHERS)
+    return [each.stem.replace("_", "-") for each in folder.glob("*.py") if each.stem not in OTHERS]
 
 
 def card(name: str) -> ModelCard:
@@ -79,4 +85,12 @@ def _module(name: str) -> Any:
     if str(name).lower().replace("_", "-") not in model_names():
         raise unknown_name("model", name, model_names())
     require_learning()
-    return import_module(f"t2d_rt.learn.models.{name.lower().replace('-', '_')}")
+    wanted, own = name.lower().replace("_", "-"), _own()
+    if wanted in own:
+        return import_module(f"t2d_rt.learn.models.{wanted.replace('-', '_')}")
+    found = loaded(plugins("models", own)[wanted])
+    if not isinstance(getattr(found, "ABOUT", None), ModelCard) or not callable(getattr(found, "build", None)):
+        raise InputError(
+            f"the model {wanted} of another package must have ABOUT, a ModelCard, and build; see docs/extend.md"
+        )
+    return found

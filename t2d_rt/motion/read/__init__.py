@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Literal
 
-from t2d_rt.checks import file_path, shown
+from t2d_rt.checks import file_path, instance, shown
 from t2d_rt.errors import InputError, warn
 from t2d_rt.motion.read.amass import read_amass
 from t2d_rt.motion.read.arrays import Arrays, read_arrays
@@ -25,9 +26,12 @@ from t2d_rt.motion.read.skeletal import read_skeletal
 from t2d_rt.motion.read.subjects import check_only
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.motion.read.trc import read_trc
+from t2d_rt.plugins import loaded, plugins
 from t2d_rt.types.motion import Motion
 
 BVH_SUFFIXES = (".bvh", ".bvh.gz")
+KNOWN = "bvh", "gz", "npy", "npz", "c3d", "trc", "json", "txt", "amc", "asf"
+"""Endings that readers of other packages may not take."""
 
 SHORT_S = 0.1
 """Below, a file holds no movement that could be seen: a tenth of a step, four windows of a spectrogram of 25 ms."""
@@ -77,11 +81,12 @@ def load_motion(
         subject=subject, root=root,
     )  # fmt: skip
     try:
-        motion = (
-            read_skeletal(path, reading)
-            if path.name.lower().endswith(BVH_SUFFIXES)
-            else motion_of(_read_tracks(path, subject), reading)
-        )
+        if path.name.lower().endswith(BVH_SUFFIXES):
+            motion = read_skeletal(path, reading)
+        elif (reader := _reader(path)) is not None:
+            motion = _read_by(reader, path, reading)
+        else:
+            motion = motion_of(_read_tracks(path, subject), reading)
     except InputError as error:
         told = str(error)
         raise InputError(told if path.name in told else f"{path}: {told}") from None
@@ -94,6 +99,29 @@ def load_motion(
     if doubt is not None:
         warn(f"{path.name}: {doubt}; give the true one (--motion.rate_hz)")
     return replace(motion, origin=(file_origin(path), *motion.origin))
+
+
+def _reader(path: Path) -> EntryPoint | None:
+    """The reader of another package for files of that ending, where there is one."""
+    ending = path.suffix.lower().removeprefix(".")
+    return None if ending in KNOWN else plugins("readers", KNOWN).get(ending)
+
+
+def _read_by(reader: EntryPoint, path: Path, reading: Reading) -> Motion:
+    """The motion that a reader of another package makes, by itself."""
+    if reading != Reading():
+        raise InputError(
+            f"options of reading are not those of {reader.name} files, which another package reads; leave them out"
+        )
+    function = loaded(reader)
+    try:
+        motion = function(path)
+    except InputError:
+        raise
+    except Exception as error:  # code of others
+        raise InputError(f"{path} cannot be read by the reader of {reader.name} files ({error}); check both") from error
+    instance("what the reader returns", motion, Motion, "a Motion", hint="motion_from_joints makes one")
+    return motion
 
 
 def _read_tracks(path: Path, subject: str | None = None) -> Tracks:

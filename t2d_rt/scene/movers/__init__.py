@@ -6,30 +6,61 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 from t2d_rt.checks import shown, unknown_name
 from t2d_rt.errors import InputError
+from t2d_rt.plugins import loaded, plugins
 from t2d_rt.scene.movers.curtain import Curtain
 from t2d_rt.scene.movers.door import Door
 from t2d_rt.scene.movers.fans import CeilingFan, TableFan
 from t2d_rt.scene.movers.pet import Pet
+from t2d_rt.types import MovingMesh
+from t2d_rt.types.fields import Fields
 
-Mover = TableFan | CeilingFan | Curtain | Door | Pet
+
+class OwnMover(Fields, ABC):
+    """Base class of movers of other packages: their fields, of which `kind` is the name that is registered, and their mesh."""
+
+    noun: ClassVar[str] = "mover"
+
+    @abstractmethod
+    def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
+        """The mover's surface from one time to another [s]."""
+
+
+Mover = TableFan | CeilingFan | Curtain | Door | Pet | OwnMover
 KINDS: dict[str, type[Mover]] = {
     "fan": TableFan, "ceiling_fan": CeilingFan, "curtain": Curtain, "door": Door, "pet": Pet,
 }  # fmt: skip
 
-__all__ = ["KINDS", "CeilingFan", "Curtain", "Door", "Mover", "Pet", "TableFan", "mover", "parsed"]
+__all__ = ["KINDS", "CeilingFan", "Curtain", "Door", "Mover", "OwnMover", "Pet", "TableFan", "mover", "parsed"]
 
 
 def mover(entry: str | Mapping[str, Any]) -> Mover:
     """A mover from "kind:x,y,z,key=value,..." or from a mapping {kind: ..., position_m: [x, y, z], key: value, ...}."""
     kind, place, fields = parsed(entry)
-    if kind not in KINDS:
-        raise unknown_name("mover", kind, KINDS)
-    return KINDS[kind](**with_words(entry, "position_m", place, fields))
+    known = KINDS if kind in KINDS else kinds()
+    if kind not in known:
+        raise unknown_name("mover", kind, known)
+    return known[kind](**with_words(entry, "position_m", place, fields))
+
+
+def kinds() -> dict[str, type[Mover]]:
+    """Classes of movers by their kinds, those of other packages last."""
+    others = {name: loaded(entry) for name, entry in plugins("movers", KINDS).items()}
+    for name, found in others.items():
+        if not (isinstance(found, type) and issubclass(found, OwnMover) and "kind" in found.model_fields):
+            raise InputError(
+                f"the mover {name} of another package must be a class on OwnMover with a field kind, got {shown(found)}"
+            )
+        if found.model_fields["kind"].default != name:
+            raise InputError(
+                f"the mover {name} of another package must have kind '{name}' by default; correct that package"
+            )
+    return {**KINDS, **others}
 
 
 def with_words(entry: Any, key: str, value: Any, fields: Mapping[str, Any]) -> dict[str, Any]:
