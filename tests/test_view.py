@@ -420,6 +420,20 @@ def test_what_is_said_is_so(browser: Browser, page: Path, shown: dict[str, Any])
 
 
 @DARK
+def test_between_frames_speeds_are_those_of_the_truth(browser: Browser, page: Path, walker: Recording) -> None:
+    browser.open(page)
+    times_s = (np.arange(4, 16) + 0.5) / 25
+    own = walker.truth_at(times_s).sel(person="adult")
+    for side in ("left", "right"):
+        foot = own.sel(segment=f"{side}_foot")
+        find = f"state.panels[0].partsAt(time).find(part => part.foot == '{side}')"
+        found = browser.run(f"{times_s.tolist()}.map(time => [{find}.speed, {find}.range])")
+        speeds, ranges = np.array(found).T
+        assert np.abs(speeds - foot.segment_speed_mps.values).max() < 0.1
+        assert np.abs(ranges - foot.segment_range_m.values).max() < 5e-3
+
+
+@DARK
 def test_speeds_beyond_the_radars_are_folded(browser: Browser, page: Path) -> None:
     browser.open(page)
     most = TABLE2.max_speed_mps

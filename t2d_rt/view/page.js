@@ -25,6 +25,12 @@ function interpolated(values, position) {
   return values[k] + (values[n] - values[k]) * Math.max(0, Math.min(1, position - k));
 }
 
+function cubic(values, position) {  // through the values (Catmull, Rom); what feet do between two frames is no line
+  const k = Math.max(0, Math.min(values.length - 2, Math.floor(position))), f = Math.max(0, Math.min(1, position - k)), at = i => values[Math.max(0, Math.min(values.length - 1, i))];
+  const [a, b, c, d] = [at(k - 1), at(k), at(k + 1), at(k + 2)];
+  return values.length < 4 ? interpolated(values, position) : b + f / 2 * (c - a + f * (2 * a - 5 * b + 4 * c - d + f * (3 * (b - c) + d - a)));
+}
+
 const spoken = speed => `${Math.abs(speed).toFixed(1)} m/s ${speed >= 0 ? "towards the radar" : "away from it"}`;
 const listed = words => words.length < 2 ? words.join("") : words.slice(0, -1).join(", ") + " and " + words.at(-1);
 const safe = text => text.replace(/[&<>]/g, c => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;" })[c]);
@@ -98,7 +104,7 @@ class Panel {
 
   partsAt(time) {
     const at = time * this.recording.frames_hz;
-    return this.recording.parts.map((part, number) => ({ ...part, number, speed: interpolated(part.speed, at), range: interpolated(part.range, at), spread: part.spread ? interpolated(part.spread, at) : 0, depth: part.depth ? interpolated(part.depth, at) : .1, visible: part.visible ? interpolated(part.visible, at) : null }));
+    return this.recording.parts.map((part, number) => ({ ...part, number, speed: cubic(part.speed, at), range: cubic(part.range, at), spread: part.spread ? interpolated(part.spread, at) : 0, depth: part.depth ? interpolated(part.depth, at) : .1, visible: part.visible ? interpolated(part.visible, at) : null }));
   }
 
   pathsAt(time, target = this.focus) {  // those to a target that exist then, strongest first, levels relative to the direct one
@@ -171,7 +177,7 @@ class Panel {
     const { recording } = this, { standing, parts, frames_hz: rate, walls } = recording, time = state.time, said = [];
     if (standing) {
       const feet = ["left", "right"].map(side => ({ side, down: standing[side][Math.min(standing[side].length - 1, Math.round(time * rate))] > 0, part: parts.find(each => each.foot == side) }));
-      const swing = ({ side, part }) => `the <b style="color:${side == "left" ? "#ff8c42" : "#56b4e9"}">${side} foot</b> swings (${spoken(interpolated(part.speed, time * rate))})`;
+      const swing = ({ side, part }) => `the <b style="color:${side == "left" ? "#ff8c42" : "#56b4e9"}">${side} foot</b> swings (${spoken(cubic(part.speed, time * rate))})`;
       const text = feet.every(each => each.down) ? "both feet stand" : feet.every(each => !each.down) ? feet.map(swing).join(", ") : feet.map(each => each.down ? `the ${each.side} foot stands` : swing(each)).sort((a, b) => b.includes("swings") - a.includes("swings")).join(", ");
       const whose = recording.targets.length > 1 ? `${safe(recording.targets[feet[0].part.target].name)}: ` : "";
       said.push(whose + (whose ? text : text[0].toUpperCase() + text.slice(1)) + ".");
@@ -198,8 +204,8 @@ class Panel {
       const curve = (values, hz, shade, fold) => {
         pen.strokeStyle = shade; pen.beginPath();
         let before = null;
-        for (let k = 0; k < values.length; k++) {
-          const value = fold ? this.folded(values[k]) : values[k], jump = before === null || !(Math.abs(value - before) < (fold ? recording.radar.max_speed : 1e9));
+        for (let k = 0; k < values.length; k += fold ? .25 : 1) {
+          const value = fold ? this.folded(cubic(values, k)) : values[k], jump = before === null || !(Math.abs(value - before) < (fold ? recording.radar.max_speed : 1e9));
           if (value === value) jump ? pen.moveTo(chart.px(k / hz), chart.py(value)) : pen.lineTo(chart.px(k / hz), chart.py(value));
           before = value === value ? value : null;
         }
