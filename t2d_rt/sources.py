@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, cast
 
 import numpy as np
-from pydantic import ConfigDict, Discriminator, Field
+from pydantic import ConfigDict, Discriminator, Field, SerializerFunctionWrapHandler, model_serializer
 
 from t2d_rt.errors import InputError
 from t2d_rt.inputs import Hash, Inputs, Store, named_arrays
@@ -135,6 +135,16 @@ class MotionArrays(Plain):
     """What the reader found in the file, and how the motion was placed."""
     origin: tuple[str, ...] = ()
     """The file's name and the SHA-256 of its content, then each edit since."""
+    activities: tuple[tuple[str, Number], ...] = ()
+    """What the person does, and from when on [s]."""
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Without activities as it was before there were any: the same text, and the same hash of an experiment."""
+        found: dict[str, Any] = plain(self)
+        if not self.activities:
+            found.pop("activities", None)
+        return found
 
 
 class BodyMesh(Plain):
@@ -303,7 +313,7 @@ def _source(target: TargetLike, store: Store) -> Any:
         key = store.keep(joints=target.joints, rotations=target.rotations)
         return MotionArrays(
             input=key, rate_hz=float(target.rate_hz), names=target.names, parents=target.parents, placed=target.placed,
-            report=target.report, origin=target.origin,
+            report=target.report, origin=target.origin, activities=target.activities,
         )  # fmt: skip
     made = target.made
     if made is not None and made.by == "mover":
@@ -339,7 +349,7 @@ def target_from(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) 
         return source.placed(source.made(), radar)
     if isinstance(source, MotionArrays):
         arrays = named_arrays(inputs, source.input, ("joints", "rotations"))
-        fields = source.model_dump(include={"rate_hz", "names", "parents", "placed", "report", "origin"})
+        fields = source.model_dump(include={"rate_hz", "names", "parents", "placed", "report", "origin", "activities"})
         return Motion(**fields, joints=arrays["joints"], rotations=arrays["rotations"])
     if isinstance(source, BodyMesh):
         motion = cast(Motion, target_from(source.motion, inputs, radar, folder))

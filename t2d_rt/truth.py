@@ -63,9 +63,10 @@ def truth_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = N
     of the reference point, the pelvis of a person. Of persons (person, time_s, ...): `joints_m` (joint, xyz), forward, left and up
     from the radar; `segment_range_m`, `segment_speed_mps`, `segment_azimuth_rad` and `segment_elevation_rad` (segment) of the
     middles of the body's 17 segments; `segment_visible` (segment), the fraction of what faces the radar that neither the body
-    itself, another target nor the scene hides; `contact` (foot, part), whether heel and ball of each foot stand. Ranges and speeds
-    are means over transmitters and receivers. A target without joints, as a fan or a mesh, is no person. The coordinate `activity`
-    (person) is the class that a motion was made for, of all of it; "" where none is known, as of a file.
+    itself, another target nor the scene hides; `contact` (foot, part), whether heel and ball of each foot stand; `activity`, what
+    the person does then, where the motion tells it, else "". Ranges and speeds are means over transmitters and receivers. A target
+    without joints, as a fan or a mesh, is no person. The coordinate `made_for` (person) is the class that all of a motion was made
+    for, "" of a file.
     """
     import xarray as xr
 
@@ -86,7 +87,7 @@ def truth_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = N
         coords={
             "time_s": times_s, "target": names, "person": [names[each.number] for each in people], "joint": joints,
             "xyz": list(XYZ), "segment": list(SEGMENTS), "foot": list(SIDES), "part": list(PARTS),
-            "activity": ("person", np.array([activity(each.motion) for each in people], dtype=np.str_)),
+            "made_for": ("person", np.array([made_for(each.motion) for each in people], dtype=np.str_)),
         },
     )  # fmt: skip
     for name, values in data.variables.items():
@@ -127,6 +128,7 @@ def _of_persons(
     shape = len(people), len(at.now)
     middles = Nearby(*(np.zeros((*shape, len(SEGMENTS), 3)) for _ in at))
     places, stands = np.zeros((*shape, len(joints), 3)), np.zeros((*shape, 2, 2), bool)
+    does: list[np.ndarray] = []
     for row, (_, motion, body) in enumerate(people):
         own = track(motion)(at.now)[0][:, [motion.index(name) for name in joints]]
         places[row] = (own - np.asarray(model.radar.position_m)) @ model.radar.axes.T
@@ -135,11 +137,13 @@ def _of_persons(
             each[row] = limbs.at(some_s)[0]
         frames = np.clip(np.rint(at.now * motion.rate_hz).astype(int), 0, len(motion.joints) - 1)
         stands[row] = contacts(poses_of(motion))[frames]
+        does.append(motion.activity_at(at.now))
     limbs_polar = _polar(model.radar, middles, (nearby_s.later - nearby_s.earlier)[:, None])
     return {
         "joints_m": (("person", "time_s", "joint", "xyz"), places),
         **{f"segment_{name}": (("person", "time_s", "segment"), values) for name, values in limbs_polar.items()},
         "contact": (("person", "time_s", "foot", "part"), stands),
+        "activity": (("person", "time_s"), np.array(does, np.str_).reshape(shape)),
     }
 
 
@@ -155,7 +159,7 @@ def persons(model: Model) -> list[Person]:
     return found
 
 
-def activity(motion: Motion) -> str:
+def made_for(motion: Motion) -> str:
     """The class that a motion was made for; "" where its origin tells none."""
     found = MADE_FOR.match(motion.origin[0]) if motion.origin else None
     return found[1] if found else ""

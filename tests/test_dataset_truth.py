@@ -47,7 +47,12 @@ def test_truth_of_a_sample_is_that_of_its_recording(made: Path) -> None:
     )
     np.testing.assert_allclose(column["chest_visible"], truth.segment_visible.sel(segment="chest"), atol=1e-5)
     assert np.array_equal(column["right_ball_stands"], truth.contact.sel(foot="right", part="ball"))
-    assert truth.activity.item() == data.records[1]["class"] == "walking"
+    assert truth.made_for.item() == data.records[1]["class"] == "walking"
+    told = data.records[1]["products"]["truth"]
+    does = truth.activity.values.tolist()
+    assert [name for name, _ in told["activities"]] == list(dict.fromkeys(does))
+    assert does[-1] == "walk"
+    assert all(does[round(begin_s * RATE_HZ)] == name for name, begin_s in told["activities"])
     assert column["head_up_m"].mean() > column["pelvis_up_m"].mean() + 0.4
 
 

@@ -183,7 +183,7 @@ def test_truth_of_a_person_and_a_fan(in_room: t2d.Recording) -> None:
     truth = in_room.truth
     assert truth.target.values.tolist() == ["adult", "fan"]
     assert truth.person.values.tolist() == ["adult"]
-    assert truth.activity.values.tolist() == [""]
+    assert truth.made_for.values.tolist() == [""]
     assert truth.time_s.values == pytest.approx(np.arange(16) / 50)
     motion = in_room.experiment.targets_from(in_room.inputs)[0]  # type: ignore[union-attr]
     assert isinstance(motion, t2d.Motion)

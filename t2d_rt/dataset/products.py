@@ -167,7 +167,11 @@ class TruthProduct(_Product):
     def made(self, recording: Recording) -> tuple[np.ndarray, dict[str, Any]]:
         """The array (time, column), its columns those of `TRUTH_COLUMNS`, float32, and what goes into the record."""
         times_s = record_times((0.0, record_length_s(recording) - recording.radar.loop_interval_s), self.rate_hz)
-        return person_rows(recording.truth_at(times_s)), {"rate_hz": self.rate_hz}
+        truth = recording.truth_at(times_s)
+        does = truth.activity.values[0]
+        begins = np.flatnonzero(np.append(True, does[1:] != does[:-1]))
+        activities = [[str(does[each]), round(float(times_s[each]), 9)] for each in begins]
+        return person_rows(truth), {"rate_hz": self.rate_hz, "activities": activities}
 
 
 class Products(_Product):

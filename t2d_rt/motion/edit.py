@@ -170,6 +170,7 @@ def repeat(motion: Motion, duration_s: float, *, travel: bool = True, blend_s: f
         f"repeated to {duration_s:g} s{'' if travel else ' on the spot'}",
         joints=joints,
         rotations=quaternions.continuous(rotations),
+        activities=motion.activities if len(motion.activities) == 1 else (),  # of several it repeats who knows which
     )
 
 

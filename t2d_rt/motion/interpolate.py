@@ -102,7 +102,12 @@ def trim(motion: Motion, start_s: float = 0.0, stop_s: float | None = None) -> M
             "take a longer piece, or resample the motion first"
         )
     note = f"cut to {start_s:.6g} to {stop_s:.6g} s"
-    return motion.edited(note, joints=motion.joints[span], rotations=motion.rotations[span])
+    first_s, last_s = span.start / motion.rate_hz, (span.stop - 1) / motion.rate_hz
+    inside = [(name, begin_s - first_s) for name, begin_s in motion.activities if first_s < begin_s <= last_s]
+    before = [(name, 0.0) for name, begin_s in motion.activities if begin_s <= first_s][-1:]
+    return motion.edited(
+        note, joints=motion.joints[span], rotations=motion.rotations[span], activities=(*before, *inside)
+    )
 
 
 def smooth(motion: Motion, cutoff_hz: float = JITTER_CUTOFF_HZ) -> Motion:

@@ -64,6 +64,8 @@ class Motion:
     """One line: what the reader found in the file (units, up axis, flavour, floor, dropped frames, smoothing)."""
     origin: tuple[str, ...] = ()
     """Where it comes from: the file's name and the SHA-256 of its content, then each edit since."""
+    activities: tuple[tuple[str, float], ...] = ()
+    """What the person does and from when on [s], in order, each until the next one begins; () where it is not known."""
 
     def __post_init__(self) -> None:
         names, parents = _names(self.names), _parents(self.parents)
@@ -84,6 +86,7 @@ class Motion:
         values = {
             "joints": joints, "rotations": rotations, "names": names, "parents": parents, "rate_hz": checked_rate(self.rate_hz),
             "report": text("report", self.report), "origin": tuple(text("origin", each) for each in _listed(self.origin)),
+            "activities": _activities(self.activities),
         }  # fmt: skip
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -111,6 +114,12 @@ class Motion:
         """A copy with some fields changed by an edit, which its origin names."""
         return replace(self, **changes, origin=(*self.origin, edit))
 
+    def activity_at(self, times_s: np.ndarray) -> np.ndarray:
+        """What the person does at times [s] (K,), texts (K,); "" where it is not known."""
+        names = ["", *(name for name, _ in self.activities)]
+        begins_s = [begin_s for _, begin_s in self.activities]
+        return np.array(names, np.str_)[np.searchsorted(begins_s, np.asarray(times_s) + 1e-9, side="right")]
+
     @property
     def times_s(self) -> np.ndarray:
         """Times of the frames [s], (T,), from 0."""
@@ -126,6 +135,19 @@ class Motion:
         if not isinstance(name, str) or name not in self.names:
             raise InputError(f"the motion has no joint {shown(name)}; choose one of {', '.join(self.names)}")
         return self.names.index(name)
+
+
+def _activities(given: Any) -> tuple[tuple[str, float], ...]:
+    """Names and the times at which they begin, checked."""
+    hint = "such as [('walk', 0.0), ('sit', 2.5)], each later than the one before"
+    listed = instance("activities", given, (list, tuple), f"a list of names and times, {hint}")
+    if not all(isinstance(each, (list, tuple)) and len(each) == 2 for each in listed):
+        raise InputError(f"activities must be names and times, {hint}, got {shown(given)}")
+    found = tuple((text("activities", name), number("activities", begin_s, 0.0, unit="s")) for name, begin_s in listed)
+    begins_s = [begin_s for _, begin_s in found]
+    if begins_s != sorted(set(begins_s)):
+        raise InputError(f"activities must begin one after the other, {hint}, got {shown(given)}")
+    return found
 
 
 def _listed(origin: Any) -> Sequence[Any]:

@@ -16,6 +16,7 @@ from t2d_rt.motion.contacts import contacts, plant
 from t2d_rt.motion.descriptions.slots import GAIT_TYPES, Action, Description, Step
 from t2d_rt.motion.generate import LONGEST_S, NOT_MADE
 from t2d_rt.motion.generate.chain import Piece, best_seam, joined
+from t2d_rt.motion.generate.heeded import not_made
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.individual import Individual, individual, lively, sole_m
 from t2d_rt.motion.generate.library.maker import Maker
@@ -117,54 +118,6 @@ class Composer:
         return with_users(shipped(), self.library)
 
 
-COUNTED = frozenset({"jump", "bend", "squat", "stretch", "climb", "sit", "stand_up", "turn"})
-"""Actions that are done as many times as a description says."""
-
-PARTS: Mapping[Action, str] = {
-    "jump": "foot leg arm hand", "bend": "arm hand foot leg waist knee", "squat": "arm hand foot leg",
-    "stretch": "arm hand foot leg waist knee", "sit": "foot leg", "stand_up": "foot leg",
-}  # fmt: skip
-"""Parts of the body that each action heeds, where a description names one; every abnormal gait heeds them."""
-
-OBJECTS: Mapping[Action, str] = {
-    "climb": "stair handrail", "sit": "chair stair handrail", "stand_up": "chair stair handrail", "lie_down": "chair",
-    "bend": "ball handrail", "squat": "ball handrail", "stretch": "handrail",
-}  # fmt: skip
-"""Objects that each action heeds, beside the floor that everybody is on."""
-
-IDLE_DIRECTIONS: Mapping[Action, str] = {"sit": "back forward", "stand_up": "forward back left right"}
-"""Directions that change nothing, beside those in which an action goes anyway."""
-
-
-def not_made(step: Step, then: Sequence[Step] = ()) -> list[str]:
-    """What a step asks for and no maker does, in words. then: steps that follow, which may use what is walked to."""
-    action = step.action.replace("_", " ")
-    said = []
-    if step.count is not None and step.count > 1 and step.action not in COUNTED:
-        said.append(f"count {step.count} of {action}")
-    if step.duration_s is not None and step.action == "fall":
-        said.append(f"duration {step.duration_s:g} s of {action}")
-    parts = PARTS.get(step.action, "").split()
-    if step.action == "jump" and step.direction is not None:  # jumping jacks go nowhere
-        parts = ["foot", "leg"]
-    if step.body_part is not None and step.body_part not in parts and step.type not in GAIT_TYPES:
-        said.append(f"{step.side + ' ' if step.side else ''}{step.body_part} of {action}")
-    used = step.type == "trip" or (
-        step.action in ("walk", "run")
-        and (
-            (step.object == "stair" and step.direction in ("up", "down"))
-            or any(step.object in OBJECTS.get(each.action, "").split() for each in then)
-        )
-    )
-    if step.object not in (None, "floor", *OBJECTS.get(step.action, "").split()) and not used:
-        said.append(f"{step.object} of {action}")
-    if step.direction is not None and step.direction in IDLE_DIRECTIONS.get(step.action, "").split():
-        said.append(f"direction {step.direction} of {action}")
-    if step.manner is not None and step.action == "fall":
-        said.append(f"manner {step.manner} of {action}")
-    return said
-
-
 def maker_of(step: Step, store: Store) -> By:
     """What makes a step; a user's clips of an action go before key poses."""
     if step.action == "fall":
@@ -211,7 +164,12 @@ def _composed(maker: Maker, description: Description) -> Motion:
     poses = replace(poses, root=poses.root - [0.0, 0.0, sole_m(maker.person)])
     maker = replace(maker, person=replace(maker.person, skeleton=poses.skeleton))
     whole = Piece(poses=poses, planted=np.zeros((len(poses), 2, 2), bool), notes=fallen.origin)
-    return finished(_chained(maker, Floored(whole, floor_m, highest_m=floor_m), rest), maker.person)
+    begins = tuple((name, round(begin_s * RATE_HZ)) for name, begin_s in fallen.activities)
+    return finished(_chained(maker, Floored(whole, floor_m, highest_m=floor_m, begins=begins), rest), maker.person)
+
+
+Begins = tuple[tuple[str, int], ...]
+"""Actions and their first frames."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,6 +184,8 @@ class Floored:
     posture: str = "standing"
     lasting: bool = False
     """Whether it is one step that has the duration which was asked for."""
+    begins: Begins = ()
+    """Its steps' actions, and their first frames."""
 
 
 def _chained(maker: Maker, whole: Floored | None, steps: Sequence[Step]) -> Floored:
@@ -241,11 +201,13 @@ def _chained(maker: Maker, whole: Floored | None, steps: Sequence[Step]) -> Floo
         for step in own:
             # The main step has its own duration, what comes before and after it a part of it.
             piece = _of_clips(maker, step, alone or isinstance(step, Description))
+            begins: Begins = ((step.action, 0),)
             if whole is None:
-                whole = Floored(piece, lasting=step.duration_s is not None)
+                whole = Floored(piece, lasting=step.duration_s is not None, begins=begins)
             else:
                 piece = edits.shifted(piece, np.array([0.0, 0.0, whole.floor_m]))
-                whole = replace(whole, piece=_continued(whole.piece, piece, lasting=whole.lasting), lasting=False)
+                piece, begins = _continued(whole, piece, begins)
+                whole = replace(whole, piece=piece, lasting=False, begins=begins)
     assert whole is not None, "a description has a step"
     return whole
 
@@ -262,27 +224,32 @@ def _with_made(maker: Maker, whole: Floored | None, steps: Sequence[Step], *, be
     rise = before - found.floors_m[0]
     piece = Piece(poses=found.poses, planted=found.planted, notes=found.notes)
     piece = edits.shifted(piece, np.array([0.0, 0.0, rise]))
+    all_begin: Begins = tuple(
+        (step.action, round(at_s * RATE_HZ)) for step, at_s in zip(steps, found.begins_s, strict=True)
+    )
     if whole is not None:
-        piece = _continued(whole.piece, piece, lasting=whole.lasting)
+        piece, all_begin = _continued(whole, piece, all_begin)
     floor_m = rise + found.floors_m[1]
     lowest, highest = (whole.lowest_m, whole.highest_m) if whole is not None else (0.0, 0.0)
-    return Floored(piece, floor_m, min(lowest, floor_m), max(highest, floor_m), found.ends)
+    return Floored(piece, floor_m, min(lowest, floor_m), max(highest, floor_m), found.ends, begins=all_begin)
 
 
-def _continued(whole: Piece, piece: Piece, *, lasting: bool = False) -> Piece:
-    """The next piece, from where what there is comes nearest to its begin: a walk halts before one that begins at rest, and begins
-    with short slow steps after one that ends at rest. lasting: what there is keeps its duration, and nobody rests after it."""
-    if lasting:
-        piece = piece.part(max(0, _at_rest(piece) - round(PROMPT_S * RATE_HZ)), len(piece))
-    before, after = halted(whole, piece), begun(whole, piece)
-    search = SEARCH_S
-    if lasting:
-        before = before.part(max(0, len(before) - len(whole)), len(before))
-        search = PROMPT_S
+def _continued(whole: Floored, piece: Piece, begins: Begins) -> tuple[Piece, Begins]:
+    """The next piece, from where what there is comes nearest to its begin, and when all steps begin then: a walk halts before one
+    that begins at rest, and begins with short slow steps after one that ends at rest. What is lasting keeps its duration, and
+    nobody rests after it."""
+    late = max(0, _at_rest(piece) - round(PROMPT_S * RATE_HZ)) if whole.lasting else 0
+    piece = piece.part(late, len(piece))
+    before, after = halted(whole.piece, piece), begun(whole.piece, piece)
+    early = max(0, len(before) - len(whole.piece)) if whole.lasting else 0
+    before = before.part(early, len(before))
+    search = PROMPT_S if whole.lasting else SEARCH_S
     last = range(max(2, len(before) - round(search * RATE_HZ)), len(before))
     first = range(1 if after is piece else max(1, min(round(search * RATE_HZ), len(after) - 30)))
     cut, start, _ = best_seam(before.poses, after.poses, last, first)
-    return joined([before.part(0, cut + 1), after.part(start, len(after))], blend_s=SEAM_S)
+    earlier = ((name, max(0, frame - early)) for name, frame in whole.begins)
+    later = ((name, cut + 1 + max(0, frame - late - start)) for name, frame in begins)
+    return joined([before.part(0, cut + 1), after.part(start, len(after))], blend_s=SEAM_S), (*earlier, *later)
 
 
 def _at_rest(piece: Piece) -> int:
@@ -393,4 +360,8 @@ def finished(whole: Floored, person: Individual, *, base_m: float | None = None)
     level = whole.highest_m == whole.lowest_m
     poses = plant(piece.poses, piece.planted, level=False, floor_m=whole.lowest_m if level else None)
     rise = sole_m(person) - (whole.lowest_m if base_m is None else base_m)
-    return motion_of(replace(poses, root=poses.root + [0.0, 0.0, rise]), origin=piece.notes)
+    motion = motion_of(replace(poses, root=poses.root + [0.0, 0.0, rise]), origin=piece.notes)
+    begins = {
+        frame / RATE_HZ: name for name, frame in whole.begins if frame < len(poses)
+    }  # of two in one frame the later
+    return replace(motion, activities=tuple((name, begin_s) for begin_s, name in begins.items()))

@@ -52,7 +52,10 @@ def vary_gait(motion: Motion, factor: float = 1.0, *, spread: float = 0.0, seed:
         )
     joints, rotations = sample(motion, times_s)
     note = f"gait {factor:.4g} times as fast" + (f", steps vary by {spread:g} (seed {seed})" if spread else "")
-    return motion.edited(note, joints=joints, rotations=rotations)
+    new_s = np.arange(len(times_s)) / motion.rate_hz
+    begins = ((name, float(np.interp(begin_s, times_s, new_s))) for name, begin_s in motion.activities)
+    activities = tuple((name, begin_s) for name, begin_s in begins if begin_s < new_s[-1] or begin_s == 0)
+    return motion.edited(note, joints=joints, rotations=rotations, activities=activities)
 
 
 def _warped(knots: np.ndarray, factors: np.ndarray, rate_hz: float) -> np.ndarray:

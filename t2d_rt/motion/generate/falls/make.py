@@ -285,5 +285,15 @@ def _assembled(candidate: Candidate, plan: FallPlan, getups: Sequence[Motion]) -
     motion = lead.edited(
         note, joints=np.concatenate([lead.joints[:frame], after]),
         rotations=np.concatenate([lead.rotations[:frame], rotations_of(bones, segments)]),
+        activities=_activities(lead, events),
     )  # fmt: skip
     return Fall(motion=motion, events=events, heading=found.heading, strength=drawn.strength, figures=found)
+
+
+def _activities(lead: Motion, events: FallEvents) -> tuple[tuple[str, float], ...]:
+    """What the person does: what the lead tells until the fall, the fall, and getting up; () where the lead tells nothing."""
+    if not lead.activities:
+        return ()
+    before = [each for each in lead.activities if each[1] < events.event_s]
+    up = [] if events.get_up_s is None else [("stand_up", events.get_up_s)]
+    return (*before, ("fall", events.event_s), *up)

@@ -50,6 +50,8 @@ class Made:
     ends: Posture
     floors_m: tuple[float, float]
     """Height of the floor at the start and at the end; not 0 at the upper end of a stair."""
+    begins_s: tuple[float, ...]
+    """When each step begins [s]."""
     notes: tuple[str, ...]
     """What stands where: heights of seats, beds and treads, and the person's way of using them."""
 
@@ -76,7 +78,9 @@ def make(
     first = score.posture
     if begins is None and first == "standing" and steps[0].duration_s is None and steps[0].action not in CLIMBS:
         shift(score, who)
+    begins_s = []
     for step in steps:
+        begins_s.append(score.now_s)
         score.tempo = tempo_of(step, rng, tempo)
         before = len(score.moves), {side: len(score.grasps[side]) for side in SIDES}, score.now_s
         MADE[step.action](score, who, step)
@@ -93,7 +97,7 @@ def make(
     poses = replace(poses, root=poses.root - [0.0, 0.0, anatomy.sole_m])
     return Made(
         poses=poses, planted=_planted(table, rate_hz), begins=first, ends=score.posture,
-        floors_m=(score.first["ground"], score.place.floor_m), notes=tuple(score.notes),
+        floors_m=(score.first["ground"], score.place.floor_m), begins_s=(0.0, *begins_s[1:]), notes=tuple(score.notes),
     )  # fmt: skip
 
 
