@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from validation.robustness.fuzz.__main__ import regressions
 from validation.robustness.soak import section
 
 KINDS = {
@@ -47,12 +48,14 @@ def fuzzed(place: Path, *arguments: str) -> list[dict[str, Any]]:
 
 @pytest.mark.slow
 def test_odd_inputs_of_all_kinds_end_well(tmp_path: Path) -> None:
-    outcomes = fuzzed(tmp_path, "--count", "2", "--start", "5000")
+    """One of each kind and the last of each that failed once; validation tries them all and thousands more."""
+    known = {name.partition(":")[0]: name for name in regressions()}.values()
+    outcomes = fuzzed(tmp_path, "--no-regressions", "--count", "2", "--start", "5000", "--only", *known, *KINDS)
     failed = [f"{o['name']} {o['problem']}: {o['told'][:150]} {o['what'][:200]}" for o in outcomes if o["problem"]]
     assert not failed, "\n".join(failed)
     assert {o["name"].partition(":")[0] for o in outcomes} == KINDS
-    assert sum(not o["what"] for o in outcomes) > 4, "hardly any input was accepted"
-    assert sum(bool(o["what"]) for o in outcomes) > 4, "hardly any input was refused"
+    assert sum(not o["what"] for o in outcomes) > 2, "hardly any input was accepted"
+    assert sum(bool(o["what"]) for o in outcomes) > 2, "hardly any input was refused"
 
 
 @pytest.mark.slow
