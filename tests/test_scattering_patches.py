@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -13,11 +14,13 @@ from hypothesis import strategies as st
 from scipy import sparse
 from scipy.spatial.transform import Rotation
 
-from builders import icosphere, static_mesh
+import t2d_rt as t2d
+from builders import ball, icosphere, static_mesh
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import T2DWarning
 from t2d_rt.geometry import Refinement, refine
 from t2d_rt.scattering.patches import CYCLES_PER_STEP, MOST_FACETS, Patches, centres, normals, patches, tilts
+from t2d_rt.scattering.points import DiffusePoints
 from t2d_rt.types import MovingMesh, Radar
 
 TABLE2 = Radar.preset("table2")
@@ -279,3 +282,20 @@ def test_normals_are_unit_and_follow_the_right_hand() -> None:
     vertices = np.array([[[0, 0, 0], [2, 0, 0], [0, 3, 0], [0, 0, 0]]], float)
     faces = np.array([[0, 1, 2], [0, 2, 1], [0, 3, 1]])
     assert normals(vertices, faces)[0].tolist() == [[0, 0, 1], [0, 0, -1], [0, 0, 0]]
+
+
+def test_visible_patches_may_hold_no_diffuse_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a few small ones of a pet behind furniture: their facets are summed alone."""
+    radar = Radar.preset("ci4r", prf_hz=2000, samples=32)
+    target = ball((2, 0, 1), (-1, 0, 0), 0.05, level=2, material="skin")
+    whole = t2d.simulate(target, radar=radar).cube
+
+    def none(points: DiffusePoints, patches: np.ndarray) -> DiffusePoints:
+        starts = np.zeros(len(patches) + 1, points.starts.dtype)
+        return replace(points, corners=points.corners[:0], packets=points.packets[:0], starts=starts)
+
+    monkeypatch.setattr(DiffusePoints, "only", none)
+    smooth = t2d.simulate(target, radar=radar).cube
+    energy = np.sum(np.abs(smooth) ** 2)
+
+    assert 0 < np.sum(np.abs(whole - smooth) ** 2) < energy

@@ -308,10 +308,10 @@ class _Model:
         return lit if seen.weights is None else lit & seen.weights.reach
 
     def _points(self, patches: np.ndarray, posed: Posed, seen: Seen, mesh: VisibilityMesh) -> PointVertices | None:
-        """The diffuse points of some patches, on the device."""
-        if self.points is None:
+        """The diffuse points of some patches, on the device; None where there are none, as may be of small ones."""
+        some = None if self.points is None else self.points.only(patches)
+        if some is None or not len(some.packets):
             return None
-        some = self.points.only(patches)
         return PointVertices(
             vertices=posed.carrier, visibility=posed.visibility_of_points(seen, mesh), corners=some.corners,
             packets=some.packets, starts=some.starts, scattered=some.scattered,
