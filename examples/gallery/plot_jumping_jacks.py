@@ -3,7 +3,7 @@ Jumping jacks, by ellipsoids and by the mesh
 ============================================
 
 Arms and legs swing sideways, so that little of their speed is radial; the body's rise and fall shows hardly at all
-from the front. The ellipsoids' clean lines and the mesh's glints have one envelope.
+from the front. The ellipsoids' clean lines and the mesh's glints have much the same envelope.
 """
 
 import t2d_rt as t2d

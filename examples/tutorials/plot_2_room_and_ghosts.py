@@ -44,8 +44,8 @@ table[["range_m", "speed_mps", "level_dbm", "reflections"]].head(10).round(2)
 #   mirrors.
 # - "direct, wall-y" is much slower than the ball, since the ball flies away from that wall; "direct, wall+y" is a
 #   little faster.
-# - "direct, wall-x" is the wall behind the radar: the detour over it is there and back the same all the time, so the
-#   ghost has the speed of the ball and follows it at a fixed distance.
+# - "direct, wall-x" is the wall behind the radar: the detour over it is nearly the same all the time, so the ghost
+#   has about the speed of the ball and follows it at a nearly fixed distance.
 # - "direct, wall+x" is the far wall: the ball comes towards the radar and flies away from its mirror image behind
 #   that wall. The two speeds add up to almost none, and a filter against static clutter may take this ghost away.
 

@@ -3,8 +3,8 @@ Your own radar, and a cube of your own
 ======================================
 
 A radar is some ten numbers. With them a person can be simulated as your device would see it, and a recording that
-your device has made can be read and shown in the same pictures. If you only want to see your own samples, go to the
-second half.
+your device has made can be read and shown in the same pictures. To see your own samples in a few minutes, go straight
+to `A cube of your own`_.
 """
 
 # %%

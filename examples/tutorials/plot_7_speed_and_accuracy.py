@@ -36,14 +36,14 @@ print(f"tolerance -20 dB, planned {plan.error_db:.1f} dB, measured {recording.er
 # What it costs
 # -------------
 #
-# The same walk by several models, each with its time, and its error against one that is much finer than all of them.
-# Seconds are those of the machine that made this page.
+# The same walk by several models, each with its CPU time, and its error against one that is much finer than all of
+# them. Seconds are those of the machine that made this page.
 
 
 def seconds_and_cube(**options):
-    start = time.perf_counter()
+    start = time.process_time()
     cube = t2d.simulate(walk, **options).cube
-    return time.perf_counter() - start, cube
+    return time.process_time() - start, cube
 
 
 def error_db(cube, reference):
@@ -65,7 +65,7 @@ for name, options in runs.items():
     print(f"{name:12} {seconds:5.1f} s  {error_db(cube, reference):6.1f} dB")
     ax.plot(seconds, error_db(cube, reference), "o")
     ax.annotate(name, (seconds, error_db(cube, reference)), xytext=(6, 4), textcoords="offset points", fontsize=8)
-ax.set(xlabel="Time of the run [s]", ylabel="Error of the field [dB]")
+ax.set(xlabel="CPU time of the run [s]", ylabel="Error of the field [dB]")
 ax.margins(0.18)
 ax.grid(alpha=0.3)
 figure
