@@ -36,12 +36,13 @@ LINE_HZ = 9.0, 60.0
 """Between these frequencies [Hz] a vibration is looked for as a line of the spectrum, which shows it beside a walk's own
 movements; slower ones are resolved anyway, and of faster ones the splines tell."""
 LINE_DB, LEAST_LINE_DB = 5.0, -47.0
-"""How far a line stands above the strongest frequencies on both sides, which it does in 2 of 122 recordings of people, and its
-energy: an amplitude of 2 um towards a radar at 77 GHz. Weaker ones are those of rounded and filtered recordings."""
+"""A vibration is what stands so far above the strongest frequencies on both sides, and has so much energy: an amplitude of 2 um
+towards a radar at 77 GHz. In 2 of 122 recordings of people something does, a line that is the file's own; weaker ones come of
+rounded and filtered files."""
 LINE_HALF_WIDTH_HZ, SIDE_HZ = 1.5, 4.0
 """A line's own half width, and where its sides end."""
 LINE_FRAMES = 4.2
-"""Surface frames in its period: the amplitude is within 1.2 %."""
+"""Surface frames in its period, as for `RESOLVED_DB`."""
 LEAST_LINE_S = 1.0
 """Shorter records do not tell lines from movements."""
 FASTEST_HZ = 480.0
@@ -127,9 +128,10 @@ class SurfaceRate:
 
     @cached_property
     def _line_hz(self) -> float:
-        """Frequency of the fastest vibration [Hz] that stands as a line in the spectrum of the accelerations, 0 without any.
+        """Frequency of the fastest vibration [Hz] that stands as a line in the spectrum of the phases, 0 without any.
 
-        Rotors are not searched: their harmonics are lines, which count by what splines miss of them.
+        Of a record too large to be probed as a whole the middle is searched. Rotors are not: their harmonics are lines, which
+        count by what splines miss of them.
         """
         made = self._stand_in.made
         if self._length_s < LEAST_LINE_S or self._periodic or (made is not None and made.by == "mover"):
@@ -287,8 +289,9 @@ def _some_points(geometry: MovingMesh | Ellipsoids) -> tuple[Track, int]:
 def fastest_line_hz(phases: np.ndarray, rate_hz: float, highest_hz: float = LINE_HZ[1]) -> float:
     """Frequency [Hz] of the fastest vibration that stands as a line in the spectrum of phases (K, V) [rad], 0 without any.
 
-    The spectrum is that of accelerations, since a walk's own falls steeply with frequency, in the mean over the points and
-    that of the quieter ones, of which a quarter has less.
+    It is sought in the mean spectrum of the points and in that of the quieter ones, of which a quarter has less. The spectra
+    are those of accelerations, divided by the fourth power of the frequency: a window then keeps the strong slow movements
+    out of the weak fast ones.
     """
     accelerations = np.diff(phases, n=2, axis=0) * (rate_hz / (2 * math.pi)) ** 2
     count = len(accelerations)
