@@ -26,7 +26,7 @@ from t2d_rt.dataset.work import Made, Plans
 
 pytestmark = pytest.mark.usefixtures("coarse_bodies")
 
-FRAMES, FEW = 280, {"README": 20, "background": 100, "results-and-files": 60, "learning": 20}
+FRAMES, FEW = 280, {"README": 20, "background": 100, "results-and-files": 60, "learning": 20, "view": 60}
 """Of the bundled walk, of which pages take stretches up to 2.3 s; of pages that take all of it."""
 README = ROOT / "README.md"
 PAGES = [README, *(path for path in sorted((ROOT / "docs").glob("*.md")) if path.stem != "index")]
@@ -219,8 +219,8 @@ def test_pages_run_from_top_to_bottom(
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_what_is_not_run_needs_what_a_clone_does_not_have(page: Path) -> None:
-    """Commands in blocks that no test runs take recordings of one's own, an endpoint, or hours."""
-    needs = r"recordings|parrad|NAME|twins|hard|held_out|one,two"
+    """Commands in blocks that no test runs take recordings or packages of one's own, an endpoint, or hours."""
+    needs = r"lab-60|recordings|parrad|NAME|twins|hard|held_out|one,two"
     for line, language, text in blocks(page, r"\w*"):
         assert language in ("python", "sh", "text", "yaml"), f"{page.name}:{line}"
         if language == "text":
