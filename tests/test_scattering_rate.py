@@ -130,6 +130,21 @@ def test_a_tremor_on_a_walking_body_is_resolved(amplitude_m: float, frequency_hz
     assert rate_of(0.05 * amplitude_m) == rate_of(0.0)
 
 
+def test_an_ellipsoid_that_turns_about_its_centre_moves_its_specular_point() -> None:
+    times = np.linspace(0, 2, 481)
+    angle = 0.9 * np.sin(2 * np.pi * 2 * times)
+    cos, sin, none = np.cos(angle), np.sin(angle), np.zeros(len(times))
+    axes = np.stack([[cos, none, -sin], [none, none + 1, none], [sin, none, cos]], axis=1).transpose(2, 0, 1)[:, None]
+    limb = t2d.Ellipsoids([[0.04, 0.04, 0.14]], np.tile([3.0, 0.0, 1.0], (len(times), 1, 1)), times, axes=axes)
+    rate = needed_rate_hz(limb, RADAR, (0.0, 2.0))
+    exact = CubicSpline(times, np.sqrt((0.04 * cos) ** 2 + (0.14 * sin) ** 2))
+    frames, finer = np.linspace(0, 2, math.ceil(2 * rate) + 1), np.linspace(0.2, 1.8, 5001)
+    wavenumber = 2 * math.pi * RADAR.mid_frequency_hz / SPEED_OF_LIGHT
+    missed = wavenumber * 2 * (CubicSpline(frames, exact(frames))(finer) - exact(finer))
+    assert LEAST_HZ < rate < 200
+    assert 10 * math.log10(np.mean(missed**2)) < TOLERANCE_DB + 0.5
+
+
 def test_static_and_short_records() -> None:
     assert needed_rate_hz(swinging(0.0, 1.0), RADAR, (0.0, 4.0)) == LEAST_HZ
     # A part of a swing, about its middle.

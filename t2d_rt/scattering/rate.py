@@ -100,7 +100,9 @@ class SurfaceRate:
         self._pieces: dict[float, list[tuple[np.ndarray, np.ndarray, Track]]] = {}
         self._missed: dict[float, np.ndarray] = {}
         self._needed_hz: dict[float, float] = {}
-        self._points, self._point_count = _some_points(self._stand_in)
+        self._path_lengths, self._point_count = _path_lengths(
+            self._stand_in, radar, specular=isinstance(geometry, Ellipsoids)
+        )
 
     def needed_hz(self, tolerance_db: float = TOLERANCE_DB) -> float:
         """The rate [Hz] at which splines add no more than that to the field's error, and resolve all that moves."""
@@ -243,7 +245,7 @@ class SurfaceRate:
 
     def _phases(self, times_s: np.ndarray) -> np.ndarray:
         """Phases (K, V) [rad] of the paths over the stand-in's points, `MOST_POINTS` of them at most."""
-        paths = [_paths(self._points(some), self._radar) for some in blocks(times_s, self._point_count)]
+        paths = [self._path_lengths(some) for some in blocks(times_s, self._point_count)]
         return 2 * math.pi * self._radar.mid_frequency_hz / SPEED_OF_LIGHT * np.concatenate(paths)
 
     def _mean_squares(self, geometry: MovingMesh | Ellipsoids, probe_hz: float) -> tuple[float, float]:
@@ -278,12 +280,16 @@ def _mean_squares(
     return fourth, float(np.mean(rotation**2) / np.mean(edges**2))
 
 
-def _some_points(geometry: MovingMesh | Ellipsoids) -> tuple[Track, int]:
-    """`MOST_POINTS` of a target's points at most, as a function of time, and how many are computed for them."""
+def _path_lengths(geometry: MovingMesh | Ellipsoids, radar: Radar, *, specular: bool) -> tuple[Track, int]:
+    """Lengths (K, V) [m] of the paths over `MOST_POINTS` of a target's points at most, as a function of time (K,) [s], and how many
+    points are computed for them. Of ellipsoids that are themselves the target, those over the `specular` points."""
     which, made = _some(geometry.point_count, MOST_POINTS), geometry.made
+    if specular and isinstance(geometry, Ellipsoids):
+        return lambda times_s: _specular_paths(geometry, times_s, radar)[:, which], geometry.point_count
     if isinstance(geometry, MovingMesh) and made is not None and made.by == "arrays":
-        return spline(geometry.times_s, made.arguments["vertices"][:, which]), len(which)
-    return lambda times_s: geometry.points_at(times_s)[:, which], geometry.point_count
+        some = spline(geometry.times_s, made.arguments["vertices"][:, which])
+        return lambda times_s: _paths(some(times_s), radar), len(which)
+    return lambda times_s: _paths(geometry.points_at(times_s)[:, which], radar), geometry.point_count
 
 
 def fastest_line_hz(phases: np.ndarray, rate_hz: float, highest_hz: float = LINE_HZ[1]) -> float:
@@ -319,6 +325,17 @@ def fastest_line_hz(phases: np.ndarray, rate_hz: float, highest_hz: float = LINE
 def _paths(points: np.ndarray, radar: Radar) -> np.ndarray:
     """Lengths (K, V) [m] of the paths over points (K, V, 3)."""
     return lengths(points - radar.tx_position_m) + lengths(points - radar.rx_position_m)
+
+
+def _specular_paths(ellipsoids: Ellipsoids, times_s: np.ndarray, radar: Radar) -> np.ndarray:
+    """Lengths (K, V) [m] of the paths over ellipsoids' specular points as in the far field: a rotation alone changes them.
+
+    The point lies nearer than the centre by the length of the vector of the semi-axes' components towards the radar (eq. 8).
+    """
+    centres, axes = ellipsoids.at(times_s)
+    towards = 0.5 * (radar.tx_position_m + radar.rx_position_m) - centres
+    along = np.einsum("kvi,kvij->kvj", towards / lengths(towards)[..., None], axes)
+    return _paths(centres, radar) - 2 * lengths(along * ellipsoids.semi_axes_m)
 
 
 def _some(count: int, most: int) -> np.ndarray:
