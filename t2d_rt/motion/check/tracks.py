@@ -9,6 +9,7 @@ import numpy as np
 
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion import posture
+from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.interpolate import low_pass
 from t2d_rt.types.motion import Motion
 
@@ -113,9 +114,8 @@ def angle_deg(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 def spans(active: np.ndarray, *, gap: int = 0, least: int = 1) -> list[tuple[int, int]]:
     """Runs of True in (T,) as (start, stop), those closer than `gap` frames joined, then those shorter than `least` left out."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], active, [False]]).astype(int)))
     found: list[tuple[int, int]] = []
-    for start, stop in edges.reshape(-1, 2).tolist():
+    for start, stop in runs(active):
         if found and start - found[-1][1] < gap:
             found[-1] = found[-1][0], stop
         else:
