@@ -224,7 +224,7 @@ def figures(result: Recording) -> Figures:
 
 def field_difference_db(first: Recording, second: Recording) -> float:
     """Energy of the samples' difference over that of the first one's, both without their means over the chirps [dB]; NaN where the
-    cubes have other sizes, -inf where they are the same."""
+    cubes have other sizes, -inf where nothing but what is static differs, inf where only the difference moves."""
     _check("first", first)
     _check("second", second)
     if second.cube.shape != first.cube.shape:
@@ -235,7 +235,21 @@ def field_difference_db(first: Recording, second: Recording) -> float:
             energies[place] += np.sum(part.real**2 + part.imag**2, dtype=np.float64)
             means[place] = means[place] + part.sum(axis=0, dtype=np.complex128) / chirps
     moving = [energy - chirps * np.sum(np.abs(mean) ** 2) for energy, mean in zip(energies, means, strict=True)]
-    return 10 * math.log10(moving[0] / moving[1]) if moving[0] > 0 and moving[1] > 0 else -math.inf
+    # What float64 sums leave of a static record is less than that, and nothing that moves.
+    apart, own = (part if part > 1e-14 * energies.max() else 0.0 for part in moving)
+    if not (apart and own):
+        return math.inf if apart else -math.inf
+    return 10 * math.log10(apart / own)
+
+
+def same_axes(first: Recording, second: Recording) -> bool:
+    """Whether speeds and times of the spectrograms, and numbers and ranges of the samples, are the same."""
+    axes = [
+        (image.velocity_mps.values, image.time_s.values, np.array(each.cube.shape), each.radar.range_axis_m())
+        for each in (first, second)
+        for image in (each.spectrogram,)
+    ]
+    return all(np.array_equal(one, two) for one, two in zip(*axes, strict=True))
 
 
 def mean_rcs_m2(result: Recording) -> float:

@@ -16,7 +16,7 @@ from t2d_rt.checks import file_path, names_advice, shown, text, unknown_name
 from t2d_rt.errors import InputError
 from t2d_rt.propagation.scenes import scene_names
 from t2d_rt.resources import resource
-from t2d_rt.scene.movers import kinds
+from t2d_rt.scene.movers import kind_names
 from t2d_rt.types import Motion, Radar, Receiver
 from t2d_rt.types.presets import preset_names
 
@@ -50,7 +50,7 @@ def bodies() -> list[str]:
 
 def movers() -> list[str]:
     """Kinds that `mover` makes: "fan", "pet" and others."""
-    return list(kinds())
+    return kind_names()
 
 
 def examples() -> list[str]:

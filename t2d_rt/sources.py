@@ -17,7 +17,7 @@ from t2d_rt.motion.generate import COMPOSED, LONGEST_S, motion_from_text, unders
 from t2d_rt.motion.vary import hold, vary_gait
 from t2d_rt.named import found_from, motion_path
 from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, OwnMover, Pet, TableFan, mover
-from t2d_rt.scene.movers import KINDS, kinds
+from t2d_rt.scene.movers import KINDS, kind_names
 from t2d_rt.targets import TargetLike, segments, skin
 from t2d_rt.types import Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
 from t2d_rt.types.fields import Count, Fields, Number
@@ -265,7 +265,7 @@ def with_others(source: Any) -> Any:
     if isinstance(source, OwnMover):
         return OtherMover(fields=source.model_dump(mode="json"))
     kind = source.get("kind") if isinstance(source, Mapping) else None
-    if not isinstance(kind, str) or kind in (*KINDS, *OWN_KINDS) or kind not in kinds():
+    if not isinstance(kind, str) or kind in (*KINDS, *OWN_KINDS) or kind not in kind_names():
         return source
     return OtherMover(fields=mover(source).model_dump(mode="json"))
 

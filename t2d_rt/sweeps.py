@@ -19,15 +19,16 @@ import numpy as np
 from t2d_rt.backend import Device
 from t2d_rt.canvas import Style, blank_figure, checked_width, drawable, peak_db
 from t2d_rt.checks import file_path, instance, positive, shown
-from t2d_rt.comparison import compare, field_difference_db, figures
+from t2d_rt.comparison import compare, field_difference_db, figures, same_axes
 from t2d_rt.errors import InputError
 from t2d_rt.experiment import Experiment
 from t2d_rt.inputs import Inputs, Store
 from t2d_rt.plots import VELOCITY_LABEL, draw_map
+from t2d_rt.progress import ProgressBar
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.radar.synthesize import Progress
 from t2d_rt.result import Recording
-from t2d_rt.scene.movers import kinds, mover
+from t2d_rt.scene.movers import kind_names, mover
 from t2d_rt.simulate import simulate
 from t2d_rt.sources import sources_of, stored_scene
 from t2d_rt.store import check_place, replacing
@@ -133,7 +134,7 @@ def sweep(
 ) -> Sweep:  # fmt: skip
     """Simulates an experiment with every combination of the values of some fields, and compares the recordings with the first.
 
-    experiment: an `Experiment`, a mapping of its fields, or a recording, whose experiment and accuracy are taken.
+    experiment: an `Experiment`, a mapping of fields, or a recording, whose accuracy holds unless a tolerance is given or varied.
     vary: values by the names of fields, as {"targets.1.rpm": [0, 300], "radar.prf_hz": [4000, 8000]}; those of the field that is
         named first change last. A whole target may be varied, and is left out where its value is None. Beside the experiment's own
         there are `tolerance_db` and the fields of `accuracy`.
@@ -143,11 +144,14 @@ def sweep(
     processing: options of the spectrograms, as of `Recording.processed`.
     progress: True shows a bar for each recording; a function is called with the fraction done of all, 0..1.
     """
+    if not isinstance(vary, Mapping) or not vary or not all(isinstance(name, str) for name in vary):
+        raise InputError(f"vary must be values by the names of fields, as {{'seed': [0, 1]}}, got {shown(vary)}")
     inputs: Inputs = {}
     if isinstance(experiment, Recording):
         if experiment.experiment is None:
             raise InputError("the recording was measured and has no experiment; give an Experiment")
-        if tolerance_db is None and experiment.accuracy is not None:
+        # A tolerance chooses what is not given: the recorded accuracy would leave it nothing to choose.
+        if experiment.accuracy is not None and tolerance_db is None and "tolerance_db" not in vary:
             accuracy = {**experiment.accuracy.model_dump(mode="json"), **_given(accuracy)}
         inputs, experiment = experiment.inputs, experiment.experiment
     if not isinstance(experiment, Experiment):
@@ -175,8 +179,8 @@ def sweep(
                 )
                 raise
         recording = Recording.load(target)
-        first = recording if first is None else first
         measures.append(_measures(recording, first))
+        first = recording if first is None else first
         images.append(recording.spectrogram)
     found = Sweep(folder=place, points=tuple(points), measures=tuple(measures), spectrograms=tuple(images))
     with replacing(place / TABLE, lambda: None) as new:
@@ -197,8 +201,6 @@ def _points(
     experiment: Experiment, vary: Any, accuracy: Accuracy | Mapping[str, Any] | None, tolerance_db: float | None
 ) -> list[Point]:
     """All combinations, the last field changing first."""
-    if not isinstance(vary, Mapping) or not vary or not all(isinstance(name, str) for name in vary):
-        raise InputError(f"vary must be values by the names of fields, as {{'seed': [0, 1]}}, got {shown(vary)}")
     given = _given(accuracy)
     axes = []
     for name, values in vary.items():
@@ -206,7 +208,7 @@ def _points(
             raise InputError(f"the values of {name} must be a list of at least one, got {shown(values)}")
         plain = [_plain(name, each) for each in values]
         texts = _texts(name, plain)
-        if len(set(texts)) < len(texts):
+        if any(one == two for one, two in itertools.combinations(plain, 2)):
             raise InputError(f"the values of {name} must differ, got {', '.join(texts)}; give each once")
         axes.append([(name, value, text) for value, text in zip(plain, texts, strict=True)])
     count = math.prod(map(len, axes))
@@ -241,7 +243,7 @@ def _given(accuracy: Accuracy | Mapping[str, Any] | None) -> dict[str, Any]:
 
 def _plain(name: str, value: Any) -> Any:
     """A value as it stands in YAML; movers with all of their fields."""
-    of_mover = isinstance(value, Mapping) and value.get("kind") in kinds()
+    of_mover = isinstance(value, Mapping) and value.get("kind") in kind_names()
     if of_mover or (isinstance(value, str) and re.fullmatch(r"targets\.\d+", name)):
         value = mover(value)
     if hasattr(value, "model_dump"):
@@ -252,13 +254,15 @@ def _plain(name: str, value: Any) -> Any:
 def _texts(name: str, values: Sequence[Any]) -> list[str]:
     """What tells the values of a field apart: of targets their kinds and the fields that differ."""
     leaf = name.rpartition(".")[2]
+    numbers = [each for each in values if isinstance(each, (int, float))]
+    digits = next((each for each in range(6, 17) if len({f"{x:.{each}g}" for x in numbers}) == len(set(numbers))), 17)
 
     def text(value: Any) -> str:
         if value is None:
             return "without" if leaf.isdigit() else f"{leaf} none"
         if not isinstance(value, Mapping):
             number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            return f"{leaf} {value:g}" if number else value if isinstance(value, str) else f"{leaf} {value}"
+            return f"{leaf} {value:.{digits}g}" if number else value if isinstance(value, str) else f"{leaf} {value}"
         alike = [each for each in values if isinstance(each, Mapping) and each.get("kind") == value.get("kind")]
         differs = [key for key in value if any(each.get(key) != value[key] for each in alike)]
         noun = str(value.get("animal") or value.get("kind") or leaf)
@@ -340,23 +344,21 @@ def _check_folder(folder: Path, points: Sequence[Point], keys: Sequence[str]) ->
 
 def _progress(progress: Any, number: int, points: Sequence[Point]) -> Any:
     if not callable(progress):
-        from t2d_rt.progress import ProgressBar
-
         return ProgressBar(f"{number + 1} of {len(points)}, {points[number].label}") if progress else None
     return lambda fraction: progress((number + fraction) / len(points))
 
 
-def _measures(recording: Recording, first: Recording) -> dict[str, float]:
-    """Measures of a recording and differences from the first, by the names in `MEASURES`."""
+def _measures(recording: Recording, first: Recording | None) -> dict[str, float]:
+    """Measures of a recording and differences from the first, None for the first itself, by the names in `MEASURES`."""
     image = recording.spectrogram.values
     own = figures(recording)
     found = {
         "level_db": 10 * math.log10(np.mean(10 ** (image / 10))), "peak_db": float(image.max()),
         "torso_speed_mps": own.torso_speed_mps, "limb_speed_mps": own.limb_speed_mps,
     }  # fmt: skip
-    if recording is first:
+    if first is None:
         return found | {"level_difference_db": 0.0, "mean_difference_db": 0.0, "field_difference_db": -math.inf}
-    if image.shape != first.spectrogram.shape or recording.radar != first.radar:
+    if not same_axes(first, recording):
         return found | dict.fromkeys(DIFFERENCES, math.nan)
     seen = compare(first, recording)
     return found | {

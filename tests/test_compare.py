@@ -239,6 +239,16 @@ def test_refusals_of_the_command(run: Command, refused: Callable[..., str]) -> N
     assert "got walk.bvh, one.zarr" in refused("compare", "walk.bvh", "one.zarr")
     sentence = refused("compare", "one.zarr", "one.zarr", "--seed", "3")
     assert "option seed is of a simulation, and one.zarr and one.zarr are recordings; leave it out" in sentence
+    np.save("frames.npy", result.cube)
+    for options in ((), ("--radar.prf-hz", "3000")):
+        sentence = refused("compare", "one.zarr", "frames.npy", *options)
+        assert "frames.npy holds samples only; give its radar, --radar with a preset's name or a .yaml file" in sentence
+    assert "option lanes is of measured samples, and one.zarr and one.zarr are results; leave it out" in refused(
+        "compare", "one.zarr", "one.zarr", "--lanes", "2"
+    )
+    assert "option iq is of measured samples, and walk.bvh is a motion file; leave it out" in refused(
+        "compare", "walk.bvh", "--iq", "QI"
+    )
     assert "option radar.carrier_hz is of a simulation" in refused("compare", "one.zarr", "one.zarr", "--radar", "ci4r")
 
 

@@ -136,7 +136,7 @@ def test_a_taken_name_stays_what_it_is_and_is_told(install: Install, refused: Ca
         t2d.movers()
 
 
-def test_what_cannot_be_loaded_or_is_something_else(install: Install, refused: Callable[..., str]) -> None:
+def test_what_cannot_be_loaded_or_is_something_else(install: Install) -> None:
     code = (
         "value = 3\nclass Robot: ...\ndef read(path):\n    return value\n"
         "def fail(path):\n    raise ValueError('odd line 7')\n"
@@ -159,4 +159,22 @@ def test_what_cannot_be_loaded_or_is_something_else(install: Install, refused: C
         InputError, match=r"a\.bad cannot be read by the reader of bad files \(odd line 7\); check both"
     ):
         t2d.load_motion("a.bad")
-    assert "the mover robot of another package must be a class on OwnMover" in refused("list", "movers")
+    with pytest.raises(InputError, match="the mover robot of another package must be a class on OwnMover"):
+        t2d.mover("robot:1,2,0")
+
+
+def test_a_broken_mover_stops_nothing_but_itself(install: Install, run: Command) -> None:
+    install("odd", "class Robot: ...\n", movers={"robot": "odd:Robot", "gone": "nowhere:Gone", "crane": "odd:Robot"})
+    source = {"kind": "segments_of_mine", "position_m": [3, 0, 0]}
+    with pytest.raises(InputError, match="segments_of_mine"):  # not what is wrong with the packages
+        t2d.Experiment(targets=[source])
+    with pytest.raises(InputError, match="unknown mover 'roboter'"):
+        t2d.mover("roboter:1,2,0")
+    with pytest.raises(InputError, match=r"gone of the package odd cannot be loaded"):
+        t2d.mover("gone:1,2,0")
+    assert t2d.movers()[-3:] == ["robot", "gone", "crane"]
+    code, out, err = run("list")
+    assert code == 0, err
+    assert "fan" in out
+    assert "  gone         gone of the package odd cannot be loaded (No module named 'nowhere'); repair" in out
+    assert "the mover crane of another package must be a class on OwnMover" in out

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 import shutil
 from collections.abc import Callable
@@ -86,6 +85,9 @@ def test_the_difference_of_fields_leaves_out_what_is_static() -> None:
     assert field_difference_db(first, second) == pytest.approx(-20, abs=0.3)
     assert field_difference_db(first, first) == -math.inf
     assert math.isnan(field_difference_db(first, t2d.Recording(first.cube[:400], RADAR)))
+    static = t2d.Recording(np.full_like(first.cube, 0.1 + 0.7j), RADAR)
+    assert field_difference_db(static, first) == math.inf
+    assert field_difference_db(static, t2d.Recording(3 * static.cube, RADAR)) == -math.inf
 
 
 def test_panels_have_one_scale_and_one_colour_bar(made: sweeps.Sweep) -> None:
@@ -174,8 +176,51 @@ def test_a_recordings_experiment_varies_and_other_axes_have_no_differences(made:
     assert found.recording(1).accuracy.surface_rate_hz == 100  # type: ignore[union-attr]
     assert math.isnan(found.measures[1]["field_difference_db"])
     assert found.table().splitlines()[2].endswith(",,,")
-    assert json.loads(json.dumps(found.measures[0]["level_db"])) < -50
+    assert found.measures[0]["level_db"] < -50
     found.plot().draw_without_rendering()
+
+
+def test_a_tolerance_that_varies_chooses_anew(
+    made: sweeps.Sweep, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Fields of the recording's accuracy hold for other fields, and would leave a tolerance nothing to choose."""
+    seen: list[sweeps.Point] = []
+
+    def stop(point: sweeps.Point, *_: Any) -> None:
+        seen.append(point)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sweeps, "_simulated", stop)
+    for number, options in enumerate(
+        ({"vary": {"tolerance_db": [-10, -30]}}, {"vary": {"tolerance_db": [-10]}, "accuracy": {"surface_rate_hz": 90}},
+         {"vary": {"seed": [0]}, "tolerance_db": -10}, {"vary": {"seed": [0]}})
+    ):  # fmt: skip
+        with pytest.raises(KeyboardInterrupt):
+            t2d.sweep(made.recording(0), folder=tmp_path / str(number), **options)  # type: ignore[arg-type]
+    recorded = made.recording(0).accuracy
+    assert recorded is not None
+    expected = [{}, {"surface_rate_hz": 90}, {}, recorded.model_dump(mode="json")]
+    assert [point.accuracy for point in seen] == expected
+    assert [point.tolerance_db for point in seen] == [-10, -10, -10, None]
+
+
+def test_values_that_are_close_have_names_of_their_own(made: sweeps.Sweep, tmp_path: Path) -> None:
+    found = t2d.sweep(FIELDS, {"targets.1.rpm": [120, 120.000004]}, tmp_path / "close")
+    assert [point.label for point in found.points] == ["rpm 120", "rpm 120.000004"]
+    with pytest.raises(
+        InputError, match=r"the values of targets.1.rpm must differ, got rpm 120, rpm 120; give each once"
+    ):
+        t2d.sweep(FIELDS, {"targets.1.rpm": [120, 120.0]}, tmp_path / "same")
+
+
+def test_differences_are_told_where_the_axes_are_the_same(tmp_path: Path) -> None:
+    """A radar of more power has the same axes; one of half the slope has other ranges."""
+    slope = RADAR.slope_hz_per_s
+    vary = {"radar.tx_power_dbm": [10.0, 13.0], "radar.slope_hz_per_s": [slope, slope / 2]}
+    found = t2d.sweep({**FIELDS, "targets": [WALKER]}, vary, tmp_path / "axes")
+    assert found.measures[2]["level_difference_db"] == pytest.approx(3, abs=0.01)
+    assert found.measures[2]["field_difference_db"] == pytest.approx(20 * math.log10(10 ** (3 / 20) - 1), abs=0.01)
+    assert [math.isnan(each["field_difference_db"]) for each in found.measures] == [False, True, False, True]
 
 
 @pytest.mark.parametrize(
@@ -285,6 +330,14 @@ def test_an_experiment_in_yaml_and_a_recording_vary_by_field(run: Command, monke
             "a sweep takes several radars or changes fields of one",
         ),
         (("sweep", "walk.bvh", "--add", "fan:3,-1,1,rpm=x|3"), "rpm"),
+        (
+            ("sweep", "walk.bvh", "--seed", "0:1:1", "--scene", "living_room", "--scene-material", "brick"),
+            "option scene-material must name a material and its substitute, as brick=concrete, got 'brick'",
+        ),
+        (
+            ("sweep", "walk.bvh", "--seed", "0:1:1", "--scene-material", "brick=concrete"),
+            "--scene-material is of a scene and there is none; give --scene, or leave it out",
+        ),
     ],
 )
 def test_refusals_of_the_command(refused: Callable[..., str], options: tuple[str, ...], sentence: str) -> None:

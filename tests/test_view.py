@@ -281,7 +281,12 @@ def test_the_command(walker: Recording, tmp_path: Path, run: Command) -> None:
     for words, sentence in (
         (("room.zarr",), "room.html exists already"),
         ((), "got 0 names"),
-        (("room.zarr", "-o", "a.html", "--radar-file", "table2"), "a result holds its own radar"),
+        (("room.zarr", "-o", "a.html", "--radar", "table2"), "room.zarr is a result, which holds its own radar; leave"),
+        (
+            ("room.zarr", "-o", "a.html", "--lanes", "2"),
+            "option lanes is of measured samples, and room.zarr is a result",
+        ),
+        (("room.zarr", "-o", "a.html", "--conjugate", "false"), "option conjugate is of measured samples"),
         (("capture.npy", "-o", "a.html"), "holds samples only; give its radar"),
     ):
         code, _, err = run("view", *words)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -36,7 +37,7 @@ OWN_MODULES = (
 """Commands with a module of their own: its `parser` makes the options, its `run` does what they say."""
 
 CONFIGURABLE = "simulate", "plan", "compare", "sweep", "scene", "paths"
-"""Those that take --config and --radar."""
+"""Those that take --config, and --radar with fields that override it."""
 
 SEVERAL_FILES = (
     "compare", "view", "check-motion", "library", "dataset", "background", "train", "evaluate", "predict", "benchmark", "transfer",
@@ -110,6 +111,8 @@ def _run(arguments: list[str]) -> int:
         check_nulls(parser, given)
         if varied is not None:
             given["varied"] = varied
+        if name == "compare":
+            given["named_radar"] = any(re.search(r"^(--config=)?radar:", word, re.MULTILINE) for word in words)
     except ArgumentError as error:
         raise InputError(one_sentence(str(error), arguments[0], _options_of(parser))) from None
     except OverflowError:  # of an integer that no float holds

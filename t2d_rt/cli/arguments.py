@@ -86,7 +86,7 @@ def resolved(
             continue
         name = SHORT.get(option[1]) or "--" + option[1][2:].replace("-", "_")
         value = option[2]
-        if name in ("--config", "--radar") and not configurable:
+        if name == "--config" and not configurable:
             raise InputError(f"unknown option {name}; t2d-rt COMMAND --help lists all")
         if value is None and name not in FLAGS and waiting and not re.match(r"--[A-Za-z]|--$|-[onh]$", waiting[0]):
             value = waiting.popleft()
@@ -98,7 +98,7 @@ def resolved(
         value = _one(f"--add {len(added)}" if name == "--add" else name, value, varied)
         if name == "--config":
             configs.append(f"--config={_config_text(value)}")
-        elif name == "--radar":
+        elif name == "--radar" and configurable:
             radars.append(f"--config={_yaml({'radar': _radar_fields(value)})}")
         elif name == "--add":
             if not value.isascii() and value != value.encode(errors="ignore").decode():

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from t2d_rt.checks import unknown_name
 from t2d_rt.cli.experiments import is_experiment, planned, recorded
 from t2d_rt.cli.given import accuracy_of, model_of, motion_of, radar_of, substitutes_of, targets_of
-from t2d_rt.cli.options import compare_parser, plan_parser, simulate_parser
+from t2d_rt.cli.options import CAPTURE, compare_parser, plan_parser, refuse_options, simulate_parser
 from t2d_rt.cli.output import check_picture, radar_info, recording_info, say, write_picture
 from t2d_rt.errors import InputError, T2DError, T2DWarning
 from t2d_rt.progress import ProgressBar
@@ -121,6 +121,7 @@ def compare_command(options: Namespace) -> None:
     """Compares two recordings, or both methods on a motion: writes their picture and prints figures of their difference."""
     from t2d_rt.comparison import compare
 
+    named_radar = options.pop("named_radar")
     files = [Path(each) for each in options.file or ()]
     two = len(files) == 2 and all(each.suffix.lower() in RECORDINGS for each in files)
     if not two and (len(files) != 1 or files[0].suffix.lower() in RECORDINGS):
@@ -130,10 +131,11 @@ def compare_command(options: Namespace) -> None:
     picture = Path(options.output or f"{stem}_compare.png")
     check_picture(picture, overwrite=options.overwrite)
     if two:
-        recordings = _read_both(files, options)
+        recordings = _read_both(files, options, named_radar)
         names = [each.stem for each in files]
         labels = names if names[0] != names[1] else [str(each) for each in files]
     else:
+        refuse_options(options, compare_parser(), CAPTURE, f"measured samples, and {files[0]} is a motion file")
         options.file = str(files[0])
         radar = radar_of(options)
         motion = motion_of(options, files[0], radar)
@@ -146,18 +148,21 @@ def compare_command(options: Namespace) -> None:
     say(f"wrote {picture}")
 
 
-def _read_both(files: Sequence[Path], options: Namespace) -> list[Recording]:
+def _read_both(files: Sequence[Path], options: Namespace, named_radar: bool) -> list[Recording]:
     """Two recordings, measured ones with the radar that is given, and spectrograms by the options that are."""
     from t2d_rt.recordings import load_recording
 
     parser = compare_parser()
-    measured = any(each.suffix.lower() != ".zarr" for each in files)
-    known = COMPARED + (("radar", "lanes", "iq", "conjugate") if measured else ())
-    for name, value in options.items():
-        if name.partition(".")[0] not in known and value != parser.get_default(name):
-            raise InputError(
-                f"option {name} is of a simulation, and {files[0]} and {files[1]} are recordings; leave it out"
-            )
+    measured = [each for each in files if each.suffix.lower() != ".zarr"]
+    if measured and not named_radar:
+        raise InputError(
+            f"{measured[0]} holds samples only; give its radar, --radar with a preset's name or a .yaml file"
+        )
+    if not measured:
+        refuse_options(options, parser, CAPTURE, f"measured samples, and {files[0]} and {files[1]} are results")
+    known = (*COMPARED, *CAPTURE, *(["radar"] if measured else []))
+    others = [name for name in options.keys() if name.partition(".")[0] not in known]  # noqa: SIM118
+    refuse_options(options, parser, others, f"a simulation, and {files[0]} and {files[1]} are recordings")
     processing = {
         name: value for name, value in options.signal.as_dict().items() if value != parser.get_default(f"signal.{name}")
     }

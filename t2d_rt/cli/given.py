@@ -76,9 +76,14 @@ def scene_of(options: Namespace, radar: Radar) -> Scene | str:
     substitutes = substitutes_of(options)
     if not substitutes:
         return str(options.scene)
+    check_scene(options)
+    return load_scene(options.scene, materials=substitutes, frequency_hz=radar.mid_frequency_hz)
+
+
+def check_scene(options: Namespace) -> None:
+    """Refuses substitutes for the materials of no scene."""
     if options.scene == "free_space":
         raise InputError("--scene-material is of a scene and there is none; give --scene, or leave it out")
-    return load_scene(options.scene, materials=substitutes, frequency_hz=radar.mid_frequency_hz)
 
 
 def substitutes_of(options: Namespace) -> dict[str, str]:

@@ -57,9 +57,15 @@ def _bodies() -> Iterator[tuple[str, str]]:
 
 
 def _movers() -> Iterator[tuple[str, str]]:
-    from t2d_rt.scene.movers import kinds
+    from t2d_rt.errors import InputError
+    from t2d_rt.scene.movers import kind_named, kind_names
 
-    for name, kind in kinds().items():
+    for name in kind_names():
+        try:
+            kind = kind_named(name)
+        except InputError as error:  # of one package, which hides no other
+            yield name, str(error)
+            continue
         told = " ".join((kind.__doc__ or "").split("\n\n")[0].split())
         options = [field for field in kind.model_fields if field not in ("kind", "position_m")]
         yield name, f"{told} Options: {', '.join(options)}."

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 from t2d_rt.cli.arguments import bounded_yaml
 from t2d_rt.cli.help import field_help, parameter_help
+from t2d_rt.errors import InputError
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
@@ -115,7 +116,7 @@ def compare_parser() -> ArgumentParser:
     told = parameter_help(compare)
     for name in ("align", "relative"):
         parser.add_argument(f"--{name}", type=bool, default=False, nargs="?", const=True, help=told[name])
-    add_capture_options(parser)
+    add_capture_options(parser, radar=False)
     add_model(parser, skip={"method", "tolerance_db", "measure_error"})
     return parser
 
@@ -237,8 +238,15 @@ def command_parser(
     return parser
 
 
-def add_capture_options(parser: ArgumentParser) -> None:
-    """Options of measured samples, which `capture_options` gives to `load_recording`."""
+CAPTURE = "lanes", "iq", "conjugate"
+"""Options of measured samples beside their radar."""
+
+
+def add_capture_options(parser: ArgumentParser, *, radar: bool = True) -> None:
+    """Options of measured samples, which `capture_options` gives to `load_recording`; their radar, unless there is one already."""
+    if radar:
+        told = "Radar of measured samples: a preset's name or a .yaml file; --radar_file is the same."
+        parser.add_argument("--radar", "--radar_file", type=str | None, help=told)
     parser.add_argument("--lanes", type=int | None, help="LVDS lanes, 2 or 4, of raw captures of TI's DCA1000 (.bin).")
     parser.add_argument(
         "--iq", type=str, default="IQ", help="Order of measured samples' channels: IQ, QI, or I for real samples."
@@ -249,7 +257,14 @@ def add_capture_options(parser: ArgumentParser) -> None:
 
 def capture_options(options: Namespace) -> dict[str, Any]:
     """Keywords of `load_recording` that were given."""
-    return {name: options[name] for name in ("lanes", "iq", "conjugate")}
+    return {name: options[name] for name in CAPTURE}
+
+
+def refuse_options(options: Namespace, parser: ArgumentParser, names: Collection[str], told: str) -> None:
+    """Refuses options that were given and would have no effect: `told` says of what they are, and what there is."""
+    for name in names:
+        if options[name] != parser.get_default(name):
+            raise InputError(f"option {name} is of {told}; leave it out")
 
 
 def _add_background(parser: ArgumentParser) -> None:

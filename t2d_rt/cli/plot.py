@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from t2d_rt.cli.options import add_capture_options, capture_options, command_parser
+from t2d_rt.cli.options import add_capture_options, capture_options, command_parser, refuse_options
 from t2d_rt.cli.output import check_picture, say, write_picture
 from t2d_rt.errors import InputError
 
@@ -23,7 +23,9 @@ EXAMPLES = """examples:
 MAPS = "spectrogram", "range_time", "range_doppler", "range_angle", "point_cloud"
 OF_INTERVAL = "range_doppler", "range_angle"
 """Maps of one coherent interval."""
-OF_STYLE = "cmap", "dynamic_range_db", "limits_db", "width_in"
+OF_LEVELS = "dynamic_range_db", "limits_db"
+OF_STYLE = "cmap", "width_in", *OF_LEVELS
+OF_ANIMATION = "width_px", "frames_hz"
 
 
 def parser() -> ArgumentParser:
@@ -59,10 +61,21 @@ def parser() -> ArgumentParser:
     found.add_argument("--animate", type=bool, default=False, nargs="?", const=True, help=told)
     found.add_argument("--width_px", type=int, default=800, help="Width of an animation [pixel].")
     found.add_argument("--frames_hz", type=float, default=12.5, help="Pictures of an animation in a second [Hz].")
-    told = "Radar of measured samples: a preset's name or a .yaml file."
-    found.add_argument("--radar_file", type=str | None, help=told)
     add_capture_options(found)
     return found
+
+
+def _refuse_others(options: Namespace, kind: str, animation: str | None) -> None:
+    """Refuses options that have no effect on this map, or on this animation."""
+    default = parser()
+    if kind not in OF_INTERVAL:
+        refuse_options(options, default, ("time_s", "interval_s"), f"a map of one interval ({', '.join(OF_INTERVAL)})")
+    if kind == "point_cloud":
+        refuse_options(options, default, OF_LEVELS, "levels, and a point cloud shows speeds")
+    if animation is None:
+        refuse_options(options, default, OF_ANIMATION, "an animation, and this is a picture")
+    else:
+        refuse_options(options, default, OF_STYLE, f"a picture, and {animation} is an animation")
 
 
 def run(options: Namespace) -> None:
@@ -83,10 +96,8 @@ def run(options: Namespace) -> None:
         check_animation(target, overwrite=options.overwrite)
     else:
         check_picture(target, overwrite=options.overwrite)
-    for name in ("time_s", "interval_s"):
-        if options[name] is not None and kind not in OF_INTERVAL:
-            raise InputError(f"option {name} is of a map of one interval ({', '.join(OF_INTERVAL)}); leave it out")
-    recording = load_recording(source, options.radar_file, **capture_options(options))
+    _refuse_others(options, kind, target.name if moves else None)
+    recording = load_recording(source, options.radar, **capture_options(options))
     if moves:
         animate(
             recording, target, width_px=options.width_px, frames_hz=options.frames_hz, title=title, overwrite=options.overwrite

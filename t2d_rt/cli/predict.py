@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 EXAMPLES = """examples:
   t2d-rt predict walk.zarr --model resnet                    # a class and its probability for each window; draws walk_classes.png
   t2d-rt predict walk.zarr --model one,two,three              # probabilities are means over several networks
-  t2d-rt predict capture.npy --radar_file my_radar.yaml --model resnet --step-s 0.5 -o capture.png"""
+  t2d-rt predict capture.npy --radar my_radar.yaml --model resnet --step-s 0.5 -o capture.png"""
 
 
 def parser() -> ArgumentParser:
@@ -31,9 +31,6 @@ def parser() -> ArgumentParser:
         several=True,
     )
     found.add_argument("--model", type=str | None, help="Folder that t2d-rt train wrote, or several by commas.")
-    found.add_argument(
-        "--radar_file", type=str | None, help="Radar of measured samples: a preset's name or a .yaml file."
-    )
     add_capture_options(found)
     found.add_argument(
         "--step_s", type=float | None, help="From one window to the next [s]; a tenth of a window by default."
@@ -65,7 +62,7 @@ def run(options: Namespace) -> None:
     from t2d_rt.learn.charts import prediction_figure
     from t2d_rt.learn.windows import predict
 
-    recording = load_recording(source, options.radar_file, **capture_options(options))
+    recording = load_recording(source, options.radar, **capture_options(options))
     found = predict(model, recording, step_s=options.step_s, least_s=options.least_s)
     for start, row in zip(found.starts_s, found.probabilities, strict=True):
         best = int(row.argmax())

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from t2d_rt.cli.add import Person, additions
 from t2d_rt.cli.arguments import alternatives
 from t2d_rt.cli.experiments import BESIDE, is_experiment, read_experiment
+from t2d_rt.cli.given import check_scene, substitutes_of
 from t2d_rt.cli.options import add_model, add_piece, command_parser
 from t2d_rt.cli.output import say, write_picture
 from t2d_rt.errors import InputError
@@ -106,8 +107,9 @@ def _fields(options: Namespace, default: ArgumentParser) -> dict[str, Any]:
             )
     first = {"kind": "file", **{name: options[name] for name in OF_MOTION}, "subject": options.motion.subject}
     fields = {name: options[name] for name in OF_EXPERIMENT if options[name] is not None}
-    substitutes = dict(each.split("=", 1) for each in ",".join(options.scene_material or ()).split(",") if "=" in each)
+    substitutes = substitutes_of(options)
     if substitutes:
+        check_scene(options)
         fields["scene"] = {"file": options.scene, "materials": substitutes}
     return {**fields, "targets": [first, *map(_source, options.add)], "radar": options.radar.as_dict()}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from t2d_rt.cli.options import add_capture_options, capture_options, command_parser
+from t2d_rt.cli.options import CAPTURE, add_capture_options, capture_options, command_parser, refuse_options
 from t2d_rt.cli.output import say
 from t2d_rt.errors import InputError
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 EXAMPLES = """examples:
   t2d-rt view walk.zarr                             # walk.html: body, room, paths and maps on one timeline, for any browser
   t2d-rt view ellipsoids.zarr mesh.zarr -o both.html  # two recordings side by side
-  t2d-rt view capture.npy --radar_file my_radar.yaml  # the maps of a measured recording"""
+  t2d-rt view capture.npy --radar my_radar.yaml       # the maps of a measured recording"""
 
 
 def parser() -> ArgumentParser:
@@ -35,9 +35,6 @@ def parser() -> ArgumentParser:
     )
     told = "Whether a page of that name is replaced; without it an existing one is an error."
     found.add_argument("--overwrite", type=bool, default=False, nargs="?", const=True, help=told)
-    found.add_argument(
-        "--radar_file", type=str | None, help="Radar of measured samples: a preset's name or a .yaml file."
-    )
     add_capture_options(found)
     return found
 
@@ -52,12 +49,11 @@ def run(options: Namespace) -> None:
         raise InputError(f"view takes one recording, or two to show side by side, got {len(sources)} names")
     target = check_page(options.output or sources[0].with_suffix(".html"), overwrite=options.overwrite)
     measured = [each for each in sources if each.suffix.lower() in (".npy", ".bin")]
-    if options.radar_file is not None and not measured:
-        raise InputError("--radar-file is of measured samples, and a result holds its own radar; leave it out")
+    if not measured:
+        of = f"measured samples, and {sources[0]} is a result, which holds its own radar"
+        refuse_options(options, parser(), ("radar", *CAPTURE), of)
     recordings = [
-        load_recording(each, options.radar_file, **capture_options(options))
-        if each in measured
-        else load_recording(each)
+        load_recording(each, options.radar, **capture_options(options)) if each in measured else load_recording(each)
         for each in sources
     ]
     viewer = Viewer(

@@ -42,25 +42,31 @@ __all__ = ["KINDS", "CeilingFan", "Curtain", "Door", "Mover", "OwnMover", "Pet",
 def mover(entry: str | Mapping[str, Any]) -> Mover:
     """A mover from "kind:x,y,z,key=value,..." or from a mapping {kind: ..., position_m: [x, y, z], key: value, ...}."""
     kind, place, fields = parsed(entry)
-    known = KINDS if kind in KINDS else kinds()
-    if kind not in known:
-        raise unknown_name("mover", kind, known)
-    return known[kind](**with_words(entry, "position_m", place, fields))
+    return kind_named(kind)(**with_words(entry, "position_m", place, fields))
 
 
-def kinds() -> dict[str, type[Mover]]:
-    """Classes of movers by their kinds, those of other packages last."""
-    others = {name: loaded(entry) for name, entry in plugins("movers", KINDS).items()}
-    for name, found in others.items():
-        if not (isinstance(found, type) and issubclass(found, OwnMover) and "kind" in found.model_fields):
-            raise InputError(
-                f"the mover {name} of another package must be a class on OwnMover with a field kind, got {shown(found)}"
-            )
-        if found.model_fields["kind"].default != name:
-            raise InputError(
-                f"the mover {name} of another package must have kind '{name}' by default; correct that package"
-            )
-    return {**KINDS, **others}
+def kind_names() -> list[str]:
+    """Kinds of movers, those of other packages last, of which none is loaded."""
+    return [*KINDS, *plugins("movers", KINDS)]
+
+
+def kind_named(name: str) -> type[Mover]:
+    """The class of a kind; of other packages only the one that has it is loaded."""
+    if name in KINDS:
+        return KINDS[name]
+    others = plugins("movers", KINDS)
+    if name not in others:
+        raise unknown_name("mover", name, [*KINDS, *others])
+    found = loaded(others[name])
+    if not (isinstance(found, type) and issubclass(found, OwnMover) and "kind" in found.model_fields):
+        raise InputError(
+            f"the mover {name} of another package must be a class on OwnMover with a field kind, got {shown(found)}"
+        )
+    if found.model_fields["kind"].default != name:
+        raise InputError(
+            f"the mover {name} of another package must have kind '{name}' by default; correct that package"
+        )
+    return found
 
 
 def with_words(entry: Any, key: str, value: Any, fields: Mapping[str, Any]) -> dict[str, Any]:
