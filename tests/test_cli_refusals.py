@@ -176,7 +176,7 @@ def test_radar_file_that_cannot_be_used(refused: Callable[..., str]) -> None:
 
 def test_commands_that_are_none(refused: Callable[..., str]) -> None:
     known = (
-        "simulate, plan, compare, scene, paths, view, describe, motion, check-motion, library, dataset, background, train, "
+        "simulate, plan, compare, sweep, plot, scene, paths, view, describe, motion, check-motion, library, dataset, background, train, "
         "evaluate, predict, benchmark, transfer, gap, info, export, list"
     )
     assert f"unknown command 'foo'; choose one of {known}" in refused("foo")

@@ -12,10 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+import t2d_rt
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.radar import check_speed
-from t2d_rt.types.presets import preset_names, preset_path
+from t2d_rt.types.presets import preset_fields, preset_names
 from t2d_rt.types.radar import Radar
 
 TABLE2 = Radar.preset("table2")
@@ -193,7 +194,7 @@ def test_other_guards() -> None:
     with pytest.raises(InputError, match=r"unknown radar preset 'tabel2'; did you mean table2\?$"):
         Radar.preset("tabel2")
     with pytest.raises(InputError, match=r"unknown radar preset '../table2'"):
-        preset_path("../table2")
+        preset_fields("../table2")
     with pytest.raises(InputError, match="carrier_hz is missing; give it, or start from a preset"):
         Radar(slope_hz_per_s=1e12)
     with pytest.raises(InputError, match="must be a mapping of field names and values, got 3"):
@@ -284,7 +285,8 @@ def test_yaml_names_file_and_key(tmp_path) -> None:
         Radar.from_yaml(path)
     with pytest.raises(InputError, match=r"cannot read radar file .*none.yaml: No such file"):
         Radar.from_yaml(tmp_path / "none.yaml")
-    path.write_text(preset_path("table2").read_text().replace("77.0e+9", "77e9"))  # YAML 1.1 reads 77e9 as text
+    shipped = Path(t2d_rt.__file__).parent / "radar/presets/table2.yaml"
+    path.write_text(shipped.read_text().replace("77.0e+9", "77e9"))  # YAML 1.1 reads 77e9 as text
     assert Radar.from_yaml(path) == TABLE2
 
 

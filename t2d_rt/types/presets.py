@@ -26,7 +26,7 @@ def preset_fields(name: str) -> dict[str, Any]:
         return read_radar(_preset_folder() / f"{wanted}.yaml")
     others = plugins("radars", own)
     if wanted not in others:
-        raise unknown_name("radar preset", name, [*own, *others], hint=", or give a YAML file")
+        raise unknown_name("radar preset", name, sorted([*own, *others]), hint=", or give a YAML file")
     found = loaded(others[wanted])
     values = found.model_dump() if hasattr(found, "model_dump") else found
     if not isinstance(values, Mapping):
