@@ -14,11 +14,11 @@ from t2d_rt.canvas import COLUMNS, occupied, thinned
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.decibels import decibel
 from t2d_rt.model import Model
-from t2d_rt.path_table import STEP_S, path_table, record_times, target_names
+from t2d_rt.path_table import STEP_S, pairs_of, path_table, record_times, target_names
 from t2d_rt.plots import outline
 from t2d_rt.stage import set_up_again
 from t2d_rt.truth import Person, persons, truth_table
-from t2d_rt.types import Accuracy, Ellipsoids, Radar, Scene, Surface
+from t2d_rt.types import Accuracy, Ellipsoids, PathPair, Radar, Scene, Surface
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,8 +37,10 @@ PITCH_M = 2e-4
 """Places of vertices are kept to that, or to 1/65535 of the space that a target takes."""
 MOST_ELLIPSOIDS = 60
 """Ellipsoids of the user that are told apart by their speeds."""
-WEAKEST_DB, MOST_PATHS = 50.0, 60
+WEAKEST_DB, MOST_PATHS = 50.0, 150
 """Paths that are kept: those that come as near to the strongest one at any time, and so many at most."""
+AT_ONCE = 25
+"""Frames whose vertices are worked out together."""
 SHELL_M = 0.05
 """What lies as near to a side of the box around a scene as that is a wall, a floor or a ceiling."""
 
@@ -46,13 +48,26 @@ SHELL_M = 0.05
 def gathered(recording: Recording) -> dict[str, Any]:
     """All of one recording; where there is nothing to show in three dimensions, `why_no_room` says why in a sentence."""
     found: dict[str, Any] = {
-        "radar": _radar(recording.radar), "maps": maps(recording), "frames_hz": FRAMES_HZ, "focus": 0,
-        "why_no_room": _why_no_room(recording), "standing": None,
+        "radar": _radar(recording.radar), "caption": _caption(recording), "maps": maps(recording),
+        "frames_hz": FRAMES_HZ, "focus": 0, "why_no_room": _why_no_room(recording), "standing": None,
         **{name: [] for name in ("targets", "parts", "surfaces", "walls", "paths")},
     }  # fmt: skip
     if found["why_no_room"] is None:
         found |= room(set_up_again(recording.experiment, recording.inputs).model, recording.accuracy or Accuracy())
     return found
+
+
+def _caption(recording: Recording) -> str:
+    """Simulated or measured, where the radar stands, its band and the scene, in a line."""
+    radar, experiment = recording.radar, recording.experiment
+    low, high = sorted((radar.carrier_hz, radar.carrier_hz + radar.slope_hz_per_s * radar.sweep_time_s))
+    place = ", ".join(
+        f"{axis} {value:.2f}" for axis, value in zip("xyz", np.asarray(radar.position_m) + 0.0, strict=True)
+    )
+    band = f"{low / 1e9:.4g} to {high / 1e9:.4g} GHz"
+    if experiment is None:
+        return f"measured, {band}"
+    return f"simulated, scene {recording.settings.get('scene', 'free_space')}, radar at {place} m, {band}"
 
 
 def _why_no_room(recording: Recording) -> str | None:
@@ -83,14 +98,13 @@ def room(model: Model, accuracy: Accuracy) -> dict[str, Any]:
             else _segments(truth.isel(person=person), person == 0)
         )
         several = len(people) > 1 and person is not None
-        own = [
-            {**each, "name": f"{name}: {each['name']}" if several else each["name"], "target": number} for each in own
+        body = _moving(model, number, None if person is None else people[person], len(own), frames_s)
+        extents = _extents(model, number, body["owner"], len(own), frames_s)
+        parts += [
+            {**each, "name": f"{name}: {each['name']}" if several else each["name"], "target": number, **extent}
+            for each, extent in zip(own, extents, strict=True)
         ]
-        targets.append({
-            "name": name, "first": len(parts), "parts": len(own),
-            **_moving(model, number, None if person is None else people[person], len(own), frames_s),
-        })  # fmt: skip
-        parts += own
+        targets.append({"name": name, "first": len(parts) - len(own), "parts": len(own), **body})
     contact = truth.contact.values.any(axis=-1)  # heel or ball
     feet = (
         {side: contact[0, :, k].astype(np.uint8) for k, side in enumerate(truth.foot.values.tolist())}
@@ -102,7 +116,7 @@ def room(model: Model, accuracy: Accuracy) -> dict[str, Any]:
         "frames_hz": rate_hz, "targets": targets, "parts": parts, "standing": feet, "focus": people[0].number if people else 0,
         "surfaces": surfaces, "bounds": bounds, "floor_m": float(bounds["low"][2]),
         "walls": [each["name"] for each in surfaces if each["shell"] and not abs(each["inward"][2]) > 0.5],
-        "paths": _paths(path_table(model, accuracy, frames_s)),
+        "paths": _paths(path_table(model, accuracy, frames_s), pairs_of(model, accuracy)),
     }  # fmt: skip
 
 
@@ -134,6 +148,24 @@ def _moving(model: Model, number: int, person: Person | None, parts: int, frames
     }  # fmt: skip
 
 
+def _extents(
+    model: Model, number: int, owner: np.ndarray, parts: int, frames_s: np.ndarray
+) -> list[dict[str, np.ndarray]]:
+    """Of each part of a target the speeds of its slowest and fastest vertex [m/s], the ranges of its nearest and farthest [m]."""
+    solid, end_s = model.geometries[number].solid(), model.span_s[1] - model.span_s[0]
+    order = np.argsort(owner, kind="stable")
+    held, starts = np.unique(owner[order], return_index=True)
+    found = np.full((4, parts, len(frames_s)), np.nan, np.float32)
+    for first in range(0, len(frames_s), AT_ONCE):
+        some = slice(first, first + AT_ONCE)
+        sides_s = [np.clip(frames_s[some] + step, 0.0, end_s) for step in (-STEP_S, STEP_S)]
+        before, after = (_ranges(model.radar, solid.vertices_at(model.span_s[0] + each)[:, order]) for each in sides_s)
+        values = (before - after) / np.diff(sides_s, axis=0)[0][:, None], (before + after) / 2
+        for k, (value, pick) in enumerate((v, pick) for v in values for pick in (np.minimum, np.maximum)):
+            found[k, held, some] = pick.reduceat(value, starts, axis=1).T
+    return [dict(zip(("slow", "fast", "near", "far"), each, strict=True)) for each in found.swapaxes(0, 1)]
+
+
 def _segments(truth: xr.Dataset, first: bool) -> list[dict[str, Any]]:
     """The segments of a person; the feet of the first one are those whose speeds are drawn."""
     found = []
@@ -144,34 +176,27 @@ def _segments(truth: xr.Dataset, first: bool) -> list[dict[str, Any]]:
             "name": name.replace("_", " "), "side": side, "foot": side if part == "foot" and first else "",
             "speed": truth.segment_speed_mps.values[:, number].astype(np.float32),
             "range": truth.segment_range_m.values[:, number].astype(np.float32),
-            "visible": truth.segment_visible.values[:, number].astype(np.float32), "spread": None, "depth": None,
+            "visible": truth.segment_visible.values[:, number].astype(np.float32),
         })  # fmt: skip
     return found
 
 
 def _loose(model: Model, number: int, truth: xr.Dataset, frames_s: np.ndarray) -> list[dict[str, Any]]:
-    """What is no person: each of a few ellipsoids of its own, all else as one part, whose points depart from its speed by up to a
-    `spread` and from its range by up to a `depth`."""
+    """What is no person: each of a few ellipsoids of its own, all else as one part."""
     geometry, name = model.geometries[number], str(truth.target.values[number])
-    end_s = model.span_s[1] - model.span_s[0]
-    sides_s = [np.clip(frames_s + step, 0.0, end_s) for step in (-STEP_S, STEP_S)]
-    before, after = (_ranges(model.radar, geometry.points_at(model.span_s[0] + each)) for each in sides_s)
-    range_m, speed_mps = (before + after) / 2, (before - after) / np.diff(sides_s, axis=0)[0][:, None]
+    own = [(name, truth.speed_mps.values[number], truth.range_m.values[number])]
     if isinstance(geometry, Ellipsoids) and 1 < len(geometry.names) <= MOST_ELLIPSOIDS:
-        own = [(each, speed_mps[:, k], range_m[:, k], None, None) for k, each in enumerate(geometry.names)]
-    else:
-        whole, place = truth.speed_mps.values[number], truth.range_m.values[number]
-        apart = [
-            np.abs(each - of[:, None]).max(axis=1).astype(np.float32)
-            for each, of in ((speed_mps, whole), (range_m, place))
-        ]
-        own = [(name, whole, place, *apart)]
+        end_s = model.span_s[1] - model.span_s[0]
+        sides_s = [np.clip(frames_s + step, 0.0, end_s) for step in (-STEP_S, STEP_S)]
+        before, after = (_ranges(model.radar, geometry.points_at(model.span_s[0] + each)) for each in sides_s)
+        speed_mps = (before - after) / np.diff(sides_s, axis=0)[0][:, None]
+        own = [(each, speed_mps[:, k], (before + after)[:, k] / 2) for k, each in enumerate(geometry.names)]
     return [
         {
             "name": each, "side": "", "foot": "", "speed": speed.astype(np.float32), "range": distance.astype(np.float32),
-            "visible": None, "spread": spread, "depth": depth,
+            "visible": None,
         }
-        for each, speed, distance, spread, depth in own
+        for each, speed, distance in own
     ]  # fmt: skip
 
 
@@ -218,8 +243,9 @@ def _bounds(model: Model, targets: list[dict[str, Any]]) -> dict[str, Any]:
     return {"low": low, "high": high, "middle": (low + high) / 2}
 
 
-def _paths(table: xr.Dataset) -> list[dict[str, Any]]:
-    """The paths of a table that matter, strongest first."""
+def _paths(table: xr.Dataset, pairs: list[PathPair]) -> list[dict[str, Any]]:
+    """The paths of a table that matter, strongest first, with the images of the antennas, from which a point's range and speed over
+    each follow, and the range that slabs add."""
     levels = table.level_dbm.values
     best = levels.max(axis=2)
     found: list[dict[str, Any]] = []
@@ -233,6 +259,8 @@ def _paths(table: xr.Dataset) -> list[dict[str, Any]]:
             "range": (0.5 * SPEED_OF_LIGHT * table.delay_s.values[target, pair]).astype(np.float32),
             "speed": table.speed_mps.values[target, pair].astype(np.float32),
             "blocked": table.blocked.values[target, pair].astype(np.float32),
+            "images": [pairs[pair].out.image_m, pairs[pair].back.image_m],
+            "added": 0.5 * SPEED_OF_LIGHT * float(pairs[pair].delay_s),
             "points": table.points_m.values[target, pair, :, : len(meets)].astype(np.float32),
         })  # fmt: skip
     return found

@@ -37,8 +37,8 @@ const safe = text => text.replace(/[&<>]/g, c => ({ "&": "&amp;", "<": "&lt;", "
 const decibels = level => `${fixed(level, 1)} dB`;
 
 
-function course(path) {  // of a path by reflections, in words
-  const place = path.meets.indexOf("target"), over = names => "over " + listed(names.map(name => `<b>${safe(name)}</b>`)), out = path.meets.slice(1, place), back = path.meets.slice(place + 1, -1).reverse();
+function course(path, recording) {  // of a path by reflections, in words
+  const place = path.meets.indexOf("target"), over = names => "over " + listed(names.map(name => `<b>${safe(called(name, recording))}</b>`)), out = path.meets.slice(1, place), back = path.meets.slice(place + 1, -1).reverse();
   if (out.join() == back.join()) return `${over(out)} out and back`;
   return !out.length || !back.length ? `${over(out.concat(back))} on one way, straight on the other` : `out ${over(out)}, back ${over(back)}`;
 }
@@ -54,13 +54,12 @@ class Panel {
     else {
       this.room = new Room(room, recording); this.steer(room);
       this.said = room.appendChild(document.createElement("div")); this.said.className = "said";
-      const box = room.appendChild(document.createElement("div")); box.className = "list"; box.hidden = !recording.paths.length;
+      const box = room.appendChild(document.createElement("div")); box.className = "list"; box.onpointerdown = event => event.stopPropagation(); box.hidden = !recording.paths.length;
       this.focus = recording.focus;
       if (recording.targets.length > 1) {
         const choice = box.appendChild(document.createElement("select"));
         recording.targets.forEach((each, i) => choice.add(new Option(`paths to ${each.name}`, i, false, i == this.focus)));
         choice.onchange = () => { this.focus = Number(choice.value); this.paths.clear(); draw(); };
-        box.onpointerdown = event => event.stopPropagation();
       }
       this.list = box.appendChild(document.createElement("table"));
       this.list.onclick = event => { const row = event.target.closest("[data-path]"); if (row) this.choose(Number(row.dataset.path)); };
@@ -104,7 +103,7 @@ class Panel {
 
   partsAt(time) {
     const at = time * this.recording.frames_hz;
-    return this.recording.parts.map((part, number) => ({ ...part, number, speed: cubic(part.speed, at), range: cubic(part.range, at), spread: part.spread ? interpolated(part.spread, at) : 0, depth: part.depth ? interpolated(part.depth, at) : .1, visible: part.visible ? interpolated(part.visible, at) : null }));
+    return this.recording.parts.map((part, number) => ({ ...part, number, speed: cubic(part.speed, at), range: cubic(part.range, at), slow: cubic(part.slow, at), fast: cubic(part.fast, at), near: cubic(part.near, at), far: cubic(part.far, at), visible: part.visible ? interpolated(part.visible, at) : null }));
   }
 
   pathsAt(time, target = this.focus) {  // those to a target that exist then, strongest first, levels relative to the direct one
@@ -139,38 +138,66 @@ class Panel {
     return found.filter(each => each.level > found[0].level - 15 && each.level > low + 5).slice(0, 3);
   }
 
-  explain(speed, range) {  // lights what moves at that speed, or stands at that range, and says so; either may be null
-    const { radar, parts, maps, targets } = this.recording, time = state.time, all = this.partsAt(time), paths = targets.flatMap((_, target) => this.pathsAt(time, target));
+  vertices(target, time) {  // places (V, 3) of a target's vertices half a frame before and after that time, and the time between
+    const { vertices, low, pitch, frames, every } = this.recording.targets[target], rate = this.recording.frames_hz / every, size = vertices.length / frames, end = (frames - 1) / rate;
+    const sides = [-.5, .5].map(side => Math.max(0, Math.min(end, time + side / rate)));
+    const places = sides.map(at => {
+      const k = Math.min(frames - 1, Math.floor(at * rate)), n = Math.min(frames - 1, k + 1), f = at * rate - k;
+      return Float32Array.from({ length: size }, (_, i) => low[i % 3] + pitch[i % 3] * (vertices[k * size + i] * (1 - f) + vertices[n * size + i] * f));
+    });
+    return { places, step: sides[1] - sides[0] };
+  }
+
+  over(path, { places, step }) {  // ranges [m] and speeds [m/s] of a target's vertices as seen over a path, by the images of the antennas
+    const [out, back] = path.images, away = (at, i, [x, y, z]) => Math.sqrt((at[i] - x) ** 2 + (at[i + 1] - y) ** 2 + (at[i + 2] - z) ** 2);
+    const far = places.map(at => Float32Array.from({ length: at.length / 3 }, (_, i) => (away(at, 3 * i, out) + away(at, 3 * i, back)) / 2 + path.added));
+    return { range: far[0].map((r, i) => (r + far[1][i]) / 2), speed: far[0].map((r, i) => step ? (r - far[1][i]) / step : 0) };
+  }
+
+  explain(speed, range) {  // lights what moves at that speed, or has that delay and speed over the likeliest path, and says so; either may be null
+    const { radar, maps, targets } = this.recording, time = state.time, all = this.partsAt(time), several = targets.length > 1;
     const cell = speed === null ? 0 : Math.max(...["spectrogram", "range_doppler"].filter(kind => maps[kind]).map(kind => (maps[kind].y.last - maps[kind].y.first) / Math.max(1, maps[kind].y.count - 1)));
-    const off = part => speed === null ? 0 : Math.max(0, Math.abs(this.folded(part.speed - speed)) - part.spread), slack = Math.max(.25, 1.5 * cell), room = Math.max(.12, 1.5 * radar.range_bin);
-    let lit = all.filter(part => off(part) <= slack).sort((a, b) => off(a) - off(b));
-    const centres = targets.map((_, target) => paths.find(path => path.target == target && path.order == 0));
-    const called = path => `<b>${safe(path.name)}</b>${targets.length > 1 ? ` to ${safe(targets[path.target].name)}` : ""}`;
-    const echoes = range === null ? this.peaks(time, speed) : [{ range, level: null }], told = [];
-    this.paths = new Set();
+    const slack = Math.max(.12, 1.5 * cell), room = Math.max(.05, 1.5 * radar.range_bin), clipped = value => Math.max(0, value);
+    const off = part => speed === null ? 0 : clipped(Math.abs(this.folded((part.slow + part.fast) / 2 - speed)) - (part.fast - part.slow) / 2);
+    const apart = part => speed === null ? 0 : Math.abs(this.folded(part.speed - speed));
+    const speeds = part => `${fixed(part.slow, 1)} to ${fixed(part.fast, 1)} m/s`;
+    const name = part => `<b>${safe(part.name)}</b> (${speeds(part)}${part.name == (targets[part.target] || {}).name ? "" : `, ${fixed(part.speed, 1)} at its middle`}${part.fast > radar.max_speed || part.slow < -radar.max_speed ? ", folded" : ""}; ${part.range.toFixed(2)} m${part.visible === null ? "" : `, ${(100 * part.visible).toFixed(0)} % in view`})`;
+    const moving = all.filter(part => off(part) <= slack).sort((a, b) => apart(a) - apart(b)), echoes = range === null ? this.peaks(time, speed) : [{ range }], told = [];
+    const seen = targets.flatMap((_, target) => { const own = this.vertices(target, time); return this.pathsAt(time, target).map(path => ({ path, ...this.over(path, own) })); });
     const reached = new Set();
-    for (const echo of echoes) {
+    this.paths = new Set();
+    echoes.forEach((echo, order) => {
       const fits = [];
-      for (const path of paths) for (const part of lit.length ? lit : all) {
-        if (path.target != part.target) continue;
-        const straight = centres[part.target], away = Math.abs(path.range + (straight ? part.range - straight.range : 0) - echo.range), most = room + part.depth;
-        if (away <= most) fits.push({ path, part, cost: away / most - path.level / 6 });
+      let nearest = null;
+      for (const { path, range: ranges, speed: velocities } of seen) {
+        const { owner, first, parts } = targets[path.target], counts = new Float32Array(parts);
+        for (let i = 0; i < ranges.length; i++) {
+          const far = Math.abs(ranges[i] - echo.range) / room, fast = speed === null ? 0 : Math.abs(this.folded(velocities[i] - speed)) / slack;
+          if (far < 1 && fast < 1) counts[owner[i]] += (1 - far) * (1 - fast);
+          if (!nearest || far + fast < nearest.away) nearest = { away: far + fast, path, range: ranges[i], speed: velocities[i], part: all[first + owner[i]] };
+        }
+        const sum = counts.reduce((a, b) => a + b, 0);
+        if (sum) fits.push({ path, score: path.level + 10 * Math.log10(sum / ranges.length), owner, ranges, velocities, parts: [...counts.keys()].filter(k => counts[k]).sort((a, b) => counts[b] - counts[a]).map(k => all[first + k]) });
       }
-      fits.sort((a, b) => a.cost - b.cost);
-      const where = `${echo.range.toFixed(2)} m (${(2 * echo.range / LIGHT).toFixed(1)} ns)`;
-      const names = [...new Set(fits.map(each => each.path).filter(Boolean))].slice(0, 2);
-      names.slice(0, 1).forEach(path => this.paths.add(path.number));
-      fits.filter(each => each.path === fits[0].path).forEach(each => reached.add(each.part.number));
-      told.push(names.length ? `${where}: path ${called(names[0])}${names[1] ? ` (or ${called(names[1])})` : ""}` : paths.length ? `${where}: no path of the model fits` : where);
-    }
-    if (range !== null) lit = lit.filter(part => reached.has(part.number));
-    this.parts = new Set(lit.map(part => part.number));
-    const name = part => `<b>${safe(part.name)}</b> (${part.spread > .3 ? `${fixed(part.speed - part.spread, 1)} to ${fixed(part.speed + part.spread, 1)}` : fixed(part.speed, 1)} m/s${Math.abs(part.speed) > radar.max_speed ? ", folded" : ""}, ${part.range.toFixed(2)} m${part.visible === null ? "" : `, ${(100 * part.visible).toFixed(0)} % in view`})`;
-    const nearest = all.slice().sort((a, b) => off(a) - off(b))[0];
-    const who = !parts.length ? "" : lit.length ? `${range === null ? "At that speed moves: " : "There: "}${lit.slice(0, 4).map(name).join(", ")}${lit.length > 4 ? ` and ${lit.length - 4} more` : ""}. `
-      : speed !== null && nearest ? `Nothing moves at that speed then; nearest is ${name(nearest)}. ` : "Nothing stands at that range. ";
-    const whence = range === null ? told.length ? `The strongest echoes at that speed come from ${told.join("; from ")}.` : "No echo at that speed rises out of the map's floor then." : `Delay: ${told.join()}.`;
-    return who + whence;
+      fits.sort((a, b) => b.score - a.score);
+      const named = path => `<b>${safe(path.name)}</b>${several ? ` to ${safe(targets[path.target].name)}` : ""}`, by = ({ path, owner, ranges, velocities, parts: [part] }) => {
+        let [sum, count, slow, fast] = [0, 0, Infinity, -Infinity];
+        owner.forEach((k, i) => { if (k == part.number - targets[path.target].first) { sum += ranges[i]; count += 1; slow = Math.min(slow, velocities[i]); fast = Math.max(fast, velocities[i]); } });
+        return `${named(path)} (${safe(part.name)}: ${(sum / count).toFixed(2)} m, ${fixed(slow, 1)} to ${fixed(fast, 1)} m/s over it)`;
+      };
+      const where = range === null ? `${echo.range.toFixed(2)} m (${(2 * echo.range / LIGHT).toFixed(1)} ns): ` : "";
+      if (fits.length) {
+        this.paths.add(fits[0].path.number);
+        if (range !== null) fits[0].parts.forEach(part => reached.add(part.number));
+        told.push(`${where}path ${fits.slice(0, order ? 1 : 2).map(by).join(" or ")}`);
+      } else told.push(where + (nearest ? `no path in use fits; nearest is ${named(nearest.path)} (${safe(nearest.part.name)}: ${nearest.range.toFixed(2)} m, ${fixed(nearest.speed, 1)} m/s)` : "no path is known"));
+    });
+    this.parts = range === null ? new Set(moving.map(part => part.number)) : reached;
+    if (range !== null) return `Delay ${(2 * range / LIGHT).toFixed(1)} ns: ${told.join()}.`;
+    const nearest = all.slice().sort((a, b) => off(a) - off(b))[0], fastest = nearest && all.every(part => Math.abs(part.fast) <= Math.abs(speed) && Math.abs(part.slow) <= Math.abs(speed));
+    const who = !all.length ? "" : moving.length ? `At that speed moves: ${moving.slice(0, 2).map(name).join(", ")}${moving.length > 2 ? ` and parts of ${moving.length - 2} more` : ""}. `
+      : `${fastest ? "Fastest then" : "Nearest in speed"}: ${name(nearest)}, ${off(nearest).toFixed(1)} m/s off on the direct path. `;
+    return who + (!echoes.length ? "No echo at that speed rises out of the map's floor then." : seen.length ? `The strongest echoes at that speed come from ${told.join("; from ")}.` : `The strongest echoes at that speed come from ${echoes.map(echo => `${echo.range.toFixed(2)} m`).join(", ")}.`);
   }
 
   story(paths) {
@@ -185,7 +212,7 @@ class Panel {
     if (recording.paths.length && !paths.length) said.push("No path leads there now.");
     const ghosts = paths.filter(path => path.order > 0), direct = paths.find(path => path.order == 0);
     if (ghosts.length) {
-      const tell = path => `${course(path)}${direct ? ` (${decibels(path.level)} against the direct path, ${(path.range - direct.range).toFixed(2)} m farther)` : ""}`;
+      const tell = path => `${course(path, recording)}${direct ? ` (${decibels(path.level)} against direct, ${(path.range - direct.range).toFixed(2)} m farther)` : ""}`;
       const wall = ghosts.find(path => path.meets.some(name => walls.includes(name)));
       said.push(`Strongest ghost: ${tell(ghosts[0])}.` + (wall && wall !== ghosts[0] ? ` Strongest by a wall: ${tell(wall)}.` : ""));
     }
@@ -193,8 +220,8 @@ class Panel {
   }
 
   rows(paths) {
-    const head = "<tr><th>path: out, back<th>level<th>range<th>delay</tr>";
-    return head + paths.slice(0, MOST_ROWS).map(path => `<tr data-path="${path.number}" class="${this.paths.has(path.number) ? "lit" : ""}"><td><i class="order${Math.min(3, path.order)}" style="height:${Math.max(1, 4.5 + path.level / 8).toFixed(1)}px"></i>${safe(path.name)}<td>${decibels(path.level)}<td>${path.range.toFixed(2)} m<td>${(2 * path.range / LIGHT).toFixed(1)} ns</tr>`).join("");
+    const head = `<caption>Level: of 1 m² at the ${this.recording.standing ? "pelvis" : "middle"}, both orders (there and back) together, in all cells, against direct</caption><tr><th>path: out, back<th>level<th>range<th>speed</tr>`;
+    return head + paths.slice(0, MOST_ROWS).map(path => `<tr data-path="${path.number}" class="${this.paths.has(path.number) ? "lit" : ""}"><td><i class="order${Math.min(3, path.order)}" style="height:${Math.max(1, 4.5 + path.level / 8).toFixed(1)}px"></i>${safe(path.name)}<td>${decibels(path.level)}<td>${path.range.toFixed(2)} m<td>${fixed(path.speed, 2)} m/s</tr>`).join("") + "<tr><td>\u00a0</tr>".repeat(Math.max(0, Math.min(MOST_ROWS, this.recording.paths.filter(path => path.target == this.focus).length) - paths.length));
   }
 
   marks(chart, time, paths) {
@@ -211,48 +238,54 @@ class Panel {
         }
         pen.stroke();
       };
-      const ring = (x, y, shade, text, thick = 1.5) => {
-        pen.lineWidth = thick; pen.strokeStyle = shade; pen.beginPath(); pen.arc(x, y, .5 * em, 0, 7); pen.stroke();
-        if (!text) return;
-        pen.lineWidth = 3; pen.strokeStyle = "#000a"; pen.textBaseline = "middle"; pen.textAlign = x > chart.canvas.width * .62 ? "right" : "left";
-        const to = x + (pen.textAlign == "left" ? .8 : -.8) * em;
-        pen.strokeText(text, to, y); pen.fillStyle = shade; pen.fillText(text, to, y);
+      const band = (part, shade) => {  // from the slowest to the fastest point of a part; where it folds, its edges alone
+        pen.fillStyle = shade; pen.globalAlpha = .3; pen.beginPath();
+        for (let k = 0, before = null; k < part.slow.length; k += .25) {
+          const now = [chart.px(k / rate), this.folded(cubic(part.slow, k)), this.folded(cubic(part.fast, k))], [x, low, high] = now;
+          if (before && low <= high && before[1] <= before[2]) { pen.moveTo(before[0], chart.py(before[1])); pen.lineTo(x, chart.py(low)); pen.lineTo(x, chart.py(high)); pen.lineTo(before[0], chart.py(before[2])); }
+          before = now;
+        }
+        pen.fill(); pen.globalAlpha = .85; pen.lineWidth = .08 * em;
+        curve(part.slow, rate, shade, true); curve(part.fast, rate, shade, true); pen.globalAlpha = 1;
       };
+      const ring = (x, y, shade, thick = 1.5) => { pen.lineWidth = thick; pen.strokeStyle = shade; pen.beginPath(); pen.arc(x, y, .5 * em, 0, 7); pen.stroke(); };
       pen.font = `${.95 * em}px system-ui, "DejaVu Sans", sans-serif`;
-      if (kind == "spectrogram" && truth) { pen.lineWidth = .13 * em; pen.globalAlpha = .85; for (const part of feet) curve(part.speed, rate, side(part), true); pen.globalAlpha = 1; }
+      if (kind == "spectrogram" && truth) for (const part of feet) band(part, side(part));
       if (kind == "range_time") {
         pen.lineWidth = .16 * em; pen.setLineDash([.4 * em, .5 * em]);
         for (const number of this.paths) curve(recording.paths[number].range, rate, colour(recording.paths[number].order), false);
         pen.setLineDash([]);
       }
       if (kind == "range_doppler") {
-        if (truth) for (const part of this.partsAt(time).filter(each => each.foot)) ring(chart.px(part.range), chart.py(this.folded(part.speed)), side(part), part.name);
-        const shown = this.paths.size ? paths.filter(path => this.paths.has(path.number)) : paths.filter((path, i) => i < 4);
-        const { left, top, width, height } = chart.place, rows = [], below = shown.length && this.folded(shown[0].speed) >= 0;  // where no echoes are
-        for (const path of shown.slice().sort((a, b) => a.range - b.range)) {
-          const x = chart.px(path.range), y = chart.py(this.folded(path.speed)), half = pen.measureText(path.name).width / 2 + .3 * em, middle = Math.max(left + half, Math.min(left + width - half, x));
-          let row = rows.findIndex(end => end < middle - half);
-          if (row < 0) row = rows.length;
-          rows[row] = middle + half;
-          const side = below ? -1 : 1, at = (below ? top + height : top) + side * (.8 + 1.15 * row) * em;
-          pen.lineWidth = 1; pen.strokeStyle = colour(path.order); pen.setLineDash([3, 4]); pen.beginPath(); pen.moveTo(x, y - side * .5 * em); pen.lineTo(x, at + side * .6 * em); pen.stroke(); pen.setLineDash([]);
-          pen.textAlign = "center"; pen.textBaseline = "middle"; pen.lineWidth = 3; pen.strokeStyle = "#000c"; pen.strokeText(path.name, middle, at); pen.fillStyle = colour(path.order); pen.fillText(path.name, middle, at);
-          ring(x, y, colour(path.order), "");
-        }
+        const shown = this.paths.size ? paths.filter(path => this.paths.has(path.number)) : paths.slice(0, 4), { left, top, width, height } = chart.place;
+        const marked = shown.map(path => ({ x: chart.px(path.range), y: chart.py(this.folded(path.speed)), shade: colour(path.order), text: path.name }));
+        if (truth) for (const part of this.partsAt(time).filter(each => each.foot)) marked.push({ x: chart.px(part.range), y: chart.py(this.folded(part.speed)), shade: side(part), text: `${part.name}, middle` });
+        const steep = ({ x, y }) => Math.atan2(y - top, left + width - x);
+        marked.sort((a, b) => steep(a) - steep(b));  // so that few of the lines to the names cross
+        const below = shown.length && this.folded(shown[0].speed) < 0;  // names stand in the corner where no echoes are
+        marked.forEach(({ x, y, shade, text }, i) => {
+          const at = below ? top + height - (marked.length - i - .3) * 1.2 * em : top + (i + .7) * 1.2 * em, to = left + width - .4 * em, from = to - pen.measureText(text).width - .3 * em;
+          ring(x, y, shade);
+          const l = Math.hypot(from - x, at - y) || 1;
+          pen.lineWidth = 1; pen.globalAlpha = .55; pen.beginPath(); pen.moveTo(x + (from - x) / l * .5 * em, y + (at - y) / l * .5 * em); pen.lineTo(from, at); pen.stroke(); pen.globalAlpha = 1;
+          pen.textAlign = "right"; pen.textBaseline = "middle"; pen.lineWidth = 3; pen.strokeStyle = "#000c"; pen.strokeText(text, to, at); pen.fillStyle = shade; pen.fillText(text, to, at);
+        });
       }
-      if (cell && kind in cell) ring(chart.px(cell[kind][0]), chart.py(cell[kind][1]), "#b8ff33", "", 3);
+      if (cell && kind in cell) ring(chart.px(cell[kind][0]), chart.py(cell[kind][1]), "#b8ff33", 3);
     };
   }
 
+  tell(paths) { this.said.innerHTML = this.story(paths); this.list.innerHTML = this.rows(paths); }
+
   draw(all) {  // the room; and names, texts and maps, if `all` is to be brought up to date
     const paths = this.pathsAt(state.time), span = Number($("span").value);
+    if (this.room && all) this.tell(paths);  // before the room, whose height it leaves
     if (this.room) this.room.draw(state.time, state.camera, state.grain, this, paths.filter((path, i) => i < MOST_SHOWN || this.paths.has(path.number)), all);
     if (!all) return;
-    if (this.room) { this.said.innerHTML = this.story(paths); this.list.innerHTML = this.rows(paths); }
     const known = JSON.stringify([$("truth").checked, [...this.paths], this.cell, this.focus]);
     for (const chart of this.charts) {
-      const moving = chart.kind == "range_doppler", moment = moving ? this.moment(chart) : 0, time = moving ? chart.map.times[moment] : state.time;
-      chart.draw(moment, span + (moving ? 10 : 0), known, this.marks(chart, time, moving ? this.pathsAt(time) : []));  // its echoes are spread over more cells
+      const moving = chart.kind == "range_doppler", moment = moving ? this.moment(chart) : 0;
+      chart.draw(moment, span + (moving ? 10 : 0), known + (moving ? state.time : ""), this.marks(chart, state.time, moving ? paths : []));  // its echoes are spread over more cells
       chart.point(state.time);
     }
   }
@@ -323,7 +356,7 @@ function play(on) {
   requestAnimationFrame(next);
 }
 
-const HINT = "Click a cell of a map: the parts of the body that move at that speed then light up, and the paths whose delay fits are named here.";
+const HINT = "Click a cell of a map: the parts of the body that move at that speed then light up, and the paths whose delay and speed fit are named here.";
 
 function keys(event) {
   if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName == "SELECT") return;
@@ -338,13 +371,14 @@ function keys(event) {
 async function start() {
   const meta = await unpacked(), asked = new URLSearchParams(location.hash.slice(1));
   $("panels").className = meta.recordings.length > 1 ? "two" : "one";
-  $("title").textContent = meta.title; $("title").title = meta.recordings.map(each => each.radar.told).join("\n");
+  $("title").textContent = meta.title; $("caption").textContent = [...new Set(meta.recordings.map(each => each.caption))].join(" | "); $("frame").hidden = meta.recordings.every(each => each.why_no_room); $("title").title = meta.recordings.map(each => each.radar.told).join("\n");
   Object.assign(state, { duration: meta.duration_s, frames_hz: meta.frames_hz });
   state.panels = meta.recordings.map(each => new Panel(each, meta.colours));
   $("sides").hidden = !meta.recordings.some(each => each.standing); $("truth").parentNode.hidden = $("sides").hidden;
   $("lit").hidden = $("look").parentNode.hidden = meta.recordings.every(each => each.why_no_room); $("orders").hidden = $("lit").hidden || meta.recordings.every(each => each.paths.length < 2);
   $("time").max = state.duration;
   state.time = Math.max(0, Math.min(state.duration, Number(asked.get("t") ?? .4 * state.duration) || 0));
+  for (const panel of state.panels) if (panel.room) panel.tell(panel.pathsAt(state.time));  // what remains is the room's
   look(asked.get("look") || "room"); if (!state.camera) look("room");
   $("told").textContent = HINT;
   $("play").onclick = () => play(!state.playing);

@@ -65,8 +65,10 @@ function lookAt(eye, centre, tangent, aspect, near, far) {  // perspective whose
 class Room {
   constructor(box, recording) {
     this.recording = recording;
-    this.canvas = box.appendChild(document.createElement("canvas"));
-    this.over = box.appendChild(document.createElement("canvas"));
+    const stage = box.appendChild(document.createElement("div"));
+    stage.className = "stage";
+    this.canvas = stage.appendChild(document.createElement("canvas"));
+    this.over = stage.appendChild(document.createElement("canvas"));
     this.over.className = "over";
     const gl = this.gl = this.canvas.getContext("webgl2", { antialias: !SOFTWARE, alpha: false });
     if (!gl) throw new Error("this browser has no WebGL 2; take a newer one, or switch its hardware acceleration on");
@@ -149,7 +151,13 @@ class Room {
     const few = Math.max(1, Math.ceil(Math.max(x1 - x0, y1 - y0) / 20));  // a line each metre, of large places each few metres
     for (let x = x0; x <= x1; x += few) found.push([[x, low[1], floor], [x, high[1], floor], [.35, .38, .44, .5], 1]);
     for (let y = y0; y <= y1; y += few) found.push([[low[0], y, floor], [high[0], y, floor], [.35, .38, .44, .5], 1]);
+    for (const axis of [0, 1]) found.push([this.origin(), this.origin(axis, 1), [.9, .9, .9, .9], 2]);
     return found;
+  }
+
+  origin(axis = 0, reach = 0) {  // of the axes x and y on the floor, in a corner of it
+    const { low } = this.recording.bounds;
+    return [0, 1].map(k => low[k] + .15 + (k == axis ? reach : 0)).concat(this.recording.floor_m + .004);
   }
 
   beam() {  // the radar's housing, its boresight, and the rim of its half-power beam
@@ -302,6 +310,7 @@ class Room {
       taken.push([x, y, half]);
       pen.strokeStyle = "#000c"; pen.strokeText(text, x, y - .5 * size); pen.fillStyle = colour; pen.fillText(text, x, y - .5 * size);
     };
+    ["x", "y"].forEach((name, axis) => write(name, this.origin(axis, 1.12), "#e6e8ea"));
     write("radar", this.recording.radar.position, "#ff8080");
     this.centres(time).forEach(({ middle, radius }, i) => this.targets.length > 1 && write(this.targets[i].name, [middle[0], middle[1], middle[2] + radius], "#e6e8ea"));
     const known = new Set();
@@ -310,10 +319,18 @@ class Room {
       path.points.forEach((point, i) => {
         const name = path.meets[i], key = name + point.map(x => x.toFixed(2));
         if (name == "radar" || name == "target" || known.has(key)) return;
-        known.add(key); write(name, point, `rgb(${ORDERS[Math.min(3, path.order)].map(x => 255 * x)})`, true);
+        known.add(key); write(called(name, this.recording), point, `rgb(${ORDERS[Math.min(3, path.order)].map(x => 255 * x)})`, true);
       });
     }
   }
+}
+
+function called(name, { surfaces, radar }) {  // a wall by where it is as seen from the radar, or by its axis; all else by its name
+  const wall = surfaces.find(each => each.name == name && each.shell && Math.abs(each.inward[2]) < .5);
+  if (!wall || !/^wall[-+][xy]$/.test(name)) return name;
+  const [ahead, left] = radar.axes.map(axis => dot(axis, wall.inward));
+  const where = ahead > .8 ? "behind the radar" : ahead < -.8 ? "opposite the radar" : left < -.8 ? "on the radar's left" : left > .8 ? "on the radar's right" : `at the ${name[4] == "-" ? "low" : "high"} end of ${name[5]}`;
+  return `wall ${where} (${name})`;
 }
 
 function fit(canvas, grain = 1) {  // as many pixels as are shown, or fewer
