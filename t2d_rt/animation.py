@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -38,6 +41,8 @@ LIGHT = np.array([0.3, 0.75, 0.6])
 CAMERA_DEG = 32.0, 14.0
 """Where the camera stands: about the vertical from the radar's side of the targets, and up."""
 OVERSAMPLING = 2
+MOST_FRAMES = 1500
+"""Pictures of one animation: those of a GIF are held in memory."""
 FADED = 0.72
 """Of white over what is still to come."""
 
@@ -65,7 +70,7 @@ def animate(
 
     path: ends in .gif, or in .mp4, for which the program ffmpeg must be there.
     width_px: width of the picture; its height is 0.44 of that.
-    frames_hz: pictures a second; a GIF counts their time in hundredths of a second.
+    frames_hz: pictures a second, 1..50; those of a GIF stand a whole number of hundredths of a second apart. At most 1500 in all.
     title: a text above the spectrogram.
     """
     instance("recording", recording, Recording, "a Recording", hint="simulate makes one, Recording.load reads one")
@@ -77,12 +82,21 @@ def animate(
     model = set_up_again(recording.experiment, recording.inputs).model
     image = recording.spectrogram
     end_s = min(model.span_s[1] - model.span_s[0], float(image.time_s[-1]))
-    times_s = np.arange(0.0, end_s + 1e-9, 1 / rate_hz)
+    gif = target.suffix.lower() == ".gif"
+    step_s = round(100 / rate_hz) / 100 if gif else 1 / rate_hz
+    times_s = np.arange(0.0, end_s + 1e-9, step_s)
+    if len(times_s) > MOST_FRAMES:
+        raise InputError(
+            f"an animation has at most {MOST_FRAMES} pictures, got {len(times_s)}; lower frames_hz, or simulate a shorter piece"
+        )
     base, room, chart, speeds = _base(recording, width, title)
     stage = _stage(model, times_s)
     pictures = _pictures(stage, times_s, base, room, chart, speeds)
     with replacing(target, partial(check_taken, target, overwrite=overwrite)) as new:
-        (_write_gif if target.suffix.lower() == ".gif" else _write_mp4)(pictures, new, rate_hz)
+        if gif:
+            _write_gif(pictures, new, step_s)
+        else:
+            _write_mp4(pictures, new, rate_hz)
 
 
 def check_animation(path: str | Path, *, overwrite: bool) -> Path:
@@ -102,7 +116,7 @@ def _base(
     recording: Recording, width: int, title: str | None
 ) -> tuple[np.ndarray, tuple[int, ...], tuple[float, ...], tuple[float, float]]:
     """The picture without what moves, (height, width, 3); the pixels of the room (top, bottom, left, right); top and bottom of the
-    chart [pixel] and the columns of 0 s and of 1 s; and the speeds at its lower and upper end."""
+    chart [pixel], the columns of 0 s and of 1 s, and its right edge; and the speeds at its lower and upper end."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure = blank_figure(width / DPI, round(HEIGHT * width / 2) * 2 / DPI)
@@ -130,7 +144,7 @@ def _base(
     box, ends = room.get_window_extent(), chart.get_window_extent()
     columns = chart.transData.transform([(0.0, 0.0), (1.0, 0.0)])[:, 0]
     pixels = (4, tall - 4, math.ceil(box.x0) + 2, math.floor(box.x1) - 2)
-    return base, pixels, (tall - ends.y1, tall - ends.y0, columns[0], columns[1]), (low, high)
+    return base, pixels, (tall - ends.y1, tall - ends.y0, columns[0], columns[1], ends.x1), (low, high)
 
 
 def _stage(model: Model, times_s: np.ndarray) -> _Stage:
@@ -245,26 +259,23 @@ def _pictures(
 
 def _with_cursor(picture: np.ndarray, chart: tuple[float, ...], time_s: float) -> np.ndarray:
     """A line at the time, and a veil over what is still to come."""
-    top, bottom, zero, one = chart
+    top, bottom, zero, one, right = chart
     now = round(zero + time_s * (one - zero))
     rows = slice(round(top) + 1, round(bottom))
-    end = picture.shape[1] - 1
-    while end > now and (picture[rows.start : rows.stop, end] > 250).all():  # right of the chart
-        end -= 1
-    part = picture[rows, now + 1 : end]
+    part = picture[rows, now + 1 : math.floor(right)]
     part[:] = np.round(FADED * 255 + (1 - FADED) * part)
     picture[rows, max(now - 1, 0) : now + 1] = (220, 30, 30)
     return picture
 
 
-def _write_gif(pictures: Iterator[np.ndarray], path: Path, rate_hz: float) -> None:
+def _write_gif(pictures: Iterator[np.ndarray], path: Path, step_s: float) -> None:
     from PIL import Image
 
     frames = [Image.fromarray(each) for each in pictures]
     sample = Image.fromarray(np.concatenate([np.asarray(frames[len(frames) * k // 3]) for k in range(3)]))
     palette = sample.quantize(256, method=Image.Quantize.MEDIANCUT)
     plain = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in frames]
-    step_ms = 10 * round(100 / rate_hz)
+    step_ms = round(1000 * step_s)
     plain[0].save(
         path, save_all=True, append_images=plain[1:], duration=[step_ms] * (len(plain) - 1) + [1200], loop=0, optimize=False,
         format="GIF",
@@ -277,8 +288,16 @@ def _write_mp4(pictures: Iterator[np.ndarray], path: Path, rate_hz: float) -> No
         "ffmpeg", "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{first.shape[1]}x{first.shape[0]}",
         "-r", f"{rate_hz:g}", "-i", "-", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "20", str(path),
     ]  # fmt: skip
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        _, told = process.communicate(b"".join([first.tobytes(), *(each.tobytes() for each in pictures)]))
-    if process.returncode:
-        reason = told.decode(errors="replace").strip().splitlines() or ["no reason given"]
+    whole = False
+    with tempfile.TemporaryFile() as told:  # not a pipe, which a talkative ffmpeg would fill
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=told) as process, suppress(BrokenPipeError):
+            assert process.stdin is not None
+            with process.stdin as entry:
+                for each in itertools.chain([first], pictures):
+                    entry.write(each.tobytes())
+            whole = True
+        told.seek(0)
+        words = told.read().decode(errors="replace")
+    if process.returncode or not whole:
+        reason = words.strip().splitlines() or ["no reason given"]
         raise InputError(f"ffmpeg cannot write {path.name} ({reason[-1]}); write a .gif")

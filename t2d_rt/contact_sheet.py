@@ -140,7 +140,7 @@ def cell_image(vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray, siz
 def samples_of(corners: np.ndarray, spacing_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Points (N, 3) on triangles (F, 3, 3), at most `spacing_m` apart, and the triangle of each (N,)."""
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=1)
-    counts = np.clip(np.ceil(longest / spacing_m), 1, 64).astype(int)
+    counts = np.maximum(np.ceil(longest / spacing_m), 1).astype(int)
     points, owners = [np.zeros((0, 3))], [np.zeros(0, int)]
     for count in np.unique(counts):
         own = np.flatnonzero(counts == count)

@@ -277,7 +277,7 @@ class Recording:
     @overload
     def plot(self, title: str | None = None, *, ax: Axes, **style: Unpack[StyleOptions]) -> Axes: ...
     def plot(self, title: str | None = None, *, ax: Axes | None = None, **style: Unpack[StyleOptions]) -> Figure | Axes:
-        """Spectrogram as a figure, which a notebook shows; or in the axes `ax`, which are returned.
+        """Spectrogram as a figure; or in the axes `ax`, which are returned: a figure of several gets a constrained layout by it.
 
         cmap: a colour map of Matplotlib.
         dynamic_range_db: of the colours, below the peak; 50 by default.

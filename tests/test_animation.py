@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from PIL import Image, ImageSequence
 import t2d_rt as t2d
 from builders import WALK
 from command_line import Command
+from t2d_rt import animation
 from t2d_rt.errors import InputError
 
 RADAR = t2d.Radar.preset("ci4r", carrier_hz=24e9, prf_hz=2000, samples=32)
@@ -104,6 +105,44 @@ def test_ffmpeg_makes_an_mp4(walker: t2d.Recording, tmp_path: Path, monkeypatch:
     with pytest.raises(InputError, match=r"ffmpeg cannot write .*walk.mp4 \(no codec\); write a .gif"):
         t2d.animate(walker, tmp_path / "walk.mp4", width_px=400, frames_hz=10, overwrite=True)
     assert (tmp_path / "walk.mp4").stat().st_size == 5 * 400 * 176 * 3  # what was there
+
+
+def test_frames_go_to_ffmpeg_one_by_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that ends early is noticed, and nothing more is drawn for it; its words are told."""
+    program = tmp_path / "ffmpeg"
+    program.write_text("#!/bin/sh\necho disk full >&2\nexit 1\n")
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    drawn: list[int] = []
+
+    def pictures() -> Iterator[np.ndarray]:
+        for number in range(2000):
+            drawn.append(number)
+            yield np.zeros((200, 400, 3), np.uint8)
+
+    with pytest.raises(InputError, match=r"ffmpeg cannot write walk.mp4 \(disk full\)"):
+        animation._write_mp4(pictures(), tmp_path / "walk.mp4", 25)
+    assert len(drawn) < 2000
+
+
+def test_a_gif_plays_in_real_time_at_any_rate(walker: t2d.Recording, tmp_path: Path) -> None:
+    """30 Hz is 33 ms, which a GIF does not know: pictures stand 30 ms apart in its time and in that of the motion."""
+    t2d.animate(walker, tmp_path / "walk.gif", width_px=300, frames_hz=30)
+    with Image.open(tmp_path / "walk.gif") as image:
+        assert image.info["duration"] == 30
+        assert image.n_frames == int(float(walker.spectrogram.time_s[-1]) / 0.03 + 1e-6) + 1  # type: ignore[attr-defined]
+
+
+def test_the_veil_ends_where_the_chart_does() -> None:
+    picture = animation._with_cursor(np.full((40, 100, 3), 100, np.uint8), (0, 40, 10, 50, 90), 0.5)
+    assert (picture[20, 31:90] > 180).all()
+    assert (picture[20, 90:] == 100).all()
+
+
+def test_long_animations_are_refused(walker: t2d.Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(animation, "MOST_FRAMES", 3)
+    with pytest.raises(InputError, match=r"an animation has at most 3 pictures, got 5; lower frames_hz, or simulate"):
+        t2d.animate(walker, tmp_path / "long.gif", frames_hz=10)
 
 
 def test_what_cannot_be_animated(walker: t2d.Recording, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import pytest
 import t2d_rt as t2d
 from builders import WALK
 from command_line import Command, dump, listing
+from t2d_rt.cli import COMMANDS
 
 QUICK = ("--method", "ellipsoid", "--radar", "ci4r", "--stop-s", "0.3")
 
@@ -175,11 +176,7 @@ def test_radar_file_that_cannot_be_used(refused: Callable[..., str]) -> None:
 
 
 def test_commands_that_are_none(refused: Callable[..., str]) -> None:
-    known = (
-        "simulate, plan, compare, sweep, plot, scene, paths, view, describe, motion, check-motion, library, dataset, background, train, "
-        "evaluate, predict, benchmark, transfer, gap, info, export, list"
-    )
-    assert f"unknown command 'foo'; choose one of {known}" in refused("foo")
+    assert f"unknown command 'foo'; choose one of {', '.join(COMMANDS)}" in refused("foo")
     assert "no file given" in refused("simulate")
     assert "unknown option --method" in refused("compare", "walk.bvh", "--method", "mesh")
 

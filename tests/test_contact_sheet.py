@@ -10,7 +10,16 @@ import pytest
 
 from builders import rest_pose, walk
 from t2d_rt.body import template
-from t2d_rt.contact_sheet import COLOURS, FLOOR, PAPER, PIXELS_PER_M, cell_image, contact_sheet, face_colours
+from t2d_rt.contact_sheet import (
+    COLOURS,
+    FLOOR,
+    PAPER,
+    PIXELS_PER_M,
+    cell_image,
+    contact_sheet,
+    face_colours,
+    samples_of,
+)
 from t2d_rt.errors import InputError
 from t2d_rt.motion import trim
 
@@ -140,3 +149,12 @@ def test_what_it_cannot_draw(options: dict[str, Any], sentence: str) -> None:
     given: dict[str, Any] = {"motions": [rest_pose()], **options}
     with pytest.raises(InputError, match=sentence):
         contact_sheet(given.pop("motions"), **given)
+
+
+def test_samples_of_large_triangles_leave_no_gaps() -> None:
+    corners = np.array([[[0.0, 0, 0], [2, 0, 0], [0, 0, 1]], [[0, 1, 0], [0.004, 1, 0], [0, 1, 0.004]]])
+    points, owner = samples_of(corners, 0.01)
+    assert set(owner[points[:, 1] == 1]) == {1}
+    edge = np.sort(points[(owner == 0) & (points[:, 2] == 0), 0])
+    assert (edge[0], edge[-1]) == (0, 2)
+    assert np.diff(edge).max() <= 0.01
