@@ -106,7 +106,7 @@ class Panel {
     return this.recording.parts.map((part, number) => ({ ...part, number, speed: cubic(part.speed, at), range: cubic(part.range, at), slow: cubic(part.slow, at), fast: cubic(part.fast, at), near: cubic(part.near, at), far: cubic(part.far, at), visible: part.visible ? interpolated(part.visible, at) : null }));
   }
 
-  pathsAt(time, target = this.focus) {  // those to a target that exist then, strongest first, levels relative to the direct one
+  pathsAt(time, target = this.focus, weakest = WEAKEST_DB) {  // those to a target that exist then, strongest first, levels relative to the direct one
     const { paths, frames_hz: rate } = this.recording, k = Math.round(time * rate), found = [];
     paths.forEach((path, number) => {
       const frame = Math.max(0, Math.min(path.level.length - 1, k));
@@ -117,7 +117,7 @@ class Panel {
     const direct = found.find(path => path.order == 0), strongest = Math.max(...found.map(path => path.level));
     const from = direct && direct.level > strongest - 30 ? direct.level : strongest;
     for (const path of found) path.level -= from;
-    return found.sort((a, b) => b.level - a.level).filter(path => path.level > WEAKEST_DB);
+    return found.sort((a, b) => b.level - a.level).filter(path => path.level > weakest || this.paths.has(path.number));
   }
 
   choose(number) {
@@ -163,7 +163,7 @@ class Panel {
     const speeds = part => `${fixed(part.slow, 1)} to ${fixed(part.fast, 1)} m/s`;
     const name = part => `<b>${safe(part.name)}</b> (${speeds(part)}${part.name == (targets[part.target] || {}).name ? "" : `, ${fixed(part.speed, 1)} at its middle`}${part.fast > radar.max_speed || part.slow < -radar.max_speed ? ", folded" : ""}; ${part.range.toFixed(2)} m${part.visible === null ? "" : `, ${(100 * part.visible).toFixed(0)} % in view`})`;
     const moving = all.filter(part => off(part) <= slack).sort((a, b) => apart(a) - apart(b)), echoes = range === null ? this.peaks(time, speed) : [{ range }], told = [];
-    const seen = targets.flatMap((_, target) => { const own = this.vertices(target, time); return this.pathsAt(time, target).map(path => ({ path, ...this.over(path, own) })); });
+    const seen = targets.flatMap((_, target) => { const own = this.vertices(target, time); return this.pathsAt(time, target, -Infinity).map(path => ({ path, ...this.over(path, own) })); });
     const reached = new Set();
     this.paths = new Set();
     echoes.forEach((echo, order) => {
