@@ -255,12 +255,15 @@ def same_axes(first: Recording, second: Recording) -> bool:
 def mean_rcs_m2(result: Recording) -> float:
     """Mean radar cross-section over the record [m^2], read back from the ADC cube by the radar equation in every range bin.
 
-    Of antennas apart, the range is half the path.
+    Of antennas apart, the range is half the path. Where the scene has clutter, the mean over the chirps is left out, so that walls
+    do not count.
     """
     _check("result", result)
     radar = result.radar
     bins = np.arange(1, radar.samples)  # the first bin holds range 0, where the radar equation has no inverse
     profile = range_fft(result.cube, window="hann")[..., bins]
+    if result.settings.get("clutter", "none") != "none":
+        profile = profile - profile.mean(axis=0)
     power = np.mean(profile.real**2 + profile.imag**2, axis=(0, 1), dtype=np.float64)
     power = np.where(power > power.max() * 10 ** (TARGET_LEVEL_DB / 10), power, 0.0)
     if not power.any():

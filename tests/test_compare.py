@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 import t2d_rt as t2d
-from builders import point_cube, walk
+from builders import icosphere, point_cube, walk
 from command_line import Command
 from t2d_rt.comparison import compare, envelope, figures, mean_rcs_m2, ridge
 from t2d_rt.errors import InputError
@@ -52,6 +52,19 @@ def test_background_far_away_has_no_part_in_the_rcs() -> None:
     noise = rng.normal(size=(2, *cube.shape)) * np.abs(cube).mean() * 10 ** (-30 / 20)  # -54 dB per range bin
     # R^4 would lift it to 10 dB above the target
     assert 10 * math.log10(mean_rcs_m2(recording(cube, noise[0] + 1j * noise[1]))) == pytest.approx(0, abs=0.3)
+
+
+@pytest.mark.slow
+def test_the_radar_cross_section_in_a_room_is_that_of_what_moves() -> None:
+    rest, faces = icosphere(3, 0.1)
+    times = np.linspace(0, 0.1, 9)
+    ball = t2d.MovingMesh(rest + np.array([2.5, 0, 1]) + times[:, None, None] * [1.0, 0, 0], faces, times, "pec")
+    quiet, cluttered = (
+        t2d.simulate(ball, radar="table2", scene="empty_room", reflections=0, clutter=clutter)
+        for clutter in ("none", "specular")
+    )
+    found = [10 * math.log10(mean_rcs_m2(each)) for each in (quiet, cluttered)]
+    assert found[1] == pytest.approx(found[0], abs=0.5)
 
 
 @pytest.mark.slow
