@@ -249,10 +249,12 @@ def test_a_notebook_shows_it(viewer: Viewer) -> None:
 
 def test_names_cannot_leave_the_text() -> None:
     html = Viewer(
-        Recording(np.ones((300, 1, TABLE2.samples), np.complex64), TABLE2), ["</script><script>alert(1)//\x1b[1m"]
+        Recording(np.ones((300, 1, TABLE2.samples), np.complex64), TABLE2),
+        ["</script><script>alert(1)//\x1b[1m /*DATA*/"],
     ).html
     assert "<script>alert" not in html
-    assert numbers(html)["title"].startswith("</script>")
+    title = numbers(html)["title"]
+    assert title.startswith("</script>") and title.endswith("/*DATA*/")
 
 
 @pytest.mark.parametrize(

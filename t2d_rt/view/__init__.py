@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import json
+import re
 import zlib
 from collections.abc import Sequence
 from functools import partial
@@ -105,11 +106,7 @@ def page(recordings: Sequence[Recording], titles: Sequence[str]) -> str:
         "DATA": base64.b64encode(zlib.compress(b"".join(arrays.pieces), 6)).decode("ascii"),
         "SCRIPT": "\n".join(map(_text, SCRIPTS)),
     }
-    text = _text("page.html")
-    for name, part in parts.items():
-        before, _, after = text.partition(f"/*{name}*/")
-        text = before + part + after
-    return text
+    return re.sub(r"/\*([A-Z]+)\*/", lambda place: parts[place[1]], _text("page.html"))
 
 
 def _text(name: str) -> str:
