@@ -1,4 +1,4 @@
-"""Physical constants, SI units (CODATA 2018, exact by definition unless noted)."""
+"""Physical constants, SI units (CODATA 2018, exact by definition unless noted), and the units of names."""
 
 from __future__ import annotations
 
@@ -16,3 +16,11 @@ REFERENCE_TEMPERATURE_K = 290.0
 
 STANDARD_GRAVITY = 9.806_65
 """m/s^2"""
+
+UNITS = {"m": "m", "s": "s", "mps": "m/s", "rad": "rad", "dbm": "dBm"}
+"""Units by the end of the name of an axis or of a variable."""
+
+
+def unit_of(name: str) -> str:
+    """The unit that a name ends with, as that of "range_m"; "" where it ends with none."""
+    return UNITS.get(name.rpartition("_")[2], "")

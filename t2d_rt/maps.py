@@ -10,7 +10,7 @@ import numpy as np
 
 from t2d_rt.canvas import Style, StyleOptions, drawable
 from t2d_rt.checks import positive
-from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.constants import SPEED_OF_LIGHT, unit_of
 from t2d_rt.cubes import Cube
 from t2d_rt.decibels import decibel
 from t2d_rt.errors import InputError
@@ -20,10 +20,10 @@ from t2d_rt.signal.doppler import checked_windows
 from t2d_rt.signal.maps import RangeAngle, RangeDoppler, RangeTime
 from t2d_rt.types import Radar
 
-AXIS_UNITS = {"m": "m", "s": "s", "mps": "m/s", "rad": "rad"}
-"""Units of an axis by the end of its name."""
 GHOSTS = 15
 """Most paths that are marked on a map."""
+APART_PT = 11.0
+"""Between the middles of numbers beside marks, which are 7 pt high."""
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -118,7 +118,7 @@ def labelled(
 
     array = xr.DataArray(values, dims=dims, coords=axes, name=name, attrs=attributes)
     for axis in axes:
-        array[axis].attrs["units"] = AXIS_UNITS[axis.rpartition("_")[2]]
+        array[axis].attrs["units"] = unit_of(axis)
     return array
 
 
@@ -131,7 +131,7 @@ def drawn(
     made = plotted(kind, y, x, image.values, ax, Style(**style), title, note)
     if paths is not None:
         drawn_on: Any = made.axes if ax is None else [ax]
-        mark_ghosts(drawn_on[0], paths)
+        mark_ghosts(drawn_on[0], paths, float(y[-1] - y[0]) * len(y) / (len(y) - 1))
     return made
 
 
@@ -140,23 +140,60 @@ def interval_told(image: xr.DataArray) -> str:
     return f"{1e3 * image.attrs['interval_s']:.3g} ms, its middle at {image.attrs['time_s']:.3f} s"
 
 
-def mark_ghosts(axes: Axes, paths: xr.Dataset) -> None:
-    """Numbers the strongest of the paths at one instant on a range-Doppler map that shows them, and names them below it."""
-    (left, right), (low, high) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
+def mark_ghosts(axes: Axes, paths: xr.Dataset, speeds_mps: float) -> None:
+    """Numbers the strongest of the paths at one instant on a range-Doppler map that shows them, and names them below it; speeds are
+    folded into the map's, which are `speeds_mps` wide, and what is not marked is told."""
     range_m, speed_mps = 0.5 * SPEED_OF_LIGHT * paths.delay_s.values[..., 0], paths.speed_mps.values[..., 0]
-    shown = (range_m > left) & (range_m < right) & (speed_mps > low) & (speed_mps < high)
-    level = np.where(shown, paths.level_dbm.values[..., 0], -np.inf)
-    strongest = [np.unravel_index(each, level.shape) for each in np.argsort(-level, axis=None)[:GHOSTS]]
+    folded_mps = (speed_mps + speeds_mps / 2) % speeds_mps - speeds_mps / 2
+    (left, right), (low, high) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
+    shown = (range_m > left) & (range_m < right) & (folded_mps > low) & (folded_mps < high)
+    level = paths.level_dbm.values[..., 0]
+    arriving = [np.unravel_index(each, level.shape) for each in np.argsort(-level, axis=None)]
+    arriving = [at for at in arriving if np.isfinite(level[at])]
+    inside = [at for at in arriving if shown[at]]
+    marked = inside[:GHOSTS]
+    places = np.array([(range_m[at], folded_mps[at]) for at in marked]).reshape(-1, 2)
     names = []
-    for number, at in enumerate((at for at in strongest if np.isfinite(level[at])), start=1):
-        place = range_m[at], speed_mps[at]
-        axes.plot(*place, "o", markersize=9, markerfacecolor="none", markeredgecolor="white", markeredgewidth=0.8)
-        axes.annotate(str(number), place, xytext=(5, 4), textcoords="offset points", color="white", fontsize=7)
+    for number, at in enumerate(marked, start=1):
         whose = f"{paths.target.values[at[0]]}: " if paths.sizes["target"] > 1 else ""
-        names.append(f"{number}  {whose}{paths.pair.values[at[1]]}")
+        folded = f" ({speed_mps[at]:.1f} m/s, folded)" if abs(speed_mps[at]) > speeds_mps / 2 else ""
+        names.append(f"{number}  {whose}{paths.pair.values[at[1]]}{folded}")
+    weaker = f"{len(inside) - len(marked)} weaker" if len(inside) > len(marked) else ""
+    beyond = f"{len(arriving) - len(inside)} beyond the axes" if len(arriving) > len(inside) else ""
+    if weaker or beyond:
+        names.append("not marked: " + ", ".join(filter(None, (weaker, beyond))))
     columns = ["\n".join(names[first::2]) for first in (0, 1)]
     for column, across in zip(columns, (0.0, 0.5), strict=True):
         axes.annotate(
             drawable("names of paths", column), (across, 0.0), xytext=(0, -36), xycoords="axes fraction",
             textcoords="offset points", va="top", fontsize=7, annotation_clip=False, parse_math=False,
         )  # fmt: skip
+    for number, (place, offset) in enumerate(zip(places, _beside(axes, places), strict=True), start=1):
+        axes.plot(*place, "o", markersize=9, markerfacecolor="none", markeredgecolor="white", markeredgewidth=0.8)
+        line = {"arrowstyle": "-", "color": "white", "linewidth": 0.4, "shrinkA": 1, "shrinkB": 4.5}
+        axes.annotate(
+            str(number), tuple(place), xytext=tuple(offset), textcoords="offset points", color="white", fontsize=7,
+            ha="center", va="center", arrowprops=line if np.hypot(*offset) > 1.5 * APART_PT else None,
+        )  # fmt: skip
+
+
+def _beside(axes: Axes, places: np.ndarray) -> list[np.ndarray]:
+    """Where the number of each of the marks (mark, 2) stands from it [points], (2,): the nearest spot about it at which there is no
+    other mark, no other number and no edge of the axes."""
+    figure: Any = axes.figure.canvas.figure
+    figure.draw_without_rendering()  # a layout sets the axes' size
+    to_points = 72 / figure.dpi
+    marks, box = axes.transData.transform(places) * to_points, axes.get_window_extent().get_points() * to_points
+    taken, offsets = list(marks), []
+    angles = 2 * np.pi * (np.arange(16) + 1.5) / 16
+    spots = [far * np.array([np.cos(angle), np.sin(angle)]) for far in APART_PT * np.arange(1, 9) for angle in angles]
+    for mark in marks:
+        free = [
+            spot
+            for spot in spots
+            if np.all(np.abs(mark + spot - box.mean(axis=0)) < np.ptp(box, axis=0) / 2 - APART_PT / 2)
+            and min(np.linalg.norm(mark + spot - other) for other in taken) > APART_PT - 1e-6
+        ]
+        offsets.append(free[0] if free else spots[0])
+        taken.append(mark + offsets[-1])
+    return offsets

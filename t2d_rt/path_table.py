@@ -6,12 +6,12 @@ import csv
 import io
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from t2d_rt.checks import array
-from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.constants import SPEED_OF_LIGHT, unit_of
 from t2d_rt.errors import InputError
 from t2d_rt.model import Model
 from t2d_rt.motion import track
@@ -30,11 +30,24 @@ SCREEN_ROWS = 20
 """Of the table on a screen, for each target."""
 STEP_S = 1e-4
 """Half the time over which speeds are taken."""
-UNITS = {
-    "delay_s": "s", "length_m": "m", "speed_mps": "m/s", "level_dbm": "dBm", "departure_azimuth_rad": "rad",
-    "departure_elevation_rad": "rad", "arrival_azimuth_rad": "rad", "arrival_elevation_rad": "rad", "blocked": "", "points_m": "m",
-}  # fmt: skip
-"""Variables over target, path pair and time, and their units."""
+VARIABLES = (
+    "delay_s", "length_m", "speed_mps", "level_dbm", "departure_azimuth_rad", "departure_elevation_rad", "arrival_azimuth_rad",
+    "arrival_elevation_rad", "blocked",
+)  # fmt: skip
+"""Over target, path pair and time; the points that a pair runs over are beside them."""
+
+
+class Nearby(NamedTuple):
+    """Something at instants, a little earlier and a little later."""
+
+    now: np.ndarray
+    earlier: np.ndarray
+    later: np.ndarray
+
+    @classmethod
+    def instants(cls, times_s: np.ndarray, span_s: tuple[float, float]) -> Nearby:
+        """Instants of a record (K,) [s] and those `STEP_S` before and after, none of them outside the record."""
+        return cls(*(np.clip(times_s + step, 0.0, span_s[1] - span_s[0]) for step in (0.0, -STEP_S, STEP_S)))
 
 
 def path_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = None) -> xr.Dataset:
@@ -47,21 +60,22 @@ def path_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = No
     at mid-sweep, -inf where nothing arrives. Azimuth (left > 0) and elevation are those at the radar, as seen along its boresight.
     `points_m` are the points (point, xyz) in the scene's coordinates, from the transmitters over the target to the receivers, and
     `meets` (pair, point) says what stands there. `blocked` is the fraction of the field that the static scene keeps away. Where it
-    is 1 there is no path, and all else of it is NaN.
+    is 1 there is no path: its level is -inf and all else of it NaN.
     """
     import xarray as xr
 
     times_s = record_times(model.span_s, PATHS_RATE_HZ) if times_s is None else times_s
     pairs = pairs_of(model, accuracy)
     names, points = target_names(model.modelled), reference_points(model, times_s)
-    before, after = (reference_points(model, _clipped(times_s, step, model.span_s)) for step in (-STEP_S, STEP_S))
-    velocity = (after - before) / np.diff([_clipped(times_s, s, model.span_s) for s in (-STEP_S, STEP_S)], axis=0).T
+    nearby_s = Nearby.instants(times_s, model.span_s)
+    before, after = (reference_points(model, each) for each in (nearby_s.earlier, nearby_s.later))
+    velocity = (after - before) / (nearby_s.later - nearby_s.earlier)[:, None]
     rows = _rows(model, pairs, points, velocity)
     dims = ("target", "pair", "time_s")
-    data = {name: (dims, np.stack(values, axis=1), {"units": UNITS[name]}) for name, values in rows.items()}
+    data = {name: (dims, np.stack(values, axis=1), {"units": unit_of(name)}) for name, values in rows.items()}
     stops, meets = _polylines(pairs, points, ~np.isnan(np.stack(rows["delay_s"], axis=1)))
     found = xr.Dataset(
-        {**data, "points_m": ((*dims, "point", "xyz"), stops, {"units": UNITS["points_m"]}), "meets": (("pair", "point"), meets)},
+        {**data, "points_m": ((*dims, "point", "xyz"), stops, {"units": "m"}), "meets": (("pair", "point"), meets)},
         coords={
             "target": names, "pair": [pair.name for pair in pairs], "time_s": times_s, "xyz": ["x", "y", "z"],
             "reflections": ("pair", [pair.order for pair in pairs]), "copies": ("pair", [pair.copies for pair in pairs]),
@@ -115,14 +129,17 @@ def reference_points(model: Model, times_s: np.ndarray) -> np.ndarray:
     ])  # fmt: skip
 
 
+def mean_range_m(radar: Radar, points: np.ndarray) -> np.ndarray:
+    """The mean of the distances of points (..., 3) from the transmitters' and from the receivers' centre [m], (...)."""
+    return np.mean(
+        [np.linalg.norm(points - place, axis=-1) for place in (radar.tx_position_m, radar.rx_position_m)], axis=0
+    )
+
+
 def seen_from_radar(radar: Radar, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Azimuth, left > 0, and elevation [rad] (...) of directions (..., 3) in the world."""
     ahead, left, up = np.moveaxis(directions @ radar.axes.T, -1, 0)
     return np.arctan2(left, ahead), np.arctan2(up, np.hypot(ahead, left))
-
-
-def _clipped(times_s: np.ndarray, step_s: float, span_s: tuple[float, float]) -> np.ndarray:
-    return np.clip(times_s + step_s, 0.0, span_s[1] - span_s[0])
 
 
 def _rows(
@@ -130,14 +147,12 @@ def _rows(
 ) -> dict[str, list[np.ndarray]]:
     """Of each pair all but the points it runs over, arrays (target, time)."""
     radar, arrivals = model.radar, Arrivals(model.radar, points, frequencies=1)
-    free = {path.key: np.ones(points.shape[:2]) for pair in pairs for path in (pair.out, pair.back)}
-    if model.scene is not None:
-        free = {
-            path.key: model.blockage.fraction(path, points).astype(float)
-            for pair in pairs
-            for path in {each.key: each for each in (pair.out, pair.back)}.values()
-        }
-    rows: dict[str, list[np.ndarray]] = {name: [] for name in UNITS if name != "points_m"}
+    one_way = {path.key: path for pair in pairs for path in (pair.out, pair.back)}
+    free = {
+        key: np.ones(points.shape[:2]) if model.scene is None else model.blockage.fraction(path, points).astype(float)
+        for key, path in one_way.items()
+    }
+    rows: dict[str, list[np.ndarray]] = {name: [] for name in VARIABLES}
     for pair in pairs:
         towards = [points - path.image_m for path in (pair.out, pair.back)]
         lengths = [np.linalg.norm(each, axis=-1) for each in towards]
@@ -181,7 +196,7 @@ def _polylines(pairs: Sequence[PathPair], points: np.ndarray, there: np.ndarray)
 def csv_text(table: xr.Dataset) -> str:
     """The table as CSV, a row for each target, path pair and instant at which there is a path; its columns are the variables, then
     x, y and z of each point."""
-    columns = [name for name in UNITS if name != "points_m"]
+    columns = list(VARIABLES)
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     most = table.sizes["point"]
@@ -219,7 +234,7 @@ def screen_text(table: xr.Dataset) -> str:
             "     dBm       ns       m     m/s        deg        deg        %",
         ]
         for number in order[:SCREEN_ROWS]:
-            row = {name: float(here[name].values[number]) for name in UNITS if name != "points_m"}
+            row = {name: float(here[name].values[number]) for name in VARIABLES}
             angles = [
                 " ".join(f"{round(np.degrees(row[f'{end}_{each}_rad'])) + 0:d}" for each in ("azimuth", "elevation"))
                 for end in ("departure", "arrival")

@@ -129,7 +129,7 @@ def recorded(stage: Stage, wanted: Wanted, device: Device, progress: Progress | 
         raise InputError(
             "the error of a recording is that of all paths; give measure_error=False beside only_paths and without_paths"
         )
-    plan = chosen(replace(stage.model, ranked=[each._replace(used=True) for each in ranked]), wanted)
+    plan = chosen(stage.model, wanted)
     model, accuracy = replace(plan.model, ranked=ranked), plan.accuracy
     static, counts = model.clutter(stage.experiment.clutter, accuracy)
     measurement = Measurement(plan) if wanted.measured else None

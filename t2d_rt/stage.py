@@ -134,13 +134,15 @@ def set_up(
     return Stage(experiment, store.inputs, model)
 
 
-def set_up_again(experiment: Experiment | None, inputs: Inputs) -> Stage:
+def set_up_again(
+    experiment: Experiment | None, inputs: Inputs, *, device: str = "auto", memory_gb: float = LIMIT_GB
+) -> Stage:
     """A recording's experiment set up once more, for what follows from it beside the samples; its warnings have been told."""
     experiment = repeatable(experiment)
     with warnings.catch_warnings(), one_blas_thread:
         warnings.simplefilter("ignore", T2DWarning)
         targets, scene = experiment.targets_from(inputs), experiment.scene_from(inputs)
-        return set_up(targets, experiment.radar, scene, experiment.physics, device="auto", memory_gb=LIMIT_GB)
+        return set_up(targets, experiment.radar, scene, experiment.physics, device=device, memory_gb=memory_gb)
 
 
 def repeatable(experiment: Experiment | None) -> Experiment:

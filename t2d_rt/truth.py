@@ -12,12 +12,13 @@ import numpy as np
 from t2d_rt.body.fit import fit
 from t2d_rt.body.segments import SEGMENTS, segment_of_faces
 from t2d_rt.body.template import template
+from t2d_rt.constants import unit_of
 from t2d_rt.geometry.vectors import edge_cross
 from t2d_rt.model import Model, with_method
 from t2d_rt.motion import track
 from t2d_rt.motion.contacts import SIDES, contacts
 from t2d_rt.motion.kinematics import poses_of
-from t2d_rt.path_table import STEP_S, record_times, reference_points, seen_from_radar, sight, target_names
+from t2d_rt.path_table import Nearby, mean_range_m, record_times, reference_points, seen_from_radar, sight, target_names
 from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.visibility import Occlusion
 from t2d_rt.targets import segments, skin
@@ -30,10 +31,8 @@ if TYPE_CHECKING:
 TRUTH_RATE_HZ = 50.0
 """Rate where no times are given: a foot moves by some 8 cm from one instant to the next."""
 MADE_FOR = re.compile(r"made for .*, class (\w+), by ")
-"""How the origin of a motion that was made from a sentence begins."""
-UNITS = {"m": "m", "mps": "m/s", "rad": "rad", "s": "s"}
-"""Units by the end of a name."""
-
+"""How the origin of a motion that was made from a sentence begins. It is read from there because the origin is what edits, files of
+motions and stored experiments keep already; a field of its own would have to be carried through each of them."""
 
 XYZ = "forward", "left", "up"
 PARTS = "heel", "ball"
@@ -71,8 +70,7 @@ def truth_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = N
     import xarray as xr
 
     times_s = record_times(model.span_s, TRUTH_RATE_HZ) if times_s is None else times_s
-    end_s = model.span_s[1] - model.span_s[0]
-    nearby = Nearby(*(np.clip(times_s + step, 0.0, end_s) for step in (0.0, -STEP_S, STEP_S)))
+    nearby = Nearby.instants(times_s, model.span_s)
     names, people = target_names(model.modelled), persons(model)
     optional = [name for name in OPTIONAL_JOINTS if people and all(name in each.motion.names for each in people)]
     joints = [*CANONICAL_JOINTS, *optional]
@@ -91,7 +89,7 @@ def truth_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = N
         },
     )  # fmt: skip
     for name, values in data.variables.items():
-        values.attrs["units"] = UNITS.get(str(name).rpartition("_")[2], "")
+        values.attrs["units"] = unit_of(str(name))
     return data
 
 
@@ -110,14 +108,6 @@ def person_rows(truth: xr.Dataset, person: int = 0) -> np.ndarray:
 def prefixed(truth: xr.Dataset) -> xr.Dataset:
     """The same with truth_ before the name of every variable and axis, beside a recording's own."""
     return truth.rename({name: f"truth_{name}" for name in (*truth.variables, *truth.sizes)})
-
-
-class Nearby(NamedTuple):
-    """Something at instants, a little earlier and a little later."""
-
-    now: np.ndarray
-    earlier: np.ndarray
-    later: np.ndarray
 
 
 def _of_persons(
@@ -167,8 +157,7 @@ def made_for(motion: Motion) -> str:
 
 def _polar(radar: Radar, points: Nearby, apart_s: np.ndarray) -> dict[str, np.ndarray]:
     """Range, speed and direction of points (..., 3) whose earlier and later places are that much time apart."""
-    places = radar.tx_position_m, radar.rx_position_m
-    ranges = Nearby(*(np.mean([np.linalg.norm(each - place, axis=-1) for place in places], axis=0) for each in points))
+    ranges = Nearby(*(mean_range_m(radar, each) for each in points))
     azimuth, elevation = seen_from_radar(radar, points.now - np.asarray(radar.position_m))
     return {
         "range_m": ranges.now, "speed_mps": (ranges.earlier - ranges.later) / apart_s, "azimuth_rad": azimuth,
@@ -178,7 +167,8 @@ def _polar(radar: Radar, points: Nearby, apart_s: np.ndarray) -> dict[str, np.nd
 
 def visible_fractions(model: Model, accuracy: Accuracy, people: Sequence[Person], at_s: np.ndarray) -> np.ndarray:
     """Of what of each segment faces the radar, the fraction that is not hidden, (person, K, segment), at times [s] (K,): by the
-    projected area of the skin's faces, over the lines of sight of transmitters and receivers."""
+    projected area of the skin's faces, over the lines of sight of transmitters and receivers. Where these are apart, the area is
+    the geometric mean of those seen from both. A segment of which nothing faces the radar is 0: it hides itself."""
     found = np.zeros((len(people), len(at_s), len(SEGMENTS)))
     if not people:
         return found
@@ -202,7 +192,7 @@ def visible_fractions(model: Model, accuracy: Accuracy, people: Sequence[Person]
             mesh = meshes[person.number]
             for k, posed in enumerate(mesh.at(some_s)):
                 corners = posed[mesh.faces]
-                facing = np.prod([_projected(corners, view) for view in model.radar.views_m], axis=0)
+                facing = projected_areas(corners, model.radar.views_m)
                 free = np.prod([each[order.index(person.number)][k][mesh.faces].mean(axis=1) for each in seen], axis=0)
                 whole, visible = (np.bincount(owners[row], each, len(SEGMENTS)) for each in (facing, facing * free))
                 found[row, first + k] = visible / np.maximum(whole, 1e-12)
@@ -214,7 +204,12 @@ def _owners(person: Person) -> np.ndarray:
     return segment_of_faces(fit(template(person.body), person.motion))
 
 
-def _projected(corners: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Twice the area of triangles (F, 3, 3) as seen from a place, 0 of those that show their back, (F,)."""
-    ahead = place - corners.mean(axis=1)
-    return np.maximum(np.einsum("fi,fi->f", edge_cross(corners), ahead) / np.linalg.norm(ahead, axis=1), 0.0)
+def projected_areas(corners: np.ndarray, places: Sequence[np.ndarray]) -> np.ndarray:
+    """Twice the area of triangles (F, 3, 3) as seen from a place, in the geometric mean over the places: 0 of those that show their
+    back to one of them, (F,)."""
+    seen = []
+    for place in places:
+        ahead = place - corners.mean(axis=1)
+        across = np.einsum("fi,fi->f", edge_cross(corners), ahead) / np.linalg.norm(ahead, axis=1)
+        seen.append(np.maximum(across, 0.0))
+    return np.prod(seen, axis=0) ** (1 / len(seen))

@@ -14,10 +14,12 @@ from t2d_rt.errors import InputError
 from t2d_rt.motion.contacts import contacts
 from t2d_rt.motion.kinematics import poses_of
 from t2d_rt.path_table import path_table
+from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.mitsuba import mitsuba
 from t2d_rt.resources import resource
-from t2d_rt.stage import set_up
-from t2d_rt.truth import truth_table
+from t2d_rt.stage import set_up, set_up_again
+from t2d_rt.truth import projected_areas, truth_table
+from t2d_rt.types import OneWayPath
 
 SPEED_MPS = np.array([-2.0, 0.5, 0.0])
 
@@ -169,6 +171,29 @@ def _spherical(theta: np.ndarray, phi: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """Unit vectors of theta and phi (3, N)."""
     down = np.array([np.cos(theta) * np.cos(phi), np.cos(theta) * np.sin(phi), -np.sin(theta)])
     return down, np.array([-np.sin(phi), np.cos(phi), 0 * phi])
+
+
+def test_blockage_of_a_one_way_path_is_worked_out_once(in_room: t2d.Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = set_up_again(in_room.experiment, in_room.inputs).model
+    asked: list[object] = []
+    fraction = SceneBlockage.fraction
+
+    def counted(blockage: SceneBlockage, path: OneWayPath, points: np.ndarray) -> np.ndarray:
+        asked.append(path.key)
+        return fraction(blockage, path, points)
+
+    monkeypatch.setattr(SceneBlockage, "fraction", counted)
+    path_table(model, t2d.Accuracy(), np.zeros(1))
+    assert len(asked) == len(set(asked)) > 5
+
+
+def test_areas_that_two_antennas_see_are_areas() -> None:
+    """Right triangles of 1 and 4 m^2 that face two antennas, one of them aslant, and a third that shows its back."""
+    small = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2.0]])
+    corners = np.stack([small, 2 * small, small[::-1]])
+    ahead, aslant = np.array([1e6, 0.0, 0.0]), np.array([0.5e6, np.sqrt(0.75) * 1e6, 0.0])
+    for places, seen in (([ahead], 1.0), ([ahead, ahead], 1.0), ([ahead, aslant], np.sqrt(0.5))):
+        np.testing.assert_allclose(projected_areas(corners, places), [2 * seen, 8 * seen, 0.0], rtol=1e-5)
 
 
 def test_speeds_are_those_at_which_paths_get_shorter(in_room: t2d.Recording) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from builders import ball, small_room, walk
+from builders import WALK, ball, small_room, walk
 from t2d_rt.cli import main
 from t2d_rt.errors import InputError
 
@@ -190,6 +190,28 @@ def test_paths_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
         assert (code, sentence in told) == (2, True), told
 
 
+def test_paths_of_an_experiment_are_those_of_its_tolerance(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = (
+        f"targets: [{{kind: file, file: '{WALK}', stop_s: 0.2, distance_m: 3}}]\nradar: ci4r\nscene: empty_room\n"
+        "reflections: 1\nonly_paths: ['*floor*', '*wall*']\n"
+    )
+    Path("plain.yaml").write_text(text)
+    Path("few.yaml").write_text(text + "tolerance_db: -10\n")
+    plan = t2d.plan(t2d.Experiment.from_yaml("plain.yaml"), tolerance_db=-10.0)
+    planned = plan.model.pairs(plan.accuracy)
+    assert planned is not None
+    names = {pair.name for pair in planned.pairs if "floor" in pair.name or "wall" in pair.name}
+    found = []
+    for given in (["plain.yaml"], ["few.yaml"], ["plain.yaml", "--tolerance-db", "-10"]):
+        code, _, told = run(["paths", *given, "--rate-hz", "1", "-o", "paths.csv", "--overwrite"], capsys)
+        assert code == 0, told
+        found.append({row["pair"] for row in csv.DictReader(Path("paths.csv").read_text().splitlines())})
+    assert found[0] > found[1] == found[2] == names
+
+
 def test_simulate_takes_names_of_paths(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any) -> None:
     monkeypatch.chdir(tmp_path)
     given = [*QUICK, "--method", "ellipsoid", "--radar", "ci4r"]
@@ -201,5 +223,28 @@ def test_simulate_takes_names_of_paths(tmp_path: Path, capsys: pytest.CaptureFix
     assert (code, "1 path pair" in out, "direct, floor" in out) == (0, True, True)
     code, _, told = run(["paths", "one.zarr", "--reflections", "1"], capsys)
     assert (code, "option reflections is part of the experiment" in told) == (2, True)
+    code, _, told = run(["paths", "one.zarr", "--memory-gb", "-1"], capsys)
+    assert (code, "memory_gb" in told) == (2, True), told
     figure = recording.plot_range_doppler(ghosts=True)
     assert "1  direct, floor" in [text.get_text() for text in figure.axes[0].texts]
+
+
+def test_marked_paths_are_folded_as_the_map_and_their_numbers_stand_apart() -> None:
+    """A ball at 1.3 times the greatest speed that is told apart, in a room where eight paths are all but alike."""
+    slow = t2d.Radar.preset("ci4r", samples=128, prf_hz=1500.0)
+    speed_mps = 1.3 * slow.max_speed_mps
+    target = ball((3.0, 0.0, 1.0), (-speed_mps, 0.0, 0.0))
+    with pytest.warns(t2d.T2DWarning):
+        figure = recorded(target, radar=slow, accuracy=None).plot_range_doppler(ghosts=True, time_s=0.1)
+    axes = figure.axes[0]
+    texts = [each.get_text() for each in axes.texts]
+    legend = [line for text in texts for line in text.splitlines() if line[:3].strip().isdigit() and "  " in line]
+    assert any(line.endswith(f"direct ({speed_mps:.1f} m/s, folded)") for line in legend), texts
+    numbers = [each for each in axes.texts if each.get_text().isdigit()]
+    assert len(numbers) == len(legend) > 3
+    figure.canvas.draw()
+    middles = np.array([each.get_window_extent().get_points().mean(axis=0) for each in numbers]) * 72 / figure.dpi
+    apart = np.linalg.norm(middles[:, None] - middles, axis=-1) + 1e9 * np.eye(len(middles))
+    assert apart.min() > 8
+    direct = next(line for line in axes.lines if line.get_marker() == "o")
+    assert float(direct.get_ydata()[0]) == pytest.approx(speed_mps - 2 * slow.max_speed_mps, abs=0.1)

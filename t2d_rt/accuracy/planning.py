@@ -10,8 +10,7 @@ from typing import Any
 
 from t2d_rt.accuracy.cost import predicted_bytes, refuse
 from t2d_rt.accuracy.plans import Plan
-from t2d_rt.accuracy.search import planned
-from t2d_rt.accuracy.wanted import Wanted
+from t2d_rt.accuracy.wanted import Wanted, chosen
 from t2d_rt.backend import recent_yardstick_s
 from t2d_rt.errors import InputError
 from t2d_rt.experiment import Experiment
@@ -56,9 +55,7 @@ def plan(
         targets, given["radar"], given["scene"], physics, device=given["device"], memory_gb=given["memory_gb"]
     )
     ready = time.perf_counter()
-    # Of all path pairs, whichever are used.
-    whole = replace(stage.model, ranked=[each._replace(used=True) for each in stage.model.ranked])
-    found = planned(whole, tolerance_db, wanted.given)
+    found = chosen(stage.model, wanted)
     took = time.perf_counter()
     budget = found.budget
     running = budget.seconds(found.accuracy, clutter=stage.experiment.clutter) * recent_yardstick_s(stage.model.backend)

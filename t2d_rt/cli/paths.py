@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,8 +23,8 @@ EXAMPLES = """examples:
   t2d-rt paths walk --scene living_room -o paths.csv         # all of them over time
   t2d-rt paths walk --scene empty_room --time-s 0.5 --add fan:3,-1,1
   t2d-rt paths walk.zarr -o paths.csv                        # those of a recording, or of an experiment (.yaml)"""
-NOT_ASKED = "noise", "measure_error", "tolerance_db"
-"""Options of a simulation that paths do not depend on."""
+NOT_ASKED = "noise", "measure_error"
+"""Options of a simulation that paths do not depend on; a tolerance sets how weak a pair is modelled."""
 
 
 def parser() -> ArgumentParser:
@@ -75,36 +76,41 @@ def run(options: Namespace) -> None:
 
 
 def _set_up(options: Namespace) -> tuple[Model, Accuracy]:
-    """The targets and the paths to them, of a motion file, an experiment or a recording; and which paths are modelled."""
-    from t2d_rt.accuracy.wanted import checked_accuracy
+    """The targets and the paths to them, of a motion file, an experiment or a recording; and the accuracy that `simulate` would
+    choose, which says which paths are modelled."""
+    from t2d_rt.accuracy.wanted import Wanted, chosen
     from t2d_rt.cli.add import additions
     from t2d_rt.cli.experiments import check_beside, read_experiment
     from t2d_rt.experiment import Experiment
     from t2d_rt.result import Recording
     from t2d_rt.stage import set_up, set_up_again
 
-    source, given = Path(options.file), accuracy_of(options)
+    source, given, tolerance_db = Path(options.file), accuracy_of(options), options.tolerance_db
+    machine = {"device": options.device, "memory_gb": options.memory_gb}
     if is_experiment(source):
         check_beside(source, options, parser(), ("rate_hz", "time_s"))
-        if source.suffix == ".zarr":
-            recording = Recording.load(source)
-            accuracy = recording.accuracy.replace(**given) if recording.accuracy and given else recording.accuracy
-            return set_up_again(recording.experiment, recording.inputs).model, checked_accuracy(accuracy or given)
+    if source.suffix.lower() == ".zarr":
+        recording = Recording.load(source)
+        kept = recording.accuracy if tolerance_db is None else None
+        wanted = Wanted.of(kept.replace(**given) if kept else given, tolerance_db)
+        stage = set_up_again(recording.experiment, recording.inputs, **machine)
+    elif is_experiment(source):
         experiment, stored = read_experiment(source)
-        targets, scene = experiment.targets_from({}), experiment.scene_from({})
-        stage = set_up(
-            targets, experiment.radar, scene, experiment.physics, device=options.device, memory_gb=options.memory_gb
+        wanted = Wanted.of(
+            {**(stored.get("accuracy") or {}), **given},
+            stored.get("tolerance_db") if tolerance_db is None else tolerance_db,
         )
-        return stage.model, checked_accuracy({**(stored.get("accuracy") or {}), **given})
-    radar, added = radar_of(options), additions(options.add)
-    asked = model_of(options, radar, ("measure_error", "tolerance_db", "device", "memory_gb"))
-    physics = {
-        name: field.default
-        for name, field in Experiment.model_fields.items()
-        if name not in ("targets", "radar", "scene")
-    }
-    stage = set_up(
-        targets_of(motion_of(options, source, radar), added, radar), radar, asked.pop("scene"), physics | asked,
-        device=options.device, memory_gb=options.memory_gb,
-    )  # fmt: skip
-    return stage.model, checked_accuracy(given)
+        targets, scene = experiment.targets_from({}), experiment.scene_from({})
+        stage = set_up(targets, experiment.radar, scene, experiment.physics, **machine)
+    else:
+        wanted, radar, added = Wanted.of(given, tolerance_db), radar_of(options), additions(options.add)
+        asked = model_of(options, radar, ("measure_error", "tolerance_db", *machine))
+        physics = {
+            name: field.default
+            for name, field in Experiment.model_fields.items()
+            if name not in ("targets", "radar", "scene")
+        }
+        targets, scene = targets_of(motion_of(options, source, radar), added, radar), asked.pop("scene")
+        stage = set_up(targets, radar, scene, physics | asked, **machine)
+    plan = chosen(stage.model, wanted)
+    return replace(plan.model, ranked=stage.model.ranked), plan.accuracy
