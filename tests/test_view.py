@@ -254,7 +254,8 @@ def test_names_cannot_leave_the_text() -> None:
     ).html
     assert "<script>alert" not in html
     title = numbers(html)["title"]
-    assert title.startswith("</script>") and title.endswith("/*DATA*/")
+    assert title.startswith("</script>")
+    assert title.endswith("/*DATA*/")
 
 
 @pytest.mark.parametrize(
