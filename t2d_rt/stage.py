@@ -138,6 +138,8 @@ def set_up_again(
     experiment: Experiment | None, inputs: Inputs, *, device: str = "auto", memory_gb: float = LIMIT_GB
 ) -> Stage:
     """A recording's experiment set up once more, for what follows from it beside the samples; its warnings have been told."""
+    if experiment is None:
+        raise InputError("the recording was measured: it has no experiment, from which paths and truth are worked out")
     experiment = repeatable(experiment)
     with warnings.catch_warnings(), one_blas_thread:
         warnings.simplefilter("ignore", T2DWarning)

@@ -29,6 +29,7 @@ from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.radar.synthesize import Progress
 from t2d_rt.result import Recording
 from t2d_rt.scene.movers import kind_names, mover
+from t2d_rt.signal.doppler import check_names
 from t2d_rt.simulate import simulate
 from t2d_rt.sources import sources_of, stored_scene
 from t2d_rt.store import check_place, replacing
@@ -159,6 +160,7 @@ def sweep(
         experiment = Experiment.model_validate(experiment)
     points = _points(experiment, vary, accuracy, tolerance_db)
     place, options = file_path("folder", folder), dict(processing or {})
+    check_names(options)
     keys = [_key(point, inputs, options) for point in points]
     _check_folder(place, points, keys)
     place.mkdir(exist_ok=True)
@@ -174,9 +176,7 @@ def sweep(
                 made.settings["sweep"] = key
                 made.save(target)
             except KeyboardInterrupt as stopped:
-                stopped.add_note(
-                    f"{place} holds {number} of {len(points)} recordings, and the same command goes on from there"
-                )
+                stopped.add_note(f"{place} holds {number} of {len(points)} recordings; the same command goes on")
                 raise
         recording = Recording.load(target)
         measures.append(_measures(recording, first))
@@ -230,7 +230,7 @@ def _points(
                 fields={name: text for name, _, text in chosen},
                 experiment=Experiment.model_validate(values),
                 **own,
-                file=f"{number:0{len(str(count - 1))}}_{name}.zarr",
+                file=f"{number:03}_{name}.zarr",  # as many digits for any count, so that a sweep can grow
             )
         )
     return points

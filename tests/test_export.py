@@ -233,6 +233,6 @@ def seen() -> Recording:
 
 
 def test_a_measured_recording_has_no_truth_to_export(result: Recording, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="the recording was measured and has no experiment"):
+    with pytest.raises(InputError, match="the recording was measured: it has no experiment"):
         result.export(tmp_path / "walk.npz", truth=True)
     assert not (tmp_path / "walk.npz").exists()

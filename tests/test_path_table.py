@@ -276,9 +276,9 @@ def test_a_skin_of_the_user_is_a_person() -> None:
 def test_what_has_no_experiment_has_no_paths() -> None:
     radar = t2d.Radar.preset("ci4r")
     measured = t2d.Recording(np.ones((4, 1, radar.samples), np.complex64), radar)
-    with pytest.raises(InputError, match="the recording was measured and has no experiment"):
+    with pytest.raises(InputError, match="the recording was measured: it has no experiment"):
         _ = measured.paths
-    with pytest.raises(InputError, match="the recording was measured and has no experiment"):
+    with pytest.raises(InputError, match="the recording was measured: it has no experiment"):
         _ = measured.truth
     shaped, faces = icosphere(1, 0.1)
     own = t2d.MovingMesh.from_track(

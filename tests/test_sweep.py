@@ -62,7 +62,7 @@ def test_every_recording_is_that_of_its_single_run(made: sweeps.Sweep) -> None:
 def test_the_table_tells_differences_from_the_first(made: sweeps.Sweep) -> None:
     rows = list(csv.DictReader((made.folder / "table.csv").read_text().splitlines()))
     assert [row["targets.1.rpm"] for row in rows] == ["rpm 120", "rpm 120", "rpm 600", "rpm 600"]
-    assert rows[0]["recording"] == "0_rpm_120_seed_0.zarr"
+    assert rows[0]["recording"] == "000_rpm_120_seed_0.zarr"
     first, other = made.recording(0), made.recording(2)
     apart, moving = (cube - cube.mean(axis=0) for cube in (other.cube - first.cube, first.cube))
     expected = 10 * math.log10(np.sum(np.abs(apart) ** 2) / np.sum(np.abs(moving) ** 2))
@@ -104,8 +104,8 @@ def test_panels_have_one_scale_and_one_colour_bar(made: sweeps.Sweep) -> None:
 
 
 def test_a_sweep_that_was_stopped_goes_on(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    kept = folder / "0_rpm_120_seed_0.zarr" / "zarr.json"
-    before, lost = kept.stat().st_mtime_ns, folder / "3_rpm_600_seed_1.zarr"
+    kept = folder / "000_rpm_120_seed_0.zarr" / "zarr.json"
+    before, lost = kept.stat().st_mtime_ns, folder / "003_rpm_600_seed_1.zarr"
     shutil.rmtree(lost)
     (folder / "table.csv").unlink()
 
@@ -116,7 +116,7 @@ def test_a_sweep_that_was_stopped_goes_on(folder: Path, monkeypatch: pytest.Monk
         patch.setattr(sweeps, "_simulated", stop)
         with pytest.raises(KeyboardInterrupt) as stopped:
             again(folder)
-    assert stopped.value.__notes__ == [f"{folder} holds 3 of 4 recordings, and the same command goes on from there"]
+    assert stopped.value.__notes__ == [f"{folder} holds 3 of 4 recordings; the same command goes on"]
     seen: list[float] = []
     found = again(folder, progress=seen.append)
     assert kept.stat().st_mtime_ns == before
@@ -128,14 +128,17 @@ def test_a_sweep_that_was_stopped_goes_on(folder: Path, monkeypatch: pytest.Monk
 
 def test_folders_of_others_are_refused(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(
-        InputError, match=r"0_rpm_120_seed_0.zarr was made of another experiment, file or setting; choose"
+        InputError, match=r"000_rpm_120_seed_0.zarr was made of another experiment, file or setting; choose"
     ):
         again(folder, fields={**FIELDS, "targets": [{**WALKER, "distance_m": 3}, FAN]})
     with pytest.raises(InputError, match="was made of another experiment, file or setting"):
         again(folder, processing={"mti": "mean"})
     with pytest.raises(InputError, match="was made of another experiment, file or setting"):
         again(folder, accuracy={"surface_rate_hz": 90})
-    with pytest.raises(InputError, match=r"holds 1_rpm_120_seed_1.zarr, which is not of this sweep"):
+    with pytest.raises(InputError, match="unknown spectrogram option 'foo'"):
+        again(tmp_path / "none", processing={"foo": 1})
+    assert not (tmp_path / "none").exists()
+    with pytest.raises(InputError, match=r"holds 001_rpm_120_seed_1.zarr, which is not of this sweep"):
         again(folder, {"targets.1.rpm": [120, 600], "seed": [0, 2]})
     edited = tmp_path / "edited.bvh"
     edited.write_text(WALK.read_text().replace("\t0.", "\t1.", 1))
@@ -282,14 +285,14 @@ def test_the_command_makes_what_simulate_makes(run: Command) -> None:
     assert out.splitlines()[-1] == "wrote table.csv, panels.png and panels.pdf beside 3 recordings in beside"
     assert [line.split()[0] for line in out.splitlines()[2:5]] == ["without", "fan", "dog"]
     names = sorted(path.name for path in Path("beside").iterdir())
-    assert names == ["0_without.zarr", "1_fan.zarr", "2_dog.zarr", "panels.pdf", "panels.png", "table.csv"]
+    assert names == ["000_without.zarr", "001_fan.zarr", "002_dog.zarr", "panels.pdf", "panels.png", "table.csv"]
     assert (
         run(
             "simulate", "walk.bvh", *QUICK, "--add", "fan:3,-1,1,rpm=120", "--signal.n-window", "64", "-o", "one.zarr"
         ).code
         == 0
     )
-    one, other = t2d.Recording.load("one.zarr"), t2d.Recording.load("beside/1_fan.zarr")
+    one, other = t2d.Recording.load("one.zarr"), t2d.Recording.load("beside/001_fan.zarr")
     np.testing.assert_array_equal(one.cube, other.cube)
     np.testing.assert_array_equal(one.spectrogram, other.spectrogram)
     assert one.experiment == other.experiment
@@ -304,13 +307,13 @@ def test_an_experiment_in_yaml_and_a_recording_vary_by_field(run: Command, monke
         "accuracy: {surface_rate_hz: 100}\n"
     )
     assert run("sweep", "room.yaml", "--vary", "seed=0:2:2", "-o", "seeds").code == 0
-    found = t2d.Recording.load("seeds/1_seed_2.zarr")
+    found = t2d.Recording.load("seeds/001_seed_2.zarr")
     assert found.settings["seed"] == 2
     assert found.accuracy is not None
     assert found.accuracy.surface_rate_hz == 100
-    assert run("sweep", "seeds/0_seed_0.zarr", "--vary", "phase_from=centre|specular", "-o", "phases").code == 0
+    assert run("sweep", "seeds/000_seed_0.zarr", "--vary", "phase_from=centre|specular", "-o", "phases").code == 0
     np.testing.assert_array_equal(
-        t2d.Recording.load("phases/1_specular.zarr").cube, t2d.Recording.load("seeds/0_seed_0.zarr").cube
+        t2d.Recording.load("phases/001_specular.zarr").cube, t2d.Recording.load("seeds/000_seed_0.zarr").cube
     )
 
 
