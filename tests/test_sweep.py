@@ -267,7 +267,12 @@ def test_ranges_and_alternatives() -> None:
         "fan:2,-1,1,rpm=60", "fan:2,-1,1,rpm=90", "fan:4,-1,1,rpm=60", "fan:4,-1,1,rpm=90",
         "pet:3,0,0,animal=cat", "pet:3,0,0,animal=dog",
     ]  # fmt: skip
-    for text, sentence in (("0:9:0", "never arrives"), ("0:9:-1", "never arrives"), ("0:9:1e-6", "at most 1000")):
+    for text, sentence in (
+        ("0:9:0", "never arrives"),
+        ("0:9:-1", "never arrives"),
+        ("0:9:1e-6", "more than 1000"),
+        ("300:1000:300", "write 300:900:300"),
+    ):
         with pytest.raises(InputError, match=sentence):
             alternatives(text)
 

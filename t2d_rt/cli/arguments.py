@@ -144,9 +144,10 @@ def _values(part: str) -> list[str]:
         raise InputError(f"the range {part.strip()} never arrives; write first:last:step, as 0:900:300")
     count = int((last - first) / step) + 1
     if count > MOST_VALUES:
-        raise InputError(
-            f"the range {part.strip()} has {count} values, at most {MOST_VALUES} are taken; choose a larger step"
-        )
+        raise InputError(f"the range {part.strip()} has more than {MOST_VALUES} values; choose a larger step")
+    reached = first + (count - 1) * step
+    if reached != last:
+        raise InputError(f"the range {part.strip()} steps past its last value; write {first}:{reached}:{step}")
     return [f"{(first + number * step).normalize():f}" for number in range(count)]
 
 
