@@ -334,7 +334,8 @@ def _specular_paths(ellipsoids: Ellipsoids, times_s: np.ndarray, radar: Radar) -
     """
     centres, axes = ellipsoids.at(times_s)
     towards = 0.5 * (radar.tx_position_m + radar.rx_position_m) - centres
-    along = np.einsum("kvi,kvij->kvj", towards / lengths(towards)[..., None], axes)
+    far = np.maximum(lengths(towards), 1e-9)[..., None]  # one that lies about the antennas is refused later
+    along = np.einsum("kvi,kvij->kvj", towards / far, axes)
     return _paths(centres, radar) - 2 * lengths(along * ellipsoids.semi_axes_m)
 
 
