@@ -20,7 +20,7 @@ from t2d_rt.canvas import Style, blank_figure
 from t2d_rt.checks import file_path, flag, instance, integer, number
 from t2d_rt.contact_sheet import samples_of
 from t2d_rt.errors import InputError
-from t2d_rt.path_table import STEP_S
+from t2d_rt.path_table import STEP_S, mean_range_m
 from t2d_rt.plots import VELOCITY_LABEL, draw_map, outline
 from t2d_rt.result import Recording
 from t2d_rt.stage import set_up_again
@@ -154,10 +154,7 @@ def _stage(model: Model, times_s: np.ndarray) -> _Stage:
         solid = geometry.solid()
         clock = [np.clip(model.span_s[0] + times_s + step, *model.span_s) for step in (-STEP_S, STEP_S)]
         before, after = (solid.vertices_at(each) for each in clock)
-        ranges = [
-            np.mean([np.linalg.norm(each - end, axis=-1) for end in (radar.tx_position_m, radar.rx_position_m)], axis=0)
-            for each in (before, after)
-        ]
+        ranges = [mean_range_m(radar, each) for each in (before, after)]
         faces.append(solid.faces + count)
         places.append((before + after) / 2)
         speeds.append((ranges[0] - ranges[1]) / (clock[1] - clock[0])[:, None])

@@ -14,7 +14,7 @@ from t2d_rt.canvas import COLUMNS, occupied, thinned
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.decibels import decibel
 from t2d_rt.model import Model
-from t2d_rt.path_table import STEP_S, pairs_of, path_table, record_times, target_names
+from t2d_rt.path_table import STEP_S, mean_range_m, pairs_of, path_table, record_times, target_names
 from t2d_rt.plots import outline
 from t2d_rt.stage import set_up_again
 from t2d_rt.truth import Person, persons, truth_table
@@ -159,7 +159,9 @@ def _extents(
     for first in range(0, len(frames_s), AT_ONCE):
         some = slice(first, first + AT_ONCE)
         sides_s = [np.clip(frames_s[some] + step, 0.0, end_s) for step in (-STEP_S, STEP_S)]
-        before, after = (_ranges(model.radar, solid.vertices_at(model.span_s[0] + each)[:, order]) for each in sides_s)
+        before, after = (
+            mean_range_m(model.radar, solid.vertices_at(model.span_s[0] + each)[:, order]) for each in sides_s
+        )
         values = (before - after) / np.diff(sides_s, axis=0)[0][:, None], (before + after) / 2
         for k, (value, pick) in enumerate((v, pick) for v in values for pick in (np.minimum, np.maximum)):
             found[k, held, some] = pick.reduceat(value, starts, axis=1).T
@@ -188,7 +190,7 @@ def _loose(model: Model, number: int, truth: xr.Dataset, frames_s: np.ndarray) -
     if isinstance(geometry, Ellipsoids) and 1 < len(geometry.names) <= MOST_ELLIPSOIDS:
         end_s = model.span_s[1] - model.span_s[0]
         sides_s = [np.clip(frames_s + step, 0.0, end_s) for step in (-STEP_S, STEP_S)]
-        before, after = (_ranges(model.radar, geometry.points_at(model.span_s[0] + each)) for each in sides_s)
+        before, after = (mean_range_m(model.radar, geometry.points_at(model.span_s[0] + each)) for each in sides_s)
         speed_mps = (before - after) / np.diff(sides_s, axis=0)[0][:, None]
         own = [(each, speed_mps[:, k], (before + after)[:, k] / 2) for k, each in enumerate(geometry.names)]
     return [
@@ -198,12 +200,6 @@ def _loose(model: Model, number: int, truth: xr.Dataset, frames_s: np.ndarray) -
         }
         for each, speed, distance in own
     ]  # fmt: skip
-
-
-def _ranges(radar: Radar, points: np.ndarray) -> np.ndarray:
-    """Mean distance of points (K, N, 3) from transmitters and receivers [m], (K, N)."""
-    places = radar.tx_position_m, radar.rx_position_m
-    return np.asarray(np.mean([np.linalg.norm(points - place, axis=-1) for place in places], axis=0))
 
 
 # --- what stands, and the paths between ------------------------------------------------------------------------------
