@@ -12,7 +12,6 @@ from pathlib import Path
 
 import t2d_rt as t2d
 from t2d_rt.comparison import compare
-from t2d_rt.plots import plot_comparison
 from t2d_rt.resources import resource
 
 
@@ -29,18 +28,16 @@ def demo(motion_name: str, output: Path, duration_s: float | None = None) -> lis
         results[method] = t2d.simulate(motion, radar=t2d.Radar.preset("table2"), method=method, seed=0)
         print(f"{method}: {motion.duration_s:.1f} s of radar data in {time.perf_counter() - start:.1f} s")
 
-    print(compare(results["ellipsoid"], results["mesh"]))
+    compared = compare(results["ellipsoid"], results["mesh"])
+    print(compared)
     stem = motion_name.split(".")[0]
     output.mkdir(parents=True, exist_ok=True)
     pictures = []
     for method, result in results.items():
         pictures.append(output / f"{stem}_{method}.png")
         result.plot(title=f"{stem}, {method}").savefig(pictures[-1])
-    one, two = (results[method].spectrogram for method in ("ellipsoid", "mesh"))
     pictures.append(output / f"{stem}_compare.png")
-    plot_comparison(one.velocity_mps.values, one.time_s.values, one.values, two.values, title=stem).savefig(
-        pictures[-1]
-    )
+    compared.plot(title=stem).savefig(pictures[-1])
     return pictures
 
 
