@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import t2d_rt as t2d
-from t2d_rt.errors import T2DWarning
+from t2d_rt.core.errors import T2DWarning
 
 SENTENCES = {
     "Normal walking": "a person walks forward",

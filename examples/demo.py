@@ -11,8 +11,8 @@ import time
 from pathlib import Path
 
 import t2d_rt as t2d
-from t2d_rt.comparison import compare
-from t2d_rt.resources import resource
+from t2d_rt.core.resources import resource
+from t2d_rt.recording.compare import compare
 
 
 def demo(motion_name: str, output: Path, duration_s: float | None = None) -> list[Path]:

@@ -10,8 +10,8 @@ import argparse
 from pathlib import Path
 
 import t2d_rt as t2d
+from t2d_rt.core.resources import resource
 from t2d_rt.plots import plot_point_cloud
-from t2d_rt.resources import resource
 from t2d_rt.signal import point_cloud
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt.resources import resource
+from t2d_rt.core.resources import resource
 
 FAN = "fan:3,-1,1,rpm=300"
 

@@ -15,27 +15,26 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from t2d_rt.accuracy import plan
-    from t2d_rt.animation import animate
-    from t2d_rt.comparison import compare
-    from t2d_rt.errors import BackendError, InputError, T2DError, T2DWarning
-    from t2d_rt.experiment import Experiment
+    from t2d_rt.core.errors import BackendError, InputError, T2DError, T2DWarning
+    from t2d_rt.experiment.catalog import bodies, example, examples, movers, presets, scenes
+    from t2d_rt.experiment.experiment import Experiment
     from t2d_rt.motion import describe, load_motion, motion_from_joints, place, repeat, resample, smooth, trim
     from t2d_rt.motion.check import check_motion
     from t2d_rt.motion.generate import motion_from_text
     from t2d_rt.motion.vary import mirror, vary_gait, vary_view
     from t2d_rt.motion.write import save_motion
-    from t2d_rt.named import bodies, example, examples, movers, presets, scenes
     from t2d_rt.noise.background import add_background, load_background
     from t2d_rt.noise.masks import OcclusionMask, occlude
-    from t2d_rt.noisy import add_noise
+    from t2d_rt.pipeline.targets import segments, skin
     from t2d_rt.propagation.scenes import load_scene
     from t2d_rt.radar.synthesize import synthesize
-    from t2d_rt.recordings import load_recording
-    from t2d_rt.result import Recording
+    from t2d_rt.recording.add_noise import add_noise
+    from t2d_rt.recording.compare import compare
+    from t2d_rt.recording.read import load_recording
+    from t2d_rt.recording.recording import Recording
     from t2d_rt.scene import CeilingFan, Curtain, Door, Pet, Room, TableFan, mover, save_scene
     from t2d_rt.simulate import run, simulate
     from t2d_rt.sweeps import sweep
-    from t2d_rt.targets import segments, skin
     from t2d_rt.types import (
         Accuracy,
         Echoes,
@@ -51,10 +50,11 @@ if TYPE_CHECKING:
         Surface,
     )
     from t2d_rt.view import Viewer
+    from t2d_rt.view.animation import animate
 
 # Everything loads when first used: `import t2d_rt` must not wait for a ray tracer.
 _HOMES = {
-    "t2d_rt.errors": ("BackendError", "InputError", "T2DError", "T2DWarning"),
+    "t2d_rt.core.errors": ("BackendError", "InputError", "T2DError", "T2DWarning"),
     "t2d_rt.motion": ("describe", "load_motion", "motion_from_joints", "place", "repeat", "resample", "smooth", "trim"),
     "t2d_rt.motion.check": ("check_motion",),
     "t2d_rt.motion.generate": ("motion_from_text",),
@@ -63,16 +63,16 @@ _HOMES = {
     "t2d_rt.noise.background": ("add_background", "load_background"),
     "t2d_rt.noise.masks": ("OcclusionMask", "occlude"),
     "t2d_rt.radar.synthesize": ("synthesize",),
-    "t2d_rt.recordings": ("load_recording",),
-    "t2d_rt.result": ("Recording",),
+    "t2d_rt.recording.read": ("load_recording",),
+    "t2d_rt.recording.recording": ("Recording",),
     "t2d_rt.scene": ("CeilingFan", "Curtain", "Door", "Pet", "Room", "TableFan", "mover", "save_scene"),
-    "t2d_rt.animation": ("animate",),
-    "t2d_rt.comparison": ("compare",),
-    "t2d_rt.experiment": ("Experiment",),
-    "t2d_rt.named": ("bodies", "example", "examples", "movers", "presets", "scenes"),
+    "t2d_rt.view.animation": ("animate",),
+    "t2d_rt.recording.compare": ("compare",),
+    "t2d_rt.experiment.experiment": ("Experiment",),
+    "t2d_rt.experiment.catalog": ("bodies", "example", "examples", "movers", "presets", "scenes"),
     "t2d_rt.accuracy": ("plan",),
-    "t2d_rt.targets": ("segments", "skin"),
-    "t2d_rt.noisy": ("add_noise",),
+    "t2d_rt.pipeline.targets": ("segments", "skin"),
+    "t2d_rt.recording.add_noise": ("add_noise",),
     "t2d_rt.simulate": ("run", "simulate"),
     "t2d_rt.sweeps": ("sweep",),
     "t2d_rt.propagation.scenes": ("load_scene",),
@@ -175,7 +175,7 @@ sys.modules[__name__].__class__ = _Package
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from t2d_rt.versions import versions
+        from t2d_rt.core.versions import versions
 
         return versions()["t2d-rt"]
     if name not in _HOME:

@@ -8,25 +8,25 @@ from pathlib import Path
 from typing import Any
 
 from t2d_rt.accuracy import Measurement, Wanted, check_memory, chosen
-from t2d_rt.again import again
-from t2d_rt.backend import Device, one_blas_thread
-from t2d_rt.errors import InputError
-from t2d_rt.experiment import Experiment
-from t2d_rt.memory import LIMIT_GB, after_call
-from t2d_rt.noisy import received
-from t2d_rt.progress import shown_progress
+from t2d_rt.core.backend import Device, one_blas_thread
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.memory import LIMIT_GB, after_call
+from t2d_rt.core.progress import shown_progress
+from t2d_rt.core.versions import versions
+from t2d_rt.experiment.experiment import Experiment
+from t2d_rt.experiment.setup import Stage, set_up
+from t2d_rt.pipeline.path_pairs import Clutter
+from t2d_rt.pipeline.sum_echoes import summed
+from t2d_rt.pipeline.targets import TargetLike
 from t2d_rt.propagation.collisions import Collisions
 from t2d_rt.radar.synthesize import Progress
-from t2d_rt.result import Recording
-from t2d_rt.room import Clutter
+from t2d_rt.recording.add_noise import received
+from t2d_rt.recording.recording import Recording
+from t2d_rt.recording.rerun import again
 from t2d_rt.scattering.ellipsoid import PhaseFrom
 from t2d_rt.scene import Room
-from t2d_rt.stage import Stage, set_up
-from t2d_rt.summation import summed
-from t2d_rt.targets import TargetLike
 from t2d_rt.types import Accuracy, Material, Radar, Receiver, Scene
 from t2d_rt.types.target import Method
-from t2d_rt.versions import versions
 
 
 def simulate(

@@ -16,26 +16,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.backend import Device
-from t2d_rt.canvas import Style, blank_figure, checked_width, drawable, peak_db
-from t2d_rt.checks import file_path, instance, positive, shown
-from t2d_rt.comparison import compare, field_difference_db, figures, same_axes
-from t2d_rt.errors import InputError
-from t2d_rt.experiment import Experiment
-from t2d_rt.inputs import Inputs, Store
-from t2d_rt.plots import VELOCITY_LABEL, draw_map
-from t2d_rt.progress import ProgressBar
+from t2d_rt.core.atomic_write import check_place, replacing
+from t2d_rt.core.backend import Device
+from t2d_rt.core.checks import file_path, instance, positive, shown
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.progress import ProgressBar
+from t2d_rt.core.stored_arrays import Inputs, Store
+from t2d_rt.core.versions import versions
+from t2d_rt.experiment.experiment import Experiment
+from t2d_rt.experiment.sources import sources_of, stored_scene
+from t2d_rt.pipeline.targets import placed
+from t2d_rt.plots.canvas import Style, blank_figure, checked_width, drawable, peak_db
+from t2d_rt.plots.figures import VELOCITY_LABEL, draw_map
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.radar.synthesize import Progress
-from t2d_rt.result import Recording
+from t2d_rt.recording.compare import compare, field_difference_db, figures, same_axes
+from t2d_rt.recording.recording import Recording
 from t2d_rt.scene.movers import kind_names, mover
 from t2d_rt.signal.doppler import check_names
 from t2d_rt.simulate import simulate
-from t2d_rt.sources import sources_of, stored_scene
-from t2d_rt.store import check_place, replacing
-from t2d_rt.targets import placed
 from t2d_rt.types import Accuracy, Motion
-from t2d_rt.versions import versions
 
 if TYPE_CHECKING:
     import xarray as xr

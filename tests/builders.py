@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
 from t2d_rt.body import template
-from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.dataset import Recipe
 from t2d_rt.dataset.work import Made, Plans, make_sample
 from t2d_rt.types import PEC, Material, Motion, MovingMesh, Radar, Scene, Surface

@@ -19,10 +19,10 @@ from hypothesis import settings
 
 from builders import WALK, WALL
 from command_line import Command, Run, listing
-from t2d_rt.backend import Backend, select
 from t2d_rt.cli import main
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.disk_cache import VARIABLE
+from t2d_rt.core.backend import Backend, select
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.disk_cache import VARIABLE
 from t2d_rt.types import Radar
 
 # Tests are collected without looking for garbage among them (`pytest_collection_finish`).

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.contacts import contacts, runs, soles
 from t2d_rt.motion.descriptions.slots import GAIT_TYPES, GaitType, Side
 from t2d_rt.motion.interpolate import low_pass

@@ -10,7 +10,7 @@ import pytest
 
 import t2d_rt as t2d
 from builders import walk
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.vary.hold import hold
 
 

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
 from builders import walk
-from t2d_rt.backend import Backend
 from t2d_rt.body.materials import resolve_material
-from t2d_rt.comparison import envelope, figures
+from t2d_rt.core.backend import Backend
+from t2d_rt.recording.compare import envelope, figures
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.types import MovingMesh, Radar

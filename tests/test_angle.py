@@ -11,8 +11,8 @@ import pytest
 from scipy import stats
 
 from measures import check_picture
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.errors import InputError
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.errors import InputError
 from t2d_rt.plots import plot_point_cloud, plot_range_angle
 from t2d_rt.signal import (
     PointCloud,

@@ -14,8 +14,8 @@ from PIL import Image, ImageSequence
 import t2d_rt as t2d
 from builders import WALK
 from command_line import Command
-from t2d_rt import animation
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
+from t2d_rt.view import animation
 
 RADAR = t2d.Radar.preset("ci4r", carrier_hz=24e9, prf_hz=2000, samples=32)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.radar import check_speed
 from t2d_rt.types.antennas import CosinePower, Isotropic, Tabulated, polarization_product
 from t2d_rt.types.radar import Radar

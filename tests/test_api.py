@@ -17,7 +17,7 @@ import t2d_rt as t2d
 from builders import WALK
 from t2d_rt import signal
 from t2d_rt.cli import main
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.plots import plot_spectrogram
 from t2d_rt.types import Ellipsoids, MovingMesh
 from validation.robustness.api_arguments import FACES, RADAR, TETRAHEDRON, TIMES_S, cube, egg, result, walk
@@ -265,7 +265,7 @@ def test_too_much_memory_for_the_spectrogram_shows_before_the_run(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("t2d_rt.signal.range.MOST_BYTES", 1_000_000)
-    monkeypatch.setattr("t2d_rt.stage.targets_of", lambda *_, **__: pytest.fail("the run has begun"))
+    monkeypatch.setattr("t2d_rt.experiment.setup.targets_of", lambda *_, **__: pytest.fail("the run has begun"))
     assert main(["simulate", str(WALK), *QUICK, "--signal.overlap", "255", "-o", "x.zarr"]) == 2
     assert "GB of memory" in capsys.readouterr().err
 

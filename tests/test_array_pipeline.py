@@ -12,7 +12,7 @@ import pytest
 
 import t2d_rt as t2d
 from builders import icosphere, moving
-from t2d_rt.backend import Backend
+from t2d_rt.core.backend import Backend
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.signal import point_cloud, unit_vectors

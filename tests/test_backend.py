@@ -15,14 +15,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from t2d_rt import backend
-from t2d_rt.backend import Backend
-from t2d_rt.errors import BackendError, InputError
+from t2d_rt.core import backend
+from t2d_rt.core.backend import Backend
+from t2d_rt.core.errors import BackendError, InputError
 
 RUN = """
 import sys
-from t2d_rt.backend import select
-from t2d_rt.errors import BackendError
+from t2d_rt.core.backend import select
+from t2d_rt.core.errors import BackendError
 try:
     select("cpu")
 except BackendError as error:

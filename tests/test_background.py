@@ -13,9 +13,8 @@ import pytest
 from scipy.special import digamma, polygamma
 
 import t2d_rt as t2d
-from t2d_rt.added_background import background_settings
-from t2d_rt.background_files import background_records
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.dataset.background_files import background_records
 from t2d_rt.noise.background import Background, BackgroundModel, BackgroundRecord, Grid, add_background, load_background
 from t2d_rt.noise.background.architecture import HALO, Architecture
 from t2d_rt.noise.background.decoder import LEAST_LOOKS, decoded
@@ -23,6 +22,7 @@ from t2d_rt.noise.background.evaluate import distances, evaluation, gaussian_noi
 from t2d_rt.noise.background.learn import learn_background
 from t2d_rt.noise.background.prior import prior_codes
 from t2d_rt.noise.background.speckle import correlations, gaussian_field, normal_scores, speckle
+from t2d_rt.recording.added_background import background_settings
 from t2d_rt.signal.dca1000 import load_dca1000
 from t2d_rt.types import Radar
 
@@ -458,7 +458,8 @@ def test_without_torch_a_sentence_tells_what_to_install(
 def test_sampling_needs_no_torch() -> None:
     import subprocess
 
-    code = "import sys; import t2d_rt.noise.background, t2d_rt.noise.masks, t2d_rt.result; sys.exit('torch' in sys.modules)"
+    modules = "t2d_rt.noise.background, t2d_rt.noise.masks, t2d_rt.recording.recording"
+    code = f"import sys; import {modules}; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False, timeout=60).returncode == 0
 
 

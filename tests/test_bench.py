@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from t2d_rt.resources import resource
+from t2d_rt.core.resources import resource
 from validation.bench.charts import stage_chart, sweep_chart
 from validation.bench.measure import Case
 from validation.bench.sections import Found, Sweep, overview, power_law, sweeps, swept, walk

@@ -16,10 +16,10 @@ from t2d_rt.body.fit import fit, stance
 from t2d_rt.body.pose import posing
 from t2d_rt.body.rotations import between, matrices, quaternion, swing
 from t2d_rt.body.skin import SOFT_M, _flatten, blend, blend_basis, bone_weights, linear_track
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.resources import resource
 from t2d_rt.motion import load_motion, track
 from t2d_rt.motion.kinematics import INDEX, motion_of, poses_of
-from t2d_rt.resources import resource
 from t2d_rt.scattering.refinement import refined
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 

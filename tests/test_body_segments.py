@@ -10,9 +10,9 @@ from measures import volume
 from t2d_rt.body import segments, skin, template
 from t2d_rt.body.fit import fit
 from t2d_rt.body.segments import SEGMENTS, _ellipsoid, fit_ellipsoids, segment_of_faces
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.resources import resource
 from t2d_rt.motion import load_motion, track
-from t2d_rt.resources import resource
 from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.motion import Motion
 

@@ -12,10 +12,10 @@ import pytest
 import t2d_rt as t2d
 from builders import icosphere, static_mesh
 from measures import db
-from t2d_rt.backend import Backend
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.experiment import Experiment
+from t2d_rt.core.backend import Backend
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.propagation.rays import Rays
 from t2d_rt.scattering.bounces import Setting, TubeDetail, bounce_echoes
 from t2d_rt.scattering.fronts import focal_phase
@@ -26,7 +26,9 @@ from validation.physics.exact import dihedral_rcs, trihedral_area
 
 RADAR = Radar.preset("ism-24").replace(samples=16)
 EDGE_M, RANGE_M = 0.1, 50.0
-pytestmark = [pytest.mark.filterwarnings(f"ignore:.*{told}:t2d_rt.errors.T2DWarning") for told in ("not watertight",)]
+pytestmark = [
+    pytest.mark.filterwarnings(f"ignore:.*{told}:t2d_rt.core.errors.T2DWarning") for told in ("not watertight",)
+]
 
 Triangles = tuple[np.ndarray, np.ndarray]
 
@@ -247,7 +249,7 @@ def test_slope_over_the_sweep(backend: Backend) -> None:
 
 
 def test_one_bounce_is_the_default_and_traces_nothing(corner: MovingMesh, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("t2d_rt.model.bounce_streams", None)
+    monkeypatch.setattr("t2d_rt.pipeline.echo_model.bounce_streams", None)
     one, default = (t2d.simulate(corner, radar=RADAR, **given).cube[:] for given in ({"bounces": 1}, {}))
     assert np.array_equal(one, default)
 

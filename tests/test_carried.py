@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from t2d_rt.backend import ALIGNMENT, in_threads, limited_threads
+from t2d_rt.core.backend import ALIGNMENT, in_threads, limited_threads
 from t2d_rt.scattering.refinement import ROWS_AT_ONCE, carried
 
 

@@ -13,7 +13,7 @@ import pytest
 import t2d_rt as t2d
 from builders import WALK, walk
 from command_line import Command
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion import resample, trim
 from t2d_rt.motion.check import check_motion, detect_fall, measure
 from t2d_rt.motion.check.anatomy import RANGES_DEG

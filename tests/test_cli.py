@@ -23,10 +23,11 @@ import t2d_rt as t2d
 from builders import WALK, walk
 from command_line import Command, dump, listing
 from measures import check_picture
-from t2d_rt import backend, summation
-from t2d_rt.comparison import compare
-from t2d_rt.errors import T2DWarning
+from t2d_rt.core import backend
+from t2d_rt.core.errors import T2DWarning
+from t2d_rt.pipeline import sum_echoes as summation
 from t2d_rt.radar.synthesize import synthesize
+from t2d_rt.recording.compare import compare
 
 pytestmark = pytest.mark.usefixtures("coarse_bodies")
 
@@ -189,7 +190,7 @@ def test_help(run: Command) -> None:
 
 @pytest.mark.slow
 def test_progress_only_over_two_seconds(run: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    from t2d_rt import progress
+    from t2d_rt.core import progress
 
     def slow(*arguments: Any, progress: Callable[[float], None], **options: Any) -> np.ndarray:
         for fraction in (0.25, 0.5, 0.99):
@@ -212,7 +213,8 @@ def test_progress_only_over_two_seconds(run: Command, monkeypatch: pytest.Monkey
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "where", ["t2d_rt.summation.synthesize", "t2d_rt.result.Recording.plot", "xarray.Dataset.to_zarr"]
+    "where",
+    ["t2d_rt.pipeline.sum_echoes.synthesize", "t2d_rt.recording.recording.Recording.plot", "xarray.Dataset.to_zarr"],
 )
 def test_ctrl_c_leaves_nothing(run: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str) -> None:
     def interrupted(*arguments: Any, **_: Any) -> None:

@@ -206,7 +206,7 @@ def test_folder_that_cannot_be_written(refused: Callable[..., str], monkeypatch:
     def no_file(*_: Any, **__: Any) -> None:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("t2d_rt.store.tempfile.TemporaryFile", no_file)  # permissions do not bind root
+    monkeypatch.setattr("t2d_rt.core.atomic_write.tempfile.TemporaryFile", no_file)  # permissions do not bind root
     assert "is not writable (Permission denied)" in refused("simulate", "walk.bvh", *QUICK)
     assert "is not writable (Permission denied)" in refused("compare", "walk.bvh")
 

@@ -13,7 +13,7 @@ import pytest
 
 import t2d_rt as t2d
 from builders import MOTIONS, WALK
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion, motion_from_joints
 from t2d_rt.motion.check.clock import rate_doubt
 from t2d_rt.types.motion import Motion

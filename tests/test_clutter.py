@@ -14,10 +14,10 @@ import t2d_rt as t2d
 import t2d_rt.propagation.clutter as traced
 from builders import ball, moving, plate
 from measures import knife_edge_db
-from t2d_rt.backend import select
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.errors import InputError
-from t2d_rt.path_fields import received
+from t2d_rt.core.backend import select
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.resources import resource
 from t2d_rt.propagation.clutter import Shadows, rough_points, roughened, static_paths
 from t2d_rt.propagation.fresnel import bundle, disc
 from t2d_rt.propagation.mirrors import Mirrors
@@ -25,9 +25,9 @@ from t2d_rt.propagation.mitsuba import mitsuba
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.radar.synthesize import synthesize
-from t2d_rt.resources import resource
 from t2d_rt.scattering.clutter import mirror_echoes
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar, Scene, StaticPath, Surface
+from t2d_rt.types.path_fields import received
 
 Corners = list[tuple[float, float, float]]
 TIMES_S = np.linspace(0, 0.02, 5)

@@ -11,8 +11,8 @@ import pytest
 import builders
 import t2d_rt as t2d
 from builders import ball, plate
-from t2d_rt.backend import Backend
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.backend import Backend
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.propagation.collisions import Collision, find_collisions, is_room, radar_outside, uneven_times
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.scenes import load_scene, scene_names

@@ -13,9 +13,9 @@ import yaml
 import t2d_rt as t2d
 from builders import icosphere, point_cube, walk
 from command_line import Command
-from t2d_rt.comparison import compare, envelope, figures, mean_rcs_m2, ridge
-from t2d_rt.errors import InputError
-from t2d_rt.plots import occupied_speeds, plot_comparison
+from t2d_rt.core.errors import InputError
+from t2d_rt.plots.figures import occupied_speeds, plot_comparison
+from t2d_rt.recording.compare import compare, envelope, figures, mean_rcs_m2, ridge
 from t2d_rt.types import Radar
 
 RADAR = Radar.preset("table2-uniform", prf_hz=10240)

@@ -10,7 +10,9 @@ import pytest
 
 from builders import rest_pose, walk
 from t2d_rt.body import template
-from t2d_rt.contact_sheet import (
+from t2d_rt.core.errors import InputError
+from t2d_rt.motion import trim
+from t2d_rt.view.contact_sheet import (
     COLOURS,
     FLOOR,
     PAPER,
@@ -20,8 +22,6 @@ from t2d_rt.contact_sheet import (
     face_colours,
     samples_of,
 )
-from t2d_rt.errors import InputError
-from t2d_rt.motion import trim
 
 GREEN, RED = np.array([0.1, 0.9, 0.1]), np.array([0.9, 0.1, 0.1])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from t2d_rt.errors import T2DWarning
+from t2d_rt.core.errors import T2DWarning
 from t2d_rt.motion.check.support import flights_s
 from t2d_rt.motion.check.tracks import tracks
 from t2d_rt.motion.descriptions import parse_description

@@ -16,11 +16,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from t2d_rt import cubes, rows
-from t2d_rt.cubes import CubeWriter, DiskCube, new_cube
-from t2d_rt.errors import InputError
-from t2d_rt.result import Recording
-from t2d_rt.rows import SavedRows, ScratchRows
+from t2d_rt.core import cube_storage as rows
+from t2d_rt.core import cubes
+from t2d_rt.core.cube_storage import SavedRows, ScratchRows
+from t2d_rt.core.cubes import CubeWriter, DiskCube, new_cube
+from t2d_rt.core.errors import InputError
+from t2d_rt.recording.recording import Recording
 from t2d_rt.types import Radar
 
 RADAR = Radar.preset("ci4r")

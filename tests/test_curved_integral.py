@@ -12,8 +12,8 @@ import mpmath
 import numpy as np
 import pytest
 
-from t2d_rt.backend import Backend
-from t2d_rt.errors import InputError
+from t2d_rt.core.backend import Backend
+from t2d_rt.core.errors import InputError
 from t2d_rt.scattering import curved_integral as module
 from t2d_rt.scattering.curved_integral import CENTRE, Order, curved_integral, curved_integrals
 from t2d_rt.scattering.lanes import lane_ops

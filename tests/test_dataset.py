@@ -23,13 +23,13 @@ import pytest
 import t2d_rt as t2d
 from builders import remember_samples, within
 from t2d_rt.cli import main
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import Dataset, Recipe, check_dataset, export_dataset, make_dataset, read_shards, shards, work
 from t2d_rt.dataset.lock import LOCK, locked
 from t2d_rt.dataset.schedulers import on_a_cluster
 from t2d_rt.dataset.view import view
 from t2d_rt.dataset.work import Made, make_sample, make_samples
-from t2d_rt.errors import InputError
-from t2d_rt.experiment import Experiment
+from t2d_rt.experiment.experiment import Experiment
 
 TINY = """
 about: Four short samples of two classes.

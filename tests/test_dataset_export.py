@@ -15,9 +15,9 @@ import pytest
 
 from dataset_folder import recipe, write_dataset
 from t2d_rt.cli import main
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import Dataset, export_dataset, read_shards, split
 from t2d_rt.dataset.splits import Split
-from t2d_rt.errors import InputError
 
 FAILED = 4
 

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from dataset_folder import recipe, write_dataset
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import Dataset, check_dataset, export_dataset, read_split
 from t2d_rt.dataset.shards import archive, sha256
-from t2d_rt.errors import InputError
 
 Change = Callable[[dict[str, Any]], object]
 

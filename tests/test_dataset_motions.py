@@ -11,11 +11,11 @@ from t2d_rt.dataset.motions import _starts, descriptions, sample_motion
 from t2d_rt.dataset.placing import CLEARANCE_M, placing, surroundings
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.sample import sample
+from t2d_rt.experiment.catalog import example
+from t2d_rt.experiment.sources import MotionText
 from t2d_rt.motion import aside, place
 from t2d_rt.motion.check import check_motion
 from t2d_rt.motion.vary import hold
-from t2d_rt.named import example
-from t2d_rt.sources import MotionText
 from t2d_rt.types import Motion
 
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import Recipe, recipe_names
 from t2d_rt.dataset.sample import cell_of
-from t2d_rt.errors import InputError
 
 CONDITIONS = [{"name": "ellipsoids", "method": "ellipsoid"}, {"name": "mesh", "weight": 3}]
 FIELDS: dict[str, Any] = {

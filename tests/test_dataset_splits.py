@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import check_split, folds, read_split, source_clips, split, splits
 from t2d_rt.dataset.splits import KINDS, leaks
-from t2d_rt.errors import InputError
 from t2d_rt.motion.generate import motion_from_text
 
 CLASSES = "walking", "falling"

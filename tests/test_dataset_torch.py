@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dataset_folder import recipe, write_dataset
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import Dataset, export_dataset, split
-from t2d_rt.errors import InputError
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed (extra [learn])")
 

@@ -10,8 +10,8 @@ import pyarrow.parquet as pq
 import pytest
 
 import t2d_rt as t2d
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import TRUTH_COLUMNS, Dataset, Recipe, export_dataset, make_dataset, sample
-from t2d_rt.errors import InputError
 
 RATE_HZ = 20.0
 

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from command_line import Command
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions import grammar
 from t2d_rt.motion.descriptions.deal import weighted
 from t2d_rt.motion.descriptions.diversity import NEAREST, diversity

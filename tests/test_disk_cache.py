@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from builders import WALK
-from t2d_rt import disk_cache, load_motion, place, simulate, trim
+from t2d_rt import load_motion, place, simulate, trim
+from t2d_rt.core import disk_cache
 from t2d_rt.scattering import points, refinement
 
 ARRAYS = {"a": np.arange(6, dtype=np.float32).reshape(2, 3), "b": np.array([1, 2], np.int32)}

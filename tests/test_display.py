@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from t2d_rt.result import Recording
+from t2d_rt.recording.recording import Recording
 from t2d_rt.types import Motion, Radar
 
 RADAR = Radar.preset("ci4r", samples=64)

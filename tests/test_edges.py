@@ -11,9 +11,9 @@ from trimesh.creation import box
 import t2d_rt as t2d
 from builders import ANTENNA_M, UP, plate, walk
 from measures import knife_edge_db
-from t2d_rt.backend import select
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.errors import InputError
+from t2d_rt.core.backend import select
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.errors import InputError
 from t2d_rt.propagation.edges import MANY, RIM, Edges
 from t2d_rt.propagation.fresnel import bundle
 from t2d_rt.propagation.images import existing

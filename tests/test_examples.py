@@ -17,12 +17,12 @@ import t2d_rt as t2d
 from builders import ROOT, WALK, remember_samples
 from dataset_folder import made as made_up
 from measures import check_picture, nmse_db
-from t2d_rt import named
 from t2d_rt.cli import main
 from t2d_rt.dataset import recipe as recipe_files
 from t2d_rt.dataset import work
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.work import Made, Plans
+from t2d_rt.experiment import catalog as named
 
 pytestmark = pytest.mark.usefixtures("coarse_bodies")
 
@@ -174,7 +174,7 @@ def test_point_cloud(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("remembered")
-@pytest.mark.filterwarnings("ignore::t2d_rt.errors.T2DWarning")  # coarse bodies miss tolerances, a walk may alias
+@pytest.mark.filterwarnings("ignore::t2d_rt.core.errors.T2DWarning")  # coarse bodies miss tolerances, a walk may alias
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=lambda page: page.stem)
 def test_pages_run_from_top_to_bottom(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -16,7 +16,7 @@ import pytest
 
 import t2d_rt as t2d
 from t2d_rt.cli import main
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.scene import Slab
 from validation.robustness.api_arguments import FACES, TETRAHEDRON, TIMES_S, egg, walk
 
@@ -182,7 +182,7 @@ def test_a_bundled_motion_is_a_file_by_its_name(tmp_path: Path) -> None:
         t2d.run(t2d.Experiment.from_yaml(path))
 
 
-@pytest.mark.filterwarnings("ignore::t2d_rt.errors.T2DWarning")
+@pytest.mark.filterwarnings("ignore::t2d_rt.core.errors.T2DWarning")
 def test_a_motion_is_made_from_a_sentence(tmp_path: Path) -> None:
     path = tmp_path / "said.yaml"
     said = "a person walks forward"
@@ -289,7 +289,7 @@ def test_a_new_field_of_accuracy_needs_no_other_edit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It is found in Python, YAML, the help of the command line and the attributes of a saved recording."""
-    for module in ("t2d_rt.types", "t2d_rt.accuracy.wanted", "t2d_rt.result", "t2d_rt.saved"):
+    for module in ("t2d_rt.types", "t2d_rt.accuracy.wanted", "t2d_rt.recording.recording", "t2d_rt.recording.folder"):
         monkeypatch.setattr(f"{module}.Accuracy", Wider)
     made = t2d.simulate(tetrahedron(), radar=RADAR, accuracy={"sagitta_rad": 1.5, "extra_rate_hz": 3})
     made.save(tmp_path / "a.zarr")

@@ -12,11 +12,12 @@ import pytest
 
 import t2d_rt as t2d
 from builders import walk
-from t2d_rt import export, rows
 from t2d_rt.cli import main
-from t2d_rt.cubes import DiskCube, new_cube
-from t2d_rt.errors import InputError
-from t2d_rt.result import Recording
+from t2d_rt.core import cube_storage as rows
+from t2d_rt.core.cubes import DiskCube, new_cube
+from t2d_rt.core.errors import InputError
+from t2d_rt.recording import export
+from t2d_rt.recording.recording import Recording
 from t2d_rt.types import Radar
 
 RADAR = Radar.preset("ci4r", samples=16, sample_rate_hz=1e6, rx_offsets_m=[[0, 0, 0], [0, 0.002, 0]])

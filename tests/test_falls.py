@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip("mujoco")
 
 from t2d_rt.body import depth_m, skin
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion import load_motion, place, resample, trim
 from t2d_rt.motion.descriptions.slots import Description
 from t2d_rt.motion.generate import motion_from_text, understood

@@ -19,9 +19,10 @@ import pytest
 import yaml
 
 from builders import MOTIONS
-from t2d_rt import cli, files
+from t2d_rt import cli
 from t2d_rt.cli.add import additions
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core import files
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion, read
 from t2d_rt.motion.read import bvh
 from t2d_rt.types import Radar

@@ -15,9 +15,9 @@ from trimesh.creation import box
 import t2d_rt as t2d
 from builders import icosphere, plate, shape
 from command_line import Command
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.pipeline.path_pairs import paths_to, within_reach
 from t2d_rt.propagation.scenes import load_scene
-from t2d_rt.room import paths_to, within_reach
 from t2d_rt.types import Ellipsoids, Radar, Scene, Surface
 
 Make = Callable[..., Path]
@@ -172,7 +172,7 @@ def test_large_scenes_say_what_is_too_much_and_where(monkeypatch: pytest.MonkeyP
         InputError, match="has more than 1000 plane parts where its rays are traced; give what is round"
     ):
         paths_to(many, reaching, TARGET_M, reflections=1)
-    monkeypatch.setattr("t2d_rt.room.ROOM_TRIANGLES", 10_000)
+    monkeypatch.setattr("t2d_rt.pipeline.path_pairs.ROOM_TRIANGLES", 10_000)
     with pytest.raises(
         InputError, match="9 surfaces and 11520 triangles within the 342 m that the radar reaches, more"
     ):

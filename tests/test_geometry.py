@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from builders import icosphere
 from measures import volume
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.geometry import (
     Refinement,
     SubdividedMesh,

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
 from builders import MOTIONS, WALK
-from t2d_rt.errors import T2DWarning
+from t2d_rt.core.errors import T2DWarning
 from t2d_rt.motion import load_motion
 from t2d_rt.motion.read.ground import ground
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.contacts import contacts, plant, runs, soles
 from t2d_rt.motion.generate.library.store import shipped

@@ -18,8 +18,8 @@ from typing import Any
 import pytest
 
 from command_line import Command
-from t2d_rt.disk_cache import VARIABLE
-from t2d_rt.errors import InputError
+from t2d_rt.core.disk_cache import VARIABLE
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions import replies
 from t2d_rt.motion.descriptions.endpoint import Budget, LanguageModel, Session
 from t2d_rt.motion.descriptions.grammar import grammar_descriptions

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.learn.adapters import AdapterOptions, read_real
 from t2d_rt.learn.adapters.parrad import BINS, FOUR, ROWS, ZERO_BIN
 

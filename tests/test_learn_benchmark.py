@@ -11,9 +11,9 @@ import pytest
 
 from command_line import Command
 from dataset_folder import recipe, write_dataset
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import Dataset
 from t2d_rt.dataset.products import edges
-from t2d_rt.errors import InputError
 from t2d_rt.learn.baselines import Centroids
 from t2d_rt.learn.benchmark import SCALES, Scale, cells, cells_of, claims, conditions, run_cells, write_report
 from t2d_rt.learn.benchmark.claims import confused_pairs, interval, verdict

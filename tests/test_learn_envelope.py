@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from learn_maps import ridges
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.learn.models import build
 from t2d_rt.learn.train import Augment, Ensemble, SavedModel, TrainOptions, load_model, scores_of, train_model
 from t2d_rt.learn.train.augment import Augmenter

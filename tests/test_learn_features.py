@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.learn.baselines import baseline_probabilities, features
 from t2d_rt.learn.baselines.bands import EDGES_MPS, RATES_HZ, band_features
 from t2d_rt.learn.baselines.course import Lines, course

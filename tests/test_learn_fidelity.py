@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from command_line import Command
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.learn import fidelity, twins
 from t2d_rt.learn.adapters.parrad import BINS, RADARS, ROWS
 from t2d_rt.learn.fidelity import RUNGS, make_rungs, read_rungs, run_study, rungs, study, write_fidelity

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.learn.lasting import LEAST_PROBABILITY, SHARPNESS, likeliest_course, nearest
 from t2d_rt.learn.windows import Prediction
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from dataset_folder import write_dataset
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import Dataset
-from t2d_rt.errors import InputError
 from t2d_rt.learn.maps import LabelledMaps, maps_of
 
 

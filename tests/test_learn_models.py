@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from learn_maps import ridges
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.learn.baselines import BASELINES, baseline_probabilities
 from t2d_rt.learn.models import build, card, count, model_names
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.learn import gap
 from t2d_rt.learn.gap import domain_gap
 from t2d_rt.learn.maps import LabelledMaps

@@ -10,12 +10,12 @@ import pytest
 
 from learn_maps import CLASSES
 from t2d_rt.cli import main
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.learn.charts import prediction_figure
 from t2d_rt.learn.train import Ensemble, SavedModel
 from t2d_rt.learn.train.saved import Card
 from t2d_rt.learn.windows import Prediction, predict
-from t2d_rt.result import Recording
+from t2d_rt.recording.recording import Recording
 from t2d_rt.types import Radar
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed (extra [learn])")

@@ -16,7 +16,7 @@ import pytest
 
 import t2d_rt as t2d
 from command_line import Command
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.check import check_motion, detect_fall
 from t2d_rt.motion.contacts import contacts

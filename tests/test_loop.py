@@ -17,7 +17,7 @@ import t2d_rt as t2d
 from builders import icosphere, static_mesh
 from measures import nmse_db, volume
 from t2d_rt.body import skin, template
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.geometry import Refinement, curved_refinements, loop
 from t2d_rt.geometry.loop import control_points, surface_rows
 from t2d_rt.scattering import refinement

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from t2d_rt.body.template import template
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.check import check_motion, detect_fall
 from t2d_rt.motion.contacts import runs, soles
 from t2d_rt.motion.descriptions.slots import Activity, Step

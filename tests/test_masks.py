@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.noise.masks import OcclusionMask, occlude
 
 TIMES = 0.05 + 0.1 * np.arange(100)

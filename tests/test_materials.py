@@ -7,7 +7,7 @@ import math
 import pytest
 
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material, skin_permittivity
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.propagation.materials import _sionna_table, itu_material, itu_names
 from t2d_rt.types import PEC, Material
 

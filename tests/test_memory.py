@@ -13,10 +13,11 @@ import pytest
 import t2d_rt as t2d
 from builders import ball
 from measures import nmse_db
-from t2d_rt import memory, products
-from t2d_rt.backend import ALIGNMENT, select
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.model import farthest_and_fastest
+from t2d_rt.core import factored_cubes as products
+from t2d_rt.core import memory
+from t2d_rt.core.backend import ALIGNMENT, select
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.pipeline.echo_model import farthest_and_fastest
 from t2d_rt.propagation.edges import Edges
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.radar import buckets
@@ -129,7 +130,9 @@ def test_parts_of_the_echoes_sum_to_the_same(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(echo_streams, "MOST_ECHOES", 3_000)
     calls = []
     synthesize = synthesis.synthesize
-    monkeypatch.setattr("t2d_rt.summation.synthesize", lambda *a, **k: calls.append(a[0].echoes) or synthesize(*a, **k))
+    monkeypatch.setattr(
+        "t2d_rt.pipeline.sum_echoes.synthesize", lambda *a, **k: calls.append(a[0].echoes) or synthesize(*a, **k)
+    )
     parts = t2d.simulate([approaching(2), approaching(2)], radar=RADAR, scene="empty_room", reflections=1).cube
     assert len(calls) > 3
     assert max(calls) <= 3_000
@@ -164,7 +167,7 @@ def test_the_limit_does_not_change_the_result() -> None:
 @pytest.mark.slow
 def test_what_takes_more_is_refused_before_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("t2d_rt.accuracy.cost.SUMMED_BYTES", 1e7)
-    monkeypatch.setattr("t2d_rt.summation.synthesize", lambda *_, **__: pytest.fail("it began"))
+    monkeypatch.setattr("t2d_rt.pipeline.sum_echoes.synthesize", lambda *_, **__: pytest.fail("it began"))
     with pytest.raises(t2d.InputError, match=r"takes about [\d.]+ GB of memory, more than the limit of 2 GB; ask for"):
         t2d.simulate(approaching(), radar=RADAR)
     with pytest.raises(t2d.InputError, match=r"raise memory_gb"):
@@ -172,7 +175,7 @@ def test_what_takes_more_is_refused_before_it_begins(monkeypatch: pytest.MonkeyP
 
 
 def test_a_mesh_of_too_many_faces_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("t2d_rt.stage.REFINING_BYTES", 2e6)
+    monkeypatch.setattr("t2d_rt.experiment.setup.REFINING_BYTES", 2e6)
     with pytest.raises(t2d.InputError, match=r"ball of 1280 faces takes about 2.6 GB of memory.*fewer triangles"):
         t2d.simulate(approaching(), radar=RADAR)
 
@@ -270,7 +273,7 @@ def test_rays_where_two_mirrors_meet() -> None:
 def test_freed_memory_is_kept_where_dask_says_otherwise() -> None:
     """Pages asked of the system by arrays that come and go: with the variable of dask's workers hardly more than without."""
     code = (
-        "import resource, sys, numpy as np; from t2d_rt.memory import keep_freed\n"
+        "import resource, sys, numpy as np; from t2d_rt.core.memory import keep_freed\n"
         "if 'kept' in sys.argv: keep_freed()\n"
         "for _ in range(200): np.ones(2**18)\n"
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt)"

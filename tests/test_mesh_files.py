@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from builders import WALL, shape
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.geometry import mesh_files
 from t2d_rt.geometry.mesh_files import parsed_mesh
 from t2d_rt.propagation.scenes import load_scene

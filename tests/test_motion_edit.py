@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import builders
 from builders import MOTIONS
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion import (
     describe,
     load_motion,

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from builders import MOTIONS, WALK
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import flavours, load_motion, motion_from_joints, register_flavour, skeletons
 from t2d_rt.motion.interpolate import decompose
 from t2d_rt.motion.posture import facing

@@ -13,8 +13,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.special import jn_zeros
 
 import t2d_rt as t2d
-from t2d_rt.errors import InputError
-from t2d_rt.model import farthest_and_fastest
+from t2d_rt.core.errors import InputError
+from t2d_rt.pipeline.echo_model import farthest_and_fastest
 from t2d_rt.scene import Mover, mover
 from t2d_rt.types import Ellipsoids, MovingMesh, Radar
 from validation.physics.movers import seen

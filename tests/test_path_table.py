@@ -8,17 +8,17 @@ from trimesh.creation import box
 
 import t2d_rt as t2d
 from builders import ball, icosphere, static_mesh, walk
-from t2d_rt.backend import select
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.errors import InputError
+from t2d_rt.core.backend import select
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.resources import resource
+from t2d_rt.experiment.setup import set_up, set_up_again
 from t2d_rt.motion.contacts import contacts
 from t2d_rt.motion.kinematics import poses_of
-from t2d_rt.path_table import path_table
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.mitsuba import mitsuba
-from t2d_rt.resources import resource
-from t2d_rt.stage import set_up, set_up_again
-from t2d_rt.truth import projected_areas, truth_table
+from t2d_rt.recording.path_table import path_table
+from t2d_rt.recording.truth import projected_areas, truth_table
 from t2d_rt.types import OneWayPath
 
 SPEED_MPS = np.array([-2.0, 0.5, 0.0])

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from builders import ANTENNA_M, UP, plate, small_room
-from t2d_rt.backend import select
-from t2d_rt.path_fields import SweepNodes, field_over, received
+from t2d_rt.core.backend import select
+from t2d_rt.pipeline.path_pairs import probed
 from t2d_rt.propagation.clutter import static_paths
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.images import existing, vertices
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.paths import FoundPaths, find_paths
 from t2d_rt.propagation.surroundings import radar_paths
-from t2d_rt.room import probed
 from t2d_rt.scattering.paths import ranked_pairs
 from t2d_rt.types import PEC, Material, OneWayPath, PathSet, Radar, Scene
+from t2d_rt.types.path_fields import SweepNodes, field_over, received
 
 FREQUENCY_HZ = 77.87e9
 FREQUENCIES_HZ = FREQUENCY_HZ + 1e9 * np.array([-0.5, 0.0, 0.5])
@@ -123,7 +123,7 @@ def test_a_set_is_evaluated_as_its_rows_are(found: FoundPaths, points: np.ndarra
 def test_existing_says_the_same_in_blocks(
     found: FoundPaths, points: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("t2d_rt.memory.BLOCK_BYTES", 3 * 24 * len(points) * (found.paths.mask.shape[1] + 2))
+    monkeypatch.setattr("t2d_rt.core.memory.BLOCK_BYTES", 3 * 24 * len(points) * (found.paths.mask.shape[1] + 2))
     assert np.array_equal(existing(found.edges.mirrors, found.paths, points), found.fraction)
 
 

@@ -15,8 +15,8 @@ import builders
 import t2d_rt as t2d
 from builders import icosphere, static_mesh
 from measures import nmse_db
-from t2d_rt.backend import Backend
-from t2d_rt.errors import BackendError, InputError, T2DWarning
+from t2d_rt.core.backend import Backend
+from t2d_rt.core.errors import BackendError, InputError, T2DWarning
 from t2d_rt.geometry import refinements
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
@@ -243,7 +243,7 @@ def test_a_motion_that_goes_on_after_the_record_is_told(walk: Motion) -> None:
 
 
 def test_no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("t2d_rt.backend._has_cuda", lambda: False)
+    monkeypatch.setattr("t2d_rt.core.backend._has_cuda", lambda: False)
     with pytest.raises(BackendError, match="no CUDA device was found; use device cpu"):
         t2d.simulate(ball(2.0), radar=RADAR, device="gpu")
 

@@ -15,8 +15,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.result import Recording
+from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.recording.recording import Recording
 from t2d_rt.signal import coherent_interval, range_doppler, range_time, spectrogram
 from t2d_rt.types import Radar
 

@@ -14,8 +14,8 @@ import pytest
 import t2d_rt as t2d
 from builders import ROOT, WALK
 from command_line import Command
-from t2d_rt.errors import InputError
-from t2d_rt.plugins import plugins
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.plugins import plugins
 from test_examples import blocks
 
 PAGE = ROOT / "docs" / "extend.md"

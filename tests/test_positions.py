@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 import t2d_rt as t2d
 from builders import MOTIONS, WALK
 from t2d_rt.body import template
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion, motion_from_joints
 from t2d_rt.motion.interpolate import low_pass
 from t2d_rt.motion.quaternions import conjugate, multiply, rotate

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from t2d_rt.processes import NOT_ALLOWED, NOT_FOUND, run_guarded
+from t2d_rt.core.processes import NOT_ALLOWED, NOT_FOUND, run_guarded
 
 
 def guarded(code: str, place: Path, limit_s: float = 20.0) -> subprocess.CompletedProcess[bytes]:
@@ -42,7 +42,7 @@ def test_without_standard_streams(tmp_path: Path) -> None:
     """As where a shell has closed them, and a pipe takes their numbers."""
     code = (
         "import os, sys; from pathlib import Path; [os.close(each) for each in (0, 1, 2)]\n"
-        "from t2d_rt.processes import run_guarded\n"
+        "from t2d_rt.core.processes import run_guarded\n"
         "done = run_guarded([sys.executable, '-c', 'print(3)'], folder=Path.cwd(), env={}, limit_s=20)\n"
         "Path('said').write_bytes(done.stdout)"
     )

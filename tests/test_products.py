@@ -11,11 +11,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from t2d_rt import cubes, products
-from t2d_rt.cubes import Cube, CubeAdder, DiskCube
-from t2d_rt.errors import InputError
-from t2d_rt.memory import Budget
-from t2d_rt.products import Piece, Product, ProductRows
+from t2d_rt.core import cubes
+from t2d_rt.core import factored_cubes as products
+from t2d_rt.core.cubes import Cube, CubeAdder, DiskCube
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.factored_cubes import Piece, Product, ProductRows
+from t2d_rt.core.memory import Budget
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.signal import spectrogram
 from t2d_rt.signal.range import taper
@@ -78,7 +79,7 @@ def test_more_coefficients_than_samples_are_kept_as_samples(multiplexing: str, m
 
 
 def test_copies_and_pickles_hold_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("t2d_rt.rows.BLOCK_BYTES", 5000)  # several blocks
+    monkeypatch.setattr("t2d_rt.core.cube_storage.BLOCK_BYTES", 5000)  # several blocks
     inside, outside = both(RADARS[1], monkeypatch, layers=2)
     for other in (pickle.loads(pickle.dumps(outside)), copy.deepcopy(outside)):
         assert other.rows._file is not outside.rows._file

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 import t2d_rt as t2d
-from t2d_rt import progress
-from t2d_rt.errors import InputError
-from t2d_rt.progress import BETWEEN_LINES_S, ProgressBar, shown_progress
+from t2d_rt.core import progress
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.progress import BETWEEN_LINES_S, ProgressBar, shown_progress
 
 
 class Terminal(io.StringIO):

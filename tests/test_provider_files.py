@@ -16,7 +16,7 @@ import pytest
 
 import t2d_rt as t2d
 from builders import within
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.slots import Description
 from t2d_rt.motion.generate.files import Files, results
 from t2d_rt.motion.generate.momask import MoMask

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 import t2d_rt
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.radar import check_speed
 from t2d_rt.types.presets import preset_fields, preset_names
 from t2d_rt.types.radar import Radar

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
 from builders import JOINT_CENTRES, MOTIONS, WALK, joint_centres, write_c3d
-from t2d_rt.errors import InputError, T2DWarning, install
+from t2d_rt.core.errors import InputError, T2DWarning, install
 from t2d_rt.motion import flavours, load_motion
 from t2d_rt.motion.interpolate import decompose
 from t2d_rt.motion.read import amass, humanml3d, joint_sets, kimodo
@@ -720,7 +720,7 @@ def good_files(folder: Path) -> list[Path]:
     return [folder / f"a.{suffix}" for suffix in ("amc", "json", "trc", "npy", "npz")]
 
 
-@pytest.mark.filterwarnings("ignore::t2d_rt.errors.T2DWarning")
+@pytest.mark.filterwarnings("ignore::t2d_rt.core.errors.T2DWarning")
 def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
     """Bytes cut, changed, removed and put in, in the head and anywhere: no other error than an InputError of one line."""
     rng = np.random.default_rng(RNG_SEED)

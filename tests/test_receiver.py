@@ -15,16 +15,16 @@ import pytest
 
 import t2d_rt as t2d
 from t2d_rt.cli import main
-from t2d_rt.constants import BOLTZMANN
-from t2d_rt.cubes import DiskCube
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.constants import BOLTZMANN
+from t2d_rt.core.cube_storage import ScratchRows
+from t2d_rt.core.cubes import DiskCube
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.noise.receiver import chain, receive
 from t2d_rt.noise.receiver.draws import Draws
 from t2d_rt.noise.receiver.flicker import filter_of
 from t2d_rt.noise.receiver.interference import RINGING, Interference, filtered_chirp
 from t2d_rt.noise.receiver.lags import lags
 from t2d_rt.noise.receiver.phase_noise import bin_delays_s, bounding, residual_rms_rad
-from t2d_rt.rows import ScratchRows
 
 RADAR = t2d.Radar.preset("table2", samples=64)
 FAN = t2d.TableFan(position_m=(3, -1, 1), rpm=120)
@@ -667,7 +667,7 @@ def test_noise_can_be_added_later_and_once() -> None:
 
 
 def test_noise_of_cubes_on_disk_is_that_of_cubes_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("t2d_rt.cubes.LARGE_BYTES", 1000)
+    monkeypatch.setattr("t2d_rt.core.cubes.LARGE_BYTES", 1000)
     clean = fan.__wrapped__()
     assert isinstance(clean.cube, DiskCube)
     noisy = t2d.add_noise(clean)

@@ -10,7 +10,7 @@ import pytest
 
 import t2d_rt as t2d
 from t2d_rt.accuracy import nmse_db
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.radar.repetition import _at, _oversampled, repetition
 from t2d_rt.types import MovingMesh, Radar
 

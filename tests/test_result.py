@@ -16,11 +16,13 @@ import xarray as xr
 
 import t2d_rt as t2d
 from builders import point_cube
-from t2d_rt import cubes, rows, saved
-from t2d_rt.errors import InputError
-from t2d_rt.result import Recording
+from t2d_rt.core import cube_storage as rows
+from t2d_rt.core import cubes
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.versions import versions
+from t2d_rt.recording import folder as saved
+from t2d_rt.recording.recording import Recording
 from t2d_rt.types import Radar
-from t2d_rt.versions import versions
 
 RADAR = Radar.preset("ci4r")
 

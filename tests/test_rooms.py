@@ -12,12 +12,13 @@ import pytest
 import t2d_rt as t2d
 from builders import ANTENNA_M, UP, ball, plate, small_room, walk
 from measures import nmse_db
-from t2d_rt.backend import select
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.errors import InputError
+from t2d_rt.core.backend import select
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
+from t2d_rt.core.resources import resource
 from t2d_rt.geometry import SubdividedMesh
-from t2d_rt.memory import SAMPLE_BYTES, VISIBILITY_BYTES
-from t2d_rt.path_fields import field_over
+from t2d_rt.pipeline.visibility import Sampled, Sight, coarse_views
 from t2d_rt.propagation.images import existing
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.mitsuba import mitsuba
@@ -25,13 +26,12 @@ from t2d_rt.propagation.paths import FoundPaths, find_paths
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.propagation.surroundings import radar_paths
 from t2d_rt.propagation.visibility import sample_times
-from t2d_rt.resources import resource
 from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
 from t2d_rt.scattering.mesh import _frames_at_once
 from t2d_rt.scattering.paths import View
 from t2d_rt.signal import range_doppler
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, OneWayPath, PathPair, Radar, Scene, Surface
-from t2d_rt.visibility import Sampled, Sight, coarse_views
+from t2d_rt.types.path_fields import field_over
 
 
 def with_shared_occlusion(distance_m: float = 2.0) -> Scene:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
 from builders import MOTIONS, WALK
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion
 from t2d_rt.motion.read.root import rooted
 from t2d_rt.motion.read.tracks import Tracks

@@ -12,7 +12,7 @@ import pytest
 
 import t2d_rt as t2d
 from command_line import Command
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion
 from t2d_rt.motion.check import check_motion
 from t2d_rt.motion.jumps import JOINT_LIMIT, deviations, jumps

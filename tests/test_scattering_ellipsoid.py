@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from builders import icosphere
 from measures import db
-from t2d_rt.backend import Backend
-from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.core.backend import Backend
+from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.scattering.ellipsoid import ellipsoid_echoes, specular_points
 from t2d_rt.scattering.mesh import Detail, mesh_echoes

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from builders import icosphere, static_mesh
 from measures import db
-from t2d_rt.backend import Backend
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.backend import Backend
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.outside import check_outside

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
 from builders import ball, icosphere, static_mesh
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.errors import T2DWarning
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.errors import T2DWarning
 from t2d_rt.geometry import Refinement, refine
 from t2d_rt.scattering.patches import CYCLES_PER_STEP, MOST_FACETS, Patches, centres, normals, patches, tilts
 from t2d_rt.scattering.points import DiffusePoints

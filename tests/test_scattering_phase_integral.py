@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from t2d_rt.backend import Backend
+from t2d_rt.core.backend import Backend
 from t2d_rt.scattering.lanes import lane_ops
 from t2d_rt.scattering.phase_integral import NUMPY_OPS, SERIES_TERMS, divided_difference, divided_differences
 

@@ -13,7 +13,8 @@ from scipy.interpolate import CubicSpline
 import builders
 import t2d_rt as t2d
 from builders import icosphere
-from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.pipeline.targets import segments
 from t2d_rt.scattering.rate import (
     LEAST_HZ,
     MOST_HZ,
@@ -25,7 +26,6 @@ from t2d_rt.scattering.rate import (
     SurfaceRate,
     needed_rate_hz,
 )
-from t2d_rt.targets import segments
 from t2d_rt.types import MovingMesh, Radar
 
 RADAR = Radar.preset("table2")

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from builders import REF, WALL, shape, walk
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.core.resources import resource
 from t2d_rt.propagation import scene_xml, shapes
 from t2d_rt.propagation.scenes import load_scene
-from t2d_rt.resources import resource
 from t2d_rt.types import Material
 
 Make = Callable[..., Path]
@@ -191,7 +191,7 @@ def test_to_world(make: Make, steps: str, corner: tuple[float, float, float]) ->
 
 def test_the_users_features_are_as_in_sionna(make: Make) -> None:
     """Bit for bit without a transform, to rounding with one."""
-    from t2d_rt.backend import select
+    from t2d_rt.core.backend import select
     from t2d_rt.propagation.mitsuba import mitsuba
 
     mi = mitsuba(select("cpu"))

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from builders import MOTIONS, WALK
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion
 from t2d_rt.motion.interpolate import decompose
 from t2d_rt.motion.match import limbs, match

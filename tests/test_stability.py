@@ -11,7 +11,7 @@ from t2d_rt.types import Radar
 from validation.methods.stability import bodies, distances, facets, motions, rooms, signals
 from validation.methods.stability.case import Case
 
-pytestmark = pytest.mark.filterwarnings("ignore::t2d_rt.errors.T2DWarning")  # sheets and torn meshes are meant so
+pytestmark = pytest.mark.filterwarnings("ignore::t2d_rt.core.errors.T2DWarning")  # sheets and torn meshes are meant so
 QUICK: list[Callable[[Radar], Case | list[Case]]] = [
     distances.inside,
     facets.tangent,

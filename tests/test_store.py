@@ -21,13 +21,14 @@ import numpy as np
 import pytest
 import zarr
 
-from t2d_rt import saved, store
 from t2d_rt.cli import main
-from t2d_rt.errors import InputError
-from t2d_rt.resources import folder
-from t2d_rt.result import Recording
+from t2d_rt.core import atomic_write as store
+from t2d_rt.core.atomic_write import replacing, settle
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.resources import folder
+from t2d_rt.recording import folder as saved
+from t2d_rt.recording.recording import Recording
 from t2d_rt.scene import Room, save_scene
-from t2d_rt.store import replacing, settle
 from t2d_rt.types import Radar, Scene
 
 RADAR = Radar.preset("ci4r")
@@ -35,7 +36,7 @@ ROOM = Room(name="box", size_m=(4, 3, 2.5))
 ROOT = Path(__file__).parents[1]
 
 PROCESSES = multiprocessing.get_context("forkserver")  # a fork of pytest would have its threads' locks
-PROCESSES.set_forkserver_preload(["xarray", "zarr", "scipy.signal", "t2d_rt.result"])
+PROCESSES.set_forkserver_preload(["xarray", "zarr", "scipy.signal", "t2d_rt.recording.recording"])
 
 
 def recording(value: complex) -> Recording:
@@ -133,7 +134,7 @@ def test_what_the_user_moved_away_does_not_come_back(tmp_path: Path) -> None:
 
 def test_sigterm_tidies_up(tmp_path: Path) -> None:
     code = (
-        "import sys, time\nfrom t2d_rt import cli\nfrom t2d_rt.store import replacing\nfrom pathlib import Path\n"
+        "import sys, time\nfrom t2d_rt import cli\nfrom t2d_rt.core.atomic_write import replacing\nfrom pathlib import Path\n"
         "def run(_):\n"
         "    with replacing(Path('a.png'), lambda: None) as new:\n"
         "        new.touch(); print('ready', flush=True); time.sleep(60)\n"

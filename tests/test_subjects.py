@@ -12,14 +12,14 @@ import t2d_rt as t2d
 from builders import JOINT_CENTRES, MOTIONS, WALK, joint_centres, write_c3d
 from t2d_rt.cli.add import Person, additions
 from t2d_rt.cli.options import simulate_parser
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.experiment.sources import MotionFile, target_from
 from t2d_rt.motion import load_motion
 from t2d_rt.motion.read.bodies import bodies
 from t2d_rt.motion.read.bvh import read_bvh
 from t2d_rt.motion.read.joint_sets import absent_joints
 from t2d_rt.motion.read.markers import MODELLED
 from t2d_rt.motion.read.subjects import numbered, subjects
-from t2d_rt.sources import MotionFile, target_from
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 from validation.motions import independent
 

@@ -14,13 +14,13 @@ import pytest
 
 import t2d_rt as t2d
 import t2d_rt.cli.sweep
-import t2d_rt.versions
+import t2d_rt.core.versions
 from builders import WALK
 from command_line import Command
 from t2d_rt import sweeps
 from t2d_rt.cli.arguments import alternatives, entries
-from t2d_rt.comparison import field_difference_db
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
+from t2d_rt.recording.compare import field_difference_db
 
 RADAR = t2d.Radar.preset("ci4r", carrier_hz=24e9, prf_hz=2000, samples=32)
 FAN = {"kind": "fan", "position_m": (3, -1, 1), "rpm": 120}

@@ -13,7 +13,7 @@ import pytest
 import t2d_rt as t2d
 from builders import WALK, ball, small_room, walk
 from t2d_rt.cli import main
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 
 RADAR = t2d.Radar.preset("ci4r", samples=128, prf_hz=4500.0)
 FINE = {"synthesis_error_db": -90.0}

@@ -12,11 +12,11 @@ import pytest
 import trimesh
 
 from measures import nmse_db
-from t2d_rt import cubes
-from t2d_rt.backend import Backend
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.errors import InputError
-from t2d_rt.memory import Budget
+from t2d_rt.core import cubes
+from t2d_rt.core.backend import Backend
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.memory import Budget
 from t2d_rt.radar import groups, multilevel
 from t2d_rt.radar.direct import direct_sum
 from t2d_rt.radar.groups import levels

@@ -12,7 +12,7 @@ import pytest
 
 import t2d_rt as t2d
 from builders import ball
-from t2d_rt.resources import resource
+from t2d_rt.core.resources import resource
 
 SPAN_S = 0.0, 0.2
 

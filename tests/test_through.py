@@ -10,21 +10,21 @@ import pytest
 
 import t2d_rt as t2d
 from builders import ANTENNA_M, UP, ball, plate
-from t2d_rt.backend import select
 from t2d_rt.cli.options import simulate_parser
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.errors import InputError
-from t2d_rt.path_fields import field_over
+from t2d_rt.core.backend import select
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.resources import resource
 from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.materials import itu_material
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.mitsuba import mitsuba
 from t2d_rt.propagation.paths import find_paths
 from t2d_rt.propagation.scenes import load_scene
-from t2d_rt.resources import resource
 from t2d_rt.scene import Room
-from t2d_rt.slabs import transmission
 from t2d_rt.types import Ellipsoids, Material, MovingMesh, Radar, Scene
+from t2d_rt.types.path_fields import field_over
+from t2d_rt.types.slab_coefficients import transmission
 
 FREQUENCY_HZ = 77.87e9
 

@@ -15,7 +15,7 @@ import t2d_rt as t2d
 from builders import ball
 from measures import nmse_db
 from t2d_rt.accuracy.cost import facet_counts
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.radar.direct import between, direct_sum
 from t2d_rt.types import Echoes, Motion, MovingMesh, Radar
 from t2d_rt.types.accuracy import DEFAULT_TIERS, ELLIPSOID_TIERS
@@ -319,7 +319,7 @@ def test_a_plan_tries_nothing(walk: Motion, monkeypatch: pytest.MonkeyPatch) -> 
         raise AssertionError("a plan must not do that")
 
     monkeypatch.setattr("t2d_rt.scattering.refinement.refinements", forbidden)
-    monkeypatch.setattr("t2d_rt.summation.synthesize", forbidden)
+    monkeypatch.setattr("t2d_rt.pipeline.sum_echoes.synthesize", forbidden)
     assert t2d.plan(walk, radar=RADAR, tolerance_db=-15.0).accuracy.sagitta_scale > 1
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Material, MovingMesh, resampled, stream
 
 TIMES_S = np.arange(5) / 100

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.contacts import contacts, runs, soles
 from t2d_rt.motion.kinematics import poses_of
 from t2d_rt.motion.vary import gait, mirror, step_times_s, vary_gait, vary_view

@@ -18,9 +18,9 @@ from PIL import Image
 import t2d_rt as t2d
 from browser import CHROMIUM, Browser
 from command_line import Command
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.errors import InputError
-from t2d_rt.result import Recording
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.errors import InputError
+from t2d_rt.recording.recording import Recording
 from t2d_rt.signal import coherent_interval, range_doppler, range_doppler_over
 from t2d_rt.types import MovingMesh, Radar
 from t2d_rt.view import Viewer, gather

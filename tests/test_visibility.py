@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
 from builders import icosphere, moving, static_mesh, walk
-from t2d_rt.backend import Backend
 from t2d_rt.body.template import template
-from t2d_rt.errors import T2DWarning
+from t2d_rt.core.backend import Backend
+from t2d_rt.core.errors import T2DWarning
+from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.geometry import SubdividedMesh
-from t2d_rt.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.propagation.occluders import Occluders, Posed
 from t2d_rt.propagation.visibility import Occlusion, Surroundings, sample_times
 from t2d_rt.types import MovingMesh

@@ -8,6 +8,6 @@ from __future__ import annotations
 
 import os
 
-from t2d_rt.disk_cache import VARIABLE
+from t2d_rt.core.disk_cache import VARIABLE
 
 os.environ.setdefault(VARIABLE, "off")  # times are those of a first recording

@@ -7,7 +7,7 @@ import time
 import warnings
 from importlib import import_module
 
-from t2d_rt.errors import T2DWarning
+from t2d_rt.core.errors import T2DWarning
 from validation.report import record, summary, write_report
 
 SECTIONS = {

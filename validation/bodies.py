@@ -9,8 +9,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 import t2d_rt as t2d
+from t2d_rt.core.resources import resource
 from t2d_rt.motion import quaternions
-from t2d_rt.resources import resource
 from t2d_rt.types import Motion, MovingMesh, Radar
 
 WALK, RUN = "12_01_walk.bvh", "iclone_002_03_run_jog.bvh.gz"

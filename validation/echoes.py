@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.types import Echoes, Radar
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from t2d_rt.accuracy.cost import FacetCount, facet_counts, seconds, work
 from t2d_rt.accuracy.laws import MOST_DB, FacetLaw, Law, Laws
 from t2d_rt.accuracy.occlusion import Occluded
-from t2d_rt.model import Model, sagitta_rad
-from t2d_rt.room import Clutter
+from t2d_rt.pipeline.echo_model import Model, sagitta_rad
+from t2d_rt.pipeline.path_pairs import Clutter
 from t2d_rt.types import Accuracy, Motion, MovingMesh, PathTier
 from t2d_rt.types.paths import PathKey
 

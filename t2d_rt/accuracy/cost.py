@@ -10,13 +10,13 @@ import numpy as np
 
 from t2d_rt.accuracy.estimate import FIELD_BYTES
 from t2d_rt.accuracy.laws import COARSER, Laws
-from t2d_rt.cubes import is_large
+from t2d_rt.core.cubes import is_large
+from t2d_rt.core.memory import release
 from t2d_rt.geometry.refine import curvature
 from t2d_rt.geometry.vectors import lengths
-from t2d_rt.memory import release
-from t2d_rt.model import Model, resolved, sagitta_rad
+from t2d_rt.pipeline.echo_model import Model, resolved, sagitta_rad
+from t2d_rt.pipeline.path_pairs import Clutter
 from t2d_rt.radar.repetition import table_bytes
-from t2d_rt.room import Clutter
 from t2d_rt.scattering.mesh import POINTS_PER_MESH
 from t2d_rt.scattering.patches import rounded_range_m
 from t2d_rt.scattering.refinement import POINT_SAGITTA_RAD, REFINING_BYTES

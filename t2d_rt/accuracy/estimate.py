@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2d_rt.cubes import Cube
-from t2d_rt.model import Model
+from t2d_rt.core.cubes import Cube
+from t2d_rt.pipeline.echo_model import Model
 from t2d_rt.propagation.visibility import KeptVisibility
 from t2d_rt.radar.direct import between, chirp_samples
 from t2d_rt.scattering.streams import batches

@@ -15,9 +15,9 @@ from t2d_rt.accuracy.estimate import Chirps, Field, of_cube
 from t2d_rt.accuracy.laws import COARSER
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.accuracy.search import OVER_DB
-from t2d_rt.cubes import Cube
-from t2d_rt.errors import T2DWarning
-from t2d_rt.model import Next, with_method
+from t2d_rt.core.cubes import Cube
+from t2d_rt.core.errors import T2DWarning
+from t2d_rt.pipeline.echo_model import Next, with_method
 from t2d_rt.propagation.visibility import KeptVisibility, sample_times
 from t2d_rt.types import Accuracy, EchoStream
 from t2d_rt.types.accuracy import DEFAULT_TIERS

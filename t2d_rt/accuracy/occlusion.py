@@ -10,7 +10,7 @@ import numpy as np
 
 from t2d_rt.accuracy.estimate import Chirps
 from t2d_rt.geometry.vectors import edge_cross, lengths
-from t2d_rt.model import Model
+from t2d_rt.pipeline.echo_model import Model
 from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.visibility import Surroundings
 from t2d_rt.types import Accuracy, MovingMesh

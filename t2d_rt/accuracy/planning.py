@@ -11,12 +11,12 @@ from typing import Any
 from t2d_rt.accuracy.cost import predicted_bytes, refuse
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.accuracy.wanted import Wanted, chosen
-from t2d_rt.backend import recent_yardstick_s
-from t2d_rt.errors import InputError
-from t2d_rt.experiment import Experiment
-from t2d_rt.memory import LIMIT_GB, after_call
-from t2d_rt.stage import set_up
-from t2d_rt.targets import TargetLike
+from t2d_rt.core.backend import recent_yardstick_s
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.memory import LIMIT_GB, after_call
+from t2d_rt.experiment.experiment import Experiment
+from t2d_rt.experiment.setup import set_up
+from t2d_rt.pipeline.targets import TargetLike
 
 
 def plan(

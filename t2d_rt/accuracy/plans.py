@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from t2d_rt.accuracy.budget import OCCLUSION, Budget, Omission, db, sampled
-from t2d_rt.model import Model, farthest_and_fastest
+from t2d_rt.pipeline.echo_model import Model, farthest_and_fastest
 from t2d_rt.types import Accuracy, Ellipsoids
 
 

@@ -14,10 +14,10 @@ import numpy as np
 from t2d_rt.accuracy.budget import FAST_OCCLUSION, SURELY, Budget, Total, ratio
 from t2d_rt.accuracy.laws import Laws
 from t2d_rt.accuracy.plans import Plan
-from t2d_rt.checks import number
-from t2d_rt.errors import T2DWarning
+from t2d_rt.core.checks import number
+from t2d_rt.core.errors import T2DWarning
 from t2d_rt.geometry import curvature
-from t2d_rt.model import SPLINE_ERROR_DB, Model, with_method
+from t2d_rt.pipeline.echo_model import SPLINE_ERROR_DB, Model, with_method
 from t2d_rt.types import Accuracy, Motion, MovingMesh, PathTier
 from t2d_rt.types.accuracy import ELLIPSOID_TIERS, EVERY_PATH_DB
 

@@ -9,9 +9,9 @@ from typing import Any
 from t2d_rt.accuracy.budget import Budget
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.accuracy.search import as_given, check_tolerance, planned
-from t2d_rt.checks import flag, shown
-from t2d_rt.errors import InputError
-from t2d_rt.model import Model
+from t2d_rt.core.checks import flag, shown
+from t2d_rt.core.errors import InputError
+from t2d_rt.pipeline.echo_model import Model
 from t2d_rt.types import Accuracy
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from t2d_rt.body.rotations import matrices
 from t2d_rt.body.template import Template
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 

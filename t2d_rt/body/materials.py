@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import cast
 
-from t2d_rt.constants import VACUUM_PERMITTIVITY
-from t2d_rt.errors import InputError
+from t2d_rt.core.constants import VACUUM_PERMITTIVITY
+from t2d_rt.core.errors import InputError
 from t2d_rt.types import PEC, Material
 from t2d_rt.types.material import checked_frequency, checked_material
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import unknown_name
-from t2d_rt.errors import InputError
-from t2d_rt.resources import listing, resource
+from t2d_rt.core.checks import unknown_name
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.resources import listing, resource
 from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS
 
 Ring = tuple[np.ndarray, np.ndarray]

@@ -12,12 +12,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 try:
-    from t2d_rt.checks import unknown_name
     from t2d_rt.cli import commands, options
     from t2d_rt.cli.arguments import check_nulls, one_sentence, resolved
     from t2d_rt.cli.output import say
     from t2d_rt.cli.sigterm import stopped_by_sigterm
-    from t2d_rt.errors import InputError, T2DError, T2DWarning
+    from t2d_rt.core.checks import unknown_name
+    from t2d_rt.core.errors import InputError, T2DError, T2DWarning
 except KeyboardInterrupt:  # Ctrl-C while the program loads
     print("t2d-rt: stopped; nothing was written", file=sys.stderr)
     sys.exit(130)
@@ -89,7 +89,7 @@ def _run(arguments: list[str]) -> int:
         say(_overview(), file=sys.stderr)
         return 2
     if arguments[0] == "--version":
-        from t2d_rt.versions import versions
+        from t2d_rt.core.versions import versions
 
         say(versions()["t2d-rt"])
         return 0

@@ -9,7 +9,7 @@ from warnings import warn
 
 from pydantic import Field
 
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.scene.movers import Mover, mover, parsed, with_words
 from t2d_rt.types.fields import Fields, Number
 
@@ -37,8 +37,8 @@ class Person(Fields):
 
     def motion(self, radar: Radar) -> Motion:
         """The file's motion from `start_s` to `stop_s`, where `place` puts it."""
+        from t2d_rt.experiment.catalog import motion_path
         from t2d_rt.motion import load_motion, place
-        from t2d_rt.named import motion_path
 
         motion = cut(load_motion(motion_path(self.file), subject=self.subject), self.start_s, self.stop_s)
         return place(

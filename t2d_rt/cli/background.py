@@ -7,11 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from t2d_rt.checks import integer, positive
 from t2d_rt.cli.options import add_capture_options, add_parameters, capture_options, command_parser
 from t2d_rt.cli.output import say
-from t2d_rt.errors import InputError
-from t2d_rt.progress import ProgressBar
+from t2d_rt.core.checks import integer, positive
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.progress import ProgressBar
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
@@ -97,7 +97,7 @@ def _simulate(options: Namespace) -> None:
 
 
 def _rooms(first: int, count: int, duration_s: float, progress: Callable[[float], None]) -> list[BackgroundRecord]:
-    from t2d_rt.empty_rooms import empty_room_record
+    from t2d_rt.dataset.empty_rooms import empty_room_record
 
     found = []
     for number in range(integer("count", count, 1)):
@@ -107,9 +107,9 @@ def _rooms(first: int, count: int, duration_s: float, progress: Callable[[float]
 
 
 def _train(options: Namespace, source: str) -> None:
+    from t2d_rt.core.atomic_write import check_place, check_taken, replacing
     from t2d_rt.noise.background.learn import learn_background, require_torch
     from t2d_rt.noise.background.model import DEFAULT
-    from t2d_rt.store import check_place, check_taken, replacing
 
     require_torch()  # before minutes of simulation
     target = Path(options.output)
@@ -171,7 +171,7 @@ def _evaluate(options: Namespace, source: str, folder: str) -> None:
 
 
 def _records(options: Namespace, folder: str) -> list[BackgroundRecord]:
-    from t2d_rt.background_files import background_records
+    from t2d_rt.dataset.background_files import background_records
 
     given: dict[str, Any] = {name: value for name, value in options.signal.as_dict().items() if value is not None}
     return background_records(folder, processing=given, **capture_options(options))
@@ -186,7 +186,7 @@ def _folder(options: Namespace) -> Path:
 
 
 def _write(record: BackgroundRecord, path: Path, options: Namespace) -> None:
-    from t2d_rt.store import check_taken, replacing
+    from t2d_rt.core.atomic_write import check_taken, replacing
 
     with replacing(path, lambda: check_taken(path, overwrite=options.overwrite)) as new:
         record.save(new)

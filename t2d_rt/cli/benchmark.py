@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from t2d_rt.checks import choice, positive
 from t2d_rt.cli.options import command_parser
 from t2d_rt.cli.output import say
-from t2d_rt.errors import InputError
-from t2d_rt.progress import ProgressBar
+from t2d_rt.core.checks import choice, positive
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.progress import ProgressBar
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace

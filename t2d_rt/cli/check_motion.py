@@ -6,10 +6,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from t2d_rt.checks import choice
 from t2d_rt.cli.options import add_reading, command_parser
 from t2d_rt.cli.output import check_picture, say, write_picture
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import choice
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion import load_motion
 from t2d_rt.motion.check import Verdict, check_motion
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
@@ -112,7 +112,7 @@ def _read(files: list[Path], reading: dict[str, Any]) -> tuple[list[Motion], lis
 
 
 def _draw(picture: Path, files: list[Path], motions: list[Motion], verdicts: list[Verdict], options: Namespace) -> None:
-    from t2d_rt.contact_sheet import contact_sheet
+    from t2d_rt.view.contact_sheet import contact_sheet
 
     labels = [
         f"{path.name}\n{'passed' if each.passed else 'refused'}" for path, each in zip(files, verdicts, strict=True)

@@ -9,20 +9,20 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from t2d_rt.checks import unknown_name
 from t2d_rt.cli.experiments import is_experiment, planned, recorded
 from t2d_rt.cli.given import accuracy_of, model_of, motion_of, radar_of, substitutes_of, targets_of
 from t2d_rt.cli.options import CAPTURE, compare_parser, plan_parser, refuse_options, simulate_parser
 from t2d_rt.cli.output import check_picture, radar_info, recording_info, say, write_picture
-from t2d_rt.errors import InputError, T2DError, T2DWarning
-from t2d_rt.progress import ProgressBar
+from t2d_rt.core.checks import unknown_name
+from t2d_rt.core.errors import InputError, T2DError, T2DWarning
+from t2d_rt.core.progress import ProgressBar
 
 if TYPE_CHECKING:
     from jsonargparse import Namespace
     from matplotlib.figure import Figure
 
     from t2d_rt.cli.add import Person
-    from t2d_rt.result import Recording
+    from t2d_rt.recording.recording import Recording
     from t2d_rt.scene import Mover
     from t2d_rt.simulate import Method
     from t2d_rt.types import Motion, Radar
@@ -37,7 +37,7 @@ COMPARED = "file", "output", "overwrite", "config", "align", "relative", "signal
 def simulate_command(options: Namespace) -> None:
     """Simulates a motion file or an experiment, or a result again, and writes the recording and its picture."""
     from t2d_rt.cli.add import additions
-    from t2d_rt.saved import check_free
+    from t2d_rt.recording.folder import check_free
 
     source, added = Path(options.file), additions(options.add)
     stem = (
@@ -73,7 +73,7 @@ def simulate_command(options: Namespace) -> None:
 
 def _check_background(options: Namespace) -> None:
     """Tries the model of the background, and its axes where the radar is given here, before a long run."""
-    from t2d_rt.added_background import background_settings, check_axes
+    from t2d_rt.recording.added_background import background_settings, check_axes
 
     if options.background is None:
         for name in ("background_seed", "background_level_db"):
@@ -119,7 +119,7 @@ def plan_command(options: Namespace) -> None:
 
 def compare_command(options: Namespace) -> None:
     """Compares two recordings, or both methods on a motion: writes their picture and prints figures of their difference."""
-    from t2d_rt.comparison import compare
+    from t2d_rt.recording.compare import compare
 
     named_radar = options.pop("named_radar")
     files = [Path(each) for each in options.file or ()]
@@ -150,7 +150,7 @@ def compare_command(options: Namespace) -> None:
 
 def _read_both(files: Sequence[Path], options: Namespace, named_radar: bool) -> list[Recording]:
     """Two recordings, measured ones with the radar that is given, and spectrograms by the options that are."""
-    from t2d_rt.recordings import load_recording
+    from t2d_rt.recording.read import load_recording
 
     parser = compare_parser()
     measured = [each for each in files if each.suffix.lower() != ".zarr"]
@@ -179,9 +179,9 @@ def _read_both(files: Sequence[Path], options: Namespace, named_radar: bool) -> 
 def scene_command(options: Namespace) -> None:
     """Draws a room with its radar and the paths to a point."""
     from t2d_rt.motion import load_motion
+    from t2d_rt.pipeline.path_pairs import paths_to, within_reach
     from t2d_rt.plots import plot_scene
     from t2d_rt.propagation.scenes import load_scene
-    from t2d_rt.room import paths_to, within_reach
 
     if not 0 <= options.reflections <= 4:
         raise InputError(f"option reflections must lie in 0..4, got {options.reflections}")
@@ -195,8 +195,8 @@ def scene_command(options: Namespace) -> None:
     track = None
     target = radar.tx_position_m + 2.5 * radar.axes[0]
     if options.walk is not None:
+        from t2d_rt.experiment.catalog import motion_path
         from t2d_rt.motion import place
-        from t2d_rt.named import motion_path
 
         motion = place(
             load_motion(motion_path(options.walk)), radar_position_m=radar.position_m, boresight=radar.boresight
@@ -215,19 +215,19 @@ def scene_command(options: Namespace) -> None:
 
 def info_command(options: Namespace) -> None:
     """Prints what a file holds."""
-    from t2d_rt.store import settle
+    from t2d_rt.core.atomic_write import settle
 
     source = Path(options.file)
     with suppress(OSError, ValueError):  # no folder, or one that may only be read: what follows says so
         settle(source)
     if not source.exists():
-        from t2d_rt.named import motion_path
+        from t2d_rt.experiment.catalog import motion_path
 
         source = motion_path(source)
     if not source.exists():
         raise InputError(f"{source} does not exist; check the path")
     if source.is_dir():
-        from t2d_rt.result import Recording
+        from t2d_rt.recording.recording import Recording
 
         say(recording_info(Recording.load(source)))
     elif source.suffix.lower() in (".yaml", ".yml"):
@@ -244,7 +244,7 @@ def info_command(options: Namespace) -> None:
 
 def export_command(options: Namespace) -> None:
     """Writes a result as one file for other programs."""
-    from t2d_rt.result import Recording
+    from t2d_rt.recording.recording import Recording
 
     source = Path(options.file)
     target = Path(options.output or source.with_suffix(".mat").name)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from t2d_rt.cli.dataset_uses import TAKES, add_options, run_use
 from t2d_rt.cli.options import command_parser
 from t2d_rt.cli.output import say
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
@@ -94,8 +94,8 @@ def run(options: Namespace) -> int:
 
 
 def _make(name: str, options: Namespace) -> int:
+    from t2d_rt.core.progress import ProgressBar
     from t2d_rt.dataset import Recipe, make_dataset
-    from t2d_rt.progress import ProgressBar
 
     recipe = Recipe.read(name)
     target = options.output or recipe.name

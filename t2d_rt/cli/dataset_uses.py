@@ -6,9 +6,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from t2d_rt.checks import choice
 from t2d_rt.cli.output import check_picture, say, write_picture
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import choice
+from t2d_rt.core.errors import InputError
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
@@ -81,9 +81,9 @@ def _summary(folder: str, options: Namespace) -> None:
 
 
 def _split(folder: str, options: Namespace) -> None:
+    from t2d_rt.core.atomic_write import check_place, check_taken, replacing
     from t2d_rt.dataset import Dataset, folds, split
     from t2d_rt.dataset.splits import FRACTIONS, KINDS
-    from t2d_rt.store import check_place, check_taken, replacing
 
     if options.folds is not None and options.fractions is not None:
         raise InputError("dataset split takes --folds or --fractions; leave one of them out")

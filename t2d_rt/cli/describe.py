@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from t2d_rt.checks import integer, names_advice, shown
 from t2d_rt.cli.options import command_parser
 from t2d_rt.cli.output import say
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import integer, names_advice, shown
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.diversity import NEAREST, diversity
 from t2d_rt.motion.descriptions.grammar import MOST_DESCRIPTIONS, grammar_descriptions
 from t2d_rt.motion.descriptions.lines import as_json, json_lines, write_descriptions
@@ -141,7 +141,7 @@ def _sentence(options: Namespace) -> int:
 
 
 def _checked_output(options: Namespace) -> Path | None:
-    from t2d_rt.store import check_place
+    from t2d_rt.core.atomic_write import check_place
 
     if options.source not in SOURCES:
         raise InputError(f"source must be {' or '.join(SOURCES)}, got {shown(options.source)}")
@@ -163,9 +163,9 @@ def _checked_output(options: Namespace) -> Path | None:
 
 def _by_model(activity: Activity, options: Namespace) -> tuple[list[Description], str]:
     """Descriptions of a class by a language model, and why there are fewer than asked for, if there are."""
+    from t2d_rt.core.progress import ProgressBar
     from t2d_rt.motion.descriptions.endpoint import Budget, LanguageModel
     from t2d_rt.motion.descriptions.language_model import model_descriptions
-    from t2d_rt.progress import ProgressBar
 
     model = LanguageModel(model=options.model, base_url=options.base_url, timeout_s=options.timeout_s)
     budget = Budget(requests=options.budget, tokens=options.budget_tokens)

@@ -11,7 +11,7 @@ import numpy as np
 from t2d_rt.cli.learning import PICTURES, mti_of, one_word, told, write_scores
 from t2d_rt.cli.options import command_parser
 from t2d_rt.cli.output import check_picture, say
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from t2d_rt.errors import InputError
-from t2d_rt.files import read_yaml
-from t2d_rt.progress import ProgressBar
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_yaml
+from t2d_rt.core.progress import ProgressBar
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
 
     from t2d_rt.accuracy import Plan
-    from t2d_rt.result import Recording
+    from t2d_rt.recording.recording import Recording
 
 RUN = "tolerance_db", "measure_error", "device", "memory_gb"
 """Options beside an experiment that go to `run` by their names."""
@@ -32,8 +32,8 @@ def is_experiment(source: Path) -> bool:
 
 def recorded(source: Path, options: Namespace, parser: ArgumentParser, accuracy: dict[str, Any]) -> Recording:
     """The recording of an experiment in YAML, or of a recording again."""
-    from t2d_rt.experiment import Experiment
-    from t2d_rt.result import Recording
+    from t2d_rt.experiment.experiment import Experiment
+    from t2d_rt.recording.recording import Recording
     from t2d_rt.simulate import run
 
     check_beside(source, options, parser)
@@ -76,7 +76,7 @@ def check_beside(source: Path, options: Namespace, parser: ArgumentParser, also:
 
 def read_experiment(path: Path) -> tuple[Any, dict[str, Any]]:
     """The experiment, and what the file says of its accuracy: `accuracy` and `tolerance_db`."""
-    from t2d_rt.experiment import Experiment
+    from t2d_rt.experiment.experiment import Experiment
 
     values = read_yaml(path, noun="experiment", example="targets, radar and scene")
     stored: dict[str, Any] = {name: values.pop(name) for name in ("accuracy", "tolerance_db") if name in values}

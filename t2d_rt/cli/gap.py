@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from t2d_rt.cli.options import command_parser
 from t2d_rt.cli.output import check_picture, say, write_picture
 from t2d_rt.cli.transfer import add_real, compared
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
@@ -41,9 +41,9 @@ def parser() -> ArgumentParser:
 
 def run(options: Namespace) -> None:
     """Writes the comparison."""
+    from t2d_rt.core.atomic_write import check_place, check_taken, replacing
     from t2d_rt.learn.gap import domain_gap, plot_gap
     from t2d_rt.learn.require import require_learning
-    from t2d_rt.store import check_place, check_taken, replacing
 
     names = options.file or []
     if len(names) != 2 or options.output is None or not options.output.endswith(".md"):

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from t2d_rt.checks import shown
 from t2d_rt.cli.output import say
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError
 
 if TYPE_CHECKING:
     from jsonargparse import Namespace
@@ -54,8 +54,8 @@ def accuracy_of(options: Namespace) -> dict[str, Any]:
 def motion_of(options: Namespace, source: Path, radar: Radar) -> Motion:
     """The piece of the motion file that is used, in its place before the radar."""
     from t2d_rt.cli.add import cut
+    from t2d_rt.experiment.catalog import motion_path
     from t2d_rt.motion import load_motion, place
-    from t2d_rt.named import motion_path
 
     motion = load_motion(motion_path(source), **options.motion.as_dict())
     say(motion.report)

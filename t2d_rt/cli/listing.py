@@ -18,7 +18,7 @@ def lines(kind: str) -> Iterator[str]:
 
 
 def _presets() -> Iterator[tuple[str, str]]:
-    from t2d_rt.named import presets
+    from t2d_rt.experiment.catalog import presets
     from t2d_rt.types import Radar
 
     for name in presets():
@@ -34,7 +34,7 @@ def _presets() -> Iterator[tuple[str, str]]:
 
 
 def _scenes() -> Iterator[tuple[str, str]]:
-    from t2d_rt.named import FREE_SPACE, scenes
+    from t2d_rt.experiment.catalog import FREE_SPACE, scenes
     from t2d_rt.propagation.scenes import load_scene
 
     for name in scenes():
@@ -57,7 +57,7 @@ def _bodies() -> Iterator[tuple[str, str]]:
 
 
 def _movers() -> Iterator[tuple[str, str]]:
-    from t2d_rt.errors import InputError
+    from t2d_rt.core.errors import InputError
     from t2d_rt.scene.movers import kind_named, kind_names
 
     for name in kind_names():
@@ -72,7 +72,7 @@ def _movers() -> Iterator[tuple[str, str]]:
 
 
 def _motions() -> Iterator[tuple[str, str]]:
-    from t2d_rt.named import EXAMPLES
+    from t2d_rt.experiment.catalog import EXAMPLES
 
     for name, (file, told) in EXAMPLES.items():
         yield name, f"{told}; {file}"

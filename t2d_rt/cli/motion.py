@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from t2d_rt.cli.options import command_parser
 from t2d_rt.cli.output import say
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 from t2d_rt.cli.arguments import bounded_yaml
 from t2d_rt.cli.help import field_help, parameter_help
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
@@ -100,7 +100,7 @@ def plan_parser() -> ArgumentParser:
 
 def compare_parser() -> ArgumentParser:
     """Options of `t2d-rt compare`."""
-    from t2d_rt.comparison import compare
+    from t2d_rt.recording.compare import compare
 
     parser = command_parser(
         "compare",

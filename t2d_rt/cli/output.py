@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from t2d_rt.errors import InputError, printable
+from t2d_rt.core.errors import InputError, printable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from t2d_rt.result import Recording
+    from t2d_rt.recording.recording import Recording
     from t2d_rt.types import Radar
 
 
@@ -21,7 +21,7 @@ def say(text: object, *, file: TextIO | None = None) -> None:
 
 def check_picture(picture: Path, *, overwrite: bool) -> None:
     """Refuses a name for a picture that is no picture's, is taken, or cannot be written."""
-    from t2d_rt.store import check_place
+    from t2d_rt.core.atomic_write import check_place
 
     if picture.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise InputError(f"a picture ends in .png, .pdf or .svg, got '{picture}'; choose another name")
@@ -32,7 +32,7 @@ def check_picture(picture: Path, *, overwrite: bool) -> None:
 
 def write_picture(figure: Figure, picture: Path, *, overwrite: bool) -> None:
     """Writes a figure whole or not at all."""
-    from t2d_rt.store import check_taken, replacing
+    from t2d_rt.core.atomic_write import check_taken, replacing
 
     with replacing(picture, lambda: check_taken(picture, overwrite=overwrite)) as new:
         figure.savefig(new)

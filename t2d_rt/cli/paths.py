@@ -10,12 +10,12 @@ from t2d_rt.cli.experiments import is_experiment
 from t2d_rt.cli.given import accuracy_of, model_of, motion_of, radar_of, targets_of
 from t2d_rt.cli.options import add_additions, add_model, add_overwrite, add_piece, command_parser
 from t2d_rt.cli.output import say
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
 
-    from t2d_rt.model import Model
+    from t2d_rt.pipeline.echo_model import Model
     from t2d_rt.types import Accuracy
 
 EXAMPLES = """examples:
@@ -53,9 +53,9 @@ def parser() -> ArgumentParser:
 
 def run(options: Namespace) -> None:
     """Prints the strongest paths at one instant, and writes those at all of them."""
-    from t2d_rt.checks import positive
-    from t2d_rt.path_table import checked_times, csv_text, path_table, record_times, screen_text
-    from t2d_rt.store import check_place, check_taken, replacing
+    from t2d_rt.core.atomic_write import check_place, check_taken, replacing
+    from t2d_rt.core.checks import positive
+    from t2d_rt.recording.path_table import checked_times, csv_text, path_table, record_times, screen_text
 
     rate_hz = positive("rate_hz", options.rate_hz, 1e4, unit="Hz")
     target = None if options.output is None else Path(options.output)
@@ -81,9 +81,9 @@ def _set_up(options: Namespace) -> tuple[Model, Accuracy]:
     from t2d_rt.accuracy.wanted import Wanted, chosen
     from t2d_rt.cli.add import additions
     from t2d_rt.cli.experiments import check_beside, read_experiment
-    from t2d_rt.experiment import Experiment
-    from t2d_rt.result import Recording
-    from t2d_rt.stage import set_up, set_up_again
+    from t2d_rt.experiment.experiment import Experiment
+    from t2d_rt.experiment.setup import set_up, set_up_again
+    from t2d_rt.recording.recording import Recording
 
     source, given, tolerance_db = Path(options.file), accuracy_of(options), options.tolerance_db
     machine = {"device": options.device, "memory_gb": options.memory_gb}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from t2d_rt.cli.options import add_capture_options, capture_options, command_parser, refuse_options
 from t2d_rt.cli.output import check_picture, say, write_picture
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
@@ -80,9 +80,9 @@ def _refuse_others(options: Namespace, kind: str, animation: str | None) -> None
 
 def run(options: Namespace) -> None:
     """Writes the picture or the animation."""
-    from t2d_rt.animation import ENDINGS, animate, check_animation
-    from t2d_rt.checks import choice
-    from t2d_rt.recordings import load_recording
+    from t2d_rt.core.checks import choice
+    from t2d_rt.recording.read import load_recording
+    from t2d_rt.view.animation import ENDINGS, animate, check_animation
 
     source = Path(options.file)
     kind = choice("option map", options.map, MAPS)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from t2d_rt.cli.learning import one_word
 from t2d_rt.cli.options import add_capture_options, capture_options, command_parser
 from t2d_rt.cli.output import check_picture, say, write_picture
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
@@ -51,7 +51,7 @@ def parser() -> ArgumentParser:
 def run(options: Namespace) -> None:
     """Prints a line for each window and for each activity of the likeliest course, and draws them."""
     from t2d_rt.learn.train import Ensemble, load_model
-    from t2d_rt.recordings import load_recording
+    from t2d_rt.recording.read import load_recording
 
     source = Path(one_word(options, "predict", "a recording"))
     if options.model is None:

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from t2d_rt.errors import printable
-from t2d_rt.store import LOCKS, abandon
+from t2d_rt.core.atomic_write import LOCKS, abandon
+from t2d_rt.core.errors import printable
 
 
 def _refused(*_: Any, **__: Any) -> None:

@@ -11,15 +11,15 @@ from t2d_rt.cli.experiments import BESIDE, is_experiment, read_experiment
 from t2d_rt.cli.given import check_scene, substitutes_of
 from t2d_rt.cli.options import add_model, add_piece, command_parser
 from t2d_rt.cli.output import say, write_picture
-from t2d_rt.errors import InputError
-from t2d_rt.experiment import Experiment
-from t2d_rt.files import load_yaml
-from t2d_rt.named import radar_named
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import load_yaml
+from t2d_rt.experiment.catalog import radar_named
+from t2d_rt.experiment.experiment import Experiment
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
 
-    from t2d_rt.result import Recording
+    from t2d_rt.recording.recording import Recording
 
 EXAMPLES = """examples:
   t2d-rt sweep walk --scene living_room --add fan:3,-1,1,rpm=0:900:300 -o fans      # four recordings, 300 rpm apart
@@ -83,7 +83,7 @@ def run(options: Namespace) -> None:
 
 def _made(source: Path, options: Namespace, given: dict[str, Any], default: ArgumentParser) -> Experiment | Recording:
     """The experiment of a YAML file or a recording; what the file says of accuracy holds where nothing is given."""
-    from t2d_rt.result import Recording
+    from t2d_rt.recording.recording import Recording
 
     for name, value in options.items():
         if name.partition(".")[0] not in (*BESIDE, "vary", "varied") and value != default.get_default(name):

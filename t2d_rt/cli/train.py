@@ -11,8 +11,8 @@ import numpy as np
 from t2d_rt.cli.learning import add_split, mti_of, one_word, sides, told, write_scores
 from t2d_rt.cli.options import command_parser
 from t2d_rt.cli.output import say, write_picture
-from t2d_rt.errors import InputError
-from t2d_rt.progress import ProgressBar
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.progress import ProgressBar
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from t2d_rt.checks import choice
 from t2d_rt.cli.options import command_parser
 from t2d_rt.cli.output import say
-from t2d_rt.errors import InputError
-from t2d_rt.progress import ProgressBar
+from t2d_rt.core.checks import choice
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.progress import ProgressBar
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace

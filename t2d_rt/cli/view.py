@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from t2d_rt.cli.options import CAPTURE, add_capture_options, capture_options, command_parser, refuse_options
 from t2d_rt.cli.output import say
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
@@ -41,7 +41,7 @@ def parser() -> ArgumentParser:
 
 def run(options: Namespace) -> None:
     """Writes the page."""
-    from t2d_rt.recordings import load_recording
+    from t2d_rt.recording.read import load_recording
     from t2d_rt.view import MOST_RECORDINGS, Viewer, check_page, told
 
     sources = [Path(each) for each in options.file or []]

@@ -13,7 +13,7 @@ from t2d_rt.dataset.sample import sample
 from t2d_rt.dataset.splits import Split, check_split, folds, read_split, source_clips, split
 from t2d_rt.dataset.stored import Dataset
 from t2d_rt.dataset.summary import Summary, summarise
-from t2d_rt.truth import TRUTH_COLUMNS
+from t2d_rt.recording.truth import TRUTH_COLUMNS
 
 if TYPE_CHECKING:
     from t2d_rt.dataset.torch_data import TorchDataset

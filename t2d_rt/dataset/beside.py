@@ -10,10 +10,10 @@ import numpy as np
 from t2d_rt.dataset.motions import descriptions
 from t2d_rt.dataset.recipe import Beside, Recipe
 from t2d_rt.dataset.seeds import integer_seed
+from t2d_rt.experiment.sources import MotionText
 from t2d_rt.motion.descriptions.slots import Description
 from t2d_rt.motion.generate.library.individual import drawn_person
 from t2d_rt.scene import Curtain, Mover, Pet, TableFan
-from t2d_rt.sources import MotionText
 
 WALKS = 20
 """Descriptions of walks that a second person may follow."""

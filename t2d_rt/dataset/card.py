@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
+from t2d_rt.core.versions import versions
 from t2d_rt.dataset.read import UNITS
-from t2d_rt.truth import TRUTH_COLUMNS
-from t2d_rt.versions import versions
+from t2d_rt.recording.truth import TRUTH_COLUMNS
 
 if TYPE_CHECKING:
     from t2d_rt.dataset.splits import Split

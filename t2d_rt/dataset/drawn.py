@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.canvas import blank_figure, drawable
-from t2d_rt.checks import integer, positive
+from t2d_rt.core.checks import integer, positive
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset.stored import Dataset
 from t2d_rt.dataset.summary import Summary
 from t2d_rt.dataset.summary import extent as extent_of
-from t2d_rt.errors import InputError
 from t2d_rt.plots import VELOCITY_LABEL
+from t2d_rt.plots.canvas import blank_figure, drawable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from t2d_rt.checks import choice, file_path, flag, positive
+from t2d_rt.core.atomic_write import check_place, check_taken, replacing
+from t2d_rt.core.checks import choice, file_path, flag, positive
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset.card import data_card
 from t2d_rt.dataset.parquet import DATA, pyarrow, write_parquet
 from t2d_rt.dataset.read import RECIPE
 from t2d_rt.dataset.shards import RAGGED, SHARDS
 from t2d_rt.dataset.splits import Split, check_split
 from t2d_rt.dataset.stored import Dataset, Product
-from t2d_rt.errors import InputError
-from t2d_rt.store import check_place, check_taken, replacing
-from t2d_rt.truth import TRUTH_COLUMNS
+from t2d_rt.recording.truth import TRUTH_COLUMNS
 
 if TYPE_CHECKING:
     from t2d_rt.dataset.products import SpectrogramProduct

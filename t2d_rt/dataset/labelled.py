@@ -9,10 +9,10 @@ import xarray as xr
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset.read import UNITS
 from t2d_rt.dataset.shards import RAGGED
 from t2d_rt.dataset.stored import DIMENSIONS, axis
-from t2d_rt.errors import InputError
 
 if TYPE_CHECKING:
     from t2d_rt.dataset.stored import Dataset, Product

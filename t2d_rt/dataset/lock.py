@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from t2d_rt.errors import InputError
-from t2d_rt.store import LOCKS
+from t2d_rt.core.atomic_write import LOCKS
+from t2d_rt.core.errors import InputError
 
 LOCK = ".lock"
 

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from t2d_rt.added_background import background_settings, check_axes
-from t2d_rt.checks import file_path, integer
+from t2d_rt.core.checks import file_path, integer
+from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.core.versions import versions
 from t2d_rt.dataset.lock import locked
 from t2d_rt.dataset.planning import make_plans
 from t2d_rt.dataset.read import MANIFEST, PLANS, RECIPE, Shard, read_manifest, shard_faults, spooled
@@ -30,8 +31,7 @@ from t2d_rt.dataset.shards import (
     write_whole,
 )
 from t2d_rt.dataset.work import Made
-from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.versions import versions
+from t2d_rt.recording.added_background import background_settings, check_axes
 
 LOG = "log"
 MOST_FAILED = 0.05

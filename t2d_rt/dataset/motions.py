@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from t2d_rt.core.errors import T2DError
 from t2d_rt.dataset.recipe import OWN_BODY, Recipe
 from t2d_rt.dataset.seeds import integer_seed
-from t2d_rt.errors import T2DError
+from t2d_rt.experiment.sources import MotionText
 from t2d_rt.motion import trim
 from t2d_rt.motion.check import check_motion
 from t2d_rt.motion.descriptions.grammar import grammar_descriptions
@@ -18,7 +19,6 @@ from t2d_rt.motion.descriptions.slots import Activity, Description
 from t2d_rt.motion.generate import COMPOSED
 from t2d_rt.motion.generate.library.individual import drawn_person
 from t2d_rt.motion.vary import hold
-from t2d_rt.sources import MotionText
 from t2d_rt.types import Motion
 
 LASTING: frozenset[Activity] = frozenset({"walking", "abnormal_walking", "running", "dancing"})

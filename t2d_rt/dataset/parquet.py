@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from t2d_rt.core.errors import InputError, install
 from t2d_rt.dataset.kept import Kept
 from t2d_rt.dataset.records import array_of, check_array, read_record
 from t2d_rt.dataset.shards import RAGGED
-from t2d_rt.errors import InputError, install
 
 if TYPE_CHECKING:
     from t2d_rt.dataset.recipe import Recipe

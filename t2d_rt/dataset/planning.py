@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from t2d_rt.accuracy import plan
+from t2d_rt.core.errors import InputError, T2DError, T2DWarning
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.sample import cell_of, sample
 from t2d_rt.dataset.shards import write_whole
 from t2d_rt.dataset.work import group_of
-from t2d_rt.errors import InputError, T2DError, T2DWarning
 from t2d_rt.types import Accuracy
 
 PLANNED = 20

@@ -9,11 +9,11 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from t2d_rt.errors import InputError
-from t2d_rt.path_table import record_times
-from t2d_rt.result import Recording
+from t2d_rt.core.errors import InputError
+from t2d_rt.recording.path_table import record_times
+from t2d_rt.recording.recording import Recording
+from t2d_rt.recording.truth import person_rows
 from t2d_rt.signal.points import point_cloud
-from t2d_rt.truth import person_rows
 from t2d_rt.types.fields import Count, Fields, Number
 
 FLOOR_DB = -200.0

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import file_path
+from t2d_rt.core.checks import file_path
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_bytes
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.records import Sizes, array_of, check_array, read_array, read_record
 from t2d_rt.dataset.shards import RAGGED, SHARDS, SPOOL, damaged, file_sha256, numbers, shard_name
 from t2d_rt.dataset.work import Made
-from t2d_rt.errors import InputError
-from t2d_rt.files import read_bytes
 
 RECIPE, PLANS, MANIFEST = "recipe.yaml", "plans.json", "manifest.json"
 UNITS = {"velocity_mps": "m/s", "time_s": "s", "range_m": "m"}

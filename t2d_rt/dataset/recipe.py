@@ -13,16 +13,16 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_validator
 
-from t2d_rt.checks import unknown_name
+from t2d_rt.core.checks import unknown_name
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_yaml
 from t2d_rt.dataset.products import Products
 from t2d_rt.dataset.seeds import seeds
-from t2d_rt.errors import InputError
-from t2d_rt.files import read_yaml
+from t2d_rt.experiment.catalog import bodies
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
-from t2d_rt.named import bodies
 from t2d_rt.noise.masks import OcclusionMask
+from t2d_rt.pipeline.path_pairs import Clutter
 from t2d_rt.propagation.scene_xml import SceneFile
-from t2d_rt.room import Clutter
 from t2d_rt.types import Accuracy, Radar, Receiver
 from t2d_rt.types.fields import Count, Decibel, Fields, Number
 from t2d_rt.types.target import Method

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import flag, integer, interval, number, positive, shown, text
+from t2d_rt.core.checks import flag, integer, interval, number, positive, shown, text
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import npy_header, regular_file
 from t2d_rt.dataset.products import POINT_COLUMNS
 from t2d_rt.dataset.recipe import Recipe
-from t2d_rt.errors import InputError
-from t2d_rt.files import npy_header, regular_file
-from t2d_rt.truth import TRUTH_COLUMNS
+from t2d_rt.recording.truth import TRUTH_COLUMNS
 
 Sizes = tuple[int | None, ...]
 """Of an array; None is any length."""

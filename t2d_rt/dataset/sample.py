@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.checks import integer
+from t2d_rt.core.checks import integer
 from t2d_rt.dataset.beside import moving_beside
 from t2d_rt.dataset.motions import SampleMotion, descriptions, sample_motion
 from t2d_rt.dataset.placing import Place, placing
 from t2d_rt.dataset.recipe import Condition, Recipe
 from t2d_rt.dataset.seeds import integer_seed
-from t2d_rt.experiment import Experiment
+from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.motion.descriptions.slots import Activity, Description
 from t2d_rt.types import Radar
 

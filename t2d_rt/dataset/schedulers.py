@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from typing import Any
 
+from t2d_rt.core.errors import InputError, install
+from t2d_rt.core.processes import end_with
 from t2d_rt.dataset.work import Made
-from t2d_rt.errors import InputError, install
-from t2d_rt.processes import end_with
 
 Task = tuple[Any, ...]
 Scheduler = Callable[[Sequence[Task]], Iterator[list[Made]]]

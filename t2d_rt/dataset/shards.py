@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import regular_file
 from t2d_rt.dataset.work import Made
-from t2d_rt.errors import InputError
-from t2d_rt.files import regular_file
 
 SHARDS = "shards"
 SPOOL = "spool"

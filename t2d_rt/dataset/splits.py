@@ -18,10 +18,10 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from t2d_rt.checks import flag, integer, number, shown, unknown_name
+from t2d_rt.core.checks import flag, integer, number, shown, unknown_name
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_bytes
 from t2d_rt.dataset.assign import assigned, clip_sides
-from t2d_rt.errors import InputError
-from t2d_rt.files import read_bytes
 
 Kind = Literal["description", "clip", "seed"]
 KINDS: tuple[Kind, ...] = get_args(Kind)

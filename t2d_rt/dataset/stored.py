@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
 import numpy as np
 
-from t2d_rt.checks import positive, unknown_name
+from t2d_rt.core.checks import positive, unknown_name
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset.kept import Kept
 from t2d_rt.dataset.parquet import DATA, ParquetReader
 from t2d_rt.dataset.products import Products
 from t2d_rt.dataset.read import RECIPE, Shard, dataset_folder, read_manifest
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.shards import RAGGED, SHARDS, damaged, file_sha256, numbers, shard_name
-from t2d_rt.errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.added_background import background, background_settings
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset.products import View
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.seeds import integer_seed
-from t2d_rt.errors import InputError
 from t2d_rt.noise.masks import occlude
-from t2d_rt.result import Recording
+from t2d_rt.recording.added_background import background, background_settings
+from t2d_rt.recording.recording import Recording
 
 
 def view(recording: Recording, recipe: Recipe, index: int) -> View | None:

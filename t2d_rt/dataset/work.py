@@ -12,16 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import limited_threads, one_blas_thread
+from t2d_rt.core.backend import limited_threads, one_blas_thread
+from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.core.memory import keep_freed, release_above
 from t2d_rt.dataset.motions import provenance
 from t2d_rt.dataset.products import record_length_s
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.sample import Cell, Sample, cell_of, description_of, sample
 from t2d_rt.dataset.view import view
-from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.memory import keep_freed, release_above
+from t2d_rt.experiment.sources import MotionText
 from t2d_rt.simulate import run
-from t2d_rt.sources import MotionText
 from t2d_rt.types import Accuracy
 
 HELD_BYTES = 0.8e9

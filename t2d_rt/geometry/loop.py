@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.levels import all_of_three, any_of_three
 from t2d_rt.geometry.subdivide import Csr, Topology, next_half, previous_half, split_in_four, topology
 

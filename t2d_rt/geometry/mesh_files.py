@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import shown
-from t2d_rt.errors import InputError
-from t2d_rt.files import read_bytes
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_bytes
 
 Mesh = tuple[np.ndarray, np.ndarray]
 """Vertices [m], float64 (V, 3), and triangles, int64 (F, 3)."""

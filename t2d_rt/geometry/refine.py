@@ -22,12 +22,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.memory import LastUsed
 from t2d_rt.geometry.conforming import displacement, final_faces, grade, tree_masks
 from t2d_rt.geometry.levels import Level, build_levels, edge_depths
 from t2d_rt.geometry.subdivide import Csr, crease_corners, midpoints, sharp_edges, topology
 from t2d_rt.geometry.vectors import edge_cross, lengths, unit
-from t2d_rt.memory import LastUsed
 
 _curvatures = LastUsed[np.ndarray](8)
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import edge_cross
 
 Csr = Any

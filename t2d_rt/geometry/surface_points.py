@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.subdivide import face_normals
 
 MAX_CANDIDATES = 50_000_000

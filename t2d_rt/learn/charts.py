@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.figures import NotebookFigure
 from t2d_rt.learn.train.scores import Scores
 from t2d_rt.learn.windows import Prediction
-from t2d_rt.result import Recording
+from t2d_rt.plots.new_figure import NotebookFigure
+from t2d_rt.recording.recording import Recording
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset.envelope import NOTCH_MPS, envelope
 from t2d_rt.dataset.products import edges
-from t2d_rt.errors import InputError
 from t2d_rt.learn.maps import LabelledMaps, check_axes
 from t2d_rt.learn.markdown import table
 
@@ -207,7 +207,7 @@ def _told_apart(sides: list[np.ndarray], events: list[np.ndarray], seed: int) ->
 
 def plot_gap(simulated: LabelledMaps, real: LabelledMaps, *, examples: int = 4) -> Figure:
     """Maps of each class, real above simulated, with the same axes and colours: dB above each map's median."""
-    from t2d_rt.canvas import blank_figure
+    from t2d_rt.plots.canvas import blank_figure
 
     columns = 2 * examples
     lowest, highest = edges(real.velocity_mps)

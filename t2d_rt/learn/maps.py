@@ -8,13 +8,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from t2d_rt.checks import array, instance, integer, positive, shown
+from t2d_rt.core.checks import array, instance, integer, positive, shown
+from t2d_rt.core.decibels import decibel
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import Dataset
 from t2d_rt.dataset.products import edges, resized
 from t2d_rt.dataset.splits import grouped
 from t2d_rt.dataset.stored import axis
-from t2d_rt.decibels import decibel
-from t2d_rt.errors import InputError
 
 SIZE = 64, 64
 """Cells of speed and of time by default."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 
-from t2d_rt.errors import InputError, install
+from t2d_rt.core.errors import InputError, install
 
 NEEDED = "torch", "lightning", "torchmetrics", "monai", "sklearn", "safetensors"
 

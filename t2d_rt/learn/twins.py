@@ -16,11 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import array, file_path, integer
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.decibels import decibel
-from t2d_rt.errors import InputError, T2DError, T2DWarning
-from t2d_rt.files import read_bytes
+from t2d_rt.core.atomic_write import replacing
+from t2d_rt.core.checks import array, file_path, integer
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.decibels import decibel
+from t2d_rt.core.errors import InputError, T2DError, T2DWarning
+from t2d_rt.core.files import read_bytes
 from t2d_rt.learn.adapters.parrad import BIN_MPS, BINS, RADARS, RANGE_CELLS, ROW_S, ROWS, ZERO_BIN, notched
 from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, LabelledMaps, check_varied
 from t2d_rt.motion import aside, place, trim
@@ -28,7 +29,6 @@ from t2d_rt.motion.generate import motion_from_text, understood
 from t2d_rt.motion.vary import hold
 from t2d_rt.radar.synthesize import Progress
 from t2d_rt.simulate import simulate
-from t2d_rt.store import replacing
 from t2d_rt.types import Motion, Radar, Receiver
 from t2d_rt.types.target import Method
 

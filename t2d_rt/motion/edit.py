@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.checks import LARGEST_M, array, flag, number, positive
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import LARGEST_M, array, flag, number, positive
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.easing import minimum_jerk
 from t2d_rt.motion.interpolate import MOST_NUMBERS, compose, decompose, trim

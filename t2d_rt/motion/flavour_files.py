@@ -26,9 +26,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from t2d_rt.checks import flag, number, shown, text, unknown_name
-from t2d_rt.errors import InputError
-from t2d_rt.files import read_yaml
+from t2d_rt.core.checks import flag, number, shown, text, unknown_name
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_yaml
 from t2d_rt.motion.conventions import Source, sided
 from t2d_rt.motion.skeletons import Flavour
 

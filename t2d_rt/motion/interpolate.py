@@ -13,8 +13,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from t2d_rt.checks import array, number
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import array, number
+from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import dot
 from t2d_rt.motion import quaternions
 from t2d_rt.types.motion import Motion, checked_motion, checked_rate

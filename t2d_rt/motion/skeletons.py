@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from t2d_rt.checks import flag, instance, shown, text
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import flag, instance, shown, text
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.conventions import CONVENTIONS, Source
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS
 

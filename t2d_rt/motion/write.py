@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.checks import file_path, flag
-from t2d_rt.errors import InputError
+from t2d_rt.core.atomic_write import check_place, check_taken, replacing
+from t2d_rt.core.checks import file_path, flag
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.kinematics import NAMES, PARENTS, poses_of
-from t2d_rt.store import check_place, check_taken, replacing
 from t2d_rt.types.motion import OPTIONAL_JOINTS, Motion, checked_motion
 
 BVH_NAMES = {

@@ -12,8 +12,8 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from t2d_rt.checks import array, choice, integer, positive
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import array, choice, integer, positive
+from t2d_rt.core.errors import InputError
 from t2d_rt.types.fields import Fields, Number
 
 Fill = Literal["background", "zeros"]

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from t2d_rt.backend import Backend, aligned
-from t2d_rt.memory import LastUsed
+from t2d_rt.core.backend import Backend, aligned
+from t2d_rt.core.memory import LastUsed
 from t2d_rt.propagation.fresnel import bundle, disc
 from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.materials import resolved
@@ -18,8 +18,8 @@ from t2d_rt.propagation.occluders import FACES_PER_SCENE
 from t2d_rt.propagation.paths import find_paths
 from t2d_rt.propagation.surroundings import polarization
 from t2d_rt.propagation.visibility import faded, side_by_side
-from t2d_rt.slabs import reflection
 from t2d_rt.types import Ellipsoids, Material, MovingMesh, OneWayPath, Radar, Scene, StaticPath
+from t2d_rt.types.slab_coefficients import reflection
 
 ASIDE_M = 1e-4 * np.array([0.36, 0.48, 0.8])
 """Where transmitter and receiver are one, paths over a corner meet its very edge. Which of them exist, and how they are polarised

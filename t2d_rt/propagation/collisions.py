@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 
-from t2d_rt.backend import Backend
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.backend import Backend
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.propagation.mirrors import Mirrors, has_room, sphere
 from t2d_rt.types import CANONICAL_JOINTS, Ellipsoids, Motion, MovingMesh, Radar, Scene
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from t2d_rt.memory import blocks
+from t2d_rt.core.memory import blocks
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.types import OneWayPath, PathSet
 

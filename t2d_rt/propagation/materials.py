@@ -9,9 +9,9 @@ from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
-from t2d_rt.backend import select
-from t2d_rt.checks import shown
-from t2d_rt.errors import InputError
+from t2d_rt.core.backend import select
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError
 from t2d_rt.propagation.mitsuba import imported
 from t2d_rt.types import Material
 

@@ -6,7 +6,7 @@ from collections.abc import Hashable
 
 import numpy as np
 
-from t2d_rt.backend import Backend
+from t2d_rt.core.backend import Backend
 from t2d_rt.propagation.occluders import MOST_COPIES, Occluders
 from t2d_rt.propagation.visibility import Surroundings, Unblocked, faded
 from t2d_rt.types import MovingMesh

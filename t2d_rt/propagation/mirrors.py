@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend, aligned
-from t2d_rt.errors import InputError
+from t2d_rt.core.backend import Backend, aligned
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.memory import LastUsed, blocks
 from t2d_rt.geometry import winding
 from t2d_rt.geometry.vectors import edge_cross
-from t2d_rt.memory import LastUsed, blocks
 from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.types import Scene
 from t2d_rt.types.scene import ROOM_PLANES

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend, aligned
+from t2d_rt.core.backend import Backend, aligned
 
 
 def imported() -> Any:

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.geometry import SubdividedMesh, topology
 from t2d_rt.geometry.vectors import cross, dot
-from t2d_rt.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.types import MovingMesh
 
 FACES_PER_SCENE, MOST_COPIES = 250_000, 64

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.propagation.edges import Edges
 from t2d_rt.propagation.images import existing, reflected
 from t2d_rt.propagation.materials import resolved
 from t2d_rt.propagation.mirrors import Chain, Mirrors
-from t2d_rt.slabs import transmission
 from t2d_rt.types import Material, PathSet
 from t2d_rt.types.paths import Elements
+from t2d_rt.types.slab_coefficients import transmission
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from t2d_rt.backend import Backend, aligned
+from t2d_rt.core.backend import Backend, aligned
 from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
-from t2d_rt.checks import shown
-from t2d_rt.errors import InputError
-from t2d_rt.files import read_bytes
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_bytes
 
 MAX_XML_BYTES = 4_000_000
 MAX_ELEMENTS = 100_000

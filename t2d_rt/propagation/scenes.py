@@ -13,12 +13,12 @@ from itertools import count
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from t2d_rt.checks import file_path, shown, unknown_name
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import file_path, shown, unknown_name
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.resources import listing, resource
 from t2d_rt.propagation.materials import check_values, known_itu
 from t2d_rt.propagation.scene_xml import SceneFile
 from t2d_rt.propagation.shapes import PICTURE, Shapes, names_of
-from t2d_rt.resources import listing, resource
 from t2d_rt.types import Material, Scene, Surface
 from t2d_rt.types.scene import MAX_SURFACES
 

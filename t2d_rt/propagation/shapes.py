@@ -10,9 +10,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from t2d_rt.checks import shown
-from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.files import read_bytes, size
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.core.files import read_bytes, size
 from t2d_rt.geometry.mesh_files import MAX_MESH_BYTES, Mesh, parsed_mesh
 from t2d_rt.propagation.materials import known_itu
 from t2d_rt.propagation.scene_xml import SceneFile

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend
-from t2d_rt.errors import InputError
+from t2d_rt.core.backend import Backend
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.memory import blocks
 from t2d_rt.geometry import winding
-from t2d_rt.memory import blocks
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.mean_visibility import poses
 from t2d_rt.propagation.mirrors import Mirrors, has_room

@@ -15,7 +15,7 @@ from weakref import ref
 
 import numpy as np
 
-from t2d_rt.backend import Backend, aligned, one_thread_at_a_time
+from t2d_rt.core.backend import Backend, aligned, one_thread_at_a_time
 from t2d_rt.propagation.mitsuba import mitsuba, mitsuba_mesh, traceable
 from t2d_rt.propagation.occluders import Occluders, Posed, incidence, vertex_normals
 from t2d_rt.types import MovingMesh

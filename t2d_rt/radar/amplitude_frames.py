@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend, aligned_empty, one_thread_at_a_time
+from t2d_rt.core.backend import Backend, aligned_empty, one_thread_at_a_time
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.sweep import Sweep
 from t2d_rt.radar.windows import Window

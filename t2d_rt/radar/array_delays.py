@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend
-from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.core.backend import Backend
+from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.geometry.vectors import dot
 from t2d_rt.radar.windows import ApparentPositions, Delay, Window
 from t2d_rt.types import Radar

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.errors import InputError
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.errors import InputError
 from t2d_rt.radar.sweep import Instants, Sweep
 from t2d_rt.radar.windows import Delay
 

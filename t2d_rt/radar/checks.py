@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 
-from t2d_rt.errors import T2DWarning
+from t2d_rt.core.errors import T2DWarning
 from t2d_rt.types.radar import Radar
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend, one_thread_at_a_time
+from t2d_rt.core.backend import Backend, one_thread_at_a_time
 from t2d_rt.radar.amplitude_frames import cubic
 from t2d_rt.radar.buckets import Buckets
 from t2d_rt.radar.interpolants import hermite

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend, one_thread_at_a_time
-from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.core.backend import Backend, one_thread_at_a_time
+from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.radar.amplitude_frames import AmplitudeFrames
 from t2d_rt.radar.array_delays import ArrayDelays, extra_length
 from t2d_rt.radar.buckets import Members

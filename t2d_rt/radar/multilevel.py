@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend, one_thread_at_a_time
+from t2d_rt.core.backend import Backend, one_thread_at_a_time
 from t2d_rt.radar.array_delays import ArrayDelays
 from t2d_rt.radar.buckets import Buckets
 from t2d_rt.radar.groups import Level

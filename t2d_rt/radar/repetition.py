@@ -13,9 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.cubes import Cube, CubeAdder, new_cube
-from t2d_rt.memory import Budget
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.cubes import Cube, CubeAdder, new_cube
+from t2d_rt.core.memory import Budget
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.types import EchoStream, Radar
 from t2d_rt.types.echoes import Repetition

@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt import checks
-from t2d_rt.backend import Backend, aligned_empty, one_blas_thread, select
-from t2d_rt.cubes import Cube, CubeAdder, CubeWriter, DiskCube, is_large
-from t2d_rt.memory import Budget, reused
-from t2d_rt.products import Product, ProductRows
+from t2d_rt.core import checks
+from t2d_rt.core.backend import Backend, aligned_empty, one_blas_thread, select
+from t2d_rt.core.cubes import Cube, CubeAdder, CubeWriter, DiskCube, is_large
+from t2d_rt.core.factored_cubes import Product, ProductRows
+from t2d_rt.core.memory import Budget, reused
 from t2d_rt.radar.array_delays import array_delays, ends
 from t2d_rt.radar.band import filtered_stream
 from t2d_rt.radar.buckets import SLOT_BINS, buckets

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.memory import reused_empty
+from t2d_rt.core.memory import reused_empty
 from t2d_rt.radar.interpolants import spline_slopes
 from t2d_rt.types import EchoArrays, EchoStream
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from t2d_rt.memory import reused_empty
+from t2d_rt.core.memory import reused_empty
 from t2d_rt.types import EchoArrays, Radar
 
 

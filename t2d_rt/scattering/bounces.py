@@ -10,9 +10,9 @@ from functools import partial
 
 import numpy as np
 
-from t2d_rt.backend import Backend
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.memory import Budget, blocks
+from t2d_rt.core.backend import Backend
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.memory import Budget, blocks
 from t2d_rt.scattering.antennas import seen_by
 from t2d_rt.scattering.fronts import Instant, RayTracer
 from t2d_rt.scattering.reflectors import Lattice, Reflector, Reflectors, carried_along, lattice, lattice_size

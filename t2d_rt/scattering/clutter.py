@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.path_fields import SweepNodes, received
+from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.scattering.antennas import seen_by
 from t2d_rt.types import EchoArrays, EchoStream, Radar, StaticPath
+from t2d_rt.types.path_fields import SweepNodes, received
 
 Fractions = Callable[[np.ndarray], np.ndarray]
 """0..1 (K, N) at times [s] (K,)."""

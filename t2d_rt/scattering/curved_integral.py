@@ -32,7 +32,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from t2d_rt.checks import check_shape, integer, numeric
+from t2d_rt.core.checks import check_shape, integer, numeric
 from t2d_rt.scattering.phase_integral import NUMPY_OPS, SERIES_TERMS, Ops, Parts, exponential, power_integral, times
 
 Order = Literal[1, 2]

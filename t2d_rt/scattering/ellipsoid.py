@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.errors import InputError
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.scattering.antennas import seen_by, side_by_side
 from t2d_rt.scattering.paths import Arrivals, View, unfolded, weighted

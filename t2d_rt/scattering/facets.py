@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from t2d_rt.backend import one_thread_at_a_time
-from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.core.backend import one_thread_at_a_time
+from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.geometry.vectors import cross, dot
 from t2d_rt.scattering.curved_integral import Order, curved_integrals
 from t2d_rt.scattering.lanes import (

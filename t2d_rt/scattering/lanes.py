@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from t2d_rt.backend import Backend, one_thread_at_a_time
+from t2d_rt.core.backend import Backend, one_thread_at_a_time
 from t2d_rt.geometry.vectors import cross, dot
 from t2d_rt.types import EchoArrays
 

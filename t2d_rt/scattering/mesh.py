@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from t2d_rt.backend import Backend
+from t2d_rt.core.backend import Backend
+from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.geometry import Refinement
-from t2d_rt.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.scattering.antennas import seen_by, side_by_side
 from t2d_rt.scattering.facets import FacetVertices, Pair, PointVertices, patch_delays, patch_echoes
 from t2d_rt.scattering.facing import Facing

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.memory import blocks
 from t2d_rt.geometry import winding
-from t2d_rt.memory import blocks
 from t2d_rt.types import MovingMesh, Radar
 
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.errors import T2DWarning
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.errors import T2DWarning
+from t2d_rt.core.memory import blocks
 from t2d_rt.geometry import Refinement
 from t2d_rt.geometry.vectors import edge_cross
-from t2d_rt.memory import blocks
 from t2d_rt.types import MovingMesh, Radar
 
 Csr = Any

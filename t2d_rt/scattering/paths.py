@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from t2d_rt.backend import Backend, aligned_empty
-from t2d_rt.path_fields import SweepNodes, field_over
+from t2d_rt.core.backend import Backend, aligned_empty
 from t2d_rt.scattering.lanes import Weights
 from t2d_rt.types import EchoArrays, OneWayPath, PathPair, PathSet, Radar
+from t2d_rt.types.path_fields import SweepNodes, field_over
 from t2d_rt.types.paths import PathKey
 
 ANCHORS, APART_M = 150, 0.04

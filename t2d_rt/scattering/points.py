@@ -7,10 +7,10 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from t2d_rt import disk_cache
+from t2d_rt.core import disk_cache
+from t2d_rt.core.memory import LastUsed
 from t2d_rt.geometry import Refinement, SubdividedMesh, SurfacePoints, point_spacing, surface_points
 from t2d_rt.geometry.vectors import edge_cross, unit
-from t2d_rt.memory import LastUsed
 from t2d_rt.scattering.lanes import Weights
 from t2d_rt.scattering.patches import Csr, members
 from t2d_rt.scattering.refinement import carried, flattened

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend
+from t2d_rt.core.backend import Backend
 from t2d_rt.scattering.facing import Facing
 from t2d_rt.scattering.patches import Csr, Patches
 from t2d_rt.scattering.points import DiffusePoints, Seen, VisibilityMesh, sampled_visibility

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.memory import blocks
 from t2d_rt.geometry.vectors import lengths
-from t2d_rt.memory import blocks
 from t2d_rt.types import Ellipsoids, MovingMesh, Radar
 from t2d_rt.types.mesh import Track
 from t2d_rt.types.splines import spline

@@ -11,10 +11,10 @@ from functools import partial
 
 import numpy as np
 
-from t2d_rt import disk_cache
-from t2d_rt.backend import aligned_empty, in_threads
+from t2d_rt.core import disk_cache
+from t2d_rt.core.backend import aligned_empty, in_threads
+from t2d_rt.core.memory import REUSED_BYTES, Budget, reused
 from t2d_rt.geometry import Refinement, curved_refinements, refinements
-from t2d_rt.memory import REUSED_BYTES, Budget, reused
 from t2d_rt.scattering.patches import Csr, least_range_m
 from t2d_rt.types import MovingMesh, Radar
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend
+from t2d_rt.core.backend import Backend
 from t2d_rt.scattering.reflectors import Reflectors, carried_along
 from t2d_rt.scattering.tube_phases import Lengths, Track, path_lengths, tube_fields
 from t2d_rt.scattering.tubes import Tubes

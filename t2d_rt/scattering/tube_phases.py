@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from t2d_rt.backend import Backend
+from t2d_rt.core.backend import Backend
 from t2d_rt.geometry.vectors import cross
 from t2d_rt.scattering.curved_integral import curved_integrals
 from t2d_rt.scattering.facets import EXPANSION_ORDER

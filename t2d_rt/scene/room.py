@@ -10,10 +10,10 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from t2d_rt.checks import shown
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.resources import listing, resource
 from t2d_rt.geometry.mesh_files import read_mesh
-from t2d_rt.resources import listing, resource
 from t2d_rt.types import Scene, Surface
 from t2d_rt.types.fields import Coordinate, Fields, Number
 

@@ -8,9 +8,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from t2d_rt.checks import file_path, instance
-from t2d_rt.errors import InputError
-from t2d_rt.store import replacing, settle
+from t2d_rt.core.atomic_write import replacing, settle
+from t2d_rt.core.checks import file_path, instance
+from t2d_rt.core.errors import InputError
 from t2d_rt.types import Scene, Surface
 
 MARK = " made by t2d-rt "

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import LARGEST_M, array, choice, flag, instance, interval, number
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import LARGEST_M, array, choice, flag, instance, interval, number
+from t2d_rt.core.errors import InputError
 from t2d_rt.signal.doppler import ascending, check_one_burst
 from t2d_rt.signal.maps import ArraySpectrum, RangeAngle
 from t2d_rt.signal.mti import mti as mti_filter

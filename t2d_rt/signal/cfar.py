@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from t2d_rt.checks import array, choice, integer, number, numeric, shown
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import array, choice, integer, number, numeric, shown
+from t2d_rt.core.errors import InputError
 from t2d_rt.signal.range import taper
 
 RANK = 0.75

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.checks import choice, file_path, flag
-from t2d_rt.cubes import Cube
-from t2d_rt.errors import InputError
-from t2d_rt.files import regular_file
-from t2d_rt.rows import FileRows
+from t2d_rt.core.checks import choice, file_path, flag
+from t2d_rt.core.cube_storage import FileRows
+from t2d_rt.core.cubes import Cube
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import regular_file
 from t2d_rt.signal.measured import (
     ORDERS,
     code_offset,

@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import array, choice, flag, integer, number, numeric, positive
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import array, choice, flag, integer, number, numeric, positive
+from t2d_rt.core.column_sums import column_sums
+from t2d_rt.core.errors import InputError
 from t2d_rt.signal.maps import RangeDoppler, Spectrogram
 from t2d_rt.signal.mti import METHODS, PAPER_KERNEL
 from t2d_rt.signal.mti import mti as mti_filter
 from t2d_rt.signal.multiplex import separated
 from t2d_rt.signal.range import LONGEST_WINDOW, check_finite, check_recording, check_size, gate, range_fft, taper
 from t2d_rt.signal.thinning import sample_step, weighed
-from t2d_rt.sums import column_sums
 from t2d_rt.types.radar import Radar
 
 PIECE = 8192

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.cubes import Cube, DiskCube, is_large, row_blocks
-from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.rows import FileRows
+from t2d_rt.core.cube_storage import FileRows
+from t2d_rt.core.cubes import Cube, DiskCube, is_large, row_blocks
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.types import Radar
 
 ORDERS = "IQ", "QI", "I"

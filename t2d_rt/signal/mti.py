@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from t2d_rt.checks import array, choice, integer, number, numeric, shown
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import array, choice, integer, number, numeric, shown
+from t2d_rt.core.errors import InputError
 
 METHODS = ("none", "mean", "highpass", "canceller")
 PAPER_KERNEL = (1.0, -2.0, 3.0, -2.0, 1.0)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.signal.range import check_recording
 from t2d_rt.types.radar import Radar
 

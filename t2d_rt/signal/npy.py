@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import choice, file_path, flag
-from t2d_rt.cubes import Cube
-from t2d_rt.errors import InputError
-from t2d_rt.files import npy_header, regular_file
-from t2d_rt.rows import LARGEST_CHUNK_BYTES, FileRows, block_rows
+from t2d_rt.core.checks import choice, file_path, flag
+from t2d_rt.core.cube_storage import LARGEST_CHUNK_BYTES, FileRows, block_rows
+from t2d_rt.core.cubes import Cube
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import npy_header, regular_file
 from t2d_rt.signal.measured import (
     ORDERS,
     code_offset,

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import choice, flag, integer, number
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import choice, flag, integer, number
+from t2d_rt.core.errors import InputError
 from t2d_rt.signal.angle import array_spectrum, beam_step, check_static, steering_vectors
 from t2d_rt.signal.cfar import cfar, check_rate
 from t2d_rt.signal.doppler import window_starts

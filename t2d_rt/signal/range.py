@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import array, flag, instance, integer, interval, shown
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import array, flag, instance, integer, interval, shown
+from t2d_rt.core.errors import InputError
 from t2d_rt.signal.maps import RangeProfile
 from t2d_rt.types.radar import Radar
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import array, integer, number
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import array, integer, number
+from t2d_rt.core.errors import InputError
 from t2d_rt.signal.doppler import Mti, ascending, checked_windows, filtered, window_starts
 from t2d_rt.signal.maps import RangeDoppler, RangeTime
 from t2d_rt.signal.mti import PAPER_KERNEL

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.cubes import DiskCube
+from t2d_rt.core.cubes import DiskCube
 from t2d_rt.signal.range import taper
 
 THINNED, MOST_STEP = 1e-6, 16

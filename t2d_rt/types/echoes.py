@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from t2d_rt.checks import array, call, check_shape, instance, integer, numeric
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import array, call, check_shape, instance, integer, numeric
+from t2d_rt.core.errors import InputError
 from t2d_rt.types.radar import Radar
 
 LARGEST = 1e30

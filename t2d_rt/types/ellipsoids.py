@@ -9,8 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from t2d_rt.checks import LARGEST_M, array, call, shown
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import LARGEST_M, array, call, shown
+from t2d_rt.core.errors import InputError
 from t2d_rt.types.material import Material, checked_material
 from t2d_rt.types.mesh import Made, Solid, Track, set_fields
 from t2d_rt.types.splines import spline

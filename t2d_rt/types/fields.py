@@ -9,8 +9,8 @@ from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from t2d_rt.checks import names_advice, shown
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import names_advice, shown
+from t2d_rt.core.errors import InputError
 
 
 def _not_bool(value: Any) -> Any:

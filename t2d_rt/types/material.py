@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import Any
 
-from t2d_rt.checks import GREATEST, number, shown, text
-from t2d_rt.constants import VACUUM_PERMITTIVITY
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import GREATEST, number, shown, text
+from t2d_rt.core.constants import VACUUM_PERMITTIVITY
+from t2d_rt.core.errors import InputError
 
 LONGEST_NAME = 200
 

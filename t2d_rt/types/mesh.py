@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from t2d_rt.checks import LARGEST_M, array, call, check_shape, flag, number, numeric, shown, text
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.checks import LARGEST_M, array, call, check_shape, flag, number, numeric, shown, text
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.geometry.vectors import edge_cross
 from t2d_rt.types.material import Material, checked_material
 from t2d_rt.types.splines import spline

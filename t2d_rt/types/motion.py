@@ -8,10 +8,10 @@ from typing import Any, cast
 
 import numpy as np
 
-from t2d_rt.checks import LARGEST_M, array, flag, instance, number, numeric, shown, text
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import LARGEST_M, array, flag, instance, number, numeric, shown, text
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.html_repr import html_table
 from t2d_rt.geometry.vectors import norms
-from t2d_rt.tables import html_table
 
 CANONICAL_JOINTS: tuple[str, ...] = (
     "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle", "right_ankle",

@@ -7,10 +7,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from t2d_rt.checks import shown, unknown_name
-from t2d_rt.errors import InputError
-from t2d_rt.files import read_yaml
-from t2d_rt.plugins import loaded, plugins
+from t2d_rt.core.checks import shown, unknown_name
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_yaml
+from t2d_rt.core.plugins import loaded, plugins
 
 
 def preset_names() -> list[str]:

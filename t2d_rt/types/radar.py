@@ -14,11 +14,11 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from t2d_rt.checks import file_path, integer, number, numeric, positive, shown
-from t2d_rt.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT
-from t2d_rt.errors import InputError
-from t2d_rt.store import replacing
-from t2d_rt.tables import html_table
+from t2d_rt.core.atomic_write import replacing
+from t2d_rt.core.checks import file_path, integer, number, numeric, positive, shown
+from t2d_rt.core.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.html_repr import html_table
 from t2d_rt.types.antennas import Isotropic, Pattern, axes_along, one_view, polarization_product
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
 from t2d_rt.types.presets import preset_fields, read_radar

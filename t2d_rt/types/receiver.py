@@ -12,9 +12,9 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import ConfigDict, Discriminator, Field, field_validator, model_validator
 
-from t2d_rt.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K
-from t2d_rt.errors import InputError
-from t2d_rt.files import read_yaml
+from t2d_rt.core.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_yaml
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector
 from t2d_rt.types.radar import Radar
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2d_rt.checks import numeric, shown
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import numeric, shown
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.html_repr import html_table
 from t2d_rt.geometry.vectors import edge_cross
-from t2d_rt.tables import html_table
 from t2d_rt.types.material import Material
 
 LARGEST_M = 3_000.0

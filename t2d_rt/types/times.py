@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import array, numeric
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import array, numeric
+from t2d_rt.core.errors import InputError
 
 LATEST_S = 1e10
 """Times count from anywhere, such as 1970, but not in nanoseconds."""

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from t2d_rt.checks import integer, positive
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import integer, positive
+from t2d_rt.core.errors import InputError
 
 if TYPE_CHECKING:
     from t2d_rt.types.radar import Radar

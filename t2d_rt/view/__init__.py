@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.checks import file_path, flag, shown
-from t2d_rt.errors import InputError, printable
-from t2d_rt.result_text import made_with
-from t2d_rt.store import check_place, check_taken, replacing
+from t2d_rt.core.atomic_write import check_place, check_taken, replacing
+from t2d_rt.core.checks import file_path, flag, shown
+from t2d_rt.core.errors import InputError, printable
+from t2d_rt.recording.text import made_with
 
 if TYPE_CHECKING:
-    from t2d_rt.result import Recording
+    from t2d_rt.recording.recording import Recording
 
 PAGE = Path(__file__).resolve().parent
 SCRIPTS = "room.js", "maps.js", "page.js"
@@ -36,7 +36,7 @@ class Viewer:
         """recordings: a `Recording`, or two; their targets, room and paths are worked out from their experiments.
         titles: a text for each; by default what it was made with.
         """
-        from t2d_rt.result import Recording
+        from t2d_rt.recording.recording import Recording
 
         some = [recordings] if isinstance(recordings, Recording) else recordings
         if not isinstance(some, (list, tuple)) or not all(isinstance(each, Recording) for each in some):

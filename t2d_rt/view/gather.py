@@ -10,20 +10,20 @@ import numpy as np
 from t2d_rt.body.fit import fit
 from t2d_rt.body.segments import SEGMENTS, segment_of_faces
 from t2d_rt.body.template import template
-from t2d_rt.canvas import COLUMNS, occupied, thinned
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.decibels import decibel
-from t2d_rt.model import Model
-from t2d_rt.path_table import STEP_S, mean_range_m, pairs_of, path_table, record_times, target_names
-from t2d_rt.plots import outline
-from t2d_rt.stage import set_up_again
-from t2d_rt.truth import Person, persons, truth_table
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.decibels import decibel
+from t2d_rt.experiment.setup import set_up_again
+from t2d_rt.pipeline.echo_model import Model
+from t2d_rt.plots.canvas import COLUMNS, occupied, thinned
+from t2d_rt.plots.figures import outline
+from t2d_rt.recording.path_table import STEP_S, mean_range_m, pairs_of, path_table, record_times, target_names
+from t2d_rt.recording.truth import Person, persons, truth_table
 from t2d_rt.types import Accuracy, Ellipsoids, PathPair, Radar, Scene, Surface
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from t2d_rt.result import Recording
+    from t2d_rt.recording.recording import Recording
 
 FRAMES_HZ, MAPS_HZ = 25.0, 12.5
 """Rates of bodies, their speeds and paths, and of range-Doppler maps."""

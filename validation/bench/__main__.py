@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from t2d_rt.errors import T2DWarning
+from t2d_rt.core.errors import T2DWarning
 from validation.bench import experiments, peers, sections
 from validation.bench.charts import stage_chart, sweep_chart
 from validation.bench.datasets import datasets

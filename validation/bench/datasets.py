@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from t2d_rt.core.disk_cache import VARIABLE
 from t2d_rt.dataset import Recipe, make_dataset
-from t2d_rt.disk_cache import VARIABLE
 from validation.report import Check, Section, new_figure, save_chart
 
 PAPER_SAMPLES = 19_165

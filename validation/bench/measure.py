@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt.backend import select
-from t2d_rt.memory import LIMIT_GB
-from t2d_rt.resources import resource as shipped
+from t2d_rt.core.backend import select
+from t2d_rt.core.memory import LIMIT_GB
+from t2d_rt.core.resources import resource as shipped
 from t2d_rt.types import Motion, MovingMesh, Radar
 from validation.bench.stages import stage_seconds
 

@@ -8,10 +8,10 @@ import sys
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.experiment.setup import set_up
 from t2d_rt.geometry.vectors import lengths
-from t2d_rt.model import Model
-from t2d_rt.stage import set_up
+from t2d_rt.pipeline.echo_model import Model
 from t2d_rt.types import Accuracy, MovingMesh
 from validation.bench.measure import Case, targets_of_case, timed
 from validation.bench.stages import physics_of

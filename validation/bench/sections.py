@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.core.versions import versions
 from t2d_rt.types import Radar
 from t2d_rt.types.presets import preset_names
-from t2d_rt.versions import versions
 from validation.bench.measure import Case, import_seconds, sincos_rate
 from validation.bench.stages import FACETS, STAGES, SYNTHESIS
 from validation.report import Check, Section, processor

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.accuracy import Wanted, chosen
-from t2d_rt.experiment import Experiment
-from t2d_rt.model import Model
+from t2d_rt.experiment.experiment import Experiment
+from t2d_rt.experiment.setup import set_up
+from t2d_rt.pipeline.echo_model import Model
+from t2d_rt.pipeline.path_pairs import find_path_pairs
+from t2d_rt.pipeline.targets import targets_of
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.radar.windows import INTERVALS
-from t2d_rt.room import find_path_pairs
 from t2d_rt.scattering.streams import batches
 from t2d_rt.signal import spectrogram
-from t2d_rt.stage import set_up
-from t2d_rt.targets import targets_of
 from t2d_rt.types import Accuracy, Echoes, EchoStream, Motion, MovingMesh, Radar
 
 MOTION, PATHS, SETUP, OCCLUSION, FACETS, SYNTHESIS, SPECTROGRAM, REST = (

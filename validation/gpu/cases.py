@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt.backend import Device
+from t2d_rt.core.backend import Device
 
 REFERENCE = Path(__file__).with_name("reference.npz")
 """Some chirps of each case as a CPU computes them."""

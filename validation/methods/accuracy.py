@@ -9,7 +9,7 @@ import numpy as np
 
 import t2d_rt as t2d
 from t2d_rt.body.materials import resolve_material
-from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.types import PEC, MovingMesh, Radar
 from validation.bodies import RUN, WALK, random_chirps, walking
 from validation.methods.reference import Converged, nmse_db, reference_samples

@@ -24,10 +24,10 @@ from t2d_rt.accuracy.estimate import Chirps, Field, field, nmse_db, of_cube
 from t2d_rt.accuracy.laws import COARSER, FILE, PERIMETER, Law, Laws
 from t2d_rt.accuracy.occlusion import unoccluded_db
 from t2d_rt.accuracy.search import VISIBILITY
-from t2d_rt.errors import T2DWarning
-from t2d_rt.model import Model, with_method
+from t2d_rt.core.errors import T2DWarning
+from t2d_rt.pipeline.echo_model import Model, with_method
+from t2d_rt.pipeline.sum_echoes import summed
 from t2d_rt.propagation.visibility import KeptVisibility, sample_times
-from t2d_rt.summation import summed
 from t2d_rt.types import Accuracy, MovingMesh, PathTier
 from t2d_rt.types.accuracy import EVERY_PATH_DB
 from validation.bodies import RUN, WALK, falling, recorded

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from t2d_rt.experiment import Experiment
-from t2d_rt.memory import LIMIT_GB
-from t2d_rt.model import Model
-from t2d_rt.stage import set_up
+from t2d_rt.core.memory import LIMIT_GB
+from t2d_rt.experiment.experiment import Experiment
+from t2d_rt.experiment.setup import set_up
+from t2d_rt.pipeline.echo_model import Model
 
 
 def modelled(target: Any, scene: str = "free_space", **physics: Any) -> Model:

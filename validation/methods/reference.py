@@ -16,15 +16,14 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.accuracy import nmse_db
-from t2d_rt.backend import Backend, select
-from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.core.backend import Backend, select
+from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.geometry import Refinement, point_spacing, surface_points
-from t2d_rt.path_fields import field_over
+from t2d_rt.pipeline.path_pairs import probed
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.propagation.surroundings import polarization, probes, radar_paths
-from t2d_rt.room import probed
 from t2d_rt.scattering.curved_integral import curved_integrals
 from t2d_rt.scattering.mesh import POINTS_PER_MESH
 from t2d_rt.scattering.patches import least_range_m
@@ -33,6 +32,7 @@ from t2d_rt.scattering.phase_integral import SERIES_TERMS
 from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD
 from t2d_rt.scattering.refinement import refined as facets_of
 from t2d_rt.types import Material, MovingMesh, OneWayPath, PathPair, Radar, Scene
+from t2d_rt.types.path_fields import field_over
 
 __all__ = ["Converged", "nmse_db", "reference_samples", "refined"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt.backend import select
 from t2d_rt.body.materials import resolve_material
+from t2d_rt.core.backend import select
 from t2d_rt.radar.direct import direct_sum
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View

@@ -14,11 +14,11 @@ from scipy.optimize import nnls
 
 import t2d_rt as t2d
 from t2d_rt.accuracy import cost
-from t2d_rt.backend import yardstick_s
+from t2d_rt.core.backend import yardstick_s
+from t2d_rt.pipeline.sum_echoes import summed
 from t2d_rt.propagation import clutter, mirrors
 from t2d_rt.scattering import points, refinement
 from t2d_rt.signal import spectrogram
-from t2d_rt.summation import summed
 from t2d_rt.types import Accuracy, PathTier, Radar
 from t2d_rt.types.accuracy import EVERY_PATH_DB
 from validation.bodies import RUN, WALK, recorded

@@ -16,9 +16,9 @@ import numpy as np
 
 import t2d_rt as t2d
 from t2d_rt.body.materials import resolve_material
-from t2d_rt.memory import release, resident_bytes
+from t2d_rt.core.memory import release, resident_bytes
+from t2d_rt.core.resources import resource
 from t2d_rt.propagation import clutter, mirrors
-from t2d_rt.resources import resource
 from t2d_rt.scattering import points, refinement
 from t2d_rt.types import Motion, MovingMesh, Radar
 from validation.bench.measure import timed

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion, quaternions, resample
 from t2d_rt.motion.contacts import CONTACT_SPEED_MPS, contacts, runs, soles
 from t2d_rt.motion.generate.chain import Piece, heading_rad, moved, rotation_vector

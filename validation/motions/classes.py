@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion.check import Verdict, check_motion
 from t2d_rt.motion.check.limits import limits
 from t2d_rt.motion.check.population import BANDS_HZ, diversity, spectrum_difference_db
@@ -170,7 +170,7 @@ def main() -> None:
         alone = plain(activity, options.n, options.seed, longest_s) if own else []
         compare(activity, motions, verdicts, own, alone)
         if options.sheets is not None:
-            from t2d_rt.contact_sheet import contact_sheet
+            from t2d_rt.view.contact_sheet import contact_sheet
 
             labels = ["\n".join(textwrap.wrap(each, 24)[:5]) for each in sentences[:8]]
             options.sheets.mkdir(parents=True, exist_ok=True)

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion, resample, trim
 from t2d_rt.motion.check import detect_fall
 from t2d_rt.motion.check.support import contacts

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion, resample
 from t2d_rt.motion.check.gait import gait_of
 from t2d_rt.motion.check.limits import AT_MOST, FILE, GAIT_SIGNS, Limits, limits_from

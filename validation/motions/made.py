@@ -20,7 +20,6 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks, welch
 from scipy.spatial import ConvexHull
 
-from t2d_rt.contact_sheet import contact_sheet
 from t2d_rt.motion.check import check_motion
 from t2d_rt.motion.contacts import runs, soles
 from t2d_rt.motion.descriptions.slots import Activity, Step
@@ -30,6 +29,7 @@ from t2d_rt.motion.generate.made.anatomy import Anatomy
 from t2d_rt.motion.kinematics import INDEX, motion_of, poses_of
 from t2d_rt.motion.read import load_motion
 from t2d_rt.types.motion import Motion
+from t2d_rt.view.contact_sheet import contact_sheet
 from validation.motions.limits import true_size
 
 CASES: dict[str, tuple[tuple[Step, ...], Activity | None]] = {

@@ -9,7 +9,7 @@ import json
 import sys
 from pathlib import Path
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions import Step, parse_description
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 import t2d_rt as t2d
-from t2d_rt.errors import T2DWarning
+from t2d_rt.core.errors import T2DWarning
 from t2d_rt.motion import load_motion, motion_from_joints
 from t2d_rt.motion.read import humanml3d, kimodo
 from t2d_rt.motion.read.noise import denoised

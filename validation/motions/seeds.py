@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.errors import T2DWarning
+from t2d_rt.core.errors import T2DWarning
 from t2d_rt.motion.check import check_motion
 from t2d_rt.motion.check.limits import limits
 from t2d_rt.motion.check.population import diversity

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion import load_motion
 from t2d_rt.motion.match import MOST_FRAMES, match
 from t2d_rt.motion.read.bvh import forward_kinematics, read_bvh

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt.backend import select
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.body.template import template
+from t2d_rt.core.backend import select
 from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.visibility import Occlusion, sample_times
 from t2d_rt.scattering.ellipsoid import specular_points

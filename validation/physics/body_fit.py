@@ -8,7 +8,7 @@ import numpy as np
 
 import t2d_rt as t2d
 from t2d_rt.body import bodies, regressed_joints, template
-from t2d_rt.resources import resource
+from t2d_rt.core.resources import resource
 from validation.bodies import RUN, WALK
 from validation.report import Check, Section, new_figure, save_chart
 

@@ -12,14 +12,14 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
-from t2d_rt.backend import select
-from t2d_rt.bounces import Bouncing
-from t2d_rt.experiment import Experiment
-from t2d_rt.model import Model, sagitta_rad
+from t2d_rt.core.backend import select
+from t2d_rt.experiment.experiment import Experiment
+from t2d_rt.experiment.setup import set_up
+from t2d_rt.pipeline.bounces import Bouncing
+from t2d_rt.pipeline.echo_model import Model, sagitta_rad
 from t2d_rt.propagation.rays import Rays
 from t2d_rt.scattering.bounces import Setting, TubeDetail, bounce_echoes
 from t2d_rt.signal import spectrogram
-from t2d_rt.stage import set_up
 from t2d_rt.types import PEC, Accuracy, Echoes, Motion, MovingMesh, Radar
 from validation.bodies import WALK, recorded
 from validation.physics import exact

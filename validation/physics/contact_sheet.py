@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from t2d_rt.body import skin
+from t2d_rt.core.resources import resource
 from t2d_rt.motion import load_motion, track
-from t2d_rt.resources import resource
 from validation.report import FOLDER
 
 LIGHT = np.array([0.45, 0.35, 0.82])

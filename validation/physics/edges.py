@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt.backend import select
-from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.core.backend import select
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.resources import resource
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.paths import find_paths
-from t2d_rt.resources import resource
 from t2d_rt.types import Radar, Scene, Surface
 from validation.report import Check, Section, new_figure, save_chart
 

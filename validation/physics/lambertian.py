@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from scipy.spatial import ConvexHull
 
 import t2d_rt as t2d
-from t2d_rt.backend import select
+from t2d_rt.core.backend import select
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.types import Material, MovingMesh, Radar

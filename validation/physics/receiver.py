@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt.constants import BOLTZMANN
+from t2d_rt.core.constants import BOLTZMANN
 from t2d_rt.noise.receiver import receive
 from t2d_rt.noise.receiver.draws import Draws
 from t2d_rt.noise.receiver.interference import Interference

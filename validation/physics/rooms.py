@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt.backend import select
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.path_fields import field_over
+from t2d_rt.core.backend import select
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.resources import resource
 from t2d_rt.propagation.images import existing, vertices
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.mitsuba import mitsuba
 from t2d_rt.propagation.paths import FoundPaths, find_paths
 from t2d_rt.propagation.scenes import load_scene
-from t2d_rt.resources import resource
 from t2d_rt.types import OneWayPath, Radar
+from t2d_rt.types.path_fields import field_over
 from validation.report import Check, Section, new_figure, save_chart
 
 SCENES, POSITIONS, SEED = ("empty_room", "living_room"), 20, 1

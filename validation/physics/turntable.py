@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt.backend import select
 from t2d_rt.body.fit import fit
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.body.segments import segment_of_faces
 from t2d_rt.body.template import template
+from t2d_rt.core.backend import select
 from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.visibility import Occlusion
 from t2d_rt.scattering.ellipsoid import PhaseFrom, ellipsoid_echoes

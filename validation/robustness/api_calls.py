@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt import body, comparison, motion, plots, signal
-from t2d_rt.errors import T2DError, T2DWarning
+from t2d_rt import body, motion, plots, signal
+from t2d_rt.core.errors import T2DError, T2DWarning
+from t2d_rt.recording import compare as comparison
 from t2d_rt.scene import Opening, Piece, Slab
 from t2d_rt.types import EchoArrays, Ellipsoids, Material, MovingMesh
 from validation.robustness.api_arguments import (

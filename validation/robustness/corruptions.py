@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion
 from t2d_rt.types.motion import Motion
 from validation.report import Check, Section

@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 
 import t2d_rt as t2d
-from t2d_rt.resources import resource
+from t2d_rt.core.resources import resource
 from validation.report import Check, Section
 
 LIMIT_GB, AMPLE_GB = 2.0, 16.0
@@ -104,6 +104,6 @@ def main(case: str, memory_gb: float) -> None:
 
 
 def _held_gb() -> float:
-    from t2d_rt.memory import resident_bytes
+    from t2d_rt.core.memory import resident_bytes
 
     return resident_bytes() / 1e9

@@ -87,7 +87,7 @@ FRACTIONS = (0.12, 0.15, 0.1, 0.1, 0.06, 0.06, 0.08, 0.05, 0.08, 0.1, 0.1)
 
 def soaked(calls: int = CALLS) -> dict[str, Any]:
     """Resident memory [MB] after each call, and the calls."""
-    from t2d_rt.errors import T2DWarning
+    from t2d_rt.core.errors import T2DWarning
 
     warnings.simplefilter("ignore", T2DWarning)
     rng = np.random.default_rng(0)

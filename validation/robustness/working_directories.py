@@ -13,9 +13,9 @@ import warnings
 from pathlib import Path
 
 import t2d_rt as t2d
-from t2d_rt.errors import T2DWarning
+from t2d_rt.core.errors import T2DWarning
+from t2d_rt.core.resources import resource
 from t2d_rt.propagation.scenes import scene_names
-from t2d_rt.resources import resource
 from validation.report import Check, Section
 
 SECONDS = 0.2

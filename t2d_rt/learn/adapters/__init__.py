@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from t2d_rt.checks import file_path, unknown_name
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import file_path, unknown_name
+from t2d_rt.core.errors import InputError
 from t2d_rt.learn.adapters.arrays import HDF5, NPZ
 from t2d_rt.learn.adapters.interface import Adapter, AdapterOptions, RealMaps, content_hash
 from t2d_rt.learn.adapters.parrad import PARRAD

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import array, numeric
-from t2d_rt.errors import InputError, install
+from t2d_rt.core.checks import array, numeric
+from t2d_rt.core.errors import InputError, install
 from t2d_rt.learn.adapters.interface import Adapter, AdapterOptions, Piece, class_of, maps_from
 from t2d_rt.learn.maps import LabelledMaps
 

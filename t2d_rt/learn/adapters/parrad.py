@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.checks import array
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import array
+from t2d_rt.core.errors import InputError
 from t2d_rt.learn.adapters.interface import Adapter, AdapterOptions, class_names, class_of
 from t2d_rt.learn.maps import LabelledMaps, check_varied
 

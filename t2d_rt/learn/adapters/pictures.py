@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.learn.adapters.interface import Adapter, AdapterOptions, Piece, class_of, files_below, maps_from
 from t2d_rt.learn.maps import LabelledMaps
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.files import read_bytes
+from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.core.files import read_bytes
 from t2d_rt.learn.adapters.interface import MAX_BYTES, Adapter, AdapterOptions, Piece, class_of, files_below, maps_from
 from t2d_rt.learn.maps import LabelledMaps
 

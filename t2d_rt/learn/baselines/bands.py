@@ -10,8 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from t2d_rt.core.decibels import decibel
 from t2d_rt.dataset.envelope import NOTCH_MPS
-from t2d_rt.decibels import decibel
 
 SMOOTHED = 3
 """Columns over which power is averaged."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from t2d_rt.checks import unknown_name
+from t2d_rt.core.checks import unknown_name
 from t2d_rt.learn.baselines.features import check_steps, features
 from t2d_rt.learn.baselines.nearest_centroid import Centroids
 from t2d_rt.learn.maps import LabelledMaps

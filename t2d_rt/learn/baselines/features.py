@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset.envelope import NOTCH_MPS, envelope
-from t2d_rt.errors import InputError
 from t2d_rt.learn.baselines.course import course
 
 SPEEDS_MPS = (NOTCH_MPS, 0.3, 0.6, 1.0, 1.5, 2.2, 3.2, 4.5, 10.0)

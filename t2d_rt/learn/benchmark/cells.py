@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.core.atomic_write import replacing
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import Dataset
 from t2d_rt.dataset.splits import KINDS, traits
-from t2d_rt.errors import InputError
 from t2d_rt.learn.baselines import BASELINES, baseline_probabilities
 from t2d_rt.learn.benchmark.scales import JUDGED, SETS, Scale
 from t2d_rt.learn.maps import LabelledMaps, maps_of
@@ -22,7 +23,6 @@ from t2d_rt.learn.threads import torch_threads
 from t2d_rt.learn.train import SPLITS, TrainOptions, scores_of, sides_of, train_model
 from t2d_rt.learn.train.saved import SavedModel
 from t2d_rt.learn.train.sides import check_sides
-from t2d_rt.store import replacing
 
 REPEATS = 15
 """Runs of one map, of which the median is the latency."""

@@ -12,16 +12,16 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.core.atomic_write import replacing
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import Dataset
 from t2d_rt.dataset.splits import KINDS, traits
-from t2d_rt.errors import InputError
 from t2d_rt.learn.benchmark.claims import interval
 from t2d_rt.learn.maps import LabelledMaps, maps_of, shared_speeds
 from t2d_rt.learn.markdown import table
 from t2d_rt.learn.models import card
 from t2d_rt.learn.train import TrainOptions, scores_of, sides_of, train_model
 from t2d_rt.learn.train.sides import check_sides
-from t2d_rt.store import replacing
 
 SEEDS = 0, 1, 2, 3, 4, 5, 6, 7
 """Each with its own split, weights and order; more than elsewhere, as a side has few samples of each condition."""

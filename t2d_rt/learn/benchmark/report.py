@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.figures import NotebookFigure
 from t2d_rt.learn.baselines import BASELINES
 from t2d_rt.learn.benchmark.claims import accuracies, claims, interval
 from t2d_rt.learn.benchmark.scales import NETWORKS, SETS, Scale
@@ -18,6 +17,7 @@ from t2d_rt.learn.charts import draw_confusion
 from t2d_rt.learn.markdown import table
 from t2d_rt.learn.models import build, card, count
 from t2d_rt.learn.train import SPLITS
+from t2d_rt.plots.new_figure import NotebookFigure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

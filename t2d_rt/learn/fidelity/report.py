@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from t2d_rt.figures import NotebookFigure
 from t2d_rt.learn.fidelity.rungs import HIGHEST, RUNGS
 from t2d_rt.learn.fidelity.study import LEARNERS, SEEDS, Findings
 from t2d_rt.learn.markdown import table
 from t2d_rt.learn.transfer.report import FINEST
 from t2d_rt.learn.transfer.scores import gain, with_interval
+from t2d_rt.plots.new_figure import NotebookFigure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

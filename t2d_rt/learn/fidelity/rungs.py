@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import array, file_path
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.core.atomic_write import replacing
+from t2d_rt.core.checks import array, file_path
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.learn.adapters.parrad import BINS, RADARS, ROWS
 from t2d_rt.learn.maps import LabelledMaps
 from t2d_rt.learn.twins import MERGED, RECIPE, TwinRecipe, maps_of_events, noise_seed, range_mean_levels, staged
-from t2d_rt.noisy import add_noise
+from t2d_rt.recording.add_noise import add_noise
 from t2d_rt.scattering.ellipsoid import PhaseFrom
 from t2d_rt.simulate import simulate
-from t2d_rt.store import replacing
 from t2d_rt.types import Receiver
 from t2d_rt.types.target import Method
 

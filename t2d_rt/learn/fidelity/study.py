@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.atomic_write import replacing
+from t2d_rt.core.errors import InputError
 from t2d_rt.learn.fidelity.rungs import HIGHEST, RUNGS, RungEvents
 from t2d_rt.learn.maps import LabelledMaps
 from t2d_rt.learn.threads import torch_threads
 from t2d_rt.learn.transfer.classical import extra_trees
 from t2d_rt.learn.transfer.events import Events
 from t2d_rt.learn.transfer.scores import grouped_folds
-from t2d_rt.store import replacing
 
 SEEDS = 0, 1, 2
 """Of weights and order; each has a third of the simulated events to be tested on, so that all of them are tested once."""

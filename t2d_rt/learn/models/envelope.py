@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.learn.baselines.bands import band_features
 from t2d_rt.learn.baselines.features import check_steps, features
 from t2d_rt.learn.models.registry import ModelCard

@@ -7,11 +7,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from t2d_rt.checks import integer, unknown_name
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import integer, unknown_name
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.plugins import loaded, plugins
 from t2d_rt.learn.maps import checked_size
 from t2d_rt.learn.require import require_learning
-from t2d_rt.plugins import loaded, plugins
 
 if TYPE_CHECKING:
     from torch import nn

@@ -5,7 +5,7 @@ from __future__ import annotations
 from monai.networks.nets import ViT
 from torch import Tensor, nn
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.learn.models.registry import ModelCard, Printed
 
 ABOUT = ModelCard(

@@ -12,7 +12,7 @@ from lightning import LightningModule
 from torch import Tensor, nn
 from torchmetrics.classification import MulticlassAccuracy, MulticlassF1Score
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.learn.maps import LabelledMaps
 from t2d_rt.learn.train.augment import Augmenter
 from t2d_rt.learn.train.batches import Batches

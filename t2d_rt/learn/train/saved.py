@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.checks import file_path, interval, positive, shown
-from t2d_rt.errors import InputError
-from t2d_rt.files import read_bytes
+from t2d_rt.core.checks import file_path, interval, positive, shown
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_bytes
 from t2d_rt.learn.maps import LabelledMaps, checked_classes, checked_size
 from t2d_rt.learn.models import build
 from t2d_rt.learn.require import require_learning

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import choice, integer
+from t2d_rt.core.checks import choice, integer
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset.splits import NAMES, split
-from t2d_rt.errors import InputError
 
 SPLITS = "file", "description", "clip"
 """By file, samples of one description stand on all sides, as in the code of Text2Doppler; by description no sentence and no motion

@@ -13,9 +13,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from t2d_rt.checks import file_path
+from t2d_rt.core.checks import file_path
+from t2d_rt.core.errors import InputError
 from t2d_rt.dataset.lock import LOCK, locked
-from t2d_rt.errors import InputError
 from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, LabelledMaps, check_axes
 from t2d_rt.learn.models import build
 from t2d_rt.learn.require import require_learning

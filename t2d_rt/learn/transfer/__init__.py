@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from t2d_rt.checks import file_path
+from t2d_rt.core.atomic_write import replacing
+from t2d_rt.core.checks import file_path
 from t2d_rt.learn.maps import LabelledMaps
 from t2d_rt.learn.transfer.cells import Study, StudyOptions
 from t2d_rt.learn.transfer.events import Events
 from t2d_rt.learn.transfer.report import plot_curves, report_text
 from t2d_rt.radar.synthesize import Progress
-from t2d_rt.store import replacing
 
 __all__ = ["Events", "StudyOptions", "run_transfer"]
 

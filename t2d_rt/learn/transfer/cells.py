@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import integer
-from t2d_rt.errors import InputError
+from t2d_rt.core.atomic_write import replacing
+from t2d_rt.core.checks import integer
+from t2d_rt.core.errors import InputError
 from t2d_rt.learn.threads import torch_threads
 from t2d_rt.learn.transfer.classical import extra_trees
 from t2d_rt.learn.transfer.events import Events
 from t2d_rt.learn.transfer.methods import METHODS, EventNet, network, predicted, pretrained, tuned_labels
 from t2d_rt.learn.transfer.scores import at_most, grouped_folds
-from t2d_rt.store import replacing
 
 TREES, ZERO_SHOT = "extra trees", "zero-shot"
 EVENTS_PER_CLASS: tuple[int | None, ...] = (5, 10, 20, None)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.errors import InputError, install
+from t2d_rt.core.errors import InputError, install
 from t2d_rt.learn.transfer.events import Events
 
 try:

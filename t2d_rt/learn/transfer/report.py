@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.learn.markdown import table
 from t2d_rt.learn.transfer.cells import EVENTS_PER_CLASS, Cell
 from t2d_rt.learn.transfer.methods import METHODS
@@ -161,7 +161,7 @@ def _gained(labels: dict[str, np.ndarray], name: str, other: str, count: int | N
 
 def plot_curves(folder: Path) -> Figure:
     """Macro-F1 over the number of real events per class, a curve for each method, intervals as bands of lines."""
-    from t2d_rt.canvas import blank_figure
+    from t2d_rt.plots.canvas import blank_figure
 
     rows, about, _ = read_rows(folder)
     fig = blank_figure(7.5, 4.5)

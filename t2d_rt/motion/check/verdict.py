@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from t2d_rt.checks import choice
+from t2d_rt.core.checks import choice
 from t2d_rt.motion.check.anatomy import RANGES_DEG
 from t2d_rt.motion.check.classes import class_faults
 from t2d_rt.motion.check.clock import rate_doubt

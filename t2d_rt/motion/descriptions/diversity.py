@@ -14,8 +14,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from t2d_rt.checks import instance
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import instance
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.slots import Description
 
 NEAREST = 0.8

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import urlsplit
 
-from t2d_rt.checks import integer, positive, shown, text
-from t2d_rt.errors import InputError, install
+from t2d_rt.core.checks import integer, positive, shown, text
+from t2d_rt.core.errors import InputError, install
 
 KEY_VARIABLES = "T2D_API_KEY", "OPENAI_API_KEY"
 """Variables of the environment that may hold the key, the first one first."""

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from t2d_rt.checks import choice, integer
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import choice, integer
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.clauses import Clause, clause
 from t2d_rt.motion.descriptions.complements import BODY, BODY_OF_TYPE
 from t2d_rt.motion.descriptions.deal import Dealer, weighted

@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from t2d_rt.checks import choice, instance, integer, shown
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import choice, instance, integer, shown
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions import replies
 from t2d_rt.motion.descriptions.diversity import Gathered
 from t2d_rt.motion.descriptions.endpoint import Budget, LanguageModel, Reply, Session, Stopped, check_installed

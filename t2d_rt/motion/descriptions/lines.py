@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from t2d_rt.errors import InputError
-from t2d_rt.files import read_bytes
+from t2d_rt.core.atomic_write import check_taken, replacing
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_bytes
 from t2d_rt.motion.descriptions.slots import Description
-from t2d_rt.store import check_taken, replacing
 
 LARGEST_FILE = 100_000_000
 """Bytes of a file of descriptions."""

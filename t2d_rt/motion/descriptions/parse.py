@@ -12,8 +12,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from t2d_rt.checks import shown, text
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import shown, text
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.drafts import Draft, Opposite, Reader, merged
 from t2d_rt.motion.descriptions.inflect import forms
 from t2d_rt.motion.descriptions.items import items_of

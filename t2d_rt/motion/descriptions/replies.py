@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from t2d_rt import disk_cache
+from t2d_rt.core import disk_cache
 
 FOLDER = "replies"
 LARGEST_BYTES = 2_000_000

@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from typing import Any, get_args
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.grammar import Drawn
 from t2d_rt.motion.descriptions.parse import parse_description
 from t2d_rt.motion.descriptions.slots import (

@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Protocol
 
-from t2d_rt.checks import instance, integer, number, shown, unknown_name
-from t2d_rt.errors import InputError, warn
+from t2d_rt.core.checks import instance, integer, number, shown, unknown_name
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.motion.descriptions.slots import Description
 from t2d_rt.types.motion import Motion
 

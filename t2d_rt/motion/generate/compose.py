@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.check import check_motion, detect_fall
 from t2d_rt.motion.contacts import contacts, plant
 from t2d_rt.motion.descriptions.slots import GAIT_TYPES, Action, Description, Step

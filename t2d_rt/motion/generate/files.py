@@ -21,9 +21,9 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.checks import file_path, shown
-from t2d_rt.errors import InputError, printable
-from t2d_rt.files import npy_header, read_bytes
+from t2d_rt.core.checks import file_path, shown
+from t2d_rt.core.errors import InputError, printable
+from t2d_rt.core.files import npy_header, read_bytes
 from t2d_rt.motion.descriptions.slots import Description
 from t2d_rt.motion.generate.unpickled import unpickled
 from t2d_rt.motion.read import load_motion

@@ -14,11 +14,11 @@ import uuid
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from t2d_rt.checks import file_path, integer, number
-from t2d_rt.errors import InputError, printable
+from t2d_rt.core.checks import file_path, integer, number
+from t2d_rt.core.errors import InputError, printable
+from t2d_rt.core.processes import NOT_ALLOWED, NOT_FOUND, run_guarded
 from t2d_rt.motion.descriptions.slots import Description
 from t2d_rt.motion.read import load_motion
-from t2d_rt.processes import NOT_ALLOWED, NOT_FOUND, run_guarded
 from t2d_rt.types.motion import Motion
 
 CHECKOUT_VARIABLE, PYTHON_VARIABLE = "T2D_MOMASK", "T2D_MOMASK_PYTHON"

@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from t2d_rt.checks import LONGEST_SHOWN
-from t2d_rt.errors import printable
+from t2d_rt.core.checks import LONGEST_SHOWN
+from t2d_rt.core.errors import printable
 from t2d_rt.motion.match.limbs import Limb
 from t2d_rt.motion.match.mapping import Source, canonical_sources
 from t2d_rt.motion.match.person import Person, find_person, joints_of

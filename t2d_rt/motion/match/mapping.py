@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion.match.limbs import Limb
 from t2d_rt.motion.match.person import HELP, Person, joints_of

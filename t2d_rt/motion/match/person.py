@@ -7,7 +7,7 @@ from itertools import permutations
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion.match.limbs import Pair, limb_pairs
 from t2d_rt.motion.match.tree import Tree

@@ -7,8 +7,9 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Literal
 
-from t2d_rt.checks import file_path, instance, shown
-from t2d_rt.errors import InputError, warn
+from t2d_rt.core.checks import file_path, instance, shown
+from t2d_rt.core.errors import InputError, warn
+from t2d_rt.core.plugins import loaded, plugins
 from t2d_rt.motion.read.amass import read_amass
 from t2d_rt.motion.read.arrays import Arrays, read_arrays
 from t2d_rt.motion.read.asf_amc import read_asf_amc
@@ -26,7 +27,6 @@ from t2d_rt.motion.read.skeletal import read_skeletal
 from t2d_rt.motion.read.subjects import check_only
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.motion.read.trc import read_trc
-from t2d_rt.plugins import loaded, plugins
 from t2d_rt.types.motion import Motion
 
 BVH_SUFFIXES = (".bvh", ".bvh.gz")

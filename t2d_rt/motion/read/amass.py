@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.quaternions import multiply, rotate
 from t2d_rt.motion.read.arrays import Arrays
 from t2d_rt.motion.read.clock import stated_rate, times_of

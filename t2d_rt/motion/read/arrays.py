@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import shown
-from t2d_rt.errors import InputError
-from t2d_rt.files import npy_header, read_bytes, size
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import npy_header, read_bytes, size
 
 MAX_BYTES = 250_000_000
 """Largest file, and largest array in it: 100 000 frames of SMPL-X in double precision are 130 MB."""

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.checks import shown
-from t2d_rt.errors import InputError
-from t2d_rt.files import read_bytes
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_bytes
 from t2d_rt.motion.quaternions import about_axis, conjugate, multiply, rotate
 from t2d_rt.motion.read.bvh import LARGEST_NUMBER, MAX_FRAMES
 from t2d_rt.motion.read.samples import filled

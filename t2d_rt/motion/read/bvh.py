@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.checks import shown
-from t2d_rt.errors import InputError
-from t2d_rt.files import gunzip, read_bytes, size
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import gunzip, read_bytes, size
 from t2d_rt.motion.interpolate import composed
 from t2d_rt.motion.read.samples import filled
 

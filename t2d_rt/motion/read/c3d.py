@@ -12,15 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.checks import shown
-from t2d_rt.errors import InputError, install
-from t2d_rt.files import read_bytes
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError, install
+from t2d_rt.core.files import read_bytes
+from t2d_rt.core.processes import run_guarded
 from t2d_rt.motion.read.bvh import LARGEST_NUMBER, MAX_FRAMES
 from t2d_rt.motion.read.clock import same_rate, warn_of_contradiction
 from t2d_rt.motion.read.markers import joints_from
 from t2d_rt.motion.read.subjects import numbered
 from t2d_rt.motion.read.tracks import Tracks
-from t2d_rt.processes import run_guarded
 from t2d_rt.types.motion import RATES_HZ
 
 MAX_BYTES = 250_000_000

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from t2d_rt.errors import InputError, warn
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.motion.quaternions import continuous, normalise
 from t2d_rt.motion.read.arrays import Arrays
 from t2d_rt.motion.read.tracks import Times, Tracks

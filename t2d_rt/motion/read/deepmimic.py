@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import shown
-from t2d_rt.errors import InputError
-from t2d_rt.files import read_bytes
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_bytes
 from t2d_rt.motion.quaternions import about_axis, continuous, multiply, normalise, rotate
 from t2d_rt.motion.read.bvh import MAX_FRAMES
 from t2d_rt.motion.read.complete import HEAD

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from t2d_rt.errors import InputError, warn
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.geometry import vectors
 from t2d_rt.geometry.vectors import norms
 from t2d_rt.motion import quaternions

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2d_rt.errors import warn
+from t2d_rt.core.errors import warn
 from t2d_rt.geometry.vectors import norms, unit
 from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.posture import leg_m, middle

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.read.joint_sets import LEAST_LIKELY, unlikeness
 from t2d_rt.motion.read.samples import filled, spline
 from t2d_rt.motion.read.tracks import Tracks

@@ -13,8 +13,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from t2d_rt.checks import shown
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import norms
 from t2d_rt.motion.skeletons import PARENT_OF
 from t2d_rt.types.motion import CANONICAL_JOINTS

@@ -8,8 +8,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from t2d_rt.checks import shown
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.read.arrays import Arrays, samples_of
 from t2d_rt.motion.read.clock import stated_rate
 from t2d_rt.motion.read.detect import Up

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from t2d_rt.checks import shown
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.quaternions import from_matrix
 from t2d_rt.motion.read.arrays import Arrays
 from t2d_rt.motion.read.clock import stated_rate

@@ -11,8 +11,8 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from t2d_rt.checks import shown
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion.quaternions import between, rotate
 from t2d_rt.motion.read.joint_sets import NEEDED, absent_joints, canonical_sources, named_points

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2d_rt.errors import warn
+from t2d_rt.core.errors import warn
 from t2d_rt.geometry.vectors import norms
 from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.interpolate import low_pass, low_pass_gain

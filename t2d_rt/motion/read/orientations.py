@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import inner, norms, unit
 from t2d_rt.motion.quaternions import between, conjugate, cross, from_matrix, multiply, rotate
 from t2d_rt.motion.skeletons import PARENT_OF

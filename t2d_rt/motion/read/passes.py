@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from t2d_rt.errors import InputError, warn
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.geometry.vectors import inner, norms
 from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, JITTER_LIMIT_MPS, jitter_mps, parts, smooth, smoothed
 from t2d_rt.motion.posture import facing, leg_m, middle, stature_m

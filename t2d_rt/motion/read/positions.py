@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from t2d_rt.checks import LARGEST_M, array, shown
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import LARGEST_M, array, shown
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.read.orientations import orientations_from_positions
 from t2d_rt.motion.skeletons import PARENT_OF, parents_of

@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 
-from t2d_rt.checks import LARGEST_M, array, choice, flag, number, positive, text
-from t2d_rt.errors import InputError, printable
+from t2d_rt.core.checks import LARGEST_M, array, choice, flag, number, positive, text
+from t2d_rt.core.errors import InputError, printable
 from t2d_rt.motion.read.detect import UNITS_M, GivenUp, Up
 from t2d_rt.motion.read.root import Root
 from t2d_rt.types.motion import checked_rate

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from t2d_rt.errors import warn
+from t2d_rt.core.errors import warn
 from t2d_rt.geometry.vectors import inner, norms, unit
 from t2d_rt.motion.posture import middle
 from t2d_rt.motion.quaternions import between, conjugate, rotate

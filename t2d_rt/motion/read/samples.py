@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from t2d_rt.errors import InputError, warn
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.geometry.vectors import norms
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.contacts import runs

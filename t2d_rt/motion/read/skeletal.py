@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.errors import warn
+from t2d_rt.core.errors import warn
 from t2d_rt.motion.match import DECISIVE, MOST_FRAMES, Match, match, signs
 from t2d_rt.motion.read.bodies import bodies
 from t2d_rt.motion.read.bvh import RawSkeleton, forward_kinematics, read_bvh

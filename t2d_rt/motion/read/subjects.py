@@ -12,8 +12,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TypeVar
 
-from t2d_rt.checks import shown
-from t2d_rt.errors import InputError, printable, warn
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError, printable, warn
 
 Source = TypeVar("Source")
 Found = TypeVar("Found")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import choice, number
+from t2d_rt.core.checks import choice, number
 from t2d_rt.motion.contacts import SIDES
 from t2d_rt.motion.descriptions.slots import GAIT_TYPES, GaitType, Side
 from t2d_rt.motion.kinematics import Poses

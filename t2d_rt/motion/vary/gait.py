@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from t2d_rt.checks import integer, number
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import integer, number
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.interpolate import low_pass, sample
 from t2d_rt.types.motion import Motion, checked_motion
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from t2d_rt.checks import number
+from t2d_rt.core.checks import number
 from t2d_rt.motion.interpolate import sample
 from t2d_rt.types.motion import Motion, checked_motion
 

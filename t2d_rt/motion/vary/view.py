@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from t2d_rt.checks import instance, number
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import instance, number
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.edit import main_direction
 from t2d_rt.types import Radar
 from t2d_rt.types.motion import Motion, checked_motion

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import array
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import array
+from t2d_rt.core.errors import InputError
 from t2d_rt.noise.background.records import Grid, checked_level
 
 

@@ -6,8 +6,8 @@ import math
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-from t2d_rt.checks import integer, options
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import integer, options
+from t2d_rt.core.errors import InputError
 
 KEPT_ROWS = 6
 """Rows of the coarsest maps, at least: fewer would not tell an approaching from a receding interferer."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from t2d_rt.checks import integer
-from t2d_rt.errors import InputError, install
+from t2d_rt.core.checks import integer
+from t2d_rt.core.errors import InputError, install
 from t2d_rt.noise.background.architecture import HALO, Architecture
 from t2d_rt.noise.background.model import BackgroundModel
 from t2d_rt.noise.background.records import BackgroundRecord, common_grid

@@ -12,10 +12,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from t2d_rt.backend import one_blas_thread
-from t2d_rt.checks import array, choice, file_path, flag, integer, number, positive, shown
-from t2d_rt.errors import InputError
-from t2d_rt.files import read_bytes
+from t2d_rt.core.backend import one_blas_thread
+from t2d_rt.core.checks import array, choice, file_path, flag, integer, number, positive, shown
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_bytes
+from t2d_rt.core.resources import resource
 from t2d_rt.noise.background.add import Background
 from t2d_rt.noise.background.architecture import HALO, Architecture
 from t2d_rt.noise.background.decoder import decoded
@@ -23,7 +24,6 @@ from t2d_rt.noise.background.prior import prior_codes, uniform_codes
 from t2d_rt.noise.background.records import Grid, checked_level, checked_name
 from t2d_rt.noise.background.resample import resampled, step_ratio
 from t2d_rt.noise.background.speckle import BINS, LAGS, gaussian_field, speckle
-from t2d_rt.resources import resource
 
 FORMAT, VERSION = "t2d-rt background", 1
 DEFAULT = "default"

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import array, flag, number, positive, text
-from t2d_rt.decibels import decibel
-from t2d_rt.errors import InputError
-from t2d_rt.files import read_bytes
+from t2d_rt.core.checks import array, flag, number, positive, text
+from t2d_rt.core.decibels import decibel
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_bytes
 
 LARGEST_BYTES = 2 * 2**30
 """Largest file of a record."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.noise.background.records import Grid
 
 WIDEST = 2.0

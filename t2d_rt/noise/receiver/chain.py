@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.cubes import Cube, DiskCube
-from t2d_rt.errors import T2DWarning
+from t2d_rt.core.cube_storage import ScratchRows, block_rows
+from t2d_rt.core.cubes import Cube, DiskCube
+from t2d_rt.core.errors import T2DWarning
 from t2d_rt.noise.receiver.draws import Draws, group_rows
 from t2d_rt.noise.receiver.flicker import Flicker
 from t2d_rt.noise.receiver.front_end import dc_offsets
@@ -19,7 +20,6 @@ from t2d_rt.noise.receiver.interference import Interference
 from t2d_rt.noise.receiver.levels import ReceiverLevels
 from t2d_rt.noise.receiver.phase_noise import SMALL_ANGLE_RAD, PhaseNoise, residual_rms_rad
 from t2d_rt.noise.receiver.samples import Received, Stages, through
-from t2d_rt.rows import ScratchRows, block_rows
 from t2d_rt.types import Radar, Receiver
 
 Effect = Callable[[np.ndarray, int], np.ndarray]

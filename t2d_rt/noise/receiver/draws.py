@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.backend import normal_numbers
+from t2d_rt.core.backend import normal_numbers
 
 GROUP_SAMPLES = 65_536
 """Samples of a group of rows, whose numbers come from one generator."""

@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.noise.receiver.draws import Draws
 from t2d_rt.noise.receiver.processes import Slow
 from t2d_rt.noise.receiver.time_slots import TimeSlots

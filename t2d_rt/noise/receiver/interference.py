@@ -7,8 +7,8 @@ import math
 import numpy as np
 from scipy.special import fresnel
 
-from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.errors import InputError
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.errors import InputError
 from t2d_rt.noise.receiver.draws import Draws
 from t2d_rt.noise.receiver.time_slots import TimeSlots
 from t2d_rt.types import Radar

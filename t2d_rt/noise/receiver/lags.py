@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import flat_on_device, one_thread_at_a_time, select
+from t2d_rt.core.backend import flat_on_device, one_thread_at_a_time, select
 
 Pair = tuple[Any, Any]
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.errors import T2DWarning
+from t2d_rt.core.column_sums import column_sums
+from t2d_rt.core.errors import T2DWarning
 from t2d_rt.noise.receiver.samples import Received
-from t2d_rt.sums import column_sums
 from t2d_rt.types import Radar, Receiver
 
 SILENT = 1e-13

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend
+from t2d_rt.core.backend import Backend
 
 MULTIPLIER, INCREMENT = 1664525, 1013904223
 """Of the linear congruential generator of Press et al. (Numerical Recipes, 1992)."""

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from scipy import fft
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.noise.receiver.draws import Draws
 from t2d_rt.noise.receiver.lags import lags
 from t2d_rt.noise.receiver.processes import Fast, Slow

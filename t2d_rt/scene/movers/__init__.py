@@ -10,9 +10,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from t2d_rt.checks import shown, unknown_name
-from t2d_rt.errors import InputError
-from t2d_rt.plugins import loaded, plugins
+from t2d_rt.core.checks import shown, unknown_name
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.plugins import loaded, plugins
 from t2d_rt.scene.movers.curtain import Curtain
 from t2d_rt.scene.movers.door import Door
 from t2d_rt.scene.movers.fans import CeilingFan, TableFan

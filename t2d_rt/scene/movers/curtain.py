@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from t2d_rt.constants import STANDARD_GRAVITY
+from t2d_rt.core.constants import STANDARD_GRAVITY
 from t2d_rt.scene.movers.solids import Angle, Length, Substance, about_z, check_size, moving, sheet
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.fields import Count, Fields, Number, Vector

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.scene.movers.solids import Angle, Seconds, Substance, about_z, check_speed, ease, moving, sheet
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.fields import Fields, Number, Vector

@@ -9,8 +9,8 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from t2d_rt.constants import STANDARD_GRAVITY
-from t2d_rt.errors import InputError
+from t2d_rt.core.constants import STANDARD_GRAVITY
+from t2d_rt.core.errors import InputError
 from t2d_rt.scene.movers.solids import (
     Angle,
     Substance,

@@ -10,8 +10,8 @@ from typing import Annotated, Any, cast
 import numpy as np
 from pydantic import Field
 
-from t2d_rt.checks import number
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import number
+from t2d_rt.core.errors import InputError
 from t2d_rt.types import Material, MovingMesh
 from t2d_rt.types.fields import Number
 from t2d_rt.types.mesh import Made, Track

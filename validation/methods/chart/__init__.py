@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import t2d_rt as t2d
-from t2d_rt.resources import resource
+from t2d_rt.core.resources import resource
 from t2d_rt.types import Motion, Radar
 from t2d_rt.types.accuracy import DEFAULT_TIERS
 from validation.bodies import RUN, WALK, falling

@@ -13,10 +13,10 @@ import numpy as np
 
 import t2d_rt as t2d
 from t2d_rt.body.materials import resolve_material
-from t2d_rt.comparison import envelope
-from t2d_rt.model import sagitta_rad
+from t2d_rt.pipeline.echo_model import sagitta_rad
 from t2d_rt.propagation import clutter, mirrors
-from t2d_rt.result import Recording
+from t2d_rt.recording.compare import envelope
+from t2d_rt.recording.recording import Recording
 from t2d_rt.scattering import points, refinement
 from t2d_rt.scattering.refinement import facets
 from t2d_rt.types import Motion, MovingMesh, Radar

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import t2d_rt as t2d
-from t2d_rt.result import Recording
+from t2d_rt.recording.recording import Recording
 from validation.methods.chart.measure import MEMORY_GB, Case, simulated
 from validation.methods.chart.variants import occluded_by_ellipsoids, one_point_each
 

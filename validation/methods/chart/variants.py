@@ -9,16 +9,16 @@ import numpy as np
 
 import t2d_rt as t2d
 from t2d_rt.accuracy import Wanted
-from t2d_rt.experiment import Experiment
+from t2d_rt.experiment.experiment import Experiment
+from t2d_rt.experiment.setup import set_up
 from t2d_rt.geometry import Refinement, curved_refinements
 from t2d_rt.propagation.occluders import Posed
 from t2d_rt.propagation.visibility import Occlusion, VisibilitySamples
-from t2d_rt.result import Recording
+from t2d_rt.recording.recording import Recording
 from t2d_rt.scattering.mesh import FacetMethod
 from t2d_rt.scattering.phase_integral import Ops, Parts
 from t2d_rt.scattering.refinement import refined
 from t2d_rt.simulate import recorded
-from t2d_rt.stage import set_up
 from t2d_rt.types import Ellipsoids, MovingMesh
 from validation.bench.stages import PHYSICS
 from validation.methods.chart.measure import FLAT, MEMORY_GB, Case

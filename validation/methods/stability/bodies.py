@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal.windows import blackmanharris
 
 import t2d_rt as t2d
-from t2d_rt.backend import select
+from t2d_rt.core.backend import select
 from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.visibility import Occlusion

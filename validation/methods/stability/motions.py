@@ -9,8 +9,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import t2d_rt as t2d
+from t2d_rt.core.resources import resource
 from t2d_rt.motion.interpolate import sample
-from t2d_rt.resources import resource
 from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
 from t2d_rt.types import PEC, Ellipsoids, Motion, Radar
 from t2d_rt.types.ellipsoids import PoseTrack

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
-from t2d_rt.backend import select
+from t2d_rt.core.backend import select
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.mitsuba import mitsuba
 from t2d_rt.propagation.paths import find_paths

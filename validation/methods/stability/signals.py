@@ -10,7 +10,7 @@ import warnings
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.signal import mti, range_doppler, spectrogram
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar
 from validation.methods.reference import refined

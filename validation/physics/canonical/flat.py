@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from t2d_rt.backend import select
+from t2d_rt.core.backend import select
 from t2d_rt.propagation.clutter import static_paths
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.scattering.clutter import mirror_echoes

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt.comparison import envelope, mean_rcs_m2, ridge
+from t2d_rt.recording.compare import envelope, mean_rcs_m2, ridge
 from t2d_rt.types import Radar
 from validation.bodies import RUN, WALK, recorded
 from validation.physics.turntable import (

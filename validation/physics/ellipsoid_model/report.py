@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from t2d_rt.comparison import envelope
+from t2d_rt.recording.compare import envelope
 from validation.physics.ellipsoid_model.activities import JACKS, NEAR_PEAK_DB, Activity
 from validation.physics.ellipsoid_model.spheroids import (
     ASPECTS,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
 from t2d_rt.types import PEC, Radar
 from validation.physics.rcs import sphere

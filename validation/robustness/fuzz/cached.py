@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt import disk_cache
+from t2d_rt.core import disk_cache
 from t2d_rt.motion.descriptions import replies
 from validation.robustness.fuzz.case import DEEP, Attempt, Wrong, corrupted, pick, writing_only
 

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt.errors import T2DError, T2DWarning
+from t2d_rt.core.errors import T2DError, T2DWarning
 
 T = TypeVar("T")
 

@@ -16,7 +16,7 @@ from validation.robustness.fuzz.case import Attempt, Wrong, check_gone, pick
 PROGRAM = """
 import subprocess, sys
 from pathlib import Path
-from t2d_rt.processes import run_guarded
+from t2d_rt.core.processes import run_guarded
 folder = Path("temporary"); folder.mkdir()
 code = ("import os, subprocess, time; child = subprocess.Popen(['sleep', '60']);"
         "open('pids', 'w').write('%d %d' % (os.getpid(), child.pid)); time.sleep(60)")
@@ -27,7 +27,7 @@ import os, time
 from pathlib import Path
 from joblib import Parallel, delayed, parallel_config
 from t2d_rt.dataset.lock import locked
-from t2d_rt.processes import end_with
+from t2d_rt.core.processes import end_with
 def work(number):
     with open("pids", "a") as file: file.write("%d " % os.getpid())
     time.sleep(30)

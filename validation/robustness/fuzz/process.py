@@ -21,7 +21,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import IO
 
-from t2d_rt.errors import T2DError
+from t2d_rt.core.errors import T2DError
 from validation.robustness.fuzz.case import Wrong, check_sentence, random_source
 
 SECONDS = 10.0
@@ -114,13 +114,13 @@ def ready(kinds: Collection[str]) -> None:
     """Imports what inputs need. Nothing is computed: threads of Dr.Jit or zarr would not be there in the forked processes."""
     if not set(kinds) & set(KINDS):
         return
-    from t2d_rt.backend import select
+    from t2d_rt.core.backend import select
 
     select("cpu")  # chooses the LLVM library before Dr.Jit is imported; loads, but starts nothing
     for name in (
         "matplotlib.backends.backend_agg", "scipy.signal", "scipy.interpolate", "scipy.spatial", "trimesh", "xarray", "zarr",
-        "jsonargparse", "yaml", "mitsuba", "sionna.rt", "tqdm", "t2d_rt.cli", "t2d_rt.simulate", "t2d_rt.comparison",
-        "t2d_rt.plots", "t2d_rt.dataset", "t2d_rt.dataset.labelled",
+        "jsonargparse", "yaml", "mitsuba", "sionna.rt", "tqdm", "t2d_rt.cli", "t2d_rt.simulate", "t2d_rt.recording.compare",
+        "t2d_rt.plots.figures", "t2d_rt.dataset", "t2d_rt.dataset.labelled",
     ):  # fmt: skip
         import_module(name)
     if "trained" in kinds:

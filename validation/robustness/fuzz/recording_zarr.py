@@ -77,7 +77,7 @@ def recording() -> t2d.Recording:
 
 def _small_limit() -> None:
     """Cubes of more than a few kilobytes go to disk."""
-    from t2d_rt import cubes
+    from t2d_rt.core import cubes
 
     for name, value in (("LARGE_BYTES", 4096), ("BLOCK_BYTES", 16384)):
         if hasattr(cubes, name):

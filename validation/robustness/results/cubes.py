@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from t2d_rt.cubes import CubeWriter, new_cube
-from t2d_rt.errors import InputError
-from t2d_rt.result import Recording
+from t2d_rt.core.cubes import CubeWriter, new_cube
+from t2d_rt.core.errors import InputError
+from t2d_rt.recording.recording import Recording
 from t2d_rt.types import Radar
 from validation.report import Check, Section
 

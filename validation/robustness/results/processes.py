@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from t2d_rt import cli
-from t2d_rt.errors import InputError
-from t2d_rt.result import Recording
+from t2d_rt.core.errors import InputError
+from t2d_rt.recording.recording import Recording
 from t2d_rt.types import Radar
 
 CONTEXT = multiprocessing.get_context("forkserver")

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.errors import InputError, install
+from t2d_rt.core.errors import InputError, install
 from t2d_rt.motion.generate.falls.anatomy import PARENTS, SIDES
 from t2d_rt.types.motion import CANONICAL_JOINTS
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.checks import instance
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import instance
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.generate.falls.anatomy import Anatomy, anatomy
 from t2d_rt.motion.generate.falls.draw import Draw, course, draw, heading_of
 from t2d_rt.motion.generate.falls.getup import got_up

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from t2d_rt.checks import flag, integer, number, shown
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import flag, integer, number, shown
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.slots import FALL_TYPES, FallType
 
 Heading = Literal["forward", "back", "left", "right"]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.slots import FALL_TYPES, Description, FallType, Step
 from t2d_rt.motion.generate.falls.plan import HEADINGS, FallPlan
 

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2d_rt.checks import number
-from t2d_rt.errors import InputError
+from t2d_rt.core.checks import number
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.resources import listing, resource
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.descriptions.slots import Subject
 from t2d_rt.motion.generate.chain import Piece, from_rotation_vector, swung
 from t2d_rt.motion.kinematics import INDEX, NAMES, Skeleton, skeleton_of
-from t2d_rt.resources import listing, resource
 from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS
 
 STATURE_M: dict[Subject, tuple[tuple[str, float, float], ...]] = {

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.slots import Step
 from t2d_rt.motion.generate.chain import Piece
 from t2d_rt.motion.generate.library import edits

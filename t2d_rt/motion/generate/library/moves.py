@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.core.errors import InputError
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.descriptions.slots import Action, Step

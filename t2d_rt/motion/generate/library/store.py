@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.errors import InputError
-from t2d_rt.files import read_bytes
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_bytes
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.contacts import grown
 from t2d_rt.motion.generate.chain import Piece

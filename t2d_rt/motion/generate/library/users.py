@@ -13,9 +13,9 @@ from typing import get_args
 
 import numpy as np
 
-from t2d_rt.checks import file_path, shown
-from t2d_rt.errors import InputError
-from t2d_rt.files import read_bytes
+from t2d_rt.core.checks import file_path, shown
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_bytes
 from t2d_rt.motion.contacts import contacts, grown, soles
 from t2d_rt.motion.descriptions.slots import ACTIONS_OF, ACTIVITIES, Action, Direction, Speed
 from t2d_rt.motion.generate.chain import heading_rad

@@ -1,0 +1,256 @@
+"""What is written takes its place whole: made in a folder of its own beside the target and moved there when it is done.
+
+Beside `target` a process makes `.NAME.partial-xxxxxxxx` with
+
+    lock   held (flock) as long as the process works on it, so that what dead processes left can be told from the others
+    new/   what is being made: NAME, and what goes beside it
+    old/   what stood at the target before, until the move is done
+
+Which of these exist shows how far a process came, so that the next one can restore the old or complete the move (`settle`).
+Moves of one folder follow one another: its own flock is held during a move.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from t2d_rt.core.errors import InputError
+
+WAIT_S = 60.0
+"""For the lock of a folder, which others hold for moments only."""
+REMOVAL_TRIES, PAUSE_S = 40, 0.05
+"""Threads that still write may put files into a folder while it is removed."""
+
+
+@dataclass(slots=True)
+class _Work:
+    """What this process is making for a target."""
+
+    folder: Path
+    target: Path
+    moved: bool = False
+
+
+_WORKING: list[_Work] = []
+"""Of this process now; for `abandon`."""
+LOCKS: set[Path] = set()
+"""Files by which this process holds folders that fill up with finished parts; for `abandon`, too."""
+
+
+@contextmanager
+def replacing(target: Path, check: Callable[[], None]) -> Iterator[Path]:
+    """Gives a path to make a file or folder at; it takes the place of `target` if the block ends well, or nothing changes.
+
+    What is made beside it (`path.with_name`), once it is there itself, is moved beside the target. `check` is called when the place
+    is about to be taken and raises if it may not be, as another process may have taken it meanwhile.
+    """
+    moved = False
+    try:
+        with _own_folder(target) as work:
+            new = work.folder / "new" / target.name
+            yield new
+            with _locked(target.parent):
+                _check_again(check)
+                try:
+                    if target.is_dir():
+                        target.rename(work.folder / "old" / target.name)
+                    new.rename(target)
+                    moved = work.moved = True
+                finally:
+                    _restore(work.folder, target)
+                _complete(work.folder, target)
+    except OSError as error:
+        what = f"what belongs beside {target}, which is written" if moved else f"{target}"
+        raise InputError(
+            f"cannot write {what}: {error.strerror or error}; free space or choose a writable place"
+        ) from error
+    except KeyboardInterrupt as stopped:
+        if moved:
+            stopped.add_note(f"{target} was written")
+        raise
+
+
+def abandon() -> list[Path]:
+    """Tidies up for a process that is to end at once; gives the targets that had been written when this came."""
+    for work in _WORKING:
+        with suppress(OSError):
+            _restore(work.folder, work.target)
+            _complete(work.folder, work.target)
+            _remove(work.folder)
+            time.sleep(PAUSE_S)  # a thread that still wrote may have made it again
+            _remove(work.folder)
+    for lock in LOCKS:
+        lock.unlink(missing_ok=True)
+    return [work.target for work in _WORKING if work.moved]
+
+
+def check_place(path: Path, *, overwrite: bool) -> None:
+    """Refuses what exists, unless `overwrite`, and folders that are not there or cannot be written to."""
+    folder = path.parent
+    if not folder.is_dir():
+        raise InputError(f"folder {folder} does not exist; create it first")
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+        settle(path)
+    except OSError as error:
+        raise InputError(f"folder {folder} is not writable ({error.strerror}); choose another place") from error
+    check_taken(path, overwrite=overwrite)
+
+
+def check_taken(path: Path, *, overwrite: bool) -> None:
+    """Refuses what exists, unless `overwrite`."""
+    if path.exists() and not overwrite:
+        raise InputError(f"{path} exists already; choose another name or pass --overwrite (overwrite=True)")
+
+
+def settle(target: Path) -> None:
+    """Puts right what processes that died while they wrote `target` have left beside it."""
+    if not _partials(target):
+        return
+    with _locked(target.parent):
+        for folder in _partials(target):
+            with _lock_of_the_dead(folder) as dead:
+                if dead:
+                    _restore(folder, target)
+                    with suppress(OSError):  # the place beside may have become a folder meanwhile
+                        _complete(folder, target)
+                    _remove(folder)
+
+
+def _check_again(check: Callable[[], None]) -> None:
+    try:
+        check()
+    except InputError as error:
+        raise InputError(
+            f"nothing was written, for another process has changed the place meanwhile: {error}"
+        ) from error
+
+
+def _restore(folder: Path, target: Path) -> None:
+    """Puts the old back where the new has not reached its place."""
+    new, old = folder / "new" / target.name, folder / "old" / target.name
+    if os.path.lexists(new) and os.path.lexists(old) and not os.path.lexists(target):
+        old.rename(target)
+
+
+def _complete(folder: Path, target: Path) -> None:
+    """Lets follow what belongs beside the new where this has reached its place."""
+    new = folder / "new"
+    if os.path.lexists(target) and new.is_dir() and not os.path.lexists(new / target.name):
+        for beside in new.iterdir():
+            beside.replace(target.with_name(beside.name))
+
+
+@contextmanager
+def _own_folder(target: Path) -> Iterator[_Work]:
+    import fcntl
+
+    folder = target.with_name(f".{target.name}.partial-{secrets.token_hex(4)}")
+    work = _Work(folder, target)
+    with _locked(target.parent):  # others take a folder without a held lock for a dead process's
+        _WORKING.append(work)  # first: SIGTERM may come at any moment from here on
+        try:
+            folder.mkdir(0o700)
+            try:
+                lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
+            except BaseException:
+                folder.rmdir()
+                raise
+        except BaseException:
+            _WORKING.remove(work)
+            raise
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    try:
+        (folder / "new").mkdir()
+        (folder / "old").mkdir()
+        yield work
+    finally:
+        try:
+            _restore(folder, target)
+            _remove(folder)
+        finally:
+            _WORKING.remove(work)
+            os.close(lock)
+
+
+def _partials(target: Path) -> list[Path]:
+    """Folders of processes that write, or wrote, `target`. Never a link: it could lead anywhere."""
+    pattern = re.compile(rf"\.{re.escape(target.name)}\.partial-[a-z0-9_]{{8}}")
+    with os.scandir(target.parent) as entries:
+        return [Path(e.path) for e in entries if pattern.fullmatch(e.name) and e.is_dir(follow_symlinks=False)]
+
+
+@contextmanager
+def _lock_of_the_dead(folder: Path) -> Iterator[bool]:
+    """Whether no process holds the folder's lock, which is held meanwhile. Without one, whether it holds nothing foreign."""
+    import fcntl
+
+    try:
+        lock = os.open(folder / "lock", os.O_RDWR | os.O_NOFOLLOW)
+    except FileNotFoundError:  # killed before the lock was made, or a thread wrote on while all was removed
+        yield {entry.name for entry in folder.iterdir()} <= {"new", "old"}
+        return
+    except OSError:  # another user's
+        yield False
+        return
+    try:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            yield False
+        else:
+            yield True
+    finally:
+        os.close(lock)
+
+
+def _remove(folder: Path) -> None:
+    # The lock goes last: without it the rest would not be known for what it is.
+    for part in (folder / "new", folder / "old", folder):
+        for _ in range(REMOVAL_TRIES):
+            shutil.rmtree(part, ignore_errors=True)
+            if not part.exists():
+                break
+            time.sleep(PAUSE_S)
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Holds the folder's own lock, which other processes and threads wait for."""
+    import fcntl
+
+    place = os.open(folder, os.O_RDONLY)
+    try:
+        _wait_for(place, folder)
+        yield
+    finally:
+        with suppress(OSError):  # explicitly, since a process that was forked meanwhile holds it too
+            fcntl.flock(place, fcntl.LOCK_UN)
+        os.close(place)
+
+
+def _wait_for(place: int, folder: Path) -> None:
+    import fcntl
+
+    end = time.monotonic() + WAIT_S
+    while time.monotonic() < end:
+        try:
+            return fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(0.01)
+        except OSError:  # a file system without locks: names of their own keep writers apart all the same
+            return None
+    raise InputError(
+        f"another process has held the lock of {folder} for {WAIT_S:g} s; stop it, or choose another place"
+    )

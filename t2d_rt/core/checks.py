@@ -1,0 +1,260 @@
+"""Checks of what public functions are given: each returns the value as the function wants it, or raises an InputError of one
+sentence with what was given, what was expected and what to do.
+
+>>> number("distance_m", 3, 0, 100)
+3.0
+>>> array("centre", [1, 2, 3], (3,))
+array([1., 2., 3.])
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import reprlib
+from collections.abc import Collection, Mapping
+from numbers import Real
+from os import PathLike, fsdecode, fsencode
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.core.errors import InputError
+
+LARGEST_M = 1e6
+"""Farthest coordinate of anything [m]; what exceeds it was meant in another unit, or is damaged."""
+
+GREATEST = 1e100
+"""Larger numbers are refused as infinite: their fourth powers are."""
+
+LONGEST_SHOWN = 60
+"""Characters of a value in a sentence."""
+LONGEST_NAME = 100
+"""Characters of a name that are compared with known ones."""
+
+_short = reprlib.Repr()
+_short.maxstring = _short.maxother = LONGEST_SHOWN
+_short.maxlist = _short.maxtuple = _short.maxdict = 4
+
+
+def shown(value: Any) -> str:
+    """A value in a sentence: one line of at most LONGEST_SHOWN characters, however large the value is."""
+    if isinstance(value, np.ndarray):
+        return f"an array of {value.dtype} of shape {value.shape}"
+    try:
+        words = " ".join(_short.repr(value).split())
+    except Exception:  # whatever the repr of a user's object does, the sentence goes on
+        words = f"a {type(value).__name__}"
+    return words if len(words) <= LONGEST_SHOWN else words[: LONGEST_SHOWN - 3] + "..."
+
+
+def number(
+    name: str, value: Any, low: float = -math.inf, high: float = math.inf, *, unit: str = "", hint: str = ""
+) -> float:
+    """A finite number in low..high, both included."""
+    found = _scalar(value)
+    if isinstance(found, (bool, np.bool_)) or not isinstance(found, Real):
+        raise InputError(f"{name} must be a number, got {shown(value)}{_then(hint)}")
+    found = _finite_float(found)
+    if not (low <= found <= high and -GREATEST < found < GREATEST):
+        raise InputError(f"{name} must {_range(low, high, unit)}, got {shown(value)}{_then(hint)}")
+    return found
+
+
+def positive(name: str, value: Any, high: float = math.inf, *, unit: str = "", hint: str = "") -> float:
+    """A number above 0, and `high` at most."""
+    found = number(name, value, unit=unit, hint=hint)
+    if not found > 0:
+        raise InputError(f"{name} must be positive, got {shown(value)}{_then(hint)}")
+    return number(name, found, high=high, unit=unit, hint=hint)
+
+
+def integer(name: str, value: Any, low: int = 0, high: int | None = None, *, hint: str = "") -> int:
+    """An integer in low..high, both included; a float is refused, 128.0 too."""
+    found = _scalar(value)
+    whole = isinstance(found, (int, np.integer)) and not isinstance(found, bool)
+    found = int(found) if whole else 0
+    if not whole or found < low or (high is not None and found > high):
+        limits = f"of {low} or more" if high is None else f"in {low}..{high}"
+        raise InputError(f"{name} must be an integer {limits}, got {shown(value)}{_then(hint)}")
+    return found
+
+
+def flag(name: str, value: Any) -> bool:
+    """True or False."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise InputError(f"{name} must be True or False, got {shown(value)}")
+    return bool(value)
+
+
+def text(name: str, value: Any, *, hint: str = "") -> str:
+    """A str."""
+    if not isinstance(value, str):
+        raise InputError(f"{name} must be a text, got {shown(value)}{_then(hint)}")
+    return value
+
+
+def choice(name: str, value: Any, choices: Collection[str], *, hint: str = "") -> str:
+    """One of some words."""
+    if not isinstance(value, str) or value not in choices:
+        *first, last = (repr(each) for each in choices)
+        expected = f"{', '.join(first)} or {last}" if first else last
+        raise InputError(f"{name} must be {expected}, got {shown(value)}{_then(hint)}")
+    return value
+
+
+def unknown_name(noun: str, value: Any, known: Collection[str], *, hint: str = "") -> InputError:
+    """That no `noun` has this name, with the known name that it is close to, or else with all of them.
+
+    >>> print(unknown_name("fruit", "Aple", ["apple", "pear"]))
+    unknown fruit 'Aple'; did you mean apple?
+    >>> print(unknown_name("fruit", "nut", ["apple", "pear"], hint=", or grow one"))
+    unknown fruit 'nut'; choose one of apple, pear, or grow one
+    """
+    return InputError(f"unknown {noun} {shown(value)}; {names_advice(value, known, hint=hint)}")
+
+
+def names_advice(value: Any, known: Collection[str], *, hint: str = "") -> str:
+    """End of a sentence about a name that is not known: the one that it is close to, or else all of them and the hint."""
+    plain = {_plain_name(each): each for each in known}
+    close = difflib.get_close_matches(_plain_name(str(value)[:LONGEST_NAME]), plain, n=1)
+    return f"did you mean {plain[close[0]]}?" if close else f"choose one of {', '.join(known)}{hint}"
+
+
+def _plain_name(name: str) -> str:
+    return name.lower().replace("_", "-").replace(" ", "-")
+
+
+def file_path(name: str, value: Any) -> Path:
+    """A path that a file may have."""
+    if not isinstance(value, (str, PathLike)):
+        raise InputError(f"{name} must be a path (a text or a pathlib.Path), got {shown(value)}")
+    try:
+        path = fsdecode(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be a path (a text or a pathlib.Path), got {shown(value)}") from None
+    too_long = len(path) > 4096 or max(map(len, Path(path).parts), default=0) > 255
+    try:
+        fsencode(path)
+    except UnicodeEncodeError:
+        raise InputError(f"{name} {shown(path)} is not a valid file name; it holds half of a character") from None
+    if not path or "\0" in path or too_long:
+        raise InputError(f"{name} {shown(path)} is not a valid file name{': it is too long' if too_long else ''}")
+    return Path(path)
+
+
+def instance(name: str, value: Any, kind: type | tuple[type, ...], expected: str, *, hint: str = "") -> Any:
+    """An object of some type, which the sentence calls `expected`."""
+    if not isinstance(value, kind):
+        raise InputError(f"{name} must be {expected}, got {shown(value)}{_then(hint)}")
+    return value
+
+
+def call(name: str, value: Any, expected: str) -> Any:
+    """A function, which the sentence calls `expected`."""
+    if not callable(value):
+        raise InputError(f"{name} must be {expected}, got {shown(value)}")
+    return value
+
+
+def array(
+    name: str, value: Any, shape: tuple[int | str, ...] | None = None, *, limit: float = 1e30, unit: str = "", hint: str = ""
+) -> np.ndarray:  # fmt: skip
+    """Finite numbers as float64 of a shape; a word in it names a dimension of any length, `limit` bounds their size."""
+    found = numeric(name, value)
+    if np.iscomplexobj(found):
+        raise InputError(f"{name} must hold real numbers, got {found.dtype}{_then(hint)}")
+    if shape is not None:
+        check_shape(name, found, shape, hint=hint)
+    found = np.asarray(found, dtype=np.float64)
+    greatest = float(np.abs(found).max(initial=0))
+    if not np.isfinite(greatest):
+        wrong = int(np.count_nonzero(~np.isfinite(found)))
+        raise InputError(f"{name} must be finite, got {wrong} NaN or infinite values{_then(hint)}")
+    if greatest > limit:
+        raise InputError(
+            f"{name} must not exceed {_limit(limit)}{f' {unit}' if unit else ''}, got {greatest:.4g}{_then(hint)}"
+        )
+    return found
+
+
+def numeric(name: str, value: Any) -> np.ndarray:
+    """Numbers of any kind as an array. Masked arrays are refused: their masked values would be taken for data."""
+    within = value if isinstance(value, (list, tuple)) else [value]
+    if any(isinstance(each, np.ma.MaskedArray) for each in within):
+        raise InputError(f"{name} must not be a masked array: fill or cut what is masked first")
+    try:
+        found = np.asarray(value)
+    except (ValueError, TypeError):
+        raise InputError(f"{name} must be an array of numbers, got {shown(value)}") from None
+    if not (np.issubdtype(found.dtype, np.number)):
+        raise InputError(f"{name} must be an array of numbers, got {_kind(found, value)}")
+    return found
+
+
+def check_shape(name: str, value: Any, shape: tuple[int | str, ...], *, hint: str = "") -> None:
+    """Refuses another shape; a word names a dimension of any length."""
+    fits = value.ndim == len(shape) and all(
+        isinstance(wanted, str) or wanted == given for wanted, given in zip(shape, value.shape, strict=True)
+    )
+    if not fits:
+        wanted = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
+        raise InputError(f"{name} must have shape ({wanted}), got {value.shape}{_then(hint)}")
+
+
+def interval(name: str, value: Any, *, unit: str = "") -> tuple[float, float]:
+    """Two finite numbers, the lower one first."""
+    found = numeric(name, value) if isinstance(value, (list, tuple, np.ndarray)) else None
+    if found is None or found.shape != (2,) or np.iscomplexobj(found) or np.isnan(found).any() or found[0] > found[1]:
+        expected = f"two numbers, least and greatest{f', in {unit}' if unit else ''}"
+        raise InputError(f"{name} must be {expected}, got {shown(value)}")
+    return float(found[0]), float(found[1])
+
+
+def options(name: str, value: Any, known: Collection[str]) -> Mapping[str, Any]:
+    """A mapping whose keys are among the known ones."""
+    if not isinstance(value, Mapping):
+        raise InputError(f"{name} must be a mapping of options and values, got {shown(value)}")
+    for key in value:
+        if key not in known:
+            raise InputError(f"unknown option {shown(key)} of {name}; choose from {', '.join(known)}")
+    return value
+
+
+def _scalar(value: Any) -> Any:
+    """The value of an array of no dimensions, but for np.ma.masked, which is no number; anything else as it is."""
+    if isinstance(value, np.ndarray) and value.ndim == 0 and not isinstance(value, np.ma.MaskedArray):
+        return value[()]
+    return value
+
+
+def _finite_float(value: Any) -> float:
+    """A number as a float; an integer that is too large for one becomes infinite."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def _kind(found: np.ndarray, value: Any) -> str:
+    return shown(value) if found.ndim == 0 else f"an array of {found.dtype}"
+
+
+def _range(low: float, high: float, unit: str) -> str:
+    end = f" {unit}" if unit else ""
+    if math.isinf(low) and math.isinf(high):
+        return "be finite"
+    if math.isinf(high):
+        return f"be {_limit(low)}{end} or more and finite"
+    if math.isinf(low):
+        return f"be {_limit(high)}{end} or less"
+    return f"lie in {_limit(low)}..{_limit(high)}{end}"
+
+
+def _limit(value: float) -> str:
+    return f"{value:g}" if abs(value) >= 1e6 else f"{value:.10g}"
+
+
+def _then(hint: str) -> str:
+    return f"; {hint}" if hint else ""

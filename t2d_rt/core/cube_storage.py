@@ -1,0 +1,294 @@
+"""Rows of an ADC cube on disk: in a temporary file while it is made, and in the folder of a result."""
+
+from __future__ import annotations
+
+import math
+import os
+import stat
+import tempfile
+import weakref
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import regular_file
+
+BLOCK_BYTES = 8 * 2**20
+"""What is read or written at once."""
+NAME, DIMENSIONS = "adc", ("chirp", "antenna", "sample")
+DTYPE = np.dtype(np.complex64)
+CHECKSUM_BYTES = 4
+"""At the end of every chunk in a result's folder (codec crc32c of zarr)."""
+LARGEST_CHUNK_BYTES = 2**30
+"""That is read: `new_array` makes chunks of BLOCK_BYTES, or of one chirp where that is more."""
+CODECS = ({"name": "bytes", "configuration": {"endian": "little"}}, {"name": "crc32c"})
+"""Of the array "adc": not compressed, for phases do not compress."""
+
+
+class ScratchFile:
+    """A temporary file without a name (in TMPDIR).
+
+    The system frees it when the last object or process that can read it has gone, however that ended.
+    """
+
+    def __init__(self) -> None:
+        try:
+            file = tempfile.TemporaryFile(prefix="t2d-rt-", buffering=0)  # noqa: SIM115  # lives as long as the object
+        except OSError as error:
+            raise _no_room(error) from error
+        self._opened = file
+        """Closed with this object and not before: at the end of the program its number may be another file's."""
+        self._file = file.fileno()
+        self.size = 0
+        """[byte]."""
+        weakref.finalize(self, file.close).atexit = False
+
+    def read(self, offset: int, shape: tuple[int, ...]) -> np.ndarray:
+        """Numbers from an offset [byte] on, complex64."""
+        values = np.empty(shape, DTYPE)
+        data = values.reshape(-1).view(np.uint8).data
+        while len(data):
+            count = os.preadv(self._file, [data], offset)
+            if not count:
+                raise InputError("the temporary file of the ADC samples ends early; simulate again")
+            data, offset = data[count:], offset + count
+        return values
+
+    def write(self, offset: int, values: np.ndarray) -> None:
+        """Puts numbers from an offset [byte] on."""
+        data = np.ascontiguousarray(values).reshape(-1).view(np.uint8).data
+        try:
+            while len(data):
+                count = os.pwrite(self._file, data, offset)
+                data, offset = data[count:], offset + count
+        except OSError as error:
+            raise _no_room(error) from error
+        self.size = max(self.size, offset)
+
+    def append(self, values: np.ndarray) -> int:
+        """Puts numbers at the end; their offset [byte]."""
+        offset = self.size
+        self.write(offset, values)
+        return offset
+
+    def blocks(self) -> Iterator[bytes]:
+        """What it holds, block by block."""
+        for offset in range(0, self.size, BLOCK_BYTES):
+            size = min(BLOCK_BYTES, self.size - offset)
+            yield self.read(offset, (size // DTYPE.itemsize,)).tobytes()
+
+
+class ScratchRows:
+    """Rows (antenna, sample) in a temporary file, written from the first on."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.shape = shape
+        self._written = 0
+        """Rows so far; those after them are an error at reading, not zeros."""
+        self._failed: InputError | None = None
+        self._file = ScratchFile()
+
+    def read(self, start: int, stop: int) -> np.ndarray:
+        """Rows start..stop, complex64 (row, antenna, sample)."""
+        if self._failed is not None:
+            raise self._failed
+        if stop > self._written:
+            raise InputError(
+                f"chirps {start}..{stop} of the ADC samples were asked for, and only {self._written} of {self.shape[0]} have "
+                "been written; simulate again"
+            )
+        return self._file.read(start * row_bytes(self.shape), (stop - start, *self.shape[1:]))
+
+    def write(self, start: int, rows: np.ndarray) -> None:
+        """Puts rows in place from `start` on, which may lie at most at the end of what is written."""
+        if start > self._written or start + len(rows) > self.shape[0] or rows.shape[1:] != self.shape[1:]:
+            raise InputError(
+                f"rows {rows.shape} from {start} on do not fit {self._written} of {self.shape} written so far"
+            )
+        self._file.write(start * row_bytes(self.shape), np.asarray(rows, DTYPE))
+        self._written = max(self._written, start + len(rows))
+
+    def append(self, rows: bytes) -> None:
+        """The next rows, for `pickle` and `copy`. A full disk shows at reading: an error here would leave a pool hanging."""
+        if self._failed is None:
+            try:
+                self.write(self._written, np.frombuffer(rows, DTYPE).reshape(-1, *self.shape[1:]))
+            except InputError as error:
+                self._failed = error
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # By value, in blocks: a file without a name cannot be opened by another process.
+        starts = range(0, self._written, block_rows(self.shape))
+        blocks = (self.read(start, min(start + starts.step, self._written)).tobytes() for start in starts)
+        return ScratchRows, (self.shape,), None, blocks
+
+
+class SavedRows:
+    """Rows (antenna, sample) of the array "adc" in a result's folder; what is no longer the same recording is an error.
+
+    Opened when first read, so that an error arises where the samples are used and not while a pool unpickles them.
+    """
+
+    def __init__(self, folder: Path, shape: tuple[int, ...], sha256: str) -> None:
+        self.folder = folder
+        """Absolute: the working directory may change."""
+        self.shape = shape
+        self.sha256 = sha256
+        """Of the samples, as the array's attributes have it."""
+        self._array: Any = None
+        self._state: tuple[int, ...] | None = None
+
+    @classmethod
+    def of(cls, folder: Path) -> SavedRows:
+        """The rows that the folder holds now."""
+        array = _saved_array(folder)
+        return cls(folder, tuple(array.shape), str(array.attrs.get("sha256")))
+
+    def read(self, start: int, stop: int) -> np.ndarray:
+        """Rows start..stop, complex64 (row, antenna, sample)."""
+        state = self._opened()
+        self._check_chunks(start, stop)
+        try:
+            rows = np.asarray(self._array[start:stop])
+        except Exception as error:  # zarr and its codecs raise what they like
+            raise _damaged(self.folder, str(error)) from error
+        self._check_chunks(start, stop)  # zarr reads a chunk that has gone meanwhile as fill values
+        if self._state_now() != state:
+            raise _damaged(self.folder, "replaced while they were read")
+        return rows
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return SavedRows, (self.folder, self.shape, self.sha256)
+
+    def _opened(self) -> tuple[int, ...]:
+        """Opens the array anew where its files have changed."""
+        state = self._state_now()
+        if state != self._state:
+            array = _saved_array(self.folder)
+            if tuple(array.shape) != self.shape or array.attrs.get("sha256") != self.sha256:
+                raise InputError(f"{self.folder} holds another recording by now; load it again")
+            self._array, self._state = array, state
+        return state
+
+    def _state_now(self) -> tuple[int, ...]:
+        try:
+            found = (self.folder / NAME / "zarr.json").stat()
+        except OSError as error:
+            raise _damaged(self.folder, error.strerror or str(error)) from error
+        return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
+
+    def _check_chunks(self, start: int, stop: int) -> None:
+        """Every chunk of these rows is a whole file."""
+        rows = int(self._array.chunks[0])
+        expected = rows * row_bytes(self.shape) + CHECKSUM_BYTES
+        for chunk in range(start // rows, -(-stop // rows)):
+            try:
+                found = (self.folder / NAME / "c" / str(chunk) / "0" / "0").stat()
+            except OSError as error:
+                raise _damaged(self.folder, f"chunk {chunk}: {error.strerror}") from error
+            if not stat.S_ISREG(found.st_mode) or found.st_size != expected:
+                raise _damaged(self.folder, f"chunk {chunk} has {found.st_size} bytes, expected {expected}")
+
+
+@dataclass(frozen=True, eq=False)
+class FileRows:
+    """Rows (antenna, sample) of a file of measured samples, decoded when read; what is no longer the same file is an error."""
+
+    path: Path
+    """Absolute."""
+    shape: tuple[int, int, int]
+    begin: int
+    """Of the first row in the file [byte]."""
+    dtype: np.dtype[Any]
+    row_numbers: int
+    """Numbers of a row."""
+    decode: Callable[[np.ndarray], np.ndarray] | None = None
+    """From numbers (row, number) to as many samples, complex64."""
+    held: np.ndarray | None = None
+    """All numbers (row, number), where those of a row do not lie together in the file."""
+    state: tuple[int, int] = field(init=False)
+    """Size and time of the file."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "state", self._state(self.path.stat()))
+
+    def numbers(self, start: int, stop: int) -> np.ndarray:
+        """Numbers of rows start..stop as they stand in the file, (row, number)."""
+        if self.held is not None:
+            return self.held[start:stop]
+        found = np.empty((stop - start, self.row_numbers), self.dtype)
+        with regular_file(self.path, noun="recording") as file:
+            file.seek(self.begin + start * self.row_numbers * self.dtype.itemsize)
+            count = file.readinto(found.reshape(-1).view(np.uint8).data)  # type: ignore[attr-defined]
+            if count != found.nbytes or self._state(os.fstat(file.fileno())) != self.state:
+                raise InputError(f"{self.path} has changed since it was loaded; load it again")
+        return found
+
+    def read(self, start: int, stop: int) -> np.ndarray:
+        """Samples of rows start..stop, complex64 (row, antenna, sample)."""
+        assert self.decode is not None
+        return self.decode(self.numbers(start, stop)).reshape(stop - start, *self.shape[1:])
+
+    @staticmethod
+    def _state(found: os.stat_result) -> tuple[int, int]:
+        return found.st_size, found.st_mtime_ns
+
+
+def new_array(folder: Path, shape: tuple[int, ...]) -> Any:
+    """The zarr array "adc" of complex64 in the group `folder`, which is made."""
+    import zarr
+    from zarr.codecs import Crc32cCodec
+
+    zarr.open_group(folder, mode="a")
+    return zarr.create_array(
+        folder,
+        name=NAME,
+        shape=shape,
+        chunks=(min(shape[0], block_rows(shape)), *shape[1:]),
+        dtype="complex64",
+        compressors=[Crc32cCodec()],
+        fill_value=complex(np.nan, np.nan),  # what any reader gets for a chunk that is lost
+        config={"write_empty_chunks": True},
+        dimension_names=DIMENSIONS,
+    )
+
+
+def _saved_array(folder: Path) -> Any:
+    """The zarr array "adc" of a result's folder, if it is laid out as `new_array` does: others could ask for any memory."""
+    import zarr
+
+    try:
+        array: Any = zarr.open_array(folder / NAME, mode="r", zarr_format=3)
+        shape, chunks, codecs = tuple(array.shape), tuple(array.chunks), tuple(array.metadata.to_dict()["codecs"])
+    except Exception as error:  # zarr raises what it likes
+        raise _damaged(folder, str(error)) from error
+    if len(shape) != 3 or 0 in shape or array.dtype != DTYPE:
+        raise InputError(f"{folder} holds samples of shape {shape} and type {array.dtype}; expected a complex64 cube")
+    if chunks[1:] != shape[1:] or codecs != CODECS or chunks[0] * row_bytes(shape) > LARGEST_CHUNK_BYTES:
+        raise InputError(f"{folder} holds samples in another layout than t2d-rt writes; simulate it again")
+    return array
+
+
+def block_rows(shape: tuple[int, ...]) -> int:
+    """Chirps that are read or written at once."""
+    return max(1, BLOCK_BYTES // row_bytes(shape))
+
+
+def row_bytes(shape: tuple[int, ...]) -> int:
+    """Bytes of one chirp."""
+    return DTYPE.itemsize * math.prod(shape[1:])
+
+
+def _damaged(folder: Path, reason: str) -> InputError:
+    return InputError(f"the ADC samples in {folder} are damaged or gone ({reason}); simulate it again")
+
+
+def _no_room(error: OSError) -> InputError:
+    return InputError(
+        f"cannot write the ADC samples to the folder for temporary files ({error.strerror or error}); free space, or set "
+        "TMPDIR to a folder with more"
+    )

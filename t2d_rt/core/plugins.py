@@ -1,0 +1,39 @@
+"""What other packages add: radars, motion readers, movers and models, by the entry points that they register (docs/extend.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Literal
+
+from t2d_rt.core.errors import InputError
+
+Group = Literal["radars", "readers", "movers", "models"]
+
+
+def plugins(group: Group, built_in: Collection[str]) -> dict[str, EntryPoint]:
+    """Entry points of the group t2d_rt.GROUP by name, none of them loaded; a name that t2d-rt or another package has is refused."""
+    found: dict[str, EntryPoint] = {}
+    for each in entry_points(group=f"t2d_rt.{group}"):
+        if each.name in built_in or each.name in found:
+            owner = "t2d-rt itself" if each.name in built_in else f"the package {_package(found[each.name])}"
+            raise InputError(
+                f"the package {_package(each)} adds {each.name} to the {group}, a name that {owner} has; rename or uninstall it"
+            )
+        found[each.name] = each
+    return found
+
+
+def loaded(entry: EntryPoint) -> Any:
+    """What an entry point names."""
+    try:
+        return entry.load()
+    except Exception as error:  # code of others
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(
+            f"{entry.name} of the package {_package(entry)} cannot be loaded ({reason}); repair or uninstall that package"
+        ) from error
+
+
+def _package(entry: EntryPoint) -> str:
+    return entry.dist.name if entry.dist is not None else entry.value

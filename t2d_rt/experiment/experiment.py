@@ -1,0 +1,168 @@
+"""`Experiment`: what there is, as plain data; the arrays that it names are kept beside it (`inputs`)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_yaml
+from t2d_rt.core.stored_arrays import Inputs, named_arrays
+from t2d_rt.experiment.catalog import noise_named, radar_named
+from t2d_rt.experiment.sources import (
+    Plain,
+    SceneFile,
+    Source,
+    StoredScene,
+    Substance,
+    Unknown,
+    found_beside,
+    target_from,
+    with_others,
+)
+from t2d_rt.pipeline.path_pairs import Clutter
+from t2d_rt.pipeline.targets import TargetLike
+from t2d_rt.propagation.collisions import Collisions
+from t2d_rt.propagation.scenes import load_scene
+from t2d_rt.types import Radar, Receiver, Scene, Surface
+from t2d_rt.types.fields import Count
+from t2d_rt.types.target import Method
+
+
+class Experiment(Plain):
+    """What there is: targets by their sources, radar, scene, and the physics that is modelled.
+
+    >>> Experiment(targets=[{"kind": "fan", "position_m": (3, 0, 1)}], radar="table2").targets[0].kind
+    'fan'
+    """
+
+    noun: ClassVar[str] = "experiment"
+    written: ClassVar[Mapping[str, str]] = {
+        "targets": "a list of mappings with a kind, as in [{kind: file, file: walk}]",
+        "scene": "a name, a path, or a mapping, as in {file: street.xml, materials: {brick: concrete}}",
+    }
+
+    targets: Annotated[tuple[Source, ...], Field(min_length=1, max_length=1000)]
+    """Motions, meshes, ellipsoids and movers by their sources."""
+    radar: Radar
+    """Its fields, or the name of a preset."""
+    scene: str | SceneFile | StoredScene = "free_space"
+    """"free_space", a room by name, the path of an XML file or a mapping of its `file` and its `materials`, or a stored scene."""
+    reflections: Annotated[Count, Field(ge=0, le=4)] = 2
+    """Greatest number of reflections on the paths out and back together."""
+    transmissions: Annotated[Count, Field(ge=0, le=4)] = 0
+    """Greatest number of thin slabs that these paths pass through."""
+    bounces: Annotated[Count, Field(ge=1, le=3)] = 1
+    """Greatest number of bounces within and between targets, on the direct paths."""
+    clutter: Clutter = "specular"
+    """Echoes of the static scene: "specular", "diffuse" or "none"."""
+    collisions: Collisions = "warn"
+    """Treatment of targets that go through walls: "warn", "stop" the record just before, or "ignore"."""
+    method: Method = "mesh"
+    """Scattering model: physical optics of a "mesh", or "ellipsoid"."""
+    body: str = "adult"
+    """Template of the bodies."""
+    material: Substance | None = None
+    """Material of everything but movers; by default each target's own."""
+    phase_from: Literal["specular", "centre"] = "specular"
+    """Point of an ellipsoid that its phase comes from."""
+    only_paths: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
+    """Names of the path pairs that have echoes; all by default."""
+    without_paths: tuple[str, ...] = ()
+    """Names of path pairs that have none."""
+    seed: Annotated[Count, Field(ge=0)] = 0
+    """Seed of the diffuse points, and of noise whose receiver has no seed of its own."""
+    noise: Literal["none"] | Receiver = "none"
+    """What the receiver adds; "receiver" becomes the shipped values for the radar's band."""
+
+    @field_validator("targets", mode="before")
+    @classmethod
+    def _movers_of_others(cls, value: Any) -> Any:
+        return [with_others(each) for each in value] if isinstance(value, (list, tuple)) else value
+
+    @field_validator("radar", mode="before")
+    @classmethod
+    def _named_radar(cls, value: Any) -> Any:
+        return radar_named(value) if isinstance(value, str) else value
+
+    @field_validator("noise", mode="before")
+    @classmethod
+    def _named_noise(cls, value: Any, info: ValidationInfo) -> Any:
+        return noise_named(value, info.data["radar"]) if "radar" in info.data else "none"  # whose error is told
+
+    @property
+    def physics(self) -> dict[str, Any]:
+        """Fields beside targets, radar and scene."""
+        return {name: value for name, value in self if name not in ("targets", "radar", "scene")}
+
+    @property
+    def hash(self) -> str:
+        """Hash of its content: the same for equal experiments, and without noise and path names that of older versions, which had
+        none."""
+        later = {"noise": "none", "only_paths": None, "without_paths": ()}
+        values = self.model_dump(
+            mode="json", exclude={name for name, none in later.items() if getattr(self, name) == none}
+        )
+        return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:32]
+
+    @property
+    def lost(self) -> str | None:
+        """Description of a target that was not stored, so that a recording cannot be made again; None where all were."""
+        return next((each.description for each in self.targets if isinstance(each, Unknown)), None)
+
+    def targets_from(self, inputs: Inputs, folder: Path | None = None) -> list[TargetLike]:
+        """The targets themselves; file names are relative to `folder`."""
+        return [target_from(each, inputs, self.radar, folder) for each in self.targets]
+
+    def scene_from(self, inputs: Inputs) -> str | Scene:
+        """The scene, or its name."""
+        if isinstance(self.scene, str):
+            return self.scene
+        if isinstance(self.scene, SceneFile):
+            return load_scene(self.scene.file, materials=self.scene.materials, frequency_hz=self.radar.mid_frequency_hz)
+        arrays = named_arrays(inputs, self.scene.input, ("vertices", "faces"))
+        vertices, faces, surfaces = arrays["vertices"], arrays["faces"], []
+        for each in self.scene.surfaces:
+            mine, vertices = vertices[: each.vertices], vertices[each.vertices :]
+            triangles, faces = faces[: each.faces], faces[each.faces :]
+            surfaces.append(
+                Surface(
+                    name=each.name, vertices=mine, faces=triangles, material=each.material, thickness_m=each.thickness_m
+                )
+            )
+        return Scene(name=self.scene.name, surfaces=tuple(surfaces))
+
+    @classmethod
+    def from_yaml(cls, path: str | Path) -> Experiment:
+        """An experiment from a YAML file of its fields; files that it names lie beside it, or are given whole."""
+        return cls.read(read_yaml(path, noun="experiment", example="targets, radar and scene"), Path(path))
+
+    @classmethod
+    def read(cls, values: Mapping[str, Any], path: Path) -> Experiment:
+        """An experiment from the fields that a file holds."""
+        noise = values.get("noise")
+        if isinstance(noise, str) and noise.lower().endswith((".yaml", ".yml")):
+            values = {**values, "noise": str(path.parent / noise)}
+        try:
+            found = cls.model_validate(values)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+        folder = path.parent
+        targets = tuple(found_beside(each, folder) for each in found.targets)
+        scene = found.scene
+        if isinstance(scene, str) and scene.lower().endswith(".xml"):
+            scene = str(folder / scene)
+        if isinstance(scene, SceneFile) and scene.file.lower().endswith(".xml"):
+            scene = scene.model_copy(update={"file": str(folder / scene.file)})
+        return found.model_copy(update={"targets": targets, "scene": scene})
+
+    def to_yaml(self) -> str:
+        """Text that `from_yaml` reads back as the same."""
+        import yaml
+
+        return str(yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False))

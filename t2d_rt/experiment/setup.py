@@ -1,0 +1,286 @@
+"""`Stage`: an experiment set up: targets placed, on one clock, checked against radar and room, with the path pairs to them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.core.backend import one_blas_thread, select
+from t2d_rt.core.checks import choice, integer, shown, text
+from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.core.memory import LIMIT_GB, Budget
+from t2d_rt.core.stored_arrays import Inputs, Store
+from t2d_rt.experiment.catalog import noise_named, radar_named, target_named
+from t2d_rt.experiment.experiment import Experiment
+from t2d_rt.experiment.sources import sources_of, stored_scene
+from t2d_rt.motion import placement
+from t2d_rt.motion.jumps import jumps, told, told_before
+from t2d_rt.noise.receiver import check_receiver
+from t2d_rt.pipeline.echo_model import Model, farthest_and_fastest
+from t2d_rt.pipeline.path_pairs import find_path_pairs, switched, within_reach
+from t2d_rt.pipeline.targets import TargetLike, placed, shared_time, targets_of
+from t2d_rt.propagation.collisions import checked_time
+from t2d_rt.propagation.edges import SceneBlockage
+from t2d_rt.propagation.materials import check_values
+from t2d_rt.propagation.scenes import load_scene
+from t2d_rt.radar import check_speed
+from t2d_rt.scattering.outside import check_outside
+from t2d_rt.scattering.paths import Ranked
+from t2d_rt.scattering.refinement import REFINING_BYTES
+from t2d_rt.scene import Mover, Room
+from t2d_rt.types import Accuracy, Ellipsoids, Motion, MovingMesh, Radar, Scene
+from t2d_rt.types.material import checked_material
+from t2d_rt.types.receiver import Receiver
+from t2d_rt.types.target import Geometry
+
+JUMP_MPS = 300.0
+"""Greatest speed of a joint between two frames; a jump of 2.5 m in a file of 120 frames a second is faster."""
+
+LEAST_CUT_S = 0.05
+"""Part of a motion beyond the record's end from which it is told; durations in whole frames differ by less."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """An experiment set up."""
+
+    experiment: Experiment
+    inputs: Inputs
+    """Arrays that the experiment names."""
+    model: Model
+    """How its targets become echoes."""
+
+    def described(self, model: Model, accuracy: Accuracy) -> dict[str, Any]:
+        """What a recording was made with, in a few words; `model` may be simpler than the stage's own."""
+        pairs, material, experiment = model.pairs(accuracy), model.material, self.experiment
+        room = {name: getattr(experiment, name) for name in ("reflections", "transmissions", "collisions")}
+        return {
+            "method": model.method, "scene": "free_space" if model.scene is None else model.scene.name,
+            "seed": model.seed, "body": model.body, "accuracy": accuracy.model_dump(mode="json"),
+            "material": "own" if material is None else material if isinstance(material, str) else asdict(material),
+            "surface_rates_hz": [float((len(t) - 1) / (t[-1] - t[0])) for t in model.frame_times(accuracy)],
+            "phase_from": model.phase_from, "bounces": model.bounces, "device": model.backend.name,
+            "targets": [each.report if isinstance(each, Motion) else repr(each) for each in model.targets],
+            "placement": [placement(each) if isinstance(each, Motion) else "own coordinates" for each in model.targets],
+            **({} if pairs is None else {**pairs.describe(), **room}),
+        }  # fmt: skip
+
+
+def set_up(
+    target: Any, radar: Any, scene: Any, physics: Mapping[str, Any], *, device: str, memory_gb: float
+) -> Stage:  # fmt: skip
+    """The stage of a target or several, in a scene; `physics` are the other fields of an `Experiment`; all are checked."""
+    memory = Budget.of(memory_gb)
+    # Names first: a motion takes longer to read.
+    radar = radar_named(radar)
+    radar = Radar.preset("table2") if radar is None else radar
+    if not isinstance(radar, Radar):
+        raise InputError(f"radar must be a Radar, got {shown(radar)}; Radar.preset(name) makes one of a preset's name")
+    whole = _scene_of(scene, radar)
+    target = target_named(target)
+    targets = [target] if isinstance(target, TargetLike) else target
+    _check(targets, physics)
+    scene = None if whole is None else within_reach(whole, radar)
+    noise = noise_named(physics["noise"], radar)
+    if isinstance(noise, Receiver):
+        check_receiver(radar, noise)
+    physics = {**physics, "noise": noise}
+    targets = [_placed(each, radar) if isinstance(each, Motion) else each for each in targets]
+    backend = select(device)
+    method, body, material = physics["method"], physics["body"], physics["material"]
+    modelled = targets_of(targets, method, body, material, radar)
+    geometries = [each.geometry for each in modelled]
+    span_s = shared_time(geometries)
+    _tell_of_cuts(targets, geometries, span_s[1])
+    transmissions = physics["transmissions"]
+    if scene is not None:
+        moving = [placed(t, radar) if isinstance(t, Motion) else s for t, s in zip(targets, geometries, strict=True)]
+        span_s = checked_time(
+            physics["collisions"], scene, moving, [geometry.name for geometry in geometries], radar, span_s,
+            outside=transmissions > 0, backend=backend,
+        )  # fmt: skip
+    for geometry in geometries:
+        if isinstance(geometry, MovingMesh):
+            size = len(geometry.faces)
+            memory.check(REFINING_BYTES * size, f"{geometry.name} of {size} faces", "give it in fewer triangles")
+        _check_geometry(geometry, radar, span_s)
+    ranked: list[Ranked] = []
+    blockage = SceneBlockage({})
+    if scene is not None:
+        ranked, blockage = find_path_pairs(
+            scene,
+            geometries,
+            radar,
+            span_s,
+            order=physics["reflections"],
+            transmissions=transmissions,
+            backend=backend,
+        )
+    ranked = switched(ranked, physics["only_paths"], physics["without_paths"])
+    model = Model(
+        radar, modelled, span_s, scene, ranked, blockage, method=method, material=material, body=body,
+        phase_from=physics["phase_from"], seed=int(physics["seed"]), backend=backend, memory=memory,
+        bounces=int(physics["bounces"]),
+    )  # fmt: skip
+    store = Store({})
+    experiment = Experiment(
+        targets=sources_of(targets, store), radar=radar, scene=stored_scene(whole, store), **physics
+    )
+    return Stage(experiment, store.inputs, model)
+
+
+def set_up_again(
+    experiment: Experiment | None, inputs: Inputs, *, device: str = "auto", memory_gb: float = LIMIT_GB
+) -> Stage:
+    """A recording's experiment set up once more, for what follows from it beside the samples; its warnings have been told."""
+    if experiment is None:
+        raise InputError("the recording was measured: it has no experiment, from which paths and truth are worked out")
+    experiment = repeatable(experiment)
+    with warnings.catch_warnings(), one_blas_thread:
+        warnings.simplefilter("ignore", T2DWarning)
+        targets, scene = experiment.targets_from(inputs), experiment.scene_from(inputs)
+        return set_up(targets, experiment.radar, scene, experiment.physics, device=device, memory_gb=memory_gb)
+
+
+def repeatable(experiment: Experiment | None) -> Experiment:
+    """The experiment of a recording, if there is one and all of it is stored."""
+    if experiment is None:
+        raise InputError(
+            "the recording was measured and has no experiment, so it cannot be simulated again; give an Experiment"
+        )
+    if experiment.lost is not None:
+        raise InputError(
+            f"the recording cannot be made again: {experiment.lost} was computed by a function, which is not stored"
+        )
+    return experiment
+
+
+def _placed(motion: Motion, radar: Radar) -> Motion:
+    """The motion placed before the radar; a warning if its coordinates may have been those of the world already."""
+    found = placed(motion, radar)
+    _check_steps(found)
+    if motion.placed is None:
+        warnings.warn(
+            f"the motion was {placement(found)}, as it does not say whether its coordinates are those of the world; give "
+            "motion_from_joints placed=True to keep them, or placed=False to have it placed",
+            T2DWarning,
+            stacklevel=4,
+        )
+    return found
+
+
+def _tell_of_cuts(targets: Sequence[TargetLike], geometries: Sequence[Geometry], stop_s: float) -> None:
+    """Warns of a motion that goes on after the record, which ends with the target that ends first."""
+    # Movers have the time that the others have in common, and whoever gives a mesh chooses its length.
+    ends_s = [
+        np.inf if isinstance(t, Mover) else float(g.times_s[-1]) for t, g in zip(targets, geometries, strict=True)
+    ]
+    motions = [place for place, target in enumerate(targets) if isinstance(target, Motion)]
+    longest = max(motions, key=lambda place: ends_s[place], default=None)
+    if longest is None or ends_s[longest] <= stop_s + LEAST_CUT_S:
+        return
+
+    def named(place: int) -> str:
+        origin = target.origin if isinstance(target := targets[place], Motion) else ()
+        return f"target {place + 1} ({origin[0].partition(',')[0] if origin else geometries[place].name})"
+
+    warnings.warn(
+        f"the record ends with {named(ends_s.index(min(ends_s)))} at {stop_s:.4g} s, and of the {ends_s[longest]:.4g} s of "
+        f"{named(longest)} the last {ends_s[longest] - stop_s:.4g} s are left out; give both for the same time (start_s, stop_s), "
+        "or simulate them apart",
+        T2DWarning,
+        stacklevel=4,
+    )
+
+
+def _check_steps(motion: Motion) -> None:
+    """Warns of jumps that the reader has not told, and refuses those through which a spline has no meaning."""
+    speeds = np.linalg.norm(np.diff(motion.joints, axis=0), axis=-1) * motion.rate_hz
+    frame, joint = np.unravel_index(int(speeds.argmax()), speeds.shape)
+    if speeds[frame, joint] > JUMP_MPS:
+        raise InputError(
+            f"the motion jumps: {motion.names[joint]} moves by {speeds[frame, joint] / motion.rate_hz:.3g} m from frame {frame} to "
+            f"{frame + 1} ({frame / motion.rate_hz:.4g} s), at {speeds[frame, joint]:.3g} m/s; cut or repair the motion there"
+        )
+    found = jumps(motion.joints, motion.names, motion.rate_hz)
+    if found and not told_before(motion.report):
+        warnings.warn(
+            f"{told(found)}; a radar sees that as fast movement: cut or repair the motion there",
+            T2DWarning,
+            stacklevel=5,
+        )
+
+
+def _scene_of(scene: Any, radar: Radar) -> Scene | None:
+    """The scene, whose materials have values at the radar's frequency; None in free space."""
+    if isinstance(scene, Room):
+        scene = scene.scene()
+    if isinstance(scene, Scene):
+        check_values((each.material for each in scene.surfaces), radar.mid_frequency_hz)
+        return scene
+    if not isinstance(scene, (str, Path)):
+        raise InputError(f"scene must be a name, a path, a Room or a Scene, got {shown(scene)}")
+    return None if scene == "free_space" else load_scene(scene, frequency_hz=radar.mid_frequency_hz)
+
+
+def _check_geometry(geometry: Geometry, radar: Radar, span_s: tuple[float, float]) -> None:
+    name = geometry.name
+    if isinstance(geometry, MovingMesh):
+        check_outside(geometry, radar, np.array(span_s))
+    else:
+        _check_outside_ellipsoids(geometry, radar, np.linspace(*span_s, 200))
+    farthest_m, fastest_mps = farthest_and_fastest(geometry, radar, span_s)
+    check_speed(radar, fastest_mps, what=name)
+    if farthest_m > radar.max_range_m:
+        warnings.warn(
+            f"{name} is up to {farthest_m:.3g} m away, beyond the unambiguous {radar.max_range_m:.3g} m, from where the IF filter "
+            "lets no echo through; place it nearer (distance_m) or take a radar with less bandwidth or more samples",
+            T2DWarning,
+            stacklevel=3,
+        )
+
+
+def _check_outside_ellipsoids(geometry: Ellipsoids, radar: Radar, times_s: np.ndarray) -> None:
+    centres, axes = geometry.at(times_s)
+    for antenna in (radar.tx_position_m, radar.rx_position_m):
+        local = np.einsum("knji,knj->kni", axes, antenna - centres) / geometry.semi_axes_m
+        inside = np.sum(local**2, axis=2) < 1 + 1e-6
+        if inside.any():
+            frame, index = np.argwhere(inside)[0]
+            where = ", ".join(f"{x:.3g}" for x in antenna)
+            raise InputError(
+                f"the radar at ({where}) m is inside {geometry.names[index]} at {times_s[frame]:.3g} s; place the target farther "
+                "away (distance_m) or move the radar"
+            )
+
+
+def _check(targets: Any, physics: Mapping[str, Any]) -> None:
+    if not isinstance(targets, Sequence) or not targets or not all(isinstance(each, TargetLike) for each in targets):
+        raise InputError(
+            f"target must be a Motion, a MovingMesh, Ellipsoids, a mover or a list of them, got {shown(targets)}; "
+            "load_motion reads a file"
+        )
+    choice("method", physics["method"], ("mesh", "ellipsoid"))
+    choice("phase_from", physics["phase_from"], ("specular", "centre"))
+    integer("seed", physics["seed"])
+    integer("reflections", physics["reflections"], 0, 4, hint="2 suits rooms")
+    integer("transmissions", physics["transmissions"], 0, 4, hint="2 sees behind a partition")
+    integer("bounces", physics["bounces"], 1, 3, hint="1 is a single one, 2 suits bodies")
+    choice("clutter", physics["clutter"], ("specular", "diffuse", "none"))
+    choice("collisions", physics["collisions"], ("warn", "stop", "ignore"))
+    text("body", physics["body"])
+    for name in ("only_paths", "without_paths"):
+        names, needed = physics[name], name == "only_paths"
+        if names is None and needed:
+            continue
+        if not isinstance(names, (list, tuple)) or not all(isinstance(each, str) for each in names):
+            raise InputError(f"{name} must be a list of names of path pairs, got {shown(names)}; ['direct'] is one")
+        if needed and not names:
+            raise InputError("only_paths must name a path pair, got none; leave it out to have all")
+    if physics["material"] is not None:
+        checked_material(physics["material"])

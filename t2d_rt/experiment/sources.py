@@ -1,0 +1,369 @@
+"""Where the targets and the scene of an experiment come from, as plain data; arrays that they name are kept beside (`inputs`)."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, cast
+
+import numpy as np
+from pydantic import ConfigDict, Discriminator, Field, SerializerFunctionWrapHandler, model_serializer
+
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.stored_arrays import Hash, Inputs, Store, named_arrays
+from t2d_rt.experiment.catalog import found_from, motion_path
+from t2d_rt.motion import aside, load_motion, place, trim
+from t2d_rt.motion.generate import COMPOSED, LONGEST_S, motion_from_text, understood
+from t2d_rt.motion.vary import hold, vary_gait
+from t2d_rt.pipeline.targets import TargetLike, segments, skin
+from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, OwnMover, Pet, TableFan, mover
+from t2d_rt.scene.movers import KINDS, kind_names
+from t2d_rt.types import Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
+from t2d_rt.types.fields import Count, Fields, Number
+
+Substance = str | Material
+Fraction = Annotated[Number, Field(ge=-1e6, le=1e6)]
+
+
+class Plain(Fields):
+    """Values that stand in YAML and JSON."""
+
+    model_config = ConfigDict(ser_json_inf_nan="constants")
+
+
+class _Placed(Plain):
+    """A motion that is cut and placed before the radar."""
+
+    noun: ClassVar[str] = "motion"
+
+    kind: str
+    start_s: Fraction = 0.0
+    """First instant of the motion that is used [s]."""
+    stop_s: Fraction | None = None
+    """Last instant of the motion that is used [s]; all of it by default."""
+    distance_m: Fraction | None = None
+    """Range of the start [m]; by default the closest approach is 1.5 m."""
+    angle_deg: Fraction = 0.0
+    """Angle of the walk against the line to the radar [deg]."""
+    aside_m: Fraction = 0.0
+    """How far left of the line along the boresight the motion starts, as the radar sees it [m]."""
+
+    def placed(self, motion: Motion, radar: Radar) -> Motion:
+        """The piece of a motion that is used, where it starts."""
+        if self.start_s or self.stop_s is not None:
+            motion = trim(motion, self.start_s, motion.duration_s if self.stop_s is None else self.stop_s)
+        motion = place(
+            motion, distance_m=self.distance_m, angle_deg=self.angle_deg, radar_position_m=radar.position_m,
+            boresight=radar.boresight,
+        )  # fmt: skip
+        return aside(motion, self.aside_m, radar.boresight) if self.aside_m else motion
+
+
+class MotionFile(_Placed):
+    """A motion of a file."""
+
+    kind: Literal["file"] = "file"
+    file: str
+    """Path, in a YAML file relative to its folder; or the name of a bundled motion."""
+    subject: str | None = None
+    """Name of the person who is taken of a file that holds several; by default the first who is complete."""
+
+
+class MotionText(_Placed):
+    """A motion that is made from a sentence."""
+
+    kind: Literal["text"] = "text"
+    text: str
+    """What a person does, as "a person walks slowly forward, slips and falls backward"."""
+    seed: Annotated[Count, Field(ge=0)] = 0
+    """Seed of all that is drawn: person, clips, speed."""
+    provider: str = "auto"
+    """How it is made: auto, library, physics, momask, or files:FOLDER, in a YAML file relative to its folder."""
+    body: str | None = None
+    """Body whose proportions are taken; by default one that suits the subject."""
+    stature_m: Number | None = None
+    """Stature of the person [m]; by default drawn for the subject."""
+    duration_s: Number | None = None
+    """Duration of the main action [s], where the sentence says nothing of it."""
+    gait_factor: Number = 1.0
+    """How many times as fast it is then walked, step by step."""
+    gait_spread: Number = 0.0
+    """Standard deviation of the logarithm of each step's own factor."""
+    hold_s: Annotated[Number, Field(ge=0, le=LONGEST_S)] = 0.0
+    """Time for which the last pose is held [s], before it is cut."""
+
+    def made(self) -> Motion:
+        """The motion before it is held, cut and placed."""
+        if self.provider not in COMPOSED:  # what those read may have changed
+            return _generated(self)
+        plain = {"start_s": 0.0, "stop_s": None, "distance_m": None, "angle_deg": 0.0, "aside_m": 0.0, "hold_s": 0.0}
+        return _composed(self.model_copy(update=plain))
+
+    def placed(self, motion: Motion, radar: Radar) -> Motion:
+        """The piece of a motion that is used, held at its end, where it starts."""
+        return super().placed(hold(motion, self.hold_s) if self.hold_s else motion, radar)
+
+
+def _generated(source: MotionText) -> Motion:
+    made = motion_from_text(
+        understood(source.text)[0], provider=source.provider, seed=source.seed, body=source.body, stature_m=source.stature_m,
+        duration_s=source.duration_s,
+    )  # fmt: skip
+    if source.gait_factor == 1.0 and source.gait_spread == 0.0:
+        return made
+    return vary_gait(made, source.gait_factor, spread=source.gait_spread, seed=source.seed)
+
+
+_composed = functools.lru_cache(maxsize=8)(_generated)
+"""The last few are kept: a data set looks at a motion before it simulates it, and may simulate it under several conditions."""
+
+
+class MotionArrays(Plain):
+    """A motion whose joints are stored."""
+
+    noun: ClassVar[str] = "motion"
+
+    kind: Literal["motion"] = "motion"
+    input: Hash
+    """`joints` and `rotations`."""
+    rate_hz: Number
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    placed: bool | None
+    report: str
+    """What the reader found in the file, and how the motion was placed."""
+    origin: tuple[str, ...] = ()
+    """The file's name and the SHA-256 of its content, then each edit since."""
+    activities: tuple[tuple[str, Number], ...] = ()
+    """What the person does, and from when on [s]."""
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Without activities as it was before there were any: the same text, and the same hash of an experiment."""
+        found: dict[str, Any] = plain(self)
+        if not self.activities:
+            found.pop("activities", None)
+        return found
+
+
+class BodyMesh(Plain):
+    """A body's mesh, skinned from a motion."""
+
+    noun: ClassVar[str] = "body"
+
+    kind: Literal["skin", "segments"]
+    motion: MotionArrays
+    body: str
+    material: Substance
+
+
+class MoverMesh(Plain):
+    """The mesh of a mover between two times."""
+
+    noun: ClassVar[str] = "mover's mesh"
+
+    kind: Literal["mover_mesh"] = "mover_mesh"
+    mover: Annotated[TableFan | CeilingFan | Curtain | Door | Pet, Discriminator("kind")]
+    start_s: Number
+    stop_s: Number
+
+
+class OtherMover(Plain):
+    """A mover of another package, by its fields."""
+
+    noun: ClassVar[str] = "mover"
+
+    kind: Literal["mover"] = "mover"
+    fields: dict[str, Any]
+    """Its own, `kind` among them."""
+
+
+class MeshArrays(Plain):
+    """A mesh of the user, its vertices stored."""
+
+    noun: ClassVar[str] = "mesh"
+
+    kind: Literal["mesh"] = "mesh"
+    input: Hash
+    """`vertices`, `faces`, `times_s` and `sagitta_rad`."""
+    material: Substance
+    crease_deg: Number
+    curved: bool = False
+    name: str
+
+
+class EllipsoidArrays(Plain):
+    """Ellipsoids of the user, their positions stored."""
+
+    noun: ClassVar[str] = "ellipsoids"
+
+    kind: Literal["ellipsoids"] = "ellipsoids"
+    input: Hash
+    """`semi_axes_m`, `centres`, `axes` and `times_s`."""
+    material: Substance
+    names: tuple[str, ...]
+
+
+class Unknown(Plain):
+    """A target that a function of the user computes: it cannot be stored, nor the recording made again."""
+
+    noun: ClassVar[str] = "target"
+
+    kind: Literal["unknown"] = "unknown"
+    description: str
+
+
+class StoredSurface(Plain):
+    """One surface of a stored scene; its vertices and faces are parts of the scene's arrays."""
+
+    noun: ClassVar[str] = "surface"
+
+    name: str
+    material: Substance
+    thickness_m: Number
+    vertices: Count
+    """How many of the scene's vertices are its own, in order."""
+    faces: Count
+    """How many of the scene's faces are its own, in order."""
+
+
+class StoredScene(Plain):
+    """A scene whose surfaces are stored."""
+
+    noun: ClassVar[str] = "scene"
+
+    name: str
+    input: Hash
+    """`vertices` and `faces` of all surfaces."""
+    surfaces: tuple[StoredSurface, ...]
+
+
+class SceneFile(Plain):
+    """A scene of a file with substitutes for its materials."""
+
+    noun: ClassVar[str] = "scene"
+
+    file: str
+    """Path of an XML file, in a YAML file relative to its folder; or a room by name."""
+    materials: dict[str, Substance] = Field(default_factory=dict)
+    """Substitutes by the names of what they stand for, as {brick: concrete}."""
+
+
+Source = Annotated[
+    MotionFile | MotionText | MotionArrays | BodyMesh | MoverMesh | MeshArrays | EllipsoidArrays | Unknown
+    | OtherMover | TableFan | CeilingFan | Curtain | Door | Pet,
+    Discriminator("kind"),
+]  # fmt: skip
+"""Where a target comes from."""
+OWN_KINDS = "file", "text", "motion", "skin", "segments", "mover_mesh", "mesh", "ellipsoids", "unknown", "mover"
+"""Kinds of sources that are no movers."""
+
+
+def with_others(source: Any) -> Any:
+    """A source as it is stored, where it is a mover of another package or a mapping of its fields."""
+    if isinstance(source, OwnMover):
+        return OtherMover(fields=source.model_dump(mode="json"))
+    kind = source.get("kind") if isinstance(source, Mapping) else None
+    if not isinstance(kind, str) or kind in (*KINDS, *OWN_KINDS) or kind not in kind_names():
+        return source
+    return OtherMover(fields=mover(source).model_dump(mode="json"))
+
+
+def found_beside(source: Any, folder: Path) -> Any:
+    """A source whose file, or folder of results, is found from the folder of the file that names it."""
+    if isinstance(source, MotionFile):
+        return source.model_copy(update={"file": str(found_from(folder, source.file))})
+    if isinstance(source, MotionText) and source.provider.startswith("files:"):
+        results = folder / source.provider.removeprefix("files:")
+        return source.model_copy(update={"provider": f"files:{results}"})
+    return source
+
+
+def sources_of(targets: Sequence[TargetLike], store: Store) -> tuple[Any, ...]:
+    """Sources of targets, their arrays in the store."""
+    return tuple(_source(each, store) for each in targets)
+
+
+def stored_scene(scene: Scene | None, store: Store) -> str | StoredScene:
+    """A scene as it is stored."""
+    if scene is None:
+        return "free_space"
+    surfaces = scene.surfaces
+    key = store.keep(
+        vertices=np.concatenate([each.vertices for each in surfaces]),
+        faces=np.concatenate([each.faces for each in surfaces]),
+    )
+    stored = tuple(
+        StoredSurface(
+            name=each.name, material=each.material, thickness_m=float(each.thickness_m), vertices=len(each.vertices),
+            faces=len(each.faces),
+        )
+        for each in surfaces
+    )  # fmt: skip
+    return StoredScene(name=scene.name, input=key, surfaces=stored)
+
+
+def _source(target: TargetLike, store: Store) -> Any:
+    if isinstance(target, OwnMover):
+        return OtherMover(fields=target.model_dump(mode="json"))
+    if isinstance(target, Mover):
+        return target
+    if isinstance(target, Motion):
+        key = store.keep(joints=target.joints, rotations=target.rotations)
+        return MotionArrays(
+            input=key, rate_hz=float(target.rate_hz), names=target.names, parents=target.parents, placed=target.placed,
+            report=target.report, origin=target.origin, activities=target.activities,
+        )  # fmt: skip
+    made = target.made
+    if made is not None and made.by == "mover":
+        return MoverMesh(**made.arguments)
+    if made is not None and made.by in ("skin", "segments"):
+        return BodyMesh(kind=made.by, **{**made.arguments, "motion": _source(made.arguments["motion"], store)})
+    if made is None or made.by != "arrays":
+        return Unknown(description=repr(target))
+    if isinstance(target, MovingMesh):
+        sagitta = np.asarray(target.sagitta_rad, float)
+        key = store.keep(**made.arguments, faces=target.faces, times_s=target.times_s, sagitta_rad=sagitta)
+        return MeshArrays(
+            input=key,
+            material=target.material,
+            crease_deg=float(target.crease_deg),
+            curved=target.curved,
+            name=target.name,
+        )
+    key = store.keep(**made.arguments, semi_axes_m=target.semi_axes_m, times_s=target.times_s)
+    return EllipsoidArrays(input=key, material=target.material, names=target.names)
+
+
+def target_from(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) -> TargetLike:
+    """The target of a source; file names are relative to `folder`."""
+    if isinstance(source, OtherMover):
+        return mover(source.fields)
+    if isinstance(source, Mover):
+        return source
+    if isinstance(source, MotionFile):
+        path = motion_path(found_from(folder or Path(), source.file))
+        return source.placed(load_motion(path, subject=source.subject), radar)
+    if isinstance(source, MotionText):
+        return source.placed(source.made(), radar)
+    if isinstance(source, MotionArrays):
+        arrays = named_arrays(inputs, source.input, ("joints", "rotations"))
+        fields = source.model_dump(include={"rate_hz", "names", "parents", "placed", "report", "origin", "activities"})
+        return Motion(**fields, joints=arrays["joints"], rotations=arrays["rotations"])
+    if isinstance(source, BodyMesh):
+        motion = cast(Motion, target_from(source.motion, inputs, radar, folder))
+        return (skin if source.kind == "skin" else segments)(motion, source.body, material=source.material)
+    if isinstance(source, MoverMesh):
+        return source.mover.mesh(source.start_s, source.stop_s)
+    if isinstance(source, MeshArrays):
+        arrays = named_arrays(inputs, source.input, ("vertices", "faces", "times_s", "sagitta_rad"))
+        sagitta = arrays["sagitta_rad"]
+        return MovingMesh(
+            arrays["vertices"], arrays["faces"], arrays["times_s"], source.material, crease_deg=source.crease_deg,
+            sagitta_rad=sagitta if sagitta.ndim else float(sagitta), curved=source.curved, name=source.name,
+        )  # fmt: skip
+    if isinstance(source, EllipsoidArrays):
+        arrays = named_arrays(inputs, source.input, ("semi_axes_m", "centres", "axes", "times_s"))
+        return Ellipsoids(**arrays, material=source.material, names=source.names)
+    raise InputError(f"{source.description} was computed by a function and is not stored; give it again")

@@ -1,0 +1,1 @@
+"""What stands between the parts of an experiment and its ADC cube: targets, path pairs, visibility, echoes, their sum."""

@@ -1,0 +1,128 @@
+"""Which targets take part in several bounces, and their echoes over these."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from t2d_rt.core.backend import Backend
+from t2d_rt.core.errors import T2DWarning
+from t2d_rt.core.memory import Budget
+from t2d_rt.propagation.edges import SceneBlockage
+from t2d_rt.propagation.rays import Rays
+from t2d_rt.scattering.bounces import Setting, TubeDetail, bounce_echoes
+from t2d_rt.scattering.patches import least_range_m
+from t2d_rt.scattering.refinement import Sagitta, most_facets, refined
+from t2d_rt.scattering.reflectors import Reflector
+from t2d_rt.types import EchoStream, Material, MovingMesh, PathPair, Radar
+
+SAME_S = 1e-3
+"""Instants closer than that have their tubes from one of them."""
+FRAMES = 2
+"""Frames to each surface frame of a single bounce: directions between two surfaces change faster than those to the antennas."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bouncing:
+    """A target that may take part in several bounces."""
+
+    name: str
+    mesh: MovingMesh | None
+    """None where ellipsoids scatter."""
+    fast_rotating: bool
+    material: Material
+    sagitta_rad: Sagitta
+    """Phase sagitta of its facets."""
+    times_s: np.ndarray
+    """Its surface frames."""
+
+    @property
+    def why_not(self) -> str | None:
+        """Why it takes no part in them; None where it does."""
+        if self.mesh is None:
+            return (
+                f"{self.name} is made of ellipsoids and takes no part in several bounces; method 'mesh' has them, "
+                "unless ellipsoids keep to the tolerance"
+            )
+        if self.fast_rotating:
+            return f"{self.name} rotates too fast for ray tubes and takes no part in several bounces"
+        return None
+
+    def reflector(self, radar: Radar, span_s: tuple[float, float], max_facets: int) -> Reflector:
+        """Its surface, of the same facets as over a single bounce."""
+        assert self.mesh is not None
+        range_m = least_range_m(self.mesh, [(radar.tx_position_m, radar.rx_position_m)], np.array(span_s))
+        (facets,) = refined(self.mesh, 2 * math.pi / radar.wavelength_m, range_m, [self.sagitta_rad], max_facets)
+        coherent = math.sqrt(1 - self.material.scattering_coefficient**2)
+        gamma = self.material.reflection(radar.mid_frequency_hz) * coherent
+        return Reflector(surface=self.mesh, facets=facets, reflection=gamma)
+
+
+def direct_pair(pairs: Sequence[PathPair], bounces: int, *, warned: bool) -> PathPair | None:
+    """The pair without mirrors or slabs, over which there are several bounces; a warning where there is none."""
+    found = [pair for pair in pairs if not pair.out.chain and not pair.back.chain]
+    if not found and warned:
+        warnings.warn(
+            f"no direct path leads from the radar to the targets, so there are no echoes of {bounces} bounces",
+            T2DWarning,
+            stacklevel=5,
+        )
+    return found[0] if found else None
+
+
+def bounce_streams(
+    targets: Sequence[Bouncing],
+    radar: Radar,
+    *,
+    span_s: tuple[float, float],
+    samples_s: np.ndarray | None,
+    bounces: int,
+    direct: tuple[PathPair, SceneBlockage] | None,
+    backend: Backend,
+    memory: Budget,
+) -> list[EchoStream]:
+    """Echoes of the targets over 2 to `bounces` bounces, a warning for each that takes no part in them.
+
+    Tubes are traced at `samples_s`, or at the targets' frames where these are instants (None). In a scene only the `direct` path
+    pair leads to the targets and back; None is free space.
+    """
+    if samples_s is not None:
+        for target in targets:
+            if target.why_not is not None:
+                warnings.warn(target.why_not, T2DWarning, stacklevel=4)
+    taking = [target for target in targets if target.why_not is None]
+    if not taking:
+        return []
+    times_s = max((target.times_s for target in taking), key=len)
+    if samples_s is not None:
+        times_s = np.linspace(times_s[0], times_s[-1], FRAMES * (len(times_s) - 1) + 1)
+    setting = Setting(
+        radar=radar,
+        scene=partial(Rays, backend=backend),
+        backend=backend,
+        unblocked=None if direct is None else partial(_unblocked, *direct),
+        memory=memory,
+    )
+    stream = bounce_echoes(
+        [target.reflector(radar, span_s, most_facets(memory)) for target in taking], setting,
+        times_s=times_s, samples_s=_apart(times_s) if samples_s is None else samples_s, detail=TubeDetail(bounces=bounces),
+    )  # fmt: skip
+    return [stream] if stream.echoes else []
+
+
+def _unblocked(pair: PathPair, blockage: SceneBlockage, out_m: np.ndarray, back_m: np.ndarray) -> np.ndarray:
+    return np.asarray(blockage.fraction(pair.out, out_m) * blockage.fraction(pair.back, back_m))
+
+
+def _apart(times_s: np.ndarray) -> np.ndarray:
+    """Some of the instants, ascending: no two of them, and none of the others, are nearer to the one before than `SAME_S`."""
+    found: list[float] = []
+    for time_s in np.unique(times_s).tolist():
+        if not found or time_s - found[-1] > SAME_S:
+            found.append(time_s)
+    return np.array(found)

@@ -1,0 +1,265 @@
+"""The room's part of the pipeline: path pairs to the targets, and the targets' visibility over each."""
+
+from __future__ import annotations
+
+import fnmatch
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from t2d_rt.core.backend import Backend, select
+from t2d_rt.core.checks import unknown_name
+from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.propagation.clutter import POINT_PIECES, POINT_RAYS, Shadows, rough_points, roughened, static_paths
+from t2d_rt.propagation.edges import SceneBlockage
+from t2d_rt.propagation.images import vertices
+from t2d_rt.propagation.mirrors import Mirrors
+from t2d_rt.propagation.surroundings import RadarPaths, probes, radar_paths
+from t2d_rt.scattering.clutter import mirror_echoes, rough_echoes
+from t2d_rt.scattering.paths import Fraction, Probed, Ranked, ranked_pairs
+from t2d_rt.types import (
+    Accuracy,
+    EchoStream,
+    PathPair,
+    PathTier,
+    Radar,
+    Scene,
+)
+from t2d_rt.types.scene import ROOM_SURFACES, ROOM_TRIANGLES
+from t2d_rt.types.target import Geometry
+
+Clutter = Literal["specular", "diffuse", "none"]
+"""Static clutter: specular paths, these and the scatter of rough walls, or none."""
+
+CLUTTER_ORDER = 3
+"""Reflections of static clutter: a trihedral corner takes three."""
+CEILING_M = 60.0
+"""Halls are lower; a radar under a higher ceiling stands in a room in other units."""
+SLAB_M = 1.0
+"""Half of the thickest slab."""
+SCATTERING_COEFFICIENT = 0.2
+"""Of walls whose material has none, with "diffuse": a choice, 4 % of what is reflected."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChosenPairs:
+    """Path pairs in use, strongest first, in tiers, and those left out."""
+
+    pairs: list[PathPair]
+    levels_db: list[float]
+    """Theirs in the mean over the targets, relative to the strongest pair's [dB]."""
+    bent_db: list[float]
+    """Levels of what a line over frequency leaves out of their spectra, likewise."""
+    left_out_db: list[float]
+    """Levels of those left out at their best points, likewise."""
+    ends: list[int]
+    """How many of the pairs belong to each tier or to one before it."""
+    occluded: list[PathPair]
+    """Those of tiers whose occlusion by the targets is traced along all of their paths, pairs that are not used among them."""
+    switched_off: list[tuple[PathPair, ...]]
+    """What each tier holds beside its pairs: those that are not used."""
+
+    @classmethod
+    def of(cls, ranked: Sequence[Ranked], accuracy: Accuracy) -> ChosenPairs:
+        """Those within the dynamic range at their best points and not below the least level in the mean."""
+        keep = [
+            each.best_db >= -accuracy.dynamic_range_db and each.mean_db >= accuracy.least_level_db for each in ranked
+        ]
+        kept = [each for each, good in zip(ranked, keep, strict=True) if good]
+        least = 1  # the strongest one is dominant whatever its level
+        ends: list[int] = []
+        for tier in accuracy.tiers:
+            least = max(least, sum(each.mean_db >= tier.level_db for each in kept))
+            ends.append(least)
+        ends[-1] = len(kept)
+        last = max(end for end, tier in zip(ends, accuracy.tiers, strict=True) if tier.visibility == "occlusion")
+        used = [each for each in kept if each.used]
+        if not used:
+            raise InputError(
+                "only_paths and without_paths leave path pairs alone that are too weak to be modelled; name others, or model "
+                "weaker ones (accuracy.dynamic_range_db, a lower tolerance)"
+            )
+        return cls(
+            pairs=[each.pair for each in used],
+            levels_db=[each.mean_db for each in used],
+            bent_db=[each.bent_db for each in used],
+            left_out_db=[each.best_db for each, good in zip(ranked, keep, strict=True) if each.used and not good],
+            ends=[sum(each.used for each in kept[:end]) for end in ends],
+            occluded=[each.pair for each in kept[:last]],
+            switched_off=[
+                tuple(each.pair for each in kept[first:end] if not each.used)
+                for first, end in zip([0, *ends], ends, strict=False)
+            ],
+        )
+
+    @property
+    def dominant(self) -> int:
+        """How many are in the first tier."""
+        return self.ends[0]
+
+    def by_tier(self, accuracy: Accuracy) -> Iterator[tuple[PathTier, list[PathPair]]]:
+        """Tiers that have path pairs, and these."""
+        for tier, first, last in zip(accuracy.tiers, [0, *self.ends], self.ends, strict=False):
+            if last > first:
+                yield tier, self.pairs[first:last]
+
+    def bound_db(self) -> float | None:
+        """What those left out amount to at most, were they all in phase, relative to the strongest one [dB]."""
+        total = sum(10 ** (level / 20) for level in self.left_out_db)
+        return 20 * float(np.log10(total)) if total else None
+
+    def describe(self) -> dict[str, object]:
+        """For a result's settings."""
+        return {
+            "pairs": [pair.name for pair in self.pairs],
+            "left_out": len(self.left_out_db),
+            "left_out_db": self.bound_db(),
+        }
+
+
+def switched(ranked: Sequence[Ranked], only: Sequence[str] | None, without: Sequence[str]) -> list[Ranked]:
+    """Path pairs with those in use marked: of `only` these names, all of them by default, but not `without` those; * in a name
+    stands for any characters. In the place of no path pairs, in free space, there is one that is called direct."""
+    names = [each.pair.name for each in ranked] or ["direct"]
+
+    def named(option: str, given: Sequence[str]) -> set[str]:
+        found: set[str] = set()
+        for each in given:
+            matching = fnmatch.filter(names, each.replace("[", "[[]"))
+            if not matching:
+                raise InputError(f"{option}: {unknown_name('path pair', each, names)}")
+            found.update(matching)
+        return found
+
+    on = (set(names) if only is None else named("only_paths", only)) - named("without_paths", without)
+    if not on:
+        raise InputError(
+            f"only_paths and without_paths leave no path pair, and so no echo; keep one of {', '.join(names)}"
+        )
+    return [each._replace(used=each.pair.name in on) for each in ranked]
+
+
+def within_reach(scene: Scene, radar: Radar) -> Scene | None:
+    """What of a large scene echoes can come from: the IF filter lets no path through that is longer than twice the farthest range,
+    and none that is shorter leads farther away. None where that is nothing; smaller scenes are kept as they are.
+    """
+    if not scene.is_large:
+        return scene
+    place = (radar.tx_position_m + radar.rx_position_m) / 2
+    ceiling_m = _ceiling_m(scene, place)
+    if ceiling_m > CEILING_M:
+        warnings.warn(
+            f"the ceiling of {scene.name} is {ceiling_m:.4g} m above the radar, higher than any room; give the scene in metres",
+            T2DWarning,
+            stacklevel=4,
+        )
+    near = scene.near(place, radar.max_range_m + SLAB_M)
+    if near is None:
+        where = ", ".join(f"{x:.4g}" for x in place)
+        low, high = (", ".join(f"{x:.4g}" for x in corner) for corner in scene.bounds_m)
+        warnings.warn(
+            f"nothing of {scene.name}, which reaches from ({low}) to ({high}) m, is within {radar.max_range_m:.3g} m of the radar "
+            f"at ({where}) m, which reaches no farther, so there is free space; move it (position_m)",
+            T2DWarning,
+            stacklevel=4,
+        )
+        return None
+    triangles = sum(len(each.faces) for each in near.surfaces)
+    if len(near.surfaces) > ROOM_SURFACES or triangles > ROOM_TRIANGLES:
+        raise InputError(
+            f"scene {scene.name} has {len(near.surfaces)} surfaces and {triangles} triangles within the {radar.max_range_m:.3g} m "
+            f"that the radar reaches, more than {ROOM_SURFACES} and {ROOM_TRIANGLES}; leave out what hardly reflects, or give its "
+            "meshes fewer triangles"
+        )
+    return near
+
+
+def _ceiling_m(scene: Scene, place_m: np.ndarray) -> float:
+    """Height over a place of the first surface straight above it [m]; 0 where there is none."""
+    corners = np.concatenate([each.vertices[each.faces] for each in scene.surfaces]) - place_m
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners.transpose(1, 2, 0)
+    # Barycentric coordinates of the place within each triangle, seen from above.
+    weights = np.stack([bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx])
+    total = weights.sum(axis=0)
+    over = ((weights >= 0).all(axis=0) | (weights <= 0).all(axis=0)) & (total != 0)
+    heights = (weights * [az, bz, cz]).sum(axis=0)[over] / total[over]
+    return float(min(heights[heights > 0], default=0.0))
+
+
+def find_path_pairs(
+    scene: Scene,
+    geometries: Sequence[Geometry],
+    radar: Radar,
+    span_s: tuple[float, float],
+    *,
+    order: int,
+    transmissions: int = 0,
+    backend: Backend,
+) -> tuple[list[Ranked], SceneBlockage]:
+    """Path pairs of up to `order` reflections and `transmissions` in all to the targets, strongest first, and what blocks them."""
+    points = probes(geometries, *span_s)
+    most = {"order": order, "transmissions": transmissions}
+    found = radar_paths(scene, radar, points, **most, backend=backend)
+    ranked = ranked_pairs(radar, probed(found, points), **most)
+    if not ranked:
+        raise InputError(
+            f"no path leads from the radar to the target in scene {scene.name} with up to {order} reflections and "
+            f"{transmissions} transmissions; move the radar or the target, or allow more of them"
+        )
+    return ranked, found.blockage
+
+
+def probed(found: RadarPaths, probes_m: np.ndarray) -> Probed:
+    """Paths of a radar to the points that they were searched to."""
+    return Probed(
+        probes_m=probes_m, out=found.out.paths, back=found.back.paths, one_antenna=found.one_antenna,
+        fraction=(found.out.fraction, found.back.fraction),
+    )  # fmt: skip
+
+
+def paths_to(scene: Scene, radar: Radar, point_m: np.ndarray, *, reflections: int) -> list[tuple[str, np.ndarray]]:
+    """Names of the one-way paths from the transmitters to a point, and their vertices (P, 3) [m]."""
+    point_m = np.asarray(point_m, float)
+    found = radar_paths(scene, radar, point_m[None], order=reflections, backend=select("auto"))
+    return [(path.name, vertices(path, point_m)) for path in found.out.paths]
+
+
+def clutter_streams(
+    kind: Clutter,
+    scene: Scene,
+    geometries: Sequence[Geometry],
+    radar: Radar,
+    times_s: np.ndarray,
+    *,
+    samples_s: np.ndarray,
+    seed: int,
+    backend: Backend,
+) -> tuple[list[EchoStream], dict[str, object]]:
+    """Echoes of the static scene, occluded by targets, and how many, for a result's settings."""
+    if kind == "diffuse":
+        scene = roughened(scene, SCATTERING_COEFFICIENT, radar.mid_frequency_hz)
+    streams = []
+
+    def unoccluded(paths_m: Sequence[np.ndarray], **fineness: int) -> Fraction | None:
+        if not geometries:
+            return None
+        return Shadows(
+            geometries, paths_m, radar.wavelength_m, samples_s=samples_s, backend=backend, **fineness
+        ).fractions
+
+    paths = static_paths(scene, radar, order=CLUTTER_ORDER, backend=backend)
+    if paths:
+        streams.append(
+            mirror_echoes(paths, radar, times_s=times_s, fractions=unoccluded([path.stops_m for path in paths]))
+        )
+    points = np.zeros((0, 3))
+    if kind == "diffuse":
+        points, rcs = rough_points(Mirrors.of(scene, backend, radar.tx_position_m), radar)
+    if len(points):
+        paths_m = [np.array([radar.tx_position_m, point, radar.rx_position_m]) for point in points]
+        passing = unoccluded(paths_m, rays=POINT_RAYS, pieces=POINT_PIECES)
+        streams.append(rough_echoes(points, rcs, radar, times_s=times_s, seed=seed, fractions=passing))
+    return streams, {"clutter": kind, "clutter_paths": len(paths), "clutter_points": len(points)}

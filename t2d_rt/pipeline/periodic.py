@@ -1,0 +1,94 @@
+"""Targets that repeat fast, a fan's blades: echoes of a few periods, and how walkers and furniture occlude them meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from t2d_rt.core.memory import blocks
+from t2d_rt.radar.repetition import duration_s, repetition
+from t2d_rt.scattering.paths import Fraction, View
+from t2d_rt.types import EchoStream, MovingMesh, Radar
+
+GAIN_RATE_HZ = 250.0
+"""Rate at which visibility is read from its fades, which take some 40 ms."""
+UNCHANGED = 0.01
+"""Visibility over the strongest path that stays as close to its median is that; over a path 20 dB weaker, ten times as close."""
+SPEED_PROBES = 60
+
+Make = Callable[..., EchoStream]
+"""Echoes at surface frames `times_s`, over `views`."""
+
+
+def in_periods(
+    mesh: MovingMesh, radar: Radar, frames_s: np.ndarray, views: Sequence[View], make: Make, *, level_db: float = 0.0
+) -> list[EchoStream] | None:
+    """Echoes of a few periods that stand for the record of these surface frames; None where nothing is gained by it.
+
+    `level_db` is that of the strongest of these views beside all others, and tells which changes of visibility matter.
+
+    All of the mesh has one visibility at a time. Over each view its median is part of the echoes, and what it departs from that is
+    a gain on those of the view alone.
+    """
+    span_s = float(frames_s[0]), float(frames_s[-1])
+    rate_hz = (len(frames_s) - 1) / (span_s[1] - span_s[0])
+    if mesh.period_s is None or span_s[1] - span_s[0] < 2 * mesh.period_s:
+        return None
+    found = repetition(radar, mesh.period_s, _greatest_speed_mps(mesh, span_s[0]), rate_hz, span_s)
+    if found is None:
+        return None
+    length_s = duration_s(found, rate_hz)
+    times_s = np.linspace(span_s[0], span_s[0] + length_s, int(np.ceil(length_s * rate_hz)) + 1)
+    samples_s = np.linspace(*span_s, int(np.ceil((span_s[1] - span_s[0]) * GAIN_RATE_HZ)) + 1)
+    plain = [replace(view, visibility=(), unblocked=(), subdivision=0) for view in views]
+    visibility = [_visibility(view, samples_s) for view in views]
+    constant = [float(np.median(each)) for each in visibility]
+    unchanged = min(UNCHANGED * 10 ** (-level_db / 20), 1.0)
+    lit = [
+        _dimmed(view, level, len(mesh.rest)) for view, level in zip(plain, constant, strict=True) if level > UNCHANGED
+    ]
+    streams = [replace(make(times_s=times_s, views=lit), repeats=found)] if lit else []
+    alike: dict[bytes, tuple[np.ndarray, list[View]]] = {}
+    for view, each, level in zip(plain, visibility, constant, strict=True):
+        departs = each - (level if level > UNCHANGED else 0.0)
+        most = float(departs[np.abs(departs).argmax()])
+        if abs(most) > unchanged:
+            # Views over paths that are dimmed at the same times have one gain, each with a factor of its own.
+            gain = departs / most
+            _, others = alike.setdefault(np.round(gain, 2).tobytes(), (np.sign(most) * gain, []))
+            others.append(_dimmed(view, abs(most), len(mesh.rest)))
+    for gain, some in alike.values():
+        repeated = replace(found, gain=_interpolated(samples_s, gain))
+        streams.append(replace(make(times_s=times_s, views=some), repeats=repeated))
+    return streams or None
+
+
+def _interpolated(samples_s: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Between samples."""
+    return lambda times_s: np.interp(times_s, samples_s, values)
+
+
+def _visibility(view: View, samples_s: np.ndarray) -> np.ndarray:
+    """That of the whole mesh over a view at these times (K,)."""
+    found = np.ones(len(samples_s))
+    for fraction in (*view.visibility, *view.unblocked):
+        found *= np.concatenate([fraction(some)[:, 0] for some in blocks(samples_s, 10_000)])
+    return found
+
+
+def _dimmed(view: View, level: float, vertices: int) -> View:
+    """With a visibility that never changes."""
+    if level > 1 - UNCHANGED:
+        return view
+    constant: Fraction = lambda times_s: np.broadcast_to(np.float32(level), (len(times_s), vertices))  # noqa: E731
+    return replace(view, visibility=(constant,))
+
+
+def _greatest_speed_mps(mesh: MovingMesh, start_s: float) -> float:
+    """Of any of its points."""
+    assert mesh.period_s is not None
+    step_s = mesh.period_s / SPEED_PROBES / 100
+    times_s = start_s + mesh.period_s * np.arange(SPEED_PROBES) / SPEED_PROBES
+    return float(np.linalg.norm(mesh.at(times_s + step_s) - mesh.at(times_s), axis=2).max()) / step_s

@@ -1,0 +1,253 @@
+"""Visibility of targets over path pairs: strategies that a model is handed (sampled and faded, exact at instants, none)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+
+from t2d_rt.core.backend import Backend
+from t2d_rt.propagation.edges import SceneBlockage
+from t2d_rt.propagation.mean_visibility import MeanVisibility
+from t2d_rt.propagation.occluders import Occluders
+from t2d_rt.propagation.surroundings import Blockage
+from t2d_rt.propagation.visibility import ExactVisibility, KeptVisibility, Occlusion
+from t2d_rt.scattering.paths import FacetVisibility, Fraction, View, anchor_vertices
+from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, PathPair, Radar
+from t2d_rt.types.paths import PathKey
+from t2d_rt.types.target import Geometry
+
+_Place = tuple[tuple[str, ...], int]
+"""A chain of mirrors, and from which end."""
+
+
+class Visibility(Protocol):
+    """How targets are seen; they are named by their number."""
+
+    def views(self, number: int) -> list[View]:
+        """Of a mesh over the path pairs whose occlusion is traced."""
+
+    def with_shared_occlusion(self, number: int, pairs: Sequence[PathPair], samples_s: np.ndarray) -> list[View]:
+        """Of a mesh over other pairs: as `coarse_views`, but occluded along one-way paths whose occlusion is traced anyway."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sight:
+    """Targets before a radar, and when their visibility is sampled."""
+
+    geometries: Sequence[Geometry]
+    fast_rotating: Sequence[bool]
+    """These occlude nothing, and all of their vertices have the mean visibility."""
+    radar: Radar
+    pairs: Sequence[PathPair | None]
+    """Path pairs whose occlusion is traced; None is free space."""
+    samples_s: np.ndarray
+    backend: Backend
+    blockage: SceneBlockage
+    """What of the scene blocks the paths."""
+    kept: KeptVisibility | None = None
+    """What is sampled from the meshes' vertices and kept."""
+    occlusion: type[Occlusion] = Occlusion
+    """How occlusion is found where it is sampled; a comparison hands in its own."""
+
+
+class Sampled:
+    """Visibility sampled at the vertices of meshes, subdivided `subdivision` times, and faded from one sample to the next.
+
+    Samples are shared: pairs have one-way paths in common, and transmitters and receivers that stand close together have one
+    visibility.
+    """
+
+    def __init__(self, sight: Sight, *, subdivision: int = 0) -> None:
+        self._sight, self._one_way = sight, _OneWayVisibility(sight, solid=True, subdivision=subdivision)
+        self._known = {self._one_way.place(*end) for pair in sight.pairs for end in _ends(pair)}
+
+    def views(self, number: int) -> list[View]:
+        """Of a mesh over the path pairs whose occlusion is traced."""
+        return [self.view(number, pair) for pair in self._sight.pairs]
+
+    def view(self, number: int, pair: PathPair | None) -> View:
+        """Of a mesh over one pair."""
+        return self._one_way.view(number, pair)
+
+    def with_shared_occlusion(self, number: int, pairs: Sequence[PathPair], samples_s: np.ndarray) -> list[View]:
+        """Of a mesh over other pairs: as `coarse_views`, but occluded along one-way paths whose occlusion is traced anyway."""
+        geometry, fast_rotating = self._sight.geometries[number], self._sight.fast_rotating[number]
+        over, scene = blockage(geometry, samples_s), self._sight.blockage
+        unblocked = _unblocked(over, pairs, scene, fast_rotating=fast_rotating)
+        found = []
+        for pair in pairs:
+            ends = [(self._one_way.place(end, path), end, path) for end, path in enumerate((pair.out, pair.back))]
+            counts = Counter(place for place, _, _ in ends if place in self._known)
+            known = {place: (end, path) for place, end, path in ends if place in counts}
+            fractions = [self._one_way.fraction(number, *end, counts[place]) for place, end in known.items()]
+            others = [unblocked[path.key] for place, _, path in ends if place not in counts]
+            subdivision = 0 if fast_rotating else self._one_way.subdivision
+            found.append(
+                View(
+                    paths=pair,
+                    visibility=tuple(fractions),
+                    subdivision=subdivision,
+                    unblocked=tuple(others),
+                )
+            )
+        return found
+
+
+class Unoccluded:
+    """Targets occlude nothing; the scene blocks paths, sampled at the vertices of meshes and faded."""
+
+    def __init__(self, sight: Sight) -> None:
+        self._sight, self._one_way = sight, _OneWayVisibility(sight, solid=False)
+
+    def views(self, number: int) -> list[View]:
+        """Of a mesh over the path pairs."""
+        return [self._one_way.view(number, pair) for pair in self._sight.pairs]
+
+    def with_shared_occlusion(self, number: int, pairs: Sequence[PathPair], samples_s: np.ndarray) -> list[View]:
+        """As `coarse_views`: no occlusion is traced."""
+        rotates = self._sight.fast_rotating[number]
+        return coarse_views(
+            self._sight.geometries[number], pairs, samples_s, self._sight.blockage, fast_rotating=rotates
+        )
+
+
+class ExactOverStrongest:
+    """Over the strongest pair, occlusion is traced from every facet's vertices at every instant asked for, through `occluders`,
+    the targets' facets; over all other pairs, and of fast-rotating targets, it is `Sampled`."""
+
+    def __init__(self, sight: Sight, occluders: Sequence[MovingMesh], *, subdivision: int = 0) -> None:
+        strongest, others = (replace(sight, pairs=pairs) for pairs in (sight.pairs[:1], sight.pairs[1:]))
+        self._sight, self._occluders = sight, occluders
+        self._strongest = Unoccluded(strongest)
+        self._others = Sampled(others, subdivision=subdivision)
+        self._exact: dict[bytes, ExactVisibility] = {}
+
+    def views(self, number: int) -> list[View]:
+        """Of a mesh over the path pairs whose occlusion is traced."""
+        if self._sight.fast_rotating[number]:
+            return [self._others.view(number, pair) for pair in self._sight.pairs]
+        strongest = [
+            replace(view, facet_visibility=self._facet_visibility(view.paths)) for view in self._strongest.views(number)
+        ]
+        return strongest + self._others.views(number)
+
+    def with_shared_occlusion(self, number: int, pairs: Sequence[PathPair], samples_s: np.ndarray) -> list[View]:
+        """Of a mesh over other pairs."""
+        return self._others.with_shared_occlusion(number, pairs, samples_s)
+
+    def _facet_visibility(self, pair: PathPair | None) -> FacetVisibility:
+        """Traced from every facet's vertices."""
+        places = self._sight.radar.views_m if pair is None else [pair.out.image_m, pair.back.image_m]
+        for place in places:
+            if place.tobytes() not in self._exact:
+                self._exact[place.tobytes()] = ExactVisibility(self._occluders, place, backend=self._sight.backend)
+        ends = [self._exact[key] for key in {place.tobytes(): None for place in places}]
+        return lambda *where: np.asarray(np.prod([end.fraction(*where) for end in ends], axis=0))
+
+
+class _OneWayVisibility:
+    """Visibility over one-way paths, each traced once; `solid`: whether targets occlude."""
+
+    def __init__(self, sight: Sight, *, solid: bool, subdivision: int = 0) -> None:
+        self._sight, self._solid, self.subdivision = sight, solid, subdivision
+        traced = [
+            number
+            for number, (geometry, rotates) in enumerate(zip(sight.geometries, sight.fast_rotating, strict=True))
+            if isinstance(geometry, MovingMesh) and not rotates
+        ]
+        self._index = {number: index for index, number in enumerate(traced)}
+        self._meshes = Occluders([sight.geometries[each] for each in traced], subdivision=subdivision)  # type: ignore[misc]
+        self._known: dict[_Place, Occlusion] = {}
+        self._mean: dict[int, MeanVisibility] = {}
+
+    def place(self, end: int, path: OneWayPath | None) -> _Place:
+        """Viewpoint of the one-way path of an end."""
+        return () if path is None else path.chain, 0 if len(self._sight.radar.views_m) == 1 else end
+
+    def view(self, number: int, pair: PathPair | None) -> View:
+        """Of a mesh over a pair."""
+        # One sample serves where both ends have one visibility; the scene blocks both one-way paths, though.
+        ends = {self.place(end, path): (end, path) for end, path in _ends(pair) if path or self._solid}
+        fractions = tuple(self.fraction(number, *end, 3 - len(ends)) for end in ends.values())
+        if self._sight.fast_rotating[number]:
+            return View(paths=pair, visibility=fractions)
+        return View(paths=pair, visibility=fractions, subdivision=self.subdivision, points=self._meshes.point_count)
+
+    def fraction(self, number: int, end: int, path: OneWayPath | None, path_count: int) -> Fraction:
+        """Visibility over the one-way path of an end, whose blockage `path_count` paths share."""
+        key, sight = self.place(end, path), self._sight
+        viewpoint = sight.radar.views_m[key[1]] if path is None else path.image_m
+        unblocked = None if path is None else partial(sight.blockage.fraction, path)
+        if sight.fast_rotating[number]:
+            if number not in self._mean:
+                mesh = sight.geometries[number]
+                assert isinstance(mesh, MovingMesh)  # ellipsoids rotate with limbs
+                self._mean[number] = MeanVisibility(
+                    mesh, self._meshes, sight.samples_s, solid=self._solid, backend=sight.backend
+                )
+            return self._mean[number].over(key, viewpoint, unblocked, path_count)
+        if key not in self._known:
+            self._known[key] = sight.occlusion(
+                self._meshes, viewpoint,
+                samples_s=sight.samples_s, backend=sight.backend, unblocked=unblocked,
+                solid=self._solid, kept=sight.kept if self._solid else None, where=key,
+            )  # fmt: skip
+        occlusion, index = self._known[key], self._index[number]
+        return lambda times_s: occlusion.visibility(times_s, path_count)[index]
+
+
+def coarse_views(
+    geometry: Geometry,
+    pairs: Sequence[PathPair],
+    samples_s: np.ndarray,
+    scene: SceneBlockage,
+    *,
+    fast_rotating: bool = False,
+    minor: bool = False,
+) -> list[View]:
+    """Views of one target over pairs, with blockage by the scene sampled at a few of its points at `samples_s`, without occlusion.
+
+    All points of a `fast_rotating` one have the mean visibility. Over `minor` pairs ellipsoids have the visibility of their
+    centres.
+    """
+    fractions = _unblocked(blockage(geometry, samples_s, minor=minor), pairs, scene, fast_rotating=fast_rotating)
+    field = "visibility" if isinstance(geometry, Ellipsoids) else "unblocked"
+    found = [tuple(fractions[path.key] for path in (pair.out, pair.back)) for pair in pairs]
+    return [View(paths=pair, **{field: each}) for pair, each in zip(pairs, found, strict=True)]  # type: ignore[arg-type]
+
+
+def blockage(geometry: Geometry, samples_s: np.ndarray, *, minor: bool = False) -> Blockage:
+    """Blockage by the scene of paths to a few points of a target, at `samples_s`."""
+    if isinstance(geometry, MovingMesh):
+        return Blockage.to_vertices(geometry, anchor_vertices(geometry.rest), samples_s)
+    return (Blockage.to_centres if minor else Blockage.to_ellipsoids)(geometry, samples_s)
+
+
+def _unblocked(
+    over: Blockage, pairs: Sequence[PathPair], scene: SceneBlockage, *, fast_rotating: bool
+) -> dict[PathKey, Fraction]:
+    """Fraction of the field that the scene does not block, by one-way path."""
+    paths = {path.key: path for pair in pairs for path in (pair.out, pair.back)}
+    return {key: _remembered(over.over(path, scene, in_the_mean=fast_rotating)) for key, path in paths.items()}
+
+
+def _ends(pair: PathPair | None) -> Iterator[tuple[int, OneWayPath | None]]:
+    """Numbers of the ends, the transmitters' first, and their one-way paths; None in free space."""
+    return enumerate((None, None) if pair is None else (pair.out, pair.back))
+
+
+def _remembered(fraction: Fraction) -> Fraction:
+    """The same, which keeps its last answer: pairs that have a one-way path in common ask for the same times."""
+    last: list[np.ndarray] = []
+
+    def asked(times_s: np.ndarray) -> np.ndarray:
+        if not last or not np.array_equal(last[0], times_s):
+            last[:] = [times_s, fraction(times_s)]
+        return last[1]
+
+    return asked

@@ -1,0 +1,23 @@
+"""Pictures with true axes: maps, comparisons, scenes and point clouds, for papers and notebooks."""
+
+from t2d_rt.plots.figures import (
+    VELOCITY_LABEL,
+    plot_comparison,
+    plot_point_cloud,
+    plot_range_angle,
+    plot_range_doppler,
+    plot_range_time,
+    plot_scene,
+    plot_spectrogram,
+)
+
+__all__ = [
+    "VELOCITY_LABEL",
+    "plot_comparison",
+    "plot_point_cloud",
+    "plot_range_angle",
+    "plot_range_doppler",
+    "plot_range_time",
+    "plot_scene",
+    "plot_spectrogram",
+]

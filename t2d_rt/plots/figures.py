@@ -1,0 +1,371 @@
+"""Figures for a paper: axes with units, dB relative to the peak, a perceptual map, rasterised images, no global state.
+
+Every function returns a `matplotlib.figure.Figure`, and `figure.savefig("walk.png")` or `.pdf` writes it; or draws into axes `ax`
+of a figure of the user's and returns these.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
+
+import numpy as np
+
+from t2d_rt.core.checks import LARGEST_M, array, instance, numeric, positive, shown, text
+from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.plots.canvas import (
+    Style,
+    StyleOptions,
+    blank_figure,
+    check_colours,
+    checked_axes,
+    checked_map,
+    checked_width,
+    draw_bar,
+    draw_note,
+    drawable,
+    is_small,
+    label_axes,
+    occupied,
+    peak_db,
+    scaled_image,
+    sized,
+    thinned,
+)
+from t2d_rt.types import Scene, Surface
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MapKind = Literal["spectrogram", "range_time", "range_doppler", "range_angle"]
+
+MAPS: dict[MapKind, tuple[tuple[str, str], tuple[float, float]]] = {
+    "spectrogram": (("velocity_mps", "time_s"), (7.0, 3.6)),
+    "range_time": (("range_m", "time_s"), (7.0, 3.6)),
+    "range_doppler": (("velocity_mps", "range_m"), (5.4, 4.2)),
+    "range_angle": (("range_m", "azimuth_rad"), (5.4, 4.2)),
+}
+"""Names of a map's axes, upward and to the right, and width and height of its figure [inch]."""
+
+VELOCITY_LABEL = "Radial velocity [m/s], approaching > 0"
+
+LABELS = {
+    "velocity_mps": VELOCITY_LABEL, "range_m": "Range [m]", "time_s": "Time [s]", "azimuth_rad": "Azimuth [deg], left > 0",
+}  # fmt: skip
+
+
+def draw_map(
+    axes: Axes,
+    kind: MapKind,
+    y: np.ndarray,
+    x: np.ndarray,
+    power_db: np.ndarray,
+    *,
+    style: Style,
+    title: str | None = None,
+    note: str | None = None,
+) -> None:
+    """A map (y, x) into axes, and only as much of it as holds anything."""
+    (y_name, x_name), _ = MAPS[kind]
+    y, x, power_db = checked_map(y_name, y, x_name, x, power_db)
+    if x_name == "time_s":
+        x, power_db = _with_width(x, power_db) if len(x) == 1 else thinned(x, power_db)
+    elif x_name == "azimuth_rad":
+        x = np.degrees(x)
+    low, _ = scaled_image(axes, x, y, power_db, style)
+    axes.set_ylim(occupied(y, power_db.max(axis=1), low))
+    if x_name == "azimuth_rad":  # left on the left
+        axes.set_xlim(x[-1], x[0])
+    elif x_name != "time_s":
+        axes.set_xlim(occupied(x, power_db.max(axis=0), low, zero=False))
+    up = LABELS[y_name].partition(",")[0] if is_small(axes) else LABELS[y_name]
+    label_axes(axes, LABELS[x_name], up, title)
+    draw_note(axes, note)
+
+
+def _with_width(time_s: np.ndarray, power_db: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """One column over the time of its window, which a record of that length begins at 0; with a warning."""
+    warnings.warn(
+        f"the record has room for one column, at {time_s[0]:.4g} s: the picture shows no change in time; take a longer record, or "
+        "shorter windows (n_window)",
+        T2DWarning,
+        stacklevel=4,
+    )
+    half = 0.5 * abs(time_s[0]) or 0.5
+    return time_s[0] + half * np.array([-1.0, 1.0]), np.repeat(power_db, 2, axis=1)
+
+
+def plotted(
+    kind: MapKind, y: np.ndarray, x: np.ndarray, power_db: np.ndarray, ax: Any, style: Style, title: Any, note: Any
+) -> Figure | Axes:
+    """A map in a figure of its own, or in axes of the user's, which are returned."""
+    figure = None if ax is not None else blank_figure(*sized(*MAPS[kind][1], style.width_in))
+    axes = checked_axes(ax) if figure is None else figure.subplots()
+    draw_map(axes, kind, y, x, power_db, style=style, title=title, note=note)
+    return axes if figure is None else figure
+
+
+@overload
+def plot_spectrogram(
+    velocity_mps: np.ndarray, time_s: np.ndarray, power_db: np.ndarray, *, ax: None = None, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Figure: ...  # fmt: skip
+@overload
+def plot_spectrogram(
+    velocity_mps: np.ndarray, time_s: np.ndarray, power_db: np.ndarray, *, ax: Axes, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Axes: ...  # fmt: skip
+def plot_spectrogram(
+    velocity_mps: np.ndarray, time_s: np.ndarray, power_db: np.ndarray, *, ax: Axes | None = None, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Figure | Axes:  # fmt: skip
+    """Micro-Doppler spectrogram; `power_db` (velocity, time). `note` stands in a corner of it; options as `canvas.Style`."""
+    return plotted("spectrogram", velocity_mps, time_s, power_db, ax, Style(**style), title, note)
+
+
+@overload
+def plot_range_time(
+    range_m: np.ndarray, time_s: np.ndarray, power_db: np.ndarray, *, ax: None = None, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Figure: ...  # fmt: skip
+@overload
+def plot_range_time(
+    range_m: np.ndarray, time_s: np.ndarray, power_db: np.ndarray, *, ax: Axes, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Axes: ...  # fmt: skip
+def plot_range_time(
+    range_m: np.ndarray, time_s: np.ndarray, power_db: np.ndarray, *, ax: Axes | None = None, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Figure | Axes:  # fmt: skip
+    """Range over time; `power_db` (range, time). `note` stands in a corner of it."""
+    return plotted("range_time", range_m, time_s, power_db, ax, Style(**style), title, note)
+
+
+@overload
+def plot_range_doppler(
+    range_m: np.ndarray, velocity_mps: np.ndarray, power_db: np.ndarray, *, ax: None = None, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Figure: ...  # fmt: skip
+@overload
+def plot_range_doppler(
+    range_m: np.ndarray, velocity_mps: np.ndarray, power_db: np.ndarray, *, ax: Axes, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Axes: ...  # fmt: skip
+def plot_range_doppler(
+    range_m: np.ndarray, velocity_mps: np.ndarray, power_db: np.ndarray, *, ax: Axes | None = None, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Figure | Axes:  # fmt: skip
+    """Range-Doppler map; `power_db` (velocity, range). `note` stands in a corner of it."""
+    return plotted("range_doppler", velocity_mps, range_m, power_db, ax, Style(**style), title, note)
+
+
+@overload
+def plot_range_angle(
+    range_m: np.ndarray, azimuth_rad: np.ndarray, power_db: np.ndarray, *, ax: None = None, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Figure: ...  # fmt: skip
+@overload
+def plot_range_angle(
+    range_m: np.ndarray, azimuth_rad: np.ndarray, power_db: np.ndarray, *, ax: Axes, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Axes: ...  # fmt: skip
+def plot_range_angle(
+    range_m: np.ndarray, azimuth_rad: np.ndarray, power_db: np.ndarray, *, ax: Axes | None = None, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Figure | Axes:  # fmt: skip
+    """Range-azimuth map with left on the left; `power_db` (range, azimuth). `note` stands in a corner of it."""
+    return plotted("range_angle", range_m, azimuth_rad, power_db, ax, Style(**style), title, note)
+
+
+@overload
+def plot_point_cloud(
+    xyz_m: np.ndarray, speed_mps: np.ndarray, *, ax: None = None, title: str | None = None, cmap: str = "coolwarm",
+    width_in: float = 7.0,
+) -> Figure: ...  # fmt: skip
+@overload
+def plot_point_cloud(
+    xyz_m: np.ndarray, speed_mps: np.ndarray, *, ax: Axes, title: str | None = None, cmap: str = "coolwarm",
+    width_in: float = 7.0,
+) -> Axes: ...  # fmt: skip
+def plot_point_cloud(
+    xyz_m: np.ndarray, speed_mps: np.ndarray, *, ax: Axes | None = None, title: str | None = None, cmap: str = "coolwarm",
+    width_in: float = 7.0,
+) -> Figure | Axes:  # fmt: skip
+    """Points in the radar's frame from above and from the side, or in axes of the user's from above alone, coloured by speed;
+    `xyz_m` (point, 3)."""
+    speed_mps = array("speed_mps", speed_mps, ("point",), limit=1e9, unit="m/s")
+    xyz_m = array("xyz_m", xyz_m, limit=LARGEST_M, unit="m")
+    if xyz_m.shape != (len(speed_mps), 3):
+        raise InputError(f"xyz_m must have shape ({len(speed_mps)}, 3), one row for each speed, got {xyz_m.shape}")
+    if not len(xyz_m):
+        raise InputError(
+            "nothing to plot: the point cloud is empty; raise the false-alarm rate, or plot the range-Doppler map"
+        )
+    check_colours(cmap)
+    figure = blank_figure(*sized(7.0, 3.6, checked_width(width_in))) if ax is None else None
+    views = [checked_axes(ax)] if figure is None else [*figure.subplots(1, 2)]
+    limit = max(float(np.abs(speed_mps).max()), 1e-3)
+    x, y, z = xyz_m.T
+    named = ((y, x, "Left [m]", "Forward [m]", "From above"), (x, z, "Forward [m]", "Up [m]", "From the side"))
+    for axes, (across, up, right, upward, name) in zip(views, named, strict=False):
+        drawn = axes.scatter(across, up, c=speed_mps, s=8, cmap=cmap, vmin=-limit, vmax=limit, rasterized=True)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.grid(alpha=0.3)
+        label_axes(axes, right, upward, name if figure is not None else title)
+    views[0].invert_xaxis()
+    draw_bar(views[-1], drawn, VELOCITY_LABEL.partition(",")[0] if is_small(views[-1]) else VELOCITY_LABEL)
+    if figure is None:
+        return views[0]
+    if title is not None:
+        figure.suptitle(drawable("title", title), fontsize=11, parse_math=False)
+    return figure
+
+
+def plot_scene(
+    scene: Scene,
+    radar_m: np.ndarray,
+    *,
+    paths_m: Sequence[tuple[str, np.ndarray]] = (),
+    track_m: np.ndarray | None = None,
+    title: str | None = None,
+) -> Figure:
+    """A room from above and in three dimensions: its surfaces without the ceiling, the radar, paths (name, points (P, 3)), and a
+    target's track (K, 3)."""
+    from matplotlib.collections import LineCollection
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
+
+    instance("scene", scene, Scene, "a Scene", hint="load_scene reads one")
+    radar_m = array("radar_m", radar_m, (3,), limit=LARGEST_M, unit="m")
+    if track_m is not None:
+        track_m = array("track_m", track_m, ("time", 3), limit=LARGEST_M, unit="m")
+    figure = blank_figure(11.0, 4.8)
+    plan, view = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2, projection="3d")
+    top = scene.bounds_m[1][2]
+    for surface in scene.surfaces:
+        edges = outline(surface)
+        if not len(edges) or (surface.vertices[:, 2] > top - 1e-3).all():
+            continue
+        hue = "black" if surface.name.startswith(("wall", "floor")) else "0.6"
+        plan.add_collection(LineCollection(edges[:, :, :2].tolist(), colors=hue, linewidths=1.2))
+        view.add_collection3d(Line3DCollection(edges.tolist(), colors=hue, linewidths=0.7))
+    for number, (name, points) in enumerate(_checked_paths(paths_m)):
+        colour = f"C{number % 10}"
+        plan.plot(points[:, 0], points[:, 1], color=colour, linewidth=0.9, label=name)
+        view.plot(*points.T, color=colour, linewidth=0.9)
+    if track_m is not None:
+        plan.plot(track_m[:, 0], track_m[:, 1], color="black", linewidth=2.5, label="track")
+        view.plot(*track_m.T, color="black", linewidth=2.5)
+    plan.plot(*radar_m[:2], marker="^", color="red", markersize=9, linestyle="none", label="radar")
+    view.plot(*radar_m[:, None], marker="^", color="red", markersize=7, linestyle="none")
+    plan.set_aspect("equal")
+    plan.autoscale_view()
+    extent = scene.bounds_m[1] - scene.bounds_m[0]
+    view.set_box_aspect(np.maximum(extent, 0.01 * extent.max()))  # one wall alone has no depth
+    view.set_zlabel("z [m]")
+    for axes, head in ((plan, title), (view, None)):
+        label_axes(axes, "x [m]", "y [m]", head)
+    legend = plan.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=7, frameon=False)
+    for each in legend.get_texts():
+        each.set_parse_math(False)
+    return figure
+
+
+def _checked_paths(paths_m: Any) -> list[tuple[str, np.ndarray]]:
+    if not isinstance(paths_m, (list, tuple)) or not all(
+        isinstance(each, (list, tuple)) and len(each) == 2 for each in paths_m
+    ):
+        raise InputError(f"paths_m must be a list of names and points (P, 3), got {shown(paths_m)}")
+    hint = "the points of a path"
+    return [
+        (text("paths_m", name), array("paths_m", points, ("point", 3), limit=LARGEST_M, hint=hint))
+        for name, points in paths_m
+    ]
+
+
+def outline(surface: Surface) -> np.ndarray:
+    """Edges (E, 2, 3) on a surface's boundary and at its creases."""
+    triangles = surface.vertices[surface.faces]
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    found: dict[tuple[tuple[float, ...], ...], list[np.ndarray]] = {}
+    for corners, across in zip(np.round(triangles, 6), normal, strict=True):
+        for k in range(3):
+            ends = tuple(sorted((tuple(corners[k].tolist()), tuple(corners[(k + 1) % 3].tolist()))))
+            found.setdefault(ends, []).append(across)
+    kept = [ends for ends, sides in found.items() if len(sides) == 1 or np.ptp(sides, axis=0).max() > 1e-3]
+    return np.array(kept).reshape(-1, 2, 3)
+
+
+def plot_comparison(
+    velocity_mps: np.ndarray,
+    time_s: np.ndarray,
+    first_db: np.ndarray,
+    second_db: np.ndarray,
+    *,
+    labels: tuple[str, str] = ("first", "second"),
+    title: str | None = None,
+    dynamic_range_db: float = 50.0,
+    difference_db: float = 20.0,
+    cmap: str = "viridis",
+    width_in: float = 7.0,
+) -> Figure:
+    """Two spectrograms (velocity, time) on one colour scale, and second minus first where either is in range."""
+    first_db, second_db = numeric("first_db", first_db), numeric("second_db", second_db)
+    if first_db.shape != second_db.shape:
+        raise InputError(
+            f"the spectrograms to compare must have one shape, got {first_db.shape} and {second_db.shape}; "
+            "make them with the same radar and STFT settings"
+        )
+    velocity_mps, whole_s, first_db = checked_map("velocity_mps", velocity_mps, "time_s", time_s, first_db)
+    velocity_mps, time_s, second_db = checked_map("velocity_mps", velocity_mps, "time_s", time_s, second_db)
+    positive("difference_db", difference_db, 1000, unit="dB")
+    labels = _checked_labels(labels)
+    figure = blank_figure(*sized(7.0, 8.0, checked_width(width_in)))
+    upper, middle, lower = figure.subplots(3, 1, sharex=True, sharey=True)
+    _, first_db = thinned(whole_s, first_db)
+    time_s, second_db = thinned(time_s, second_db)
+    peak = max(peak_db(first_db), peak_db(second_db))
+    dynamic_range_db = positive("dynamic_range_db", dynamic_range_db, 1000, unit="dB", hint="50 is usual")
+    style = Style(cmap=cmap, limits_db=(peak - dynamic_range_db, peak))
+    for axes, power_db, label in ((upper, first_db, labels[0]), (middle, second_db, labels[1])):
+        scaled_image(axes, time_s, velocity_mps, power_db, style)
+        label_axes(axes, "", "", label)
+    # Below the floor of the pictures a difference says nothing: clip both to it, leave out where both are below.
+    floor = peak - dynamic_range_db
+    difference = np.maximum(second_db, floor) - np.maximum(first_db, floor)
+    difference = np.ma.masked_where((first_db < floor) & (second_db < floor), difference)
+    mesh = lower.pcolormesh(
+        time_s,
+        velocity_mps,
+        difference,
+        cmap="RdBu_r",
+        vmin=-difference_db,
+        vmax=difference_db,
+        shading="nearest",
+        rasterized=True,
+    )
+    lower.set_facecolor("0.92")
+    both = np.maximum(first_db, second_db)
+    lower.set_ylim(occupied_speeds(velocity_mps, both, dynamic_range_db))
+    draw_bar(lower, mesh, "Difference [dB]", extend="both")
+    label_axes(lower, "Time [s]", "", f"{labels[1]} minus {labels[0]}")
+    figure.supylabel(VELOCITY_LABEL, fontsize=9)
+    if title is not None:
+        figure.suptitle(drawable("title", title), fontsize=11, parse_math=False)
+    return figure
+
+
+def _checked_labels(labels: Any) -> tuple[str, str]:
+    if not isinstance(labels, (list, tuple)) or len(labels) != 2 or not all(isinstance(each, str) for each in labels):
+        raise InputError(f"labels must be two texts, got {shown(labels)}")
+    return labels[0], labels[1]
+
+
+def occupied_speeds(velocity_mps: np.ndarray, power_db: np.ndarray, dynamic_range_db: float) -> tuple[float, float]:
+    """Least and greatest speed to draw: where anything rises above the floor, and zero, with a margin, within the axis.
+
+    A radar may see three times the speed that a person has; what is left out is empty.
+    """
+    return occupied(velocity_mps, power_db.max(axis=1), peak_db(power_db) - dynamic_range_db)

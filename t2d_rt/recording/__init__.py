@@ -1,0 +1,1 @@
+"""Recordings: samples and settings, their maps, paths and truth; reading, saving, exporting, comparing, making again."""

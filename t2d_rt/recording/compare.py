@@ -1,0 +1,312 @@
+"""Two recordings side by side: figures that a radar engineer reads off their spectrograms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from t2d_rt.core.checks import array, flag, instance, shown
+from t2d_rt.core.cubes import row_blocks
+from t2d_rt.core.decibels import decibel
+from t2d_rt.core.errors import InputError
+from t2d_rt.recording.recording import Recording
+from t2d_rt.signal import range_fft
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+ENVELOPE_LEVEL_DB = -35.0
+"""The envelope is where a column of the spectrogram falls this far below the record's own ridge."""
+TORSO_LEVEL_DB = -10.0
+"""The torso's speed is the centre of the power above this level in a column: without the limbs, without any background."""
+TARGET_LEVEL_DB = -40.0
+"""Range bins this far below the strongest hold no target; R^4 would make much of what is in them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figures:
+    """Figures of one recording."""
+
+    mean_rcs_dbsm: float
+    """Mean over chirps of the radar cross-section, all range bins with a target added."""
+    torso_speed_mps: float
+    """Median over time of the centre of the spectrogram's ridge, positive = approaching."""
+    limb_speed_mps: float
+    """95th percentile over time of the envelope's greatest speed, approaching or receding."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """Figures of two recordings and how their spectrograms agree; printing it shows a table."""
+
+    labels: tuple[str, str]
+    """Names of the two."""
+    first: Figures
+    second: Figures
+    shift_s: float
+    """Time by which the second lagged behind the first, which was taken out; 0 unless they were aligned."""
+    level_difference_db: float
+    """Power of the second spectrogram over that of the first, in the cells that both have [dB]."""
+    envelope_correlation: float
+    """Pearson correlation over time of the two envelopes, upper and lower each about its own mean; NaN if one is constant."""
+    mean_difference_db: float
+    """Mean of |second - first| over the cells within 40 dB of either's peak; 6 dB for two speckle patterns of one mean."""
+    velocity_mps: np.ndarray = field(repr=False)
+    """Speeds that both have, (velocity,)."""
+    time_s: np.ndarray = field(repr=False)
+    """Times that both have, on the first one's clock, (time,)."""
+    first_db: np.ndarray = field(repr=False)
+    """Its spectrogram there [dB re 1 W], (velocity, time)."""
+    second_db: np.ndarray = field(repr=False)
+    """Its spectrogram there [dB re 1 W], or relative to the first one's level, (velocity, time)."""
+
+    def __str__(self) -> str:
+        rows = (
+            ("mean RCS [dBsm]", "mean_rcs_dbsm"),
+            ("torso speed [m/s]", "torso_speed_mps"),
+            ("limb speed [m/s]", "limb_speed_mps"),
+        )
+        width = max(12, *(len(label) + 2 for label in self.labels))
+        lines = [f"{'':24}" + "".join(f"{label:>{width}}" for label in self.labels)]
+        lines += [
+            f"{label:24}{getattr(self.first, name):{width}.2f}{getattr(self.second, name):{width}.2f}"
+            for label, name in rows
+        ]
+        lines.append(f"{'level [dB]':24}{0:{width}.2f}{self.level_difference_db:{width}.2f}")
+        lines.append(f"{'envelope correlation':24}{self.envelope_correlation:{width}.3f}")
+        lines.append(f"{'mean |difference| [dB]':24}{self.mean_difference_db:{width}.2f}")
+        if self.shift_s:
+            order = "lags" if self.shift_s > 0 else "leads"
+            lines.append(f"{self.labels[1]} {order} by {abs(self.shift_s):.3f} s, which is taken out")
+        return "\n".join(lines)
+
+    def plot(self, title: str | None = None) -> Figure:
+        """Both spectrograms on one scale, and the second minus the first."""
+        from t2d_rt.plots import plot_comparison
+
+        return plot_comparison(
+            self.velocity_mps, self.time_s, self.first_db, self.second_db, labels=self.labels, title=title
+        )
+
+
+def compare(
+    first: Recording, second: Recording, *, align: bool = False, relative: bool = False, labels: Sequence[str] | None = None
+) -> Comparison:  # fmt: skip
+    """Compares the spectrograms of two recordings, simulated or measured, over the speeds and times that both have.
+
+    align: whether the second is shifted in time to where it is most like the first; half of the shorter one stays in common.
+    relative: whether the second one's level is brought to that of the first before cells are compared: that of measured samples is
+        seldom calibrated.
+    labels: names of the two; by default what tells them apart: method, scene, or a number.
+
+    Of radars with other axes the coarser steps are taken, and powers in between are interpolated. Give both windows of the same
+    duration (`processed(n_window=...)`) then: a longer one has narrower cells, which hold less of what is spread over speeds.
+    """
+    _check("first", first)
+    _check("second", second)
+    flag("align", align)
+    flag("relative", relative)
+    names = _labels(first, second) if labels is None else _checked_labels(labels)
+    one, two = first.spectrogram, second.spectrogram
+    speeds = _common(one.velocity_mps.values, two.velocity_mps.values, "speeds", "m/s")
+    images = [_resampled(each.values, each.velocity_mps.values, speeds, 0) for each in (one, two)]
+    clocks = [one.time_s.values, two.time_s.values]
+    shift_s = _lag_s(images, clocks) if align else 0.0
+    clocks[1] = clocks[1] - shift_s if shift_s else clocks[1]
+    times = _common(clocks[0], clocks[1], "times", "s")
+    one_db, two_db = (_resampled(image, clock, times, 1) for image, clock in zip(images, clocks, strict=True))
+    level_db = 10 * math.log10(np.sum(10 ** (two_db / 10)) / np.sum(10 ** (one_db / 10)))
+    if relative:
+        two_db = two_db - level_db
+    envelopes = [np.stack(envelope(image, speeds)) for image in (one_db, two_db)]
+    near_peak = (one_db > one_db.max() - 40) | (two_db > two_db.max() - 40)
+    floor = max(one_db.max(), two_db.max()) - 60  # silence is not infinitely different
+    difference = np.abs(np.maximum(two_db, floor) - np.maximum(one_db, floor))
+    return Comparison(
+        labels=names, first=figures(first), second=figures(second), shift_s=shift_s, level_difference_db=float(level_db),
+        envelope_correlation=_correlation(*envelopes), mean_difference_db=float(difference[near_peak].mean()),
+        velocity_mps=speeds, time_s=times, first_db=one_db, second_db=two_db,
+    )  # fmt: skip
+
+
+def _common(one: np.ndarray, two: np.ndarray, noun: str, unit: str) -> np.ndarray:
+    """Values of the coarser axis within both."""
+    if one.shape == two.shape and np.allclose(one, two):
+        return one
+    steps = [float(np.median(np.diff(axis))) if len(axis) > 1 else math.inf for axis in (one, two)]
+    coarser = one if steps[0] >= steps[1] * (1 - 1e-6) else two
+    slack = 1e-6 * min(steps) if math.isfinite(min(steps)) else 0.0
+    low, high = max(one[0], two[0]) - slack, min(one[-1], two[-1]) + slack
+    found = coarser[(coarser >= low) & (coarser <= high)]
+    if len(found) < (2 if noun == "speeds" else 1):
+        raise InputError(
+            f"the recordings have no {noun} in common: {one[0]:.4g} to {one[-1]:.4g} and {two[0]:.4g} to {two[-1]:.4g} {unit}; "
+            "compare longer records, or others"
+        )
+    return found
+
+
+def _resampled(power_db: np.ndarray, axis: np.ndarray, wanted: np.ndarray, number: int) -> np.ndarray:
+    """Levels at other values of one axis; powers are interpolated in between."""
+    if axis.shape == wanted.shape and np.allclose(axis, wanted):
+        return power_db
+    power = np.moveaxis(10 ** (power_db / 10), number, -1)
+    found = np.stack([np.interp(wanted, axis, row) for row in power])
+    return np.moveaxis(decibel(found), -1, number)
+
+
+def _lag_s(images: Sequence[np.ndarray], clocks: Sequence[np.ndarray]) -> float:
+    """Time by which the second image (velocity, time) lags behind the first, where their levels correlate most (Pearson), the mean
+    of what overlaps left out; half of the shorter one overlaps at least."""
+    if min(len(clock) for clock in clocks) < 2:
+        raise InputError("records of one column cannot be aligned; compare longer ones, or leave align out")
+    step = max(float(np.median(np.diff(clock))) for clock in clocks)
+    levels = []
+    for image, clock in zip(images, clocks, strict=True):
+        even = _resampled(image, clock, np.arange(clock[0], clock[-1] + 0.01 * step, step), 1)
+        levels.append(np.maximum(even, even.max() - 40))  # what lies lower is noise, or nothing
+    first, second = (each - each.mean() for each in levels)
+    length = first.shape[1] + second.shape[1] - 1
+    spectra = [np.fft.rfft(each, length) for each in (first, second)]
+    lags = np.arange(1 - first.shape[1], second.shape[1])
+    cross = np.fft.irfft(np.sum(spectra[1] * spectra[0].conj(), axis=0), length)[lags]
+    start = np.maximum(0, -lags)
+    stop = np.minimum(first.shape[1], second.shape[1] - lags)
+
+    def sums(values: np.ndarray, offset: np.ndarray | int) -> np.ndarray:
+        total = np.concatenate([[0.0], np.cumsum(values.sum(axis=0))])
+        return total[stop + offset] - total[start + offset]
+
+    cells = (stop - start) * len(first)
+    means = sums(first, 0) / cells, sums(second, lags) / cells
+    spread = (sums(first**2, 0) / cells - means[0] ** 2) * (sums(second**2, lags) / cells - means[1] ** 2)
+    correlation = (cross / cells - means[0] * means[1]) / np.sqrt(np.maximum(spread, 1e-12))
+    allowed = 2 * (stop - start) >= min(first.shape[1], second.shape[1])
+    lag = int(lags[np.argmax(np.where(allowed, correlation, -np.inf))])
+    return lag * step + float(clocks[1][0] - clocks[0][0])
+
+
+def _checked_labels(labels: Any) -> tuple[str, str]:
+    if not isinstance(labels, (list, tuple)) or len(labels) != 2 or not all(isinstance(each, str) for each in labels):
+        raise InputError(f"labels must be two texts, got {shown(labels)}")
+    return labels[0], labels[1]
+
+
+def _labels(first: Recording, second: Recording) -> tuple[str, str]:
+    """The first of method and scene that tells them apart; numbers where neither does."""
+    kinds = [
+        str(each.settings.get("method") or ("measured" if each.experiment is None else "simulated"))
+        for each in (first, second)
+    ]
+    scenes = [str(each.settings.get("scene", kinds[0])) for each in (first, second)]
+    for one, two in (kinds, scenes):
+        if one != two:
+            return one, two
+    return f"{kinds[0]} 1", f"{kinds[1]} 2"
+
+
+def figures(result: Recording) -> Figures:
+    """Figures of one recording."""
+    _check("result", result)
+    image = result.spectrogram
+    speeds = image.velocity_mps.values
+    upper, lower = envelope(image.values, speeds)
+    return Figures(
+        mean_rcs_dbsm=10 * math.log10(mean_rcs_m2(result)),
+        torso_speed_mps=float(np.median(ridge(image.values, speeds))),
+        limb_speed_mps=float(np.percentile(np.maximum(np.abs(upper), np.abs(lower)), 95)),
+    )
+
+
+def field_difference_db(first: Recording, second: Recording) -> float:
+    """Energy of the samples' difference over that of the first one's, both without their means over the chirps [dB]; NaN where the
+    cubes have other sizes, -inf where nothing but what is static differs, inf where only the difference moves."""
+    _check("first", first)
+    _check("second", second)
+    if second.cube.shape != first.cube.shape:
+        return math.nan
+    chirps, energies, means = len(first.cube), np.zeros(2), [0.0, 0.0]
+    for rows, block in row_blocks(first.cube):
+        for place, part in enumerate((np.asarray(second.cube[rows]) - block, np.asarray(block))):
+            energies[place] += np.sum(part.real**2 + part.imag**2, dtype=np.float64)
+            means[place] = means[place] + part.sum(axis=0, dtype=np.complex128) / chirps
+    moving = [energy - chirps * np.sum(np.abs(mean) ** 2) for energy, mean in zip(energies, means, strict=True)]
+    # What float64 sums leave of a static record is less than that, and nothing that moves.
+    apart, own = (part if part > 1e-14 * energies.max() else 0.0 for part in moving)
+    if not (apart and own):
+        return math.inf if apart else -math.inf
+    return 10 * math.log10(apart / own)
+
+
+def same_axes(first: Recording, second: Recording) -> bool:
+    """Whether speeds and times of the spectrograms, and numbers and ranges of the samples, are the same."""
+    axes = [
+        (image.velocity_mps.values, image.time_s.values, np.array(each.cube.shape), each.radar.range_axis_m())
+        for each in (first, second)
+        for image in (each.spectrogram,)
+    ]
+    return all(np.array_equal(one, two) for one, two in zip(*axes, strict=True))
+
+
+def mean_rcs_m2(result: Recording) -> float:
+    """Mean radar cross-section over the record [m^2], read back from the ADC cube by the radar equation in every range bin.
+
+    Of antennas apart, the range is half the path. Where the scene has clutter, the mean over the chirps is left out, so that walls
+    do not count.
+    """
+    _check("result", result)
+    radar = result.radar
+    bins = np.arange(1, radar.samples)  # the first bin holds range 0, where the radar equation has no inverse
+    profile = range_fft(result.cube, window="hann")[..., bins]
+    if result.settings.get("clutter", "none") != "none":
+        profile = profile - profile.mean(axis=0)
+    power = np.mean(profile.real**2 + profile.imag**2, axis=(0, 1), dtype=np.float64)
+    power = np.where(power > power.max() * 10 ** (TARGET_LEVEL_DB / 10), power, 0.0)
+    if not power.any():
+        raise InputError("the recording is silent, so it has no radar cross-section; check where target and radar are")
+    # A Hann window spreads a target's power over 1.5 bins' worth, to be divided out.
+    return float(np.sum(power * radar.range_axis_m()[bins] ** 4)) / (1.5 * radar.link_amplitude**2)
+
+
+def ridge(power_db: np.ndarray, speeds_mps: np.ndarray) -> np.ndarray:
+    """Mean speed at each time [m/s], (time,), weighted with power, of the cells within TORSO_LEVEL_DB of the strongest.
+
+    The strongest cell itself jumps from speckle to speckle, in steps of a Doppler bin.
+    """
+    power_db, speeds_mps = _checked_spectrogram(power_db, speeds_mps)
+    relative = power_db - power_db.max(axis=0)
+    weight = np.where(relative > TORSO_LEVEL_DB, 10 ** (relative / 10), 0.0)
+    return speeds_mps @ weight / weight.sum(axis=0)
+
+
+def envelope(power_db: np.ndarray, speeds_mps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Greatest and least speed at each time whose power lies within ENVELOPE_LEVEL_DB of the median peak [m/s], (time,) each."""
+    power_db, speeds_mps = _checked_spectrogram(power_db, speeds_mps)
+    level = np.median(power_db.max(axis=0)) + ENVELOPE_LEVEL_DB
+    # A lull, a column without any cell above the level, has its envelope at its strongest cell.
+    above = (power_db > level) | (power_db == power_db.max(axis=0))
+    return speeds_mps[len(speeds_mps) - 1 - np.argmax(above[::-1], axis=0)], speeds_mps[np.argmax(above, axis=0)]
+
+
+def _check(name: str, result: Recording) -> None:
+    instance(name, result, Recording, "a Recording", hint="simulate makes one, Recording.load reads one")
+
+
+def _checked_spectrogram(power_db: np.ndarray, speeds_mps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    speeds_mps = array("speeds_mps", speeds_mps, ("velocity",))
+    power_db = array("power_db", power_db, (len(speeds_mps), "time"))
+    if not power_db.size:
+        raise InputError(f"power_db must hold speeds and times, got shape {power_db.shape}")
+    return power_db, speeds_mps
+
+
+def _correlation(one: np.ndarray, two: np.ndarray) -> float:
+    """Pearson correlation of (row, time) with each row about its own mean: different means alone would correlate rows."""
+    if not (np.ptp(one, axis=1).any() and np.ptp(two, axis=1).any()):
+        return math.nan
+    one, two = (values - values.mean(axis=1, keepdims=True) for values in (one, two))
+    return float(np.sum(one * two) / np.sqrt(np.sum(one**2) * np.sum(two**2)))

@@ -1,0 +1,213 @@
+"""The folder of a saved recording: a zarr group of arrays and attributes, which seal one another by their checksums."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import warnings
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from t2d_rt.core.atomic_write import check_place, check_taken, settle
+from t2d_rt.core.cube_storage import NAME, SavedRows, new_array
+from t2d_rt.core.cubes import Cube, DiskCube, is_large, row_blocks
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.stored_arrays import Inputs, packed, unpacked
+from t2d_rt.experiment.experiment import Experiment
+from t2d_rt.types import Accuracy, Radar
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FORMAT = 4
+"""Format of the folders that `save` writes; `load` refuses others."""
+MADE_BY = "t2d-rt"
+"""The mark of a result; only what carries it is replaced."""
+UNMARKED_FORMATS = ("1", "2")
+"""Formats from before that mark, which are known by their attributes."""
+ARRAYS = (NAME, "spectrogram", "chirp_time_s", "sample_time_s", "velocity_mps", "time_s")
+INPUTS = "inputs"
+"""Folder of the arrays that the experiment names."""
+FILES = re.compile(rf"zarr\.json|{INPUTS}/[0-9a-f]{{32}}\.npz|({'|'.join(ARRAYS)})/(zarr\.json|c(/\d+)*)")
+"""Files that a result's folder holds, by their paths within it."""
+LARGEST_METADATA_BYTES = 64 * 2**20
+"""Greatest size of a result's zarr.json, which holds its settings."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Saved:
+    """What a folder holds."""
+
+    cube: Cube
+    radar: Radar
+    experiment: Experiment | None
+    accuracy: Accuracy | None
+    inputs: Inputs
+    settings: Mapping[str, Any]
+    processing: Mapping[str, Any]
+    versions: Mapping[str, str]
+
+
+def write_folder(folder: Path, cube: Cube, labelled: xr.Dataset, adc: Mapping[str, str], inputs: Inputs) -> None:
+    """A new folder of the cube, the `labelled` spectrogram and axes with all attributes, and the inputs; `adc` are the cube's own
+    attributes."""
+    samples, digest = new_array(folder, cube.shape), hashlib.sha256()
+    for rows, block in row_blocks(cube):
+        samples[rows] = block
+        digest.update(np.ascontiguousarray(block, np.complex64).view(np.uint8).data)
+    samples.attrs.update({**adc, "sha256": digest.hexdigest()})
+    with warnings.catch_warnings():
+        # Without consolidated metadata a plain xarray.open_zarr warns, with it the writer does; both can do either.
+        warnings.filterwarnings("ignore", message="Consolidated metadata is currently not part")
+        labelled.to_zarr(folder, mode="a", consolidated=True, write_empty_chunks=True)
+    if inputs:
+        (folder / INPUTS).mkdir()
+    for name, arrays in inputs.items():
+        (folder / INPUTS / f"{name}.npz").write_bytes(packed(arrays))
+    metadata = _metadata(folder)
+    metadata["attributes"]["checksum"] = _checksum(folder, metadata)
+    (folder / "zarr.json").write_text(json.dumps(metadata, indent=2), encoding="utf-8")
+
+
+def read_folder(source: Path) -> Saved:
+    """What `write_folder` wrote, whole and unchanged."""
+    while True:
+        before = _state(source)
+        try:
+            return _read(source)
+        except InputError:
+            if _state(source) == before:  # else it was replaced while it was read
+                raise
+
+
+def _read(source: Path) -> Saved:
+    if not source.is_dir():
+        with suppress(OSError):  # a folder that is not there, or may only be read
+            settle(source)
+    if not source.is_dir():
+        raise InputError(f"{source} is not a result folder; give a .zarr folder that `simulate` wrote")
+    try:
+        metadata = _metadata(source)
+        found = metadata["attributes"]
+        if found["format"] != str(FORMAT):
+            raise InputError(f"{source} has format {found['format']}, expected {FORMAT}; simulate it again")
+        if found["checksum"] != _checksum(source, metadata):
+            raise InputError(f"{source} is damaged: it is not as it was written; simulate it again")
+        attributes = {name: json.loads(found[name]) for name in ("settings", "processing", "versions")}
+        experiment, accuracy = (json.loads(found[name]) for name in ("experiment", "accuracy"))
+        rows = SavedRows.of(source)
+        on_disk = DiskCube(rows)
+        saved = Saved(
+            cube=on_disk if is_large(rows.shape) else np.asarray(on_disk),
+            radar=Radar(**json.loads(found["radar"])),
+            experiment=None if experiment is None else Experiment.model_validate(experiment),
+            accuracy=None if accuracy is None else Accuracy.model_validate(accuracy),
+            inputs={file.stem: unpacked(file) for file in sorted((source / INPUTS).glob("*.npz"))},
+            **attributes,
+        )
+        if rows.sha256 != _sha256(saved.cube):
+            raise InputError(f"the ADC samples in {source} are damaged; simulate it again")
+        return saved
+    except InputError:
+        raise
+    except Exception as error:  # files of any content
+        raise not_a_result(source, error) from error
+
+
+def json_text(name: str, values: Mapping[str, Any]) -> str:
+    """As text that is stored with a result."""
+    try:
+        return json.dumps(values)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} of a result must be plain numbers, texts and lists of them: {error}") from None
+
+
+def plain(value: Any) -> Any:
+    """Numbers and lists in place of NumPy's, which JSON does not take."""
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+
+
+def not_a_result(source: Path, error: Exception) -> InputError:
+    """The error of a folder in which something is missing or is not what it should be."""
+    reason = f"no {error}" if isinstance(error, KeyError) else error
+    return InputError(f"{source} does not hold a t2d-rt result ({reason}); simulate it again")
+
+
+def check_free(target: Path, *, overwrite: bool) -> None:
+    """Refuses a place for a result that is taken or cannot be written, before any work is done."""
+    if target.is_file():
+        raise InputError(f"{target} is a file and a result is a folder; choose another name")
+    check_place(target, overwrite=overwrite)
+    check_replaceable(target, overwrite=overwrite)
+
+
+def check_replaceable(target: Path, *, overwrite: bool) -> None:
+    """Refuses what exists, unless `overwrite` and it is a result and holds nothing else."""
+    check_taken(target, overwrite=overwrite)
+    if not target.exists():
+        return
+    try:
+        attributes = _metadata(target)["attributes"]
+        marked = attributes.get("made_by") == MADE_BY
+        known = (
+            attributes.get("format") in UNMARKED_FORMATS and {"radar", "settings", "processing"} <= attributes.keys()
+        )
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        marked = known = False
+    if not (marked or known):
+        raise InputError(f"{target} is a folder but not a result, so it is not replaced; choose another name")
+    for path in target.rglob("*"):
+        if not path.is_dir() and not FILES.fullmatch(path.relative_to(target).as_posix()):
+            raise InputError(
+                f"{target} is not replaced, for it holds {path.name} besides a result; move that elsewhere"
+            )
+
+
+def _state(folder: Path) -> tuple[int, ...] | None:
+    """What identifies a folder: it changes when the folder is replaced or written to."""
+    try:
+        found = folder.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino, found.st_mtime_ns
+
+
+def _metadata(folder: Path) -> dict[str, Any]:
+    """The group's zarr.json, which holds the arrays' too."""
+    path = folder / "zarr.json"
+    if not path.is_file() or path.stat().st_size > LARGEST_METADATA_BYTES:
+        raise ValueError("its zarr.json is missing or too large")
+    found = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(found, dict):
+        raise ValueError("its zarr.json is no JSON object")
+    return found
+
+
+def _checksum(folder: Path, metadata: Mapping[str, Any]) -> str:
+    """Checksum of the metadata without itself, and of all other files but the samples, whose checksum the metadata hold."""
+    attributes = {name: value for name, value in metadata["attributes"].items() if name != "checksum"}
+    digest = hashlib.sha256(json.dumps({**metadata, "attributes": attributes}, sort_keys=True).encode())
+    files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if not path.is_dir()}
+    for name in sorted(files):
+        hidden = name.rpartition("/")[2].startswith(".")  # file systems and desktops leave such
+        if name == "zarr.json" or name.startswith(f"{NAME}/c/") or hidden:
+            continue
+        if not files[name].is_file():
+            raise InputError(f"{folder} holds {name}, which is no plain file; simulate it again")
+        with files[name].open("rb") as file:
+            digest.update(f"\n{name} {hashlib.file_digest(file, 'sha256').hexdigest()}".encode())
+    return digest.hexdigest()
+
+
+def _sha256(cube: Cube) -> str:
+    """Checksum of all samples, in order."""
+    digest = hashlib.sha256()
+    for _, block in row_blocks(cube):
+        digest.update(np.ascontiguousarray(block).view(np.uint8).data)
+    return digest.hexdigest()

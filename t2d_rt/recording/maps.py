@@ -1,0 +1,199 @@
+"""Maps of a recording as its spectrogram is made: the same MTI, the same windows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from t2d_rt.core.checks import positive
+from t2d_rt.core.constants import SPEED_OF_LIGHT, unit_of
+from t2d_rt.core.cubes import Cube
+from t2d_rt.core.decibels import decibel
+from t2d_rt.core.errors import InputError
+from t2d_rt.plots.canvas import Style, StyleOptions, drawable
+from t2d_rt.plots.figures import plotted
+from t2d_rt.signal import coherent_interval, range_angle, range_doppler, range_doppler_over, range_time
+from t2d_rt.signal.doppler import checked_windows
+from t2d_rt.signal.maps import RangeAngle, RangeDoppler, RangeTime
+from t2d_rt.types import Radar
+
+GHOSTS = 15
+"""Most paths that are marked on a map."""
+APART_PT = 11.0
+"""Between the middles of numbers beside marks, which are 7 pt high."""
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Maps:
+    """Maps of a cube with the options of its spectrogram."""
+
+    cube: Cube
+    radar: Radar
+    processing: Mapping[str, Any]
+    """Options of `signal.spectrogram`."""
+    mti: str
+
+    def range_time(self) -> RangeTime:
+        """Range over time, in the columns of the spectrogram."""
+        n_window, overlap = self._columns()
+        return range_time(
+            self.cube, self.radar, range_window=self._range_window(), n_window=n_window, overlap=overlap, **self._mti()
+        )
+
+    def range_doppler_at(self, time_s: float | None, interval_s: float | None) -> tuple[RangeDoppler, float, float]:
+        """Range-Doppler map of one coherent interval, and the interval's middle and length [s]."""
+        part, radar, middle_s, length_s = self._interval(time_s, interval_s)
+        return range_doppler(part, radar, range_window=self._range_window()), middle_s, length_s
+
+    def range_angle(
+        self, time_s: float | None, interval_s: float | None, options: Mapping[str, Any]
+    ) -> tuple[RangeAngle, float, float]:
+        """Range-azimuth map of one coherent interval by an antenna array, and the interval's middle and length [s]."""
+        if not np.ptp(self.radar.virtual_offsets_m[:, 1]) > 1e-3 * self.radar.wavelength_m:
+            raise InputError(
+                f"azimuths need antennas side by side, and this radar has {self.radar.antennas} above one another or alone; "
+                "simulate with an array, as radar='array-3x4'"
+            )
+        part, radar, middle_s, length_s = self._interval(time_s, interval_s)
+        options = {"range_window": self._range_window(), **options}
+        return range_angle(part, radar, mti="none", **options), middle_s, length_s
+
+    def _interval(self, time_s: float | None, interval_s: float | None) -> tuple[np.ndarray, Radar, float, float]:
+        """Rows of one coherent interval after MTI, their radar, middle and length [s]."""
+        interval = self.radar.separated.loop_interval_s
+        if interval_s is None:
+            chirps, _ = self._columns()
+        else:
+            chirps = max(2, round(positive("interval_s", interval_s, 1e6, unit="s") / interval))
+        part, radar, middle_s = coherent_interval(self.cube, self.radar, time_s=time_s, chirps=chirps, **self._mti())
+        return part, radar, middle_s, chirps * interval
+
+    def range_doppler_over(self, times_s: np.ndarray) -> tuple[np.ndarray, RangeDoppler]:
+        """Range-Doppler maps of intervals as long as the spectrogram's windows about these times, and the middles of these [s]."""
+        n_window, _ = self._columns()
+        return range_doppler_over(
+            self.cube,
+            self.radar,
+            times_s,
+            range_window=self._range_window(),
+            n_window=n_window,
+            **self._mti(),
+        )
+
+    def _range_window(self) -> str:
+        return str(self.processing.get("range_window", "hann"))
+
+    def _mti(self) -> dict[str, Any]:
+        return {"mti": self.mti} | {
+            name: self.processing[name] for name in ("cutoff_mps", "kernel") if name in self.processing
+        }
+
+    def _columns(self) -> tuple[int, int]:
+        """Window and overlap of the spectrogram."""
+        radar, chirps = self.radar.separated, len(self.cube)
+        rows = chirps // len(self.radar.tx_offsets_m) if self.radar.multiplexing == "ddm" else chirps
+        n_window, overlap = (self.processing.get(name) for name in ("n_window", "overlap"))
+        return checked_windows(radar, rows, n_window, overlap, None)[:2]
+
+
+def labelled_map(name: str, result: Any, attributes: Mapping[str, str]) -> xr.DataArray:
+    """Levels of a map [dB re 1 W] with their axes, which are the fields of the map in order."""
+    axes = {each.name: getattr(result, each.name) for each in fields(result) if each.name != "power"}
+    return labelled(name, decibel(result.power), tuple(axes), axes, {**attributes, "units": "dB re 1 W"})
+
+
+def labelled(
+    name: str, values: Any, dims: tuple[str, ...], axes: Mapping[str, Any], attributes: Mapping[str, str]
+) -> xr.DataArray:
+    """Values with their axes, each with its unit."""
+    import xarray as xr
+
+    array = xr.DataArray(values, dims=dims, coords=axes, name=name, attrs=attributes)
+    for axis in axes:
+        array[axis].attrs["units"] = unit_of(axis)
+    return array
+
+
+def drawn(
+    image: xr.DataArray, ax: Any, title: str | None, note: str | None, style: StyleOptions, paths: xr.Dataset | None = None
+) -> Figure | Axes:  # fmt: skip
+    """A labelled map in a figure of its own, or in axes of the user's, which are returned; with the strongest of `paths` marked."""
+    kind: Any = image.name
+    y, x = (image[axis].values for axis in image.dims)
+    made = plotted(kind, y, x, image.values, ax, Style(**style), title, note)
+    if paths is not None:
+        drawn_on: Any = made.axes if ax is None else [ax]
+        mark_ghosts(drawn_on[0], paths, float(y[-1] - y[0]) * len(y) / (len(y) - 1))
+    return made
+
+
+def interval_told(image: xr.DataArray) -> str:
+    """Length and middle of the interval of a map."""
+    return f"{1e3 * image.attrs['interval_s']:.3g} ms, its middle at {image.attrs['time_s']:.3f} s"
+
+
+def mark_ghosts(axes: Axes, paths: xr.Dataset, speeds_mps: float) -> None:
+    """Numbers the strongest of the paths at one instant on a range-Doppler map that shows them, and names them below it; speeds are
+    folded into the map's, which are `speeds_mps` wide, and what is not marked is told."""
+    range_m, speed_mps = 0.5 * SPEED_OF_LIGHT * paths.delay_s.values[..., 0], paths.speed_mps.values[..., 0]
+    folded_mps = (speed_mps + speeds_mps / 2) % speeds_mps - speeds_mps / 2
+    (left, right), (low, high) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
+    shown = (range_m > left) & (range_m < right) & (folded_mps > low) & (folded_mps < high)
+    level = paths.level_dbm.values[..., 0]
+    arriving = [np.unravel_index(each, level.shape) for each in np.argsort(-level, axis=None)]
+    arriving = [at for at in arriving if np.isfinite(level[at])]
+    inside = [at for at in arriving if shown[at]]
+    marked = inside[:GHOSTS]
+    places = np.array([(range_m[at], folded_mps[at]) for at in marked]).reshape(-1, 2)
+    names = []
+    for number, at in enumerate(marked, start=1):
+        whose = f"{paths.target.values[at[0]]}: " if paths.sizes["target"] > 1 else ""
+        folded = f" ({speed_mps[at]:.1f} m/s, folded)" if abs(speed_mps[at]) > speeds_mps / 2 else ""
+        names.append(f"{number}  {whose}{paths.pair.values[at[1]]}{folded}")
+    weaker = f"{len(inside) - len(marked)} weaker" if len(inside) > len(marked) else ""
+    beyond = f"{len(arriving) - len(inside)} beyond the axes" if len(arriving) > len(inside) else ""
+    if weaker or beyond:
+        names.append("not marked: " + ", ".join(filter(None, (weaker, beyond))))
+    columns = ["\n".join(names[first::2]) for first in (0, 1)]
+    for column, across in zip(columns, (0.0, 0.5), strict=True):
+        axes.annotate(
+            drawable("names of paths", column), (across, 0.0), xytext=(0, -36), xycoords="axes fraction",
+            textcoords="offset points", va="top", fontsize=7, annotation_clip=False, parse_math=False,
+        )  # fmt: skip
+    for number, (place, offset) in enumerate(zip(places, _beside(axes, places), strict=True), start=1):
+        axes.plot(*place, "o", markersize=9, markerfacecolor="none", markeredgecolor="white", markeredgewidth=0.8)
+        line = {"arrowstyle": "-", "color": "white", "linewidth": 0.4, "shrinkA": 1, "shrinkB": 4.5}
+        axes.annotate(
+            str(number), tuple(place), xytext=tuple(offset), textcoords="offset points", color="white", fontsize=7,
+            ha="center", va="center", arrowprops=line if np.hypot(*offset) > 1.5 * APART_PT else None,
+        )  # fmt: skip
+
+
+def _beside(axes: Axes, places: np.ndarray) -> list[np.ndarray]:
+    """Where the number of each of the marks (mark, 2) stands from it [points], (2,): the nearest spot about it at which there is no
+    other mark, no other number and no edge of the axes."""
+    figure: Any = axes.figure.canvas.figure
+    figure.draw_without_rendering()  # a layout sets the axes' size
+    to_points = 72 / figure.dpi
+    marks, box = axes.transData.transform(places) * to_points, axes.get_window_extent().get_points() * to_points
+    taken, offsets = list(marks), []
+    angles = 2 * np.pi * (np.arange(16) + 1.5) / 16
+    spots = [far * np.array([np.cos(angle), np.sin(angle)]) for far in APART_PT * np.arange(1, 9) for angle in angles]
+    for mark in marks:
+        free = [
+            spot
+            for spot in spots
+            if np.all(np.abs(mark + spot - box.mean(axis=0)) < np.ptp(box, axis=0) / 2 - APART_PT / 2)
+            and min(np.linalg.norm(mark + spot - other) for other in taken) > APART_PT - 1e-6
+        ]
+        offsets.append(free[0] if free else spots[0])
+        taken.append(mark + offsets[-1])
+    return offsets

@@ -1,0 +1,260 @@
+"""The paths to the targets as a table: delay, length, speed, level, directions, and what each meets and where (docs/rooms.md)."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from t2d_rt.core.checks import array
+from t2d_rt.core.constants import SPEED_OF_LIGHT, unit_of
+from t2d_rt.core.errors import InputError
+from t2d_rt.motion import track
+from t2d_rt.pipeline.echo_model import Model
+from t2d_rt.propagation.images import vertices
+from t2d_rt.propagation.surroundings import polarization
+from t2d_rt.scattering.paths import Arrivals
+from t2d_rt.types import Accuracy, Motion, OneWayPath, PathPair, Radar
+from t2d_rt.types.target import Target
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+PATHS_RATE_HZ = 25.0
+"""Rate of the table where no times are given: visibility is sampled as often."""
+SCREEN_ROWS = 20
+"""Of the table on a screen, for each target."""
+STEP_S = 1e-4
+"""Half the time over which speeds are taken."""
+VARIABLES = (
+    "delay_s", "length_m", "speed_mps", "level_dbm", "departure_azimuth_rad", "departure_elevation_rad", "arrival_azimuth_rad",
+    "arrival_elevation_rad", "blocked",
+)  # fmt: skip
+"""Over target, path pair and time; the points that a pair runs over are beside them."""
+
+
+class Nearby(NamedTuple):
+    """Something at instants, a little earlier and a little later."""
+
+    now: np.ndarray
+    earlier: np.ndarray
+    later: np.ndarray
+
+    @classmethod
+    def instants(cls, times_s: np.ndarray, span_s: tuple[float, float]) -> Nearby:
+        """Instants of a record (K,) [s] and those `STEP_S` before and after, none of them outside the record."""
+        return cls(*(np.clip(times_s + step, 0.0, span_s[1] - span_s[0]) for step in (0.0, -STEP_S, STEP_S)))
+
+
+def path_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = None) -> xr.Dataset:
+    """The path pairs in use to the reference point of each target, over (target, pair, time_s), strongest pair first.
+
+    times_s: instants of the record (K,) [s]; every 40 ms by default.
+
+    `delay_s` and `length_m` are those of the round trip, `speed_mps` is the rate at which half the length gets shorter (positive =
+    approaching). `level_dbm` is the power in an ADC sample that a reflector of 1 m^2 at the reference point returns over the pair,
+    at mid-sweep, -inf where nothing arrives. Azimuth (left > 0) and elevation are those at the radar, as seen along its boresight.
+    `points_m` are the points (point, xyz) in the scene's coordinates, from the transmitters over the target to the receivers, and
+    `meets` (pair, point) says what stands there. `blocked` is the fraction of the field that the static scene keeps away. Where it
+    is 1 there is no path: its level is -inf and all else of it NaN.
+    """
+    import xarray as xr
+
+    times_s = record_times(model.span_s, PATHS_RATE_HZ) if times_s is None else times_s
+    pairs = pairs_of(model, accuracy)
+    names, points = target_names(model.modelled), reference_points(model, times_s)
+    nearby_s = Nearby.instants(times_s, model.span_s)
+    before, after = (reference_points(model, each) for each in (nearby_s.earlier, nearby_s.later))
+    velocity = (after - before) / (nearby_s.later - nearby_s.earlier)[:, None]
+    rows = _rows(model, pairs, points, velocity)
+    dims = ("target", "pair", "time_s")
+    data = {name: (dims, np.stack(values, axis=1), {"units": unit_of(name)}) for name, values in rows.items()}
+    stops, meets = _polylines(pairs, points, ~np.isnan(np.stack(rows["delay_s"], axis=1)))
+    found = xr.Dataset(
+        {**data, "points_m": ((*dims, "point", "xyz"), stops, {"units": "m"}), "meets": (("pair", "point"), meets)},
+        coords={
+            "target": names, "pair": [pair.name for pair in pairs], "time_s": times_s, "xyz": ["x", "y", "z"],
+            "reflections": ("pair", [pair.order for pair in pairs]), "copies": ("pair", [pair.copies for pair in pairs]),
+        },
+        attrs={
+            "scene": "free_space" if model.scene is None else model.scene.name,
+            "level": "of a reflector of 1 m^2 at the target's reference point, at mid-sweep",
+        },
+    )  # fmt: skip
+    found.time_s.attrs["units"] = "s"
+    return found
+
+
+def pairs_of(model: Model, accuracy: Accuracy) -> list[PathPair]:
+    """The path pairs in use, strongest first; in free space the direct one alone."""
+    chosen = model.pairs(accuracy)
+    return [PathPair(out=sight(model.radar, 0), back=sight(model.radar, 1))] if chosen is None else chosen.pairs
+
+
+def sight(radar: Radar, end: int) -> OneWayPath:
+    """The line of sight from the transmitters' centre, end 0, or the receivers', end 1."""
+    place, angle_deg = (
+        (radar.tx_position_m, radar.tx_polarization_deg), (radar.rx_position_m, radar.rx_polarization_deg),
+    )[end]  # fmt: skip
+    return OneWayPath.line_of_sight(place, polarization(radar, angle_deg))
+
+
+def record_times(span_s: tuple[float, float], rate_hz: float) -> np.ndarray:
+    """Instants of a record at a rate [s], (K,), from 0 to no later than its end."""
+    return np.arange(int((span_s[1] - span_s[0]) * rate_hz + 1e-6) + 1) / rate_hz
+
+
+def target_names(targets: Sequence[Target]) -> list[str]:
+    """A name of each target, that of its body or mesh; "adult", "adult 2" where two have the same."""
+    plain = [each.mesh.name if each.mesh is not None else getattr(each, "template", "ellipsoids") for each in targets]
+    seen: Counter[str] = Counter()
+    found = []
+    for name in plain:
+        seen[name] += 1
+        found.append(name if seen[name] == 1 else f"{name} {seen[name]}")
+    return found
+
+
+def reference_points(model: Model, times_s: np.ndarray) -> np.ndarray:
+    """One point of each target at instants of the record (K,) [s], (target, K, 3) m: the pelvis of a motion, the mean of a mesh's
+    vertices or of ellipsoids' centres."""
+    at_s = np.clip(model.span_s[0] + times_s, *model.span_s)
+    return np.stack([
+        track(each.source)(at_s)[0][:, 0] if isinstance(each.source, Motion) else each.geometry.points_at(at_s).mean(axis=1)
+        for each in model.modelled
+    ])  # fmt: skip
+
+
+def mean_range_m(radar: Radar, points: np.ndarray) -> np.ndarray:
+    """The mean of the distances of points (..., 3) from the transmitters' and from the receivers' centre [m], (...)."""
+    return np.mean(
+        [np.linalg.norm(points - place, axis=-1) for place in (radar.tx_position_m, radar.rx_position_m)], axis=0
+    )
+
+
+def seen_from_radar(radar: Radar, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Azimuth, left > 0, and elevation [rad] (...) of directions (..., 3) in the world."""
+    ahead, left, up = np.moveaxis(directions @ radar.axes.T, -1, 0)
+    return np.arctan2(left, ahead), np.arctan2(up, np.hypot(ahead, left))
+
+
+def _rows(
+    model: Model, pairs: Sequence[PathPair], points: np.ndarray, velocity: np.ndarray
+) -> dict[str, list[np.ndarray]]:
+    """Of each pair all but the points it runs over, arrays (target, time)."""
+    radar, arrivals = model.radar, Arrivals(model.radar, points, frequencies=1)
+    one_way = {path.key: path for pair in pairs for path in (pair.out, pair.back)}
+    free = {
+        key: np.ones(points.shape[:2]) if model.scene is None else model.blockage.fraction(path, points).astype(float)
+        for key, path in one_way.items()
+    }
+    rows: dict[str, list[np.ndarray]] = {name: [] for name in VARIABLES}
+    for pair in pairs:
+        towards = [points - path.image_m for path in (pair.out, pair.back)]
+        lengths = [np.linalg.norm(each, axis=-1) for each in towards]
+        passes = free[pair.out.key] * free[pair.back.key]
+        rate = sum(np.einsum("...i,...i->...", each, velocity) / m for each, m in zip(towards, lengths, strict=True))
+        power = radar.received_power_w(1.0, *lengths) * np.abs(arrivals.spectrum(pair)[0]) ** 2 * passes**2
+        with np.errstate(divide="ignore"):
+            level_dbm = 10 * np.log10(power) + 30
+        departure, arrival = (
+            seen_from_radar(radar, path.unfolded(points) - path.antenna_m) for path in (pair.out, pair.back)
+        )
+        there = np.where(passes > 0, 1.0, np.nan)
+        found: dict[str, Any] = {
+            "delay_s": there * (sum(lengths) / SPEED_OF_LIGHT + pair.delay_s), "length_m": there * sum(lengths),
+            "speed_mps": -there * rate / 2, "level_dbm": level_dbm, "blocked": 1 - passes,
+            "departure_azimuth_rad": there * departure[0], "departure_elevation_rad": there * departure[1],
+            "arrival_azimuth_rad": there * arrival[0], "arrival_elevation_rad": there * arrival[1],
+        }  # fmt: skip
+        for name, values in found.items():
+            rows[name].append(values)
+    return rows
+
+
+def _polylines(pairs: Sequence[PathPair], points: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (target, pair, time, point, 3) of the pairs, NaN where they are not `there` and beyond their last one, and what they
+    meet (pair, point), "" beyond the last one."""
+    courses = [[*pair.out.chain, "target", *pair.back.chain[::-1]] for pair in pairs]
+    longest = max(len(course) for course in courses) + 2
+    stops = np.full((len(points), len(pairs), points.shape[1], longest, 3), np.nan)
+    for number, pair in enumerate(pairs):
+        course = np.concatenate([vertices(pair.out, points), vertices(pair.back, points)[-2::-1]])
+        stops[:, number, :, : len(course)] = np.moveaxis(course, 0, 2)
+    stops[~there] = np.nan
+    meets = [["radar", *course, "radar"] + [""] * (longest - len(course) - 2) for course in courses]
+    return stops, np.array(meets)
+
+
+# --- as text ---
+
+
+def csv_text(table: xr.Dataset) -> str:
+    """The table as CSV, a row for each target, path pair and instant at which there is a path; its columns are the variables, then
+    x, y and z of each point."""
+    columns = list(VARIABLES)
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    most = table.sizes["point"]
+    rows.writerow(
+        ["target", "pair", "time_s", *columns, "meets", *(f"{axis}{k}_m" for k in range(most) for axis in "xyz")]
+    )
+    values = {name: table[name].values for name in (*columns, "points_m")}
+    met = [" > ".join(filter(None, each)) for each in table.meets.values.tolist()]
+    for t, target in enumerate(table.target.values.tolist()):
+        for k, time_s in enumerate(table.time_s.values.tolist()):
+            for p, pair in enumerate(table.pair.values.tolist()):
+                if values["blocked"][t, p, k] < 1:
+                    numbers = [_number(values[name][t, p, k]) for name in columns]
+                    places = [_number(each) for each in values["points_m"][t, p, k].ravel()]
+                    rows.writerow([target, pair, _number(time_s), *numbers, met[p], *places])
+    return text.getvalue()
+
+
+def _number(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:.10g}"
+
+
+def screen_text(table: xr.Dataset) -> str:
+    """The strongest pairs to each target at the table's first instant, as lines for people: levels in dBm, angles in degrees."""
+    at = table.isel(time_s=0)
+    lines = []
+    for target in at.target.values.tolist():
+        here = at.sel(target=target)
+        order = np.argsort(-here.level_dbm.values)
+        order = order[np.isfinite(here.level_dbm.values[order])]
+        lines += [
+            f"{target} at {float(at.time_s):.3g} s: {len(order)} path pair{'s' * (len(order) != 1)}; level of 1 m^2, "
+            "azimuth, left > 0, and elevation",
+            "   level    delay   range   speed  departure    arrival  blocked  path pair",
+            "     dBm       ns       m     m/s        deg        deg        %",
+        ]
+        for number in order[:SCREEN_ROWS]:
+            row = {name: float(here[name].values[number]) for name in VARIABLES}
+            angles = [
+                " ".join(f"{round(np.degrees(row[f'{end}_{each}_rad'])) + 0:d}" for each in ("azimuth", "elevation"))
+                for end in ("departure", "arrival")
+            ]
+            figures = (
+                f"{row['level_dbm']:8.1f} {1e9 * row['delay_s']:8.2f} {row['length_m'] / 2:7.2f} "
+                f"{round(row['speed_mps'], 2) + 0:7.2f} {angles[0]:>10} {angles[1]:>10} {100 * row['blocked']:8.0f}"
+            )
+            lines.append(f"{figures}  {here.pair.values[number]}")
+        if len(order) > SCREEN_ROWS:
+            lines.append(f"and {len(order) - SCREEN_ROWS} weaker ones")
+    return "\n".join(lines)
+
+
+def checked_times(model: Model, times_s: Any) -> np.ndarray | None:
+    """Instants within the record [s], (K,); None where none are given."""
+    if times_s is None:
+        return None
+    times = np.atleast_1d(array("times_s", times_s))
+    end = model.span_s[1] - model.span_s[0]
+    if times.ndim != 1 or not len(times) or times.min() < -1e-9 or times.max() > end + 1e-9:
+        raise InputError(f"times_s must be a list within the record, 0..{end:.6g} s, got {times_s!r:.80}")
+    return np.clip(times, 0.0, end)

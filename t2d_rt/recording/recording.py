@@ -1,0 +1,400 @@
+"""`Recording`: a radar recording, simulated or measured, with labelled axes, its settings, its spectrogram and other maps."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack, cast, overload
+
+from t2d_rt.core.atomic_write import check_taken, replacing
+from t2d_rt.core.checks import call, file_path, flag, instance, numeric
+from t2d_rt.core.cube_storage import DIMENSIONS, NAME
+from t2d_rt.core.cubes import Cube, DiskCube, check_complex64
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.stored_arrays import Inputs
+from t2d_rt.experiment.experiment import Experiment
+from t2d_rt.experiment.setup import set_up_again
+from t2d_rt.recording.added_background import background_power, background_settings
+from t2d_rt.recording.export import check_export, write_export
+from t2d_rt.recording.folder import (
+    FORMAT,
+    MADE_BY,
+    check_free,
+    check_replaceable,
+    json_text,
+    not_a_result,
+    plain,
+    read_folder,
+    write_folder,
+)
+from t2d_rt.recording.maps import Maps, drawn, interval_told, labelled, labelled_map
+from t2d_rt.recording.path_table import checked_times, path_table
+from t2d_rt.recording.text import at_a_glance, cube_size, made_with
+from t2d_rt.recording.truth import prefixed, truth_table
+from t2d_rt.signal import point_cloud, range_doppler, range_profile, spectrogram
+from t2d_rt.signal.doppler import check_names, check_processing
+from t2d_rt.signal.multiplex import check_axes
+from t2d_rt.types import Accuracy, Radar
+
+if TYPE_CHECKING:
+    import numpy as np
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from t2d_rt.pipeline.echo_model import Model
+    from t2d_rt.plots.canvas import StyleOptions
+    from t2d_rt.signal.maps import PointCloud
+    from t2d_rt.view import Viewer
+
+
+class Recording:
+    """A radar recording, simulated or measured: ADC cube, radar, and what follows from them.
+
+    A simulated recording holds its `experiment` and `accuracy`, and the arrays that the experiment names (`inputs`), so that it can
+    be simulated `again`. `processing` holds options of `signal.spectrogram` (mti, range_gate_m, n_window, ...), which `processed`
+    changes. If the scene has clutter, mti is "mean" by default.
+    """
+
+    def __init__(
+        self,
+        cube: Cube,
+        radar: Radar,
+        *,
+        experiment: Experiment | None = None,
+        accuracy: Accuracy | None = None,
+        inputs: Inputs | None = None,
+        settings: Mapping[str, Any] | None = None,
+        versions: Mapping[str, str] | None = None,
+        processing: Mapping[str, Any] | None = None,
+    ) -> None:
+        instance("radar", radar, Radar, "a Radar", hint="Radar.preset('table2') makes one")
+        if not isinstance(cube, DiskCube):
+            cube = numeric("an ADC cube", cube)
+            check_complex64(cube)
+        check_axes(cube.shape, radar)
+        self.cube = cube
+        """(chirp, antenna, sample) complex [sqrt(W)]."""
+        self.radar = radar
+        if experiment is not None:
+            instance("experiment", experiment, Experiment, "an Experiment")
+        if accuracy is not None:
+            instance("accuracy", accuracy, Accuracy, "an Accuracy")
+        self.experiment = experiment
+        """What was simulated; None for a measured recording."""
+        self.accuracy = accuracy
+        """How finely it was modelled."""
+        self.inputs = dict(inputs or {})
+        """Arrays that the experiment names, by their hash."""
+        for name, given in (("settings", settings), ("versions", versions), ("processing", processing)):
+            if given is not None:
+                instance(name, given, Mapping, "a mapping of names to values")
+        self.settings = dict(settings or {})
+        self.versions = dict(versions or {})
+        self.processing = dict(processing or {})
+        check_names(self.processing)
+        self._spectrogram: xr.DataArray | None = None
+
+    def __repr__(self) -> str:
+        made = made_with(self.settings, measured=self.experiment is None)
+        return f"Recording({made}, {self.radar.carrier_hz / 1e9:.4g} GHz, {cube_size(self.cube.shape, self.radar)})"
+
+    def _repr_html_(self) -> str:
+        measured = self.experiment is None
+        return at_a_glance(self.cube.shape, self.radar, self.settings, self.processing, measured=measured)
+
+    @property
+    def error_db(self) -> float | None:
+        """Error of the targets' field, its energy over that of a converged model's [dB], where it was measured."""
+        return self.settings.get("error_db")
+
+    @property
+    def snr_db(self) -> float | None:
+        """Power of what changes from chirp to chirp in the echoes over that in what the receiver added (`noise_dbm`), in the mean
+        over all samples [dB]; None without noise. Processing raises it by the number of samples that it adds coherently."""
+        # Recordings of earlier versions have a value over white noise alone, and no noise_dbm.
+        return None if self.noise_dbm is None else self.settings.get("snr_db")
+
+    @property
+    def noise_dbm(self) -> float | None:
+        """All that the receiver added to one complex ADC sample and that changes from chirp to chirp [dBm]; None without noise."""
+        return self.settings.get("noise_dbm")
+
+    @property
+    def noise_floor_dbm(self) -> float | None:
+        """White noise in one complex ADC sample, thermal and of quantisation, in closed form [dBm]; None where there is none."""
+        return self.settings.get("noise_floor_dbm")
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """What the recording was made from, as JSON texts; with `inputs` it is everything needed to make it again."""
+        return {
+            "radar": self.radar.model_dump_json(),
+            "experiment": json.dumps(None if self.experiment is None else self.experiment.model_dump(mode="json")),
+            "accuracy": json.dumps(None if self.accuracy is None else self.accuracy.model_dump(mode="json")),
+            "settings": json_text("settings", self.settings),
+            "processing": json_text("processing", self.processing),
+            "versions": json_text("versions", self.versions),
+            "made_by": MADE_BY,
+            "format": str(FORMAT),
+        }
+
+    @property
+    def adc(self) -> xr.DataArray:
+        """ADC samples [sqrt(W)], complex64 (chirp, antenna, sample); those of a large cube are made, or read, when used."""
+        times = {
+            "chirp_time_s": ("chirp", self.radar.chirp_starts_s(len(self.cube))),
+            "sample_time_s": ("sample", self.radar.sample_times_s),
+        }
+        values: Any = self.cube
+        if isinstance(self.cube, DiskCube):
+            from t2d_rt.core.lazy_array import lazy_variable
+
+            values = lazy_variable(self.cube)
+        return labelled(NAME, values, DIMENSIONS, times, {**self.attributes, "units": "sqrt(W)"})
+
+    @property
+    def range_profile(self) -> xr.DataArray:
+        """Range FFT of every chirp [sqrt(W)], complex (chirp, antenna, range_m), in memory."""
+        profile = range_profile(self.cube, self.radar, window=self.processing.get("range_window", "hann"))
+        axes = {"range_m": profile.range_m, "chirp_time_s": ("chirp", profile.time_s)}
+        dims, told = ("chirp", "antenna", "range_m"), {**self.attributes, "units": "sqrt(W)"}
+        return labelled("range_profile", profile.profile, dims, axes, told)
+
+    @property
+    def spectrogram(self) -> xr.DataArray:
+        """Micro-Doppler spectrogram, power [dB re 1 W] (velocity_mps, time_s), positive speed = approaching."""
+        if self._spectrogram is None:
+            result = spectrogram(self.cube, self.radar, **{**self.processing, "mti": self._mti})
+            added = self.settings.get("background")
+            result = result if added is None else replace(result, power=background_power(result, added))
+            self._spectrogram = labelled_map("spectrogram", result, self.attributes)
+        return self._spectrogram
+
+    @property
+    def _mti(self) -> str:
+        """The filter that was asked for; by default "mean" where the scene has clutter, which it removes."""
+        return self.processing.get("mti") or ("mean" if self.settings.get("clutter", "none") != "none" else "none")
+
+    @property
+    def range_doppler(self) -> xr.DataArray:
+        """Range-Doppler map of the whole record, power [dB re 1 W] (velocity_mps, range_m)."""
+        return labelled_map("range_doppler", range_doppler(self.cube, self.radar), self.attributes)
+
+    @property
+    def paths(self) -> xr.Dataset:
+        """The paths to the targets, every 40 ms: delay, speed, level, directions, what each meets; worked out each time."""
+        return self.paths_at()
+
+    def paths_at(self, times_s: Any = None) -> xr.Dataset:
+        """As `paths`, at instants of the record (K,) [s]; docs/rooms.md explains the variables."""
+        return path_table(*self._set_up(times_s))
+
+    @property
+    def truth(self) -> xr.Dataset:
+        """Joints, segments and contacts of persons, range and speed of all targets, every 20 ms; worked out each time."""
+        return self.truth_at()
+
+    def truth_at(self, times_s: Any = None) -> xr.Dataset:
+        """As `truth`, at instants of the record (K,) [s]; docs/results-and-files.md explains the variables."""
+        return truth_table(*self._set_up(times_s))
+
+    def _set_up(self, times_s: Any) -> tuple[Model, Accuracy, np.ndarray | None]:
+        model = set_up_again(self.experiment, self.inputs).model
+        return model, self.accuracy or Accuracy(), checked_times(model, times_s)
+
+    def view(self, *others: Recording) -> Viewer:
+        """A page of body, room, paths and maps on one timeline, for a notebook or to `save`; of two recordings side by side."""
+        import t2d_rt
+
+        return t2d_rt.Viewer([self, *others])
+
+    def again(self, **options: Any) -> Recording:
+        """The same samples simulated anew, bit for bit on one machine; options are `simulate`'s device, memory_gb, progress."""
+        import t2d_rt
+
+        return t2d_rt.run(self, **options)
+
+    def processed(self, **changes: Any) -> Recording:
+        """The same recording with other options of `signal.spectrogram`."""
+        processing = {**self.processing, **{name: plain(value) for name, value in changes.items()}}
+        changed = Recording(
+            self.cube, self.radar, experiment=self.experiment, accuracy=self.accuracy, inputs=self.inputs, settings=self.settings,
+            versions=self.versions, processing=processing,
+        )  # fmt: skip
+        check_processing(self.radar, len(self.cube), changed.processing)
+        return changed
+
+    def with_background(
+        self, model: str | Path = "default", *, seed: int = 0, level_db: float | None = None
+    ) -> Recording:
+        """The same recording with a learned background in its spectrogram; its samples and other maps stay as they are.
+
+        model: "default", or a .safetensors file that t2d-rt background train wrote.
+        level_db: level of the background's noise floor, its median cell [dB re 1 W]; by default that of one of the recordings that
+            it was learned from.
+        """
+        changed = self.processed()
+        changed.settings["background"] = background_settings(
+            model, seed=seed, level_db=level_db, noisy=self.noise_dbm is not None, carrier_hz=self.radar.carrier_hz
+        )  # fmt: skip
+        return changed
+
+    @property
+    def range_time(self) -> xr.DataArray:
+        """Range over time after MTI, power [dB re 1 W] (range_m, time_s); its columns are those of the spectrogram."""
+        return labelled_map("range_time", self._maps.range_time(), self.attributes)
+
+    def range_doppler_at(self, time_s: float | None = None, *, interval_s: float | None = None) -> xr.DataArray:
+        """Range-Doppler map of one coherent interval, power [dB re 1 W] (velocity_mps, range_m); MTI by default where clutter is.
+
+        time_s: its middle; that of the record by default.
+        interval_s: its length; that of the spectrogram's windows by default.
+        """
+        result, middle_s, length_s = self._maps.range_doppler_at(time_s, interval_s)
+        return labelled_map("range_doppler", result, self.attributes).assign_attrs(time_s=middle_s, interval_s=length_s)
+
+    def range_angle(
+        self, time_s: float | None = None, *, interval_s: float | None = None, **options: Any
+    ) -> xr.DataArray:
+        """Range-azimuth map of one coherent interval after MTI, by an antenna array, power [dB re 1 W] (range_m, azimuth_rad), left
+        > 0; time and interval as of `range_doppler_at`, options as of `signal.range_angle`."""
+        result, middle_s, length_s = self._maps.range_angle(time_s, interval_s, options)
+        return labelled_map("range_angle", result, self.attributes).assign_attrs(time_s=middle_s, interval_s=length_s)
+
+    def point_cloud(self, **options: Any) -> PointCloud:
+        """Detections frame by frame: range, direction, speed, SNR; options as of `signal.point_cloud`."""
+        return point_cloud(self.cube, self.radar, **options)
+
+    @property
+    def _maps(self) -> Maps:
+        return Maps(cube=self.cube, radar=self.radar, processing=self.processing, mti=self._mti)
+
+    @overload
+    def plot(self, title: str | None = None, *, ax: None = None, **style: Unpack[StyleOptions]) -> Figure: ...
+    @overload
+    def plot(self, title: str | None = None, *, ax: Axes, **style: Unpack[StyleOptions]) -> Axes: ...
+    def plot(self, title: str | None = None, *, ax: Axes | None = None, **style: Unpack[StyleOptions]) -> Figure | Axes:
+        """Spectrogram as a figure; or in the axes `ax`, which are returned: a figure of several gets a constrained layout by it.
+
+        cmap: a colour map of Matplotlib.
+        dynamic_range_db: of the colours, below the peak; 50 by default.
+        limits_db: least and greatest level of the colours [dB re 1 W] instead, for pictures that are to be compared.
+        bar: whether a colour bar is drawn; a grid of pictures on one scale needs only one.
+        width_in: width of the figure [inch]: 3.5 for a column of a paper, 7 for its width.
+        """
+        note = None if self.error_db is None else f"measured error {self.error_db:.1f} dB"
+        return drawn(self.spectrogram, ax, title, note, style)
+
+    @overload
+    def plot_range_time(
+        self, title: str | None = None, *, ax: None = None, **style: Unpack[StyleOptions]
+    ) -> Figure: ...
+    @overload
+    def plot_range_time(self, title: str | None = None, *, ax: Axes, **style: Unpack[StyleOptions]) -> Axes: ...
+    def plot_range_time(
+        self, title: str | None = None, *, ax: Axes | None = None, **style: Unpack[StyleOptions]
+    ) -> Figure | Axes:
+        """`range_time` as a figure; options as of `plot`."""
+        return drawn(self.range_time, ax, title, None, style)
+
+    @overload
+    def plot_range_doppler(
+        self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None, ghosts: bool = False,
+        ax: None = None, **style: Unpack[StyleOptions],
+    ) -> Figure: ...  # fmt: skip
+    @overload
+    def plot_range_doppler(
+        self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None, ghosts: bool = False,
+        ax: Axes, **style: Unpack[StyleOptions],
+    ) -> Axes: ...  # fmt: skip
+    def plot_range_doppler(
+        self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None, ghosts: bool = False,
+        ax: Axes | None = None, **style: Unpack[StyleOptions],
+    ) -> Figure | Axes:  # fmt: skip
+        """`range_doppler_at` as a figure; options as of `plot`, and time and length of the interval [s].
+
+        ghosts: whether the strongest paths are marked at their ranges and speeds, with their names.
+        """
+        image = self.range_doppler_at(time_s, interval_s=interval_s)
+        paths = self.paths_at(image.attrs["time_s"]) if flag("ghosts", ghosts) else None
+        return drawn(image, ax, title, interval_told(image), style, paths)
+
+    def plot_range_angle(
+        self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None,
+        ax: Axes | None = None, **style: Unpack[StyleOptions],
+    ) -> Figure | Axes:  # fmt: skip
+        """`range_angle` as a figure; options as of `plot`, and time and length of the interval [s]."""
+        image = self.range_angle(time_s, interval_s=interval_s)
+        return drawn(image, ax, title, interval_told(image), style)
+
+    def plot_point_cloud(self, title: str | None = None, *, ax: Axes | None = None, **style: Any) -> Figure | Axes:
+        """`point_cloud` from above and from the side; in `ax` from above. `cmap` and `width_in` as of `plot`."""
+        from t2d_rt.plots import plot_point_cloud
+
+        found, plot = self.point_cloud(), cast(Any, plot_point_cloud)
+        return plot(found.xyz_m, found.speed_mps, ax=ax, title=title, **style)
+
+    def save(self, path: str | Path, *, overwrite: bool = False, figure: Figure | None = None) -> None:
+        """Write adc and spectrogram with all attributes to a zarr folder; a failure leaves things as they were.
+
+        With a `figure`, <name>.png beside it, both or neither.
+        """
+        target = file_path("path", path).resolve()
+        flag("overwrite", overwrite)
+        if figure is not None:
+            call("figure.savefig", getattr(figure, "savefig", None), "a method of a figure of Matplotlib")
+        picture = None if figure is None else target.with_suffix(".png")
+        check_free(target, overwrite=overwrite)
+
+        def check() -> None:
+            check_replaceable(target, overwrite=overwrite)
+            if picture is not None:
+                check_taken(picture, overwrite=overwrite)
+
+        with replacing(target, check) as new:
+            self._write(new)
+            if figure is not None and picture is not None:
+                figure.savefig(new.with_name(picture.name))
+
+    def export(self, path: str | Path, *, truth: bool = False, overwrite: bool = False) -> None:
+        """Write ADC cube, spectrogram, axes and attributes as one file for other programs; a failure changes nothing.
+
+        .mat for MATLAB takes cubes up to 2 GiB, .nc (NetCDF) up to 8 GiB, .h5 (HDF5, needs h5py) and .npz (NumPy) any.
+        truth: whether `truth` is written too, each of its arrays and axes with `truth_` before its name.
+        """
+        target = check_export(path, self.cube, overwrite=overwrite)
+        labelled = self._labelled_spectrogram()
+        if flag("truth", truth):
+            labelled = labelled.merge(prefixed(self.truth))
+        write_export(target, self.cube, labelled, self.attributes, overwrite=overwrite)
+
+    def _write(self, folder: Path) -> None:
+        labelled, adc = self._labelled_spectrogram(), self.adc
+        labelled.attrs = self.attributes
+        own = {"units": adc.attrs["units"], "coordinates": " ".join(map(str, adc.coords))}
+        write_folder(folder, self.cube, labelled, own, self.inputs)
+
+    def _labelled_spectrogram(self) -> xr.Dataset:
+        """The spectrogram, whose attributes are its units alone, with the axes of the samples."""
+        import xarray as xr
+
+        axes = {name: axis.variable for name, axis in self.adc.coords.items()}
+        data = xr.Dataset({"spectrogram": self.spectrogram}, coords=axes)
+        data.spectrogram.attrs = {"units": self.spectrogram.attrs["units"]}
+        return data
+
+    @classmethod
+    def load(cls, path: str | Path) -> Recording:
+        """Read what `save` wrote."""
+        source = file_path("path", path).resolve()
+        saved = read_folder(source)
+        known = {each.name: getattr(saved, each.name) for each in fields(saved)}
+        try:
+            return cls(**known)
+        except InputError:
+            raise
+        except Exception as error:  # attributes of any content
+            raise not_a_result(source, error) from error

@@ -1,0 +1,223 @@
+"""What a recording shows: joints, segments, contacts and visibility of each person, range and speed of each target, over time."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from t2d_rt.body.fit import fit
+from t2d_rt.body.segments import SEGMENTS, segment_of_faces
+from t2d_rt.body.template import template
+from t2d_rt.core.constants import unit_of
+from t2d_rt.geometry.vectors import edge_cross
+from t2d_rt.motion import track
+from t2d_rt.motion.contacts import SIDES, contacts
+from t2d_rt.motion.kinematics import poses_of
+from t2d_rt.pipeline.echo_model import Model, with_method
+from t2d_rt.pipeline.targets import segments, skin
+from t2d_rt.propagation.occluders import Occluders
+from t2d_rt.propagation.visibility import Occlusion
+from t2d_rt.recording.path_table import (
+    Nearby,
+    mean_range_m,
+    record_times,
+    reference_points,
+    seen_from_radar,
+    sight,
+    target_names,
+)
+from t2d_rt.types import Accuracy, Ellipsoids, Motion, MovingMesh, Radar
+from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+TRUTH_RATE_HZ = 50.0
+"""Rate where no times are given: a foot moves by some 8 cm from one instant to the next."""
+MADE_FOR = re.compile(r"made for .*, class (\w+), by ")
+"""How the origin of a motion that was made from a sentence begins. It is read from there because the origin is what edits, files of
+motions and stored experiments keep already; a field of its own would have to be carried through each of them."""
+
+XYZ = "forward", "left", "up"
+PARTS = "heel", "ball"
+OF_SEGMENTS = "range_m", "speed_mps", "azimuth_rad", "elevation_rad", "visible"
+TRUTH_COLUMNS: tuple[str, ...] = (
+    "time_s",
+    *(f"{joint}_{axis}_m" for joint in CANONICAL_JOINTS for axis in XYZ),
+    *(f"{segment}_{name}" for name in OF_SEGMENTS for segment in SEGMENTS),
+    *(f"{side}_{part}_stands" for side in SIDES for part in PARTS),
+)
+"""Columns of a person's truth as one table: time, the 22 joints, five figures of each segment, contacts (0 or 1)."""
+
+
+class Person(NamedTuple):
+    """A target that a skeleton moves."""
+
+    number: int
+    """Of the target."""
+    motion: Motion
+    body: str
+
+
+def truth_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = None) -> xr.Dataset:
+    """What the radar has before it at instants of the record (K,) [s]; every 20 ms by default.
+
+    Of all targets (target, time_s): `range_m`, `speed_mps` (positive = approaching), `azimuth_rad` (left > 0) and `elevation_rad`
+    of the reference point, the pelvis of a person. Of persons (person, time_s, ...): `joints_m` (joint, xyz), forward, left and up
+    from the radar; `segment_range_m`, `segment_speed_mps`, `segment_azimuth_rad` and `segment_elevation_rad` (segment) of the
+    middles of the body's 17 segments; `segment_visible` (segment), the fraction of what faces the radar that neither the body
+    itself, another target nor the scene hides; `contact` (foot, part), whether heel and ball of each foot stand; `activity`, what
+    the person does then, where the motion tells it, else "". Ranges and speeds are means over transmitters and receivers. A target
+    without joints, as a fan or a mesh, is no person. The coordinate `made_for` (person) is the class that all of a motion was made
+    for, "" of a file.
+    """
+    import xarray as xr
+
+    times_s = record_times(model.span_s, TRUTH_RATE_HZ) if times_s is None else times_s
+    nearby = Nearby.instants(times_s, model.span_s)
+    names, people = target_names(model.modelled), persons(model)
+    optional = [name for name in OPTIONAL_JOINTS if people and all(name in each.motion.names for each in people)]
+    joints = [*CANONICAL_JOINTS, *optional]
+    points = Nearby(*(reference_points(model, each) for each in nearby))
+    overall = _polar(model.radar, points, nearby.later - nearby.earlier)
+    data = xr.Dataset(
+        {
+            **{name: (("target", "time_s"), values) for name, values in overall.items()},
+            **_of_persons(model, people, joints, nearby),
+            "segment_visible": (("person", "time_s", "segment"), visible_fractions(model, accuracy, people, nearby.now)),
+        },
+        coords={
+            "time_s": times_s, "target": names, "person": [names[each.number] for each in people], "joint": joints,
+            "xyz": list(XYZ), "segment": list(SEGMENTS), "foot": list(SIDES), "part": list(PARTS),
+            "made_for": ("person", np.array([made_for(each.motion) for each in people], dtype=np.str_)),
+        },
+    )  # fmt: skip
+    for name, values in data.variables.items():
+        values.attrs["units"] = unit_of(str(name))
+    return data
+
+
+def person_rows(truth: xr.Dataset, person: int = 0) -> np.ndarray:
+    """The truth of one person as a table with the columns of `TRUTH_COLUMNS`, float32 (time, column)."""
+    own = truth.isel(person=person)
+    columns = [
+        truth.time_s.values[:, None],
+        own.joints_m.sel(joint=list(CANONICAL_JOINTS)).values.reshape(len(truth.time_s), -1),
+        *(own[f"segment_{name}"].values for name in OF_SEGMENTS),
+        own.contact.values.reshape(len(truth.time_s), -1),
+    ]
+    return np.concatenate(columns, axis=1).astype(np.float32)
+
+
+def prefixed(truth: xr.Dataset) -> xr.Dataset:
+    """The same with truth_ before the name of every variable and axis, beside a recording's own."""
+    return truth.rename({name: f"truth_{name}" for name in (*truth.variables, *truth.sizes)})
+
+
+def _of_persons(
+    model: Model, people: Sequence[Person], joints: Sequence[str], nearby_s: Nearby
+) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
+    """Joints, contacts, and the segments' places and speeds."""
+    at = Nearby(*(np.clip(model.span_s[0] + each, *model.span_s) for each in nearby_s))
+    shape = len(people), len(at.now)
+    middles = Nearby(*(np.zeros((*shape, len(SEGMENTS), 3)) for _ in at))
+    places, stands = np.zeros((*shape, len(joints), 3)), np.zeros((*shape, 2, 2), bool)
+    does: list[np.ndarray] = []
+    for row, (_, motion, body) in enumerate(people):
+        own = track(motion)(at.now)[0][:, [motion.index(name) for name in joints]]
+        places[row] = (own - np.asarray(model.radar.position_m)) @ model.radar.axes.T
+        limbs = segments(motion, body)
+        for each, some_s in zip(middles, at, strict=True):
+            each[row] = limbs.at(some_s)[0]
+        frames = np.clip(np.rint(at.now * motion.rate_hz).astype(int), 0, len(motion.joints) - 1)
+        stands[row] = contacts(poses_of(motion))[frames]
+        does.append(motion.activity_at(at.now))
+    limbs_polar = _polar(model.radar, middles, (nearby_s.later - nearby_s.earlier)[:, None])
+    return {
+        "joints_m": (("person", "time_s", "joint", "xyz"), places),
+        **{f"segment_{name}": (("person", "time_s", "segment"), values) for name, values in limbs_polar.items()},
+        "contact": (("person", "time_s", "foot", "part"), stands),
+        "activity": (("person", "time_s"), np.array(does, np.str_).reshape(shape)),
+    }
+
+
+def persons(model: Model) -> list[Person]:
+    """The targets that a skeleton moves: motions, and the meshes and ellipsoids that `skin` and `segments` made of them."""
+    found = []
+    for number, source in enumerate(model.targets):
+        if isinstance(source, Motion):
+            found.append(Person(number, source, model.body))
+        elif isinstance(source, (MovingMesh, Ellipsoids)) and source.made and source.made.by in ("skin", "segments"):
+            arguments: Mapping[str, Any] = source.made.arguments
+            found.append(Person(number, arguments["motion"], arguments["body"]))
+    return found
+
+
+def made_for(motion: Motion) -> str:
+    """The class that a motion was made for; "" where its origin tells none."""
+    found = MADE_FOR.match(motion.origin[0]) if motion.origin else None
+    return found[1] if found else ""
+
+
+def _polar(radar: Radar, points: Nearby, apart_s: np.ndarray) -> dict[str, np.ndarray]:
+    """Range, speed and direction of points (..., 3) whose earlier and later places are that much time apart."""
+    ranges = Nearby(*(mean_range_m(radar, each) for each in points))
+    azimuth, elevation = seen_from_radar(radar, points.now - np.asarray(radar.position_m))
+    return {
+        "range_m": ranges.now, "speed_mps": (ranges.earlier - ranges.later) / apart_s, "azimuth_rad": azimuth,
+        "elevation_rad": elevation,
+    }  # fmt: skip
+
+
+def visible_fractions(model: Model, accuracy: Accuracy, people: Sequence[Person], at_s: np.ndarray) -> np.ndarray:
+    """Of what of each segment faces the radar, the fraction that is not hidden, (person, K, segment), at times [s] (K,): by the
+    projected area of the skin's faces, over the lines of sight of transmitters and receivers. Where these are apart, the area is
+    the geometric mean of those seen from both. A segment of which nothing faces the radar is 0: it hides itself."""
+    found = np.zeros((len(people), len(at_s), len(SEGMENTS)))
+    if not people:
+        return found
+    skinned = with_method(model, "mesh")
+    fast = skinned.fast_rotating(accuracy)
+    meshes = {k: mesh for k, mesh in enumerate(skinned.geometries) if isinstance(mesh, MovingMesh) and not fast[k]}
+    meshes |= {each.number: skin(each.motion, each.body) for each in people if each.number not in meshes}
+    occluders, order, owners = Occluders(list(meshes.values())), list(meshes), [_owners(each) for each in people]
+    views = [
+        Occlusion(
+            occluders, view, samples_s=at_s, backend=model.backend,
+            unblocked=None if model.scene is None else partial(model.blockage.fraction, sight(model.radar, end)),
+        )
+        for end, view in enumerate(model.radar.views_m)
+    ]  # fmt: skip
+    at_once = occluders.instants(at_s)
+    for first in range(0, len(at_s), at_once):
+        some_s = at_s[first : first + at_once]
+        seen = [occluders.split(view.traced(some_s)) for view in views]
+        for row, person in enumerate(people):
+            mesh = meshes[person.number]
+            for k, posed in enumerate(mesh.at(some_s)):
+                corners = posed[mesh.faces]
+                facing = projected_areas(corners, model.radar.views_m)
+                free = np.prod([each[order.index(person.number)][k][mesh.faces].mean(axis=1) for each in seen], axis=0)
+                whole, visible = (np.bincount(owners[row], each, len(SEGMENTS)) for each in (facing, facing * free))
+                found[row, first + k] = visible / np.maximum(whole, 1e-12)
+    return found
+
+
+def _owners(person: Person) -> np.ndarray:
+    """The segment of each face of the skin."""
+    return segment_of_faces(fit(template(person.body), person.motion))
+
+
+def projected_areas(corners: np.ndarray, places: Sequence[np.ndarray]) -> np.ndarray:
+    """Twice the area of triangles (F, 3, 3) as seen from a place, in the geometric mean over the places: 0 of those that show their
+    back to one of them, (F,)."""
+    seen = []
+    for place in places:
+        ahead = place - corners.mean(axis=1)
+        across = np.einsum("fi,fi->f", edge_cross(corners), ahead) / np.linalg.norm(ahead, axis=1)
+        seen.append(np.maximum(across, 0.0))
+    return np.prod(seen, axis=0) ** (1 / len(seen))
