@@ -54,7 +54,7 @@ $(STAMP): pyproject.toml
 	@test -x $(PY) || $(PYTHON) -c 'import ensurepip' 2>/dev/null || $(MAKE) --no-print-directory install-venv
 	test -x $(PY) || $(PYTHON) -m venv .venv
 	$(PY) -m pip install --quiet --disable-pip-version-check -e .
-	@$(PY) -c 'from t2d_rt.backend import require_llvm; require_llvm()' 2>/dev/null || $(MAKE) --no-print-directory install-llvm
+	@$(PY) -c 'from t2d_rt.core.backend import require_llvm; require_llvm()' 2>/dev/null || $(MAKE) --no-print-directory install-llvm
 	@touch $@
 
 # What pip does not bring: LLVM, and on Debian and Ubuntu the part of Python that makes virtual environments.

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 import stat
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -105,6 +107,23 @@ def test_ffmpeg_makes_an_mp4(walker: t2d.Recording, tmp_path: Path, monkeypatch:
     with pytest.raises(InputError, match=r"ffmpeg cannot write .*walk.mp4 \(no codec\); write a .gif"):
         t2d.animate(walker, tmp_path / "walk.mp4", width_px=400, frames_hz=10, overwrite=True)
     assert (tmp_path / "walk.mp4").stat().st_size == 5 * 400 * 176 * 3  # what was there
+
+
+def test_an_mp4_by_a_real_ffmpeg_holds_the_pictures_of_the_gif(walker: t2d.Recording, tmp_path: Path) -> None:
+    if shutil.which("ffmpeg") is None:
+        pytest.skip("no ffmpeg is installed, which alone writes MP4 files")
+    for name in ("walk.mp4", "walk.gif"):
+        t2d.animate(walker, tmp_path / name, width_px=400, frames_hz=10)
+    assert (tmp_path / "walk.mp4").read_bytes()[4:8] == b"ftyp"
+    command = ["ffmpeg", "-loglevel", "error", "-i", "walk.mp4", "-f", "rawvideo", "-pix_fmt", "rgb24", "walk.rgb"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    film = np.fromfile(tmp_path / "walk.rgb", np.uint8).reshape(-1, 176, 400, 3).astype(int)
+    expected = np.stack(frames(tmp_path / "walk.gif"))
+    assert film.shape == expected.shape
+    own = [np.abs(each - other).mean() for each, other in zip(film, expected, strict=True)]
+    others = [np.abs(each - other).mean() for each, other in zip(film[1:], expected[:-1], strict=True)]
+    assert max(own) < 6  # of 255: a GIF has 256 colours, a film half as many of them across and down
+    assert max(own) < min(others)
 
 
 def test_frames_go_to_ffmpeg_one_by_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

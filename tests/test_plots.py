@@ -6,7 +6,7 @@ import io
 import math
 import pickle
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,7 +15,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
+from builders import small_room
 from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.plots import plot_scene
 from t2d_rt.recording.recording import Recording
 from t2d_rt.signal import coherent_interval, range_doppler, range_time, spectrogram
 from t2d_rt.types import Radar
@@ -280,6 +282,22 @@ def test_a_column_of_a_paper(walker: Recording, kind: str, size: tuple[float, fl
 def test_what_cannot_be_drawn(walker: Recording, kind: str, options: dict[str, Any], sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         getattr(walker, kind)(**options)
+
+
+def test_a_scene_is_drawn_into_axes_of_ones_own() -> None:
+    figure = Figure(figsize=(9, 4))
+    own = figure.subplots(1, 2)[1]
+    options: Any = {"paths_m": [("over the wall", np.array([[0, 0, 1], [2, 1.5, 1], [3, 0, 1]]))], "title": "mine"}
+    assert plot_scene(small_room(), np.array([0.0, 0.5, 1.0]), ax=own, **options) is own
+    assert (own.get_title(), own.get_xlabel(), own.get_ylabel()) == ("mine", "x [m]", "y [m]")
+    assert [text.get_text() for text in own.get_legend().get_texts()] == ["over the wall", "radar"]
+    path, radar = own.lines
+    assert (path.get_xdata().tolist(), radar.get_ydata().tolist()) == ([0, 2, 3], [0.5])
+    assert len(figure.axes) == 2
+    plan, view = plot_scene(small_room(), np.array([0.0, 0.5, 1.0]), **options).axes
+    assert (view.name, [len(axes.collections) for axes in (plan, view)]) == ("3d", [len(own.collections)] * 2)
+    with pytest.raises(InputError, match="ax must be axes of a figure of Matplotlib, got 3"):
+        plot_scene(small_room(), np.zeros(3), ax=cast(Any, 3))
 
 
 def test_one_column_is_drawn_with_a_width_and_told() -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
+from typing import TYPE_CHECKING, Any, Literal, Unpack, cast, overload
 
 import numpy as np
 
@@ -223,53 +223,68 @@ def plot_point_cloud(
     return figure
 
 
+@overload
 def plot_scene(
-    scene: Scene,
-    radar_m: np.ndarray,
-    *,
-    paths_m: Sequence[tuple[str, np.ndarray]] = (),
-    track_m: np.ndarray | None = None,
-    title: str | None = None,
-) -> Figure:
-    """A room from above and in three dimensions: its surfaces without the ceiling, the radar, paths (name, points (P, 3)), and a
-    target's track (K, 3)."""
-    from matplotlib.collections import LineCollection
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
-
+    scene: Scene, radar_m: np.ndarray, *, ax: None = None, paths_m: Sequence[tuple[str, np.ndarray]] = (),
+    track_m: np.ndarray | None = None, title: str | None = None,
+) -> Figure: ...  # fmt: skip
+@overload
+def plot_scene(
+    scene: Scene, radar_m: np.ndarray, *, ax: Axes, paths_m: Sequence[tuple[str, np.ndarray]] = (),
+    track_m: np.ndarray | None = None, title: str | None = None,
+) -> Axes: ...  # fmt: skip
+def plot_scene(
+    scene: Scene, radar_m: np.ndarray, *, ax: Axes | None = None, paths_m: Sequence[tuple[str, np.ndarray]] = (),
+    track_m: np.ndarray | None = None, title: str | None = None,
+) -> Figure | Axes:  # fmt: skip
+    """A room from above and in three dimensions, or in axes of the user's from above alone: its surfaces without the ceiling, the
+    radar, paths (name, points (P, 3)), and a target's track (K, 3)."""
     instance("scene", scene, Scene, "a Scene", hint="load_scene reads one")
     radar_m = array("radar_m", radar_m, (3,), limit=LARGEST_M, unit="m")
     if track_m is not None:
         track_m = array("track_m", track_m, ("time", 3), limit=LARGEST_M, unit="m")
-    figure = blank_figure(11.0, 4.8)
-    plan, view = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2, projection="3d")
-    top = scene.bounds_m[1][2]
-    for surface in scene.surfaces:
-        edges = outline(surface)
-        if not len(edges) or (surface.vertices[:, 2] > top - 1e-3).all():
-            continue
-        hue = "black" if surface.name.startswith(("wall", "floor")) else "0.6"
-        plan.add_collection(LineCollection(edges[:, :, :2].tolist(), colors=hue, linewidths=1.2))
-        view.add_collection3d(Line3DCollection(edges.tolist(), colors=hue, linewidths=0.7))
-    for number, (name, points) in enumerate(_checked_paths(paths_m)):
-        colour = f"C{number % 10}"
-        plan.plot(points[:, 0], points[:, 1], color=colour, linewidth=0.9, label=name)
-        view.plot(*points.T, color=colour, linewidth=0.9)
-    if track_m is not None:
-        plan.plot(track_m[:, 0], track_m[:, 1], color="black", linewidth=2.5, label="track")
-        view.plot(*track_m.T, color="black", linewidth=2.5)
-    plan.plot(*radar_m[:2], marker="^", color="red", markersize=9, linestyle="none", label="radar")
-    view.plot(*radar_m[:, None], marker="^", color="red", markersize=7, linestyle="none")
+    paths_m = _checked_paths(paths_m)
+    figure = None if ax is not None else blank_figure(11.0, 4.8)
+    plan: Any = checked_axes(ax) if figure is None else figure.add_subplot(1, 2, 1)
+    _draw_scene(plan, 2, scene, radar_m, paths_m, track_m)
     plan.set_aspect("equal")
     plan.autoscale_view()
-    extent = scene.bounds_m[1] - scene.bounds_m[0]
-    view.set_box_aspect(np.maximum(extent, 0.01 * extent.max()))  # one wall alone has no depth
-    view.set_zlabel("z [m]")
-    for axes, head in ((plan, title), (view, None)):
-        label_axes(axes, "x [m]", "y [m]", head)
+    label_axes(plan, "x [m]", "y [m]", title)
     legend = plan.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=7, frameon=False)
     for each in legend.get_texts():
         each.set_parse_math(False)
+    if figure is None:
+        return cast("Axes", plan)
+    view: Any = figure.add_subplot(1, 2, 2, projection="3d")
+    _draw_scene(view, 3, scene, radar_m, paths_m, track_m)
+    extent = scene.bounds_m[1] - scene.bounds_m[0]
+    view.set_box_aspect(np.maximum(extent, 0.01 * extent.max()))  # one wall alone has no depth
+    view.set_zlabel("z [m]")
+    label_axes(view, "x [m]", "y [m]", None)
     return figure
+
+
+def _draw_scene(
+    axes: Any, dims: int, scene: Scene, radar_m: np.ndarray, paths_m: list[tuple[str, np.ndarray]], track_m: np.ndarray | None
+) -> None:  # fmt: skip
+    """Its lines into axes of two or three dimensions."""
+    from matplotlib.collections import LineCollection
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
+
+    lines, add, width = (
+        (LineCollection, axes.add_collection, 1.2) if dims == 2 else (Line3DCollection, axes.add_collection3d, 0.7)
+    )
+    for surface in scene.surfaces:
+        edges = outline(surface)
+        if not len(edges) or (surface.vertices[:, 2] > scene.bounds_m[1][2] - 1e-3).all():
+            continue
+        hue = "black" if surface.name.startswith(("wall", "floor")) else "0.6"
+        add(lines(edges[:, :, :dims].tolist(), colors=hue, linewidths=width))
+    for number, (name, points) in enumerate(paths_m):
+        axes.plot(*points.T[:dims], color=f"C{number % 10}", linewidth=0.9, label=name)
+    if track_m is not None:
+        axes.plot(*track_m.T[:dims], color="black", linewidth=2.5, label="track")
+    axes.plot(*radar_m[:dims, None], marker="^", color="red", markersize=8, linestyle="none", label="radar")
 
 
 def _checked_paths(paths_m: Any) -> list[tuple[str, np.ndarray]]:

@@ -44,6 +44,11 @@ def load_recording(
                 f"lanes, iq and conjugate are those of measured samples, and {source} is a result; leave them out"
             )
         return Recording.load(source)
+    if not source.exists():
+        raise InputError(
+            f"cannot read recording {source}: there is none of that name; give the .zarr folder that simulate wrote, or measured "
+            "samples (.npy, or .bin of a DCA1000)"
+        )
     raw = source.suffix.lower() == ".bin"
     if raw != (lanes is not None):
         raise InputError(

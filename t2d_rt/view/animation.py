@@ -24,7 +24,7 @@ from t2d_rt.plots.canvas import Style, blank_figure
 from t2d_rt.plots.figures import VELOCITY_LABEL, draw_map, outline
 from t2d_rt.recording.path_table import STEP_S, mean_range_m
 from t2d_rt.recording.recording import Recording
-from t2d_rt.view.contact_sheet import samples_of
+from t2d_rt.view.contact_sheet import OVERSAMPLING, drawn_into, samples_of, unit_normals
 
 if TYPE_CHECKING:
     from t2d_rt.pipeline.echo_model import Model
@@ -40,7 +40,6 @@ LIGHT = np.array([0.3, 0.75, 0.6])
 """Direction to the light in the picture's frame: right, towards the camera, up."""
 CAMERA_DEG = 32.0, 14.0
 """Where the camera stands: about the vertical from the radar's side of the targets, and up."""
-OVERSAMPLING = 2
 MOST_FRAMES = 1500
 """Pictures of one animation: those of a GIF are held in memory."""
 FADED = 0.72
@@ -232,23 +231,15 @@ def _pictures(
     scale = 0.96 * min(wide / (high[0] - low[0]), tall / (high[2] - low[2]))
     middle = (low + high) / 2
     reach = max(-speeds[0], speeds[1])
-    spacing_m = 1.0 / scale
+    origin = wide / 2 - middle[0] * scale, tall / 2 + middle[2] * scale
     for place, speed, time_s in zip(stage.places, stage.speeds_mps, times_s, strict=True):
         corners = place[stage.faces]
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-        shade = 0.5 + 0.5 * np.abs(normal @ (LIGHT / np.linalg.norm(LIGHT)))
+        shade = 0.5 + 0.5 * np.abs(unit_normals(corners) @ (LIGHT / np.linalg.norm(LIGHT)))
         mean_speed = speed[stage.faces].mean(axis=1)
         colours = colormaps[SPEEDS](0.5 + 0.5 * mean_speed / reach)[:, :3] * shade[:, None]
-        points, owner = samples_of(corners, spacing_m)
+        points, owner = samples_of(corners, 1.0 / scale)
         points, shown = np.concatenate([stage.fixed, points]), np.concatenate([stage.fixed_colours, colours[owner]])
-        column = np.floor((points[:, 0] - middle[0]) * scale + wide / 2).astype(int)
-        row = np.floor(tall / 2 - (points[:, 2] - middle[2]) * scale).astype(int)
-        inside = (column >= 0) & (column < wide) & (row >= 0) & (row < tall)
-        order = np.argsort(points[inside, 1], kind="stable")  # far first: near ones are drawn over them
-        drawn = np.full((tall, wide, 3), PAPER)
-        drawn[row[inside][order], column[inside][order]] = shown[inside][order]
-        small = drawn.reshape(bottom - top, OVERSAMPLING, right - left, OVERSAMPLING, 3).mean(axis=(1, 3))
+        small = drawn_into(np.full((tall, wide, 3), PAPER), points, shown, scale, origin)
         picture = base.copy()
         picture[top:bottom, left:right] = np.round(255 * small)
         yield _with_cursor(picture, chart, time_s)

@@ -123,17 +123,30 @@ def cell_image(vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray, siz
     image[floor : floor + OVERSAMPLING] = LINE
     middle = 0.5 * (vertices[:, 0].min() + vertices[:, 0].max())
     corners = vertices[faces]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    normal = unit_normals(corners)
     seen = normal[:, 1] > 0
     shade = 0.45 + 0.55 * np.clip(normal[seen] @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)
     points, face = samples_of(corners[seen], 1.0 / scale)
-    column = np.floor((points[:, 0] - middle) * scale + width / 2).astype(int)
-    row = np.floor(floor - points[:, 2] * scale).astype(int)
+    return drawn_into(image, points, (colours[seen] * shade[:, None])[face], scale, (width / 2 - middle * scale, floor))
+
+
+def unit_normals(corners: np.ndarray) -> np.ndarray:
+    """Of triangles (F, 3, 3), (F, 3); 0 of one without area."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+
+
+def drawn_into(
+    image: np.ndarray, points: np.ndarray, colours: np.ndarray, scale: float, origin: tuple[float, float]
+) -> np.ndarray:
+    """Points (N, 3), right, toward the camera, up [m], into an image (height, width, 3) of `scale` pixels a metre whose column and
+    row of the point 0 are `origin`; the image with a pixel for each square of OVERSAMPLING."""
+    height, width = image.shape[:2]
+    column = np.floor(origin[0] + points[:, 0] * scale).astype(int)
+    row = np.floor(origin[1] - points[:, 2] * scale).astype(int)
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
     order = np.argsort(points[inside, 1], kind="stable")  # far first: near ones are drawn over them
-    lit = (colours[seen] * shade[:, None])[face[inside][order]]
-    image[row[inside][order], column[inside][order]] = lit
+    image[row[inside][order], column[inside][order]] = colours[inside][order]
     return image.reshape(height // OVERSAMPLING, OVERSAMPLING, width // OVERSAMPLING, OVERSAMPLING, 3).mean(axis=(1, 3))
 
 

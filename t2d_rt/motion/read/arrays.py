@@ -111,7 +111,8 @@ def samples_of(found: Any, what: str, dims: tuple[int, ...]) -> np.ndarray:
     """Real numbers as float64 of one of some numbers of dimensions, NaN where they are absurd; leading dimensions of 1 too many are
     dropped."""
     if not (np.issubdtype(found.dtype, np.floating) or np.issubdtype(found.dtype, np.integer)):
-        raise InputError(f"{what} must hold real numbers, got {shown(found)}")
+        hint = "; a radar's samples are no motion, load_recording reads them" if np.iscomplexobj(found) else ""
+        raise InputError(f"{what} must hold real numbers, got {shown(found)}{hint}")
     while found.ndim > max(dims) and found.shape[0] == 1:
         found = found[0]
     if found.ndim not in dims or not found.size:
