@@ -7,6 +7,8 @@ import numpy as np
 from t2d_rt.learn.maps import LabelledMaps
 
 CLASSES = "slow", "middle", "fast"
+SPEEDS, TIMES = 64, 32
+"""Cells of `two_radars`."""
 
 
 def ridges(count: int, *, seed: int = 0, size: tuple[int, int] = (32, 32)) -> LabelledMaps:
@@ -24,4 +26,24 @@ def ridges(count: int, *, seed: int = 0, size: tuple[int, int] = (32, 32)) -> La
         levels=np.maximum(levels, -60), labels=labels, classes=CLASSES,
         groups={"event": np.array([str(k // 2) for k in range(count)])},
         velocity_mps=velocity, duration_s=5.0, names=tuple(map(str, range(count))),
+    )  # fmt: skip
+
+
+def two_radars(per_class: int = 6, *, seed: int = 0, gain_db: float = 15.0, extent: int = 0) -> LabelledMaps:
+    """Events by two radars: class 0 lights slow bins, class 1 fast ones; the second radar sees the other sign."""
+    rng = np.random.default_rng(seed)
+    levels, labels, events = [], [], []
+    for event in range(2 * per_class):
+        label = event % 2
+        for sign in (1, -1):
+            found = rng.normal(0, 1, (SPEEDS, TIMES))
+            first = 32 + sign * (6 + 8 * label + extent)
+            found[min(first, 32) : max(first, 32), 8:24] += gain_db
+            levels.append(found - found.max())
+            labels.append(label)
+            events.append(f"event {event}")
+    return LabelledMaps(
+        levels=np.array(levels), labels=np.array(labels), classes=("slow", "fast"),
+        groups={"event": np.array(events), "radar": np.array(["a", "b"] * (2 * per_class))},
+        velocity_mps=np.linspace(-3.1, 3.1, SPEEDS), duration_s=3.0, names=tuple(str(n) for n in range(len(levels))),
     )  # fmt: skip

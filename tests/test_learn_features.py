@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from t2d_rt.core.errors import InputError
-from t2d_rt.learn.baselines import baseline_probabilities, features
+from t2d_rt.learn.baselines import Centroids, baseline_probabilities, features
 from t2d_rt.learn.baselines.bands import EDGES_MPS, RATES_HZ, band_features
 from t2d_rt.learn.baselines.course import Lines, course
 from t2d_rt.learn.maps import LabelledMaps
@@ -131,3 +131,8 @@ def test_noise_alone_has_finite_features_at_any_size() -> None:
     silent[8, 0] = 0
     for kind in (features, band_features):
         assert np.isfinite([*kind(silent, np.linspace(-5, 5, 16), 2.0).values()]).all()
+
+
+def test_a_centroid_of_one_sample_per_class_is_still_one() -> None:
+    found = Centroids.of(np.array([[0.0, 1.0], [1.0, 1.0]]), np.array([0, 1]))
+    np.testing.assert_array_equal(found.labels(np.array([[0.1, 1.0], [0.9, 1.0]])), [0, 1])

@@ -106,7 +106,7 @@ sys.exit(main(["train", "somewhere", "-o", "out"]))
     program = """
 import sys
 sys.modules["torch"] = None
-from t2d_rt.learn.transfer import run_transfer
+from t2d_rt.learn import fine_tune
 """
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
-    assert "InputError: transfer needs PyTorch, which is not installed" in run.stderr
+    assert "InputError: fine-tuning needs PyTorch, which is not installed" in run.stderr

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import t2d_rt.learn
 from dataset_folder import recipe, write_dataset
 from learn_maps import ridges
 from t2d_rt.cli import main
@@ -312,15 +313,12 @@ def interrupt(_: float) -> None:
 def test_learning_without_torch_names_the_extra(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("t2d_rt.learn.require.find_spec", lambda name: None if name == "torch" else name)
-    for each in [name for name in sys.modules if name.startswith("t2d_rt.learn.transfer")]:
-        monkeypatch.delitem(sys.modules, each)
+    monkeypatch.setattr("t2d_rt.learn.pytorch.find_spec", lambda name: None if name == "torch" else name)
+    monkeypatch.delitem(sys.modules, "t2d_rt.learn.fine_tuning", raising=False)
     monkeypatch.setitem(sys.modules, "torch", None)
-    commands = (
-        ("train", "data"), ("evaluate", "data", "--model", str(tmp_path)), ("benchmark", "models"), ("gap", "twins", "real"),
-        ("transfer", "study", "real", "twins"),
-    )  # fmt: skip
-    for words in commands:
+    with pytest.raises(InputError, match=r"fine-tuning needs PyTorch.* pip install -e '.\[learn\]'"):
+        t2d_rt.learn.fine_tune  # noqa: B018
+    for words in (("train", "data"), ("evaluate", "data", "--model", str(tmp_path))):
         (tmp_path / WEIGHTS).touch()
         (tmp_path / CARD).touch()
         code, err = run(capsys, *words, "-o", str(tmp_path / "out.md"))
@@ -354,3 +352,8 @@ def test_splits_that_are_not_there_or_leave_a_side_empty(
     assert code == 2
     assert "the split leaves val empty" in err
     assert not (tmp_path / "out").exists()
+
+
+def test_studies_that_moved_tell_where() -> None:
+    with pytest.raises(ImportError, match=r"t2d_rt\.learn\.twins is validation\.studies\.twins now"):
+        from t2d_rt.learn import twins  # noqa: F401

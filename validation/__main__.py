@@ -1,4 +1,5 @@
-"""The slow validation: `python -m validation` runs all sections, `python -m validation rcs moving` some of them."""
+"""The slow validation: `python -m validation` runs all sections, `python -m validation rcs moving` some of them, and
+`python -m validation study NAME` a study of `validation/studies`."""
 
 from __future__ import annotations
 
@@ -26,6 +27,10 @@ SECTIONS = {
 
 def main(names: list[str]) -> int:
     """Exit code: 0 if all limits are met."""
+    if names[:1] == ["study"]:
+        from validation.studies import main as study
+
+        return study(names[1:])
     unknown = [name for name in names if name not in SECTIONS]
     if unknown:
         print(f"unknown section {unknown[0]}; choose from {', '.join(SECTIONS)}", file=sys.stderr)

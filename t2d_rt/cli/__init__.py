@@ -27,23 +27,23 @@ if TYPE_CHECKING:
 
 COMMANDS = (
     "simulate", "plan", "compare", "sweep", "plot", "scene", "paths", "view", "describe", "motion", "check-motion", "library",
-    "dataset", "background", "train", "evaluate", "predict", "benchmark", "transfer", "gap", "info", "export", "list",
+    "dataset", "background", "train", "evaluate", "predict", "info", "export", "list",
 )  # fmt: skip
 
 OWN_MODULES = (
     "sweep", "plot", "paths", "view", "describe", "motion", "check-motion", "library", "dataset", "background", "train", "evaluate",
-    "predict", "benchmark", "transfer", "gap",
+    "predict",
 )  # fmt: skip
 """Commands with a module of their own: its `parser` makes the options, its `run` does what they say."""
 
 CONFIGURABLE = "simulate", "plan", "compare", "sweep", "scene", "paths"
 """Those that take --config, and --radar with fields that override it."""
 
-SEVERAL_FILES = (
-    "compare", "view", "check-motion", "library", "dataset", "background", "train", "evaluate", "predict", "benchmark", "transfer",
-    "gap",
-)  # fmt: skip
+SEVERAL_FILES = "compare", "view", "check-motion", "library", "dataset", "background", "train", "evaluate", "predict"
 """Those that take more than one file."""
+
+STUDIES = {"benchmark": "benchmark (or fidelity, conditions)", "transfer": "transfer (or twins)", "gap": "gap"}
+"""Commands that were, each with the study that does the same."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -139,6 +139,10 @@ def _command(name: str) -> tuple[ArgumentParser, Callable[[Namespace], int | Non
         "export": (options.export_parser, commands.export_command),
         "list": (options.list_parser, commands.list_command),
     }
+    if name in STUDIES:
+        raise InputError(
+            f"{name} is a study now and no command; run python -m validation study {STUDIES[name]} in a clone of t2d-rt"
+        )
     if name not in COMMANDS:
         raise unknown_name("command", name, COMMANDS, hint=" (t2d-rt --help)")
     if name in OWN_MODULES:
@@ -168,9 +172,6 @@ def _overview() -> str:
         "  t2d-rt train DATA      Trains a classifier on a data set's spectrograms.\n"
         "  t2d-rt evaluate DATA   Tests a trained classifier on a data set.\n"
         "  t2d-rt predict FILE    Tells what a person does in a recording, over time, with probabilities.\n"
-        "  t2d-rt benchmark WHAT  Compares all models on Simple and Hard, or what ellipsoids, mesh, noise and room are worth.\n"
-        "  t2d-rt transfer DO     Makes simulated twins of real recordings, and tells what learning from them first is worth.\n"
-        "  t2d-rt gap TWINS REAL  Tells how simulated maps differ from real ones, before any training.\n"
         "  t2d-rt info FILE       Tells what a motion, a result or a radar file holds.\n"
         "  t2d-rt export FILE     Writes a result as one file for MATLAB (.mat), HDF5 (.h5), NetCDF (.nc) or NumPy (.npz).\n"
         "  t2d-rt list [WHAT]     Lists names that the commands take: presets, scenes, bodies, movers and motions.\n\n"

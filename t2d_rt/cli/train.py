@@ -89,7 +89,7 @@ def parser() -> ArgumentParser:
 
 def run(options: Namespace) -> None:
     """Trains, then tests on the side that was kept apart."""
-    from t2d_rt.learn.require import require_learning
+    from t2d_rt.learn.pytorch import require_learning
 
     require_learning()
     from t2d_rt.dataset import Dataset

@@ -1,4 +1,7 @@
-"""Classifiers of micro-Doppler spectrograms: models, training, evaluation and benchmarks. Most of it needs the extra [learn]."""
+"""Classifiers of micro-Doppler spectrograms: models, training, fine-tuning, evaluation, prediction, and readers of real recordings.
+
+Most of it needs the extra [learn].
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from t2d_rt.learn.fine_tuning import STRATEGIES, Events, fine_tune, labels_of, pretrain
     from t2d_rt.learn.maps import LabelledMaps, maps_of
     from t2d_rt.learn.models import build, count, model_names
     from t2d_rt.learn.train import (
@@ -23,6 +27,7 @@ if TYPE_CHECKING:
 
 # Everything loads when first used: PyTorch takes seconds.
 _HOMES = {
+    "t2d_rt.learn.fine_tuning": ("STRATEGIES", "Events", "fine_tune", "labels_of", "pretrain"),
     "t2d_rt.learn.maps": ("LabelledMaps", "maps_of"),
     "t2d_rt.learn.models": ("build", "count", "model_names"),
     "t2d_rt.learn.train": (
@@ -34,12 +39,19 @@ _HOMES = {
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "Augment", "Ensemble", "LabelledMaps", "Prediction", "SavedModel", "Scores", "TrainOptions", "build", "count", "load_model",
-    "maps_of", "model_names", "predict", "scores_of", "sides_of", "train_model",
+    "STRATEGIES", "Augment", "Ensemble", "Events", "LabelledMaps", "Prediction", "SavedModel", "Scores", "TrainOptions", "build",
+    "count", "fine_tune", "labels_of", "load_model", "maps_of", "model_names", "predict", "pretrain", "scores_of", "sides_of",
+    "train_model",
 ]  # fmt: skip
 
 
+STUDIES = "benchmark", "fidelity", "gap", "transfer", "twins"
+"""Modules that were here, and are studies now."""
+
+
 def __getattr__(name: str) -> Any:
+    if name in STUDIES:
+        raise ImportError(f"t2d_rt.learn.{name} is validation.studies.{name} now, in a clone of t2d-rt")
     if name not in _HOME:
         raise AttributeError(f"module 't2d_rt.learn' has no attribute '{name}'")
     return getattr(import_module(_HOME[name]), name)

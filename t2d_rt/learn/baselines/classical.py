@@ -8,7 +8,7 @@ from t2d_rt.core.checks import unknown_name
 from t2d_rt.learn.baselines.features import check_steps, features
 from t2d_rt.learn.baselines.nearest_centroid import Centroids
 from t2d_rt.learn.maps import LabelledMaps
-from t2d_rt.learn.require import require_learning
+from t2d_rt.learn.pytorch import require_learning
 
 BASELINES = "gradient-boosting", "nearest-centroid"
 

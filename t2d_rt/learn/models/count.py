@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from t2d_rt.learn.require import require_learning
+from t2d_rt.learn.pytorch import require_learning
 
 if TYPE_CHECKING:
     from torch import nn

@@ -11,7 +11,7 @@ from t2d_rt.core.checks import integer, unknown_name
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.plugins import loaded, plugins
 from t2d_rt.learn.maps import checked_size
-from t2d_rt.learn.require import require_learning
+from t2d_rt.learn.pytorch import require_learning
 
 if TYPE_CHECKING:
     from torch import nn

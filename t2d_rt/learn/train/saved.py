@@ -16,7 +16,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_bytes
 from t2d_rt.learn.maps import LabelledMaps, checked_classes, checked_size
 from t2d_rt.learn.models import build
-from t2d_rt.learn.require import require_learning
+from t2d_rt.learn.pytorch import require_learning
 
 if TYPE_CHECKING:
     from torch import nn

@@ -18,8 +18,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.dataset.lock import LOCK, locked
 from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, LabelledMaps, check_axes
 from t2d_rt.learn.models import build
-from t2d_rt.learn.require import require_learning
-from t2d_rt.learn.threads import torch_threads
+from t2d_rt.learn.pytorch import require_learning, torch_threads
 from t2d_rt.learn.train.options import TrainOptions
 from t2d_rt.learn.train.saved import STATE, WEIGHTS, Card, SavedModel, not_a_state, read_state, write_model
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from argparse import ArgumentParser, Namespace
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,16 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.core.atomic_write import replacing
 from t2d_rt.core.errors import InputError
+from t2d_rt.core.progress import ProgressBar
 from t2d_rt.dataset import Dataset
 from t2d_rt.dataset.splits import KINDS, traits
-from t2d_rt.learn.benchmark.claims import interval
 from t2d_rt.learn.maps import LabelledMaps, maps_of, shared_speeds
-from t2d_rt.learn.markdown import table
 from t2d_rt.learn.models import card
 from t2d_rt.learn.train import TrainOptions, scores_of, sides_of, train_model
 from t2d_rt.learn.train.sides import check_sides
+from validation.studies.benchmark_report import interval
+from validation.studies.common import read_cell, table, write_whole
 
 SEEDS = 0, 1, 2, 3, 4, 5, 6, 7
 """Each with its own split, weights and order; more than elsewhere, as a side has few samples of each condition."""
@@ -113,8 +114,7 @@ def run_conditions(
         path = folder / "cells" / f"{place:02d}_{name.replace(' ', '-')}_{seed}.json"
         if not path.exists():
             told = _confusions(samples, trainings(samples.conditions)[name], seed)
-            with replacing(path, lambda: None) as new:
-                new.write_text(json.dumps({"stamp": stamp, "confusion": told}) + "\n", "utf-8")
+            write_whole(path, json.dumps({"stamp": stamp, "confusion": told}) + "\n")
         cells[name, seed] = _read(path, stamp, samples.conditions)
         if progress is not None:
             progress(number / len(every))
@@ -139,14 +139,10 @@ def _confusions(samples: _Samples, trained_on: Sequence[str], seed: int) -> dict
 
 
 def _read(path: Path, stamp: str, conditions: Sequence[str]) -> dict[str, np.ndarray]:
-    try:
-        told = json.loads(path.read_text("utf-8"))
-        found, confusion = told["stamp"], {each: np.array(told["confusion"][each]) for each in conditions}
-    except (ValueError, KeyError, TypeError, RecursionError):
-        raise InputError(f"{path} is not what a benchmark wrote there; remove it, and it is computed again") from None
-    if found != stamp:
+    told = read_cell(path, lambda told: "stamp" in told and set(conditions) <= told["confusion"].keys())
+    if told["stamp"] != stamp:
         raise InputError(f"{path} is of other data; choose another folder")
-    return confusion
+    return {each: np.array(told["confusion"][each]) for each in conditions}
 
 
 def _report(samples: _Samples, cells: Cells) -> str:
@@ -184,3 +180,16 @@ def _report(samples: _Samples, cells: Cells) -> str:
 def _told(values: Sequence[float]) -> str:
     mean, half = interval(values)
     return f"{mean:.0f} +- {half:.0f}"
+
+
+def add_options(parser: ArgumentParser) -> None:
+    parser.add_argument("data", nargs="+", help="a data set of two conditions or more, or several data sets")
+    parser.add_argument(
+        "-o", "--output", required=True, help="folder of conditions.md and its cells; a stopped run goes on"
+    )
+
+
+def run(options: Namespace) -> str:
+    with ProgressBar("conditions") as progress:
+        path = run_conditions([Dataset(each) for each in options.data], Path(options.output), progress=progress)
+    return f"wrote {path}"

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import warnings
+from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -22,6 +23,7 @@ from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.decibels import decibel
 from t2d_rt.core.errors import InputError, T2DError, T2DWarning
 from t2d_rt.core.files import read_bytes
+from t2d_rt.core.progress import ProgressBar
 from t2d_rt.learn.adapters.parrad import BIN_MPS, BINS, RADARS, RANGE_CELLS, ROW_S, ROWS, ZERO_BIN, notched
 from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, LabelledMaps, check_varied
 from t2d_rt.motion import aside, place, trim
@@ -31,6 +33,7 @@ from t2d_rt.radar.synthesize import Progress
 from t2d_rt.simulate import simulate
 from t2d_rt.types import Motion, Radar, Receiver
 from t2d_rt.types.target import Method
+from validation.studies.common import made_folder
 
 SENTENCES: Mapping[str, tuple[str, ...]] = {
     "walk": (
@@ -239,18 +242,7 @@ def _placed(motion: Motion, radars: tuple[Radar, Radar], rng: np.random.Generato
 def make_twins(recipe: TwinRecipe, folder: str | Path, *, progress: Progress | None = None) -> Path:
     """Writes the twins of a recipe, a file each; those of the same recipe that are there stay, so that a stopped run goes on."""
     target = file_path("the folder of twins", folder)
-    try:
-        target.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"cannot make the folder {target}: {error.strerror or error}; choose a writable place"
-        ) from None
-    told = json.dumps(asdict(recipe), indent=1)
-    known = target / RECIPE
-    if any(target.glob(FILES)) and (not known.is_file() or known.read_text(encoding="utf-8") != told):
-        raise InputError(f"{target} holds twins of another recipe; give another folder")
-    with replacing(known, lambda: None) as new:
-        new.write_text(told, encoding="utf-8")
+    made_folder(target, target / RECIPE, json.dumps(asdict(recipe), indent=1), FILES, "twins")
     for index in range(recipe.count):
         path = target / f"{index:05d}.npz"
         if not path.exists():
@@ -287,12 +279,10 @@ def _check_complete(target: Path, count: int) -> None:
         told = json.loads(stored)
         wanted = int(told["per_class"]) * len(told["classes"])
     except (ValueError, KeyError, TypeError, RecursionError, OverflowError) as error:
-        raise InputError(
-            f"{known} is no recipe of twins ({error}); make the twins with t2d-rt transfer twins"
-        ) from None
+        raise InputError(f"{known} is no recipe of twins ({error}); make the twins with the study twins") from None
     if count < wanted:
         warnings.warn(
-            f"{target} holds {count} of {wanted} twins; make the others with t2d-rt transfer twins",
+            f"{target} holds {count} of {wanted} twins; make the others with the study twins",
             T2DWarning,
             stacklevel=3,
         )
@@ -306,7 +296,7 @@ def read_twins(folder: str | Path, merged: Mapping[str, str] | None = None) -> L
     target = file_path("the folder of twins", folder)
     files = sorted(target.glob(FILES))
     if not files:
-        raise InputError(f"{target} holds no twins; make them with t2d-rt transfer twins")
+        raise InputError(f"{target} holds no twins; make them with the study twins")
     _check_complete(target, len(files))
     found = [_read_twin(path) for path in files]
     labels = [label if merged is None else merged[label] for label, _ in found]
@@ -334,3 +324,20 @@ def maps_of_events(
         velocity_mps=(np.arange(BINS) - ZERO_BIN) * BIN_MPS, duration_s=ROWS * ROW_S,
         names=tuple(f"{event} {radar}" for event, radar in zip(events, RADARS * len(names), strict=True)),
     )  # fmt: skip
+
+
+def add_options(parser: ArgumentParser) -> None:
+    parser.add_argument("-o", "--output", required=True, help="folder of the twins; what was stopped there goes on")
+    parser.add_argument("--per-class", type=int, default=60, help="events of each class (default 60)")
+    parser.add_argument(
+        "--scene", default="empty_room", help="a room without furniture, empty_room by default, or free_space"
+    )
+    parser.add_argument("--method", choices=["ellipsoid", "mesh"], default="ellipsoid")
+    parser.add_argument("--seed", type=int, default=0)
+
+
+def run(options: Namespace) -> str:
+    recipe = TwinRecipe(per_class=options.per_class, scene=options.scene, seed=options.seed, method=options.method)
+    with ProgressBar("twins") as progress:
+        folder = make_twins(recipe, options.output, progress=progress)
+    return f"{folder}: {recipe.count} events by two radars"

@@ -3,7 +3,9 @@ how well a classifier tells the two apart."""
 
 from __future__ import annotations
 
+from argparse import ArgumentParser, Namespace
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,10 +14,11 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.dataset.envelope import NOTCH_MPS, envelope
 from t2d_rt.dataset.products import edges
 from t2d_rt.learn.maps import LabelledMaps, check_axes
-from t2d_rt.learn.markdown import table
+from validation.studies.common import add_real_options, real_and_twins, table, write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 MEASURES = {
     "extent [m/s]": "95 % of the time the fastest parts are slower than that, either sign",
@@ -229,3 +232,18 @@ def plot_gap(simulated: LabelledMaps, real: LabelledMaps, *, examples: int = 4) 
     figure.supxlabel("time [s]", fontsize=8)
     figure.supylabel("speed [m/s]", fontsize=8)
     return figure
+
+
+def add_options(parser: ArgumentParser) -> None:
+    add_real_options(parser)
+    parser.add_argument(
+        "-o", "--output", required=True, help="text to write (.md); a picture of maps is written beside it (.png)"
+    )
+
+
+def run(options: Namespace) -> str:
+    target = Path(options.output).with_suffix(".md")
+    real, simulated = real_and_twins(options)
+    write_whole(target, f"{domain_gap(simulated, real.maps)}\nReal: {real}\n")
+    plot_gap(simulated, real.maps).savefig(target.with_suffix(".png"))
+    return f"wrote {target} and {target.with_suffix('.png')}"

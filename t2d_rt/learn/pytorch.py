@@ -1,9 +1,21 @@
-"""Threads and random state of PyTorch, which are one setting of the process."""
+"""PyTorch: whether it is installed with what learning needs; its threads and random state, one setting of the process."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
+
+from t2d_rt.core.errors import InputError, install
+
+NEEDED = "torch", "lightning", "torchmetrics", "monai", "sklearn", "safetensors"
+
+
+def require_learning() -> None:
+    """Raises a sentence that names the extra, where something that learning needs is not installed."""
+    lacking = [name for name in NEEDED if find_spec(name) is None]
+    if lacking:
+        raise InputError(f"learning needs {', '.join(lacking)}, not installed; {install('learn')}")
 
 
 @contextmanager

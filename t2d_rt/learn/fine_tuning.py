@@ -1,0 +1,337 @@
+"""Fine-tuning: a network that learned from simulated events goes on learning from few real ones (Table IV of Text2Doppler).
+
+An event is what all radars of a room see of one motion. The four strategies differ in what of the network goes on learning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from t2d_rt.core.checks import choice
+from t2d_rt.core.errors import InputError, install
+from t2d_rt.learn.maps import LabelledMaps, check_axes
+from t2d_rt.learn.pytorch import torch_threads
+
+try:
+    import torch
+    from torch import Tensor, nn
+except ImportError:
+    raise InputError(f"fine-tuning needs PyTorch, which is not installed; {install('learn')}") from None
+
+SPEED_CELLS = 64
+"""Speeds of a network's input; bins are joined by the mean of their levels."""
+SCALE_DB = 10.0
+GREATEST = 4.0
+"""Levels above the median, over SCALE_DB, are clipped there."""
+SHIFT_ROWS = 8
+"""Greatest shift in time of an augmented event."""
+GAIN = 0.3
+"""Greatest change of scale of an augmented event's levels."""
+BATCH = 16
+DECAY = 1e-3
+CHANNELS = 12, 24, 32
+SPEEDS_KEPT = 4
+FEATURES = 48
+"""Of the penultimate layer."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Events:
+    """Events with the maps of each of V radars."""
+
+    levels: np.ndarray
+    """(E, V, speed, time) float32 [dB below each map's greatest cell]."""
+    labels: np.ndarray
+    """(E,) int64."""
+    classes: tuple[str, ...]
+    names: tuple[str, ...]
+    radars: tuple[str, ...]
+    velocity_mps: np.ndarray
+    """(speed,), ascending, positive = approaching."""
+    duration_s: float
+    """Time that a map covers."""
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    @classmethod
+    def of(cls, maps: LabelledMaps) -> Events:
+        """Events of maps whose groups tell `event` and `radar`; without a radar each event has one map."""
+        if "event" not in maps.groups:
+            raise InputError(
+                f"maps need a group 'event', got {', '.join(maps.groups) or 'none'}; an event stands on one side only"
+            )
+        radar = maps.groups.get("radar", np.full(len(maps), "radar"))
+        radars, events = tuple(dict.fromkeys(radar.tolist())), tuple(dict.fromkeys(maps.groups["event"].tolist()))
+        places = {
+            (event, each): place for place, (event, each) in enumerate(zip(maps.groups["event"], radar, strict=True))
+        }
+        if len(places) != len(maps) or len(places) != len(events) * len(radars):
+            raise InputError(
+                f"each of {len(events)} events needs one map by each of {len(radars)} radars, got {len(maps)} maps"
+            )
+        table = np.array([[places[event, each] for each in radars] for event in events])
+        labels = maps.labels[table]
+        if np.any(labels != labels[:, :1]):
+            raise InputError("an event has maps of two classes; give each event one class")
+        return cls(
+            levels=maps.levels[table], labels=labels[:, 0], classes=maps.classes, names=events, radars=radars,
+            velocity_mps=maps.velocity_mps, duration_s=maps.duration_s,
+        )  # fmt: skip
+
+    def seen_by(self, radar: str) -> Events:
+        """The maps of one radar alone."""
+        if radar not in self.radars:
+            raise InputError(f"there is no radar '{radar}'; choose from {', '.join(self.radars)}")
+        place = self.radars.index(radar)
+        return replace(self, levels=self.levels[:, place : place + 1], radars=(radar,))
+
+    def take(self, indices: np.ndarray | Sequence[int]) -> Events:
+        """The events at these positions, in this order."""
+        chosen = np.asarray(indices)
+        return replace(
+            self,
+            levels=self.levels[chosen],
+            labels=self.labels[chosen],
+            names=tuple(self.names[each] for each in chosen),
+        )
+
+    @property
+    def above_median_db(self) -> np.ndarray:
+        """Levels above the median of each map, which is noise: (E, V, speed, time)."""
+        return np.asarray(self.levels - np.median(self.levels, axis=(2, 3), keepdims=True))
+
+    @property
+    def inputs(self) -> np.ndarray:
+        """What a network is given: (E, V, SPEED_CELLS, time) float32, 0..GREATEST."""
+        above = self.above_median_db
+        events, views, speeds, times = above.shape
+        if speeds % SPEED_CELLS:
+            raise InputError(f"maps for transfer need a multiple of {SPEED_CELLS} speeds, got {speeds}; resize them")
+        joined = above.reshape(events, views, SPEED_CELLS, speeds // SPEED_CELLS, times).mean(axis=3)
+        return np.asarray(np.clip(joined / SCALE_DB, 0.0, GREATEST), dtype=np.float32)
+
+    def same_axes(self, other: Events) -> None:
+        """Refuses events of other classes, cells, speeds or duration."""
+        if other.classes != self.classes or other.levels.shape[2:] != self.levels.shape[2:]:
+            raise InputError(
+                f"simulated events of {other.classes}, {other.levels.shape[2:]} cells, do not fit real ones of {self.classes}, "
+                f"{self.levels.shape[2:]} cells; bring them to the same classes and size"
+            )
+        check_axes(self, other)
+
+
+class EventNet(nn.Module):
+    """Convolutions over speed and time, mean and maximum over time, one hidden layer, mean over radars, one linear head."""
+
+    def __init__(self, classes: int) -> None:
+        super().__init__()
+        layers: list[nn.Module] = []
+        before = 1
+        for after in CHANNELS:
+            layers += [nn.Conv2d(before, after, 3, stride=2, padding=1), nn.GroupNorm(4, after), nn.ReLU()]
+            before = after
+        self.encoder = nn.Sequential(*layers)
+        self.penultimate = nn.Linear(2 * before * SPEEDS_KEPT, FEATURES)
+        self.head = nn.Linear(FEATURES, classes)
+
+    def encoded(self, inputs: Tensor) -> Tensor:
+        """What the convolutions tell of inputs (B, V, speed, time): (B, V, 2 * channels * SPEEDS_KEPT)."""
+        batch, views = inputs.shape[:2]
+        found = self.encoder(inputs.flatten(0, 1)[:, None])
+        found = found.unflatten(2, (SPEEDS_KEPT, found.shape[2] // SPEEDS_KEPT)).mean(dim=3)
+        both = torch.cat([found.mean(dim=3), found.amax(dim=3)], dim=1)
+        return both.flatten(1).unflatten(0, (batch, views))
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        """Scores (B, K) of inputs (B, V, speed, time)."""
+        return self.head(torch.relu(self.penultimate(self.encoded(inputs))).mean(dim=1))
+
+
+class SkipTuned(nn.Module):
+    """Tuned layers on top of the frozen penultimate one, which a skip connection passes on beside them, and a tuned head.
+
+    It begins as the pre-trained network: the last of the tuned layers has weights of zero. (A tuned layer that is added before the
+    nonlinearity would be the same as to tune the penultimate layer itself.)
+    """
+
+    def __init__(self, net: EventNet) -> None:
+        super().__init__()
+        self.frozen = net.penultimate
+        self.tuned = nn.Sequential(nn.Linear(FEATURES, FEATURES), nn.ReLU(), nn.Linear(FEATURES, FEATURES))
+        nn.init.zeros_(self.tuned[2].weight)
+        nn.init.zeros_(self.tuned[2].bias)
+        self.head = net.head
+
+    def forward(self, encoded: Tensor) -> Tensor:
+        """Scores (B, K) of what the encoder told, (B, V, F)."""
+        features = torch.relu(self.frozen(encoded))
+        return self.head((features + self.tuned(features)).mean(dim=1))
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """How long and how fast a network learns; AdamW, cosine to zero."""
+
+    epochs: int
+    rate: float
+
+
+PRETRAINING = Schedule(30, 2e-3)
+TUNING = Schedule(40, 1e-3)
+HEADS = Schedule(120, 5e-3)
+"""Of layers over features that are computed once."""
+
+
+def seeded(seed: int) -> None:
+    """One thread and one seed: the same weights bit for bit on one machine."""
+    torch.set_num_threads(1)
+    torch.use_deterministic_algorithms(True)
+    torch.manual_seed(seed)
+
+
+def augmented(inputs: Tensor, generator: torch.Generator) -> Tensor:
+    """Events (B, V, speed, time) shifted in time, scaled, half of them with the radars' speeds turned round, one by one."""
+    found = []
+    for event in inputs:
+        shift = int(torch.randint(-SHIFT_ROWS, SHIFT_ROWS + 1, (1,), generator=generator))
+        scale = 1.0 + GAIN * (2.0 * float(torch.rand(1, generator=generator)) - 1.0)
+        views = torch.roll(event, shift, dims=2) * scale
+        mirrored = torch.rand(len(event), generator=generator) < 0.5
+        found.append(torch.where(mirrored[:, None, None], views.flip(1), views))
+    return torch.stack(found)
+
+
+def fitted(
+    module: nn.Module, inputs: Tensor, labels: Tensor, schedule: Schedule, seed: int, *, augment: bool
+) -> nn.Module:
+    """The module after training all parameters that may change; classes weigh alike."""
+    generator = torch.Generator().manual_seed(seed)
+    tuned = [each for each in module.parameters() if each.requires_grad]
+    optimizer = torch.optim.AdamW(tuned, lr=schedule.rate, weight_decay=DECAY)
+    rates = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, schedule.epochs)
+    counts = torch.bincount(labels, minlength=int(labels.max()) + 1).clamp(min=1)
+    weight = (len(labels) / len(counts) / counts)[labels]
+    module.train()
+    for _ in range(schedule.epochs):
+        for chosen in torch.randperm(len(labels), generator=generator).split(BATCH):
+            batch = augmented(inputs[chosen], generator) if augment else inputs[chosen]
+            loss = nn.functional.cross_entropy(module(batch), labels[chosen], reduction="none", label_smoothing=0.05)
+            optimizer.zero_grad()
+            (loss * weight[chosen]).mean().backward()
+            optimizer.step()
+        rates.step()
+    return module.eval()
+
+
+def random_network(classes: int, seed: int) -> EventNet:
+    """A network of random weights."""
+    seeded(seed)
+    return EventNet(classes)
+
+
+def pretrain(simulated: Events, *, seed: int = 0) -> EventNet:
+    """A network that learned from simulated events alone; the same weights bit for bit for one seed on one machine."""
+    with torch_threads(1):
+        net = random_network(len(simulated.classes), seed)
+        inputs, labels = torch.from_numpy(simulated.inputs), torch.from_numpy(simulated.labels)
+        fitted(net, inputs, labels, PRETRAINING, seed, augment=True)
+    return net
+
+
+def fine_tune(strategy: str, known: EventNet | None, train: Events, *, seed: int = 0) -> nn.Module:
+    """A network that was tuned on events, from inputs (E, V, speed, time) of `Events` to scores (E, K); `known` stays as it is.
+
+    strategy: one of `STRATEGIES`: "linear probing", "last layer", "skip connection" or "full fine-tuning".
+    known: a network of the same classes that learned from simulation (`pretrain`); None begins with random weights.
+    """
+    tune = STRATEGIES[choice("strategy", strategy, tuple(STRATEGIES))]
+    classes = len(train.classes)
+    if known is not None and known.head.out_features != classes:
+        raise InputError(
+            f"the network tells {known.head.out_features} classes apart, the events are of {classes}; pretrain it on those"
+        )
+    with torch_threads(1):
+        seeded(seed)
+        return tune(random_network(classes, seed) if known is None else deepcopy(known), train, seed)
+
+
+def labels_of(network: nn.Module, events: Events) -> np.ndarray:
+    """The class of the greatest score of each event, (E,) int64."""
+    network.eval()
+    with torch.no_grad():
+        return np.asarray(network(torch.from_numpy(events.inputs)).argmax(dim=1).numpy(), dtype=np.int64)
+
+
+class OverEncoder(nn.Module):
+    """Tuned layers over the frozen convolutions of a network."""
+
+    def __init__(self, net: EventNet, layers: nn.Module) -> None:
+        super().__init__()
+        self.net, self.layers = net, layers
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        """Scores (E, K) of inputs (E, V, speed, time)."""
+        scores: Tensor = self.layers(self.net.encoded(inputs))
+        return scores
+
+
+def _frozen(parameters: Iterable[nn.Parameter]) -> None:
+    for each in parameters:
+        each.requires_grad_(False)
+
+
+def _over_encoder(net: EventNet, layers: nn.Module, train: Events, seed: int) -> nn.Module:
+    """Tunes layers over features that are computed once."""
+    with torch.no_grad():
+        known = net.encoded(torch.from_numpy(train.inputs))
+    return OverEncoder(net, fitted(layers, known, torch.from_numpy(train.labels), HEADS, seed, augment=False))
+
+
+class _Top(nn.Module):
+    """Penultimate layer and head of a network."""
+
+    def __init__(self, net: EventNet, *, new_head: bool, frozen: bool) -> None:
+        super().__init__()
+        self.penultimate = net.penultimate
+        self.head = nn.Linear(net.head.in_features, net.head.out_features) if new_head else net.head
+        if frozen:
+            _frozen(self.penultimate.parameters())
+
+    def forward(self, encoded: Tensor) -> Tensor:
+        return self.head(torch.relu(self.penultimate(encoded)).mean(dim=1))
+
+
+def _linear_probing(net: EventNet, train: Events, seed: int) -> nn.Module:
+    """A new head over frozen features."""
+    return _over_encoder(net, _Top(net, new_head=True, frozen=True), train, seed)
+
+
+def _last_layer(net: EventNet, train: Events, seed: int) -> nn.Module:
+    """Penultimate layer and head go on learning, the convolutions are frozen."""
+    return _over_encoder(net, _Top(net, new_head=False, frozen=False), train, seed)
+
+
+def _skip_connection(net: EventNet, train: Events, seed: int) -> nn.Module:
+    """Two new layers and the head learn; a skip connection passes the frozen penultimate features on beside them."""
+    layers = SkipTuned(net)
+    _frozen(layers.frozen.parameters())
+    return _over_encoder(net, layers, train, seed)
+
+
+def _full(net: EventNet, train: Events, seed: int) -> nn.Module:
+    """All weights go on learning."""
+    return fitted(net, torch.from_numpy(train.inputs), torch.from_numpy(train.labels), TUNING, seed, augment=True)
+
+
+STRATEGIES: dict[str, Callable[[EventNet, Events, int], nn.Module]] = {
+    "linear probing": _linear_probing,
+    "last layer": _last_layer,
+    "skip connection": _skip_connection,
+    "full fine-tuning": _full,
+}
+"""Table IV of Text2Doppler, by name."""

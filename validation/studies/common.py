@@ -1,0 +1,78 @@
+"""What the studies have in common: tables, files of finished cells, real recordings beside their simulated twins."""
+
+from __future__ import annotations
+
+import json
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from t2d_rt.core.atomic_write import replacing
+from t2d_rt.core.errors import InputError
+from t2d_rt.learn.adapters import AdapterOptions, RealMaps, read_real
+from t2d_rt.learn.adapters.parrad import FIVE, FOUR
+from t2d_rt.learn.maps import LabelledMaps
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown: a line of names, and rows of as many texts.
+
+    >>> print(table(["a", "b"], [["1", "2|3"]]))
+    | a | b |
+    |---|---|
+    | 1 | 2/3 |
+    """
+    first, *others = [f"| {' | '.join(str(each).replace('|', '/') for each in line)} |" for line in (head, *rows)]
+    return "\n".join([first, "|" + "---|" * len(head), *others])
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Writes a file, whole or not at all."""
+    with replacing(path, lambda: None) as new:
+        new.write_text(text, encoding="utf-8")
+
+
+def read_cell(path: Path, sound: Callable[[Any], bool]) -> dict[str, Any]:
+    """A finished cell by its file; what is damaged, or does not satisfy `sound`, is refused."""
+    try:
+        told = json.loads(path.read_text("utf-8"))
+        if not sound(told):
+            raise ValueError
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
+        raise InputError(f"{path} is not what a study wrote there; remove it, and it is computed again") from None
+    return dict(told)
+
+
+def made_folder(folder: Path, recipe: Path, told: str, files: str, noun: str) -> Path:
+    """The folder of simulated events, with their recipe's text beside them; one that holds events of another is refused."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or error
+        raise InputError(f"cannot make the folder {folder}: {reason}; choose a writable place") from None
+    if any(folder.glob(files)) and (not recipe.is_file() or recipe.read_text(encoding="utf-8") != told):
+        raise InputError(f"{folder} holds {noun} of another recipe; give another folder")
+    write_whole(recipe, told)
+    return folder
+
+
+def add_real_options(parser: ArgumentParser) -> None:
+    """Options of real recordings and their twins."""
+    parser.add_argument("real", help="real recordings, a file of PARrad")
+    parser.add_argument("twins", help="folder of their simulated twins, as the study twins writes it")
+    parser.add_argument(
+        "--classes", choices=["four", "five"], default="four", help="in four, sitting and standing are one"
+    )
+
+
+def real_and_twins(options: Namespace) -> tuple[RealMaps, LabelledMaps]:
+    """Real maps and simulated ones of the same classes."""
+    from validation.studies.twins import MERGED, read_twins
+
+    kinds: Mapping[str, tuple[Mapping[str, str], Mapping[str, str] | None]] = {
+        "four": (FOUR, MERGED),
+        "five": (FIVE, None),
+    }
+    labels, merged = kinds[options.classes]
+    return read_real(options.real, "parrad", AdapterOptions(classes=labels)), read_twins(options.twins, merged)
