@@ -11,10 +11,10 @@ import pytest
 
 from learn_maps import ridges
 from t2d_rt.core.errors import InputError
+from t2d_rt.learn import Augment, Ensemble, SavedModel, TrainOptions, load_model, scores_of, train_model
+from t2d_rt.learn.augment import Augmenter
+from t2d_rt.learn.lightning_module import Batches
 from t2d_rt.learn.models import build
-from t2d_rt.learn.train import Augment, Ensemble, SavedModel, TrainOptions, load_model, scores_of, train_model
-from t2d_rt.learn.train.augment import Augmenter
-from t2d_rt.learn.train.batches import Batches
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed (extra [learn])")
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from t2d_rt.core.errors import InputError
-from t2d_rt.learn.baselines import Centroids, baseline_probabilities, features
-from t2d_rt.learn.baselines.bands import EDGES_MPS, RATES_HZ, band_features
-from t2d_rt.learn.baselines.course import Lines, course
+from t2d_rt.learn.baselines import Centroids, baseline_probabilities
+from t2d_rt.learn.features import EDGES_MPS, RATES_HZ, Lines, activity_features, band_features, features
 from t2d_rt.learn.maps import LabelledMaps
 
 SPEEDS_MPS = np.linspace(-9.66, 9.66, 97)
@@ -25,7 +24,7 @@ def levels(speed_mps: np.ndarray, width_mps: float = 0.6, shown: np.ndarray | bo
 
 
 def told(*arguments: object, **options: object) -> dict[str, float]:
-    return course(levels(*arguments, **options), SPEEDS_MPS, DURATION_S)  # type: ignore[arg-type]
+    return activity_features(levels(*arguments, **options), SPEEDS_MPS, DURATION_S)  # type: ignore[arg-type]
 
 
 def test_lines_are_those_of_the_body() -> None:

@@ -12,7 +12,7 @@ from learn_maps import SPEEDS, TIMES, two_radars
 from t2d_rt.core.errors import InputError
 from t2d_rt.learn import fine_tuning
 from t2d_rt.learn.fine_tuning import STRATEGIES, EventNet, Events, SkipTuned, fine_tune, labels_of, pretrain
-from t2d_rt.learn.train.scores import macro_f1
+from t2d_rt.learn.scores import macro_f1
 
 
 def test_macro_f1_is_that_of_scikit_learn() -> None:

@@ -22,11 +22,11 @@ from t2d_rt.cli import main
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.dataset import Dataset
 from t2d_rt.dataset.lock import locked
+from t2d_rt.learn import Ensemble, SavedModel, TrainOptions, load_model, scores_of, train_model
 from t2d_rt.learn.maps import maps_of
 from t2d_rt.learn.models import build
-from t2d_rt.learn.train import Ensemble, SavedModel, TrainOptions, load_model, scores_of, train_model
-from t2d_rt.learn.train.saved import CARD, STATE, WEIGHTS
-from t2d_rt.learn.windows import predict
+from t2d_rt.learn.prediction import predict
+from t2d_rt.learn.saved_models import CARD, STATE, WEIGHTS
 from t2d_rt.recording.recording import Recording
 from t2d_rt.types import Radar
 

@@ -15,11 +15,11 @@ from dataset_folder import write_dataset
 from learn_maps import CLASSES, ridges
 from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import Dataset
-from t2d_rt.learn.charts import prediction_figure
-from t2d_rt.learn.train import Augment, SavedModel, TrainOptions, load_model, scores_of, sides_of, train_model
-from t2d_rt.learn.train.augment import Augmenter
-from t2d_rt.learn.train.saved import CARD, STATE, WEIGHTS
-from t2d_rt.learn.windows import predict
+from t2d_rt.learn import Augment, SavedModel, TrainOptions, load_model, scores_of, sides_of, train_model
+from t2d_rt.learn.augment import Augmenter
+from t2d_rt.learn.figures import prediction_figure
+from t2d_rt.learn.prediction import predict
+from t2d_rt.learn.saved_models import CARD, STATE, WEIGHTS
 from t2d_rt.recording.recording import Recording
 from t2d_rt.types import Radar
 

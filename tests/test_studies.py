@@ -12,11 +12,10 @@ import pytest
 from dataset_folder import recipe, write_dataset
 from learn_maps import two_radars
 from t2d_rt.core.errors import InputError, T2DWarning
-from t2d_rt.learn import fine_tuning
+from t2d_rt.learn import TrainOptions, fine_tuning
 from t2d_rt.learn.adapters.parrad import BINS, RADARS, ROWS
 from t2d_rt.learn.fine_tuning import Events
 from t2d_rt.learn.maps import LabelledMaps
-from t2d_rt.learn.train import TrainOptions
 from t2d_rt.simulate import simulate
 from t2d_rt.types import Ellipsoids, Radar
 from validation.__main__ import main

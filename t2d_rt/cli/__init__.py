@@ -31,8 +31,7 @@ COMMANDS = (
 )  # fmt: skip
 
 OWN_MODULES = (
-    "sweep", "plot", "paths", "view", "describe", "motion", "check-motion", "library", "dataset", "background", "train", "evaluate",
-    "predict",
+    "sweep", "plot", "paths", "view", "describe", "motion", "check-motion", "library", "dataset", "background",
 )  # fmt: skip
 """Commands with a module of their own: its `parser` makes the options, its `run` does what they say."""
 
@@ -145,6 +144,9 @@ def _command(name: str) -> tuple[ArgumentParser, Callable[[Namespace], int | Non
         )
     if name not in COMMANDS:
         raise unknown_name("command", name, COMMANDS, hint=" (t2d-rt --help)")
+    if name in ("train", "evaluate", "predict"):
+        module = import_module("t2d_rt.cli.learn")
+        return getattr(module, f"{name}_parser")(), getattr(module, f"{name}_command")
     if name in OWN_MODULES:
         module = import_module(f"t2d_rt.cli.{name.replace('-', '_')}")
         return module.parser(), module.run

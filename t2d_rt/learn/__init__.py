@@ -9,32 +9,27 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from t2d_rt.dataset.splits import sides_of
+    from t2d_rt.learn.augment import Augment
     from t2d_rt.learn.fine_tuning import STRATEGIES, Events, fine_tune, labels_of, pretrain
     from t2d_rt.learn.maps import LabelledMaps, maps_of
     from t2d_rt.learn.models import build, count, model_names
-    from t2d_rt.learn.train import (
-        Augment,
-        Ensemble,
-        SavedModel,
-        Scores,
-        TrainOptions,
-        load_model,
-        scores_of,
-        sides_of,
-        train_model,
-    )
-    from t2d_rt.learn.windows import Prediction, predict
+    from t2d_rt.learn.prediction import Prediction, predict
+    from t2d_rt.learn.saved_models import Ensemble, SavedModel, load_model
+    from t2d_rt.learn.scores import Scores, scores_of
+    from t2d_rt.learn.training import TrainOptions, train_model
 
 # Everything loads when first used: PyTorch takes seconds.
 _HOMES = {
     "t2d_rt.learn.fine_tuning": ("STRATEGIES", "Events", "fine_tune", "labels_of", "pretrain"),
+    "t2d_rt.dataset.splits": ("sides_of",),
+    "t2d_rt.learn.augment": ("Augment",),
     "t2d_rt.learn.maps": ("LabelledMaps", "maps_of"),
     "t2d_rt.learn.models": ("build", "count", "model_names"),
-    "t2d_rt.learn.train": (
-        *("Augment", "Ensemble", "SavedModel", "Scores", "TrainOptions"),
-        *("load_model", "scores_of", "sides_of", "train_model"),
-    ),
-    "t2d_rt.learn.windows": ("Prediction", "predict"),
+    "t2d_rt.learn.prediction": ("Prediction", "predict"),
+    "t2d_rt.learn.saved_models": ("Ensemble", "SavedModel", "load_model"),
+    "t2d_rt.learn.scores": ("Scores", "scores_of"),
+    "t2d_rt.learn.training": ("TrainOptions", "train_model"),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 

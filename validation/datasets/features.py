@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from t2d_rt.dataset import Dataset
 from t2d_rt.dataset.stored import axis
-from t2d_rt.learn.baselines import features as features_of_map
+from t2d_rt.learn.features import features as features_of_map
 
 
 def features(dataset: Dataset, position: int) -> dict[str, float]:

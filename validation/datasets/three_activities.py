@@ -17,9 +17,9 @@ import numpy as np
 from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import Dataset, Recipe
 from t2d_rt.dataset.sample import cell_of, description_of, sample
+from t2d_rt.learn import Augment, Ensemble, TrainOptions, sides_of, train_model
 from t2d_rt.learn.maps import LabelledMaps, maps_of
-from t2d_rt.learn.train import Augment, Ensemble, TrainOptions, sides_of, train_model
-from t2d_rt.learn.windows import LEAST, Prediction, predict
+from t2d_rt.learn.prediction import LEAST, Prediction, predict
 from t2d_rt.recording.recording import Recording
 from t2d_rt.simulate import run as simulate
 from validation.report import Check, Section

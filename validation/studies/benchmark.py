@@ -16,14 +16,13 @@ import numpy as np
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.progress import ProgressBar
 from t2d_rt.dataset import Dataset, Recipe, make_dataset
-from t2d_rt.dataset.splits import KINDS, traits
+from t2d_rt.dataset.splits import KINDS, SPLITS, TRAINING_FRACTIONS, check_sides, traits
+from t2d_rt.learn import TrainOptions, scores_of, sides_of, train_model
 from t2d_rt.learn.baselines import BASELINES, baseline_probabilities
 from t2d_rt.learn.maps import LabelledMaps, maps_of
 from t2d_rt.learn.models import build
 from t2d_rt.learn.pytorch import torch_threads
-from t2d_rt.learn.train import SPLITS, TrainOptions, scores_of, sides_of, train_model
-from t2d_rt.learn.train.saved import SavedModel
-from t2d_rt.learn.train.sides import FRACTIONS, check_sides
+from t2d_rt.learn.saved_models import SavedModel
 from validation.studies.common import read_cell, table, write_whole
 
 NETWORKS = "vgg-7", "resnet18", "vit-tiny", "crnn", "conv1d-lstm", "conv1d-alstm-fcn", "streaming"
@@ -221,7 +220,7 @@ TIMED_BATCH, TIMED_STEPS = 4, 2
 def paper_plan(scale: Scale, folder: Path) -> Path:
     """Measures a few training steps of each network and writes plan.md; its path."""
     samples = {name: scale.recipe(name).samples for name in SETS}
-    trained = {name: FRACTIONS[0] * number for name, number in samples.items()}
+    trained = {name: TRAINING_FRACTIONS[0] * number for name, number in samples.items()}
     cells = [each for each in cells_of(scale) if each.model not in BASELINES]
     rows, total = [], 0.0
     for model in (each for each in scale.models if each not in BASELINES):

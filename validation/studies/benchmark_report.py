@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from t2d_rt.dataset.splits import SPLITS
 from t2d_rt.learn.baselines import BASELINES
-from t2d_rt.learn.charts import draw_confusion
+from t2d_rt.learn.figures import draw_confusion
 from t2d_rt.learn.models import build, card, count
-from t2d_rt.learn.train import SPLITS
 from t2d_rt.plots.new_figure import NotebookFigure
 from validation.studies.benchmark import NETWORKS, SETS, Scale
 from validation.studies.common import table

@@ -16,11 +16,10 @@ import numpy as np
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.progress import ProgressBar
 from t2d_rt.dataset import Dataset
-from t2d_rt.dataset.splits import KINDS, traits
+from t2d_rt.dataset.splits import KINDS, check_sides, traits
+from t2d_rt.learn import TrainOptions, scores_of, sides_of, train_model
 from t2d_rt.learn.maps import LabelledMaps, maps_of, shared_speeds
 from t2d_rt.learn.models import card
-from t2d_rt.learn.train import TrainOptions, scores_of, sides_of, train_model
-from t2d_rt.learn.train.sides import check_sides
 from validation.studies.benchmark_report import interval
 from validation.studies.common import read_cell, table, write_whole
 

@@ -20,7 +20,7 @@ from t2d_rt.core.progress import ProgressBar
 from t2d_rt.learn.fine_tuning import STRATEGIES, EventNet, Events, fine_tune, labels_of, pretrain, random_network
 from t2d_rt.learn.maps import LabelledMaps
 from t2d_rt.learn.pytorch import torch_threads
-from t2d_rt.learn.train.scores import macro_f1
+from t2d_rt.learn.scores import macro_f1
 from t2d_rt.radar.synthesize import Progress
 from validation.studies.common import add_real_options, read_cell, real_and_twins, table, write_whole
 

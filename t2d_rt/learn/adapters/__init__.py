@@ -7,10 +7,9 @@ from pathlib import Path
 from t2d_rt.core.checks import file_path, unknown_name
 from t2d_rt.core.errors import InputError
 from t2d_rt.learn.adapters.arrays import HDF5, NPZ
+from t2d_rt.learn.adapters.class_folders import CI4R, PNG, RADHAR
 from t2d_rt.learn.adapters.interface import Adapter, AdapterOptions, RealMaps, content_hash
 from t2d_rt.learn.adapters.parrad import PARRAD
-from t2d_rt.learn.adapters.pictures import CI4R, PNG
-from t2d_rt.learn.adapters.point_clouds import RADHAR
 
 ADAPTERS: dict[str, Adapter] = {each.name: each for each in (PARRAD, RADHAR, CI4R, PNG, HDF5, NPZ)}
 """By name; a new kind of data is one module and its entry here."""

@@ -4,7 +4,6 @@ Each file has ABOUT, a `ModelCard`, and `build(classes, size, channels)`, which 
 (N, channels, speed, time), 1 at the greatest cell and 0 at the end of the dynamic range, to scores (N, classes).
 """
 
-from t2d_rt.learn.models.count import Count, count
-from t2d_rt.learn.models.registry import ModelCard, Printed, build, card, model_names
+from t2d_rt.learn.models.registry import Count, ModelCard, Printed, build, card, count, model_names
 
 __all__ = ["Count", "ModelCard", "Printed", "build", "card", "count", "model_names"]

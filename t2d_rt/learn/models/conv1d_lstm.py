@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from t2d_rt.learn.models.parts import SpeedsAsChannels, convolutions_over_time
+from t2d_rt.learn.models.layers import SpeedsAsChannels, convolutions_over_time
 from t2d_rt.learn.models.registry import ModelCard, Printed
 
 ABOUT = ModelCard(

@@ -1,4 +1,4 @@
-"""A perceptron on features of a map's Doppler envelope, of its course and of bands of speed: what learns most of few samples."""
+"""A perceptron on features of a map's Doppler envelope, its activity over time and bands of speed: learns most of few samples."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from t2d_rt.core.errors import InputError
-from t2d_rt.learn.baselines.bands import band_features
-from t2d_rt.learn.baselines.features import check_steps, features
+from t2d_rt.learn.features import band_features, check_steps, features
 from t2d_rt.learn.models.registry import ModelCard
 
 ABOUT = ModelCard(

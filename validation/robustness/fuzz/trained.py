@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from t2d_rt.learn import load_model
 from t2d_rt.learn.models import build
-from t2d_rt.learn.train import load_model
-from t2d_rt.learn.train.saved import CARD, STATE, WEIGHTS, Card, SavedModel, read_state, write_model
+from t2d_rt.learn.saved_models import CARD, STATE, WEIGHTS, Card, SavedModel, read_state, write_model
 from validation.robustness.fuzz.case import DEEP, Attempt, chance, check_finite, corrupted, pick, replaced, writing_only
 
 

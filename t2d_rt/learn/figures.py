@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.learn.train.scores import Scores
-from t2d_rt.learn.windows import Prediction
+from t2d_rt.learn.prediction import Prediction
+from t2d_rt.learn.scores import Scores
 from t2d_rt.plots.new_figure import NotebookFigure
 from t2d_rt.recording.recording import Recording
 

@@ -1,9 +1,10 @@
-"""Point clouds as text, as those of RadHAR: records of "key: value" lines, a new frame where point_id is 0."""
+"""Data in a folder for each class: spectrograms as pictures, whose colour or grey tells the level; and point clouds as text."""
 
 from __future__ import annotations
 
 import re
 import warnings
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,72 @@ from t2d_rt.core.files import read_bytes
 from t2d_rt.learn.adapters.interface import MAX_BYTES, Adapter, AdapterOptions, Piece, class_of, files_below, maps_from
 from t2d_rt.learn.maps import LabelledMaps
 
-FIELD = re.compile(r"^\s*(point_id|velocity|intensity|secs|nsecs):\s*(\S+)", re.MULTILINE)
+ENDINGS = ".png", ".jpg", ".jpeg", ".bmp"
+MAX_CELLS = 16_000_000
+COLOUR_ERROR = 60.0
+"""Greatest mean distance of a picture's colours from the colour map, of 442 between black and white; JPEG stays far below."""
+
+
+def read_pictures(path: Path, options: AdapterOptions, *, colours: str) -> tuple[LabelledMaps, list[Path]]:
+    """A map for every picture; rows are speeds from the greatest down, columns times. The class is the file's folder."""
+    files = files_below(path, ENDINGS, "pictures")
+    labels = [each.parent.name for each in files]
+    pieces = []
+    for each, label in zip(files, labels, strict=True):
+        if class_of(label, options) is None:
+            continue
+        fraction = _fractions(each, colours)[::-1]
+        power = 10.0 ** ((fraction - 1.0) * options.dynamic_range_db / 10.0)
+        name = each.relative_to(path).as_posix()
+        pieces.append(Piece(power, label, name, {"event": name}))
+    return maps_from(pieces, options, path, labels), files
+
+
+def _fractions(path: Path, colours: str) -> np.ndarray:
+    """Where on the colour map each pixel lies, (row, column), 0..1."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as picture:
+            if picture.width * picture.height > MAX_CELLS:
+                raise InputError(f"{path} has {picture.width} x {picture.height} pixels; {MAX_CELLS} are read at most")
+            if colours == "grey":
+                return np.asarray(picture.convert("L"), dtype=np.float64) / 255.0
+            pixels = np.asarray(picture.convert("RGB"), dtype=np.float64)
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"cannot read picture {path}: {error or type(error).__name__}; leave it out") from None
+    import matplotlib
+    from scipy.spatial import KDTree
+
+    table = matplotlib.colormaps[colours](np.linspace(0.0, 1.0, 256))[:, :3] * 255.0
+    distance, index = KDTree(table).query(pixels)
+    if float(distance.mean()) > COLOUR_ERROR:
+        raise InputError(
+            f"the colours of {path} are not those of the colour map {colours}; read grey pictures with png"
+        )
+    return np.asarray(index, dtype=np.float64) / 255.0
+
+
+CI4R = Adapter(
+    name="ci4r",
+    about="Pictures of spectrograms in the colour map jet, a folder for each class, as those of CI4R.",
+    licence="Terms of the data are those of whoever recorded it; CI4R asks for a citation.",
+    read=partial(read_pictures, colours="jet"),
+)
+PNG = Adapter(
+    name="png",
+    about="Grey pictures of spectrograms, black the least level, a folder for each class.",
+    licence="Terms of the data are those of whoever recorded it.",
+    read=partial(read_pictures, colours="grey"),
+)
+
+
+POINT_FIELD = re.compile(r"^\s*(point_id|velocity|intensity|secs|nsecs):\s*(\S+)", re.MULTILINE)
 LONGEST_S = 86_400.0
 """That the stamps of one file may span; a wrong one would make millions of empty windows."""
-FLOOR = 1e-6
+EMPTY_CELL = 1e-6
 """Power of a cell without points, relative to a point of 0 dB: no logarithm of zero."""
 
 
@@ -49,7 +112,7 @@ def read_point_clouds(path: Path, options: AdapterOptions) -> tuple[LabelledMaps
             if not cells.any():
                 continue
             name = f"{each.relative_to(path).as_posix()} {number}"
-            pieces.append(Piece(cells + FLOOR, label, name, {"event": each.relative_to(path).as_posix()}))
+            pieces.append(Piece(cells + EMPTY_CELL, label, name, {"event": each.relative_to(path).as_posix()}))
     if short:
         warnings.warn(
             f"{short} of {len(files)} files of {path} are shorter than a map of {options.duration_s:g} s and give none; "
@@ -64,7 +127,7 @@ def _points(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Time [s], speed, positive = approaching [m/s], and power of each point of a file."""
     text = read_bytes(path, limit=MAX_BYTES, noun="point cloud").decode("utf-8", errors="replace")
     columns: dict[str, list[str]] = {name: [] for name in ("point_id", "velocity", "intensity", "secs", "nsecs")}
-    for name, value in FIELD.findall(text):
+    for name, value in POINT_FIELD.findall(text):
         columns[name].append(value)
     count = len(columns["point_id"])
     if count < 2 or any(len(each) != count for each in columns.values()):

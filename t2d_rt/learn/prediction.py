@@ -12,9 +12,9 @@ import numpy as np
 
 from t2d_rt.core.checks import number
 from t2d_rt.core.errors import InputError, T2DWarning
-from t2d_rt.learn.lasting import likeliest_course, nearest
 from t2d_rt.learn.maps import check_varied, relative_levels
-from t2d_rt.learn.train.saved import Card, Ensemble, SavedModel
+from t2d_rt.learn.saved_models import Card, Ensemble, SavedModel
+from t2d_rt.learn.segmental_viterbi import likeliest_course, nearest
 from t2d_rt.recording.recording import Recording
 
 STEPS, MOST_STEPS = 10, 200

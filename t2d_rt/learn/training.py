@@ -1,32 +1,79 @@
-"""`train_model`: from maps to a folder with weights, card, curves and pictures."""
+"""`train_model`: from maps to a folder with weights, card, curves and pictures; `TrainOptions`, how a network is trained."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import logging
+import math
 import signal
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from pydantic import ConfigDict, Field
 
 from t2d_rt.core.checks import file_path
 from t2d_rt.core.errors import InputError
 from t2d_rt.dataset.lock import LOCK, locked
+from t2d_rt.learn.augment import Augment
 from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, LabelledMaps, check_axes
 from t2d_rt.learn.models import build
 from t2d_rt.learn.pytorch import require_learning, torch_threads
-from t2d_rt.learn.train.options import TrainOptions
-from t2d_rt.learn.train.saved import STATE, WEIGHTS, Card, SavedModel, not_a_state, read_state, write_model
+from t2d_rt.learn.saved_models import STATE, WEIGHTS, Card, SavedModel, not_a_state, read_state, write_model
+from t2d_rt.types.fields import Count, Fields, Number
 
 if TYPE_CHECKING:
     from lightning import Trainer
     from torch import nn
 
-    from t2d_rt.learn.train.module import Training
+    from t2d_rt.learn.lightning_module import Training
+
+
+class TrainOptions(Fields):
+    """The protocol; by default that of the authors of Text2Doppler: Adam at 1e-3, a rate that falls on a plateau, an early stop."""
+
+    noun: ClassVar[str] = "training"
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
+    rate: Annotated[Number, Field(gt=0, le=10)] = 1e-3
+    """Learning rate of Adam."""
+    factor: Annotated[Number, Field(gt=0, lt=1)] = 0.1
+    """By which the rate falls where the loss of the validation no longer does."""
+    plateau: Annotated[Count, Field(ge=0, le=10_000)] = 5
+    """Epochs without a lower loss after which it falls; with 10, as the early stop has, it would fall in the last epoch only."""
+    patience: Annotated[Count, Field(ge=1, le=10_000)] = 10
+    """Epochs without a lower loss after which training stops."""
+    schedule: Literal["plateau", "cosine"] = "plateau"
+    """"plateau" lets the rate fall where the loss of the validation no longer does, and stops; "cosine" lets it rise over a seventh
+    of the epochs and fall to nothing along a cosine over the others, all of which are run (Loshchilov and Hutter 2017)."""
+    smoothing: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
+    """Part of the probability that the classes share, so that no network becomes certain (Szegedy et al. 2016)."""
+    decay: Annotated[Number, Field(ge=0, le=10)] = 0.0
+    """By which weights shrink in each step, relative to the rate (Loshchilov and Hutter 2019)."""
+    epochs: Annotated[Count, Field(ge=1, le=10_000)] = 100
+    """Epochs at most."""
+    batch: Annotated[Count, Field(ge=2, le=100_000)] = 64
+    """Samples of a step."""
+    seed: Annotated[Count, Field(ge=0, le=2**31)] = 0
+    """Of the weights, the order of the samples and the augmentations."""
+    threads: Annotated[Count, Field(ge=1, le=256)] = 1
+    """Of torch; the same seed gives the same weights, bit for bit on one machine, with one."""
+    device: Literal["cpu", "gpu"] = "cpu"
+    """Where it runs."""
+    augment: Augment = Augment()
+    """How samples are changed on the fly; by default they are not."""
+
+    def rate_of(self, epoch: int) -> float:
+        """Learning rate of an epoch of the schedule "cosine"."""
+        rising = max(1, round(self.epochs / 7))
+        if epoch < rising:
+            return self.rate * (epoch + 1) / (rising + 1)
+        return self.rate * 0.5 * (1.0 + math.cos(math.pi * (epoch - rising) / (self.epochs - rising)))
+
 
 Progress = Callable[[float], None]
 NOTE = "training.txt"
@@ -113,7 +160,7 @@ def _fitted(
         warnings.simplefilter("ignore")  # of Lightning, on loggers and workers that are not used
         from lightning import Trainer
 
-        from t2d_rt.learn.train.module import Training
+        from t2d_rt.learn.lightning_module import Training
 
         for each in ("lightning.pytorch", "lightning.fabric"):  # their import sets a level of their own
             logging.getLogger(each).setLevel(logging.ERROR)

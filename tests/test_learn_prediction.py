@@ -11,10 +11,10 @@ import pytest
 from learn_maps import CLASSES
 from t2d_rt.cli import main
 from t2d_rt.core.errors import InputError, T2DWarning
-from t2d_rt.learn.charts import prediction_figure
-from t2d_rt.learn.train import Ensemble, SavedModel
-from t2d_rt.learn.train.saved import Card
-from t2d_rt.learn.windows import Prediction, predict
+from t2d_rt.learn import Ensemble, SavedModel
+from t2d_rt.learn.figures import prediction_figure
+from t2d_rt.learn.prediction import Prediction, predict
+from t2d_rt.learn.saved_models import Card
 from t2d_rt.recording.recording import Recording
 from t2d_rt.types import Radar
 

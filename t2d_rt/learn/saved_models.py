@@ -91,7 +91,7 @@ class SavedModel:
         """Of each class, (N, K), of maps (N, speed, time) [dB below the greatest cell of each]."""
         import torch
 
-        from t2d_rt.learn.train.batches import as_input
+        from t2d_rt.learn.lightning_module import as_input
 
         if levels.ndim != 3 or levels.shape[1:] != self.card.size:
             wanted = " x ".join(map(str, self.card.size))
