@@ -13,6 +13,8 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from t2d_rt.core.calls import public
+
 if TYPE_CHECKING:
     from t2d_rt.accuracy import plan
     from t2d_rt.core.errors import BackendError, InputError, T2DError, T2DWarning
@@ -167,7 +169,9 @@ class _Package(ModuleType):
     """Keeps `t2d_rt.simulate` the function, also once the module of that name has been imported."""
 
     def __setattr__(self, name: str, value: Any) -> None:
-        super().__setattr__(name, value.simulate if name == "simulate" and isinstance(value, ModuleType) else value)
+        super().__setattr__(
+            name, public(value.simulate) if name == "simulate" and isinstance(value, ModuleType) else value
+        )
 
 
 sys.modules[__name__].__class__ = _Package
@@ -180,7 +184,7 @@ def __getattr__(name: str) -> Any:
         return versions()["t2d-rt"]
     if name not in _HOME:
         raise AttributeError(f"module 't2d_rt' has no attribute '{name}'")
-    value = getattr(import_module(_HOME[name]), name)
+    value = public(getattr(import_module(_HOME[name]), name))
     globals()[name] = value
     return value
 

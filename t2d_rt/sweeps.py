@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import csv
 import hashlib
 import io
@@ -33,7 +34,7 @@ from t2d_rt.radar.synthesize import Progress
 from t2d_rt.recording.compare import compare, field_difference_db, figures, same_axes
 from t2d_rt.recording.recording import Recording
 from t2d_rt.scene.movers import kind_names, mover
-from t2d_rt.signal.doppler import check_names
+from t2d_rt.signal.doppler import check_names, check_processing
 from t2d_rt.simulate import simulate
 from t2d_rt.types import Accuracy, Motion
 
@@ -43,10 +44,12 @@ if TYPE_CHECKING:
 
 MOST_POINTS = 1000
 """Recordings of one sweep."""
+CHECKED_CHIRPS = 2**16
+"""Length of the record for which options of the spectrogram are checked before there is one."""
 TABLE = "table.csv"
 PICTURES = "panels.png", "panels.pdf"
 """What may stand beside the recordings."""
-BESIDE = "accuracy", "tolerance_db"
+BESIDE = "accuracy", "tolerance_db", "signal"
 """What may be varied beside fields of the experiment."""
 MEASURES = {
     "level_db": "level [dB re 1 W]", "peak_db": "peak [dB re 1 W]", "torso_speed_mps": "torso [m/s]",
@@ -67,6 +70,8 @@ class Point:
     accuracy: Mapping[str, Any]
     """Fields of `Accuracy` that are given."""
     tolerance_db: float | None
+    signal: Mapping[str, Any]
+    """Options of its spectrogram."""
     file: str
     """Name of its recording in the folder."""
 
@@ -138,7 +143,8 @@ def sweep(
     experiment: an `Experiment`, a mapping of fields, or a recording, whose accuracy holds unless a tolerance is given or varied.
     vary: values by the names of fields, as {"targets.1.rpm": [0, 300], "radar.prf_hz": [4000, 8000]}; those of the field that is
         named first change last. A whole target may be varied, and is left out where its value is None. Beside the experiment's own
-        there are `tolerance_db` and the fields of `accuracy`.
+        there are `tolerance_db`, the fields of `accuracy`, and as `signal.n_window` and the like the options of the spectrogram:
+        what differs in these alone is simulated once.
     folder: where recordings are stored as they are made, and the table (table.csv); created if it is not there. A sweep that was
         stopped goes on. A folder that holds anything else, or recordings of other experiments or versions, is refused.
     accuracy, tolerance_db, device: as of `simulate`.
@@ -158,10 +164,9 @@ def sweep(
     if not isinstance(experiment, Experiment):
         instance("experiment", experiment, Mapping, "an Experiment, a Recording or a mapping of an experiment's fields")
         experiment = Experiment.model_validate(experiment)
-    points = _points(experiment, vary, accuracy, tolerance_db)
-    place, options = file_path("folder", folder), dict(processing or {})
-    check_names(options)
-    keys = [_key(point, inputs, options) for point in points]
+    given = {"accuracy": _given(accuracy), "tolerance_db": tolerance_db, "signal": dict(processing or {})}
+    points, place = _points(experiment, vary, given), file_path("folder", folder)
+    keys = [_key(point, inputs) for point in points]
     _check_folder(place, points, keys)
     place.mkdir(exist_ok=True)
     measures: list[dict[str, float]] = []
@@ -172,7 +177,10 @@ def sweep(
         if not target.exists():
             told = _progress(progress, number, points)
             try:
-                made = _simulated(point, inputs, device, told).processed(**options)
+                alike = next((each for each in points[:number] if _same_samples(each, point)), None)
+                made = Recording.load(place / alike.file) if alike else _simulated(point, inputs, device, told)
+                made.processing.clear()
+                made = made.processed(**point.signal)
                 made.settings["sweep"] = key
                 made.save(target)
             except KeyboardInterrupt as stopped:
@@ -188,6 +196,11 @@ def sweep(
     return found
 
 
+def _same_samples(one: Point, other: Point) -> bool:
+    """Whether they differ in their spectrograms alone."""
+    return (one.experiment, one.accuracy, one.tolerance_db) == (other.experiment, other.accuracy, other.tolerance_db)
+
+
 def _simulated(point: Point, inputs: Inputs, device: Device, progress: Any) -> Recording:
     """The recording of one point, as `simulate` makes it."""
     of = point.experiment
@@ -197,11 +210,8 @@ def _simulated(point: Point, inputs: Inputs, device: Device, progress: Any) -> R
     )  # fmt: skip
 
 
-def _points(
-    experiment: Experiment, vary: Any, accuracy: Accuracy | Mapping[str, Any] | None, tolerance_db: float | None
-) -> list[Point]:
-    """All combinations, the last field changing first."""
-    given = _given(accuracy)
+def _points(experiment: Experiment, vary: Any, given: Mapping[str, Any]) -> list[Point]:
+    """All combinations, the last field changing first; `given` are accuracy, tolerance and options of the spectrogram."""
     axes = []
     for name, values in vary.items():
         if isinstance(values, (str, Mapping)) or not isinstance(values, (Sequence, np.ndarray)) or not len(values):
@@ -216,19 +226,22 @@ def _points(
         raise InputError(f"a sweep takes at most {MOST_POINTS} recordings, got {count}; give fewer values")
     points = []
     for number, chosen in enumerate(itertools.product(*axes)):
-        values = {**experiment.model_dump(mode="json"), "accuracy": dict(given), "tolerance_db": tolerance_db}
+        values = {**experiment.model_dump(mode="json"), **copy.deepcopy(dict(given))}
         for name, value, _ in chosen:
             _set(values, name, value)
         if isinstance(values["targets"], list):
             values["targets"] = [each for each in values["targets"] if each is not None]
         own = {name: values.pop(name) for name in BESIDE}
         Accuracy.model_validate(own["accuracy"])
+        of = Experiment.model_validate(values)
+        check_names(own["signal"])
+        check_processing(of.radar, CHECKED_CHIRPS, own["signal"])
         texts = [text for *_, text in chosen]
         name = re.sub(r"[^A-Za-z0-9.+-]+", "_", "_".join(texts)).strip("_")[:80]
         points.append(
             Point(
                 fields={name: text for name, _, text in chosen},
-                experiment=Experiment.model_validate(values),
+                experiment=of,
                 **own,
                 file=f"{number:03}_{name}.zarr",  # as many digits for any count, so that a sweep can grow
             )
@@ -304,7 +317,7 @@ def _inside(place: Any, part: str) -> Any:
     return place[part]
 
 
-def _key(point: Point, inputs: Inputs, processing: Mapping[str, Any]) -> str:
+def _key(point: Point, inputs: Inputs) -> str:
     """Hash of all that a recording depends on, the content of files included."""
     of, store = point.experiment, Store({})
     targets = [placed(each, of.radar) if isinstance(each, Motion) else each for each in of.targets_from(inputs)]
@@ -316,7 +329,7 @@ def _key(point: Point, inputs: Inputs, processing: Mapping[str, Any]) -> str:
     whole = Experiment(
         targets=sources_of(targets, store), radar=of.radar, scene=stored_scene(scene, store), **of.physics
     )
-    told = [whole.hash, point.accuracy, point.tolerance_db, processing, versions()]
+    told = [whole.hash, point.accuracy, point.tolerance_db, point.signal, versions()]
     return hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()[:32]
 
 

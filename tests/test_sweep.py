@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 import shutil
 from collections.abc import Callable
@@ -145,7 +146,7 @@ def test_folders_of_others_are_refused(folder: Path, tmp_path: Path, monkeypatch
     with pytest.raises(InputError, match="was made of another experiment, file or setting"):
         again(folder, fields={**FIELDS, "targets": [{**WALKER, "file": str(edited)}, FAN]})
     with monkeypatch.context() as patch:
-        patch.setattr(sweeps, "versions", lambda: {**t2d.versions.versions(), "t2d-rt": "9.9"})
+        patch.setattr(sweeps, "versions", lambda: {**t2d_rt.core.versions.versions(), "t2d-rt": "9.9"})
         with pytest.raises(InputError, match=r"was made by other versions \(t2d-rt .*\); choose another folder"):
             again(folder)
     (folder / "notes.txt").write_text("mine")
@@ -226,6 +227,28 @@ def test_differences_are_told_where_the_axes_are_the_same(tmp_path: Path) -> Non
     assert [math.isnan(each["field_difference_db"]) for each in found.measures] == [False, True, False, True]
 
 
+def test_what_differs_in_its_spectrogram_alone_is_simulated_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seeds: list[int] = []
+    simulated = sweeps._simulated
+    monkeypatch.setattr(
+        sweeps, "_simulated", lambda *given: seeds.append(given[0].experiment.seed) or simulated(*given)
+    )
+    vary = {"seed": [0, 1], "signal.n_window": [64, 128], "signal.overlap": [32, 48]}
+    found = again(tmp_path / "windows", vary, {**FIELDS, "targets": [WALKER]}, processing={"mti": "mean"})
+    assert seeds == [0, 1]
+    for number, (seed, n_window, overlap) in enumerate(itertools.product(*vary.values())):
+        single = t2d.run(t2d.Experiment(**{**FIELDS, "targets": [WALKER], "seed": seed}))
+        image = single.processed(mti="mean", n_window=n_window, overlap=overlap).spectrogram
+        np.testing.assert_array_equal(found.recording(number).spectrogram, image)
+        np.testing.assert_array_equal(found.spectrograms[number], image)
+    assert found.points[3].label == "seed 0, n_window 128, overlap 48"
+    whole = {"signal": [{"n_window": 64}, {"overlap": 32}]}
+    found = again(tmp_path / "whole", whole, {**FIELDS, "targets": [WALKER]}, processing={})
+    assert found.recording(1).processing == {"overlap": 32}
+
+
 @pytest.mark.parametrize(
     ("vary", "sentence"),
     [
@@ -241,6 +264,9 @@ def test_differences_are_told_where_the_axes_are_the_same(tmp_path: Path) -> Non
         ({"seed": range(50), "targets.1.rpm": range(50)}, "a sweep takes at most 1000 recordings, got 2500"),
         ({"accuracy.sagitta": [1, 2]}, "unknown accuracy key 'sagitta'"),
         ({"method": ["mash"]}, "method"),
+        ({"signal.n_windw": [64]}, "unknown spectrogram option 'n_windw'"),
+        ({"signal.mti": ["mean", "median"]}, "MTI method must be"),
+        ({"signal.n_window": [64, -1]}, "n_window must be an integer"),
     ],
 )
 def test_what_cannot_vary(vary: Any, sentence: str, tmp_path: Path) -> None:
@@ -326,7 +352,7 @@ def test_an_experiment_in_yaml_and_a_recording_vary_by_field(run: Command, monke
     ("options", "sentence"),
     [
         (("sweep", "walk.bvh"), "nothing is varied; give a range or alternatives, as --seed 0:9:1"),
-        (("sweep", "walk.bvh", "--signal.mti", "mean|none"), "option signal.mti cannot be varied"),
+        (("sweep", "walk.bvh", "--device", "cpu|auto"), "option device cannot be varied"),
         (
             ("sweep", "walk.bvh", "--vary", "seed"),
             "option vary takes a field and its values, as seed=0:9:1, got 'seed'",

@@ -38,9 +38,9 @@ def parser() -> ArgumentParser:
     found = command_parser(
         "sweep",
         "Simulates a motion file, an experiment (.yaml) or a result (.zarr) again and again with some options varied, and compares "
-        "the recordings with the first. Any option of motion, model, radar or accuracy may be a range, first:last:step, or "
-        "alternatives with | between them; several make a grid. Recordings are stored as they are made, and a sweep that was "
-        "stopped goes on; then come panels.png and panels.pdf on one scale, and table.csv.",
+        "the recordings with the first. Any option of motion, model, radar, accuracy or spectrogram may be a range, "
+        "first:last:step, or alternatives with | between them; several make a grid. Recordings are stored as they are made, and a "
+        "sweep that was stopped goes on; then come panels.png and panels.pdf on one scale, and table.csv.",
         examples=EXAMPLES,
     )
     told = "Folder of the recordings, the table and the pictures; by default it has FILE's name and ends in _sweep."
@@ -137,11 +137,11 @@ def _varied(options: Namespace) -> dict[str, list[Any]]:
             found["scene.file"] = texts
         elif name in ("only_paths", "without_paths"):
             found[name] = [[each] for each in texts]
-        elif name in (*OF_EXPERIMENT, "radar", "tolerance_db") or name.startswith(("radar.", "accuracy.")):
+        elif name in (*OF_EXPERIMENT, "radar", "tolerance_db") or name.startswith(("radar.", "accuracy.", "signal.")):
             found[name] = [load_yaml(each) for each in texts]
         else:
             raise InputError(
-                f"option {name} cannot be varied; those of motion, model, radar and accuracy can, and fields by --vary"
+                f"option {name} cannot be varied; those of motion, model, radar, accuracy and spectrogram can, and fields by --vary"
             )
     for entry in options.vary or ():
         name, equals, text = entry.partition("=")

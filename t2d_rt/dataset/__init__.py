@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from t2d_rt.core.calls import public
 from t2d_rt.dataset.drawn import dataset_sheet, plot_summary
 from t2d_rt.dataset.export import export_dataset
 from t2d_rt.dataset.making import Outcome, make_dataset
@@ -23,6 +24,8 @@ __all__ = [
     "check_dataset", "check_split", "dataset_sheet", "export_dataset", "folds", "make_dataset", "plot_summary",
     "read_shards", "read_split", "recipe_names", "sample", "source_clips", "split", "summarise",
 ]  # fmt: skip
+
+globals().update({name: public(globals()[name]) for name in __all__ if name in globals()})
 
 
 def __getattr__(name: str) -> Any:

@@ -8,6 +8,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from t2d_rt.core.calls import public
+
 if TYPE_CHECKING:
     from t2d_rt.dataset.splits import sides_of
     from t2d_rt.learn.augment import Augment
@@ -49,4 +51,4 @@ def __getattr__(name: str) -> Any:
         raise ImportError(f"t2d_rt.learn.{name} is validation.studies.{name} now, in a clone of t2d-rt")
     if name not in _HOME:
         raise AttributeError(f"module 't2d_rt.learn' has no attribute '{name}'")
-    return getattr(import_module(_HOME[name]), name)
+    return public(getattr(import_module(_HOME[name]), name))

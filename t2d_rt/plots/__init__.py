@@ -1,5 +1,6 @@
 """Pictures with true axes: maps, comparisons, scenes and point clouds, for papers and notebooks."""
 
+from t2d_rt.core.calls import public
 from t2d_rt.plots.figures import (
     VELOCITY_LABEL,
     plot_comparison,
@@ -21,3 +22,5 @@ __all__ = [
     "plot_scene",
     "plot_spectrogram",
 ]
+
+globals().update({name: public(globals()[name]) for name in __all__})

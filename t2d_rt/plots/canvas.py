@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
+from t2d_rt.core.calls import public
 from t2d_rt.core.checks import array, flag, instance, interval, number, numeric, positive, shown, text
 from t2d_rt.core.errors import InputError
 
@@ -37,6 +38,7 @@ class StyleOptions(TypedDict, total=False):
     width_in: float
 
 
+@public
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Style:
     """How a map is drawn: the colours of its levels, its colour bar, its width."""

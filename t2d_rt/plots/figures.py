@@ -6,14 +6,13 @@ of a figure of the user's and returns these.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal, Unpack, cast, overload
 
 import numpy as np
 
 from t2d_rt.core.checks import LARGEST_M, array, instance, numeric, positive, shown, text
-from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.plots.canvas import (
     Style,
     StyleOptions,
@@ -87,11 +86,9 @@ def draw_map(
 
 def _with_width(time_s: np.ndarray, power_db: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """One column over the time of its window, which a record of that length begins at 0; with a warning."""
-    warnings.warn(
+    warn(
         f"the record has room for one column, at {time_s[0]:.4g} s: the picture shows no change in time; take a longer record, or "
-        "shorter windows (n_window)",
-        T2DWarning,
-        stacklevel=4,
+        "shorter windows (n_window)"
     )
     half = 0.5 * abs(time_s[0]) or 0.5
     return time_s[0] + half * np.array([-1.0, 1.0]), np.repeat(power_db, 2, axis=1)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack, cast, overload
 
 from t2d_rt.core.atomic_write import check_taken, replacing
+from t2d_rt.core.calls import public
 from t2d_rt.core.checks import call, file_path, flag, instance, numeric
 from t2d_rt.core.cube_storage import DIMENSIONS, NAME
 from t2d_rt.core.cubes import Cube, DiskCube, check_complex64
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from t2d_rt.view import Viewer
 
 
+@public
 class Recording:
     """A radar recording, simulated or measured: ADC cube, radar, and what follows from them.
 

@@ -4,6 +4,7 @@ Cubes are (chirp, antenna, sample), or (chirp, sample) for one antenna. Levels a
 P reads P in its peak cell.
 """
 
+from t2d_rt.core.calls import public
 from t2d_rt.signal.angle import array_spectrum, range_angle, steering_vectors, unit_vectors
 from t2d_rt.signal.cfar import cfar, cfar_factor
 from t2d_rt.signal.doppler import range_doppler, spectrogram, stft
@@ -44,3 +45,5 @@ __all__ = [
     "taper",
     "unit_vectors",
 ]
+
+globals().update({name: public(globals()[name]) for name in __all__})

@@ -1,5 +1,6 @@
 """Frozen values that cross stages."""
 
+from t2d_rt.core.calls import public
 from t2d_rt.types.accuracy import Accuracy, PathTier
 from t2d_rt.types.echoes import EchoArrays, Echoes, EchoStream, resampled, stream
 from t2d_rt.types.ellipsoids import Ellipsoids
@@ -36,3 +37,19 @@ __all__ = [
     "resampled",
     "stream",
 ]
+
+for _each in (
+    Accuracy,
+    EchoStream,
+    Echoes,
+    Ellipsoids,
+    Material,
+    Motion,
+    MovingMesh,
+    PathTier,
+    Radar,
+    Receiver,
+    Scene,
+    Surface,
+):
+    public(_each)

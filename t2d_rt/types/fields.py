@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from t2d_rt.core.calls import public
 from t2d_rt.core.checks import names_advice, shown
 from t2d_rt.core.errors import InputError
 
@@ -36,6 +37,7 @@ Vectors = Annotated[tuple[Vector, ...], BeforeValidator(_triples), Field(min_len
 Count = Annotated[int, BeforeValidator(_not_bool)]
 
 
+@public
 class Fields(BaseModel):
     """A frozen model of named fields; what is wrong with them comes as an InputError of one sentence."""
 

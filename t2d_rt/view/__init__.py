@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from t2d_rt.core.atomic_write import check_place, check_taken, replacing
+from t2d_rt.core.calls import public
 from t2d_rt.core.checks import file_path, flag, shown
 from t2d_rt.core.errors import InputError, printable
 from t2d_rt.recording.text import made_with
@@ -29,6 +30,7 @@ NOTEBOOK_PX = 760
 MOST_RECORDINGS = 2
 
 
+@public
 class Viewer:
     """A page of one recording, or of two side by side, which a notebook shows and `save` writes as a file of its own."""
 

@@ -1,0 +1,101 @@
+"""Public functions and classes, called with arguments that they do not take: one sentence, with the name that was meant."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+from t2d_rt.core.errors import InputError
+
+T = TypeVar("T")
+
+
+class CallError(InputError, TypeError):
+    """Arguments that a function does not take, or that it lacks."""
+
+    option: str = ""
+    """An unknown one."""
+    known: Sequence[str] = ()
+    """What may be left out of a call."""
+
+
+def public(value: T) -> T:
+    """A function, or a class with its methods, whose wrong calls are a CallError. A class is changed; a function takes the place of
+    the given one in its module, as pickle expects."""
+    if isinstance(value, type):
+        for name, own in list(vars(value).items()):
+            if name == "__init__" or not name.startswith("_"):
+                kind = type(own)
+                if kind in (staticmethod, classmethod):
+                    setattr(value, name, kind(_checked(own.__func__)))
+                elif inspect.isfunction(own):
+                    setattr(value, name, _checked(own))
+        return value
+    if not inspect.isfunction(value):
+        return value
+    made: Any = _checked(value)
+    setattr(sys.modules[value.__module__], value.__name__, made)
+    return made  # type: ignore[no-any-return]
+
+
+def _checked(function: Callable[..., Any]) -> Callable[..., Any]:
+    if hasattr(function, "checked"):
+        return function
+
+    @functools.wraps(function)
+    def call(*values: Any, **options: Any) -> Any:
+        try:
+            return function(*values, **options)
+        except CallError as error:
+            # An option that was handed on to another function: it may have been meant for this one.
+            own = _optional(function)
+            if error.option not in options or error.option in own:
+                raise
+            both = list(dict.fromkeys([*own, *error.known]))
+            raise _unknown(_name(function, values), error.option, both, both) from None
+        except TypeError:
+            found = _error(function, values, options)
+            if found is None:
+                raise
+            raise found from None
+
+    call.checked = True  # type: ignore[attr-defined]
+    return call
+
+
+def _name(function: Callable[..., Any], values: tuple[Any, ...]) -> str:
+    return type(values[0]).__name__ if function.__name__ == "__init__" else function.__qualname__
+
+
+def _optional(function: Callable[..., Any]) -> list[str]:
+    parameters = inspect.signature(function).parameters.values()
+    plain = inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY
+    return [each.name for each in parameters if each.kind in plain and each.default is not each.empty]
+
+
+def _unknown(name: str, option: str, names: Sequence[str], known: Sequence[str]) -> CallError:
+    from t2d_rt.core.checks import names_advice, shown  # with NumPy, for which `import t2d_rt` does not wait
+
+    error = CallError(f"{name} has no option {shown(option)}; {names_advice(option, names)}")
+    error.option, error.known = option, known
+    return error
+
+
+def _error(function: Callable[..., Any], values: tuple[Any, ...], options: dict[str, Any]) -> CallError | None:
+    """What is wrong with the arguments; None where they fit."""
+    signature, name = inspect.signature(function), _name(function, values)
+    try:
+        signature.bind(*values, **options)
+    except TypeError as error:
+        several = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
+        known = list(signature.parameters.values())
+        names = [each.name for each in known if each.kind not in several and each.name not in ("self", "cls")]
+        unknown = [each for each in options if each not in names]
+        if unknown and names and known[-1].kind is not several[1]:
+            return _unknown(name, unknown[0], names, _optional(function))
+        more = ["options by name"] if any(each.kind is several[1] for each in known) else []
+        return CallError(f"{name}: {error}; it takes {', '.join(names + more) or 'nothing'}")
+    return None
