@@ -1,5 +1,5 @@
 # Every target works in a fresh clone: it makes .venv when there is none and installs what Python and LLVM lack where it may.
-.PHONY: demo test check style doctest bench validate docs
+.PHONY: demo test test-all check style doctest bench validate docs
 .DELETE_ON_ERROR:
 
 # Compiled modules are kept, whatever the environment says: the tests start many processes.
@@ -16,12 +16,15 @@ SPREAD := --dist loadfile --no-loadscope-reorder
 demo: $(STAMP)
 	$(PY) examples/demo.py
 
+# The tests of each change; `slow` marks those that run before a release and after a change to what they guard.
 test: $(DEV)
+	$(PY) -m pytest -q -n 2 $(SPREAD) -m "not slow"
+
+test-all: $(DEV)
 	$(PY) -m pytest -q -n 2 $(SPREAD)
 
-# Formatter, linter, types, fast tests (the import layers are among them: tests/test_layers.py) and doctests.
-check: style doctest
-	$(PY) -m pytest -q -n 2 $(SPREAD) -m "not slow"
+# Formatter, linter, types, doctests and tests (the import layers are among them: tests/test_layers.py).
+check: style doctest test
 
 style: $(DEV)
 	.venv/bin/ruff format --check .

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,6 +30,12 @@ ANTENNA_M = np.array([0.0, 0.0, 1.0])
 
 Point = Sequence[float]
 ZERO = (0.0, 0.0, 0.0)
+
+
+def slow_after(count: int, values: Sequence[Any]) -> list[Any]:
+    """Values of a parametrised test, of which `make test` takes so many and `make test-all` the others too."""
+    told = [each if isinstance(each, tuple) else (each,) for each in values]
+    return [pytest.param(*each, marks=[pytest.mark.slow] * (place >= count)) for place, each in enumerate(told)]
 
 
 # --- meshes ---

@@ -9,7 +9,8 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from hypothesis import settings
 
 from builders import WALK, WALL
 from command_line import Command, Run, listing
-from t2d_rt.cli import main
+from t2d_rt.cli import _command, main
 from t2d_rt.core.backend import Backend, select
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.disk_cache import VARIABLE
@@ -80,7 +81,7 @@ def pytest_collection_finish() -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory) -> None:
+def disk_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
     """The tests' own folder for what is kept on disk; all processes of a run and those that they start have it."""
     home = tmp_path_factory.getbasetemp()
     os.environ[VARIABLE] = str((home.parent if "PYTEST_XDIST_WORKER" in os.environ else home) / "cache")
@@ -93,6 +94,14 @@ def one_thread_of_many() -> None:
         import drjit as dr
 
         dr.set_thread_count(1)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def parsers_are_kept() -> Iterator[None]:
+    """To set up the options of a command takes as long as most of its refusals; a process of tests does so once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("t2d_rt.cli._command", cache(_command))
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -40,6 +40,7 @@ def test_steps_of_a_sentence_begin_one_after_the_other(sits: t2d.Motion) -> None
     assert height_m[does == "sit"][0] > 0.9 * height_m[does == "walk"].mean()
 
 
+@pytest.mark.slow
 def test_a_fall_begins_when_its_origin_says() -> None:
     falls = t2d.motion_from_text("a person walks forward and slips", seed=1)
     (told,) = (each for each in falls.origin if each.startswith("fall by"))
@@ -66,6 +67,7 @@ def test_edits_keep_what_is_done(sits: t2d.Motion) -> None:
     assert t2d.repeat(alone, 4.0).activities == (("walk", 0.0),)
 
 
+@pytest.mark.slow
 def test_truth_tells_it_and_files_keep_it(sits: t2d.Motion, tmp_path: Path) -> None:
     sit_s = sits.activities[1][1]
     piece = t2d.trim(sits, sit_s - 0.1, sit_s + 0.1)

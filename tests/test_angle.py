@@ -152,7 +152,6 @@ def test_speeds_of_a_tdm_cube_count_loops() -> None:
     assert folded.velocity_mps[row] == pytest.approx(10.0 - 2 * TDM.max_speed_mps, abs=0.15)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("azimuth", "speed"), [(0.0, 0.0), (30.0, 1.5), (-50.0, 1.5)])
 def test_range_angle_reads_the_power(azimuth: float, speed: float) -> None:
     coupling = TDM.mid_frequency_hz * speed / TDM.slope_hz_per_s
@@ -167,7 +166,6 @@ def test_range_angle_reads_the_power(azimuth: float, speed: float) -> None:
         assert np.degrees(result.azimuth_rad[column]) == pytest.approx(azimuth, abs=0.6)
 
 
-@pytest.mark.slow
 def test_two_targets_in_one_range_bin() -> None:
     cube = echoes(TDM, 64, [(5.0, 25.0, 0.0, 1.0), (5.0, -15.0, 0.0, -1.0), (5.0, -40.0, 0.0, -1.0)])
     column = round(5.0 / BIN_M)
@@ -187,7 +185,6 @@ def test_two_targets_in_one_range_bin() -> None:
     assert np.degrees(points.azimuth_rad[mover]) == pytest.approx(25, abs=0.5)
 
 
-@pytest.mark.slow
 def test_elevation_of_the_map() -> None:
     cube = echoes(TDM, 32, [(40 * BIN_M, 10.0, 30.0, 0.0)])
     gate_m = 39.5 * BIN_M, 40.5 * BIN_M
@@ -198,7 +195,6 @@ def test_elevation_of_the_map() -> None:
     assert levels[0] < levels[1] < levels[2]
 
 
-@pytest.mark.slow
 def test_static_echoes_are_removed() -> None:
     cube = echoes(TDM, 64, [(4.0, 0.0, 0.0, 0.0), (6.0, 20.0, 0.0, 2.0)])
     kept, removed = (range_angle(cube, TDM, mti=mti, range_gate_m=(0.0, 6.5)) for mti in ("none", "mean"))
@@ -390,7 +386,6 @@ def test_neither_silence_nor_rounding_errors_are_detected() -> None:
 # --- figures and guards ---
 
 
-@pytest.mark.slow
 def test_figures(tmp_path) -> None:
     cube = echoes(TDM, 64, [(5.0, 30.0, 10.0, 1.5), (3.0, -10.0, 0.0, -1.0)])
     result = range_angle(cube, TDM, range_gate_m=(0, 8))

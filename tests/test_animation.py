@@ -144,6 +144,7 @@ def test_frames_go_to_ffmpeg_one_by_one(tmp_path: Path, monkeypatch: pytest.Monk
     assert len(drawn) < 2000
 
 
+@pytest.mark.slow
 def test_a_gif_plays_in_real_time_at_any_rate(walker: t2d.Recording, tmp_path: Path) -> None:
     """30 Hz is 33 ms, which a GIF does not know: pictures stand 30 ms apart in its time and in that of the motion."""
     t2d.animate(walker, tmp_path / "walk.gif", width_px=300, frames_hz=30)
@@ -218,6 +219,7 @@ def test_one_antenna_tells_no_azimuth(walker: t2d.Recording) -> None:
 # --- the command ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_pictures_of_the_command(run: Command, walker: t2d.Recording, array: t2d.Recording) -> None:
     walker.save("walk.zarr")
     array.save("array.zarr")

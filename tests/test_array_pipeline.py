@@ -51,7 +51,6 @@ def level_db(radar: Radar, **where: float) -> float:
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("speed_mps", [0.0, 1.5])
 def test_direction_of_a_sphere(speed_mps: float) -> None:
     assert np.abs(direction_deg(cube(speed_mps)) - [30, 10]).max() < 0.5

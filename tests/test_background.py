@@ -13,6 +13,7 @@ import pytest
 from scipy.special import digamma, polygamma
 
 import t2d_rt as t2d
+from builders import slow_after
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.dataset.background_files import background_records
 from t2d_rt.noise.background import Background, BackgroundModel, BackgroundRecord, Grid, add_background, load_background
@@ -101,6 +102,7 @@ def test_decoder_and_prior_without_torch_are_those_that_were_trained(model: Back
     assert wanted.shape == chance.shape
 
 
+@pytest.mark.slow
 def test_training_repeats_bit_for_bit() -> None:
     record = example_record(0, columns=80)
     short = [learn_background([record], codes=4, heads=1, codec_steps=3, prior_steps=2, seed=2) for _ in range(2)]
@@ -132,7 +134,7 @@ for bins in (32, 44, 128):
 """
 
 
-@pytest.mark.parametrize(("kernels", "threads"), [("Haswell", "2"), ("Sandybridge", "1")])
+@pytest.mark.parametrize(("kernels", "threads"), slow_after(1, [("Haswell", "2"), ("Sandybridge", "1")]))
 def test_first_columns_are_the_same_bits_whichever_kernels_blas_takes(kernels: str, threads: str) -> None:
     """OpenBLAS picks its kernels by shape, number of threads and processor; the variable is ignored where it is not known."""
     found = subprocess.run(
@@ -400,6 +402,7 @@ def test_perplexity() -> None:
     assert perplexity(np.array([[0, 1], [1, 1], [0, 1], [1, 1]]), 4) == pytest.approx(np.sqrt(2))
 
 
+@pytest.mark.slow
 def test_evaluation_sets_prior_beside_the_others(model: BackgroundModel) -> None:
     found = evaluation(model, [example_record(seed) for seed in range(20, 22)])
     assert list(found) == ["prior", "uniform codes", "Gaussian noise"]
@@ -409,6 +412,7 @@ def test_evaluation_sets_prior_beside_the_others(model: BackgroundModel) -> None
 # --- the command ---
 
 
+@pytest.mark.slow
 def test_commands(run, model: BackgroundModel, tmp_path) -> None:
     model.save(tmp_path / "m.safetensors")
     assert run("background", "sample", "m.safetensors", "-n", "2", "--duration-s", "3", "-o", "out").code == 0
@@ -455,6 +459,7 @@ def test_without_torch_a_sentence_tells_what_to_install(
         learn_background(records)
 
 
+@pytest.mark.slow
 def test_sampling_needs_no_torch() -> None:
     import subprocess
 

@@ -123,7 +123,6 @@ def test_a_rotation_in_any_direction_after_calibration_carries_the_surface_rigid
     np.testing.assert_allclose(tumbling.vertices[0], rotation.apply(surface.vertices[0]) + shift, atol=1e-9)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [WALK, RUN, STYLISED, "14_14_jumping_jacks.bvh", "momask_22j_120frames.bvh", "bvhtoolbox_walk01.bvh"]
 )

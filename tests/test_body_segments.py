@@ -24,7 +24,6 @@ def walk() -> Motion:
     return builders.walk()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["12_01_walk.bvh", "iclone_002_03_run_jog.bvh.gz", "momask_22j_120frames.bvh"])
 def test_segments_have_the_bodys_volume_and_extents(name):
     body = fit(template(), load_motion(resource("motions", name)))

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 import builders
 import t2d_rt as t2d
+from builders import slow_after
 from measures import db, volume
 from t2d_rt.body import ABOUT, bodies, regressed_joints, rest_joints, segments, skin, template
 from t2d_rt.body.fit import fit
@@ -146,7 +147,7 @@ def test_weights_are_a_partition_and_rings_give_their_joints(name: str) -> None:
 
 
 @every_body
-@pytest.mark.parametrize("walk", WALKS)
+@pytest.mark.parametrize("walk", slow_after(1, WALKS))
 def test_a_body_sits_on_the_joints_of_a_walk(name: str, walk: str) -> None:
     """Mean below 6 mm and none above 25 mm, where the bars are 15 and 40; it keeps its volume within 7 %."""
     motion, body = recorded(walk), template(name)
@@ -252,6 +253,7 @@ def test_who_holds_the_rest_pose_has_the_rest_surface(name: str) -> None:
     assert fit(body, resting(name)).scale == pytest.approx(1, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_mesh_and_ellipsoids_of_a_child_return_the_same_power() -> None:
     """Within 6 dB over 0.06 s of a walk: a few glints, which the two models place differently."""
     walk, radar = t2d.trim(recorded(WALKS[0]), 1.0, 1.06), t2d.Radar.preset("table2")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from builders import icosphere, static_mesh
+from builders import icosphere, slow_after, static_mesh
 from measures import db
 from t2d_rt.core.backend import Backend
 from t2d_rt.core.constants import SPEED_OF_LIGHT
@@ -82,8 +82,8 @@ def test_dihedral(preset: str, angle_deg: float) -> None:
     assert db(found / expected) == pytest.approx(0, abs=0.6)  # tubes at the plates' rims count by thirds
 
 
-@pytest.mark.parametrize("angle_deg", [0.0, 20.0])
-@pytest.mark.parametrize("preset", ["ism-24", "table2"])
+@pytest.mark.parametrize("angle_deg", slow_after(1, [0.0, 20.0]))
+@pytest.mark.parametrize("preset", slow_after(1, ["ism-24", "table2"]))
 def test_trihedral(preset: str, angle_deg: float) -> None:
     radar = Radar.preset(preset, sample_rate_hz=30e6)
     towards = rotation(angle_deg) @ np.ones(3) / math.sqrt(3)

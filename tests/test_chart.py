@@ -62,7 +62,6 @@ def test_methods_of_visibility_agree_where_little_is_occluded(case: Case) -> Non
         assert nmse_db(cube, default) < -20
 
 
-@pytest.mark.slow
 def test_a_kept_reference_is_read_again(case: Case, tmp_path: Path) -> None:
     made = []
 

@@ -589,6 +589,7 @@ def test_the_command_goes_on_after_a_file_that_it_cannot_read(run: Command, tmp_
     assert sheet.is_file()
 
 
+@pytest.mark.slow
 def test_a_fall_on_a_landing_is_found_and_a_climb_is_none() -> None:
     pytest.importorskip("mujoco")
     fallen = t2d.motion_from_text("a person walks up the stairs and falls forward", seed=2)

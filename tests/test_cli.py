@@ -62,7 +62,6 @@ def test_simulate_writes_result_and_picture(run: Command, method: str) -> None:
     assert not [*Path.cwd().glob(".*")]
 
 
-@pytest.mark.slow
 def test_config_round_trip(run: Command) -> None:
     given = run("simulate", "walk.bvh", *QUICK, "--radar.prf-hz", "4000", "--angle-deg", "-30", "--print_config")
     assert given.code == 0
@@ -211,7 +210,6 @@ def test_progress_only_over_two_seconds(run: Command, monkeypatch: pytest.Monkey
 # --- things that stop a run -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "where",
     ["t2d_rt.pipeline.sum_echoes.synthesize", "t2d_rt.recording.recording.Recording.plot", "xarray.Dataset.to_zarr"],
@@ -265,7 +263,6 @@ def test_not_enough_memory(refused: Callable[..., str], monkeypatch: pytest.Monk
     assert "not enough memory (Unable to allocate 75. GiB); a shorter motion" in refused("simulate", "walk.bvh", *QUICK)
 
 
-@pytest.mark.slow
 def test_attributes_tell_how_it_was_made(run: Command) -> None:
     assert run("simulate", "walk.bvh", *QUICK).code == 0
     import xarray as xr
@@ -311,7 +308,6 @@ def test_rooms_that_are_refused(refused: Callable[..., str], arguments: tuple[st
     assert message in refused(*arguments)
 
 
-@pytest.mark.slow
 def test_plan_prints_what_would_be_modelled(run: Command, tmp_path: Path) -> None:
     done = run("plan", "walk.bvh", "--tolerance-db", "-12", "--stop-s", "0.4")
     assert done.code == 0

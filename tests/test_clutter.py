@@ -360,7 +360,6 @@ def test_the_static_scene_stays_at_zero_doppler() -> None:
     assert result.settings["clutter_points"] > 2000
 
 
-@pytest.mark.slow
 def test_a_body_passes_before_a_wall() -> None:
     """The wall's line fades while the body blocks the path, and only then."""
     scene = Scene(name="wall", surfaces=(ahead(3.0),))

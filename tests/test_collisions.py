@@ -42,7 +42,6 @@ def with_wall(x: float) -> Scene:
 # --- where and when ---
 
 
-@pytest.mark.slow
 def test_a_walk_through_a_wall_is_found_in_each_form(backend: Backend, walk: Motion) -> None:
     pelvis = walk.joints[:, 0]
     frame = int(np.argmax(pelvis[:, 0] < 3.0))
@@ -214,7 +213,6 @@ def test_what_starts_outside_is_told() -> None:
         t2d.simulate(outside, scene=room, reflections=0, clutter="none", transmissions=2)
 
 
-@pytest.mark.slow
 def test_of_several_targets_the_one_is_told() -> None:
     targets = [
         ball((3.0, -0.5, 1.2), (0.1, 0, 0), 0.4, level=2),

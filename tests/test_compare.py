@@ -37,7 +37,6 @@ def swing(amplitude_mps: float) -> np.ndarray:
     return amplitude_mps * np.abs(np.sin(2 * np.pi * np.arange(CHIRPS) / CHIRPS))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("range_m", [1.5, 4.0, 15.0])
 @pytest.mark.parametrize("rcs_dbsm", [-20.0, 0.0])
 def test_rcs_of_a_point(rcs_dbsm: float, range_m: float) -> None:
@@ -67,7 +66,6 @@ def test_the_radar_cross_section_in_a_room_is_that_of_what_moves() -> None:
     assert found[1] == pytest.approx(found[0], abs=0.5)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("direction", [1, -1])
 def test_torso_and_limb_speed(direction: int) -> None:
     torso, limb = point(direction * 0.9, 0.1), point(direction * swing(3.5), 0.003)
@@ -204,7 +202,6 @@ def test_refusals() -> None:
         figures(t2d.Recording(np.zeros_like(result.cube), RADAR))
 
 
-@pytest.mark.slow
 def test_picture() -> None:
     one, two = recording(point(0.9, 0.1)).spectrogram, recording(point(0.9, 0.2)).spectrogram
     figure = plot_comparison(one.velocity_mps.values, one.time_s.values, one.values, two.values, title="a point")

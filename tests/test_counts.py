@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from builders import slow_after
 from t2d_rt.core.errors import T2DWarning
 from t2d_rt.motion.check.support import flights_s
 from t2d_rt.motion.check.tracks import tracks
@@ -62,19 +63,20 @@ def test_the_head_goes_down_as_often_as_the_person_bends() -> None:
 
 @pytest.mark.parametrize(
     ("sentence", "seconds"),
-    [
+    slow_after(3, [
         ("a man walks for eight seconds", 8),
         ("a man limps for seven seconds", 7),
         ("a man jumps for ten seconds", 10),
         ("a woman squats for five seconds", 5),
         ("a woman turns to the left for three seconds", 3),
         ("a man dances for half a minute", 30),
-    ],
+    ]),
 )  # fmt: skip
 def test_what_lasts_lasts(sentence: str, seconds: float) -> None:
     assert motion_from_text(sentence, seed=1).duration_s == pytest.approx(seconds, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_walk_before_something_else_lasts_too() -> None:
     for seed in (0, 1, 2):
         motion = motion_from_text("a person walks for six seconds, then sits down", seed=seed)
@@ -82,6 +84,7 @@ def test_a_walk_before_something_else_lasts_too() -> None:
         assert 5.4 < np.flatnonzero(low)[0] / motion.rate_hz < 6.9  # who sits down leans forward for 0.3 s before
 
 
+@pytest.mark.slow
 def test_a_fall_begins_when_the_walk_has_lasted() -> None:
     pytest.importorskip("mujoco")
     for sentence, seconds in (
@@ -154,12 +157,12 @@ def test_a_motion_of_a_sentence_warns_of_what_it_lacks(sentence: str, told: str)
 
 @pytest.mark.parametrize(
     "sentence",
-    [
+    slow_after(4, [
         "a man walks slowly to a chair and sits down", "a man walks to the stairs and climbs up", "a woman lies down on a bed",
         "a man jumps in place twice with both feet", "she jumps three times on her left foot", "an old man sits down on the floor",
         "a man bends to pick up a ball", "a child runs in a counterclockwise circle", "the person turns around on the spot",
         "a man with a limp walks forward, sparing his left leg", "he squats, holding the handrail", "a man walks upstairs",
-    ],
+    ]),
 )  # fmt: skip
 def test_what_is_made_is_not_warned_of(sentence: str) -> None:
     motion_from_text(sentence)  # warnings are errors

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from builders import slow_after
 from t2d_rt.core import cube_storage as rows
 from t2d_rt.core import cubes
 from t2d_rt.core.cube_storage import SavedRows, ScratchRows
@@ -153,7 +154,7 @@ def test_a_result_is_found_from_any_working_directory(tmp_path: Path, monkeypatc
     assert np.array_equal(Recording.load(tmp_path / "b.zarr").adc, SAMPLES)
 
 
-@pytest.mark.parametrize("when", ["before it is read", "between two reads"])
+@pytest.mark.parametrize("when", slow_after(1, ["before it is read", "between two reads"]))
 @pytest.mark.parametrize("how", ["removed", "moved", "lost chunk", "cut chunk", "flipped bit", "other recording"])
 def test_what_is_lost_is_an_error(tmp_path: Path, how: str, when: str) -> None:
     path = tmp_path / "a.zarr"

@@ -12,6 +12,7 @@ import mpmath
 import numpy as np
 import pytest
 
+from builders import slow_after
 from t2d_rt.core.backend import Backend
 from t2d_rt.core.errors import InputError
 from t2d_rt.scattering import curved_integral as module
@@ -112,9 +113,8 @@ def envelope(phases: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
     return amplitudes.sum(axis=0) / 6 / np.maximum(1, np.ptp(phases.astype(float), axis=0))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("order", ORDERS)
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("order", slow_after(1, ORDERS[::-1]))
+@pytest.mark.parametrize("dtype", slow_after(1, [np.float32, np.float64]))
 def test_value_against_mpmath(dtype: type, order: Order, backend: Backend) -> None:
     import drjit
 

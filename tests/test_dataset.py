@@ -139,7 +139,6 @@ def test_the_yaml_of_a_sample_runs_alone_to_the_same_bits(made: Path, tmp_path: 
         np.testing.assert_array_equal(arrays[name], array)
 
 
-@pytest.mark.slow
 def test_two_workers_and_other_batches_make_the_same_files(made: Path, tmp_path: Path) -> None:
     make_dataset(tiny(), tmp_path / "two", workers=2)
     assert contents(tmp_path / "two") == contents(made)
@@ -162,6 +161,7 @@ def test_a_smaller_run_is_completed_by_a_larger_one(made: Path, tmp_path: Path) 
     assert contents(tmp_path / "out") == contents(made)
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_where_it_stopped(made: Path, tmp_path: Path) -> None:
     recipe, out = tmp_path / "tiny.yaml", tmp_path / "out"
     recipe.write_text(TINY)
@@ -397,6 +397,7 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
         make_dataset(tiny(), tmp_path / "file" / "out", workers=1)
 
 
+@pytest.mark.slow
 def test_one_plan_for_each_class(tmp_path: Path) -> None:
     recipe = tiny(
         conditions=[{"name": "mesh", "tolerance_db": -15}], products={"spectrogram": {"size": [8, 8]}}, classes=["jumping"],
@@ -473,7 +474,7 @@ def test_samples_of_other_versions_are_warned_of(copy: Path) -> None:
     told = json.loads(manifest.read_text())
     told["versions"]["t2d-rt"] = "0.0.1"
     manifest.write_text(json.dumps(told))
-    with pytest.warns(t2d.errors.T2DWarning, match=r"begun with other versions \(t2d-rt 0.0.1\)"):
+    with pytest.warns(t2d.T2DWarning, match=r"begun with other versions \(t2d-rt 0.0.1\)"):
         make_dataset(tiny(), copy, workers=1)
 
 
@@ -547,7 +548,7 @@ def test_a_background_of_another_band_is_told_before_anything_is_made(
     other = t2d.Radar.preset("table2", carrier_hz=60e9)
     (tmp_path / "taken").write_text("")  # the run ends there
     with (
-        pytest.warns(t2d.errors.T2DWarning, match="was learned at .* and the recording is of 60 GHz"),
+        pytest.warns(t2d.T2DWarning, match="was learned at .* and the recording is of 60 GHz"),
         pytest.raises(InputError, match="is no data set"),
     ):
         make_dataset(tiny(background="default", radar=other), tmp_path, workers=1)

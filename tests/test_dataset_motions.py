@@ -68,6 +68,7 @@ def test_the_liveliest_piece_comes_first(walk: Motion) -> None:
     assert _starts(at_rest, 3.0)[-1] == max(_starts(at_rest, 3.0))
 
 
+@pytest.mark.slow
 def test_motions_are_as_long_as_the_records_and_what_was_asked_for(recipe: Recipe) -> None:
     for number, activity in enumerate(("bending", "falling")):
         found = sample_motion(recipe, activity, 0, number)

@@ -32,7 +32,7 @@ README = ROOT / "README.md"
 PAGES = [README, *(path for path in sorted((ROOT / "docs").glob("*.md")) if path.stem != "index")]
 SLOW = "t2d-rt plan", "t2d-rt simulate walk --start-s 2 --stop-s 2.3 --scene"
 """Commands that take a minute: `test_tolerance` and the README's commands have the same in small."""
-SHORTER = {"t2d-rt train": ["--epochs", "2"], "t2d-rt dataset small-hard": ["--workers", "1"]}
+SHORTER = {"t2d-rt train": ["--epochs", "1"], "t2d-rt dataset small-hard": ["--workers", "1"]}
 """Options that a page's command has in the tests besides: made-up samples are made in this process."""
 FEWER = "descriptions_per_class: 20", "descriptions_per_class: 5"
 """Of the recipe small-hard: 80 samples of eight classes, for 320."""
@@ -172,10 +172,12 @@ def test_point_cloud(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 # --- README and docs ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("remembered")
 @pytest.mark.filterwarnings("ignore::t2d_rt.core.errors.T2DWarning")  # coarse bodies miss tolerances, a walk may alias
-@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(each, id=each.stem, marks=[pytest.mark.slow] * (each != README)) for each in PAGES if blocks(each)],
+)
 def test_pages_run_from_top_to_bottom(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

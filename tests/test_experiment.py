@@ -136,6 +136,7 @@ def test_json_that_is_refused(text: str, told: str) -> None:
         t2d.Experiment.model_validate_json(text)
 
 
+@pytest.mark.slow
 def test_a_plan_of_an_experiment_is_that_of_its_targets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "experiment.yaml"
     text = f"targets: [{{kind: file, file: walk, stop_s: 0.2}}]\nradar: {RADAR.model_dump_json()}\n"

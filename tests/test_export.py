@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from builders import walk
+from builders import slow_after, walk
 from t2d_rt.cli import main
 from t2d_rt.core import cube_storage as rows
 from t2d_rt.core.cubes import DiskCube, new_cube
@@ -186,7 +186,7 @@ def test_command_line(
     assert main(["export", "missing.zarr"]) == 2
 
 
-@pytest.mark.parametrize("ending", [".npz", ".mat", ".h5", ".nc"])
+@pytest.mark.parametrize("ending", slow_after(1, [".npz", ".mat", ".h5", ".nc"]))
 def test_truth_beside_a_recording(
     seen: Recording, tmp_path: Path, ending: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -79,6 +79,7 @@ def test_falls_go_as_measured_falls_do(kind: str) -> None:
     assert max(found.deepest_m) < 0.02
 
 
+@pytest.mark.slow
 def test_the_skin_lies_on_the_floor_and_so_do_pieces() -> None:
     """A foot was 11 cm deep while the person still walked: the lying feet had told what a level sole is."""
     description, left_out = understood("grandmother slips on the wet tiles and lands on her bottom")
@@ -154,6 +155,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_one_another_fall() -> Non
     assert other.events != again.events
 
 
+@pytest.mark.slow
 def test_runs_that_are_given_up_would_not_have_been_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Falls of several attempts, by this and without giving any run up."""
     plans = [FallPlan(type="slip", seed=0), FallPlan(type="collapse", seed=1)]

@@ -109,7 +109,6 @@ def test_a_path_is_a_text() -> None:
 # --- gzip -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_several_gzip_members_are_one_file(tmp_path: Path) -> None:
     parts = [gzip.compress(GOOD[start : start + 9000]) for start in range(0, len(GOOD), 9000)]
     assert same(write(tmp_path, b"".join(parts), "a.bvh.gz"))

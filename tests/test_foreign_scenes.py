@@ -131,6 +131,7 @@ def still(range_m: float) -> Ellipsoids:
     return Ellipsoids([[0.15] * 3], np.tile([range_m, 0.3, 1.1], (4, 1, 1)), np.linspace(0, 0.02, 4), material="pec")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size_m", [150.0, 1500.0])
 def test_what_lies_beyond_the_farthest_range_changes_nothing(size_m: float) -> None:
     """The ground of a town with many triangles gives what a piece of it around the radar gives."""

@@ -141,7 +141,6 @@ def test_edge_of_three_faces_is_sharp() -> None:
 # --- refinement ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("sagitta_rad", [0.4, 0.1])
 def test_refined_sphere_is_a_sphere(sagitta_rad: float) -> None:
     rest, faces = icosphere(3, 0.15)
@@ -161,7 +160,6 @@ def test_facets_keep_to_the_limit() -> None:
     assert len(fine.faces) < 60_000
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("axes", [(0.15, 0.15, 0.15), (0.08, 0.11, 0.22)])
 @pytest.mark.parametrize("graded", [False, True])
 def test_displaced_facets_lie_on_the_surface_in_the_mean(axes: tuple[float, float, float], graded: bool) -> None:

@@ -17,6 +17,7 @@ from typing import Any
 
 import pytest
 
+from builders import slow_after
 from command_line import Command
 from t2d_rt.core.disk_cache import VARIABLE
 from t2d_rt.core.errors import InputError
@@ -221,7 +222,8 @@ def test_replies_are_kept_and_not_asked_for_again(endpoint: Endpoint, ask: Ask, 
 
 
 @pytest.mark.parametrize(
-    "damage", [b"", b'{"name": ', b"\xff\xfe", b"[]", b"null", b'{"name": "x", "check": "y", "reply": 5}']
+    "damage",
+    slow_after(2, [b"", b'{"name": ', b"\xff\xfe", b"[]", b"null", b'{"name": "x", "check": "y", "reply": 5}']),
 )
 def test_damaged_entries_are_made_again(endpoint: Endpoint, ask: Ask, tmp_path: Path, damage: bytes) -> None:
     ask(8)

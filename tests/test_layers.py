@@ -45,7 +45,6 @@ INTRUDERS = (
 """Parts of the package, and what none of their modules may import."""
 
 
-@pytest.mark.slow
 def test_hidden_imports_are_noticed(copy: Path) -> None:
     for module, imported in INTRUDERS:
         text = f"def later():\n    import {imported}\n    return {imported}\n"

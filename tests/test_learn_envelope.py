@@ -30,6 +30,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[SavedModel, Path]
     return train_model("envelope", ridges(60), ridges(12, seed=1), OPTIONS, output=folder), folder
 
 
+@pytest.mark.slow
 def test_it_learns_and_its_axes_are_kept_with_the_weights(trained: tuple[SavedModel, Path]) -> None:
     model, folder = trained
     test = ridges(30, seed=2)

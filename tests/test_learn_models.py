@@ -91,6 +91,7 @@ def test_what_is_refused() -> None:
         baseline_probabilities("svm", ridges(4), ridges(4))
 
 
+@pytest.mark.slow
 def test_without_torch_a_sentence_names_the_extra() -> None:
     program = """
 import sys

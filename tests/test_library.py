@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from builders import slow_after
 from command_line import Command
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import quaternions
@@ -185,7 +186,7 @@ def test_pieces_are_joined_without_a_jump(second: tuple[str, str]) -> None:
 # --- What was asked for ---
 
 
-@pytest.mark.parametrize("action", ["walks", "runs"])
+@pytest.mark.parametrize("action", slow_after(1, ["walks", "runs"]))
 def test_slow_and_fast_are_slower_and_faster(action: str) -> None:
     means = [
         np.mean([speed_mps(made(f"a man {action} {speed}", seed)) for seed in range(4)])
@@ -250,11 +251,11 @@ def test_manners_are_seen() -> None:
 
 @pytest.mark.parametrize(
     ("sentence", "expected"),
-    [
+    slow_after(4, [
         ("a person walks forward", "walking"), ("a sad woman walks slowly to the right", "walking"),
         ("a person walks back", "walking"), ("a man runs fast", "running"), ("a child runs", "running"),
         ("a person jumps up", "jumping"), ("a man jumps forward", "jumping"), ("a person dances", "dancing"),
-    ],
+    ]),
 )  # fmt: skip
 def test_motions_pass_the_filter(sentence: str, expected: Activity) -> None:
     verdicts = [check_motion(made(sentence, seed), expected=expected) for seed in range(2)]
@@ -281,6 +282,7 @@ def aligned_joints(motion: Motion) -> np.ndarray:
 # --- Persons and seeds ---
 
 
+@pytest.mark.slow
 def test_the_same_seed_is_the_same_motion_in_every_process() -> None:
     sentence = "a woman walks slowly to the left"
     code = (
@@ -293,6 +295,7 @@ def test_the_same_seed_is_the_same_motion_in_every_process() -> None:
     assert not np.array_equal(made(sentence, 6).joints[:60], made(sentence, 5).joints[:60])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("subject", list(STATURE_M))
 def test_statures_are_those_of_a_population(subject: str) -> None:
     tall = [individual(subject, np.random.default_rng(seed)).stature_m for seed in range(40)]  # type: ignore[arg-type]

@@ -104,6 +104,7 @@ def test_lively_dances_ship() -> None:
     assert names >= {f"005_{name}.bvh.gz" for name in ("10", "11", "15", "16")}
 
 
+@pytest.mark.slow
 def test_dances_are_as_lively_as_the_recordings() -> None:
     made = [motion_from_text("a person dances for 5 seconds", seed=seed) for seed in range(6)]
     longest = {recording(each): each for each in sorted(DANCES, key=lambda each: each.duration_s)}

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import builders
 import t2d_rt as t2d
-from builders import icosphere, static_mesh
+from builders import icosphere, slow_after, static_mesh
 from measures import nmse_db, volume
 from t2d_rt.body import skin, template
 from t2d_rt.core.errors import InputError
@@ -49,7 +49,7 @@ def refined(rest: np.ndarray, faces: np.ndarray, sagitta_rad: float | np.ndarray
 # --- the surface ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("number", range(4))
+@pytest.mark.parametrize("number", slow_after(1, range(4)))
 def test_places_are_those_that_subdivision_tends_to(number: int) -> None:
     points, faces = meshes()[number]
     parts = np.random.default_rng(number).integers(0, 33, size=(200, 2))
@@ -153,6 +153,7 @@ def test_facets_join_edge_to_edge_and_share_their_nodes(adult: tuple[np.ndarray,
     assert np.abs(fine.linear.sum(axis=1) - 1).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_all_refinements_are_samples_of_one_surface(adult: tuple[np.ndarray, np.ndarray]) -> None:
     rest, faces = adult
     for sagitta in (3.0, 0.75):
@@ -201,6 +202,7 @@ def test_longest_edges_are_as_asked_for() -> None:
     assert 0.006 < np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max() <= 0.013
 
 
+@pytest.mark.slow
 def test_flat_triangles_in_their_place_enclose_as_much() -> None:
     rest, faces = icosphere(3, 0.15)
     fine = refined(rest, faces, 1.5)
@@ -226,7 +228,6 @@ def curved_ball(radius_m: float, sagitta_rad: float, level: int = 4) -> MovingMe
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("radius_m", [0.1, 0.25])
 def test_a_curved_sphere_returns_the_closed_form(radius_m: float) -> None:
     radar = Radar.preset("table2")
@@ -257,7 +258,6 @@ def test_a_body_of_few_curved_facets_and_what_half_their_edges_gain() -> None:
     assert coarse - fine > 12
 
 
-@pytest.mark.slow
 def test_a_curved_mesh_is_made_again() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from builders import slow_after
 from t2d_rt.body.template import template
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.check import check_motion, detect_fall
@@ -70,7 +71,7 @@ def level_margin_m(found: Made, frames: slice) -> np.ndarray:
     return np.minimum(centre - heels, toes - centre)
 
 
-@pytest.mark.parametrize("name", STEPS)
+@pytest.mark.parametrize("name", slow_after(6, STEPS))
 def test_passes_the_filter_as_what_was_asked_for(name: str) -> None:
     found = made(name, 3)
     verdict = check_motion(on_floor(found), expected=STEPS[name][1])
@@ -78,7 +79,7 @@ def test_passes_the_filter_as_what_was_asked_for(name: str) -> None:
     assert not detect_fall(on_floor(found)).happened
 
 
-@pytest.mark.parametrize("name", STEPS)
+@pytest.mark.parametrize("name", slow_after(6, STEPS))
 def test_feet_that_stand_do_not_slide_and_joints_move_smoothly(name: str) -> None:
     found = made(name, 4)
     points, rate = soles(found.poses), found.poses.rate_hz
@@ -120,6 +121,7 @@ def test_sitting_down_has_measured_durations_speeds_and_leans() -> None:
         assert (found.begins, found.ends) == ("standing", "sitting")
 
 
+@pytest.mark.slow
 def test_trunk_counterbalances_while_only_the_feet_carry() -> None:
     for name in ("sit", "stand up", "squat", "bend"):
         for seed in range(3):
@@ -251,6 +253,7 @@ def test_an_elbow_at_a_handrail_does_not_whip() -> None:
         assert max(speed) < 3.0  # 7 m/s where the arm lies along the way of its elbow
 
 
+@pytest.mark.slow
 def test_words_change_pace_and_duration() -> None:
     def duration(**slots: object) -> float:
         lengths = [

@@ -274,6 +274,7 @@ def test_samples_that_say_nothing_are_refused(tmp_path: Path, value: float) -> N
 # --- large files ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".bin", ".npy"])
 def test_large_files_are_read_by_pieces(tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cubes, "LARGE_BYTES", 2**16)

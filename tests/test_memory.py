@@ -158,13 +158,11 @@ def test_a_view_of_many_echoes_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
         assert (found is None and expected is None) or np.array_equal(found, expected)
 
 
-@pytest.mark.slow
 def test_the_limit_does_not_change_the_result() -> None:
     few, many = (t2d.simulate(approaching(), radar=RADAR, memory_gb=limit).cube for limit in (1.0, 100.0))
     assert np.array_equal(few, many)
 
 
-@pytest.mark.slow
 def test_what_takes_more_is_refused_before_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("t2d_rt.accuracy.cost.SUMMED_BYTES", 1e7)
     monkeypatch.setattr("t2d_rt.pipeline.sum_echoes.synthesize", lambda *_, **__: pytest.fail("it began"))
@@ -180,7 +178,6 @@ def test_a_mesh_of_too_many_faces_is_refused(monkeypatch: pytest.MonkeyPatch) ->
         t2d.simulate(approaching(), radar=RADAR)
 
 
-@pytest.mark.slow
 def test_a_plan_tells_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a sphere at rest only the cube grows with the record, by 8 bytes a sample."""
     monkeypatch.setattr(memory, "resident_bytes", lambda: 0)
@@ -207,14 +204,12 @@ def test_instants_of_large_meshes_come_in_blocks(monkeypatch: pytest.MonkeyPatch
     assert peak < 40 * 2**20
 
 
-@pytest.mark.slow
 def test_frames_of_large_meshes_come_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = t2d.simulate(approaching(), radar=RADAR).cube
     monkeypatch.setattr("t2d_rt.radar.windows.READ_VERTEX_FRAMES", 20_000)
     assert np.array_equal(t2d.simulate(approaching(), radar=RADAR).cube, whole)
 
 
-@pytest.mark.slow
 def test_a_very_wide_sweep_is_summed_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = t2d.simulate(approaching(), radar=RADAR).cube
     monkeypatch.setattr(products, "BASIS_NUMBERS", 20_000)
@@ -224,7 +219,6 @@ def test_a_very_wide_sweep_is_summed_in_pieces(monkeypatch: pytest.MonkeyPatch) 
     assert np.abs(in_pieces - whole).max() < 1e-6 * np.abs(whole).max()
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::t2d_rt.T2DWarning")
 def test_slots_without_a_chirp_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     radar = t2d.Radar(carrier_hz=77e9, slope_hz_per_s=400e12, samples=64, sample_rate_hz=1e6, prf_hz=100.0)

@@ -453,7 +453,6 @@ def check_read_or_refused(folder: Path, data: bytes, name: str = "fuzz.bvh") -> 
     assert motion.joints.shape[1:] == (len(motion.names), 3)
 
 
-@pytest.mark.slow
 @fuzz
 @given(data=st.binary(max_size=300))
 def test_fuzz_random_bytes(tmp_path: Path, data: bytes) -> None:

@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.special import jn_zeros
 
 import t2d_rt as t2d
+from builders import slow_after
 from t2d_rt.core.errors import InputError
 from t2d_rt.pipeline.echo_model import farthest_and_fastest
 from t2d_rt.scene import Mover, mover
@@ -39,7 +40,6 @@ def known(entry: str, **changes: Any) -> Any:
 # --- meshes and tracks ---
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("entry", ENTRIES)
 def test_closed_skins_that_face_outward(entry: str) -> None:
     mesh = mover(entry).mesh(0.0, 5.0)  # warns, which fails, where it is not watertight; refuses what is inside out
@@ -106,8 +106,9 @@ def test_a_door_rotates_about_its_hinges() -> None:
 # --- a fan before the radar ---
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("blades", "rpm", "radius_m"), [(3, 600.0, 0.18), (2, 900.0, 0.15), (4, 1200.0, 0.12)])
+@pytest.mark.parametrize(
+    ("blades", "rpm", "radius_m"), slow_after(1, [(3, 600.0, 0.18), (2, 900.0, 0.15), (4, 1200.0, 0.12)])
+)
 def test_flashes_and_tips_of_a_fan(blades: int, rpm: float, radius_m: float) -> None:
     flash_hz, tip_mps = seen(blades, rpm, radius_m)
     assert flash_hz == pytest.approx(blades * rpm / 60, rel=0.02)

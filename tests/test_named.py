@@ -136,6 +136,7 @@ def test_list_of_a_wrong_kind(run: Run) -> None:
     assert run("list", "preset") == (2, "", "t2d-rt: unknown list 'preset'; did you mean presets?\n")
 
 
+@pytest.mark.slow
 def test_bundled_motions_on_the_command_line(run: Run, tmp_path: Path) -> None:
     code, out, err = run("simulate", "walk", "--method", "ellipsoid", "--radar", "ci4r", "--stop-s", "0.3")
     assert code == 0, err

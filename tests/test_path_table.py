@@ -7,7 +7,7 @@ import pytest
 from trimesh.creation import box
 
 import t2d_rt as t2d
-from builders import ball, icosphere, static_mesh, walk
+from builders import ball, icosphere, slow_after, static_mesh, walk
 from t2d_rt.core.backend import select
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError
@@ -105,7 +105,6 @@ def test_paths_of_a_room_are_as_long_as_their_points_say(in_room: t2d.Recording)
                 np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * angle), atol=1e-7)
 
 
-@pytest.mark.slow
 def test_the_table_is_that_of_sionnas_solver() -> None:
     """Delays, directions and levels of all pairs within 60 dB of the strongest, to points in the living room."""
     mitsuba(select("cpu"))
@@ -288,7 +287,7 @@ def test_what_has_no_experiment_has_no_paths() -> None:
         _ = t2d.simulate(own, radar="ci4r").truth
 
 
-@pytest.mark.parametrize("times_s", [[0.0, 0.4], -0.1, [], [[0.1]], "now", [np.nan]])
+@pytest.mark.parametrize("times_s", slow_after(2, [[0.0, 0.4], -0.1, [], [[0.1]], "now", [np.nan]]))
 def test_times_outside_the_record_are_refused(in_room: t2d.Recording, times_s: object) -> None:
     for table in (in_room.paths_at, in_room.truth_at):
         with pytest.raises(InputError, match="times_s"):

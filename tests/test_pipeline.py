@@ -78,13 +78,11 @@ def test_another_seed_changes_only_the_diffuse_points(backend: Backend) -> None:
     assert not np.array_equal(amplitude, other_amplitude)
 
 
-@pytest.mark.slow
 def test_smooth_targets_have_no_seed() -> None:
     cubes = [t2d.simulate(ball(2.0, speed_mps=1.0), radar=RADAR, seed=seed).cube for seed in (0, 1)]
     assert cubes[0].tobytes() == cubes[1].tobytes()
 
 
-@pytest.mark.slow
 def test_targets_add_up() -> None:
     near, far = ball(2.0, speed_mps=1.0), ball(3.0, y_m=0.5, speed_mps=-2.0)
     egg = Ellipsoids(np.array([[0.1, 0.1, 0.2]]), np.tile([2.5, -0.5, 1.0], (3, 1, 1)), TIMES_S)
@@ -95,7 +93,6 @@ def test_targets_add_up() -> None:
     assert len(together.settings["targets"]) == 3
 
 
-@pytest.mark.slow
 def test_what_stands_in_front_hides_what_is_behind() -> None:
     front, behind = ball(2.0), ball(4.0)
 
@@ -148,7 +145,6 @@ def test_skin_and_segments_of_the_face() -> None:
 # --- what is said ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_warns_of_speeds_and_ranges_that_fold() -> None:
     slow = RADAR.replace(prf_hz=1000)
     with pytest.warns(

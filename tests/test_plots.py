@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from builders import small_room
+from builders import slow_after, small_room
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.plots import plot_scene
 from t2d_rt.recording.recording import Recording
@@ -171,7 +171,7 @@ def colours(figure: Figure | Axes) -> Any:
     return axes.collections[0]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", slow_after(1, KINDS))
 def test_a_notebook_shows_the_picture(walker: Recording, kind: str) -> None:
     formatters = pytest.importorskip("IPython.core.formatters", reason="IPython is not installed")
     figure = getattr(walker, kind)()
@@ -214,7 +214,7 @@ def test_axes_have_names_units_and_the_places_of_the_target(
         assert left > 2 if kind == "plot_range_doppler" else low == 0
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", slow_after(1, KINDS))
 def test_levels_may_be_given(walker: Recording, kind: str) -> None:
     figure = getattr(walker, kind)(limits_db=(-130, -95), cmap="magma")
     assert colours(figure).get_clim() == (-130, -95)
@@ -226,7 +226,7 @@ def test_levels_may_be_given(walker: Recording, kind: str) -> None:
     assert np.ptp(colours(dark).get_array()) == 0
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", slow_after(1, KINDS))
 def test_axes_of_a_figure_of_ones_own(walker: Recording, kind: str) -> None:
     figure = Figure()
     left, right = figure.subplots(1, 2)
@@ -250,7 +250,7 @@ def test_a_grid_of_pictures_has_room_for_its_labels(walker: Recording) -> None:
     assert {axes.collections[0].get_clim() for axes in figure.axes[:4]} == {(-140, -90)}
 
 
-@pytest.mark.parametrize(("kind", "size"), [("plot", (3.5, 2.29)), ("plot_range_doppler", (3.5, 3.17))])
+@pytest.mark.parametrize(("kind", "size"), slow_after(1, [("plot", (3.5, 2.29)), ("plot_range_doppler", (3.5, 3.17))]))
 def test_a_column_of_a_paper(walker: Recording, kind: str, size: tuple[float, float], tmp_path: Path) -> None:
     figure = getattr(walker, kind)("walk", width_in=3.5)
     assert tuple(figure.get_size_inches()) == pytest.approx(size, abs=0.01)

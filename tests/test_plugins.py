@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import sys
 import tomllib
 from collections.abc import Callable
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+import t2d_rt.cli
 from builders import ROOT, WALK
 from command_line import Command
 from t2d_rt.core.errors import InputError
@@ -47,6 +49,8 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
         ]
         (info / "entry_points.txt").write_text("\n".join(sections))
         monkeypatch.syspath_prepend(site)
+        # Options name what is installed.
+        monkeypatch.setattr(t2d_rt.cli, "_command", inspect.unwrap(t2d_rt.cli._command))
         monkeypatch.delitem(sys.modules, name, raising=False)
 
     return made

@@ -26,6 +26,7 @@ def test_what_a_program_says_and_how_it_ends(tmp_path: Path) -> None:
         assert run_guarded([str(command)], folder=tmp_path, env=os.environ, limit_s=20).returncode == code
 
 
+@pytest.mark.slow
 def test_a_program_that_takes_too_long_is_gone(tmp_path: Path) -> None:
     kept = tmp_path / "kept"
     kept.mkdir()

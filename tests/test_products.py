@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from builders import slow_after
 from t2d_rt.core import cubes
 from t2d_rt.core import factored_cubes as products
 from t2d_rt.core.cubes import Cube, CubeAdder, DiskCube
@@ -57,7 +58,7 @@ def both(
 
 
 @pytest.mark.parametrize("layers", [1, 2])
-@pytest.mark.parametrize("radar", RADARS, ids=NAMES)
+@pytest.mark.parametrize("radar", slow_after(1, RADARS), ids=NAMES)
 def test_the_same_bits_as_in_memory(radar: Radar, layers: int, monkeypatch: pytest.MonkeyPatch) -> None:
     inside, outside = both(radar, monkeypatch, layers=layers)
     assert inside.any()

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from builders import within
+from builders import slow_after, within
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.slots import Description
 from t2d_rt.motion.generate.files import Files, results
@@ -134,15 +134,21 @@ def test_momasks_results_do_not_pile_up(checkout: Path) -> None:
 
 @pytest.mark.parametrize(
     ("how", "sentence"),
-    [
-        ("print('x'); sys.exit(3)", "exit code 3: x"),
-        ("raise RuntimeError('no weights at checkpoints')", "no weights at checkpoints"),
-        ("sys.exit(0)", "ended without joints"),
-        ("np.save(folder + '/sample0_repeat0_len80.npy', np.zeros((80, 21, 3))); sys.exit(0)", "cannot be used"),
-        ("np.save(folder + '/sample0_repeat0_len80.npy', np.full((80, 22, 3), np.nan)); sys.exit(0)", "cannot be used"),
-        ("open(folder + '/sample0_repeat0_len80.npy', 'w').write('half'); sys.exit(0)", "cannot be used"),
-        ("time.sleep(30)", "took longer than 2 s"),
-    ],
+    slow_after(
+        6,
+        [
+            ("print('x'); sys.exit(3)", "exit code 3: x"),
+            ("raise RuntimeError('no weights at checkpoints')", "no weights at checkpoints"),
+            ("sys.exit(0)", "ended without joints"),
+            ("np.save(folder + '/sample0_repeat0_len80.npy', np.zeros((80, 21, 3))); sys.exit(0)", "cannot be used"),
+            (
+                "np.save(folder + '/sample0_repeat0_len80.npy', np.full((80, 22, 3), np.nan)); sys.exit(0)",
+                "cannot be used",
+            ),
+            ("open(folder + '/sample0_repeat0_len80.npy', 'w').write('half'); sys.exit(0)", "cannot be used"),
+            ("time.sleep(30)", "took longer than 2 s"),
+        ],
+    ),
 )
 def test_what_momask_does_wrong_is_told_in_one_sentence(checkout: Path, how: str, sentence: str) -> None:
     behave(checkout, how)
@@ -366,6 +372,7 @@ def test_folders_without_results_are_refused(tmp_path: Path, joints: np.ndarray)
         results(tmp_path)
 
 
+@pytest.mark.slow
 def test_momask_ends_with_the_process_that_asked(checkout: Path) -> None:
     """That one alone is killed: the program, what the program has started, and its folder go within seconds."""
     behave(

@@ -720,6 +720,7 @@ def good_files(folder: Path) -> list[Path]:
     return [folder / f"a.{suffix}" for suffix in ("amc", "json", "trc", "npy", "npz")]
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::t2d_rt.core.errors.T2DWarning")
 def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
     """Bytes cut, changed, removed and put in, in the head and anywhere: no other error than an InputError of one line."""

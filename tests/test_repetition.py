@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from builders import slow_after
 from t2d_rt.accuracy import nmse_db
 from t2d_rt.core.errors import InputError
 from t2d_rt.radar.repetition import _at, _oversampled, repetition
@@ -60,15 +61,17 @@ def test_chirps_of_the_table_begin_at_equal_steps_of_the_period(prf_hz: float, r
     assert repetition(radar, period_s, speed_mps, 800.0, (0.0, 2 * found.periods * period_s)) is None
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
-    [
-        {},
-        {"chirps_per_frame": 64, "frame_interval_s": 0.031},
-        {"tx_offsets_m": ((0.0, 0.0, 0.0), (0.0, 0.05, 0.0)), "rx_offsets_m": ((0.0, 0.0, 0.0), (0.0, 0.0, 0.03)),
-         "multiplexing": "tdm", "prf_hz": 8_000.0},
-    ],
+    slow_after(
+        1,
+        [
+            {},
+            {"chirps_per_frame": 64, "frame_interval_s": 0.031},
+            {"tx_offsets_m": ((0.0, 0.0, 0.0), (0.0, 0.05, 0.0)), "rx_offsets_m": ((0.0, 0.0, 0.0), (0.0, 0.0, 0.03)),
+             "multiplexing": "tdm", "prf_hz": 8_000.0},
+        ],
+    ),
     ids=["continuous", "bursts", "tdm"],
 )  # fmt: skip
 def test_a_fan_read_from_a_few_rotations_is_the_fan(changes: dict[str, Any]) -> None:
@@ -128,7 +131,6 @@ def test_a_door_that_opens_late_has_no_period() -> None:
     assert t2d.Door(position_m=(2, 0, 0), opens_at_s=3).mesh(0, 8).period_s is None
 
 
-@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits() -> None:
     first, second = (cube([FAN.mesh(0, 0.3)], QUICK, repeats=True) for _ in range(2))
     assert np.array_equal(first, second)

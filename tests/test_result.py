@@ -38,7 +38,6 @@ def result() -> Recording:
     return Recording(mover(RADAR, 1.0), RADAR, settings=settings, versions=versions(), processing={"mti": "mean"})
 
 
-@pytest.mark.slow
 def test_axes_are_labelled(result: Recording) -> None:
     adc, profile, image, doppler = result.adc, result.range_profile, result.spectrogram, result.range_doppler
     assert adc.dtype == np.complex64
@@ -163,7 +162,6 @@ def test_a_large_cube_stays_on_disk(result: Recording, tmp_path: Path, monkeypat
         assert small.adc.attrs == big.adc.attrs
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("stage", ["write", "move away", "move there"])
 @pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
 def test_a_failed_overwrite_keeps_the_old(
@@ -253,7 +251,6 @@ def seal(path: Path) -> None:
     (path / "zarr.json").write_text(json.dumps(metadata))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("how", "sentence"),
     [

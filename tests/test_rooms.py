@@ -119,7 +119,6 @@ def peak(scene: Scene | str, radius_m: float = 0.15) -> tuple[Radar, np.ndarray,
     return radar, image.power, image.velocity_mps, image.range_m
 
 
-@pytest.mark.slow
 def test_ghosts_of_a_sphere_beside_a_wall() -> None:
     radius, wall = 0.15, 2.0
     _, power, speeds, ranges = peak(with_shared_occlusion(wall), radius)
@@ -176,7 +175,6 @@ def interpolated(axis: np.ndarray, power: np.ndarray, peak_at: int) -> float:
     return float(axis[peak_at] + 0.5 * (a - c) / (a - 2 * b + c) * (axis[1] - axis[0]))
 
 
-@pytest.mark.slow
 def test_transmitter_and_receiver_may_be_swapped() -> None:
     target = ball((3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05)
     sides = ([[0.0, 0.1, 0.0]], [[0.0, -0.1, 0.0]])
@@ -250,7 +248,6 @@ def test_a_cupboard_hides_what_is_behind() -> None:
         t2d.simulate(target, scene=Scene(name="hidden", surfaces=(front, far)))
 
 
-@pytest.mark.slow
 def test_nothing_clicks_where_a_body_crosses_the_line_to_an_image() -> None:
     """Between the radar and its image in the wall behind lies a shadow, in which the search for a reflection fails."""
     end = plate("end", [(6, -2, 0), (6, 2, 0), (6, 2, 2.6), (6, -2, 2.6)], "plasterboard")

@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
-from builders import MOTIONS, WALK
+from builders import MOTIONS, WALK, slow_after
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion
 from t2d_rt.motion.read.root import rooted
@@ -88,7 +88,8 @@ def test_recordings_are_not_told(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "sentence", ["someone sits down on a chair and stands up", "a woman squats twice", "a person stretches"]
+    "sentence",
+    slow_after(1, ["someone sits down on a chair and stands up", "a woman squats twice", "a person stretches"]),
 )
 def test_who_stays_in_place_is_not_told(sentence: str) -> None:
     for seed in (1, 2):

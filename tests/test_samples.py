@@ -82,6 +82,7 @@ def test_noise_is_no_jump() -> None:
     assert not jumps(body(600, 30.0) + noise, NAMES, 30.0)
 
 
+@pytest.mark.slow
 def test_info_simulate_and_check_motion_tell_the_same_jump(tmp_path: Path, run: Command) -> None:
     table = clean("bvh")
     table = replace(table, values=table.values.copy())

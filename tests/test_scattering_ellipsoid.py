@@ -195,6 +195,7 @@ def test_bistatic_sphere_is_the_willis_formula() -> None:
     assert echoes.delay_s[0, 0] * SPEED_OF_LIGHT / 2 == pytest.approx(500 - 0.1 * 0.8, abs=1e-5)
 
 
+@pytest.mark.slow
 @given(
     semi_axes=st.tuples(*[st.floats(0.02, 0.6)] * 3),
     angles=st.tuples(*[st.floats(-180, 180)] * 3),

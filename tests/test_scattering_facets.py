@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from builders import icosphere, static_mesh
+from builders import icosphere, slow_after, static_mesh
 from measures import db
 from t2d_rt.core.backend import Backend
 from t2d_rt.core.constants import SPEED_OF_LIGHT
@@ -111,14 +111,8 @@ def quadrature_field(side: float, range_m: float, frequency_hz: float) -> comple
 
 @pytest.mark.parametrize(
     ("range_m", "preset", "sagitta_rad"),
-    [
-        (1.0, "table2", 0.07),
-        (3.0, "table2", 0.2),
-        (10.0, "table2", 0.2),
-        (30.0, "table2-long", 0.2),
-    ],
+    slow_after(1, [(3.0, "table2", 0.2), (1.0, "table2", 0.07), (10.0, "table2", 0.2), (30.0, "table2-long", 0.2)]),
 )
-@pytest.mark.slow
 def test_sphere_reads_its_rcs(
     range_m: float, preset: str, sagitta_rad: float, backend: Backend, field_in_cube: ReadField
 ) -> None:

@@ -74,7 +74,6 @@ def test_value_and_frequency_derivative_against_mpmath(dtype: type) -> None:
     assert max(errors(got, phases)) < LIMIT[dtype]
 
 
-@pytest.mark.slow
 def test_drjit_kernel_against_mpmath(backend: Backend) -> None:
     import drjit
 

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 
 import builders
 import t2d_rt as t2d
-from builders import icosphere
+from builders import icosphere, slow_after
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.pipeline.targets import segments
 from t2d_rt.scattering.rate import (
@@ -66,7 +66,7 @@ def test_the_rate_leaves_what_is_tolerated(amplitude_m: float, frequency_hz: flo
 
 
 @pytest.mark.parametrize("frequency_hz", [0.5, 13.0, 200.0])
-@pytest.mark.parametrize("amplitude_m", [5e-6, 5e-4])
+@pytest.mark.parametrize("amplitude_m", slow_after(1, [5e-6, 5e-4]))
 def test_small_vibrations_are_resolved(amplitude_m: float, frequency_hz: float) -> None:
     rate = needed_rate_hz(swinging(amplitude_m, frequency_hz), RADAR, (0.0, 4.0))
     assert rate >= min(4.1 * frequency_hz, 820.0)

@@ -117,7 +117,6 @@ def test_a_scene_in_other_units_is_refused() -> None:
 # --- files ---
 
 
-@pytest.mark.slow
 def test_a_room_comes_back_from_its_file(tmp_path: Path) -> None:
     room = Room(
         **BOX, openings=[{**DOOR, "slab": WOOD}], furniture=[{"kind": "coffee_table", "x_m": 1, "y_m": 0}]

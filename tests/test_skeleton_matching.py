@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from builders import MOTIONS, WALK
+from builders import MOTIONS, WALK, slow_after
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion
 from t2d_rt.motion.interpolate import decompose
@@ -348,7 +348,7 @@ LACKING = {
 
 
 @pytest.mark.parametrize("base", BASES)
-@pytest.mark.parametrize("lacks", LACKING)
+@pytest.mark.parametrize("lacks", slow_after(2, LACKING))
 @pytest.mark.parametrize("named", [False, True])
 def test_optional_joints_may_lack(tmp_path: Path, base: str, lacks: str, named: bool) -> None:
     """Joints above them move against their new parents, so every joint's position channels count, too."""

@@ -98,6 +98,7 @@ def test_the_old_result_comes_back_after_a_kill_between_the_renames(tmp_path: Pa
     assert path.with_suffix(".png").read_text() == "old"
 
 
+@pytest.mark.slow
 def test_a_kill_before_the_renames_leaves_the_old(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "a.zarr"
     recording(1).save(path)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from builders import JOINT_CENTRES, MOTIONS, WALK, joint_centres, write_c3d
+from builders import JOINT_CENTRES, MOTIONS, WALK, joint_centres, slow_after, write_c3d
 from t2d_rt.cli.add import Person, additions
 from t2d_rt.cli.options import simulate_parser
 from t2d_rt.core.errors import InputError, T2DWarning
@@ -90,7 +90,9 @@ MANNERS = {
 
 @pytest.mark.parametrize(
     ("form", "manner"),
-    [*((form, manner) for form in ("trc", "npz") for manner in MANNERS), ("c3d", "colon"), ("c3d", "behind")],
+    slow_after(
+        4, [*((form, manner) for form in ("trc", "npz") for manner in MANNERS), ("c3d", "colon"), ("c3d", "behind")]
+    ),
 )
 def test_one_subject_is_read_however_it_is_named(tmp_path: Path, walk: Motion, form: str, manner: str) -> None:
     *labels, first, second = MANNERS[manner]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from builders import WALK, ball, small_room, walk
+from builders import WALK, ball, slow_after, small_room, walk
 from t2d_rt.cli import main
 from t2d_rt.core.errors import InputError
 
@@ -35,16 +35,16 @@ def piece() -> t2d.Motion:
 
 
 TARGETS: dict[str, Any] = {
-    "mesh and fan": lambda: ([piece(), t2d.TableFan(position_m=(2.5, 0.8, 1.0), rpm=300)], {}),
     "ellipsoids": lambda: ([piece()], {"method": "ellipsoid"}),
     "two balls and an array": lambda: (
         [ball((3.0, 0.0, 1.0), (-1.0, 0.2, 0.0)), ball((4.0, 0.8, 1.2), (1.0, 0.0, 0.0))],
         {"radar": t2d.Radar.preset("ci4r", samples=128, prf_hz=4500.0, rx_offsets_m=[[0.0, 0.002, 0.0], [0.0, -0.002, 0.0]])},
     ),
+    "mesh and fan": lambda: ([piece(), t2d.TableFan(position_m=(2.5, 0.8, 1.0), rpm=300)], {}),
 }  # fmt: skip
 
 
-@pytest.fixture(scope="module", params=list(TARGETS))
+@pytest.fixture(scope="module", params=slow_after(2, list(TARGETS)))
 def whole(request: pytest.FixtureRequest) -> tuple[t2d.Recording, Any, dict[str, Any]]:
     targets, options = TARGETS[request.param]()
     return recorded(targets, **options), targets, options
@@ -143,6 +143,7 @@ def test_a_tolerance_is_that_of_all_paths() -> None:
         t2d.simulate(target, **options, only_paths=["direct, left"])
 
 
+@pytest.mark.slow
 def test_bounces_come_with_the_direct_path() -> None:
     """Switched off it takes them along, without a warning of a path that does not exist."""
     pair = [ball((3.0, 0.0, 1.0), level=2), ball((3.0, 0.5, 1.0), level=2)]
@@ -190,6 +191,7 @@ def test_paths_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
         assert (code, sentence in told) == (2, True), told
 
 
+@pytest.mark.slow
 def test_paths_of_an_experiment_are_those_of_its_tolerance(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any
 ) -> None:

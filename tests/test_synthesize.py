@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from builders import slow_after
 from measures import nmse_db
 from t2d_rt.core import cubes
 from t2d_rt.core.backend import Backend
@@ -90,14 +91,16 @@ def swinging_sheet(radar: Radar, *, frames: int = 60, rate_hz: float = 100.0) ->
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("preset", "tolerance_db"),
-    [
-        *(("table2", db) for db in (-30, -40, -50, -60)),
-        *((preset, -60) for preset in ("array-3x4", "table2-burst", "ci4r")),
-        *((preset, -30) for preset in ("table2-uniform", "text2doppler-code")),
-    ],
+    slow_after(
+        1,
+        [
+            *(("table2", db) for db in (-40, -30, -50, -60)),
+            *((preset, -60) for preset in ("array-3x4", "table2-burst", "ci4r")),
+            *((preset, -30) for preset in ("table2-uniform", "text2doppler-code")),
+        ],
+    ),
 )
 def test_merged_echoes_keep_the_tolerance(preset: str, tolerance_db: float) -> None:
     radar = Radar.preset(preset)
@@ -112,7 +115,6 @@ def test_merged_echoes_keep_the_tolerance(preset: str, tolerance_db: float) -> N
     assert nmse_db(cube[chirps, antenna, ::9], expected) < tolerance_db
 
 
-@pytest.mark.slow
 def test_merged_echoes_of_transmitters_at_once() -> None:
     radar = Radar.preset("automotive-79")
     echoes = swinging_sheet(radar, frames=12)
@@ -211,7 +213,6 @@ def test_the_direct_sum_is_eq_1_for_one_static_point() -> None:
 # --- streaming ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("read_frames", [1, 40, 64])
 def test_what_is_read_at_once_does_not_matter(read_frames: int) -> None:
     radar = TABLE2.replace(prf_hz=1000.0)
@@ -236,7 +237,6 @@ def test_what_is_read_at_once_does_not_matter(read_frames: int) -> None:
     assert fractions[-1] == 1
 
 
-@pytest.mark.slow
 def test_few_echoes_of_many_vertices_are_not_read_all_at_once() -> None:
     """A sphere that breathes is one or two echoes and 30 000 vertices: a minute of them would be over a gigabyte."""
     echoes = random_echoes(TABLE2.replace(prf_hz=1000.0), frames=400)
@@ -451,7 +451,6 @@ def test_echoes_that_are_dark_from_a_windows_start() -> None:
     assert not cube[-1].any()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("multiplexing", ["simultaneous", "tdm", "ddm"])
 def test_merged_echoes_of_any_number_of_receivers(multiplexing: str) -> None:
     radar = Radar.preset(
@@ -466,7 +465,6 @@ def test_merged_echoes_of_any_number_of_receivers(multiplexing: str) -> None:
         assert nmse_db(cube[chirps, antenna, ::19], expected) < -50
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["table2", "array-3x4"])
 def test_merged_echoes_use_no_interval_beyond_the_last(preset: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Samples go on after a window's last interval; cubics read from there would be whatever lies in memory."""

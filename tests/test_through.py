@@ -111,7 +111,6 @@ def moving_ball(method: str) -> MovingMesh | Ellipsoids:
     return Ellipsoids(np.full((1, 3), 0.1), centres, mesh.times_s, material="pec")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("material", "thickness_m", "method"),
     [("plasterboard", 0.0125, "mesh"), ("wood", 0.04, "mesh"), ("wood", 0.04, "ellipsoid")],
@@ -151,7 +150,6 @@ def test_what_lets_too_little_through_changes_nothing() -> None:
         assert np.array_equal(*cubes)
 
 
-@pytest.mark.slow
 def test_out_and_back_may_be_swapped() -> None:
     target, cubes = ball((3.0, 0.3, 1.1), time_s=0.05), []
     sides = ([[0.0, 0.2, 0.0]], [[0.0, -0.2, 0.1]])

@@ -157,7 +157,6 @@ def test_chirps_between_frames_are_those_of_the_direct_sum(preset: str, antenna:
     np.testing.assert_allclose(found, expected, rtol=1e-4)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["array-3x4", "automotive-79"])
 def test_chirps_are_of_any_antenna(preset: str) -> None:
     target = ball((3.0, 0.8, 1.2), (1.0, 0.5, 0.0), 0.1, radius_m=0.15, sagitta_rad=0.15)
@@ -166,7 +165,6 @@ def test_chirps_are_of_any_antenna(preset: str) -> None:
     assert found.error_db < -30
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("chirps", [5, 8, 11])
 def test_few_chirps_are_all_compared(chirps: int) -> None:
     radar = Radar.preset("table2", prf_hz=chirps / 0.3)
@@ -202,7 +200,6 @@ def test_bodies_by_ellipsoids_behind_a_mesh_are_measured(walk: Motion) -> None:
     assert math.isfinite(found.error_db)
 
 
-@pytest.mark.slow
 def test_a_tolerance_is_kept_and_asks_for_no_more_than_it_needs(walk: Motion) -> None:
     loose, tight = (t2d.simulate(walk, radar=RADAR, tolerance_db=db) for db in (-12.0, -26.0))
     assert loose.error_db is not None
@@ -267,7 +264,6 @@ def test_occlusion_by_what_rotates_fast_is_part_of_the_error(
         assert found.error_db == pytest.approx(cost, abs=4)
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:top speed")
 def test_occlusion_by_what_rotates_fast_is_no_omission_where_it_is_sampled() -> None:
     fan = t2d.TableFan(position_m=(3, 0, 1), rpm=900, heading_deg=90.0).mesh(0, 0.1)
@@ -276,7 +272,6 @@ def test_occlusion_by_what_rotates_fast_is_no_omission_where_it_is_sampled() -> 
     assert not any("rotate fast" in each.what for each in traced.omissions)
 
 
-@pytest.mark.slow
 def test_visibility_of_what_stands_behind_is_sampled() -> None:
     """Of two balls in line one hides the other; side by side they do not."""
     behind, beside = balls((2, 0, 1), (3, 0, 1)), balls((2, 0, 1), (3, 0.8, 1))
@@ -284,7 +279,6 @@ def test_visibility_of_what_stands_behind_is_sampled() -> None:
     assert [each.accuracy.occlusion for each in plans] == [True, False]
 
 
-@pytest.mark.slow
 def test_visibility_of_what_only_a_wall_sees_behind_another_is_sampled() -> None:
     """Side by side before the radar, one behind the other before its image in the left wall, which is 11 dB weaker."""
     beside, options = (
@@ -295,7 +289,6 @@ def test_visibility_of_what_only_a_wall_sees_behind_another_is_sampled() -> None
     assert [each.accuracy.occlusion for each in plans] == [False, True]
 
 
-@pytest.mark.slow
 def test_the_plan_says_what_is_modelled_left_out_and_predicted(walk: Motion) -> None:
     plan = t2d.plan(walk, radar=RADAR, tolerance_db=-15.0)
     told = str(plan)
@@ -347,7 +340,6 @@ def test_a_plan_serves_other_recordings(walk: Motion) -> None:
     assert t2d.simulate(other, radar=RADAR, accuracy=plan.accuracy).accuracy == plan.accuracy
 
 
-@pytest.mark.slow
 def test_facets_are_counted_before_they_are_made(walk: Motion) -> None:
     model = modelled(walk)
     (counted,) = facet_counts(model, t2d.Accuracy())
@@ -364,7 +356,6 @@ def test_path_pairs_are_left_out_by_what_they_cost(walk: Motion) -> None:
     assert few["left_out"] > many["left_out"]
 
 
-@pytest.mark.slow
 def test_what_a_user_gives_stays(walk: Motion) -> None:
     given = {"visibility_rate_hz": 7.0, "surface_rate_hz": 90.0, "sagitta_rad": 1.3}
     settings = t2d.simulate(walk, radar=RADAR, tolerance_db=-15.0, measure_error=False, accuracy=given).settings

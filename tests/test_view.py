@@ -194,6 +194,7 @@ def test_two_recordings_share_their_levels(both: Viewer) -> None:
     assert second["targets"] == second["paths"] == []
 
 
+@pytest.mark.slow
 def test_a_ball_and_a_target_that_is_not_stored() -> None:
     from trimesh.creation import icosphere
 
@@ -354,6 +355,7 @@ def test_it_opens_without_network_and_without_a_complaint(browser: Browser, page
         assert len(np.unique(colours(browser.picture([x, y, width, height])).reshape(-1, 3), axis=0)) > 100
 
 
+@pytest.mark.slow
 @DARK
 def test_pictures_change_with_time_and_the_keys_move_it(browser: Browser, page: Path) -> None:
     browser.open(page, "#t=0.2")
@@ -412,6 +414,7 @@ def test_a_click_on_the_arc_of_a_foot_lights_that_foot(browser: Browser, page: P
     assert browser.told == []
 
 
+@pytest.mark.slow
 @DARK
 def test_a_click_above_the_middle_of_a_foot_finds_its_fastest_point(
     browser: Browser, page: Path, shown: dict[str, Any]
@@ -432,6 +435,7 @@ def test_a_click_above_the_middle_of_a_foot_finds_its_fastest_point(
     assert heights[0] == heights[1]
 
 
+@pytest.mark.slow
 @DARK
 def test_an_echo_is_matched_by_delay_and_speed(browser: Browser, page: Path, shown: dict[str, Any]) -> None:
     browser.open(page)
@@ -481,6 +485,7 @@ def test_what_is_said_is_so(browser: Browser, page: Path, shown: dict[str, Any])
     assert browser.run("state.panels[0].pathsAt(state.time).every(path => path.target == 1)")
 
 
+@pytest.mark.slow
 @DARK
 def test_between_frames_speeds_are_those_of_the_truth(browser: Browser, page: Path, walker: Recording) -> None:
     browser.open(page)
@@ -504,6 +509,7 @@ def test_speeds_beyond_the_radars_are_folded(browser: Browser, page: Path) -> No
         assert browser.run(f"state.panels[0].folded({speed})") == pytest.approx(folded, abs=1e-9)
 
 
+@pytest.mark.slow
 @DARK
 def test_two_side_by_side_and_a_measured_one_alone(
     browser: Browser, walker: Recording, both: Viewer, tmp_path: Path

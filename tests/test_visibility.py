@@ -282,7 +282,6 @@ def blocked(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.n
     return result
 
 
-@pytest.mark.slow
 def test_body_casts_its_shadow_as_straight_lines_say(walker: MovingMesh, backend: Backend) -> None:
     seen = occlusion([walker], backend).traced(np.array([0.4]))[0]
     mesh = walker.trimesh(0.4)

@@ -91,6 +91,7 @@ def defined(tree: ast.AST) -> Iterator[tuple[str, int]]:
             yield node.asname, node.lineno
 
 
+@cache
 def parts(name: str) -> list[str]:
     """The words of an identifier in lower case; a one-way path is a term and no way."""
     words = [word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z0-9]+", name)]

@@ -362,13 +362,11 @@ def _add_accuracy(parser: ArgumentParser) -> None:
     from t2d_rt.types import Accuracy
 
     group = parser.add_argument_group("accuracy (a tolerance chooses the fields that are not given)")
+    hints = get_type_hints(Accuracy) | {"tiers": list[dict[str, Any]]}  # tiers check themselves
     for name, field in Accuracy.model_fields.items():
         default = "" if name == "tiers" or field.default is None else f" By default it is {json.dumps(field.default)}."
-        kind = get_type_hints(Accuracy)[name]
-        if name == "tiers":  # checked by the tiers themselves
-            kind = list[dict[str, Any]]
         help_text = f"{field.description}{default}".replace("%", "%%")
-        group.add_argument(f"--accuracy.{name}", type=kind, default=SUPPRESS, help=help_text)
+        group.add_argument(f"--accuracy.{name}", type=hints[name], default=SUPPRESS, help=help_text)
 
 
 def _add_radar(parser: ArgumentParser) -> None:
