@@ -381,6 +381,63 @@ def test_pictures_change_with_time_and_the_keys_move_it(browser: Browser, page: 
 
 
 @DARK
+@pytest.mark.parametrize("look", ["above", "room", "radar", "near"])
+def test_names_in_the_room_stand_apart(browser: Browser, page: Path, look: str) -> None:
+    browser.open(page, f"#t=0.4&look={look}")
+    names = browser.run(
+        """(() => {
+            const room = state.panels[0].room, pen = room.over.getContext("2d"), write = pen.fillText, found = [];
+            pen.fillText = (text, x, y) => {
+                const box = pen.measureText(text), { actualBoundingBoxAscent: up, actualBoundingBoxDescent: down } = box;
+                found.push([text, x - box.width / 2, x + box.width / 2, y - up, y + down]);
+                write.call(pen, text, x, y);
+            };
+            draw(); delete pen.fillText;
+            return found.map(each => [...each, room.over.width, room.over.height]);
+        })()"""
+    )
+    assert any("wall" in text for text, *_ in names) or look != "above"
+    assert len({text for text, *_ in names}) == len(names)
+    for number, (_, left, right, top, bottom, width, height) in enumerate(names):
+        assert 0 <= left < right <= width
+        assert 0 <= top < bottom <= height
+        for _, other_left, other_right, other_top, other_bottom, *_ in names[:number]:
+            assert right < other_left or other_right < left or bottom < other_top or other_bottom < top, names
+
+
+@DARK
+def test_the_map_of_the_moment_shows_where_targets_are_or_all_of_it(
+    browser: Browser, page: Path, shown: dict[str, Any]
+) -> None:
+    browser.open(page)
+    chart = "state.panels[0].charts.find(each => each.kind == 'range_doppler')"
+    parts, at = shown["parts"], box(browser, ".range_doppler canvas")
+    near, whole = browser.run(f"{chart}.span"), browser.run(f"{chart}.whole")
+    assert whole["x"][0] <= near["x"][0] < min(each["near"].min() for each in parts)
+    assert max(each["far"].max() for each in parts) < near["x"][1] <= whole["x"][1]
+    assert near["x"][1] - near["x"][0] < 0.9 * (whole["x"][1] - whole["x"][0])
+    before = browser.picture(at)
+    # The pointer reads the same cell of the map, wherever that is drawn.
+    part = next(each for each in parts if each["name"] == "chest")
+    where = float(part["range"][8]), float(part["speed"][8])
+    level = browser.run(f"{chart}.level({where[0]}, {where[1]}, 2)")
+    for key in ("w", "w"):
+        x, y = place(browser, "range_doppler", *where)
+        read = browser.run(f"{chart}.at({{clientX: {x}, clientY: {y}}})")
+        assert [read["x"], read["y"]] == pytest.approx(where, abs=0.05)
+        browser.press(key, key)
+        assert browser.run(f"{chart}.level({where[0]}, {where[1]}, 2)") == level
+        if browser.run("state.whole"):
+            assert browser.run(f"{chart}.span") == whole
+            assert (np.abs(colours(browser.picture(at)) - colours(before)).max(axis=-1) > 30).mean() > 0.02
+    assert browser.picture(at) == before
+    x, y, width, height = box(browser, ".range_doppler button")
+    browser.click(x + width / 2, y + height / 2)
+    assert browser.run("state.whole")
+    assert browser.told == []
+
+
+@DARK
 def test_a_click_on_the_arc_of_a_foot_lights_that_foot(browser: Browser, page: Path, shown: dict[str, Any]) -> None:
     browser.open(page)
     feet = {part["foot"]: part["speed"][2:-2] for part in shown["parts"] if part["foot"]}

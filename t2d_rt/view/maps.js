@@ -16,7 +16,7 @@ class Chart {
     Object.assign(this, { kind, map, colours });
     this.canvas = box.appendChild(document.createElement("canvas"));
     const { x, y } = map, half = axis => axis.count > 1 ? (axis.last - axis.first) / (axis.count - 1) / 2 : axis.half || .5;
-    this.span = { x: [x.first - half(x), x.last + half(x)], y: [y.first - half(y), y.last + half(y)] };
+    this.span = this.whole = { x: [x.first - half(x), x.last + half(x)], y: [y.first - half(y), y.last + half(y)] };
     this.image = document.createElement("canvas");
     this.image.width = x.count; this.image.height = y.count;
     this.plain = document.createElement("canvas");  // all that does not change from frame to frame
@@ -42,7 +42,7 @@ class Chart {
 
   cell(x, y) {
     const number = (axis, span, value) => Math.max(0, Math.min(axis.count - 1, Math.floor((value - span[0]) / (span[1] - span[0]) * axis.count)));
-    return [number(this.map.x, this.span.x, x), number(this.map.y, this.span.y, y)];
+    return [number(this.map.x, this.whole.x, x), number(this.map.y, this.whole.y, y)];
   }
 
   level(x, y, frame = 0) {  // dB re 1 W; null where that is below all colours
@@ -88,7 +88,7 @@ class Chart {
   draw(frame, span_db, known, marks) {  // marks(pen, chart) draws over the image, if `known`, what they depend on, has changed
     const { canvas, plain, image } = this;
     this.measure();
-    const { em, left, top, width, height } = this.place, now = [canvas.width, canvas.height, span_db, em].join(), pen = penOf(canvas);
+    const { em, left, top, width, height } = this.place, now = [canvas.width, canvas.height, span_db, em, this.span.x, this.span.y].join(), pen = penOf(canvas);
     if (width < 1 || height < 1 || this.shown === frame + now + known) return;
     this.shown = frame + now + known;
     const moved = this.painted !== frame + "/" + span_db;
@@ -100,8 +100,11 @@ class Chart {
       if (this.kind != "range_doppler") { back.imageSmoothingEnabled = image.width > width; back.drawImage(image, left, top, width, height); }
     }
     pen.drawImage(plain, 0, 0);
-    if (this.kind == "range_doppler") { pen.imageSmoothingEnabled = false; pen.drawImage(image, left, top, width, height); }
     pen.save(); pen.beginPath(); pen.rect(left, top, width, height); pen.clip(); pen.lineJoin = "round";
+    if (this.kind == "range_doppler") {
+      const { x, y } = this.whole, [from, upper] = [this.px(x[0]), this.py(y[1])];
+      pen.imageSmoothingEnabled = false; pen.drawImage(image, from, upper, this.px(x[1]) - from, this.py(y[0]) - upper);
+    }
     marks(pen, this, em); pen.restore();
   }
 }

@@ -2,7 +2,7 @@
 
 const $ = name => document.getElementById(name), LIGHT = .299792458;  // m/ns
 const MOST_ROWS = 7, MOST_SHOWN = 14, WEAKEST_DB = -45, STEPS = [0.05, 0.1, 0.25, 0.5, 1, 2];
-const state = { time: 0, playing: false, camera: null, panels: [], grain: 1, fps: 0, written: 0 };
+const state = { time: 0, playing: false, whole: false, camera: null, panels: [], grain: 1, fps: 0, written: 0 };
 
 async function unpacked() {  // numbers of the page: each { at, kind, count, deltas } in the header stands for an array
   const meta = JSON.parse($("meta").textContent), text = atob($("data").textContent.trim()), packed = new Uint8Array(text.length);
@@ -66,6 +66,10 @@ class Panel {
     }
     this.charts = Object.entries(recording.maps).map(([kind, map]) => {
       const box = place("map " + kind), chart = new Chart(box, kind, map, colours);
+      if (kind == "range_doppler" && (this.near = this.nearby(chart.whole))) {
+        this.zoom = box.appendChild(document.createElement("button"));
+        this.zoom.title = "w"; this.zoom.onclick = event => { event.stopPropagation(); whole(); };
+      }
       box.onclick = event => { const at = chart.at(event); if (at) clicked(kind, at.x, at.y); };
       box.onmousemove = event => { const at = chart.at(event); box.title = at ? this.tip(chart, at) : ""; };
       return chart;
@@ -90,6 +94,20 @@ class Panel {
   tip(chart, { x, y }) {
     const level = chart.level(x, y, chart.kind == "range_doppler" ? this.moment(chart) : 0), unit = { time: "s", speed: "m/s", range: "m" };
     return `${fixed(x, 2)} ${unit[chart.map.x.of]}, ${fixed(y, 2)} ${unit[chart.map.y.of]}, ${level === null ? "below the colours" : decibels(level) + " re 1 W"}`;
+  }
+
+  nearby(all) {  // the part of a range-Doppler map that targets and their stronger paths reach; null where that is most of it
+    const { parts, paths, radar } = this.recording, [least, greatest] = [values => values.reduce((a, b) => b < a ? b : a, Infinity), values => values.reduce((a, b) => b > a ? b : a, -Infinity)];
+    if (!parts.length) return null;
+    const strongest = greatest(paths.map(path => greatest(path.level))), seen = paths.filter(path => greatest(path.level) > strongest - 30);
+    const within = (low, high, [first, last]) => { const free = .1 * (high - low); return [Math.max(first, low - free), Math.min(last, high + free)]; };
+    const fast = greatest(parts.map(part => Math.max(greatest(part.fast), -least(part.slow))));
+    const found = {
+      x: within(least(parts.map(part => least(part.near))), greatest([...parts.map(part => greatest(part.far)), ...seen.map(path => greatest(path.range))]), all.x),
+      y: fast > radar.max_speed ? all.y : within(Math.min(0, least(parts.map(part => least(part.slow)))), Math.max(0, greatest(parts.map(part => greatest(part.fast)))), all.y),
+    };
+    const part = axis => (found[axis][1] - found[axis][0]) / (all[axis][1] - all[axis][0]);
+    return part("x") * part("y") < .85 ? found : null;
   }
 
   moment(chart) {  // number of the range-Doppler map that is nearest in time
@@ -284,7 +302,9 @@ class Panel {
     if (!all) return;
     const known = JSON.stringify([$("truth").checked, [...this.paths], this.cell, this.focus]);
     for (const chart of this.charts) {
-      const moving = chart.kind == "range_doppler", moment = moving ? this.moment(chart) : 0;
+      const moving = chart.kind == "range_doppler";
+      if (moving && this.zoom) { chart.span = state.whole ? chart.whole : this.near; this.zoom.textContent = state.whole ? "where targets are" : "whole map"; }
+      const moment = moving ? this.moment(chart) : 0;
       chart.draw(moment, span + (moving ? 10 : 0), known + (moving ? state.time : ""), this.marks(chart, state.time, moving ? paths : []));  // its echoes are spread over more cells
       chart.point(state.time);
     }
@@ -302,6 +322,8 @@ function clicked(kind, x, y) {  // a cell of a map, of all recordings alike
   }).join("<br>");
   draw();
 }
+
+function whole() { state.whole = !state.whole; draw(); }
 
 function forget() { for (const panel of state.panels) { panel.parts.clear(); panel.paths.clear(); panel.cell = null; } $("told").innerHTML = HINT; draw(); }
 
@@ -363,7 +385,7 @@ function keys(event) {
   const pace = (event.shiftKey ? 10 : 1) / state.frames_hz, speeds = $("speed"), action = {
     " ": () => play(!state.playing), ArrowLeft: () => { play(false); seek(state.time - pace); }, ArrowRight: () => { play(false); seek(state.time + pace); },
     ArrowUp: () => speeds.selectedIndex = Math.min(speeds.length - 1, speeds.selectedIndex + 1), ArrowDown: () => speeds.selectedIndex = Math.max(0, speeds.selectedIndex - 1),
-    Home: () => seek(0), End: () => seek(state.duration), Escape: forget,
+    Home: () => seek(0), End: () => seek(state.duration), Escape: forget, w: whole,
   }[event.key];
   if (action) { action(); event.preventDefault(); }
 }

@@ -303,12 +303,16 @@ class Room {
     pen.font = `${size}px system-ui, "DejaVu Sans", sans-serif`; pen.textAlign = "center"; pen.lineJoin = "round"; pen.lineWidth = 3 * ratio;
     const taken = [], write = (text, point, colour, dotted) => {
       const c = [0, 1, 3].map(row => matrix[row] * point[0] + matrix[4 + row] * point[1] + matrix[8 + row] * point[2] + matrix[12 + row]);
-      if (c[2] < NEAR) return;
+      if (c[2] < NEAR) return false;
       const x = (c[0] / c[2] + 1) / 2 * over.width, y = (1 - c[1] / c[2]) / 2 * over.height, half = pen.measureText(text).width / 2;
       if (dotted) { pen.fillStyle = colour; pen.beginPath(); pen.arc(x, y, 3.5 * ratio, 0, 7); pen.fill(); }
-      if (taken.some(([u, v, w]) => Math.abs(u - x) < half + w && Math.abs(v - y) < size)) return;
-      taken.push([x, y, half]);
-      pen.strokeStyle = "#000c"; pen.strokeText(text, x, y - .5 * size); pen.fillStyle = colour; pen.fillText(text, x, y - .5 * size);
+      // Above the point, below it or beside it, wherever no other name stands; else its dot alone.
+      const free = [[0, -.5], [0, 1.3], [half / size + .6, .35], [-half / size - .6, .35]].map(([u, v]) => [x + u * size, y + v * size])
+        .find(([u, v]) => u - half > 0 && u + half < over.width && v > size && v < over.height - .3 * size && taken.every(([a, b, w]) => Math.abs(a - u) > half + w + .3 * size || Math.abs(b - v) > 1.25 * size));
+      if (!text || !free) return false;
+      taken.push([...free, half]);
+      pen.strokeStyle = "#000c"; pen.strokeText(text, ...free); pen.fillStyle = colour; pen.fillText(text, ...free);
+      return true;
     };
     ["x", "y"].forEach((name, axis) => write(name, this.origin(axis, 1.12), "#e6e8ea"));
     write("radar", this.recording.radar.position, "#ff8080");
@@ -319,7 +323,8 @@ class Room {
       path.points.forEach((point, i) => {
         const name = path.meets[i], key = name + point.map(x => x.toFixed(2));
         if (name == "radar" || name == "target" || known.has(key)) return;
-        known.add(key); write(called(name, this.recording), point, `rgb(${ORDERS[Math.min(3, path.order)].map(x => 255 * x)})`, true);
+        known.add(key);
+        if (write(known.has(name) ? "" : called(name, this.recording), point, `rgb(${ORDERS[Math.min(3, path.order)].map(x => 255 * x)})`, true)) known.add(name);
       });
     }
   }
