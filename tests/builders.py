@@ -17,7 +17,8 @@ import t2d_rt as t2d
 from t2d_rt.body import template
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.dataset import Recipe
-from t2d_rt.dataset.work import Made, Plans, make_sample
+from t2d_rt.dataset.shards import Made
+from t2d_rt.dataset.worker import Plans, make_sample
 from t2d_rt.types import PEC, Material, Motion, MovingMesh, Radar, Scene, Surface
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS
 
@@ -177,7 +178,7 @@ def remember_samples(patch: pytest.MonkeyPatch, known: dict[tuple[str, int], Mad
             known[key] = make_sample(recipe, plans, index)
         return replace(known[key], record=dict(known[key].record))
 
-    patch.setattr("t2d_rt.dataset.work.make_sample", remembered)
+    patch.setattr("t2d_rt.dataset.worker.make_sample", remembered)
 
 
 def within(seconds: float, done: Callable[[], bool]) -> bool:

@@ -11,8 +11,7 @@ import numpy as np
 from t2d_rt.dataset import Recipe
 from t2d_rt.dataset.products import POINT_COLUMNS, edges
 from t2d_rt.dataset.sample import cell_of, description_of
-from t2d_rt.dataset.shards import write_shard
-from t2d_rt.dataset.work import Made
+from t2d_rt.dataset.shards import Made, write_shard
 from t2d_rt.types import Radar
 
 RADAR = Radar.preset("table2")

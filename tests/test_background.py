@@ -15,7 +15,7 @@ from scipy.special import digamma, polygamma
 import t2d_rt as t2d
 from builders import slow_after
 from t2d_rt.core.errors import InputError, T2DWarning
-from t2d_rt.dataset.background_files import background_records
+from t2d_rt.dataset.background_records import background_records
 from t2d_rt.noise.background import Background, BackgroundModel, BackgroundRecord, Grid, add_background, load_background
 from t2d_rt.noise.background.architecture import HALO, Architecture
 from t2d_rt.noise.background.decoder import LEAST_LOOKS, decoded

@@ -24,11 +24,11 @@ import t2d_rt as t2d
 from builders import remember_samples, within
 from t2d_rt.cli import main
 from t2d_rt.core.errors import InputError
-from t2d_rt.dataset import Dataset, Recipe, check_dataset, export_dataset, make_dataset, read_shards, shards, work
+from t2d_rt.dataset import Dataset, Recipe, check_dataset, export_dataset, make_dataset, read_shards, shards, worker
 from t2d_rt.dataset.lock import LOCK, locked
-from t2d_rt.dataset.schedulers import on_a_cluster
-from t2d_rt.dataset.view import view
-from t2d_rt.dataset.work import Made, make_sample, make_samples
+from t2d_rt.dataset.making import on_a_cluster
+from t2d_rt.dataset.shards import Made
+from t2d_rt.dataset.worker import make_sample, make_samples, view
 from t2d_rt.experiment.experiment import Experiment
 
 TINY = """
@@ -184,20 +184,20 @@ def test_what_is_finished_when_a_run_stops_is_not_made_again(
     """Below one shard, too; the files are the same in the end, whatever the stopped run has left."""
     recipe, out = tmp_path / "tiny.yaml", tmp_path / "out"
     recipe.write_text(TINY)
-    make = work.make_sample
+    make = worker.make_sample
 
     def stopped(of: Recipe, plans: Any, index: int) -> Made:
         if index == 2:
             raise KeyboardInterrupt
         return make(of, plans, index)
 
-    monkeypatch.setattr(work, "make_sample", stopped)
+    monkeypatch.setattr(worker, "make_sample", stopped)
     command = ["dataset", str(recipe), "-o", str(out), "--workers", "1"]
     assert main(command) == 130
     assert f"stopped; 2 of 4 samples are finished and stay in {out}" in capsys.readouterr().err
     assert sorted(each.name for each in (out / "spool").iterdir()) == ["0.jsonl", "0.npz", "1.jsonl", "1.npz"]
     assert check_dataset(out) == []
-    monkeypatch.setattr(work, "make_sample", make)
+    monkeypatch.setattr(worker, "make_sample", make)
     for name, damage in (("0.npz", b"half"), ("1.jsonl", b"null"), ("1.npz", None)):
         copied = shutil.copytree(out, tmp_path / name)
         (copied / "spool" / name).write_bytes(damage) if damage else (copied / "spool" / name).unlink()
@@ -279,16 +279,16 @@ def descendants(pid: int) -> set[int]:
 
 
 def test_samples_that_fail_are_recorded(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Any) -> None:
-    from t2d_rt.dataset import work
+    from t2d_rt.dataset import worker
 
-    real = work.sample
+    real = worker.sample
 
     def some_fail(recipe: Recipe, index: int) -> Any:
         if index == 1:
             raise InputError("the person stayed at home")
         return real(recipe, index)
 
-    monkeypatch.setattr(work, "sample", some_fail)
+    monkeypatch.setattr(worker, "sample", some_fail)
     recipe = tmp_path / "tiny.yaml"
     recipe.write_text(TINY)
     assert main(["dataset", str(recipe), "-o", str(tmp_path / "out"), "--workers", "1"]) == 3
@@ -306,16 +306,16 @@ def test_samples_that_fail_are_recorded(monkeypatch: pytest.MonkeyPatch, tmp_pat
 
 
 def test_failures_of_a_larger_run_do_not_stop_a_smaller_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from t2d_rt.dataset import making, work
+    from t2d_rt.dataset import making, worker
 
-    real = work.sample
+    real = worker.sample
 
     def some_fail(recipe: Recipe, index: int) -> Any:
         if index >= 2:
             raise InputError("the person stayed at home")
         return real(recipe, index)
 
-    monkeypatch.setattr(work, "sample", some_fail)
+    monkeypatch.setattr(worker, "sample", some_fail)
     monkeypatch.setattr(making, "MOST_FAILED", 0.5)
     assert len(make_dataset(tiny(), tmp_path / "out", workers=1).failures) == 2
     assert make_dataset(tiny(), tmp_path / "out", workers=1, limit=2).failures == ()
@@ -457,8 +457,8 @@ def test_workers_that_grow_within_bounds_are_not_replaced(monkeypatch: pytest.Mo
     # If loky calls it otherwise one day, this fails.
     monkeypatch.setattr(process_executor, "_MAX_MEMORY_LEAK_SIZE", process_executor._MAX_MEMORY_LEAK_SIZE)
     monkeypatch.setattr(gc, "freeze", lambda: None)
-    work._settle.__wrapped__()
-    assert process_executor._MAX_MEMORY_LEAK_SIZE == work.MOST_GROWTH_BYTES
+    worker._settle.__wrapped__()
+    assert process_executor._MAX_MEMORY_LEAK_SIZE == worker.MOST_GROWTH_BYTES
 
 
 def test_masks_show_nothing_where_there_is_no_background(made: Path) -> None:

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from t2d_rt.dataset.beside import moving_beside, reserved_walks
-from t2d_rt.dataset.motions import _starts, descriptions, sample_motion
-from t2d_rt.dataset.placing import CLEARANCE_M, placing, surroundings
 from t2d_rt.dataset.recipe import Recipe
-from t2d_rt.dataset.sample import sample
+from t2d_rt.dataset.sample import (
+    CLEARANCE_M,
+    _starts,
+    descriptions,
+    interferer,
+    placing,
+    reserved_walks,
+    sample,
+    sample_motion,
+    surroundings,
+)
 from t2d_rt.experiment.catalog import example
 from t2d_rt.experiment.sources import MotionText
 from t2d_rt.motion import aside, place
@@ -110,29 +119,29 @@ def test_in_free_space_the_first_place_that_is_drawn_is_taken(recipe: Recipe, wa
     ("beside", "kind"), [("fan", "fan"), ("curtain", "curtain"), ("pet", "pet"), ("person", "text")]
 )
 def test_what_moves_beside_the_person(recipe: Recipe, beside: str, kind: str) -> None:
-    first, again, other = (moving_beside(beside, recipe, number) for number in (0, 0, 1))  # type: ignore[arg-type]
+    first, again, other = (interferer(beside, recipe, number) for number in (0, 0, 1))  # type: ignore[arg-type]
     assert first is not None
     assert other is not None
     assert first.kind == kind
     assert first == again != other
-    assert moving_beside("none", recipe, 0) is None
+    assert interferer("none", recipe, 0) is None
 
 
 def test_dogs_and_cats_walk_beside_the_person(recipe: Recipe) -> None:
-    pets = [moving_beside("pet", recipe, number) for number in range(12)]
+    pets = [interferer("pet", recipe, number) for number in range(12)]
     assert {pet.animal for pet in pets if isinstance(pet, t2d.Pet)} == {"dog", "cat"}
 
 
 def test_sentences_of_second_persons_are_nobodys_label(recipe: Recipe, monkeypatch: pytest.MonkeyPatch) -> None:
     """Even where they are drawn with the same seed."""
-    monkeypatch.setattr("t2d_rt.dataset.beside.RESERVED_SEED", 0)
+    monkeypatch.setattr(sys.modules["t2d_rt.dataset.sample"], "RESERVED_SEED", 0)  # its name is also a function's
     reserved_walks.cache_clear()
     many = recipe.model_copy(update={"classes": ("walking",), "descriptions_per_class": 300})
     labels = {each.sentence for each in descriptions("walking", 300, many.seed)}
     walks = reserved_walks(many)
     assert len({each.sentence for each in walks}) == 20
     assert not labels & {each.sentence for each in walks}
-    found = moving_beside("person", many, 3)
+    found = interferer("person", many, 3)
     assert isinstance(found, MotionText)
     assert found.text in {each.sentence for each in walks}
     reserved_walks.cache_clear()

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from t2d_rt.core.errors import T2DWarning
-from t2d_rt.dataset.products import Products, RangeDopplerProduct, SpectrogramProduct, record_length_s
+from t2d_rt.dataset.products import Products, RangeDopplerProduct, SpectrogramProduct, axis, record_length_s
 from t2d_rt.dataset.recipe import Recipe
-from t2d_rt.dataset.stored import axis
-from t2d_rt.dataset.view import view
+from t2d_rt.dataset.worker import view
 from t2d_rt.recording.added_background import background, background_settings
 from t2d_rt.recording.recording import Recording
 from t2d_rt.types import Radar

@@ -13,8 +13,8 @@ import pytest
 from dataset_folder import recipe, write_dataset
 from t2d_rt.cli import main
 from t2d_rt.dataset import Dataset, dataset_sheet, plot_summary, summarise
-from t2d_rt.dataset.envelope import envelope
 from t2d_rt.dataset.lock import LOCK
+from t2d_rt.signal.envelope import envelope
 
 VELOCITY = np.linspace(-5, 5, 101)
 

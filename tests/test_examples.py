@@ -19,9 +19,10 @@ from dataset_folder import made as made_up
 from measures import check_picture, nmse_db
 from t2d_rt.cli import main
 from t2d_rt.dataset import recipe as recipe_files
-from t2d_rt.dataset import work
+from t2d_rt.dataset import worker
 from t2d_rt.dataset.recipe import Recipe
-from t2d_rt.dataset.work import Made, Plans
+from t2d_rt.dataset.shards import Made
+from t2d_rt.dataset.worker import Plans
 from t2d_rt.experiment import catalog as named
 
 pytestmark = pytest.mark.usefixtures("coarse_bodies")
@@ -84,7 +85,7 @@ def remembered(known: dict[tuple[str, int], Made], monkeypatch: pytest.MonkeyPat
     small.write_text(small.read_text().replace(*FEWER))
     monkeypatch.setattr(recipe_files, "FOLDER", tmp_path / "recipes")
     remember_samples(monkeypatch, known)
-    make_sample = work.make_sample
+    make_sample = worker.make_sample
 
     def sample(recipe: Recipe, plans: Plans, index: int) -> Made:
         if index < REAL_SAMPLES:
@@ -94,7 +95,7 @@ def remembered(known: dict[tuple[str, int], Made], monkeypatch: pytest.MonkeyPat
             told["velocity_mps"] = first.record["products"][name]["velocity_mps"]
         return found
 
-    monkeypatch.setattr(work, "make_sample", sample)
+    monkeypatch.setattr(worker, "make_sample", sample)
 
 
 # --- examples -------------------------------------------------------------------------------------------------------

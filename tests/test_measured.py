@@ -15,7 +15,7 @@ from t2d_rt.core import cube_storage as rows
 from t2d_rt.core import cubes
 from t2d_rt.core.cubes import DiskCube
 from t2d_rt.core.errors import InputError, T2DWarning
-from t2d_rt.dataset.background_files import background_records
+from t2d_rt.dataset.background_records import background_records
 from t2d_rt.signal import load_cube
 from t2d_rt.signal.dca1000 import load_dca1000
 from t2d_rt.types import Radar

@@ -97,7 +97,7 @@ def _simulate(options: Namespace) -> None:
 
 
 def _rooms(first: int, count: int, duration_s: float, progress: Callable[[float], None]) -> list[BackgroundRecord]:
-    from t2d_rt.dataset.empty_rooms import empty_room_record
+    from t2d_rt.dataset.background_records import empty_room_record
 
     found = []
     for number in range(integer("count", count, 1)):
@@ -171,7 +171,7 @@ def _evaluate(options: Namespace, source: str, folder: str) -> None:
 
 
 def _records(options: Namespace, folder: str) -> list[BackgroundRecord]:
-    from t2d_rt.dataset.background_files import background_records
+    from t2d_rt.dataset.background_records import background_records
 
     given: dict[str, Any] = {name: value for name, value in options.signal.as_dict().items() if value is not None}
     return background_records(folder, processing=given, **capture_options(options))

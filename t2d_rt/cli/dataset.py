@@ -116,7 +116,7 @@ def _make(name: str, options: Namespace) -> int:
 
 def _show(words: list[str]) -> int:
     from t2d_rt.dataset import Recipe
-    from t2d_rt.dataset.show import shown_sample
+    from t2d_rt.dataset.worker import shown_sample
 
     if len(words) != 2 or not words[1].isdecimal():
         raise InputError(f"dataset show takes a recipe and the index of a sample, got {' '.join(words) or 'nothing'}")

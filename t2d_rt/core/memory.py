@@ -152,16 +152,21 @@ def keep_freed() -> None:
 
 
 class LastUsed(Generic[Value]):
-    """Values by their keys, of which the last used ones are kept.
+    """Values by their keys, of which the last used ones are kept; a copy in another process begins with none.
+
+    most: how many, or how much of what `size` gives of each; the very last one is kept whatever its size.
 
     >>> kept = LastUsed[int](2)
     >>> [kept.get(key, lambda key=key: ord(key)) for key in "abca"]
     [97, 98, 99, 97]
     """
 
-    def __init__(self, most: int) -> None:
-        self._most = most
+    def __init__(self, most: float, size: Callable[[Value], float] | None = None) -> None:
+        self._most, self._size = most, size
         self._values: OrderedDict[Hashable, Value] = OrderedDict()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"_most": self._most, "_size": self._size, "_values": OrderedDict()}
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
         """The value of a key, not None, made where it is not kept. Threads that ask for one at the same time may each make it."""
@@ -171,13 +176,21 @@ class LastUsed(Generic[Value]):
             value = make()
         self._values[key] = value
         with suppress(KeyError):  # another thread has dropped the last one
-            while len(self._values) > self._most:
+            while len(self._values) > 1 and self._held() > self._most:
                 self._values.popitem(last=False)
         return value
+
+    def _held(self) -> float:
+        return len(self._values) if self._size is None else sum(map(self._size, list(self._values.values())))
 
     def forget(self) -> None:
         """Drops all of them."""
         self._values.clear()
+
+
+def array_bytes(value: np.ndarray | list[np.ndarray]) -> int:
+    """Memory of an array, or of several."""
+    return value.nbytes if isinstance(value, np.ndarray) else sum(each.nbytes for each in value)
 
 
 def release_above(held_bytes: float) -> None:

@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from t2d_rt.core.calls import public
-from t2d_rt.dataset.drawn import dataset_sheet, plot_summary
+from t2d_rt.dataset.dataset import Dataset
 from t2d_rt.dataset.export import export_dataset
 from t2d_rt.dataset.making import Outcome, make_dataset
-from t2d_rt.dataset.read import Shard, check_dataset, read_shards
 from t2d_rt.dataset.recipe import Condition, Recipe, recipe_names
 from t2d_rt.dataset.sample import sample
+from t2d_rt.dataset.shards import Shard, check_dataset, read_shards
 from t2d_rt.dataset.splits import Split, check_split, folds, read_split, source_clips, split
-from t2d_rt.dataset.stored import Dataset
-from t2d_rt.dataset.summary import Summary, summarise
+from t2d_rt.dataset.summary import Summary, dataset_sheet, plot_summary, summarise
 from t2d_rt.recording.truth import TRUTH_COLUMNS
 
 if TYPE_CHECKING:

@@ -10,12 +10,12 @@ from xarray.backends import BackendArray
 from xarray.core import indexing
 
 from t2d_rt.core.errors import InputError
-from t2d_rt.dataset.read import UNITS
-from t2d_rt.dataset.shards import RAGGED
-from t2d_rt.dataset.stored import DIMENSIONS, axis
+from t2d_rt.dataset.dataset import DIMENSIONS
+from t2d_rt.dataset.products import axis
+from t2d_rt.dataset.shards import RAGGED, UNITS
 
 if TYPE_CHECKING:
-    from t2d_rt.dataset.stored import Dataset, Product
+    from t2d_rt.dataset.dataset import Dataset, Product
 
 OF_RECORDS = "class", "condition", "sentence", "description", "seed", "snr_db", "distance_m", "angle_deg", "passed"
 """What is told of each sample."""

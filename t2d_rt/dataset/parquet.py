@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from t2d_rt.core.errors import InputError, install
-from t2d_rt.dataset.kept import Kept
-from t2d_rt.dataset.records import array_of, check_array, read_record
-from t2d_rt.dataset.shards import RAGGED
+from t2d_rt.core.memory import LastUsed, array_bytes
+from t2d_rt.dataset.shards import RAGGED, array_of, check_array, read_record
 
 if TYPE_CHECKING:
+    from t2d_rt.dataset.dataset import Dataset, Product
     from t2d_rt.dataset.recipe import Recipe
-    from t2d_rt.dataset.stored import Dataset, Product
 
 ROWS = 2000
 """Samples of a file."""
@@ -77,7 +76,7 @@ class ParquetReader:
         self.records: tuple[dict[str, Any], ...] = tuple(each[0] for each in found)
         self.failed: tuple[dict[str, Any], ...] = ()
         self._places = tuple(each[1:] for each in found)
-        self._recipe, self._kept = recipe, Kept(most_bytes)
+        self._recipe, self._kept = recipe, LastUsed[list[np.ndarray]](most_bytes, array_bytes)
 
     def array(self, position: int, product: str) -> np.ndarray:
         """A sample's array as it was in its shard."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -236,3 +237,9 @@ def edges(centres: np.ndarray) -> list[float]:
     """First and last edge of an axis of equal cells."""
     half = 0.5 * float(centres[-1] - centres[0]) / max(len(centres) - 1, 1)
     return [round(float(centres[0]) - half, 9), round(float(centres[-1]) + half, 9)]
+
+
+def axis(edges: Sequence[float], count: int) -> np.ndarray:
+    """Middles of `count` equal cells between the edges of an axis."""
+    first, last = edges
+    return np.asarray(first + (np.arange(count) + 0.5) * (last - first) / count)

@@ -17,7 +17,6 @@ from t2d_rt.core.checks import unknown_name
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_yaml
 from t2d_rt.dataset.products import Products
-from t2d_rt.dataset.seeds import seeds
 from t2d_rt.experiment.catalog import bodies
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
 from t2d_rt.noise.masks import OcclusionMask
@@ -195,7 +194,8 @@ class Recipe(Fields):
 
     def seeds(self, number: int, purpose: str) -> np.random.SeedSequence:
         """The seeds of one purpose, as "view", of a motion or sample by its number."""
-        return seeds(self.seed, self.hash, number, purpose)
+        words = [int(self.hash[at : at + 8], 16) for at in range(0, len(self.hash), 8)]
+        return np.random.SeedSequence([self.seed, *words, number, *purpose.encode()])
 
     @property
     def motions(self) -> int:
@@ -257,6 +257,11 @@ LIMITS = {
     "angles_deg": (-360.0, 360.0), "heights_m": (0.05, 10.0), "distances_m": (0.5, 100.0), "gait_factors": (0.25, 4.0),
 }  # fmt: skip
 """Of the ranges that a recipe draws from."""
+
+
+def integer_seed(sequence: np.random.SeedSequence) -> int:
+    """A seed below 2^31, for what takes whole numbers."""
+    return int(sequence.generate_state(1, np.uint32)[0] >> 1)
 
 
 def recipe_names() -> list[str]:

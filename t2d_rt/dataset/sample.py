@@ -1,20 +1,308 @@
-"""One sample of a recipe: a pure function of the recipe and its index."""
+"""One sample of a recipe, a pure function of the recipe and its index: its motion, its place before the radar, what moves beside.
+
+- The motion is made, varied, cut or held to the length of the records, and judged by the filter.
+- Its place, that is distance, angle and offset, is drawn so that it has room in the scene.
+- Interferers are fans, curtains, pets and second persons, placed by chance.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import functools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
 from t2d_rt.core.checks import integer
-from t2d_rt.dataset.beside import moving_beside
-from t2d_rt.dataset.motions import SampleMotion, descriptions, sample_motion
-from t2d_rt.dataset.placing import Place, placing
-from t2d_rt.dataset.recipe import Condition, Recipe
-from t2d_rt.dataset.seeds import integer_seed
+from t2d_rt.core.errors import T2DError
+from t2d_rt.dataset.recipe import OWN_BODY, Beside, Condition, Recipe, integer_seed
 from t2d_rt.experiment.experiment import Experiment
+from t2d_rt.experiment.sources import MotionText
+from t2d_rt.motion import place, trim
+from t2d_rt.motion.check import check_motion
+from t2d_rt.motion.descriptions.grammar import grammar_descriptions
 from t2d_rt.motion.descriptions.slots import Activity, Description
-from t2d_rt.types import Radar
+from t2d_rt.motion.generate import COMPOSED
+from t2d_rt.motion.generate.library.individual import drawn_person
+from t2d_rt.motion.vary import hold
+from t2d_rt.propagation.scenes import load_scene
+from t2d_rt.scene import Curtain, Mover, Pet, TableFan
+from t2d_rt.types import Motion, Radar
+
+LASTING: frozenset[Activity] = frozenset({"walking", "abnormal_walking", "running", "dancing"})
+"""Classes that go on as long as they are asked to: their main action is made as long as a record."""
+STEP_S = 0.25
+"""Pieces of a motion that begin so far apart are compared."""
+
+
+@dataclass(frozen=True, slots=True)
+class SampleMotion:
+    """A motion and how it came about."""
+
+    source: MotionText
+    motion: Motion
+    """Cut or held, not placed."""
+    passed: bool
+    """Whether the filter takes it for one of its class."""
+    reasons: tuple[str, ...]
+    attempts: int
+    made_s: float
+    """Length of what was made, before it was cut or held [s]."""
+    origin: tuple[str, ...] = field(default=())
+    """Sentence, person, clips and edits."""
+
+
+@functools.lru_cache(maxsize=64)
+def descriptions(activity: Activity, count: int, seed: int) -> tuple[Description, ...]:
+    """The descriptions of a class, in order."""
+    return tuple(grammar_descriptions(activity, count, seed=seed))
+
+
+@functools.lru_cache(maxsize=16)
+def sample_motion(recipe: Recipe, activity: Activity, description: int, number: int) -> SampleMotion:
+    """The motion of a number: the first one that passes the filter within the recipe's attempts, or the first that can be made."""
+    wanted = descriptions(activity, recipe.descriptions_per_class, recipe.seed)[description]
+    first: SampleMotion | None = None
+    failure: T2DError | None = None
+    for attempt in range(recipe.attempts):
+        source = _drawn(recipe, activity, wanted, number, attempt)
+        try:
+            found = _fitted(source, recipe, activity, attempt + 1)
+        except T2DError as error:  # of falls, some do not come to one
+            failure = failure or error
+            continue
+        if found.passed:
+            return found
+        first = first or found
+    if first is None:
+        assert failure is not None, "there is at least one attempt"
+        raise failure
+    return first
+
+
+def _drawn(recipe: Recipe, activity: Activity, wanted: Description, number: int, attempt: int) -> MotionText:
+    """Person, gait and provider of one attempt."""
+    motion, person, gait, provider = (
+        recipe.seeds(number, f"{purpose} {attempt}") for purpose in ("motion", "person", "gait", "provider")
+    )
+    provider_name = recipe.providers[int(np.random.default_rng(provider).integers(len(recipe.providers)))]
+    values: dict[str, object] = {"gait_spread": recipe.gait_spread}
+    factor = float(np.random.default_rng(gait).uniform(*recipe.gait_factors))
+    if factor != 1.0:
+        values["gait_factor"] = round(factor, 4)
+    if provider_name in COMPOSED:  # others choose the person themselves
+        rng = np.random.default_rng(person)
+        body = recipe.bodies[int(rng.integers(len(recipe.bodies)))]
+        body, stature_m = drawn_person(wanted.subject, rng, body=None if body == OWN_BODY else body)
+        values |= {"body": body, "stature_m": round(stature_m, 4)}
+        if activity in LASTING:
+            values["duration_s"] = round(recipe.duration_s * max(1.0, factor), 4)
+    return MotionText(text=wanted.sentence, seed=integer_seed(motion), provider=provider_name, **values)
+
+
+def _fitted(source: MotionText, recipe: Recipe, activity: Activity, attempts: int) -> SampleMotion:
+    """Cut or held to the length of a record, and judged.
+
+    A motion that is too long is cut to its liveliest piece that the filter takes for one of the class: the greatest mean square of
+    the joints' speeds. Where it takes none, to the liveliest.
+    """
+    made, length_s = source.made(), recipe.duration_s
+    lacking_s = length_s - made.duration_s
+    if lacking_s > 0:
+        # A frame more than is needed: lengths are whole numbers of frames.
+        source = source.model_copy(update={"hold_s": round(lacking_s + 1.0 / made.rate_hz, 6), "stop_s": length_s})
+        motion = trim(hold(made, source.hold_s), 0.0, length_s)
+        verdict = check_motion(motion, expected=activity)
+        return _cut(source, motion, verdict.reasons, attempts, made)
+    liveliest: SampleMotion | None = None
+    for start_s in _starts(made, length_s):
+        cut = source.model_copy(update={"start_s": start_s, "stop_s": start_s + length_s})
+        motion = trim(made, start_s, start_s + length_s)
+        found = _cut(cut, motion, check_motion(motion, expected=activity).reasons, attempts, made)
+        if found.passed:
+            return found
+        liveliest = liveliest or found
+    assert liveliest is not None, "there is at least one piece"
+    return liveliest
+
+
+def _cut(source: MotionText, motion: Motion, reasons: tuple[str, ...], attempts: int, made: Motion) -> SampleMotion:
+    return SampleMotion(source, motion, not reasons, reasons, attempts, made.duration_s, made.origin)
+
+
+def _starts(motion: Motion, length_s: float) -> list[float]:
+    """First instants of the pieces of a motion [s], the liveliest first."""
+    squares = np.sum(np.diff(motion.joints, axis=0) ** 2, axis=(1, 2))
+    total = np.concatenate([[0.0], np.cumsum(squares)])
+    starts = np.arange(0.0, motion.duration_s - length_s + 1e-9, STEP_S)
+    frames = np.rint(starts * motion.rate_hz).astype(int)
+    energy = total[np.minimum(frames + round(length_s * motion.rate_hz), len(squares))] - total[frames]
+    return [float(starts[at]) for at in np.argsort(-energy, kind="stable")]
+
+
+def provenance(found: SampleMotion) -> Mapping[str, object]:
+    """What a record tells of it."""
+    return {
+        "passed": found.passed, "reasons": list(found.reasons), "attempts": found.attempts, "made_s": round(found.made_s, 6),
+        "start_s": found.source.start_s, "held_s": found.source.hold_s, "sources": list(found.origin),
+    }  # fmt: skip
+
+
+TRIES = 60
+"""Places that are drawn in a room."""
+CLEARANCE_M = 0.15
+"""Least distance of a joint to a wall or to furniture: about half the depth of a body."""
+NEAREST_M = 0.8
+"""Least horizontal distance of a joint to the radar."""
+LOW_M = 0.12
+"""Things that are lower can be stepped over."""
+WIDTH_M = 1.5
+"""Greatest offset from the boresight's line in a room."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """Where a motion starts."""
+
+    distance_m: float
+    angle_deg: float
+    aside_m: float
+    height_m: float
+    """Of the radar."""
+    overlap_m: float
+    """How far the motion goes into walls, furniture or the surroundings of the radar at most."""
+
+
+def placing(recipe: Recipe, number: int, scene: str, motion: Motion) -> Place:
+    """The place of a motion's number: of those drawn, the first at which the motion has room, or that at which it lacks least."""
+    rng = np.random.default_rng(recipe.seeds(number, "view"))
+    height_m = round(float(rng.uniform(*recipe.heights_m)), 4)
+    # 10 poses a second tell where a body goes.
+    stride = max(1, round(motion.rate_hz / 10.0))
+    base = place(motion, distance_m=1.0, radar_position_m=(0.0, 0.0, 1.0))
+    track = base.joints[::stride]
+    low, high, boxes = surroundings(scene)
+    best: Place | None = None
+    for _ in range(TRIES):
+        distance_m = round(float(rng.uniform(*recipe.distances_m)), 4)
+        angle_deg = round(float(rng.uniform(*recipe.angles_deg)), 3)
+        aside_m = 0.0 if scene == "free_space" else round(float(rng.uniform(-WIDTH_M, WIDTH_M)), 4)
+        overlap_m = _overlap(_moved(track, distance_m, angle_deg, aside_m), low, high, boxes)
+        found = Place(
+            distance_m=distance_m,
+            angle_deg=angle_deg,
+            aside_m=aside_m,
+            height_m=height_m,
+            overlap_m=round(overlap_m, 3),
+        )
+        if found.overlap_m == 0:
+            return found
+        if best is None or found.overlap_m < best.overlap_m:
+            best = found
+    assert best is not None, "places were drawn"
+    return best
+
+
+def _moved(track: np.ndarray, distance_m: float, angle_deg: float, aside_m: float) -> np.ndarray:
+    """A track (T, J, 3) that starts 1 m ahead at angle 0, as `place` and `aside` put it elsewhere."""
+    angle = math.radians(angle_deg)
+    cos, sin = math.cos(angle), math.sin(angle)
+    local = track - np.array([1.0, 0.0, 0.0])
+    x = cos * local[..., 0] - sin * local[..., 1] + distance_m
+    y = sin * local[..., 0] + cos * local[..., 1] + aside_m
+    return np.stack([x, y, local[..., 2]], axis=-1)
+
+
+def _overlap(track: np.ndarray, low: np.ndarray, high: np.ndarray, boxes: np.ndarray) -> float:
+    """How far (T, J, 3) goes at most beyond the walls, into boxes (B, 2, 3) or to within reach of the radar [m]."""
+    outside = np.maximum(low + CLEARANCE_M - track, track - high + CLEARANCE_M)[..., :2].max()
+    near = NEAREST_M - np.linalg.norm(track[..., :2], axis=-1).min()
+    found = max(0.0, float(outside), float(near))
+    for first, last in boxes:
+        inside = np.minimum(
+            track - first + [CLEARANCE_M, CLEARANCE_M, 0.0], last + [CLEARANCE_M, CLEARANCE_M, 0.0] - track
+        )
+        found = max(found, float(inside.min(axis=-1).max()))
+    return found
+
+
+@functools.lru_cache(maxsize=32)
+def surroundings(scene: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Least and greatest corner (3,) of a scene, and the boxes (B, 2, 3) of its furniture [m]; none in free space."""
+    if scene == "free_space":
+        return np.full(3, -np.inf), np.full(3, np.inf), np.zeros((0, 2, 3))
+    surfaces = load_scene(scene).surfaces
+    corners = np.array([(each.vertices.min(axis=0), each.vertices.max(axis=0)) for each in surfaces])
+    low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
+    # A wall, a door or a window is flat and lies in the shell of the room; all that stands within it is furniture.
+    shell = np.any((corners[:, 1] <= low + 0.05) | (corners[:, 0] >= high - 0.05), axis=1)
+    stands = ~shell & (corners[:, 1, 2] > LOW_M)
+    return low, high, corners[stands]
+
+
+WALKS = 20
+"""Descriptions of walks that a second person may follow."""
+
+RESERVED_SEED = 1 << 40
+"""Added to a recipe's seed for the descriptions that no sample of a class has."""
+
+CIRCLE_RADIUS_M = {"dog": 1.0, "cat": 0.6}
+"""Of the circles that pets walk in."""
+
+
+@functools.lru_cache(maxsize=4)
+def reserved_walks(recipe: Recipe) -> tuple[Description, ...]:
+    """Descriptions of walks for second persons, of sentences that no sample of the recipe is labelled with.
+
+    They are on all sides of every split, and no class can be told by them.
+    """
+    used = {
+        each.sentence
+        for name in recipe.classes
+        for each in descriptions(name, recipe.descriptions_per_class, recipe.seed)
+    }
+    count = WALKS
+    while True:
+        drawn = descriptions("walking", count, recipe.seed + RESERVED_SEED)
+        found = [each for each in drawn if each.sentence not in used]
+        if len(found) >= WALKS:
+            return tuple(found[:WALKS])
+        count *= 2
+
+
+def interferer(beside: Beside, recipe: Recipe, number: int) -> Mover | MotionText | None:
+    """What moves beside the person of a motion's number, in the world of a radar at (0, 0) m that looks along +x."""
+    rng = np.random.default_rng(recipe.seeds(number, f"beside {beside}"))
+    side = float(rng.choice([-1.0, 1.0]))
+
+    def between(low: float, high: float) -> float:
+        return round(float(rng.uniform(low, high)), 3)
+
+    if beside == "fan":
+        place = between(2.5, 4.5), side * between(1.0, 1.8), between(0.8, 1.3)
+        return TableFan(position_m=place, heading_deg=180.0 + between(-40, 40), rpm=between(200, 400))
+    if beside == "curtain":
+        place = between(2.5, 4.5), side * between(1.6, 2.0), 2.3
+        return Curtain(position_m=place, heading_deg=-90.0 * side, seed=integer_seed(recipe.seeds(number, "curtain")))
+    if beside == "pet":
+        place = between(2.5, 4.0), side * between(0.8, 1.4), 0.0
+        animal: Literal["dog", "cat"] = "dog" if rng.random() < 0.5 else "cat"
+        return Pet(
+            animal=animal, position_m=place, heading_deg=between(0, 360), speed_mps=between(0.4, 0.9),
+            turn_radius_m=CIRCLE_RADIUS_M[animal],
+        )  # fmt: skip
+    if beside == "person":
+        walks = reserved_walks(recipe)
+        walk = walks[int(rng.integers(len(walks)))]
+        body, stature_m = drawn_person(walk.subject, rng)
+        return MotionText(
+            text=walk.sentence, seed=integer_seed(recipe.seeds(number, "second person")), body=body, stature_m=round(stature_m, 4),
+            duration_s=recipe.duration_s, distance_m=between(2.5, 4.5), angle_deg=between(-180, 180),
+            aside_m=side * between(1.2, 1.8), hold_s=recipe.duration_s, stop_s=recipe.duration_s,
+        )  # fmt: skip
+    return None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +371,7 @@ def sample(recipe: Recipe, index: int) -> Sample:
     source = found.source.model_copy(
         update={"distance_m": place.distance_m, "angle_deg": place.angle_deg, "aside_m": place.aside_m}
     )
-    beside = moving_beside(condition.beside, recipe, cell.number)
+    beside = interferer(condition.beside, recipe, cell.number)
     experiment = Experiment(
         targets=(source,) if beside is None else (source, beside), radar=radar, scene=condition.scene,
         reflections=condition.reflections, clutter=condition.clutter, method=condition.method,

@@ -1,4 +1,8 @@
-"""Shards on disk: `shards/00000.npz` holds arrays, `shards/00000.jsonl` a record for each sample; none is half written."""
+"""Shards on disk: `shards/00000.npz` holds arrays, `shards/00000.jsonl` a record for each sample; none is half written.
+
+They are read without unpickling anything. A data set may come from anybody: a class becomes the name of a folder, an axis a scale,
+a shape memory. So each record and array that is read is checked against what the recipe tells of it.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +10,25 @@ import contextlib
 import hashlib
 import io
 import json
+import math
 import os
+import re
 import tempfile
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from t2d_rt.core.checks import file_path, flag, integer, interval, number, positive, shown, text
 from t2d_rt.core.errors import InputError
-from t2d_rt.core.files import regular_file
-from t2d_rt.dataset.work import Made
+from t2d_rt.core.files import npy_header, read_bytes, regular_file
+from t2d_rt.dataset.products import POINT_COLUMNS
+from t2d_rt.dataset.recipe import Recipe
+from t2d_rt.recording.truth import TRUTH_COLUMNS
 
 SHARDS = "shards"
 SPOOL = "spool"
@@ -29,6 +41,16 @@ TIME = 1980, 1, 1, 0, 0, 0
 """Of files in an archive: the same bytes whenever it is written."""
 RAGGED = frozenset({"points", "adc", "truth"})
 """Products whose arrays differ in size from sample to sample: each has an array of its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """A sample that was made, or failed."""
+
+    record: dict[str, Any]
+    arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    """Time of each stage, and in all that of the processor, `cpu`."""
 
 
 def shard_name(number: int) -> str:
@@ -166,3 +188,289 @@ def damaged(path: Path, why: object) -> InputError:
     return InputError(
         f"{path} is damaged ({why}); remove {path.stem}.npz and {path.stem}.jsonl and run the recipe again, which makes them anew"
     )
+
+
+Sizes = tuple[int | None, ...]
+"""Of an array; None is any length."""
+
+MAPS = {"spectrogram": ("velocity_mps", "time_s"), "range_doppler": ("velocity_mps", "range_m")}
+"""Axes of maps, of which records tell the ends."""
+LARGEST_BYTES = 4e9
+"""Of an array, unpacked: a packed one may be a thousandth of that."""
+LEAST_ABOVE_DB = 1e-3
+"""Rounding of the greatest cell, which is at 0 dB."""
+
+
+def read_record(recipe: Recipe, line: str | bytes) -> dict[str, Any]:
+    """The record in a line of JSON; an InputError that names what is not as its recipe has it."""
+    try:
+        found = json.loads(line)
+    except (ValueError, RecursionError) as error:
+        raise InputError(
+            f"it is no JSON ({'nested too deeply' if isinstance(error, RecursionError) else error})"
+        ) from None
+    if not isinstance(found, dict):
+        raise InputError(f"a record must be an object of JSON, got {shown(found)}")
+    index = integer("index", found.get("index"), 0, recipe.samples - 1)
+    _check_text(found, "class", recipe.classes[index % len(recipe.classes)])
+    _check_text(found, "condition", *(each.name for each in recipe.conditions))
+    integer("description", found.get("description"), 0, recipe.descriptions_per_class - 1)
+    _check_text(found, "sentence")
+    if found.get("row") is None:
+        if found.get("failure") is not None:
+            _check_text(found, "failure")
+        return found
+    integer("row", found["row"])
+    _check_numbers(found)
+    told = found.get("products")
+    for name in recipe.products.kept:
+        if not isinstance(told, dict) or not isinstance(told.get(name), dict):
+            raise InputError(f"products must tell of {name}, got {shown(told)}")
+        _check_product(recipe, name, told[name])
+    return found
+
+
+def _check_numbers(record: Mapping[str, Any]) -> None:
+    """What the record of a sample that did not fail tells beside its place and its products."""
+    integer("seed", record.get("seed"))
+    flag("passed", record.get("passed"))
+    for name in ("provider", "body"):
+        _check_text(record, name)
+    for name in ("distance_m", "angle_deg", "duration_s"):
+        number(name, record.get(name))
+    for name in ("snr_db", "error_db"):
+        if record.get(name, "nothing") is not None:
+            number(name, record.get(name, "nothing"))
+    for name in ("sources", "reasons"):
+        _check_texts(name, record.get(name))
+    second = record.get("second_person")
+    if second is not None:
+        if not isinstance(second, dict):
+            raise InputError(f"second_person must be an object of JSON, got {shown(second)}")
+        _check_texts("sources", second.get("sources"))
+        integer("seed", second.get("seed"))
+
+
+def _check_text(record: Mapping[str, Any], name: str, *due: str) -> None:
+    value = text(name, record.get(name))
+    if due and value not in due:
+        raise InputError(f"{name} must be {' or '.join(due)}, got {shown(value)}")
+
+
+def _check_texts(name: str, value: Any) -> None:
+    if not isinstance(value, list) or not all(isinstance(each, str) for each in value):
+        raise InputError(f"{name} must be a list of texts, got {shown(value)}")
+
+
+def _check_product(recipe: Recipe, name: str, told: Mapping[str, Any]) -> None:
+    """Ends of axes and scales."""
+    for each in MAPS.get(name, ()):
+        first, last = interval(f"{each} of {name}", told.get(each))
+        if not -1e6 < first < last < 1e6:
+            raise InputError(f"{each} of {name} must rise, got {shown(told[each])}")
+    if name in MAPS:
+        number(f"peak_db of {name}", told.get("peak_db"))
+    if name == "adc" and recipe.products.kept[name].dtype == "float16":
+        positive("greatest of adc", told.get("greatest"))
+
+
+def array_of(recipe: Recipe, record: Mapping[str, Any], name: str) -> tuple[np.dtype[Any], Sizes]:
+    """Type and shape of a sample's array."""
+    kept = recipe.products.kept[name]
+    if name == "points":
+        return np.dtype(np.float32), (None, len(POINT_COLUMNS))
+    if name == "truth":
+        return np.dtype(np.float32), (None, len(TRUTH_COLUMNS))
+    if name == "adc":
+        condition = next(each for each in recipe.conditions if each.name == record["condition"])
+        radar = condition.radar or recipe.radar
+        cube = (None, radar.antennas, radar.samples)
+        return np.dtype(kept.dtype), cube if kept.dtype == "complex64" else (*cube, 2)
+    return np.dtype(kept.dtype), (*((kept.frames,) if name == "range_doppler" else ()), *kept.size)
+
+
+def check_array(array: np.ndarray, dtype: np.dtype[Any], shape: Sizes, name: str) -> None:
+    """Refuses an array of another type or shape, and values that no sample has."""
+    _check_kind(array.dtype, array.shape, dtype, shape, name)
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} has NaN or infinite values")
+    if name in MAPS and dtype.kind == "f" and array.max(initial=-np.inf) > LEAST_ABOVE_DB:
+        raise InputError(f"{name} has levels above 0 dB, its greatest cell")
+
+
+def _check_kind(given: np.dtype[Any], sizes: tuple[int, ...], dtype: np.dtype[Any], shape: Sizes, name: str) -> None:
+    fits = len(sizes) == len(shape) and all(due in (None, size) for due, size in zip(shape, sizes, strict=True))
+    if given != dtype or not fits:
+        due = ", ".join("any" if each is None else str(each) for each in shape)
+        raise InputError(f"{name} must be {dtype} of shape ({due}), got {given} of shape {sizes}")
+
+
+def read_array(path: Path, member: str, dtype: np.dtype[Any], shape: Sizes) -> np.ndarray:
+    """An array of an .npz file; type and shape are known, and compared before anything is made of it."""
+    with (
+        regular_file(path, noun="shard") as file,
+        zipfile.ZipFile(file) as packed,
+        packed.open(f"{member}.npy") as stream,
+    ):
+        sizes, _, given = npy_header(stream)
+        _check_kind(given, sizes, dtype, shape, member)
+        length = stream.tell() + dtype.itemsize * math.prod(sizes)
+        if length > LARGEST_BYTES:
+            raise InputError(f"{member} takes {length / 1e9:.3g} GB, more than {LARGEST_BYTES / 1e9:g} GB")
+        if packed.getinfo(f"{member}.npy").file_size != length:
+            raise InputError(f"{member} is not as long as it tells")
+        stream.seek(0)
+        return np.asarray(np.lib.format.read_array(stream, allow_pickle=False))
+
+
+RECIPE, PLANS, MANIFEST = "recipe.yaml", "plans.json", "manifest.json"
+UNITS = {"velocity_mps": "m/s", "time_s": "s", "range_m": "m"}
+"""Of the axes of maps."""
+FILE = re.compile(r"[0-9]{5,9}\.(npz|jsonl)")
+"""Names of a shard's files."""
+MOST_BYTES = 500_000_000
+"""Of a manifest, or of a shard's records."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shard:
+    """One shard: its records, and its arrays by product, both as the recipe has them."""
+
+    path: Path
+    """Of the arrays."""
+    records: tuple[dict[str, Any], ...]
+    """One for each sample, those that failed among them."""
+    recipe: Recipe
+
+    @classmethod
+    def of(cls, folder: Path, number: int, recipe: Recipe) -> Shard:
+        """A shard of a folder by its number."""
+        path = folder / SHARDS / f"{shard_name(number)}.jsonl"
+        try:
+            lines = read_bytes(path, limit=MOST_BYTES, noun="file of records").splitlines()
+            records = tuple(read_record(recipe, line) for line in lines)
+            rows = [each["row"] for each in records if each["row"] is not None]
+            if rows != [*range(len(rows))] or len({each["index"] for each in records}) < len(records):
+                raise InputError("a sample is there twice, or a row is missing")
+        except (InputError, KeyError) as error:
+            raise damaged(path, error) from None
+        return cls(path.with_suffix(".npz"), records, recipe)
+
+    def rows(self, name: str) -> np.ndarray:
+        """The array of a product of one size, (samples that did not fail, ...), or of their indices by the name `index`."""
+        good = [each for each in self.records if each["row"] is not None]
+        if name == "index" or not good:
+            dtype, shape = np.dtype(np.int64), tuple[int | None, ...]()
+        else:
+            dtype, shape = array_of(self.recipe, good[0], name)
+        return self._read(name, name, dtype, (len(good), *shape))
+
+    def array(self, record: Mapping[str, Any], name: str) -> np.ndarray:
+        """The array of one sample of a product whose size differs."""
+        return self._read(f"{name}_{record['index']}", name, *array_of(self.recipe, record, name))
+
+    def _read(self, member: str, name: str, dtype: np.dtype[Any], shape: Sizes) -> np.ndarray:
+        try:
+            found = read_array(self.path, member, dtype, shape)
+            check_array(found, dtype, shape, name)
+        except Exception as error:  # NumPy and zipfile raise what they like of a damaged file
+            raise damaged(self.path, error) from None
+        return found
+
+    def samples(self) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
+        """Record and arrays by product of each sample that did not fail."""
+        good = [each for each in self.records if each["row"] is not None]
+        names = self.recipe.products.kept if good else ()
+        whole = {name: self.rows(name) for name in names if name not in RAGGED}
+        for record in good:
+            yield (
+                record,
+                {name: whole[name][record["row"]] if name in whole else self.array(record, name) for name in names},
+            )
+
+
+def spooled(folder: Path, recipe: Recipe) -> Iterator[Made]:
+    """Finished samples of shards that are not finished; one that is damaged, or of another recipe, is made anew."""
+    for path in (folder / SPOOL).glob("*.jsonl"):
+        with suppress(InputError):
+            record = read_record(recipe, read_bytes(path, limit=MOST_BYTES, noun="record").strip())
+            if path.stem == str(record["index"]):
+                shard = Shard(path.with_suffix(".npz"), (record,), recipe)
+                arrays = next((arrays for _, arrays in shard.samples()), {})
+                yield Made({name: value for name, value in record.items() if name != "row"}, arrays)
+
+
+def read_shards(path: str | Path) -> Iterator[Shard]:
+    """The shards of a data set's folder in order."""
+    folder = dataset_folder(path)
+    recipe = Recipe.read(folder / RECIPE)
+    for shard_number in numbers(folder):
+        yield Shard.of(folder, shard_number, recipe)
+
+
+def dataset_folder(path: str | Path) -> Path:
+    """The folder of a data set."""
+    folder = file_path("the folder of a data set", path)
+    if not (folder / RECIPE).is_file():
+        raise InputError(f"{folder} is no data set: it holds no {RECIPE}; give the folder that t2d-rt dataset wrote")
+    return folder
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """The manifest; an empty one where there is none yet."""
+    path = folder / MANIFEST
+    if not path.exists():
+        return {}
+    try:
+        found = json.loads(read_bytes(path, limit=MOST_BYTES, noun="manifest"))
+        if not all(isinstance(found.get(name, {}), dict) for name in ("files", "inputs", "versions")):
+            raise ValueError("files, inputs and versions must be objects")
+        if not all(FILE.fullmatch(name) for name in found["files"]):
+            raise ValueError("files must be those of shards")
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise InputError(f"{path} cannot be read ({error!r}); remove it and run the recipe again") from None
+    return dict(found)
+
+
+def faults(folder: Path, recipe: Recipe) -> Iterator[str]:
+    """What is wrong with the shards of a folder, a sentence each."""
+    files = read_manifest(folder).get("files", {})
+    present = {f"{shard_name(shard_number)}.{kind}" for shard_number in numbers(folder) for kind in ("npz", "jsonl")}
+    for name in sorted(present | files.keys()):
+        path = folder / SHARDS / name
+        try:
+            found = file_sha256(path)
+        except InputError as error:
+            yield str(error)
+            continue
+        if name not in files:
+            yield f"{path} is not in the manifest"
+        elif found != files[name]:
+            yield f"{path} does not match its checksum"
+    for shard_number in numbers(folder):
+        yield from shard_faults(folder, shard_number, recipe)
+
+
+def shard_faults(folder: Path, shard_number: int, recipe: Recipe) -> Iterator[str]:
+    """What is wrong with one shard beside its checksums."""
+    try:
+        shard = Shard.of(folder, shard_number, recipe)
+        indices = shard.rows("index").tolist()
+        for _ in shard.samples():
+            pass
+    except InputError as error:
+        yield str(error)
+        return
+    if indices != [each["index"] for each in shard.records if each["row"] is not None]:
+        yield f"{shard.path} holds other samples than its records tell"
+
+
+def check_dataset(path: str | Path) -> list[str]:
+    """What is wrong with a data set's folder, a sentence each; nothing where all is sound."""
+    folder = dataset_folder(path)
+    recipe = Recipe.read(folder / RECIPE)
+    manifest = read_manifest(folder)
+    found = list(faults(folder, recipe))
+    if manifest.get("recipe_hash") != recipe.hash:
+        found.insert(0, f"{folder / MANIFEST} is of another recipe than {RECIPE}, or missing")
+    return found

@@ -10,8 +10,8 @@ import numpy as np
 
 from t2d_rt.core.checks import call, integer, positive
 from t2d_rt.core.errors import InputError, install
+from t2d_rt.dataset.dataset import TIME_AXIS, Dataset, Product
 from t2d_rt.dataset.products import POINT_COLUMNS
-from t2d_rt.dataset.stored import TIME_AXIS, Dataset, Product
 
 try:
     import torch

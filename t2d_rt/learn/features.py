@@ -19,7 +19,7 @@ import numpy as np
 
 from t2d_rt.core.decibels import decibel
 from t2d_rt.core.errors import InputError
-from t2d_rt.dataset.envelope import NOTCH_MPS, RANGE_DB, envelope
+from t2d_rt.signal.envelope import NOTCH_MPS, RANGE_DB, envelope
 
 SPEEDS_MPS = (NOTCH_MPS, 0.3, 0.6, 1.0, 1.5, 2.2, 3.2, 4.5, 10.0)
 """Edges of the bands in which a Doppler profile is told."""

@@ -12,9 +12,8 @@ from t2d_rt.core.checks import array, instance, integer, positive, shown
 from t2d_rt.core.decibels import decibel
 from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import Dataset
-from t2d_rt.dataset.products import edges, resized
+from t2d_rt.dataset.products import axis, edges, resized
 from t2d_rt.dataset.splits import grouped
-from t2d_rt.dataset.stored import axis
 
 SIZE = 64, 64
 """Cells of speed and of time by default."""

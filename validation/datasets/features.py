@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from t2d_rt.dataset import Dataset
-from t2d_rt.dataset.stored import axis
+from t2d_rt.dataset.products import axis
 from t2d_rt.learn.features import features as features_of_map
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from t2d_rt.core.memory import resident_bytes
 from t2d_rt.dataset import Recipe, make_dataset
-from t2d_rt.dataset.work import make_sample
+from t2d_rt.dataset.worker import make_sample
 from validation.report import Check, Section
 
 KILLS, LONG, SETTLED, CLUSTER_KILL_S = 20, 1000, 100, 25.0

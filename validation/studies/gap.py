@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from t2d_rt.core.errors import InputError
-from t2d_rt.dataset.envelope import NOTCH_MPS, envelope
 from t2d_rt.dataset.products import edges
 from t2d_rt.learn.maps import LabelledMaps, check_axes
+from t2d_rt.signal.envelope import NOTCH_MPS, envelope
 from validation.studies.common import add_real_options, real_and_twins, table, write_whole
 
 if TYPE_CHECKING:

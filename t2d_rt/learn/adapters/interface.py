@@ -12,7 +12,7 @@ import numpy as np
 from t2d_rt.core.checks import file_path, positive
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import regular_file
-from t2d_rt.dataset.stored import axis
+from t2d_rt.dataset.products import axis
 from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, SIZE, LabelledMaps, check_varied, checked_size, relative_levels
 
 MAX_BYTES = 2_000_000_000

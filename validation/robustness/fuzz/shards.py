@@ -11,8 +11,7 @@ import numpy as np
 from t2d_rt.dataset import Dataset, Recipe, check_dataset, export_dataset, read_shards, split
 from t2d_rt.dataset.products import POINT_COLUMNS
 from t2d_rt.dataset.sample import cell_of, description_of
-from t2d_rt.dataset.shards import archive, sha256, write_shard
-from t2d_rt.dataset.work import Made
+from t2d_rt.dataset.shards import Made, archive, sha256, write_shard
 from t2d_rt.types import Radar
 from validation.robustness.fuzz.case import (
     DEEP,

@@ -1,28 +1,78 @@
-"""What a worker does: samples by their indices, from the motion to the arrays that a shard holds."""
+"""What a worker does: samples by their indices, from the motion to the arrays of a shard; and the plans that tolerances ask for.
+
+A plan is made for each class and condition that has a tolerance, on the first sample of the group, and used for all of it.
+"""
 
 from __future__ import annotations
 
 import functools
 import gc
+import json
 import time
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from t2d_rt.accuracy import plan
 from t2d_rt.core.backend import limited_threads, one_blas_thread
-from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DError, T2DWarning
 from t2d_rt.core.memory import keep_freed, release_above
-from t2d_rt.dataset.motions import provenance
-from t2d_rt.dataset.products import record_length_s
-from t2d_rt.dataset.recipe import Recipe
-from t2d_rt.dataset.sample import Cell, Sample, cell_of, description_of, sample
-from t2d_rt.dataset.view import view
+from t2d_rt.dataset.products import View, record_length_s
+from t2d_rt.dataset.recipe import Recipe, integer_seed
+from t2d_rt.dataset.sample import Cell, Sample, cell_of, description_of, provenance, sample
+from t2d_rt.dataset.shards import Made, write_whole
 from t2d_rt.experiment.sources import MotionText
+from t2d_rt.noise.masks import occlude
+from t2d_rt.recording.added_background import background, background_settings
+from t2d_rt.recording.recording import Recording
 from t2d_rt.simulate import run
 from t2d_rt.types import Accuracy
+
+
+def view(recording: Recording, recipe: Recipe, index: int) -> View | None:
+    """The spectrogram of a sample by its index; None where the recipe keeps none."""
+    kept = recipe.products.spectrogram
+    if kept is None:
+        return None
+    recording = recording.processed(mti=kept.mti)
+    image = recording.spectrogram
+    velocity, time_s = image.velocity_mps.values, image.time_s.values
+    power = _power(image.values)
+    added: np.ndarray | None = None
+    details: dict[str, Any] = {}
+    if recipe.background is not None:
+        seed = integer_seed(recipe.seeds(index, "background"))
+        settings = background_settings(
+            recipe.background,
+            seed=seed,
+            level_db=recipe.background_level_db,
+            noisy=recording.noise_dbm is not None,
+            carrier_hz=recording.radar.carrier_hz,
+        )
+        added = background(velocity, time_s, settings).power_w(settings["level_db"]).astype(np.float64)
+        power = power + added
+        details["background"] = settings
+    if recipe.masks is not None:
+        occluded = occlude(
+            power, time_s, recipe.masks, seed=integer_seed(recipe.seeds(index, "masks")),
+            fill="zeros" if added is None else "background", background_power=added,
+        )  # fmt: skip
+        if added is None and occluded.columns.all():
+            raise InputError(
+                "occluded windows cover the whole record and there is no background to show; give the recipe a background, or "
+                "fewer or shorter windows"
+            )
+        power = occluded.power
+        details["masks_s"] = np.round(occluded.windows_s, 6).tolist()
+    return View(power, velocity, time_s, details)
+
+
+def _power(level_db: np.ndarray) -> np.ndarray:
+    return np.asarray(10.0 ** (level_db.astype(np.float64) / 10.0))
+
 
 HELD_BYTES = 0.8e9
 """What a worker may hold between two samples before it gives back what nothing uses; a sample in a room takes another gigabyte."""
@@ -33,16 +83,6 @@ size differ by as much, and a worker in place of another begins with nothing loa
 
 Plans = Mapping[str, Accuracy]
 """Accuracies of groups of samples by their names."""
-
-
-@dataclass(frozen=True, slots=True)
-class Made:
-    """A sample that was made, or failed."""
-
-    record: dict[str, Any]
-    arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
-    seconds: Mapping[str, float] = field(default_factory=dict)
-    """Time of each stage, and in all that of the processor, `cpu`."""
 
 
 def group_of(cell: Cell) -> str:
@@ -161,3 +201,80 @@ def _recorded(
         "products": products,
     }
     return arrays, record, {"simulation": simulated - begin, "products": time.perf_counter() - simulated}
+
+
+PLANNED = 20
+"""Samples of a group of which the first one that can be planned gives the plan."""
+
+
+def groups(recipe: Recipe, count: int, *, only: str | None = None) -> dict[str, list[int]]:
+    """Indices of the first few of so many samples whose condition has a tolerance, by their group; of one group if `only` that."""
+    found: dict[str, list[int]] = {}
+    for index in range(count):
+        cell = cell_of(recipe, index)
+        if cell.condition.tolerance_db is not None and only in (None, group_of(cell)):
+            found.setdefault(group_of(cell), [])
+            if len(found[group_of(cell)]) < PLANNED:
+                found[group_of(cell)].append(index)
+    return found
+
+
+def make_plans(recipe: Recipe, path: Path, count: int) -> Mapping[str, Accuracy]:
+    """Accuracies of the groups, those that a file holds already and the others, which are added to it."""
+    known = read_plans(path)
+    missing = {name: indices for name, indices in groups(recipe, count).items() if name not in known}
+    made = {name: plan_of(recipe, indices) for name, indices in missing.items()}
+    if made or not path.exists():
+        known = dict(sorted({**known, **made}.items()))
+        plain = {name: each.model_dump(mode="json") for name, each in known.items()}
+        write_whole(path, (json.dumps(plain, indent=1) + "\n").encode())
+    return known
+
+
+def read_plans(path: Path) -> dict[str, Accuracy]:
+    """The accuracies that a file holds; none where there is no file."""
+    if not path.exists():
+        return {}
+    try:
+        return {name: Accuracy.model_validate(each) for name, each in json.loads(path.read_bytes()).items()}
+    except (OSError, ValueError, AttributeError, RecursionError) as error:
+        raise InputError(f"{path} cannot be read ({error}); remove it and run the recipe again") from None
+
+
+def plan_of(recipe: Recipe, indices: list[int]) -> Accuracy:
+    """The accuracy that keeps to a group's tolerance: that of the first of its samples that can be planned."""
+    failure: T2DError | None = None
+    for index in indices:
+        try:
+            found = sample(recipe, index)
+            condition = found.cell.condition
+            assert condition.tolerance_db is not None, "groups have a tolerance"
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", T2DWarning)  # the sample's record tells them
+                return plan(
+                    found.experiment, tolerance_db=condition.tolerance_db, accuracy=condition.accuracy, device="cpu"
+                ).accuracy
+        except T2DError as error:
+            failure = failure or error
+    assert failure is not None, "a group has samples"
+    raise failure
+
+
+def shown_sample(recipe: Recipe, index: int) -> str:
+    """Text that `t2d-rt simulate` takes: the experiment of a sample, and its accuracy where it is not the default."""
+    import yaml
+
+    found = sample(recipe, index)
+    group = group_of(found.cell)
+    plans = {}
+    if found.cell.condition.tolerance_db is not None:
+        plans[group] = plan_of(recipe, groups(recipe, recipe.samples, only=group)[group])
+    accuracy = accuracy_of(found.cell, plans)
+    text = (
+        f"# sample {index} of {recipe.name} ({recipe.hash[:8]}): {found.cell.activity}, {found.cell.condition.name}\n"
+    )
+    text += found.experiment.to_yaml()
+    if accuracy is not None:
+        plain = {"accuracy": accuracy.model_dump(mode="json", exclude_unset=True)}
+        text += str(yaml.safe_dump(plain, sort_keys=False))
+    return text.rstrip()

@@ -1,26 +1,88 @@
-"""Empty rooms that are simulated: static clutter, receiver noise, and now and then a fan, a curtain or a pet.
+"""Records that a background is learned from: of a folder of recordings in which nobody moves, or of empty rooms that are simulated.
 
-The default background is learned from their spectrograms.
+The default background is learned from simulated rooms: static clutter, receiver noise, and now and then a fan, a curtain or a pet.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from t2d_rt.core.checks import integer, positive
-from t2d_rt.noise.background.records import BackgroundRecord, Grid
+from t2d_rt.core.checks import file_path, integer, positive
+from t2d_rt.core.errors import InputError
+from t2d_rt.noise.background import BackgroundRecord, Grid
 from t2d_rt.propagation.scenes import load_scene
+from t2d_rt.recording.read import load_recording
 from t2d_rt.recording.recording import Recording
 from t2d_rt.scene import CeilingFan, Curtain, Mover, Pet, TableFan
 from t2d_rt.signal import spectrogram
 from t2d_rt.simulate import simulate
 from t2d_rt.types import MovingMesh, Radar, Scene
 
+ENDINGS = ".npz", ".zarr", ".npy", ".bin"
+RADAR_FILE = "radar.yaml"
+MTI = "mean"
+"""Of recordings that say nothing else: an unfiltered one shows little but its static clutter."""
+
+
+def background_records(
+    folder: str | Path,
+    *,
+    processing: Mapping[str, Any] | None = None,
+    lanes: int | None = None,
+    iq: str = "IQ",
+    conjugate: bool | None = None,
+) -> list[BackgroundRecord]:
+    """The records of a folder, in the order of their names.
+
+    folder: holds .npz (records that t2d-rt background simulate writes), .zarr (results), .npy (ADC samples) or .bin (raw captures
+        of TI's DCA1000). The radar of NAME.npy or NAME.bin is in NAME.yaml or, for all of them, in radar.yaml.
+    processing: options of `signal.spectrogram`, of all but .npz; mti is "mean" unless given. Of a .zarr they change its own.
+    lanes: LVDS lanes of raw captures, 2 or 4. iq, conjugate: of measured samples, as of `load_recording`.
+    """
+    place = file_path("folder", folder)
+    if not place.is_dir():
+        raise InputError(f"{place} is not a folder; give one with recordings in which nobody moves")
+    files = sorted(each for each in place.iterdir() if each.suffix.lower() in ENDINGS and each.name[0] != ".")
+    if not files:
+        raise InputError(f"{place} holds no recording; it must have files that end in {', '.join(ENDINGS)}")
+    return [_record(each, dict(processing or {}), lanes, iq, conjugate) for each in files]
+
+
+def record_of(recording: Recording, name: str, processing: Mapping[str, Any]) -> BackgroundRecord:
+    """The spectrogram of a recording as a record; powers are in W where the recording was simulated."""
+    options = {"mti": MTI, **recording.processing, **processing}
+    image = spectrogram(recording.cube, recording.radar, **options)
+    return BackgroundRecord.of(
+        name, image.power, Grid.of_columns(image.velocity_mps, image.time_s), carrier_hz=recording.radar.carrier_hz,
+        calibrated=recording.experiment is not None,
+    )  # fmt: skip
+
+
+def _record(
+    path: Path, processing: dict[str, Any], lanes: int | None, iq: str, conjugate: bool | None
+) -> BackgroundRecord:
+    ending = path.suffix.lower()
+    if ending == ".npz":
+        return BackgroundRecord.load(path)
+    if ending == ".zarr":
+        return record_of(load_recording(path), path.stem, processing)
+    own, common = path.with_suffix(".yaml"), path.with_name(RADAR_FILE)
+    radar = own if own.is_file() else common
+    if not radar.is_file():
+        raise InputError(
+            f"{path} holds samples only, and there is neither {own.name} nor {RADAR_FILE} with its radar; write one"
+        )
+    recording = load_recording(path, radar, lanes=lanes if ending == ".bin" else None, iq=iq, conjugate=conjugate)
+    return record_of(recording, path.stem, processing)
+
+
 ROOMS = "living_room", "bedroom", "hospital_room", "corridor", "empty_room"
-KINDS = "fan", "ceiling_fan", "curtain", "pet"
-COUNTS = (0.1, 0.5, 0.4)
+MOVERS = "fan", "ceiling_fan", "curtain", "pet"
+MOVER_COUNTS = (0.1, 0.5, 0.4)
 """How often a room holds none, one or two of them."""
 FLICKER_CORNER_HZ = 50e3
 """Frequency at which the receiver's 1/f noise equals its thermal noise; an assumption, receivers differ by decades."""
@@ -77,8 +139,8 @@ def receiver_noise(shape: tuple[int, ...], radar: Radar, rng: np.random.Generato
 
 def movers_of(scene: Scene, rng: np.random.Generator) -> list[Mover]:
     """None, one or two movers in front of the radar, inside the room, no pet nearer than 2.5 m."""
-    count = int(rng.choice(len(COUNTS), p=COUNTS))
-    kinds = rng.choice(KINDS, size=count, replace=False)
+    count = int(rng.choice(len(MOVER_COUNTS), p=MOVER_COUNTS))
+    kinds = rng.choice(MOVERS, size=count, replace=False)
     return [_mover(str(kind), np.asarray(scene.bounds_m), rng) for kind in kinds]
 
 

@@ -10,12 +10,22 @@ import numpy as np
 
 from t2d_rt.core.checks import positive, unknown_name
 from t2d_rt.core.errors import InputError
-from t2d_rt.dataset.kept import Kept
+from t2d_rt.core.memory import LastUsed, array_bytes
 from t2d_rt.dataset.parquet import DATA, ParquetReader
 from t2d_rt.dataset.products import Products
-from t2d_rt.dataset.read import RECIPE, Shard, dataset_folder, read_manifest
 from t2d_rt.dataset.recipe import Recipe
-from t2d_rt.dataset.shards import RAGGED, SHARDS, damaged, file_sha256, numbers, shard_name
+from t2d_rt.dataset.shards import (
+    RAGGED,
+    RECIPE,
+    SHARDS,
+    Shard,
+    damaged,
+    dataset_folder,
+    file_sha256,
+    numbers,
+    read_manifest,
+    shard_name,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -65,7 +75,7 @@ class ShardReader:
                     shards.append(shard)
         self.records, self.failed = tuple(records), tuple(failed)
         self._shards = tuple(shards)
-        self._kept = Kept(most_bytes)
+        self._kept = LastUsed[np.ndarray](most_bytes, array_bytes)
 
     def array(self, position: int, product: str) -> np.ndarray:
         """A sample's array as it is stored."""
@@ -187,9 +197,3 @@ def decoded(array: np.ndarray, product: str, products: Products, record: dict[st
     if kept.dtype == "uint8":
         return np.asarray((array.astype(np.float32) / np.float32(255) - 1) * np.float32(kept.dynamic_range_db))
     return array.astype(np.float32)
-
-
-def axis(edges: Sequence[float], count: int) -> np.ndarray:
-    """Middles of `count` equal cells between the edges of an axis."""
-    first, last = edges
-    return np.asarray(first + (np.arange(count) + 0.5) * (last - first) / count)
