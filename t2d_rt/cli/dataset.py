@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from t2d_rt.cli.dataset_uses import TAKES, add_options, run_use
 from t2d_rt.cli.options import command_parser
-from t2d_rt.cli.output import say
+from t2d_rt.cli.output import check_picture, say, write_picture
+from t2d_rt.core.checks import choice
 from t2d_rt.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,10 +29,16 @@ EXAMPLES = """examples:
   t2d-rt dataset export small --to parquet --split split.json -o small_parquet
   t2d-rt dataset list                                        # the recipes that ship"""
 
-MAKING = {"output", "limit", "workers", "scheduler", "threads"}
-"""Options of a run."""
-VERBS = {"show": set[str](), "check": set[str](), "list": set[str](), **TAKES}
-"""What is done with a recipe or a folder beside making it, and the options of each."""
+TAKES: dict[str | None, set[str]] = {
+    None: {"output", "limit", "workers", "scheduler", "threads"},
+    "show": set(),
+    "check": set(),
+    "list": set(),
+    "summary": {"output", "overwrite"},
+    "split": {"output", "overwrite", "fractions", "apart", "leave_out", "folds", "seed"},
+    "export": {"output", "overwrite", "to", "split", "products", "dynamic_range_db"},
+}
+"""Options of making a data set (None), and of each verb."""
 SOME_FAILED, UNSOUND = 3, 1
 """Exit codes where samples failed, and where a folder is not as it was written."""
 SHOWN_FAILURES = 5
@@ -48,49 +56,59 @@ def parser() -> ArgumentParser:
         examples=EXAMPLES,
         several=True,
     )
-    found.add_argument(
-        "-o",
-        "--output",
-        type=str | None,
-        help="Folder of the data set; one of the same recipe is completed. Of summary, split and export what they write.",
-    )
-    found.add_argument(
-        "--limit", type=int | None, help="The first so many samples, which are balanced over the classes."
-    )
-    found.add_argument("--workers", type=int | None, help="Processes of this machine; by default one for each core.")
-    found.add_argument(
-        "--scheduler",
-        type=str | None,
-        help="A cluster of dask.distributed: local:N processes, or an address as tcp://host:8786.",
-    )
-    found.add_argument(
-        "--threads", type=int | None, help="Threads of each worker; by default they share the cores out."
-    )
-    add_options(found)
+    told = "Folder of the data set; one of the same recipe is completed. Of summary, split and export what they write."
+    found.add_argument("-o", "--output", type=str | None, help=told)
+    for name, kind, told in (
+        ("limit", int, "The first so many samples, which are balanced over the classes."),
+        ("workers", int, "Processes of this machine; by default one for each core."),
+        ("scheduler", str, "A cluster of dask.distributed: local:N processes, or an address as tcp://host:8786."),
+        ("threads", int, "Threads of each worker; by default they share the cores out."),
+        ("to", str, "Of export: parquet, png or npz."),
+        ("split", str, "Of export: file of a split, whose sides are kept apart."),
+        ("products", str, "Of export: which arrays, as spectrogram,points; all by default."),
+        ("dynamic_range_db", float, "Of export to png: from white to black [dB]; 60 by default."),
+        ("fractions", str, "Of split: of train, val and test; 0.7,0.15,0.15 by default."),
+        ("apart", str, "Of split: what is on one side only, of description, clip and seed; all of them by default."),
+        ("folds", int, "Of split: so many folds, a file each, in place of one split."),
+        ("seed", int, "Of split: its seed; 0 by default."),
+    ):
+        found.add_argument(f"--{name}", type=kind | None, help=told)
+    for name, told in (
+        ("overwrite", "Whether what is there is replaced."),
+        (
+            "leave_out",
+            "Of split: whether samples are left out that would put one source clip on two sides; without it samples that share a "
+            "clip stay together.",
+        ),
+    ):
+        found.add_argument(f"--{name}", action="store_true", default=None, help=told)
     return found
 
 
 def run(options: Namespace) -> int:
-    """Makes, prints, checks or lists."""
+    """Makes a data set, or does what the first word says."""
     words = options.file or []
     if not words:
-        raise InputError(f"dataset needs a recipe, or one of {', '.join(VERBS)}; t2d-rt dataset --help shows examples")
-    verb = words[0] if words[0] in VERBS else None
-    taken = MAKING if verb is None else VERBS[verb]
-    given = [name for name in MAKING.union(*TAKES.values()) if options[name] is not None]
-    for name in sorted(set(given) - taken):
+        verbs = ", ".join(each for each in TAKES if each is not None)
+        raise InputError(f"dataset needs a recipe, or one of {verbs}; t2d-rt dataset --help shows examples")
+    verb = words[0] if words[0] in TAKES else None
+    given = [name for name in set().union(*TAKES.values()) if options[name] is not None]
+    for name in sorted(set(given) - TAKES[verb]):
         raise InputError(f"dataset {verb or 'of a recipe'} takes no --{name.replace('_', '-')}; leave it out")
-    if verb in TAKES:
-        return run_use(words[0], words[1:], options)
+    if verb is None:
+        if len(words) > 1:
+            raise InputError(f"dataset takes one recipe, got {len(words)} words; give its folder with -o")
+        return _make(words[0], options)
     if verb == "list":
         return _list(words[1:])
-    if verb == "check":
-        return _check(words[1:])
     if verb == "show":
         return _show(words[1:])
-    if len(words) > 1:
-        raise InputError(f"dataset takes one recipe, got {len(words)} words; give its folder with -o")
-    return _make(words[0], options)
+    if len(words) != 2:
+        raise InputError(f"dataset {verb} takes the folder of a data set, got {' '.join(words[1:]) or 'nothing'}")
+    if verb == "check":
+        return _check(words[1])
+    {"summary": _summary, "split": _split, "export": _export}[verb](words[1], options)
+    return 0
 
 
 def _make(name: str, options: Namespace) -> int:
@@ -124,16 +142,14 @@ def _show(words: list[str]) -> int:
     return 0
 
 
-def _check(words: list[str]) -> int:
+def _check(folder: str) -> int:
     from t2d_rt.dataset import check_dataset
 
-    if len(words) != 1:
-        raise InputError(f"dataset check takes the folder of a data set, got {' '.join(words) or 'nothing'}")
-    faults = check_dataset(words[0])
+    faults = check_dataset(folder)
     for each in faults:
         say(each)
     if not faults:
-        say(f"{words[0]}: all shards are as they were written")
+        say(f"{folder}: all shards are as they were written")
     return UNSOUND if faults else 0
 
 
@@ -146,3 +162,81 @@ def _list(words: list[str]) -> int:
         recipe = Recipe.read(name)
         say(f"{name}: {recipe.samples} samples. {recipe.about}")
     return 0
+
+
+def _summary(folder: str, options: Namespace) -> None:
+    from t2d_rt.dataset import Dataset, dataset_sheet, plot_summary, summarise
+
+    picture = None if options.output is None else Path(options.output)
+    sheet = None if picture is None else picture.with_name(f"{picture.stem}_classes{picture.suffix}")
+    for each in (picture, sheet):
+        if each is not None:
+            check_picture(each, overwrite=bool(options.overwrite))
+    dataset = Dataset(folder)
+    summary = summarise(dataset)
+    say(summary)
+    if picture is None or sheet is None:
+        return
+    write_picture(plot_summary(summary), picture, overwrite=bool(options.overwrite))
+    if "spectrogram" not in dataset.products:
+        say(f"wrote {picture}")
+        return
+    write_picture(dataset_sheet(dataset), sheet, overwrite=bool(options.overwrite))
+    say(f"wrote {picture} and {sheet}")
+
+
+def _split(folder: str, options: Namespace) -> None:
+    from t2d_rt.core.atomic_write import check_place, check_taken, replacing
+    from t2d_rt.dataset import Dataset, folds, split
+    from t2d_rt.dataset.splits import FRACTIONS, KINDS
+
+    if options.folds is not None and options.fractions is not None:
+        raise InputError("dataset split takes --folds or --fractions; leave one of them out")
+    target = Path(options.output or "split.json")
+    overwrite = bool(options.overwrite)
+    records = Dataset(folder).records
+    apart = KINDS if options.apart is None else tuple(_listed(options.apart) or ())
+    leave_out, seed = bool(options.leave_out), options.seed or 0
+    if options.folds is None:
+        fractions = _fractions(options.fractions) or FRACTIONS
+        found = {target: split(records, fractions, apart=apart, leave_out=leave_out, seed=seed)}
+    else:
+        made = folds(records, options.folds, apart=apart, leave_out=leave_out, seed=seed)
+        found = {target.with_stem(f"{target.stem}_{number}"): each for number, each in enumerate(made, 1)}
+    for path in found:
+        check_place(path, overwrite=overwrite)
+    for path, each in found.items():
+        with replacing(path, partial(check_taken, path, overwrite=overwrite)) as new:
+            new.write_text(each.to_json(), encoding="utf-8")
+        say(f"{path}: {each}")
+
+
+def _export(folder: str, options: Namespace) -> None:
+    from t2d_rt.dataset import Dataset, export_dataset, read_split
+    from t2d_rt.dataset.export import FORMATS
+
+    if options.to is None or options.output is None:
+        raise InputError("dataset export needs --to parquet, png or npz and -o, the folder to write")
+    choice("--to", options.to, FORMATS)
+    dataset = Dataset(folder)
+    chosen = None if options.split is None else read_split(options.split, dataset.records)
+    if options.dynamic_range_db is not None and options.to != "png":
+        raise InputError(f"--dynamic-range-db is of pictures, and --to is {options.to}; leave it out")
+    given = {} if options.dynamic_range_db is None else {"dynamic_range_db": options.dynamic_range_db}
+    target = export_dataset(
+        dataset, options.output, options.to, products=_listed(options.products), split=chosen,
+        overwrite=bool(options.overwrite), **given,
+    )  # fmt: skip
+    count = len(dataset) if chosen is None else sum(len(each) for each in chosen.sides.values())
+    say(f"wrote {count} samples to {target}")
+
+
+def _listed(text: str | None) -> list[str] | None:
+    return None if text is None else [each.strip() for each in text.split(",") if each.strip()]
+
+
+def _fractions(text: str | None) -> list[float] | None:
+    try:
+        return None if text is None else [float(each) for each in text.split(",")]
+    except ValueError:
+        raise InputError(f"--fractions are two or three numbers, as 0.7,0.15,0.15, got {text}") from None

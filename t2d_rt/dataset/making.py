@@ -80,7 +80,7 @@ def cores() -> int:
 
 
 def here(tasks: Sequence[Task]) -> Iterator[list[Made]]:
-    """In this process."""
+    """In this process, one after another."""
     for task in tasks:
         yield make_samples(*task)
 

@@ -83,7 +83,7 @@ class _Map(_Product):
 
 
 class SpectrogramProduct(_Map):
-    """Micro-Doppler spectrogram."""
+    """Micro-Doppler spectrogram, power over speed and time."""
 
     size: tuple[Size, Size] = (128, 128)
     """Cells of speed and of time; powers are averaged over what a cell covers."""
@@ -143,7 +143,7 @@ class PointsProduct(_Product):
 
 
 class AdcProduct(_Product):
-    """ADC samples."""
+    """ADC samples of all chirps and antennas."""
 
     dtype: Literal["complex64", "float16"] = "complex64"
     """"complex64" [sqrt(W)], or "float16": real and imaginary parts (chirp, antenna, sample, 2) over the greatest of them, which is

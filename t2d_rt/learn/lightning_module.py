@@ -89,7 +89,7 @@ class Training(LightningModule):  # type: ignore[misc]
             )
 
     def forward(self, maps: Tensor) -> Tensor:
-        """Scores (N, classes)."""
+        """Scores (N, classes) of maps (N, 1, speed, time)."""
         scores: Tensor = self.network(maps)
         return scores
 
@@ -126,7 +126,7 @@ class Training(LightningModule):  # type: ignore[misc]
         self._losses["val"].clear()
 
     def training_step(self, batch: tuple[Tensor, Tensor], _: int) -> Tensor:
-        """Cross entropy."""
+        """Cross entropy of a batch, with its smoothing."""
         return self._loss(batch, "train")
 
     def validation_step(self, batch: tuple[Tensor, Tensor], _: int) -> None:
@@ -187,7 +187,7 @@ class Training(LightningModule):  # type: ignore[misc]
         checkpoint["t2d_rt"] = {"history": self.history, "best": self.best, "plateau": self._plateau.state_dict()}
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """The same, read."""
+        """History, best weights and schedule of a checkpoint."""
         kept = checkpoint["t2d_rt"]
         self.history, self.best = list(kept["history"]), dict(kept["best"])
         self._kept_plateau = kept["plateau"]

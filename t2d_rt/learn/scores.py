@@ -14,7 +14,7 @@ BINS = 10
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scores:
-    """Of some samples."""
+    """How well the probabilities of some samples agree with their labels."""
 
     accuracy: float
     macro_f1: float

@@ -39,7 +39,7 @@ class AttentionBesideConvolutions(nn.Module):
         self.head = nn.Linear(2 * HIDDEN + 64, classes)
 
     def forward(self, maps: Tensor) -> Tensor:
-        """Scores (N, classes)."""
+        """Scores (N, classes) of maps (N, channels, speed, time)."""
         sequence = self.encoder(maps)
         attended = self.attention(self.recurrent(sequence.transpose(1, 2))[0])
         scores: Tensor = self.head(torch.cat([attended, self.beside(sequence).mean(dim=2)], dim=1))
@@ -47,5 +47,5 @@ class AttentionBesideConvolutions(nn.Module):
 
 
 def build(classes: int, size: tuple[int, int], channels: int) -> nn.Module:
-    """The network."""
+    """The untrained network for maps of this size."""
     return AttentionBesideConvolutions(classes, size[0] * channels)

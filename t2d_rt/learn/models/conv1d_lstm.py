@@ -28,7 +28,7 @@ class ConvolutionsThenMemory(nn.Module):
         self.head = nn.Linear(HIDDEN + 64, classes)
 
     def forward(self, maps: Tensor) -> Tensor:
-        """Scores (N, classes)."""
+        """Scores (N, classes) of maps (N, channels, speed, time)."""
         sequence = self.encoder(maps)
         states = self.recurrent(sequence.transpose(1, 2))[0]
         scores: Tensor = self.head(torch.cat([states[:, -1], sequence.amax(dim=2)], dim=1))
@@ -36,5 +36,5 @@ class ConvolutionsThenMemory(nn.Module):
 
 
 def build(classes: int, size: tuple[int, int], channels: int) -> nn.Module:
-    """The network."""
+    """The untrained network for maps of this size."""
     return ConvolutionsThenMemory(classes, size[0] * channels)

@@ -36,7 +36,7 @@ class ConvolutionsThenTime(nn.Module):
         self.head = nn.Linear(2 * HIDDEN, classes)
 
     def forward(self, maps: Tensor) -> Tensor:
-        """Scores (N, classes)."""
+        """Scores (N, classes) of maps (N, channels, speed, time)."""
         sequence = self.encoder(maps).mean(dim=2).transpose(1, 2)
         scores: Tensor = self.head(self.recurrent(sequence)[0][:, -1])
         return scores

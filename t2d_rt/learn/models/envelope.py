@@ -70,7 +70,7 @@ class Envelope(nn.Module):
         self.duration_s.fill_(duration_s)
 
     def forward(self, maps: Tensor) -> Tensor:
-        """Scores (N, classes)."""
+        """Scores (N, classes) of maps (N, channels, speed, time)."""
         levels = (maps.detach().cpu().numpy() - 1.0) * RANGE_DB
         rows = [np.concatenate([self._known(channel) for channel in each]) for each in levels]
         table = torch.from_numpy(np.stack(rows)).to(maps.device)
@@ -96,5 +96,5 @@ class Envelope(nn.Module):
 
 
 def build(classes: int, size: tuple[int, int], channels: int) -> nn.Module:
-    """The network."""
+    """The untrained network for maps of this size."""
     return Envelope(classes, size, channels)

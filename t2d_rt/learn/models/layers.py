@@ -10,7 +10,7 @@ class SpeedsAsChannels(nn.Module):
     """A map (N, channels, speed, time) as a sequence (N, channels x speed, time): each speed is a channel of its own."""
 
     def forward(self, maps: Tensor) -> Tensor:
-        """The sequence."""
+        """(N, channels x speed, time) of maps (N, channels, speed, time)."""
         return maps.flatten(1, 2)
 
 
@@ -30,6 +30,6 @@ class Attention(nn.Module):
         self.weight = nn.Linear(width, 1)
 
     def forward(self, sequence: Tensor) -> Tensor:
-        """(N, C)."""
+        """The weighted sum over time, (N, C)."""
         weight = torch.softmax(self.weight(torch.tanh(sequence)), dim=1)
         return (weight * sequence).sum(dim=1)

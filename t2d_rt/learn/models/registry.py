@@ -99,7 +99,7 @@ def _module(name: str) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Count:
-    """Of one map."""
+    """What a network has and does for one map."""
 
     parameters: int
     gflops: float

@@ -29,7 +29,7 @@ class TokensOfMaps(nn.Module):
         self.network = network
 
     def forward(self, maps: Tensor) -> Tensor:
-        """Scores (N, classes)."""
+        """Scores (N, classes) of maps (N, channels, speed, time)."""
         scores: Tensor = self.network(maps)[0]
         return scores
 
