@@ -15,9 +15,12 @@ from matplotlib.figure import Figure
 from sphinx_gallery.scrapers import figure_rst
 
 import t2d_rt as t2d
+from t2d_rt import dataset, learn, plots, signal
 
 ROOT = Path(__file__).resolve().parents[1]
 GENERATED = ROOT / "docs/generated"
+PUBLIC = t2d, signal, plots, dataset, learn
+"""Modules whose names have pages."""
 REPORTS = re.compile(r"(?:\.\./)+validation/(report|bench)/")
 ELSEWHERE = re.compile(r"\[([^\]]*)\]\((?:\.\./(?!\.)[^)]*|examples/[^)]*|[A-Z]+(?:\.(?:md|cff))?)\)")
 """Links to files that have no page; group 1 is what they say."""
@@ -150,27 +153,33 @@ def _write_api() -> None:
     """A page for each public name, and one that lists them with the first sentence of their docstrings."""
     folder = GENERATED / "api"
     folder.mkdir(parents=True, exist_ok=True)
-    rows = [
-        "API",
-        "===",
-        "",
-        ".. toctree::",
-        "   :hidden:",
-        "",
-        *(f"   {name}" for name in t2d.__all__),
-        "",
-        ".. list-table::",
-        "",
-    ]
-    for name in t2d.__all__:
-        value = getattr(t2d, name)
-        kind = "autoclass" if isinstance(value, type) else "autofunction"
-        _write(
-            folder / f"{name}.rst", f"{name}\n{'=' * len(name)}\n\n.. currentmodule:: t2d_rt\n\n.. {kind}:: {name}\n"
-        )
-        first = (value.__doc__ or "").strip().partition("\n\n")[0].replace("\n", " ")
-        rows += [f"   * - :doc:`{name} <{name}>`", f"     - {first}"]
-    _write(folder / "index.rst", "\n".join(rows) + "\n")
+    pages, tables = [], []
+    for module in PUBLIC:
+        within = module.__name__.removeprefix("t2d_rt").removeprefix(".")
+        rows = [
+            f"`{module.__name__}`",
+            "-" * 40,
+            "",
+            (module.__doc__ or "").partition("\n\n")[0],
+            "",
+            ".. list-table::",
+            "",
+        ]
+        for name in module.__all__:
+            value = getattr(module, name)
+            if not callable(value):
+                continue
+            kind, page = (
+                "autoclass" if isinstance(value, type) else "autofunction",
+                ".".join(filter(None, (within, name))),
+            )
+            text = f"{page}\n{'=' * len(page)}\n\n.. currentmodule:: {module.__name__}\n\n.. {kind}:: {name}\n"
+            _write(folder / f"{page}.rst", text)
+            first = (inspect.getdoc(value) or "").partition("\n\n")[0].replace("\n", " ")
+            pages.append(f"   {page}")
+            rows += [f"   * - :doc:`{name} <{page}>`", f"     - {first}"]
+        tables += [*rows, ""]
+    _write(folder / "index.rst", "\n".join(["API", "===", "", ".. toctree::", "   :hidden:", "", *pages, "", *tables]))
 
 
 def _write(path: Path, text: str) -> None:

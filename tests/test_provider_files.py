@@ -227,6 +227,13 @@ def test_kimodos_prompts_stand_in_json(tmp_path: Path, joints: np.ndarray) -> No
     assert [each.prompt for each in results(tmp_path)] == ["A person walks and runs."]
 
 
+def test_a_prompt_of_one_step_is_the_activity(tmp_path: Path, joints: np.ndarray) -> None:
+    """Of several steps nobody knows when each begins, and a motion file alone tells nothing."""
+    write_plain(tmp_path, joints, ["a person walks forward.", "a person walks, then sits down.", "blue on seven"])
+    assert [each.load().activities for each in results(tmp_path)] == [(("walk", 0.0),), (), ()]
+    assert t2d.load_motion(tmp_path / "clip0.npy").activities == ()
+
+
 def test_one_of_several_is_chosen_by_the_seed(tmp_path: Path, joints: np.ndarray) -> None:
     write_plain(tmp_path, joints, ["A person walks forward."] * 6)
     chosen = {Files(folder=tmp_path)(walking(), seed=seed).origin[0] for seed in range(8)}

@@ -49,14 +49,16 @@ class Result:
     """Which of the motions in the file; None where it holds one."""
 
     def load(self) -> Motion:
-        """The motion."""
+        """The motion; where its prompt is of one step, that is its activity throughout. Of several nobody tells the times."""
         if self.number is None:
             motion = load_motion(self.file)
         else:
             joints = _mdm(self.file)[self.number]
             motion = motion_of(read_joints(joints), Reading())
         note = f"made for {printable(self.prompt)!r}" + ("" if self.number is None else f", number {self.number}")
-        return replace(motion, origin=(*motion.origin, f"{printable(self.file.name)}: {note}"))
+        read = _read(self.prompt)
+        does = ((read.action, 0.0),) if read is not None and len(read.steps) == 1 else ()
+        return replace(motion, origin=(*motion.origin, f"{printable(self.file.name)}: {note}"), activities=does)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -208,10 +210,14 @@ def _words(sentence: str) -> list[str]:
 
 def _kind(prompt: str) -> tuple[str, str | None] | None:
     """Class and type of what a prompt asks for; None where it asks for something else."""
+    found = _read(prompt)
+    return None if found is None else (found.activity, found.type)
+
+
+def _read(prompt: str) -> Description | None:
     from t2d_rt.motion.descriptions.parse import parse_description
 
     try:
-        found = parse_description(prompt).description
+        return parse_description(prompt).description
     except InputError:
         return None
-    return found.activity, found.type
