@@ -175,7 +175,7 @@ def _write_api() -> None:
             )
             text = f"{page}\n{'=' * len(page)}\n\n.. currentmodule:: {module.__name__}\n\n.. {kind}:: {name}\n"
             _write(folder / f"{page}.rst", text)
-            first = (inspect.getdoc(value) or "").partition("\n\n")[0].replace("\n", " ")
+            first = (inspect.getdoc(value) or "").partition("\n\n")[0].replace("\n", " ").replace("|", "\\|")
             pages.append(f"   {page}")
             rows += [f"   * - :doc:`{name} <{page}>`", f"     - {first}"]
         tables += [*rows, ""]
