@@ -17,11 +17,9 @@ from builders import slow_after
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.dataset.background_records import background_records
 from t2d_rt.noise.background import Background, BackgroundModel, BackgroundRecord, Grid, add_background, load_background
-from t2d_rt.noise.background.architecture import HALO, Architecture
-from t2d_rt.noise.background.decoder import LEAST_LOOKS, decoded
 from t2d_rt.noise.background.evaluate import distances, evaluation, gaussian_noise, perplexity, two_sample_accuracy
 from t2d_rt.noise.background.learn import learn_background
-from t2d_rt.noise.background.prior import prior_codes
+from t2d_rt.noise.background.network import HALO, LEAST_LOOKS, Architecture, decoded, prior_codes
 from t2d_rt.noise.background.speckle import correlations, gaussian_field, normal_scores, speckle
 from t2d_rt.recording.added_background import background_settings
 from t2d_rt.signal.dca1000 import load_dca1000
@@ -68,7 +66,7 @@ def test_the_mean_spectrum_is_learned(model: BackgroundModel, records: list[Back
 
 def test_decoder_and_prior_without_torch_are_those_that_were_trained(model: BackgroundModel) -> None:
     torch = pytest.importorskip("torch")
-    from t2d_rt.noise.background.training.networks import Decoder, Prior
+    from t2d_rt.noise.background.training import Decoder, Prior
 
     size, arrays = model.architecture, model.arrays
     codes = np.random.default_rng(0).integers(size.codes, size=(20, size.heads))

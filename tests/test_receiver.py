@@ -23,8 +23,7 @@ from t2d_rt.noise.receiver import chain, receive
 from t2d_rt.noise.receiver.draws import Draws
 from t2d_rt.noise.receiver.flicker import filter_of
 from t2d_rt.noise.receiver.interference import RINGING, Interference, filtered_chirp
-from t2d_rt.noise.receiver.lags import lags
-from t2d_rt.noise.receiver.phase_noise import bin_delays_s, bounding, residual_rms_rad
+from t2d_rt.noise.receiver.phase_noise import bin_delays_s, bounding, lags, residual_rms_rad
 
 RADAR = t2d.Radar.preset("table2", samples=64)
 FAN = t2d.TableFan(position_m=(3, -1, 1), rpm=120)

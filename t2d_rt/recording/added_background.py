@@ -12,8 +12,8 @@ import numpy as np
 from t2d_rt.core.checks import integer
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.noise.background import Background, Grid, add_background, load_background
+from t2d_rt.noise.background.model import step_ratio
 from t2d_rt.noise.background.records import checked_level
-from t2d_rt.noise.background.resample import step_ratio
 from t2d_rt.signal.doppler import checked_windows
 from t2d_rt.signal.maps import Spectrogram
 from t2d_rt.types import Radar

@@ -4,8 +4,7 @@ A VQ-VAE turns spectrograms into codes, a prior draws new codes, and the decoder
 Sampling needs NumPy only; training needs the extra [learn].
 """
 
-from t2d_rt.noise.background.add import Background, add_background
-from t2d_rt.noise.background.model import BackgroundModel, load_background
+from t2d_rt.noise.background.model import Background, BackgroundModel, add_background, load_background
 from t2d_rt.noise.background.records import BackgroundRecord, Grid
 
 __all__ = ["Background", "BackgroundModel", "BackgroundRecord", "Grid", "add_background", "load_background"]

@@ -7,8 +7,8 @@ from typing import Any
 
 from t2d_rt.core.checks import integer
 from t2d_rt.core.errors import InputError, install
-from t2d_rt.noise.background.architecture import HALO, Architecture
 from t2d_rt.noise.background.model import BackgroundModel
+from t2d_rt.noise.background.network import HALO, Architecture
 from t2d_rt.noise.background.records import BackgroundRecord, common_grid
 
 STEP_S = 0.05
@@ -46,7 +46,7 @@ def learn_background(
                 f"({least * grid.time_step_s:.3g} s) of each recording; leave it out, or give a longer one"
             )
     require_torch()
-    from t2d_rt.noise.background.training.train import Training, train
+    from t2d_rt.noise.background.training import Training, train
 
     training = Training(
         codec_steps=integer("codec_steps", codec_steps, 1), prior_steps=integer("prior_steps", prior_steps, 1),

@@ -17,13 +17,102 @@ from t2d_rt.core.checks import array, choice, file_path, flag, integer, number, 
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_bytes
 from t2d_rt.core.resources import resource
-from t2d_rt.noise.background.add import Background
-from t2d_rt.noise.background.architecture import HALO, Architecture
-from t2d_rt.noise.background.decoder import decoded
-from t2d_rt.noise.background.prior import prior_codes, uniform_codes
+from t2d_rt.noise.background.network import HALO, Architecture, decoded, prior_codes, uniform_codes
 from t2d_rt.noise.background.records import Grid, checked_level, checked_name
-from t2d_rt.noise.background.resample import resampled, step_ratio
 from t2d_rt.noise.background.speckle import BINS, LAGS, gaussian_field, speckle
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Background:
+    """A spectrogram of a scene in which nobody moves, relative to its noise floor, and the level of that."""
+
+    power: np.ndarray
+    """Relative to the noise floor, float32 (velocity, time)."""
+    grid: Grid
+    level_db: float
+    """The noise floor of one of the recordings that it was learned from [dB re 1 W]."""
+    calibrated: bool
+    """Whether that level is in W at the ADC."""
+    codes: np.ndarray
+    """The codes that it was decoded from (step, head)."""
+
+    def power_w(self, level_db: float | None = None) -> np.ndarray:
+        """Power [W], float32 (velocity, time), of a noise floor of that level [dB re 1 W], by default of its own."""
+        if level_db is None and not self.calibrated:
+            raise InputError(
+                "this background was learned from recordings whose samples are not in sqrt(W), so that its own level means "
+                "nothing here; give level_db, the level of its noise floor [dB re 1 W]"
+            )
+        level = self.level_db if level_db is None else checked_level(level_db)
+        return np.asarray(self.power * np.float32(10 ** (level / 10)))
+
+
+def add_background(spectrogram_power: Any, background: Background, level_db: float | None = None) -> np.ndarray:
+    """Power [W] (velocity, time) of a spectrogram with a background: the sum of the two powers.
+
+    level_db: the level of the background's noise floor, its median cell [dB re 1 W]; by default that of one of the recordings that
+        the background was learned from.
+
+    Exact in the mean: echoes and background are independent and the background's phase is uniform, so that E|s + b|^2 = |s|^2 +
+    E|b|^2. One realisation of a true sum has the cross term 2 Re(s b*) besides, which has the mean 0 and in a cell of M looks a
+    standard deviation of sqrt(2 |s|^2 E|b|^2 / M): 2 dB where the background is 6 dB below the echo and M = 1, less where it is
+    weaker. It is missing here. Nor does a person cast a shadow on the background. Receiver noise added to the ADC cube has both.
+    """
+    power = array("spectrogram_power", spectrogram_power, ("velocity", "time"), limit=1e60, unit="W")
+    if power.min(initial=0) < 0:
+        raise InputError("spectrogram_power must not be negative; give powers in W, no levels in dB")
+    if power.shape != background.power.shape:
+        raise InputError(
+            f"spectrogram and background must have the same shape, got {power.shape} and {background.power.shape}; sample the "
+            "background with the grid and the columns of the spectrogram"
+        )
+    return power + background.power_w(level_db)
+
+
+WIDEST = 2.0
+"""Greatest factor by which bins, and columns, may be wider or narrower: beyond it windows blur or split what moves."""
+
+
+def step_ratio(own: Grid, wanted: Grid) -> float:
+    """Columns of a model for each column that is wanted; an InputError where the axes cannot be had from the model's."""
+    columns = wanted.time_step_s / own.time_step_s
+    bins = wanted.bin_mps / own.bin_mps
+    speeds, reach = wanted.velocity_mps, own.velocity_mps
+    inside = speeds[0] >= reach[0] - wanted.bin_mps and speeds[-1] <= reach[-1] + wanted.bin_mps
+    if not (inside and 1 / WIDEST <= columns <= WIDEST and 1 / WIDEST <= bins <= WIDEST):
+        raise InputError(
+            f"the spectrogram has {wanted}, the background model {own}; bins and columns may differ by a factor of {WIDEST:g} and "
+            "speeds may not exceed the model's: choose n_window and overlap alike, or train a model for this radar"
+        )
+    return float(columns)
+
+
+def resampled(
+    mean: np.ndarray, looks: np.ndarray, time: np.ndarray, doppler: np.ndarray, own: Grid, wanted: Grid, columns: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Mean [nat] and looks on the wanted axes, and the speckle's correlations at their steps; all interpolated linearly.
+
+    That a window of another length has other looks is left out.
+    """
+    at = np.arange(columns) * wanted.time_step_s / own.time_step_s
+    speeds = np.clip((wanted.velocity_mps - own.velocity_mps[0]) / own.bin_mps, 0, len(mean) - 1)
+    both = np.stack([_between(_between(each, at, 1), speeds, 0) for each in (mean, looks)])
+    steps = np.arange(time.shape[1]) * wanted.time_step_s / own.time_step_s
+    ending = np.pad(time, ((0, 0), (0, 1)))  # beyond the lags that are kept there is no correlation
+    lags = _between(_between(ending, np.minimum(steps, time.shape[1]), 1), speeds, 0)
+    bins = np.interp(
+        np.arange(len(doppler)) * wanted.bin_mps / own.bin_mps, np.arange(len(doppler)), doppler, right=0.0
+    )
+    return both[0], both[1], lags, bins
+
+
+def _between(values: np.ndarray, at: np.ndarray, axis: int) -> np.ndarray:
+    """Values between those of an axis."""
+    low = np.clip(np.floor(at).astype(int), 0, values.shape[axis] - 2)
+    weight = (at - low).astype(np.float32)
+    weight = weight[:, None] if axis == 0 else weight
+    return np.take(values, low, axis) * (1 - weight) + np.take(values, low + 1, axis) * weight
+
 
 FORMAT, VERSION = "t2d-rt background", 1
 DEFAULT = "default"

@@ -15,12 +15,21 @@ from t2d_rt.core.cubes import Cube, DiskCube
 from t2d_rt.core.errors import T2DWarning
 from t2d_rt.noise.receiver.draws import Draws, group_rows
 from t2d_rt.noise.receiver.flicker import Flicker
-from t2d_rt.noise.receiver.front_end import dc_offsets
 from t2d_rt.noise.receiver.interference import Interference
 from t2d_rt.noise.receiver.levels import ReceiverLevels
 from t2d_rt.noise.receiver.phase_noise import SMALL_ANGLE_RAD, PhaseNoise, residual_rms_rad
+from t2d_rt.noise.receiver.processes import TimeSlots
 from t2d_rt.noise.receiver.samples import Received, Stages, through
 from t2d_rt.types import Radar, Receiver
+
+
+def dc_offsets(radar: Radar, level_dbm: float, draws: Draws) -> np.ndarray:
+    """A constant for each antenna, complex64 (antenna,): one of each receive channel, whose phase is drawn."""
+    slots = TimeSlots(radar)
+    phase = 2 * math.pi * draws.of("DC offset").random(slots.channels)
+    constant = math.sqrt(10 ** ((level_dbm - 30) / 10)) * np.exp(1j * phase)
+    return np.tile(constant, slots.per_row).astype(np.complex64)
+
 
 Effect = Callable[[np.ndarray, int], np.ndarray]
 """Samples (row, antenna, sample) and the number of the first row, the first of a group -> samples, the same array where they stay

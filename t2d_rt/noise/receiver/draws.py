@@ -1,14 +1,20 @@
-"""Random numbers of the rows of a cube: the same for a row whatever blocks it is worked on in, and independent for each effect."""
+"""Random numbers of the rows of a cube: the same for a row whatever blocks it is worked on in, and independent for each effect.
+
+Normal numbers within kernels are each a function of where it stands and of a key, so that any of them can be had by itself.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
 
-from t2d_rt.core.backend import normal_numbers
+from t2d_rt.core.backend import Backend, normal_numbers
 
 GROUP_SAMPLES = 65_536
 """Samples of a group of rows, whose numbers come from one generator."""
@@ -42,3 +48,66 @@ class Draws:
 
     def _digest(self, name: str, number: int) -> bytes:
         return hashlib.sha256(f"{self.seed}/{name}/{number}".encode()).digest()
+
+
+MULTIPLIER, INCREMENT = 1664525, 1013904223
+"""Of the linear congruential generator of Press et al. (Numerical Recipes, 1992)."""
+
+
+def hashed(words: list[Any]) -> list[Any]:
+    """Four words of 32 random bits from four words: pcg4d of Jarzynski and Olano (JCGT 9(3), 2020)."""
+    x, y, z, w = (word * MULTIPLIER + INCREMENT for word in words)
+    for shuffled in (False, True):
+        if shuffled:
+            x, y, z, w = (word ^ (word >> 16) for word in (x, y, z, w))
+        x = x + y * w
+        y = y + z * x
+        z = z + x * y
+        w = w + y * z
+    return [x, y, z, w]
+
+
+def complex_normal(backend: Backend, radius: Any, angle: Any) -> tuple[Any, Any]:
+    """Real and imaginary part of a normal number of power 1, from two words (Box and Muller 1958), to 1e-5.
+
+    The greatest magnitude is that of 24 bits, 5.8 standard deviations of each part.
+    """
+    import drjit as dr
+
+    Float32, UInt32, Int32 = backend.Float32, backend.UInt32, backend.arrays.Int
+    logarithm, sine, cosine = _polynomials()
+    # -ln of a number in 0..1, (word / 2^8 + 1/2) / 2^24: its exponent, and a polynomial of its mantissa in 3/4..3/2.
+    number = Float32(radius >> 8) + 0.5
+    bits: Any = dr.reinterpret_array(UInt32, number)
+    exponent = Int32(bits - 0x3F400000) >> 23
+    mantissa: Any = dr.reinterpret_array(Float32, bits - UInt32(exponent << 23))
+    z = mantissa - 1
+    power = dr.fma(24.0 - Float32(exponent), math.log(2), -z * _horner(logarithm, z))
+    length = dr.sqrt(dr.maximum(power, 1e-9))
+    cycles = Float32(Int32(angle)) * 2.0**-32  # -1/2..1/2
+    square = cycles * cycles
+    return length * _horner(cosine, square), length * cycles * _horner(sine, square)
+
+
+@cache
+def _polynomials() -> tuple[list[float], list[float], list[float]]:
+    """ln(1 + z)/z for -1/4 < z < 1/2, and sin(2 pi t)/t and cos(2 pi t) in powers of t^2 for |t| < 1/2, lowest power first."""
+
+    def powers(values: Callable[[np.ndarray], np.ndarray], degree: int, domain: tuple[float, float]) -> list[float]:
+        fitted = np.polynomial.Chebyshev.interpolate(values, degree, domain=list(domain))
+        return fitted.convert(kind=np.polynomial.Polynomial).coef.tolist()
+
+    return (
+        powers(lambda z: np.log1p(z) / np.where(z == 0, 1, z) + (z == 0), 6, (-0.25, 0.5)),
+        powers(lambda square: 2 * math.pi * np.sinc(2 * np.sqrt(square)), 4, (0, 0.25)),
+        powers(lambda square: np.cos(2 * math.pi * np.sqrt(square)), 5, (0, 0.25)),
+    )
+
+
+def _horner(coefficients: list[float], z: Any) -> Any:
+    import drjit as dr
+
+    total = dr.fma(z, coefficients[-1], coefficients[-2])
+    for coefficient in coefficients[-3::-1]:
+        total = dr.fma(total, z, coefficient)
+    return total

@@ -14,8 +14,7 @@ import numpy as np
 
 from t2d_rt.core.errors import InputError
 from t2d_rt.noise.receiver.draws import Draws
-from t2d_rt.noise.receiver.processes import Slow
-from t2d_rt.noise.receiver.time_slots import TimeSlots
+from t2d_rt.noise.receiver.processes import Slow, TimeSlots
 from t2d_rt.types import Radar
 
 FEWEST_POLES, MOST_SAMPLES = 3, 100_000

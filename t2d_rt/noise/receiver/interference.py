@@ -10,7 +10,7 @@ from scipy.special import fresnel
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError
 from t2d_rt.noise.receiver.draws import Draws
-from t2d_rt.noise.receiver.time_slots import TimeSlots
+from t2d_rt.noise.receiver.processes import TimeSlots
 from t2d_rt.types import Radar
 from t2d_rt.types.receiver import Interferer
 

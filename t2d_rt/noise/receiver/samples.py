@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.core.backend import Backend, flat_on_device, one_thread_at_a_time, select
-from t2d_rt.noise.receiver.draws import Draws
+from t2d_rt.noise.receiver.draws import Draws, complex_normal, hashed
 from t2d_rt.noise.receiver.flicker import Filter
-from t2d_rt.noise.receiver.normals import complex_normal, hashed
 from t2d_rt.types.receiver import Adc, IqImbalance
 
 Pair = tuple[Any, Any]

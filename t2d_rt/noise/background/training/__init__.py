@@ -1,1 +1,0 @@
-"""Training of background models; needs torch and vector-quantize-pytorch, the extra [learn]."""
