@@ -77,6 +77,18 @@ def test_a_mesh_that_is_not_refined_has_an_error_all_the_same(sagitta_rad: float
     assert run.error_db == pytest.approx(nmse_db(run.cube, fine.cube), abs=6)
 
 
+@pytest.mark.parametrize("sagitta_rad", [0.6, 1.5])
+def test_a_small_body_is_measured_against_finer_facets(sagitta_rad: float) -> None:
+    """Of a sphere whose facets err by 10 dB more than the law of coarser ones tells, and of one that these err as much as."""
+    target = ball((2.0, 0.0, 1.0), (1.0, 0.0, 0.0), 0.05, radius_m=0.15)
+    run, fine = (
+        t2d.simulate(target, radar=RADAR, accuracy={"sagitta_rad": s}, measure_error=s == sagitta_rad)
+        for s in (sagitta_rad, 0.04)
+    )
+    assert run.error_db == pytest.approx(nmse_db(run.cube, fine.cube), abs=2)
+    assert run.settings["error_scatter_db"] < 1.5
+
+
 @pytest.mark.slow
 def test_path_pairs_that_a_user_leaves_out_are_part_of_the_error() -> None:
     target = balls((2.4, 0.3, 1.0))

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from t2d_rt.accuracy.cost import FacetCount, facet_counts, seconds, work
-from t2d_rt.accuracy.laws import MOST_DB, FacetLaw, Law, Laws
+from t2d_rt.accuracy.laws import MOST_DB, SMALL_SCATTER_DB, FacetLaw, Law, Laws
 from t2d_rt.accuracy.occlusion import Occluded
 from t2d_rt.pipeline.echo_model import Model, sagitta_rad
 from t2d_rt.pipeline.path_pairs import Clutter
@@ -101,24 +101,20 @@ class Budget:
     @cached_property
     def unoccluded(self) -> Law:
         """Cost of no occlusion, found once."""
-        return self._unoccluded(by_fast=False)
+        return self._unoccluded(self._occluded)
+
+    def _unoccluded(self, occluded: Occluded) -> Law:
+        return Law(occluded.level_db() + self.laws.occlusion.mean_db, self.laws.occlusion.scatter_db)
 
     @cached_property
     def unoccluded_by_fast(self) -> Law:
         """Cost of the occlusion by targets that rotate fast, which no run traces; found once."""
-        return self._unoccluded(by_fast=True)
-
-    def _unoccluded(self, *, by_fast: bool) -> Law:
-        law = self.laws.occlusion
-        return Law((self._occluded_by_fast if by_fast else self._occluded).level_db() + law.mean_db, law.scatter_db)
+        fastest = Accuracy(fast_rotating_hz=self.given.fastest_sampled_hz)
+        return self._unoccluded(Occluded.of(self.model, fastest, by_fast=True))
 
     @cached_property
     def _occluded(self) -> Occluded:
         return Occluded.of(self.model, Accuracy(fast_rotating_hz=self.given.fastest_sampled_hz))
-
-    @cached_property
-    def _occluded_by_fast(self) -> Occluded:
-        return Occluded.of(self.model, Accuracy(fast_rotating_hz=self.given.fastest_sampled_hz), by_fast=True)
 
     @cached_property
     def _meshes(self) -> list[tuple[float, FacetLaw]]:
@@ -131,6 +127,16 @@ class Budget:
                 bodies = self.laws.bodies.at_size(self._size(mesh), body=mesh.refined_as is not None)
                 found.append((sagitta, bodies if mesh.curved else self.laws.smooth))
         return found
+
+    @cached_property
+    def unsure(self) -> bool:
+        """Whether all targets are meshes of which the law of facets says little, small bodies among them."""
+        scatters = [law.scatter_db for _, law in self._meshes]
+        return len(scatters) == len(self.model.geometries) and min(scatters) >= SMALL_SCATTER_DB
+
+    def facet_count(self, scale: float) -> float:
+        """About how many facets all meshes have at a sagitta scale."""
+        return sum(each.at(scale) for each in self.counts)
 
     def _size(self, mesh: MovingMesh) -> float:
         """Height or length of a mesh over the wavelength."""

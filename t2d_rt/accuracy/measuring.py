@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -30,13 +31,19 @@ CLEARLY = 2.5
 """A tolerance that the error keeps by so many standard deviations is decided; one that it misses asks for all chirps."""
 FEWER = 1.5
 """Facets that are so many times fewer are coarser in fact."""
-LEAST_CHIRPS = 4
-"""The scatter of fewer chirps tells nothing."""
+FINER_CHIRPS, FINER_DB = 24, 1.0
+"""A run whose law of facets is unsure is held against finer facets at so many chirps: what is left of their own error makes that
+standard deviation."""
+SPLIT, MOST_FINER, LEAST_FACTOR, LEAST_SCALE = 4.0, 130_000.0, 2.0, 0.01
+"""Flat facets are finer in fact where they are so many times more. No more than so many are made, and none where their sagitta
+scale would fall by less than that factor or below the last."""
+LEAST_CHIRPS, LONE_DB = 4, 5.6
+"""The scatter of fewer chirps tells nothing; the energy of a single one has about that standard deviation."""
 UNOCCLUDED_BELOW_DB = 6.0
 """The coarser model traces no occlusion where that costs so much less than coarser facets."""
 SHADOWS = 0.3
 """What visibility costs is measured where it may be more than this fraction of facets' error."""
-EXACT_SUBDIVISION, FASTEST_HZ = 2, 100_000.0
+EXACT: Mapping[str, Any] = {"occlusion": True, "visibility_subdivision": 2, "fast_rotating_hz": 100_000.0}
 """What visibility costs is measured beside visibility traced on meshes subdivided so often, those of targets that rotate up to that
 surface rate [Hz] among them."""
 ROUNDING = 1e-12
@@ -67,44 +74,50 @@ class Measurement:
     They are held against a model with coarser facets, which costs little. Facets' errors fall with their phase sagitta by a fitted
     law, so the difference tells the run's own (`Budget`, as in Richardson's extrapolation). In free space the coarser model tells
     what sampled visibility costs, too, beside one that traces it at each chirp. Ellipsoids that stand for bodies over minor path
-    pairs are not in the coarser model: the difference has their power.
+    pairs are not in the coarser model: the difference has their power. Small bodies and meshes in free space are held against finer
+    facets, visibility traced at each chirp: the difference is the error.
     """
 
     def __init__(self, plan: Plan) -> None:
         self._plan, model = plan, plan.model
-        coarser, self._expected, self._fraction = compared_with(plan.budget, plan.accuracy)
-        self._chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1, count=MOST_CHIRPS)
+        other, self._expected, self._fraction = compared_with(plan.budget, plan.accuracy)
+        self._finer = finer(plan.budget, plan.accuracy)
+        count = FINER_CHIRPS if self._finer else MOST_CHIRPS
+        self._chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1, count=count)
         samples_s = sample_times(*model.span_s, plan.accuracy.visibility_rate_hz)
-        self.next = Next(coarser, KeptVisibility(self._chirps.nearest(samples_s, model.radar)))
+        self.next = Next(self._finer or other, KeptVisibility(self._chirps.nearest(samples_s, model.radar)))
         """What the run can do for it."""
 
     def result(self, cube: Cube, static: Sequence[EchoStream]) -> MeasuredError:
         """The error of the run's cube, `static` being the echoes of the static scene in it; a warning where it misses the
         tolerance, or where there is nothing to measure."""
-        plan, (coarser, kept), chirps = self._plan, self.next, self._chirps
+        plan, (other, kept), chirps = self._plan, self.next, self._chirps
         budget, model, accuracy = plan.budget, plan.model, plan.accuracy
         full = with_method(model, "mesh") if model.method == "ellipsoid" and budget.of_bodies else model
         # Of other meshes, the bodies beside the run's ellipsoids, the run has kept nothing.
-        again = Field(full, coarser, chirps, kept=kept if full is model else KeptVisibility(kept.times_s))
+        again = Field(
+            full, other, chirps, kept=None if self._finer else kept if full is model else KeptVisibility(kept.times_s)
+        )
         exact = None
-        if shadows_matter(budget, accuracy, coarser, self._expected * self._fraction):
-            traced = coarser.replace(
-                occlusion=True, visibility_subdivision=EXACT_SUBDIVISION, fast_rotating_hz=FASTEST_HZ
-            )
-            exact = Field(full, traced, chirps)
+        if not self._finer and shadows_matter(budget, accuracy, other, self._expected * self._fraction):
+            exact = Field(full, other.replace(**EXACT), chirps)
         facets, shadows, energy, with_all_echoes = np.zeros(0), np.zeros(0), 0.0, 0.0
         count = len(chirps.rows)
         for first, last in pairwise(sorted({0, min(FIRST_CHIRPS, count), count})):
             found, with_static = (of_cube(model, cube, each, chirps[first:last]) for each in (static, ()))
             energy += float(np.sum(np.abs(found) ** 2))
             with_all_echoes += float(np.sum(np.abs(with_static) ** 2))
-            coarse = again.samples(first, last)
-            facets = np.append(facets, np.sum(np.abs(found - coarse) ** 2, axis=1))
+            compared = again.samples(first, last)
+            facets = np.append(facets, np.sum(np.abs(found - compared) ** 2, axis=1))
             if exact:
-                shadows = np.append(shadows, np.sum(np.abs(exact.samples(first, last) - coarse) ** 2, axis=1))
+                shadows = np.append(shadows, np.sum(np.abs(exact.samples(first, last) - compared) ** 2, axis=1))
             # Of float32 samples less the static echoes in them something remains in any case.
             silent = energy <= ROUNDING * with_all_echoes
             if silent:
+                continue
+            if self._finer:
+                of_chirps_db = min(_standard_error_db(facets), LONE_DB / math.sqrt(len(facets)))
+                result = MeasuredError(db(facets.sum() / energy), math.hypot(FINER_DB, of_chirps_db), len(facets))
                 continue
             result = _combined(budget, accuracy, self._expected, self._fraction, facets / energy, shadows / energy)
             uncertain_db = max(_standard_error_db(each) for each in ([facets, shadows] if exact else [facets]))
@@ -196,6 +209,26 @@ def compared_with(budget: Budget, accuracy: Accuracy) -> tuple[Accuracy, float, 
     return coarser, apart, error / apart
 
 
+def finer(budget: Budget, accuracy: Accuracy) -> Accuracy | None:
+    """The finer accuracy, visibility traced at each chirp, with which the run of a small body or mesh in free space is compared;
+    None where the law of facets serves or finer ones cost too much."""
+    scale, own = accuracy.sagitta_scale, budget.facet_count(accuracy.sagitta_scale)
+    if (
+        budget.model.scene is not None
+        or not budget.unsure
+        or budget.by_limbs(accuracy.tiers[0])
+        or scale <= LEAST_SCALE
+    ):
+        return None
+    factor = min(COARSER, MOST_FINER / own)
+    enough = own * (FEWER if all(each.curved for each in budget.counts) else SPLIT)
+    while factor >= LEAST_FACTOR and scale > LEAST_SCALE and budget.facet_count(scale) < enough:
+        scale = max(scale / factor, LEAST_SCALE)
+    if factor < LEAST_FACTOR or budget.facet_count(scale) > 1.01 * MOST_FINER:
+        return None
+    return accuracy.replace(sagitta_scale=scale, **EXACT)
+
+
 def left_out(budget: Budget, accuracy: Accuracy) -> float:
     """Power of the path pairs that a run leaves out, over that of all of them, by the law."""
     kept = sum(power for _, _, power in budget.tiers(accuracy))
@@ -205,7 +238,7 @@ def left_out(budget: Budget, accuracy: Accuracy) -> float:
 def has_fewer_facets(budget: Budget, accuracy: Accuracy) -> bool:
     """Whether the coarser model has fewer facets: a mesh whose own faces are as fine as asked for is not refined at all."""
     scale = accuracy.sagitta_scale
-    own, coarser = (sum(each.at(factor * scale) for each in budget.counts) for factor in (1.0, COARSER))
+    own, coarser = (budget.facet_count(factor * scale) for factor in (1.0, COARSER))
     return not budget.counts or own > FEWER * coarser
 
 
