@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from t2d_rt import cli
 from t2d_rt.cli import main
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.scene import Slab
@@ -290,6 +291,9 @@ def test_a_new_field_of_accuracy_needs_no_other_edit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It is found in Python, YAML, the help of the command line and the attributes of a saved recording."""
+    monkeypatch.setattr(
+        "t2d_rt.cli._command", cli._command.__wrapped__
+    )  # its options are not those that the session keeps
     for module in ("t2d_rt.types", "t2d_rt.accuracy.wanted", "t2d_rt.recording.recording", "t2d_rt.recording.folder"):
         monkeypatch.setattr(f"{module}.Accuracy", Wider)
     made = t2d.simulate(tetrahedron(), radar=RADAR, accuracy={"sagitta_rad": 1.5, "extra_rate_hz": 3})
