@@ -8,7 +8,7 @@ import re
 import pytest
 
 from t2d_rt import cli
-from t2d_rt.cli.help import field_help, parameter_help
+from t2d_rt.cli.options import field_help, parameter_help
 from t2d_rt.motion import load_motion
 from t2d_rt.simulate import simulate
 from t2d_rt.types import Radar

@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from t2d_rt.cli.experiments import is_experiment, planned, recorded
-from t2d_rt.cli.given import accuracy_of, model_of, motion_of, radar_of, substitutes_of, targets_of
+from t2d_rt.cli.experiment_options import (
+    accuracy_of,
+    is_experiment,
+    model_of,
+    motion_of,
+    planned,
+    radar_of,
+    recorded,
+    substitutes_of,
+    targets_of,
+)
 from t2d_rt.cli.options import CAPTURE, compare_parser, plan_parser, refuse_options, simulate_parser
 from t2d_rt.cli.output import check_picture, radar_info, recording_info, say, write_picture
 from t2d_rt.core.checks import unknown_name
@@ -254,7 +263,6 @@ def export_command(options: Namespace) -> None:
 
 def list_command(options: Namespace) -> None:
     """Prints the names that the commands take."""
-    from t2d_rt.cli.listing import KINDS, lines
 
     if options.file is not None and options.file not in KINDS:
         raise unknown_name("list", options.file, KINDS)
@@ -305,3 +313,77 @@ def _check_processing(processing: dict[str, Any], radar: Radar, duration_s: floa
 
 def _stem(source: Path) -> str:
     return re.sub(r"\.(bvh(\.gz)?|npz|npy|json|txt|amc|c3d|trc)$", "", source.name, flags=re.IGNORECASE)
+
+
+KINDS = "presets", "scenes", "bodies", "movers", "motions"
+
+
+def lines(kind: str) -> Iterator[str]:
+    """A heading, then a line for each name."""
+    found = {"presets": _presets, "scenes": _scenes, "bodies": _bodies, "movers": _movers, "motions": _motions}[kind]
+    rows = list(found())
+    width = max(len(name) for name, _ in rows) + 2
+    yield f"{kind}:"
+    for name, told in rows:
+        yield f"  {name:{width}}{told}"
+
+
+def _presets() -> Iterator[tuple[str, str]]:
+    from t2d_rt.experiment.catalog import presets
+    from t2d_rt.types import Radar
+
+    for name in presets():
+        radar = Radar.preset(name)
+        yield (
+            name,
+            (
+                f"{radar.carrier_hz / 1e9:.4g} GHz, sweep {radar.bandwidth_hz / 1e9:.3g} GHz, PRF {radar.prf_hz / 1e3:.4g} kHz, "
+                f"{len(radar.tx_offsets_m)} x {len(radar.rx_offsets_m)} antennas, bin {100 * radar.range_resolution_m:.3g} cm, "
+                f"up to {radar.max_range_m:.3g} m, +-{radar.max_speed_mps:.3g} m/s"
+            ),
+        )
+
+
+def _scenes() -> Iterator[tuple[str, str]]:
+    from t2d_rt.experiment.catalog import FREE_SPACE, scenes
+    from t2d_rt.propagation.scenes import load_scene
+
+    for name in scenes():
+        if name == FREE_SPACE:
+            yield name, "nothing but the targets"
+            continue
+        scene = load_scene(name)
+        low, high = scene.bounds_m
+        size = " x ".join(f"{length:.3g}" for length in high - low)
+        yield name, f"{size} m, {len(scene.surfaces)} objects"
+
+
+def _bodies() -> Iterator[tuple[str, str]]:
+    from t2d_rt.body import ABOUT, bodies, template
+
+    for name in bodies():
+        body = template(name)
+        who = ABOUT.get(name, "a body")
+        yield name, f"{who}, {body.stature_m:.2f} m tall before it is fitted to a motion, {len(body.faces)} faces"
+
+
+def _movers() -> Iterator[tuple[str, str]]:
+    from t2d_rt.core.errors import InputError
+    from t2d_rt.scene.movers import kind_named, kind_names
+
+    for name in kind_names():
+        try:
+            kind = kind_named(name)
+        except InputError as error:  # of one package, which hides no other
+            yield name, str(error)
+            continue
+        told = " ".join((kind.__doc__ or "").split("\n\n")[0].split())
+        options = [field for field in kind.model_fields if field not in ("kind", "position_m")]
+        yield name, f"{told} Options: {', '.join(options)}."
+
+
+def _motions() -> Iterator[tuple[str, str]]:
+    from t2d_rt.experiment.catalog import EXAMPLES
+
+    for name, (file, told) in EXAMPLES.items():
+        yield name, f"{told}; {file}"

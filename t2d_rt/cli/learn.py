@@ -42,7 +42,7 @@ ROUNDED_MPS = 1e-6
 
 def train_parser() -> ArgumentParser:
     """Options of `t2d-rt train`; those of the training are fields of `TrainOptions`."""
-    from t2d_rt.cli.help import field_help
+    from t2d_rt.cli.options import field_help
     from t2d_rt.learn import TrainOptions
 
     found = command_parser(

@@ -6,8 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from t2d_rt.cli.experiments import is_experiment
-from t2d_rt.cli.given import accuracy_of, model_of, motion_of, radar_of, targets_of
+from t2d_rt.cli.experiment_options import accuracy_of, is_experiment, model_of, motion_of, radar_of, targets_of
 from t2d_rt.cli.options import add_additions, add_model, add_overwrite, add_piece, command_parser
 from t2d_rt.cli.output import say
 from t2d_rt.core.errors import InputError
@@ -80,7 +79,7 @@ def _set_up(options: Namespace) -> tuple[Model, Accuracy]:
     choose, which says which paths are modelled."""
     from t2d_rt.accuracy.wanted import Wanted, chosen
     from t2d_rt.cli.add import additions
-    from t2d_rt.cli.experiments import check_beside, read_experiment
+    from t2d_rt.cli.experiment_options import check_beside, read_experiment
     from t2d_rt.experiment.experiment import Experiment
     from t2d_rt.experiment.setup import set_up, set_up_again
     from t2d_rt.recording.recording import Recording

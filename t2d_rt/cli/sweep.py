@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from t2d_rt.cli.add import Person, additions
 from t2d_rt.cli.arguments import alternatives
-from t2d_rt.cli.experiments import BESIDE, is_experiment, read_experiment
-from t2d_rt.cli.given import check_scene, substitutes_of
+from t2d_rt.cli.experiment_options import BESIDE, check_scene, is_experiment, read_experiment, substitutes_of
 from t2d_rt.cli.options import add_model, add_piece, command_parser
 from t2d_rt.cli.output import say, write_picture
 from t2d_rt.core.errors import InputError
