@@ -16,15 +16,11 @@ from hypothesis import strategies as st
 
 from command_line import Command
 from t2d_rt.core.errors import InputError
-from t2d_rt.motion.descriptions import grammar
-from t2d_rt.motion.descriptions.deal import weighted
+from t2d_rt.motion.descriptions import grammar, tokens
 from t2d_rt.motion.descriptions.diversity import NEAREST, diversity
-from t2d_rt.motion.descriptions.grammar import grammar_descriptions
-from t2d_rt.motion.descriptions.inflect import forms, with_article
-from t2d_rt.motion.descriptions.items import items_of
-from t2d_rt.motion.descriptions.lines import read_descriptions, write_descriptions
+from t2d_rt.motion.descriptions.grammar import grammar_descriptions, rules
+from t2d_rt.motion.descriptions.lexicon import Lexicon, forms, packaged, with_article
 from t2d_rt.motion.descriptions.parse import Parsed, parse_description
-from t2d_rt.motion.descriptions.plans import PLANS
 from t2d_rt.motion.descriptions.slots import (
     ACTIVITIES,
     FALL_TYPES,
@@ -32,7 +28,10 @@ from t2d_rt.motion.descriptions.slots import (
     Activity,
     Description,
     Step,
+    read_descriptions,
+    write_descriptions,
 )
+from t2d_rt.motion.descriptions.tokens import tokens_of
 
 COUNT = 200
 
@@ -91,10 +90,10 @@ def test_no_two_sentences_are_near_duplicates(activity: Activity) -> None:
 @pytest.mark.parametrize("activity", ACTIVITIES)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_each_class_uses_all_that_its_plans_hold(activity: Activity, seed: int) -> None:
-    for plan in PLANS[activity]:
+    for plan in rules().plans[activity]:
         found = [each for each in written(activity, seed) if (each.action, each.type) == (plan.action, plan.type)]
         for slot in ("manner", "direction", "speed", "object", "body_part"):
-            wanted = {value for value in weighted(getattr(plan, slot), " ") if value}
+            wanted = {value for value in getattr(plan, slot) if value}
             rare = activity in ("abnormal_walking", "falling")  # of several types: all of them together have each
             pool = written(activity, seed) if rare else found
             assert wanted <= {getattr(each, slot) for each in pool}, (plan.action, plan.type, slot)
@@ -150,6 +149,54 @@ def test_verbs_are_inflected() -> None:
     assert forms("dance")[1:4] == ("dances", "dancing", "danced")
     assert forms("stretch")[1] == "stretches"
     assert (with_article("old man"), with_article("happy child")) == ("an old man", "a happy child")
+
+
+# --- the lexicon ---
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value", "message"),
+    [
+        ("verbs", "ski", {"said": "ski"}, "verbs: 'ski' begins with no action; choose one of walk, fall"),
+        ("verbs", "walk speed=brisk", {"said": "ski"}, "step key speed: got 'brisk'"),
+        ("verbs", "walk", {"sung": "ski"}, "unknown entry of the lexicon key 'sung'"),
+        ("modifiers", "manner=bored", {"adverbs": "boredly"}, "step key manner: got 'bored'"),
+        ("objects", "table", "table | desk", "lexicon key objects"),
+        (
+            "negations",
+            None,
+            False,
+            "a text with bars between them, got False; put .* quotation marks",
+        ),  # what YAML makes of no
+        ("irregular_verbs", "ski", "skis skiing", "ski needs four forms .* got 2"),
+        ("verb", None, {}, "unknown lexicon key 'verb'; did you mean verbs"),
+    ],
+)
+def test_mistakes_in_the_lexicon_are_told_in_a_sentence(
+    section: str, key: str | None, value: Any, message: str
+) -> None:
+    given = packaged("lexicon")
+    if key is None:
+        given[section] = value
+    else:
+        given[section][key] = value
+    with pytest.raises(InputError, match=message) as refusal:
+        Lexicon.model_validate(given)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_word_that_is_added_is_understood(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = packaged("lexicon")
+    given["verbs"]["walk speed=fast"]["understood"] += " | skedaddle {his} way"
+    monkeypatch.setattr(tokens, "lexicon", lambda: Lexicon.model_validate(given))
+    for kept in (tokens._index, tokens._vocabulary):
+        kept.cache_clear()
+    try:
+        (found,) = (each for each in tokens_of("skedaddling her way") if each.kind == "action")
+    finally:
+        for kept in (tokens._index, tokens._vocabulary):
+            kept.cache_clear()
+    assert (found.slots, found.gerund) == ({"action": "walk", "speed": "fast"}, True)
 
 
 # --- the parser ---
@@ -340,7 +387,7 @@ def test_any_words_are_read_or_refused(words: list[str]) -> None:
     except InputError:
         return
     assert Description.model_validate(parsed.description.model_dump(by_alias=True)) == parsed.description
-    unknown = {each.words for each in items_of(sentence) if each.kind == "unknown"}
+    unknown = {each.words for each in tokens_of(sentence) if each.kind == "unknown"}
     assert unknown <= set(parsed.ignored)
 
 

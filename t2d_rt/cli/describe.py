@@ -15,9 +15,8 @@ from t2d_rt.core.checks import integer, names_advice, shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.diversity import NEAREST, diversity
 from t2d_rt.motion.descriptions.grammar import MOST_DESCRIPTIONS, grammar_descriptions
-from t2d_rt.motion.descriptions.lines import as_json, json_lines, write_descriptions
 from t2d_rt.motion.descriptions.parse import parse_description
-from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity, Description
+from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity, Description, as_json, json_lines, write_descriptions
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
@@ -164,8 +163,7 @@ def _checked_output(options: Namespace) -> Path | None:
 def _by_model(activity: Activity, options: Namespace) -> tuple[list[Description], str]:
     """Descriptions of a class by a language model, and why there are fewer than asked for, if there are."""
     from t2d_rt.core.progress import ProgressBar
-    from t2d_rt.motion.descriptions.endpoint import Budget, LanguageModel
-    from t2d_rt.motion.descriptions.language_model import model_descriptions
+    from t2d_rt.motion.descriptions.language_model import Budget, LanguageModel, model_descriptions
 
     model = LanguageModel(model=options.model, base_url=options.base_url, timeout_s=options.timeout_s)
     budget = Budget(requests=options.budget, tokens=options.budget_tokens)

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from t2d_rt.motion.descriptions.diversity import Diversity, diversity
-from t2d_rt.motion.descriptions.endpoint import Budget, LanguageModel
 from t2d_rt.motion.descriptions.grammar import grammar_descriptions
-from t2d_rt.motion.descriptions.language_model import Written, model_descriptions
-from t2d_rt.motion.descriptions.lines import read_descriptions, write_descriptions
+from t2d_rt.motion.descriptions.language_model import Budget, LanguageModel, Written, model_descriptions
 from t2d_rt.motion.descriptions.parse import Parsed, parse_description
-from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity, Description, Step
+from t2d_rt.motion.descriptions.slots import (
+    ACTIVITIES,
+    Activity,
+    Description,
+    Step,
+    read_descriptions,
+    write_descriptions,
+)
 
 __all__ = [
     "ACTIVITIES", "Activity", "Budget", "Description", "Diversity", "LanguageModel", "Parsed", "Step", "Written", "diversity",

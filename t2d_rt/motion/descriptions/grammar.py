@@ -1,50 +1,143 @@
 """Descriptions written by a weighted grammar, without network: sentences of many structures, with their slots.
 
-What is written and how is dealt like cards, so that a few dozen sentences of a class hold all of its properties.
+What the grammar chooses from and in which words stands in grammar.yaml and lexicon.yaml. Choices are drawn as cards are dealt, so
+that a few dozen sentences of a class hold all of its properties.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from pydantic import BeforeValidator
 
 from t2d_rt.core.checks import choice, integer
 from t2d_rt.core.errors import InputError
-from t2d_rt.motion.descriptions.clauses import Clause, clause
-from t2d_rt.motion.descriptions.complements import BODY, BODY_OF_TYPE
-from t2d_rt.motion.descriptions.deal import Dealer, weighted
 from t2d_rt.motion.descriptions.diversity import NEAREST, Gathered
-from t2d_rt.motion.descriptions.inflect import with_article
-from t2d_rt.motion.descriptions.nouns import HIS, SUBJECTS
-from t2d_rt.motion.descriptions.plans import NOT_TOGETHER, PLANS, Plan
-from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity, Description, Step
+from t2d_rt.motion.descriptions.lexicon import Phrases, Synonyms, forms, lexicon, meaning, packaged, with_article
+from t2d_rt.motion.descriptions.slots import (
+    ACTIVITIES,
+    Action,
+    Activity,
+    BodyPart,
+    Description,
+    Direction,
+    FallType,
+    GaitType,
+    Object,
+    Step,
+    Subject,
+)  # fmt: skip
+from t2d_rt.types.fields import Fields
 
 MOST_DESCRIPTIONS = 10_000
 MOST_REFUSED = 3_000
 """Sentences in a row that are too like earlier ones before the grammar gives up."""
 
-SUBJECT_DECK = "person*6 man*3 woman*3 child*2 old_person*2 heavy_person"
+NUMBER_WORDS = "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten"
 
-FRAMES = {
-    1: "{S} {A:finite}.*5 | {S} is {A:gerund}.*2 | there is {s} who {A:present}. | {S} can be seen {A:gerund}. | "
-    "{S} begins to {A:base}. | {S} starts {A:gerund}.",
-    2: "{S} {A:finite} and {B:finite}.*3 | {S} {A:finite}, then {B:finite}.*2 | {S} {A:finite} and then {B:finite}.*2 | "
-    "{S} {A:finite} before {B:gerund}. | after {A:gerund}, {s} {B:finite}.*2 | {S} {B:finite} after {A:gerund}. | "
-    "{S} {A:present}; afterwards, {he} {B:present}. | before {B:gerund}, {s} {A:finite}. | "
-    "having {A:participle}, {s} {B:finite}. | "
-    "{S} is {A:gerund} and then {B:present}. | there is {s} who {A:present} and then {B:present}.",
-    3: "{S} {A:finite}, {B:finite} and {C:finite}.*2 | {S} {A:finite}, then {B:finite} and finally {C:finite}.*2 | "
-    "after {A:gerund}, {s} {B:finite} and then {C:finite}. | "
-    "{S} {A:finite}, {B:finite} and, after a moment, {C:finite}. | "
-    "{S} {A:finite} and {B:finite} before {C:gerund}. | having {A:participle}, {s} {B:finite}, then {C:finite}.",
-}
-"""Sentences of one, two and three steps: A, B and C in the form that stands behind the colon."""
+# --- what the grammar chooses from ---
 
-WALKING_FALL = (
-    "while {A:gerund}, {s} {B:finite}.*2 | {S} {B:finite} while {A:gerund}. | {S} is {A:gerund} when {he} {B:present}."
-)
-"""More of two steps, for falls out of a movement."""
+
+@cache
+def weighted(choices: str, separator: str = "|") -> tuple[str, ...]:
+    """Choices, each as often as its weight says: "a*2 | b" is a, a, b; "-" is nothing, an empty text.
+
+    >>> weighted("up*2 down -", " ")
+    ('up', 'up', 'down', '')
+    """
+    found = []
+    for each in choices.split(separator):
+        word, _, weight = each.partition("*")
+        word = word.strip()
+        found += ["" if word == "-" else word] * int(weight or 1)
+    return tuple(found)
+
+
+Choices = Annotated[
+    tuple[str, ...], BeforeValidator(lambda text: weighted(text, " ") if isinstance(text, str) else text)
+]
+"""Words with their weights, divided by spaces."""
+WeightedPhrases = Annotated[
+    tuple[str, ...], BeforeValidator(lambda text: weighted(text) if isinstance(text, str) else text)
+]
+"""Phrases with their weights, divided by bars."""
+NOTHING = ("",)
+
+
+class Plan(Fields):
+    """One way to do an activity, and how often it is chosen."""
+
+    noun: ClassVar[str] = "plan of the grammar"
+
+    action: Action
+    type: FallType | GaitType | None = None
+    weight: int = 1
+    manner: Choices = weighted("careful happy angry sad -*5", " ")
+    speed: Choices = weighted("slow*2 fast*2 -*4", " ")
+    direction: Choices = NOTHING
+    object: Choices = NOTHING
+    body_part: Choices = NOTHING
+    count: Choices = NOTHING
+    duration_s: Choices = NOTHING
+    before: WeightedPhrases = NOTHING
+    """Steps that may lead to it, such as "walk speed=slow"."""
+    after: WeightedPhrases = NOTHING
+
+
+class Grammar(Fields):
+    """All that the grammar chooses from; grammar.yaml says what each section holds."""
+
+    noun: ClassVar[str] = "grammar"
+
+    subjects: Choices
+    frames: dict[Literal[1, 2, 3], WeightedPhrases]
+    walking_falls: WeightedPhrases
+    plans: dict[Activity, tuple[Plan, ...]]
+    not_together: dict[str, Choices]
+    directions: dict[Action, dict[Direction, WeightedPhrases]]
+    objects: dict[Action, dict[Object, WeightedPhrases]]
+    objects_of_types: dict[FallType, dict[Object, WeightedPhrases]]
+    objects_of_directions: dict[Action, dict[str, WeightedPhrases]]
+    body_parts: dict[Action, dict[BodyPart, Phrases]]
+    body_parts_of_types: dict[GaitType, dict[BodyPart, Phrases]]
+    stretched: dict[BodyPart, Phrases]
+    on_stairs: WeightedPhrases
+
+
+@cache
+def rules() -> Grammar:
+    """The grammar that ships with the package."""
+    return Grammar.model_validate(packaged("grammar"))
+
+
+class WeightedSampler:
+    """Deals from shuffled decks of choices, one deck for each set of them."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._decks: dict[tuple[str, tuple[Any, ...]], list[int]] = {}
+
+    def pick(self, choices: str | tuple[Any, ...], name: str = "") -> Any:
+        """The next of some choices; those of a text are divided by bars. Each `name` has a deck of its own."""
+        cards = weighted(choices) if isinstance(choices, str) else choices
+        if len(cards) == 1:
+            return cards[0]
+        deck = self._decks.setdefault((name, cards), [])
+        if not deck:
+            deck.extend(int(each) for each in self._rng.permutation(len(cards)))
+        return cards[deck.pop()]
+
+    def word(self, choices: str, name: str = "") -> str | None:
+        """The next of some words with weights, divided by spaces; None for nothing."""
+        return self.pick(weighted(choices, " "), name) or None
+
+
+# --- what a description says ---
 
 
 def grammar_descriptions(activity: Activity, count: int, *, seed: int = 0) -> list[Description]:
@@ -56,11 +149,11 @@ def grammar_descriptions(activity: Activity, count: int, *, seed: int = 0) -> li
     """
     choice("activity", activity, ACTIVITIES)
     count = integer("count", count, 1, MOST_DESCRIPTIONS)
-    dealer = dealer_of(activity, seed)
+    sampler = sampler_of(activity, seed)
     gathered = Gathered()
     refused = 0
     while len(gathered) < count:
-        if gathered.add(_described(activity, dealer)):
+        if gathered.add(_described(activity, sampler)):
             refused = 0
             continue
         refused += 1
@@ -72,9 +165,9 @@ def grammar_descriptions(activity: Activity, count: int, *, seed: int = 0) -> li
     return gathered.descriptions
 
 
-def dealer_of(activity: Activity, seed: int) -> Dealer:
-    """A dealer of a class: other classes do not depend on what it deals."""
-    return Dealer(np.random.default_rng([integer("seed", seed), ACTIVITIES.index(activity)]))
+def sampler_of(activity: Activity, seed: int) -> WeightedSampler:
+    """A sampler of a class: other classes do not depend on what it deals."""
+    return WeightedSampler(np.random.default_rng([integer("seed", seed), ACTIVITIES.index(activity)]))
 
 
 class Drawn(NamedTuple):
@@ -83,74 +176,84 @@ class Drawn(NamedTuple):
     main: Step
     before: tuple[Step, ...]
     after: tuple[Step, ...]
-    subject: str
+    subject: Subject
 
 
-def drawn(activity: Activity, dealer: Dealer) -> Drawn:
+def drawn(activity: Activity, sampler: WeightedSampler) -> Drawn:
     """Properties of one description of a class."""
-    plan: Plan = dealer.pick(tuple(each for each in PLANS[activity] for _ in range(each.weight)), "plan")
+    plan: Plan = sampler.pick(tuple(each for each in rules().plans[activity] for _ in range(each.weight)), "plan")
     name = f"{plan.action} {plan.type}"
-    main = _main(plan, dealer, name)
-    before = _steps(plan.before, dealer, f"before {name}")
-    after = _steps(plan.after, dealer, f"after {name}")
+    main = _main(plan, sampler, name)
+    before = _steps(plan.before, sampler, f"before {name}")
+    after = _steps(plan.after, sampler, f"after {name}")
     if any(each.object == main.object for each in (*before, *after)):
         main = main.model_copy(update={"object": None})
-    return Drawn(main, before, after, str(dealer.word(SUBJECT_DECK, "subject")))
+    return Drawn(main, before, after, sampler.pick(rules().subjects, "subject"))
 
 
-def _described(activity: Activity, dealer: Dealer) -> Description:
-    main, before, after, subject = drawn(activity, dealer)
-    sentence = _sentence((*before, main, *after), len(before), subject, dealer)
+def _described(activity: Activity, sampler: WeightedSampler) -> Description:
+    main, before, after, subject = drawn(activity, sampler)
+    sentence = _sentence((*before, main, *after), len(before), subject, sampler)
     return Description(
         activity=activity, subject=subject, before=before, after=after, sentence=sentence, **main.model_dump()
     )
 
 
-def _main(plan: Plan, dealer: Dealer, name: str) -> Step:
+def _main(plan: Plan, sampler: WeightedSampler, name: str) -> Step:
     slots: dict[str, object] = {"action": plan.action, "type": plan.type}
     for slot in ("direction", "object", "body_part", "manner", "speed", "count", "duration_s"):
-        value = dealer.word(getattr(plan, slot), f"{name} {slot}")
-        clash = any((slot, value) in NOT_TOGETHER.get((other, str(given)), ()) for other, given in slots.items())
+        value = sampler.pick(getattr(plan, slot), f"{name} {slot}") or None
+        clash = any(
+            f"{slot}={value}" in rules().not_together.get(f"{other}={given}", ()) for other, given in slots.items()
+        )
         if value is not None and not clash:
             slots[slot] = int(value) if slot == "count" else float(value) if slot == "duration_s" else value
     if slots.get("count") is not None and slots.get("body_part") is not None and slots.get("object") is not None:
         del slots["count"]
-    phrases = BODY_OF_TYPE.get((plan.type or "", str(slots.get("body_part")))) or BODY.get(
-        (plan.action, str(slots.get("body_part"))), ""
-    )
+    phrases = " ".join(_limb_phrases(plan.action, plan.type, slots.get("body_part")))
     if "{side}" in phrases or (plan.action == "stretch" and slots.get("body_part") in ("arm", "leg", "foot")):
-        side = dealer.word("left right -", f"{name} side")
+        side = sampler.word("left right -", f"{name} side")
         if side is not None:
             slots["side"] = side
     return Step(**slots)
 
 
-def _steps(choices: str, dealer: Dealer, name: str) -> tuple[Step, ...]:
+def _limb_phrases(action: Action, kind: str | None, part: object) -> tuple[str, ...]:
+    """What a part of the body does in an action, or in a disturbed gait."""
+    of_type: Mapping[Any, tuple[str, ...]] = rules().body_parts_of_types.get(kind, {})  # type: ignore[call-overload]
+    of_action: Mapping[Any, tuple[str, ...]] = rules().body_parts.get(action, {})
+    return of_type.get(part) or of_action.get(part, ())
+
+
+def _steps(choices: tuple[str, ...], sampler: WeightedSampler, name: str) -> tuple[Step, ...]:
     """The step that a text such as "walk speed=slow" tells; none, where it is empty."""
-    drawn = dealer.pick(weighted(choices), name)
+    drawn = sampler.pick(choices, name)
     if not drawn:
         return ()
-    action, *slots = drawn.split()
-    return (Step(action=action, **dict(each.split("=") for each in slots)),)
+    action, slots = meaning(drawn)
+    return (Step.model_validate({"action": action, **slots}),)
 
 
-def _sentence(steps: tuple[Step, ...], main: int, subject: str, dealer: Dealer) -> str:
-    noun = dealer.pick(SUBJECTS[subject], "noun of " + subject)
+# --- sentences ---
+
+
+def _sentence(steps: tuple[Step, ...], main: int, subject: Subject, sampler: WeightedSampler) -> str:
+    noun = sampler.pick(lexicon().subjects[subject].said, f"noun of {subject}")
     of_person = steps[main].action == "fall" and steps[main].manner is not None  # a sad man falls; nobody falls sadly
     noun = "person" if of_person and noun == "someone" else noun
-    his = HIS.get(noun, "their")
-    frames = weighted(FRAMES[len(steps)])
+    his = next((his for his, nouns in lexicon().possessives.items() if noun in nouns), "their")
+    frames = rules().frames[len(steps)]  # type: ignore[index]
     if len(steps) == 2 and steps[1].action == "fall" and steps[0].action in ("walk", "run"):
-        frames = (*frames, *weighted(WALKING_FALL))
+        frames = (*frames, *rules().walking_falls)
     letters = "ABC"[: len(steps)]
     if of_person:
         frames = tuple(each for each in frames if _first(each, letters) == letters[main])
-    frame = dealer.pick(frames, f"frame {len(steps)}")
+    frame = sampler.pick(frames, f"frame {len(steps)}")
     first = _first(frame, letters)
     texts: dict[str, Clause] = {}
     for letter, step in zip("ABC", steps, strict=False):
-        texts[letter] = clause(step, dealer, his, adjectives=noun != "someone" and letter == first)
-    return _written(frame, texts, noun, his, dealer)
+        texts[letter] = clause(step, sampler, his, adjectives=noun != "someone" and letter == first)
+    return _written(frame, texts, noun, his, sampler)
 
 
 def _first(frame: str, letters: str) -> str:
@@ -159,10 +262,10 @@ def _first(frame: str, letters: str) -> str:
     return min(letters, key=lambda each: (frame.index("{" + each) < subject, frame.index("{" + each)))
 
 
-def _written(frame: str, texts: dict[str, Clause], noun: str, his: str, dealer: Dealer) -> str:
+def _written(frame: str, texts: dict[str, Clause], noun: str, his: str, sampler: WeightedSampler) -> str:
     adjective = " ".join(each.adjective for each in texts.values() if each.adjective)
     subject = "someone" if noun == "someone" else with_article(f"{adjective} {noun}".strip())
-    finite = dealer.word("present*4 preterite", "tense")
+    finite = sampler.word("present*4 preterite", "tense")
     text = frame.replace(":finite}", f":{finite}}}").replace("{S}", subject).replace("{s}", subject)
     text = text.replace("{he}", {"his": "he", "her": "she"}.get(his, "the person"))
     for one, two in (("A", "B"), ("B", "C")):
@@ -174,3 +277,143 @@ def _written(frame: str, texts: dict[str, Clause], noun: str, his: str, dealer: 
             if placeholder:
                 text = before + each.form(form, after[0]) + after
     return text[0].upper() + text[1:]
+
+
+# --- a step in English: a verb in any of its forms, with adverbs, directions, objects and parts of the body ---
+
+
+@dataclass(frozen=True, slots=True)
+class Clause:
+    """What somebody does, without who it is."""
+
+    verb: str
+    """Infinitives and what belongs to them: "slip and fall"."""
+    before: str = ""
+    after: str = ""
+    limb: str = ""
+    """What a part of the body does meanwhile."""
+    adjective: str = ""
+    """Of who does it."""
+
+    @property
+    def double(self) -> bool:
+        """Whether it holds an "and" itself."""
+        return " and " in self.verb
+
+    def form(self, name: str, following: str) -> str:
+        """The clause with its verbs in a form (present, preterite, gerund, participle, base), and a comma before `following`."""
+        first, *others = self.verb.split(" and ")
+        verb = " and ".join(_inflected(each, name) for each in (first, *others))
+        text = " ".join(each for each in (self.before, verb, self.after) if each)
+        if any(word.endswith("ing") for word in self.limb.split(" ")[:2]):
+            return f"{text}, {self.limb}{'' if following in ',.;' else ','}"
+        return f"{text} {self.limb}".strip()
+
+
+def _inflected(phrase: str, name: str) -> str:
+    head, _, rest = phrase.partition(" ")
+    return f"{getattr(forms(head), name)} {rest}".strip()
+
+
+@cache
+def _verbs(name: str) -> tuple[str, ...]:
+    """Verbs that tell an action and a slot: "walk speed=slow"; the plainest one, which stands first, twice."""
+    found = lexicon().verbs[name].said if name in lexicon().verbs else ()
+    return (*found[:1], *found)
+
+
+def clause(step: Step, sampler: WeightedSampler, his: str, *, adjectives: bool = False) -> Clause:
+    """A step as a clause; its manner or speed may be said by an adjective of who does it."""
+    left = {slot: getattr(step, slot) for slot in ("manner", "speed") if getattr(step, slot) not in (None, "normal")}
+    verb, said_type = _verb(step, sampler, left)
+    object_first = step.action == "stretch" and step.body_part is not None
+    if object_first and step.body_part is not None:
+        verb = f"stretch {sampler.pick(_sided(rules().stretched[step.body_part], step.side))}"
+    said = _modifiers(step, left, sampler, adjectives=adjectives)
+    places = [*_direction(step, sampler), *_object(step, sampler)]
+    if len(places) == 2 and places[0] == "back":
+        places[0] = "backward"  # "back to a chair" is a return
+    parts = [said["middle"], *places, said["end"], said["phrase"], said_type, *_measures(step)]
+    limb = ""
+    if step.body_part is not None and not object_first:
+        limb = sampler.pick(_sided(_limb_phrases(step.action, step.type, step.body_part), step.side))
+    verb, after, limb = (_filled(each, step, his) for each in (verb, " ".join(parts), limb))
+    return Clause(verb, said["before"], after, limb, said["adjective"])
+
+
+def _modifiers(step: Step, left: Mapping[str, str], sampler: WeightedSampler, *, adjectives: bool) -> dict[str, str]:
+    """Manner and speed in words, by where they stand; no two adverbs follow one another."""
+    said = dict.fromkeys(("before", "middle", "end", "phrase", "adjective"), "")
+    for slot, value in left.items():
+        positions = "before middle*2 end phrase" if not (said["middle"] or said["end"]) else "before phrase"
+        if adjectives and not said["adjective"]:
+            positions += " adjective*2"
+        position = str(sampler.word(positions, f"way of {slot}"))
+        if step.action == "fall":  # nobody falls happily, or in no hurry
+            position = "adjective" if slot == "manner" else str(sampler.word("middle end", "way of fall"))
+        if said[position]:
+            position = "phrase" if not said["phrase"] else "before"
+        known = lexicon().modifiers[f"{slot}={value}"]
+        words = {"phrase": known.phrases, "adjective": known.adjectives}.get(position, known.adverbs)
+        if position == "before" or (step.action == "fall" and slot == "speed"):
+            words = known.before_verb or known.adverbs
+        said[position] = sampler.pick(words)
+    return said
+
+
+def _verb(step: Step, sampler: WeightedSampler, left: dict[str, str]) -> tuple[str, str]:
+    """A verb, and what tells the type of fall or gait where the verb does not; what the verb tells leaves `left`."""
+    if step.action == "climb":
+        return sampler.pick(rules().on_stairs), ""
+    if step.type is not None:
+        typed = _verbs(f"{step.action} type={step.type}")
+        synonyms: Mapping[Any, Synonyms] = lexicon().fall_causes if step.action == "fall" else lexicon().gaits
+        phrases = synonyms[step.type].said
+        if step.action == "fall" and step.object not in (None, "floor"):
+            phrases = ()
+        by_verb = bool(typed) and (not phrases or sampler.word("yes yes no", f"typed {step.type}") == "yes")
+        if by_verb:
+            return sampler.pick(typed), ""
+        return sampler.pick(_verbs(step.action)), sampler.pick(phrases)
+    for slot, value in left.items():
+        implying = _verbs(f"{step.action} {slot}={value}")
+        if implying and sampler.word("yes no no", f"implied {slot}") == "yes":
+            del left[slot]
+            return sampler.pick(implying), ""
+    return sampler.pick(_verbs(step.action)), ""
+
+
+def _direction(step: Step, sampler: WeightedSampler) -> list[str]:
+    if step.direction is None or step.action == "climb":
+        return []
+    if step.action == "turn" and step.direction == "back":
+        return ["around"]
+    return [sampler.pick(rules().directions[step.action][step.direction])]
+
+
+def _object(step: Step, sampler: WeightedSampler) -> list[str]:
+    if step.object is None or (step.action, step.object) == ("climb", "stair"):
+        return []
+    of_type: Mapping[Any, tuple[str, ...]] = rules().objects_of_types.get(step.type, {})  # type: ignore[arg-type]
+    directed = rules().objects_of_directions.get(step.action, {}).get(f"{step.object} {step.direction}")
+    return [sampler.pick(of_type.get(step.object) or directed or rules().objects[step.action][step.object])]
+
+
+def _measures(step: Step) -> list[str]:
+    found = []
+    if step.count is not None:
+        found.append("twice" if step.count == 2 else f"{NUMBER_WORDS[step.count]} times")
+    if step.duration_s is not None:
+        found.append(f"for {NUMBER_WORDS[int(step.duration_s)]} seconds")
+    return found
+
+
+def _sided(phrases: tuple[str, ...], side: str | None) -> tuple[str, ...]:
+    """The phrases that tell a side, where the step does; else those that need not."""
+    plain = tuple(each for each in phrases if "{side}" not in each)
+    return tuple(each for each in phrases if "{side}" in each) if side is not None else plain or phrases
+
+
+def _filled(text: str, step: Step, his: str) -> str:
+    filled = text.replace("{his}", his).replace("{way}", step.direction or "up").replace("{side}", step.side or "")
+    return re.sub(r"\s+", " ", filled).strip()

@@ -14,9 +14,8 @@ from dataclasses import dataclass, field
 
 from t2d_rt.core.checks import shown, text
 from t2d_rt.core.errors import InputError
-from t2d_rt.motion.descriptions.drafts import Draft, Opposite, Reader, merged
-from t2d_rt.motion.descriptions.inflect import forms
-from t2d_rt.motion.descriptions.items import items_of
+from t2d_rt.motion.descriptions.lexicon import forms_of, lexicon
+from t2d_rt.motion.descriptions.parse_steps import Opposite, ParseStep, Reader, merged
 from t2d_rt.motion.descriptions.slots import (
     ACTIONS_OF,
     DIRECTIONS_OF,
@@ -30,6 +29,7 @@ from t2d_rt.motion.descriptions.slots import (
     Description,
     Step,
 )
+from t2d_rt.motion.descriptions.tokens import tokens_of
 
 RANK = {
     "fall": 10, "dance": 8, "jump": 7, "sit": 6, "lie_down": 6, "bend": 5, "squat": 5, "stretch": 5, "stand_up": 4,
@@ -37,10 +37,6 @@ RANK = {
 }  # fmt: skip
 """The action of highest rank is the main one, the first where there are several; a disturbed walk comes after a fall."""
 GAIT_RANK = 9
-NEAR_FALLS = frozenset(
-    form for verb in ("slip", "trip", "stumble", "skid", "slide", "lose", "catch", "buckle") for form in forms(verb)
-)
-"""First words of what need not end in a fall."""
 MOVING = "walk", "run", "climb"
 
 UNDERSTOOD = (
@@ -77,20 +73,20 @@ def parse_description(sentence: str) -> Parsed:
     sentence: what one person does, in one or several steps: "a man walks to a chair, sits down and stands up again".
     """
     sentence = _checked(sentence)
-    items = items_of(sentence)
+    tokens = tokens_of(sentence)
     reader = Reader()
     try:
-        for item in items:
-            reader.read(item)
-        drafts = _settled(_happening(reader), reader.ignored)
+        for token in tokens:
+            reader.read(token)
+        steps = _settled(_happening(reader), reader.ignored)
     except Opposite as error:
         directions, verb = error.args
         raise InputError(
             f"the sentence is contradictory: it says {directions} of one action ({verb}); leave one of them out, or "
             "write two steps"
         ) from None
-    description, read_as = _description(drafts, reader, sentence)
-    slips = tuple((each.note, each.words) for each in items if each.note)
+    description, read_as = _description(steps, reader, sentence)
+    slips = tuple((each.note, each.words) for each in tokens if each.note)
     return Parsed(description, tuple(reader.ignored), (*slips, *read_as), tuple(reader.partly))
 
 
@@ -114,85 +110,86 @@ def _checked(sentence: str) -> str:
     return sentence
 
 
-def _happening(reader: Reader) -> list[Draft]:
+def _happening(reader: Reader) -> list[ParseStep]:
     """The steps, without slips and stumbles from which the sentence says that nobody falls."""
-    drafts = reader.ordered()
-    kept = [each for each in drafts if not (reader.recovers and each.words.split()[0] in NEAR_FALLS)]
-    lost = [each.words for each in drafts if each not in kept]
+    steps = reader.ordered()
+    near_falls = forms_of(lexicon().near_falls)
+    kept = [each for each in steps if not (reader.recovers and each.words.split()[0] in near_falls)]
+    lost = [each.words for each in steps if each not in kept]
     reader.ignored += lost
     reader.denied_actions += lost
     return kept
 
 
-def _settled(drafts: list[Draft], ignored: list[str]) -> list[Draft]:
+def _settled(steps: list[ParseStep], ignored: list[str]) -> list[ParseStep]:
     """Steps that mean something together are one; what is implied by another step is left out."""
-    _resolve_stumbles(drafts)
-    drafts = _without_weak(drafts, ignored)
-    for number, draft in enumerate(drafts):
-        if draft.get("type") in FALL_TYPES and draft.action != "fall":
-            fall = next((each for each in drafts[number:] if each.action == "fall"), None)
+    _resolve_stumbles(steps)
+    steps = _without_weak(steps, ignored)
+    for number, step in enumerate(steps):
+        if step.get("type") in FALL_TYPES and step.action != "fall":
+            fall = next((each for each in steps[number:] if each.action == "fall"), None)
             if fall is not None and fall.get("type") is None:
-                fall.said["type"] = draft.get("type")
-            elif fall is None and draft.action != "jump":  # over an obstacle
-                ignored.append(draft.cause)
-            draft.said.pop("type", None)
-    found: list[Draft] = []
-    for draft in drafts:
+                fall.said["type"] = step.get("type")
+            elif fall is None and step.action != "jump":  # over an obstacle
+                ignored.append(step.cause)
+            step.said.pop("type", None)
+    found: list[ParseStep] = []
+    for step in steps:
         last = found[-1] if found else None
-        together = _together(last, draft) if last is not None else None
+        together = _together(last, step) if last is not None else None
         if together is not None:
             found[-1] = together
         else:
-            found.append(draft)
-    for draft in found:
-        level = draft.action in ("walk", "run") and draft.get("object") != "stair"
-        if level and draft.get("direction") in ("up", "down"):  # up to the door, down the street
-            ignored.append(str(draft.get("direction")))
-            draft.said.pop("direction")
+            found.append(step)
+    for step in found:
+        level = step.action in ("walk", "run") and step.get("object") != "stair"
+        if level and step.get("direction") in ("up", "down"):  # up to the door, down the street
+            ignored.append(str(step.get("direction")))
+            step.said.pop("direction")
     return found
 
 
-def _resolve_stumbles(drafts: list[Draft]) -> None:
+def _resolve_stumbles(steps: list[ParseStep]) -> None:
     """Stumbling is a fall where something falls; about a place or to both sides, it is an unsteady walk; else a fall."""
-    falls = any(each.action == "fall" for each in drafts)
-    sides = {each.get("direction") for each in drafts if each.action == "stumble"}
-    moving = any(each.action == "walk" and each.joined == "while" for each in drafts)
-    for draft in drafts:
-        if draft.action == "stumble":
+    falls = any(each.action == "fall" for each in steps)
+    sides = {each.get("direction") for each in steps if each.action == "stumble"}
+    moving = any(each.action == "walk" and each.joined == "while" for each in steps)
+    for step in steps:
+        if step.action == "stumble":
             walks = not falls and (moving or sides >= {"left", "right"})
-            draft.action = "walk" if walks else "fall"
-            draft.implied["type"] = "ataxic" if walks else "trip"
-            if walks and draft.get("direction") in ("left", "right"):
-                draft.said.pop("direction")
+            step.action = "walk" if walks else "fall"
+            step.implied["type"] = "ataxic" if walks else "trip"
+            if walks and step.get("direction") in ("left", "right"):
+                step.said.pop("direction")
 
 
-def _without_weak(drafts: list[Draft], ignored: list[str]) -> list[Draft]:
-    telling = any(not each.weak for each in drafts)
+def _without_weak(steps: list[ParseStep], ignored: list[str]) -> list[ParseStep]:
+    telling = any(not each.weak for each in steps)
     kept = []
-    for draft in drafts:
-        of_limb = draft.get("body_part") is not None  # moves an arm forward
-        directed = draft.get("direction") is not None and draft.action == "walk" and not of_limb
-        if draft.weak and telling and not directed:
-            ignored.append(draft.words)
+    for step in steps:
+        of_limb = step.get("body_part") is not None  # moves an arm forward
+        directed = step.get("direction") is not None and step.action == "walk" and not of_limb
+        if step.weak and telling and not directed:
+            ignored.append(step.words)
         else:
-            kept.append(draft)
+            kept.append(step)
     return kept
 
 
-def _together(first: Draft, second: Draft) -> Draft | None:
+def _together(first: ParseStep, second: ParseStep) -> ParseStep | None:
     """One step for two neighbours that are one action; None where they are two."""
     loose = second.joined in ("", ",", "while")
     actions = first.action, second.action
     if actions == ("fall", "fall"):
         return merged(first, second)
     if actions in (("fall", "lie_down"), ("fall", "sit")):
-        return merged(first, Draft("fall", {}, {**second.slots(), "type": first.get("type")})) or first
+        return merged(first, ParseStep("fall", {}, {**second.slots(), "type": first.get("type")})) or first
     if actions in (("lie_down", "stand_up"), ("sit", "stand_up")) and first.words in ("lying", "sitting", "seated"):
-        return merged(second, Draft("stand_up", {}, {k: v for k, v in first.slots().items() if k == "object"}))
+        return merged(second, ParseStep("stand_up", {}, {k: v for k, v in first.slots().items() if k == "object"}))
     if second.action == "bend" and first.action in ("bend", "squat"):
         return merged(first, second)
     if second.action == "turn" and second.gerund and loose and first.action in ("dance", "jump", "walk", "run"):
-        return merged(first, Draft(first.action, {}, second.slots()))
+        return merged(first, ParseStep(first.action, {}, second.slots()))
     if first.action != second.action:
         return None
     typed = first.get("type") is not None or second.get("type") is not None
@@ -205,69 +202,69 @@ def _together(first: Draft, second: Draft) -> Draft | None:
     return None
 
 
-def _description(drafts: list[Draft], reader: Reader, sentence: str) -> tuple[Description, list[tuple[str, str]]]:
+def _description(steps: list[ParseStep], reader: Reader, sentence: str) -> tuple[Description, list[tuple[str, str]]]:
     read_as: list[tuple[str, str]] = []
-    _check_any(drafts, reader)
-    for draft in drafts:
-        count = draft.get("count")
-        if "jumping jack" in draft.words and isinstance(count, int):  # out and in again
-            draft.said["count"] = 2 * count
+    _check_any(steps, reader)
+    for step in steps:
+        count = step.get("count")
+        if "jumping jack" in step.words and isinstance(count, int):  # out and in again
+            step.said["count"] = 2 * count
             read_as.append((f"{count} jumping jacks", f"{2 * count} jumps out and in"))
-    if len(drafts) > MOST_STEPS:
-        raise InputError(f"a description has at most {MOST_STEPS} steps, got {len(drafts)}; leave some out")
+    if len(steps) > MOST_STEPS:
+        raise InputError(f"a description has at most {MOST_STEPS} steps, got {len(steps)}; leave some out")
     turned = False
-    for draft in drafts:
-        if turned and draft.action in MOVING and draft.returns and draft.get("direction") == "back":
-            draft.said["direction"] = "forward"  # turns around and walks back
-        turned = turned or (draft.action == "turn" and draft.get("direction") == "back")
-        if draft.get("direction") == "circle":
-            draft.said["direction"] = "counterclockwise"
+    for step in steps:
+        if turned and step.action in MOVING and step.returns and step.get("direction") == "back":
+            step.said["direction"] = "forward"  # turns around and walks back
+        turned = turned or (step.action == "turn" and step.get("direction") == "back")
+        if step.get("direction") == "circle":
+            step.said["direction"] = "counterclockwise"
             read_as.append(("in a circle", "in a counterclockwise circle"))
     ranks = [
         GAIT_RANK if each.get("type") in GAIT_TYPES and each.action == "walk" else RANK.get(each.action, -1)
-        for each in drafts
+        for each in steps
     ]
     place = ranks.index(max(ranks))
-    steps = [_step_fields(draft, reader.ignored) for draft in drafts]
-    main = steps[place]
+    fields = [_step_fields(step, reader.ignored) for step in steps]
+    main = fields[place]
     description = Description(
         activity=_activity(main),
         subject=reader.subject or "person",
-        before=tuple(Step(**each) for each in steps[:place]),
-        after=tuple(Step(**each) for each in steps[place + 1 :]),
+        before=tuple(Step(**each) for each in fields[:place]),
+        after=tuple(Step(**each) for each in fields[place + 1 :]),
         sentence=sentence,
         **main,
     )
     return description, read_as
 
 
-def _check_any(drafts: list[Draft], reader: Reader) -> None:
-    if not drafts and reader.denied_actions:
+def _check_any(steps: list[ParseStep], reader: Reader) -> None:
+    if not steps and reader.denied_actions:
         words = ", ".join(reader.denied_actions[:6])
         raise InputError(
             f"the sentence tells only what does not happen, or nearly ({words}); describe what does: {UNDERSTOOD}"
         )
-    if not drafts and reader.ignored:
+    if not steps and reader.ignored:
         words = ", ".join(reader.ignored[:6])
         raise InputError(f"no activity was understood in the sentence (not understood: {words}); describe {UNDERSTOOD}")
-    if not drafts:
+    if not steps:
         raise InputError(f"the sentence tells no activity; describe {UNDERSTOOD}")
-    if all(each.action == "stand" for each in drafts):
+    if all(each.action == "stand" for each in steps):
         raise InputError(f"the sentence tells of standing only, which is none of the classes; describe {UNDERSTOOD}")
 
 
-def _step_fields(draft: Draft, ignored: list[str]) -> dict[str, object]:
+def _step_fields(step: ParseStep, ignored: list[str]) -> dict[str, object]:
     """Fields of a step; what the action cannot have is reported, and a fall that goes up is refused."""
-    fields: dict[str, object] = {"action": draft.action, **draft.slots()}
-    allowed = DIRECTIONS_OF[draft.action]  # type: ignore[index]
+    fields: dict[str, object] = {"action": step.action, **step.slots()}
+    allowed = DIRECTIONS_OF[step.action]  # type: ignore[index]
     direction = fields.get("direction")
     if direction is not None and direction not in allowed:
-        if draft.action == "fall":
+        if step.action == "fall":
             raise InputError(f"the sentence is contradictory: nobody falls {direction}; falls go {', '.join(allowed)}")
         ignored.append(str(fields.pop("direction")))
-    if fields.get("type") in GAIT_TYPES and draft.action != "walk":
+    if fields.get("type") in GAIT_TYPES and step.action != "walk":
         fields.pop("type")
-        ignored.append(draft.cause or draft.words)
+        ignored.append(step.cause or step.words)
     count, duration = fields.get("count"), fields.get("duration_s")
     if count is not None and not (isinstance(count, int) and 1 <= count <= MOST_TIMES):
         raise InputError(f"an action is done 1 to {MOST_TIMES} times, got {count}; write a whole number of times")

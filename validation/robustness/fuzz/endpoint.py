@@ -14,8 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.motion.descriptions.endpoint import Budget, LanguageModel
-from t2d_rt.motion.descriptions.language_model import model_descriptions
+from t2d_rt.motion.descriptions.language_model import Budget, LanguageModel, model_descriptions
 from validation.robustness.fuzz.case import DEEP, Attempt, Wrong, check_text, corrupted, pick, replaced, writing_only
 
 LONGEST_S = 1.0
@@ -111,8 +110,8 @@ def _asked(pieces: list[bytes], pause_s: float) -> None:
     begin = time.monotonic()
     try:
         found = model_descriptions(
-            "falling", 2, model=LanguageModel(model="m", base_url=server.url, timeout_s=LONGEST_S, tries=2, backoff_s=0.01),
-            budget=Budget(requests=REQUESTS), sleep=lambda _: None,
+            "falling", 2, model=LanguageModel(model="m", base_url=server.url, timeout_s=LONGEST_S, tries=2),
+            budget=Budget(requests=REQUESTS),
         )  # fmt: skip
         check_text(str(found), what="the count", lines=1)
     finally:

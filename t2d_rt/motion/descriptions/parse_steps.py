@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from t2d_rt.core.errors import InputError
-from t2d_rt.motion.descriptions.inflect import forms
-from t2d_rt.motion.descriptions.items import Item
+from t2d_rt.motion.descriptions.lexicon import forms_of, lexicon
+from t2d_rt.motion.descriptions.tokens import Token
 
 YIELDING = {"forward": ("left", "right", "straight"), "straight": ("left", "right")}
 """Directions that a more exact one replaces: forward and to the left is to the left."""
@@ -17,21 +17,8 @@ OPPOSITE = {
 }  # fmt: skip
 OBJECTS_FIRST = "handrail", "ball", "chair", "stair", "floor"
 
-
-PRONOUNS = "he", "she", "they", "i", "you", "we"
-
 TWO_PEOPLE = {"man", "woman"}, {"man", "child"}, {"woman", "child"}, {"old_person", "child"}
 """Subjects that cannot be one person; others may be: an old man is a man."""
-
-STOPPING = frozenset(form for verb in ("stop", "halt", "pause") for form in forms(verb))
-"""Verbs before what is no longer done: stops walking."""
-
-
-AUXILIARY = frozenset(form for verb in ("have", "let", "keep", "use", "set") for form in forms(verb))
-"""Verbs of limbs that are also auxiliary to others."""
-
-STOREYS = "upstairs", "downstairs"
-"""Directions that lead over a stair."""
 
 
 class Opposite(Exception):
@@ -39,7 +26,7 @@ class Opposite(Exception):
 
 
 @dataclass(slots=True)
-class Draft:
+class ParseStep:
     """An action, what is said of it, and what its verb implies."""
 
     action: str
@@ -69,8 +56,8 @@ class Clause:
     """A part of a sentence between two joins."""
 
     join: str
-    steps: list[Draft] = field(default_factory=list)
-    pending: list[Item] = field(default_factory=list)
+    steps: list[ParseStep] = field(default_factory=list)
+    pending: list[Token] = field(default_factory=list)
 
 
 @dataclass(slots=True)
@@ -101,46 +88,46 @@ class Reader:
     partly: list[str] = field(default_factory=list)
     """Words that say more than is made of them."""
 
-    def read(self, item: Item) -> None:
-        """Takes one more item."""
-        limb = item.kind == "part" and item.slots["body_part"] != "waist"  # bends at the waist to the left
-        self.of_part, before = limb or item.words == "together", self.of_part
-        if item.kind == "direction":
+    def read(self, token: Token) -> None:
+        """Takes one more token."""
+        limb = token.kind == "part" and token.slots["body_part"] != "waist"  # bends at the waist to the left
+        self.of_part, before = limb or token.words == "together", self.of_part
+        if token.kind == "direction":
             self.of_part = before
-        named = item.kind == "part" or "body_part" in item.slots
+        named = token.kind == "part" or "body_part" in token.slots
         self.limb = self.limb or named
-        if named or item.kind == "object":
+        if named or token.kind == "object":
             self.loose.clear()
-        if item.kind in ("join", "action", "weak", "other"):
+        if token.kind in ("join", "action", "weak", "other"):
             self.settle_loose()
-        if item.kind == "join":
-            self._join(str(item.slots["join"]))
-        elif item.kind == "subject":
-            self._subject(str(item.slots["subject"]), item.words)
-        elif item.kind == "not":
+        if token.kind == "join":
+            self._join(str(token.slots["join"]))
+        elif token.kind == "subject":
+            self._subject(str(token.slots["subject"]), token.words)
+        elif token.kind == "not":
             self.denied = True
-            self.ignored.append(item.words)
-        elif item.kind in ("action", "weak"):
-            self._action(item)
-        elif item.kind == "other":
+            self.ignored.append(token.words)
+        elif token.kind in ("action", "weak"):
+            self._action(token)
+        elif token.kind == "other":
             self.dead, self.denied, self.attending = True, False, False
-            self.ignored.append(item.words)
-        elif item.kind in ("unknown", "reported", "recover"):
-            self.recovers = self.recovers or item.kind == "recover"
-            self.ignored.append(item.words)
-        elif item.kind == "attend":
-            if item.slots or self.denied:
-                self._modifier(item)
-            elif not self.limb and item.words not in AUXILIARY:
-                self.loose.append(item.words)
+            self.ignored.append(token.words)
+        elif token.kind in ("unknown", "reported", "recover"):
+            self.recovers = self.recovers or token.kind == "recover"
+            self.ignored.append(token.words)
+        elif token.kind == "attend":
+            if token.slots or self.denied:
+                self._modifier(token)
+            elif not self.limb and token.words not in forms_of(lexicon().auxiliary):
+                self.loose.append(token.words)
             self.attending = True
-        elif item.kind == "of limb":
+        elif token.kind == "of limb":
             if not self.limb:
-                self.loose.append(item.words)
-        elif item.kind == "spot":
-            self._spot(item.words)
-        elif item.kind not in ("fixed", "neutral"):
-            self._modifier(item)
+                self.loose.append(token.words)
+        elif token.kind == "spot":
+            self._spot(token.words)
+        elif token.kind not in ("fixed", "neutral"):
+            self._modifier(token)
 
     def settle_loose(self) -> None:
         """Reports what is said of limbs where none is named, before what begins another clause."""
@@ -157,7 +144,7 @@ class Reader:
             steps[-1].said["direction"] = "up"
 
     def _subject(self, subject: str, words: str) -> None:
-        named = words not in PRONOUNS
+        named = words not in lexicon().pronouns
         if named and self.named and {subject, self.subject} in TWO_PEOPLE:
             if self._last() is not None and not self.clauses[-1].steps:
                 raise InputError(
@@ -167,44 +154,44 @@ class Reader:
         elif not self.subject or (named and not self.named):
             self.subject, self.named = subject, named
 
-    def _action(self, item: Item) -> None:
+    def _action(self, token: Token) -> None:
         clause = self.clauses[-1]
         self.attending = False
         self.dead = self.denied
         self.denied = False
         if self.dead:
-            self.ignored.append(item.words)
-            self.denied_actions.append(item.words)
-            self.recovers = self.recovers or item.slots["action"] == "fall"
+            self.ignored.append(token.words)
+            self.denied_actions.append(token.words)
+            self.recovers = self.recovers or token.slots["action"] == "fall"
             return
-        implied = dict(item.slots)
-        last = clause.steps[-1] if item.gerund and clause.steps else None
-        draft = Draft(
-            str(implied.pop("action")), implied, weak=item.kind == "weak", gerund=item.gerund, words=item.words
+        implied = dict(token.slots)
+        last = clause.steps[-1] if token.gerund and clause.steps else None
+        step = ParseStep(
+            str(implied.pop("action")), implied, weak=token.kind == "weak", gerund=token.gerund, words=token.words
         )
-        if item.partly:
-            self.partly.append(f"{item.words} (made as any {draft.action.replace('_', ' ')})")
-        draft.joined = "" if clause.steps else clause.join
+        if token.partly:
+            self.partly.append(f"{token.words} (made as any {step.action.replace('_', ' ')})")
+        step.joined = "" if clause.steps else clause.join
         for each in clause.pending:
-            attach(draft, each, self.ignored)
+            attach(step, each, self.ignored)
         clause.pending.clear()
-        if last is not None and last.words in STOPPING:  # stops walking: walks, then stands
-            draft.joined, last.joined = last.joined, "then"
-            clause.steps.insert(-1, draft)
+        if last is not None and last.words in forms_of(lexicon().stopping):  # stops walking: walks, then stands
+            step.joined, last.joined = last.joined, "then"
+            clause.steps.insert(-1, step)
         else:
-            clause.steps.append(draft)
+            clause.steps.append(step)
 
-    def _modifier(self, item: Item) -> None:
+    def _modifier(self, token: Token) -> None:
         clause = self.clauses[-1]
         if self.dead or self.denied:
-            self.ignored.append(item.words)
-        elif item.kind == "direction" and (self.attending or (self.of_part and not self._stretching())):
-            if item.slots["direction"] not in ("up", "down"):
-                self.ignored.append(item.words)
+            self.ignored.append(token.words)
+        elif token.kind == "direction" and (self.attending or (self.of_part and not self._stretching())):
+            if token.slots["direction"] not in ("up", "down"):
+                self.ignored.append(token.words)
         elif clause.steps:
-            attach(clause.steps[-1], item, self.ignored)
+            attach(clause.steps[-1], token, self.ignored)
         else:
-            clause.pending.append(item)
+            clause.pending.append(token)
 
     def _join(self, join: str) -> None:
         clause = self.clauses[-1]
@@ -228,7 +215,7 @@ class Reader:
         steps = self.clauses[-1].steps
         return bool(steps) and steps[-1].action == "stretch"
 
-    def _last(self) -> Draft | None:
+    def _last(self) -> ParseStep | None:
         return next((each.steps[-1] for each in reversed(self.clauses) if each.steps), None)
 
     def settle(self) -> None:
@@ -238,37 +225,37 @@ class Reader:
         if clause.steps or not clause.pending:
             return
         if last is None and any(each.kind == "gait" for each in clause.pending):
-            last = Draft("walk", words="gait")  # a waddling gait
+            last = ParseStep("walk", words="gait")  # a waddling gait
             clause.steps.append(last)
         if last is None:
             self.ignored += [each.words for each in clause.pending]
             clause.pending.clear()
             return
         new = None
-        for item in clause.pending:
-            fresh = item.kind == "direction" and clause.join in ("then", "and") and new is None
+        for token in clause.pending:
+            fresh = token.kind == "direction" and clause.join in ("then", "and") and new is None
             try:
                 if fresh and clause.join == "then" and last.get("direction") is not None:
                     raise Opposite
-                attach(new or last, item, self.ignored)
+                attach(new or last, token, self.ignored)
             except Opposite:
                 if not fresh:
                     raise
-                new = Draft(
-                    last.action, dict(last.implied), {**last.said, "direction": item.slots["direction"]}, joined="then"
+                new = ParseStep(
+                    last.action, dict(last.implied), {**last.said, "direction": token.slots["direction"]}, joined="then"
                 )
                 new.words = last.words
         clause.pending.clear()
         if new is not None:
             clause.steps.append(new)
 
-    def ordered(self) -> list[Draft]:
+    def ordered(self) -> list[ParseStep]:
         """The steps in the order in which they happen."""
         self.settle_loose()
         self.settle()
-        found: list[list[Draft]] = []
-        held: list[Draft] = []
-        earlier: list[Draft] | None = None  # those of a subordinate clause, which further gerunds belong to
+        found: list[list[ParseStep]] = []
+        held: list[ParseStep] = []
+        earlier: list[ParseStep] | None = None  # those of a subordinate clause, which further gerunds belong to
         for number, clause in enumerate(each for each in self.clauses if each.steps):
             gerund = clause.steps[0].gerund
             if clause.join in ("and", "then") and gerund and earlier is not None:
@@ -285,84 +272,84 @@ class Reader:
                 if held and clause.join == ",":
                     found.append(held)
                     held = []
-        return [draft for steps in ([*found, held] if held else found) for draft in steps]
+        return [step for steps in ([*found, held] if held else found) for step in steps]
 
 
-def attach(draft: Draft, item: Item, ignored: list[str]) -> None:
-    """Says of a step what an item says; raises where it says the contrary of what was said before."""
-    if item.kind in ("cause", "gait"):
-        draft.cause = item.words
-    part = draft.get("body_part")
+def attach(step: ParseStep, token: Token, ignored: list[str]) -> None:
+    """Says of a step what an token says; raises where it says the contrary of what was said before."""
+    if token.kind in ("cause", "gait"):
+        step.cause = token.words
+    part = step.get("body_part")
     if (
-        item.kind == "part"
+        token.kind == "part"
         and part is not None
-        and (part, draft.get("side")) != (item.slots["body_part"], item.slots.get("side"))
+        and (part, step.get("side")) != (token.slots["body_part"], token.slots.get("side"))
     ):
-        ignored.append(item.words)
+        ignored.append(token.words)
         return
-    storey = item.words in STOREYS and draft.action in ("walk", "run", "climb")
+    storey = token.words in lexicon().storeys and step.action in ("walk", "run", "climb")
     if storey:
-        draft.said["object"] = "stair"
-    if (draft.action, item.words) == ("stand_up", "bed") or item.words == "ladder":
-        ignored.append(item.words)  # made as a seat, and as a stair
-    if item.words in ("on one leg", "on one foot") and draft.action not in ("jump", "turn", "walk", "run", "dance"):
-        ignored.append(item.words)
-    stairs = storey or (item.slots.get("object") == "stair" and draft.get("direction") in ("up", "down"))
-    if stairs and draft.action == "walk" and draft.get("type") is None:
-        draft.action, draft.weak = "climb", False
-    for slot, value in item.slots.items():
-        before = draft.get(slot) if slot == "type" else draft.said.get(slot)
+        step.said["object"] = "stair"
+    if (step.action, token.words) == ("stand_up", "bed") or token.words == "ladder":
+        ignored.append(token.words)  # made as a seat, and as a stair
+    if token.words in ("on one leg", "on one foot") and step.action not in ("jump", "turn", "walk", "run", "dance"):
+        ignored.append(token.words)
+    stairs = storey or (token.slots.get("object") == "stair" and step.get("direction") in ("up", "down"))
+    if stairs and step.action == "walk" and step.get("type") is None:
+        step.action, step.weak = "climb", False
+    for slot, value in token.slots.items():
+        before = step.get(slot) if slot == "type" else step.said.get(slot)
         if slot == "direction":
-            draft.returns = item.words == "back"
-            _direct(draft, str(value), item.words, ignored)
+            step.returns = token.words == "back"
+            _direct(step, str(value), token.words, ignored)
         elif before is None or before == value:
-            draft.said[slot] = value
+            step.said[slot] = value
         elif slot in ("speed", "manner"):
             raise InputError(
-                f"the sentence is contradictory: it says {before} and {value} of one action ({draft.words}); leave "
+                f"the sentence is contradictory: it says {before} and {value} of one action ({step.words}); leave "
                 "one of them out"
             )
         elif slot == "object":
-            draft.said[slot] = min(before, value, key=lambda each: OBJECTS_FIRST.index(str(each)))
+            step.said[slot] = min(before, value, key=lambda each: OBJECTS_FIRST.index(str(each)))
         elif slot == "type" and value in ("festinating", "freezing") and before == "parkinsonian":
-            draft.said[slot] = value
+            step.said[slot] = value
         elif not (slot == "type" and before in ("festinating", "freezing") and value == "parkinsonian"):
-            ignored.append(item.words)
+            ignored.append(token.words)
 
 
-def _direct(draft: Draft, value: str, words: str, ignored: list[str]) -> None:
-    before = draft.get("direction")
+def _direct(step: ParseStep, value: str, words: str, ignored: list[str]) -> None:
+    before = step.get("direction")
     if value == "circle":
         value = {"left": "counterclockwise", "right": "clockwise"}.get(str(before), str(before or "circle"))
         if value not in ("clockwise", "counterclockwise", "circle"):
             value = "circle"
-        draft.said["direction"] = value
+        step.said["direction"] = value
     elif before == "circle" and value in ("clockwise", "counterclockwise", "left", "right"):
-        draft.said["direction"] = {"left": "counterclockwise", "right": "clockwise"}.get(value, value)
+        step.said["direction"] = {"left": "counterclockwise", "right": "clockwise"}.get(value, value)
     elif before is None or before == value or (before in ("up", "down") and value not in ("up", "down")):
-        draft.said["direction"] = value
+        step.said["direction"] = value
     elif frozenset((str(before), value)) in OPPOSITE:
-        raise Opposite(f"{before} and {value}", draft.words)
+        raise Opposite(f"{before} and {value}", step.words)
     elif value in YIELDING.get(str(before), ()):
-        draft.said["direction"] = value
-    elif before not in YIELDING.get(value, ()) and (value not in ("up", "down") or draft.action in ("walk", "run")):
+        step.said["direction"] = value
+    elif before not in YIELDING.get(value, ()) and (value not in ("up", "down") or step.action in ("walk", "run")):
         ignored.append(words)
 
 
-def merged(first: Draft, second: Draft) -> Draft | None:
+def merged(first: ParseStep, second: ParseStep) -> ParseStep | None:
     """Two steps as one; None where they say different things."""
     one, two = first.slots(), second.slots()
     firm = ("manner", "speed") if first.action == "fall" else ("manner", "speed", "type")
     if any(slot in one and slot in two and one[slot] != two[slot] for slot in firm):
         return None
-    result = Draft(first.action, dict(first.implied), dict(first.said), weak=first.weak, gerund=first.gerund)
+    result = ParseStep(first.action, dict(first.implied), dict(first.said), weak=first.weak, gerund=first.gerund)
     result.joined, result.words = first.joined, f"{first.words} {second.words}"
     ignored: list[str] = []
     try:
         for slot, value in two.items():
             if slot not in ("direction", "object") and result.get(slot) is not None:
                 continue
-            attach(result, Item("slot", str(value), {slot: value}), ignored)
+            attach(result, Token("slot", str(value), {slot: value}), ignored)
     except (Opposite, InputError):
         return None
     return result

@@ -1,0 +1,320 @@
+"""A sentence as a row of tokens: the words and phrases of the lexicon in it, each with what it stands for."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+from t2d_rt.motion.descriptions.lexicon import Forms, Synonyms, forms, lexicon, meaning
+
+WORD = re.compile(r"\d+(?:\.\d+)?|[^\W\d_]+(?:'[^\W\d_]+)?|n't|[^\w\s]")
+GAP = "~"
+MOST_BETWEEN = 4
+"""Words that `~` stands for at most: "picks the red ball up"."""
+
+HIS = ("his", "her", "their", "its", "the")
+HIM = ("him", "her", "them", "it")
+
+SHORTEST_SLIP, SHORTEST_SWAP = 5, 6
+"""Letters of a word in which a letter too many, too few or two exchanged ones are read as a slip; and a wrong letter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Token:
+    """A word or phrase and what it stands for."""
+
+    kind: str
+    words: str
+    slots: Mapping[str, object] = field(default_factory=dict)
+    gerund: bool = False
+    note: str = ""
+    """The known word as which a misspelt one was read."""
+    partly: bool = False
+    """Whether it says more than is made of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A phrase of the lexicon, word by word, with one of the forms of its verb and one of the possessives."""
+
+    words: tuple[str, ...]
+    kind: str
+    slots: Mapping[str, object]
+    gerund: bool = False
+    partly: bool = False
+
+
+def words_of(text: str) -> list[str]:
+    """Words, numbers and signs in lower case; hyphens part words, dashes are commas.
+
+    >>> words_of("High-stepping, it's 2.5 s!")
+    ['high', 'stepping', ',', "it's", '2.5', 's', '!']
+    """
+    plain = unicodedata.normalize("NFKC", text).lower().translate({0x2019: "'", 0x2018: "'", 0x2014: ",", 0x2013: ","})
+    return WORD.findall(re.sub(r"(?<=\w)-(?=\w)", " ", re.sub(r"\s-+\s", " , ", plain)))
+
+
+def _spelled(phrase: str) -> Iterator[tuple[str, ...]]:
+    """The words of a phrase, with each possessive in the place of {his}."""
+    for his in HIS if "{his}" in phrase else ("",):
+        for him in HIM if "{him}" in phrase else ("",):
+            yield tuple(words_of(phrase.replace("{his}", his).replace("{him}", him)))
+
+
+def _verbs(phrases: Iterable[str], kind: str, slots: Mapping[str, object]) -> Iterator[Entry]:
+    """Entries of phrases that begin with an infinitive, in all its forms."""
+    partly = lexicon().partly_made
+    for phrase in phrases:
+        verbs = [each.partition(" ") for each in phrase.split(" and ")]  # slip and fall
+        for name in Forms._fields:
+            inflected = " and ".join(f"{getattr(forms(verb), name)} {rest}" for verb, _, rest in verbs)
+            for words in _spelled(inflected):
+                yield Entry(words, kind, slots, gerund=name == "gerund", partly=phrase in partly)
+
+
+def _phrases(phrases: Iterable[str], kind: str, slots: Mapping[str, object]) -> Iterator[Entry]:
+    return (Entry(words, kind, slots) for phrase in phrases for words in _spelled(phrase))
+
+
+def _entries() -> Iterator[Entry]:
+    """All phrases of the lexicon; of equal ones, the first counts."""
+    known = lexicon()
+    for source in ("said", "understood"):
+        for name, synonyms in known.verbs.items():
+            action, slots = meaning(name)
+            yield from _verbs(getattr(synonyms, source), "action", {"action": action, **slots})
+    for action, phrases in known.weak_verbs.items():
+        yield from _verbs(phrases, "weak", {"action": action})
+    yield from _verbs(known.limb_verbs, "attend", {})
+    yield from _verbs(known.other_actions, "other", {})
+    yield from _verbs(known.recovering, "recover", {})
+    for part, phrases in known.body_part_verbs.items():
+        yield from _verbs(phrases, "attend", {"body_part": part})
+    for source in ("adverbs", "phrases", "adjectives", "understood"):
+        for name, modifier in known.modifiers.items():
+            yield from _phrases(getattr(modifier, source), "slot", meaning(name)[1])
+    yield from _of_synonyms(known.subjects, "subject", "subject")
+    for slot, table in (("object", known.objects), ("direction", known.directions)):
+        for value, phrases in table.items():
+            yield from _phrases(phrases, slot, {slot: value})
+    yield from _of_synonyms(known.gaits, "gait", "type")
+    yield from _of_synonyms(known.fall_causes, "cause", "type")
+    for part, phrases in known.body_parts.items():
+        for phrase in phrases:
+            yield from _phrases([phrase], "part", {"body_part": part})
+            for side in ("left", "right") if part != "waist" else ():
+                yield Entry((side, *words_of(phrase)), "part", {"body_part": part, "side": side})
+    yield from _phrases(known.without_meaning, "fixed", {})
+    yield from _phrases(known.reported, "reported", {})
+    yield from _phrases(known.on_the_spot, "spot", {})
+    yield from _phrases(known.negations, "not", {})
+    for join, phrases in known.joins.items():
+        yield from (Entry(tuple(words_of(phrase)), "join", {"join": join}) for phrase in phrases)
+
+
+def _of_synonyms(table: Mapping[Any, Synonyms], kind: str, slot: str) -> Iterator[Entry]:
+    for source in ("said", "understood"):
+        for value, synonyms in table.items():
+            yield from _phrases(getattr(synonyms, source), kind, {slot: value})
+
+
+@cache
+def _index() -> dict[str, list[Entry]]:
+    """Entries by their first word, the longest first; of equal ones the earlier."""
+    found: dict[str, list[Entry]] = {}
+    for entry in _entries():
+        if entry.words:
+            found.setdefault(entry.words[0], []).append(entry)
+    return {
+        word: sorted(entries, key=lambda entry: (-len(entry.words), GAP in entry.words, entry.kind == "other"))
+        for word, entries in found.items()
+    }
+
+
+@cache
+def _body_parts() -> frozenset[str]:
+    return frozenset(phrase for phrases in lexicon().body_parts.values() for phrase in phrases)
+
+
+@cache
+def _neutral() -> frozenset[str]:
+    return frozenset(lexicon().neutral)
+
+
+@cache
+def _vocabulary() -> frozenset[str]:
+    """All words that are understood, which a misspelt one may mean."""
+    known = lexicon()
+    words = {word for entries in _index().values() for entry in entries for word in entry.words}
+    more = {*known.of_limbs, *known.numbers, *known.times, *known.seconds, "times"}
+    return frozenset(words | more | _neutral()) - {GAP}
+
+
+def tokens_of(sentence: str) -> list[Token]:
+    """The tokens of a sentence, in its order."""
+    words: list[str] = []
+    notes: dict[int, str] = {}
+    for word in words_of(sentence):
+        meant = _meant(word)
+        if meant is not None:
+            notes[len(words)] = word
+        words.append(meant or word)
+    found: list[Token] = []
+    place = 0
+    while place < len(words):
+        tokens, after = _next(words, place)
+        misspelt = [notes[each] for each in range(place, after) if each in notes]
+        if misspelt and tokens[0].kind == "unknown":
+            tokens = [Token("unknown", misspelt[0])]
+        elif misspelt:
+            tokens = [Token(each.kind, each.words, each.slots, each.gerund, " ".join(misspelt)) for each in tokens]
+        found += tokens
+        place = after
+    return found
+
+
+def _next(words: list[str], place: int) -> tuple[list[Token], int]:
+    """The token that begins at a word, with those within its gap; and where the next one begins."""
+    measure = _measure(words, place)
+    if measure is not None:
+        return [measure[0]], measure[1]
+    for entry in _index().get(words[place], ()):
+        within = _match(entry.words, words, place)
+        if within is None:
+            continue
+        gap, after = within
+        if (
+            entry.kind == "direction"
+            and entry.words[-1] in ("left", "right")
+            and after < len(words)
+            and words[after] in _body_parts()
+        ):
+            continue  # on his left foot
+        token = Token(entry.kind, " ".join(words[place:after]), entry.slots, entry.gerund, partly=entry.partly)
+        inner = tokens_of(" ".join(gap)) if gap else []
+        numbers = lexicon().numbers
+        counted = [numbers[word] for word in gap if word in numbers and word not in ("a", "an")]
+        inner = [each for each in inner if not counted or each.words not in numbers]
+        if counted and entry.words[-1] in ("step", "steps"):
+            inner.append(Token("reported", next(word for word in gap if numbers.get(word) == counted[0])))
+        elif counted:
+            inner.append(Token("slot", str(counted[0]), {"count": counted[0]}))
+        kept = ("slot", "direction", "object", "unknown", "gait", "reported")
+        return [token, *(each for each in inner if each.kind in kept)], after
+    word = words[place]
+    if word.endswith("n't") or word == "cannot":
+        return [Token("not", word)], place + 1
+    known = word in _neutral() or word in ("zero", "one", "a", "an") or not any(char.isalnum() for char in word)
+    kind = "of limb" if word in lexicon().of_limbs else "neutral" if known else "unknown"
+    return [Token(kind, word)], place + 1
+
+
+def _match(pattern: tuple[str, ...], words: list[str], place: int) -> tuple[list[str], int] | None:
+    """The words that `~` stands for, and where the phrase ends; None where it does not stand here."""
+    if GAP not in pattern:
+        after = place + len(pattern)
+        return ([], after) if tuple(words[place:after]) == pattern else None
+    split = pattern.index(GAP)
+    first, last = pattern[:split], pattern[split + 1 :]
+    start = place + len(first)
+    if tuple(words[place:start]) != first:
+        return None
+    for end in range(start, start + MOST_BETWEEN + 1):
+        if tuple(words[end : end + len(last)]) == last:
+            return words[start:end], end + len(last)
+        if end >= len(words) or words[end] in ("and", "then", ",", ".", "before", "after", "while", "to"):
+            return None
+    return None
+
+
+def _measure(words: list[str], place: int) -> tuple[Token, int] | None:
+    """A number of times or of seconds that begins at a token."""
+    word, rest = words[place], words[place + 1 : place + 5]
+    if word in lexicon().times:
+        conjunction = word == "once" and ((rest and rest[0] in lexicon().not_once) or words[max(place - 1, 0)] == "at")
+        return None if conjunction else (Token("slot", word, {"count": lexicon().times[word]}), place + 1)
+    if word in ("for", "after") and rest:
+        start = place + 1 + int(word == "for" and rest[0] in lexicon().roughly)
+        inner = _lasting(words, start, alone=False)
+        if inner is None or (word == "after" and inner[0].note.endswith("moment")):
+            return None
+        return inner if word == "for" else (Token("reported", f"after {inner[0].words}"), inner[1])
+    return _times(words, place) or _lasting(words, place, alone=True)
+
+
+def _number(words: list[str], place: int) -> tuple[float, bool, int] | None:
+    """A number that begins at a token, whether it is a vague one, and where it ends: ten, twenty five, a few, a couple of, 2.5."""
+    ahead = words[place : place + 3]
+    known = lexicon()
+    if ahead and ahead[0] == "a" and ahead[1:2] and ahead[1] in known.some:
+        ahead, place = ahead[1:], place + 1
+    if not ahead:
+        return None
+    if ahead[0] in known.some:
+        return known.some[ahead[0]], ahead[0] != "couple", place + 1 + int(ahead[1:2] == ["of"])
+    if ahead[0][0].isdigit():
+        return float(ahead[0]), False, place + 1
+    number = known.numbers.get(ahead[0])
+    if number is None:
+        return None
+    ones = known.numbers.get(ahead[1]) if number >= 20 and ahead[1:] else None
+    return (number + ones, False, place + 2) if ones is not None and 0 < ones < 10 else (number, False, place + 1)
+
+
+def _times(words: list[str], place: int) -> tuple[Token, int] | None:
+    """How many times: four times, a few times; and four hops."""
+    found = _number(words, place)
+    if found is None or found[2] >= len(words):
+        return None
+    number, vague, after = found
+    whole = int(number) if number == int(number) else number
+    follows = words[after]
+    if follows == "times" or (follows == "time" and words[place] not in ("a", "an")):
+        said = " ".join(words[place : after + 1])
+        note = said if vague else ""
+        return Token("slot", f"{whole} times" if vague else said, {"count": whole}, note=note), after + 1
+    deeds = any(entry.kind == "action" and entry.words == (follows,) for entry in _index().get(follows, ()))
+    if deeds and follows.endswith("s") and follows != "steps" and number > 1:
+        return Token("slot", words[place], {"count": whole}), after
+    return None
+
+
+def _lasting(words: list[str], place: int, *, alone: bool) -> tuple[Token, int] | None:
+    """How long: ten seconds, half a minute, a few seconds; where it stands `alone`, behind no "for", not a moment or a second."""
+    ahead = words[place : place + 3]
+    half = ahead[:2] in (["half", "a"], ["half", "an"])
+    found = (0.5, False, place + 2) if half else _number(words, place)
+    if found is None or found[2] >= len(words) or words[found[2]] not in lexicon().seconds:
+        return None
+    number, vague, after = found
+    unit = words[after]
+    if alone and (ahead[0] in ("a", "an") or unit.startswith("moment")):
+        return None
+    said = " ".join(words[place : after + 1])
+    seconds = float(number) * lexicon().seconds[unit]
+    vague = vague or unit.startswith("moment")
+    note = said if vague else ""
+    return Token("slot", f"{seconds:g} seconds" if vague else said, {"duration_s": seconds}, note=note), after + 1
+
+
+def _meant(word: str) -> str | None:
+    """The one word of the lexicon that differs from a misspelt one by one letter; None where there is none, or several."""
+    known = _vocabulary()
+    if word in known or len(word) < SHORTEST_SLIP or not word.isalpha() or word in lexicon().not_misspelt:
+        return None
+    letters = "abcdefghijklmnopqrstuvwxyz"
+    places = range(len(word) + 1)
+    near = {word[:n] + word[n + 1 :] for n in places[1:-1]}
+    exchanged = {word[:n] + word[n + 1] + word[n] + word[n + 2 :] for n in places[:-2]}
+    near |= {word[:n] + letter + word[n:] for n in places for letter in letters}
+    if len(word) >= SHORTEST_SWAP:
+        near |= {word[:n] + letter + word[n + 1 :] for n in places[1:-1] for letter in letters}
+    for guesses in (exchanged, exchanged | near):  # two exchanged letters are the likeliest
+        found = {each for each in guesses & known if len(each) >= SHORTEST_SLIP}
+        if len(found) == 1:
+            return found.pop()
+    return None
