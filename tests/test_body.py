@@ -396,6 +396,7 @@ def test_resources_do_not_lead_out_of_their_folder(name):
         resource("meshes", name)
 
 
+@pytest.mark.slow
 def test_bodies_of_like_size_share_their_facets(walk):
     """A person 2 % taller has the same facets, on a surface of his own; one half as tall again has others."""
     sizes = {scale: skin(moved(walk, Rotation.identity(), np.zeros(3), scale)) for scale in (1.0, 1.02, 1.5)}

@@ -123,6 +123,7 @@ def corner() -> MovingMesh:
     return static_mesh(vertices + RADAR.tx_position_m + [RANGE_M, 0, 0], faces, until_s=0.1)
 
 
+@pytest.mark.slow
 def test_sphere_over_a_plate(backend: Backend) -> None:
     """Two paths of equal length, plate and sphere in either order, each with the sphere's own pi a^2: 4 pi a^2 in all."""
     radius, half = 0.1, 0.8
@@ -204,6 +205,7 @@ def rotating(time_s: float = 0.4) -> MovingMesh:
     return MovingMesh(np.stack(places), faces, times, "pec")
 
 
+@pytest.mark.slow
 def test_frames_between_agree_with_the_interpolation(backend: Backend) -> None:
     """At twice the surface rate, and tubes traced at the frames between."""
     from scipy.interpolate import CubicSpline

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from builders import WALK, walk
+from builders import WALK, slow_after, walk
 from command_line import Command
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion import resample, trim
@@ -157,7 +157,7 @@ def noisy(motion: Motion, sigma_m: float, seed: int = 0) -> Motion:
 
 
 @pytest.mark.parametrize("rate", [10.0, 24.0, 60.0, 240.0])
-@pytest.mark.parametrize("stature", [1.0, 1.7, 2.0])
+@pytest.mark.parametrize("stature", slow_after(1, [1.0, 1.7, 2.0]))
 @pytest.mark.parametrize(
     ("sign", "direction", "state"), [(1, "forward", "lying face down"), (-1, "backward", "lying on the back")]
 )

@@ -80,7 +80,7 @@ def test_times_in_any_unit_give_the_rate(tmp_path: Path, walk: Motion, name: str
         )
 
 
-@pytest.mark.parametrize("digits", [2, 3, 6])
+@pytest.mark.parametrize("digits", slow_after(1, [2, 3, 6]))
 @pytest.mark.parametrize("rate_hz", [60.0, 120.0])
 def test_rounded_times_of_a_trc_are_even(tmp_path: Path, walk: Motion, digits: int, rate_hz: float) -> None:
     walk = t2d.resample(walk, rate_hz)

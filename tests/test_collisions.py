@@ -10,7 +10,7 @@ import pytest
 
 import builders
 import t2d_rt as t2d
-from builders import ball, plate
+from builders import ball, plate, slow_after
 from t2d_rt.core.backend import Backend
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.propagation.collisions import Collision, find_collisions, is_room, radar_outside, uneven_times
@@ -107,7 +107,7 @@ def test_one_may_sit_down(backend: Backend, kind: str, forward_m: float) -> None
 DOORWAY = {"name": "doorway", "wall": "-y", "along_m": 0.0, "width_m": 0.8, "height_m": 2.0}
 
 
-@pytest.mark.parametrize("slab", [None, {"material": "wood", "thickness_m": 0.04}])
+@pytest.mark.parametrize("slab", slow_after(1, [None, {"material": "wood", "thickness_m": 0.04}]))
 def test_movers_near_their_wall_cry_no_wolf(backend: Backend, slab: object) -> None:
     """A door that swings in its frame, open or drawn closed, a curtain before a wall, fans in the free."""
     room = Room(name="cell", size_m=(5, 4, 2.5), openings=({**DOORWAY, "slab": slab},))

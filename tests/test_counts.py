@@ -26,13 +26,13 @@ def hips(motion: Motion) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("sentence", "count"),
-    [
+    slow_after(2, [
         ("a man jumps up once", 1),
         ("a man hops on one leg four times", 4),
         ("she takes three hops", 3),
         ("a girl jumps to the left twice", 2),
         ("a boy jumps forward a couple of times and stands still", 2),
-    ],
+    ]),
 )  # fmt: skip
 def test_jumps_are_as_many_as_the_sentence_says(sentence: str, count: int) -> None:
     for seed in (0, 1):
@@ -50,8 +50,15 @@ def test_who_hops_on_one_leg_lands_on_one() -> None:
 
 @pytest.mark.parametrize(
     ("sentence", "count"),
-    [("a man squats three times", 3), ("a woman sits down twice", 2), ("an old man sits down and stands up three times", 3)],
-)  # fmt: skip
+    slow_after(
+        1,
+        [
+            ("a man squats three times", 3),
+            ("a woman sits down twice", 2),
+            ("an old man sits down and stands up three times", 3),
+        ],
+    ),
+)
 def test_hips_go_down_as_often_as_the_sentence_says(sentence: str, count: int) -> None:
     assert dips(hips(motion_from_text(sentence, seed=2)), 0.6) == count
 

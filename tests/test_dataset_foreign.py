@@ -7,7 +7,9 @@ import json
 import os
 import zipfile
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -21,9 +23,19 @@ from t2d_rt.dataset.shards import archive, sha256
 Change = Callable[[dict[str, Any]], object]
 
 
+@cache
+def sound() -> dict[str, bytes]:
+    """The files of a data set of two classes."""
+    with TemporaryDirectory() as place:
+        folder = write_dataset(Path(place) / "set", recipe(classes=["walking", "bending"]))
+        return {str(each.relative_to(folder)): each.read_bytes() for each in folder.rglob("*") if each.is_file()}
+
+
 def foreign(folder: Path, records: Callable[[list[Any]], Any] | None = None, arrays: Change | None = None) -> Path:
     """A data set whose maker changed the first shard and wrote a manifest that fits."""
-    write_dataset(folder, recipe(classes=["walking", "bending"]))
+    for name, data in sound().items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(data)
     lines, packed = folder / "shards" / "00000.jsonl", folder / "shards" / "00000.npz"
     if records is not None:
         found = [json.loads(line) for line in lines.read_bytes().splitlines()]

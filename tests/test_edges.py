@@ -9,7 +9,7 @@ import pytest
 from trimesh.creation import box
 
 import t2d_rt as t2d
-from builders import ANTENNA_M, UP, plate, walk
+from builders import ANTENNA_M, UP, plate, slow_after, walk
 from measures import knife_edge_db
 from t2d_rt.core.backend import select
 from t2d_rt.core.constants import SPEED_OF_LIGHT
@@ -186,8 +186,12 @@ def test_mirrors_of_one_surface_have_names_of_their_own() -> None:
 
 
 @pytest.mark.parametrize(
-    ("first", "second"), [((-2, 12), (-2, 12)), ((-2, 2), (1, 12)), ((-2, 12), (1, 2)), ((1, 2), (-2, 12)), ((-2, 1.5), (1.5, 12))]
-)  # fmt: skip
+    ("first", "second"),
+    slow_after(
+        2,
+        [((-2, 2), (1, 12)), ((-2, 12), (1, 2)), ((-2, 12), (-2, 12)), ((1, 2), (-2, 12)), ((-2, 1.5), (1.5, 12))],
+    ),
+)
 def test_walls_that_overlap_reflect_once(first: tuple[float, float], second: tuple[float, float]) -> None:
     """Twice the same, in part, a panel on a wall, and side by side: the fractions of one plane add up to one everywhere."""
     pieces = [

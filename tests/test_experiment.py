@@ -287,6 +287,7 @@ class Wider(t2d.Accuracy):
     """Rate of something new [Hz]."""
 
 
+@pytest.mark.slow
 def test_a_new_field_of_accuracy_needs_no_other_edit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

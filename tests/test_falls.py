@@ -93,6 +93,7 @@ def test_the_skin_lies_on_the_floor_and_so_do_pieces() -> None:
     assert depth_m(motion, "old") < 0.05
 
 
+@pytest.mark.slow
 def test_soles_before_a_fall_are_on_the_floor_in_pieces_too() -> None:
     """Of the run before it alone, the right foot was 5.6 cm deep: nobody came down in that piece."""
     description, _ = understood("A young man ran forward, then tripped and tumbled onto the floor.")
@@ -269,6 +270,7 @@ def test_without_mujoco_one_sentence_says_what_to_install(monkeypatch: pytest.Mo
         simulate_fall(walk(), FallPlan(type="slip"))
 
 
+@pytest.mark.slow
 def test_a_lead_of_a_low_rate_is_resampled() -> None:
     made = simulate_fall(resample(walk(), 30), FallPlan(type="collapse", seed=1, rest_s=0.3))
     assert made.motion.rate_hz == 120

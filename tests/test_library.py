@@ -189,7 +189,7 @@ def test_pieces_are_joined_without_a_jump(second: tuple[str, str]) -> None:
 @pytest.mark.parametrize("action", slow_after(1, ["walks", "runs"]))
 def test_slow_and_fast_are_slower_and_faster(action: str) -> None:
     means = [
-        np.mean([speed_mps(made(f"a man {action} {speed}", seed)) for seed in range(4)])
+        np.mean([speed_mps(made(f"a man {action} {speed}", seed)) for seed in range(2)])
         for speed in ("slowly", "", "fast")
     ]
     assert means[0] < 0.9 * means[1] < 0.81 * means[2]
@@ -505,7 +505,7 @@ def test_what_no_maker_does_is_told_in_the_origin() -> None:
     assert not any(note.startswith("not made") for note in motion_from_text("a person jumps twice").origin)
 
 
-@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("side", slow_after(1, ["left", "right"]))
 def test_a_limp_is_on_the_side_that_the_sentence_names(side: str) -> None:
     for seed in range(3):
         poses = poses_of(motion_from_text(f"a person limps on the {side} leg", seed=seed))
@@ -514,6 +514,7 @@ def test_a_limp_is_on_the_side_that_the_sentence_names(side: str) -> None:
         assert alone[side] < alone["right" if side == "left" else "left"]
 
 
+@pytest.mark.slow
 def test_a_fall_goes_where_the_sentence_says_or_says_that_it_does_not() -> None:
     pytest.importorskip("mujoco")
     for sentence, wanted in (
@@ -525,7 +526,7 @@ def test_a_fall_goes_where_the_sentence_says_or_says_that_it_does_not() -> None:
         assert told == (detect_fall(motion).direction != wanted)
 
 
-@pytest.mark.parametrize("direction", ["clockwise", "counterclockwise"])
+@pytest.mark.parametrize("direction", slow_after(1, ["clockwise", "counterclockwise"]))
 def test_a_dance_in_a_circle_spins_the_same_way(direction: str) -> None:
     sign = -1.0 if direction == "clockwise" else 1.0
     for seed in range(2):
@@ -534,6 +535,7 @@ def test_a_dance_in_a_circle_spins_the_same_way(direction: str) -> None:
         assert sign * (heading[-1] - heading[0]) > 0
 
 
+@pytest.mark.slow
 def test_motions_beyond_two_minutes_and_trips_backward_are_refused() -> None:
     with pytest.raises(InputError, match="more than 120 s; ask for fewer repetitions"):
         motion_from_text("a person jumps 70 times", seed=0)

@@ -55,9 +55,9 @@ def test_simulate_takes_files_and_names(tmp_path: Path, monkeypatch: pytest.Monk
     motion = t2d.trim(t2d.load_motion(WALK), 0, 0.4)
     monkeypatch.setattr(named.motion, "load_motion", lambda path: motion if path.name == WALK.name else None)
     expected = t2d.simulate(motion, radar=radar, **SHORT).cube
-    for target in (WALK, str(WALK), "walk", ["walk"], [WALK]):
-        for given in (Path("mine.yaml"), "mine.yaml"):
-            np.testing.assert_array_equal(t2d.simulate(target, radar=given, **SHORT).cube, expected)
+    file = Path("mine.yaml")
+    for target, given in ((WALK, file), (str(WALK), "mine.yaml"), ("walk", file), (["walk"], file), ([WALK], file)):
+        np.testing.assert_array_equal(t2d.simulate(target, radar=given, **SHORT).cube, expected)
     by_name = t2d.simulate("walk", radar="CI4R", **SHORT)
     assert by_name.radar == t2d.Radar.preset("ci4r")
     # A file goes before an example of its name.

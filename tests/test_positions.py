@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
-from builders import MOTIONS, WALK
+from builders import MOTIONS, WALK, slow_after
 from t2d_rt.body import template
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion, motion_from_joints
@@ -54,7 +54,7 @@ def points_of(motion: Motion) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("rate_hz", [None, 30.0])
-@pytest.mark.parametrize("name", CLIPS)
+@pytest.mark.parametrize("name", slow_after(2, CLIPS))
 def test_rotations_reproduce_positions_without_jumps_of_twist(name: str, rate_hz: float | None) -> None:
     found = of_positions(clip(name, rate_hz))
     errors = reproduction_errors_m(found)

@@ -187,7 +187,7 @@ def test_a_wide_sweep_of_echoes_far_apart_takes_little_memory() -> None:
     assert _step_of("hann", 1_000_000, 10_000_000) == 1
 
 
-@pytest.mark.parametrize("window", ["hann", "boxcar", "blackmanharris"])
+@pytest.mark.parametrize("window", slow_after(1, ["hann", "boxcar", "blackmanharris"]))
 def test_a_spectrogram_takes_few_samples_of_beats_that_lie_close(window: str, monkeypatch: pytest.MonkeyPatch) -> None:
     radar = Radar.preset("table2", rx_offsets_m=[[0, 0, 0], [0, 0.01, 0]], prf_hz=20e3)
     inside, outside = both(radar, monkeypatch)

@@ -316,7 +316,7 @@ plausible = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(key=st.sampled_from([*Radar.model_fields, "other"]), value=anything)
 def test_any_value_gives_a_radar_or_an_input_error(key: str, value: object) -> None:
     try:

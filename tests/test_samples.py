@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from builders import slow_after
 from command_line import Command
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion
@@ -291,7 +292,7 @@ def test_flips_of_rotations_are_told_in_all_formats(tmp_path: Path) -> None:
 # --- all together ---
 
 
-@pytest.mark.parametrize("place", range(len(CORRUPTIONS)), ids=list(CORRUPTIONS))
+@pytest.mark.parametrize("place", slow_after(15, range(len(CORRUPTIONS))), ids=list(CORRUPTIONS))
 def test_no_corruption_passes_as_another_motion_without_a_word(place: int) -> None:
     name = list(CORRUPTIONS)[place]
     forms = CORRUPTIONS[name][2]

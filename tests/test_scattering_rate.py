@@ -113,7 +113,7 @@ def test_a_vibration_has_its_amplitude_and_no_other_lines(what: str) -> None:
     assert np.abs(phase - line @ found).max() < 0.05 * expected
 
 
-@pytest.mark.parametrize(("amplitude_m", "frequency_hz"), [(5e-5, 20.0), (2e-5, 30.0), (5e-6, 36.0)])
+@pytest.mark.parametrize(("amplitude_m", "frequency_hz"), slow_after(1, [(5e-5, 20.0), (2e-5, 30.0), (5e-6, 36.0)]))
 def test_a_tremor_on_a_walking_body_is_resolved(amplitude_m: float, frequency_hz: float) -> None:
     motion = t2d.place(builders.walk(), distance_m=6)
     limbs = segments(motion)

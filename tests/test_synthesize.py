@@ -451,7 +451,7 @@ def test_echoes_that_are_dark_from_a_windows_start() -> None:
     assert not cube[-1].any()
 
 
-@pytest.mark.parametrize("multiplexing", ["simultaneous", "tdm", "ddm"])
+@pytest.mark.parametrize("multiplexing", slow_after(1, ["simultaneous", "tdm", "ddm"]))
 def test_merged_echoes_of_any_number_of_receivers(multiplexing: str) -> None:
     radar = Radar.preset(
         "array-3x4", tx_offsets_m=[[0, -0.004, 0], [0, 0.004, 0]], multiplexing=multiplexing,

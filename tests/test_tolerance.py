@@ -226,6 +226,7 @@ def test_ellipsoids_where_they_suffice(walk: Motion) -> None:
     assert t2d.simulate(walk, radar=RADAR, tolerance_db=5.0, measure_error=False).settings["method"] == "ellipsoid"
 
 
+@pytest.mark.slow
 def test_a_plan_by_ellipsoids_makes_the_same_recording(walk: Motion) -> None:
     """Its accuracy says so, in free space too, and the experiment stays that which was asked for."""
     plan = t2d.plan(walk, radar=RADAR, tolerance_db=5.0)
@@ -352,6 +353,7 @@ def test_a_plan_serves_other_recordings(walk: Motion) -> None:
     assert t2d.simulate(other, radar=RADAR, accuracy=plan.accuracy).accuracy == plan.accuracy
 
 
+@pytest.mark.slow
 def test_facets_are_counted_before_they_are_made(walk: Motion) -> None:
     model = modelled(walk)
     (counted,) = facet_counts(model, t2d.Accuracy())
