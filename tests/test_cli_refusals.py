@@ -64,8 +64,7 @@ def spoiled(name: str) -> bytes:
 )
 def test_motion_files_that_cannot_be_used(refused: Callable[..., str], name: str, sentence: str) -> None:
     Path("bad.bvh").write_bytes(spoiled(name))
-    for command in ("simulate", "compare", "info"):
-        assert sentence in refused(command, "bad.bvh")
+    assert sentence in refused("simulate", "bad.bvh")
 
 
 def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
@@ -102,31 +101,18 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
         ("--radar --seed 3", "option --radar needs a value"),
         ("other.bvh", "expected one file, got 2 (walk.bvh, other.bvh)"),
         ("--seed x", "option seed must be a whole number, got 'x'"),
-        ("--seed -1", "seed must be an integer of 0 or more, got -1"),
         ("--method foo", "option method must be mesh or ellipsoid, got 'foo'"),
         ("--accuracy.occlusion maybe", "option accuracy.occlusion must be true or false, got 'maybe'"),
         ("--scene foo", "unknown scene 'foo'"),
-        ("--material foo", "unknown material 'foo'; ITU names are"),
         ("--material brick", "has no values for brick at 77.8"),
-        ("--body foo", "unknown body 'foo'; choose one of adult"),
         ("--device tpu", "option device must be auto or cpu or gpu"),
         ("--radar foo", "unknown radar preset 'foo'; choose one of array-3x4"),
         ("--radar gone.yaml", "cannot read radar file gone.yaml: No such file"),
         ("--radar.carrier-hz -1", "radar key carrier_hz: got -1.0, should be greater"),
-        ("--radar.slope-hz-per-s 0", "radar key slope_hz_per_s: got 0.0, should be greater"),
-        ("--radar.sample-rate-hz -6e6", "radar key sample_rate_hz: got -6000000.0, should be greater"),
-        ("--radar.prf-hz 0", "radar key prf_hz: got 0.0, should be greater"),
         ("--radar.prf-hz nan", "option radar.prf_hz must be a number, got 'nan'"),
         ("--radar.samples 2.5", "option radar.samples must be a whole number, got '2.5'"),
-        (
-            "--radar.prf-hz 40000",
-            "sampling window of 37.3886 us (256 samples at 6.847e+06 Hz) is longer than the chirp",
-        ),
         ("--radar.position-m [1,2]", "option radar.position_m must be a list of 3 numbers, got '[1, 2]'"),
-        ("--radar.boresight [0,0,0]", "boresight must be a direction"),
         ("--distance-m 0.05", "the radar at (0, 0, 1) m is inside adult at 0 s; place the target farther away"),
-        ("--distance-m 0.05 --method ellipsoid", "the radar at (0, 0, 1) m is inside abdomen at 0 s; place the target"),
-        ("--distance-m -1", "distance_m must be positive, got -1.0"),
         ("--start-s 3 --stop-s 2", "stop_s must lie after start_s of 3 s, got 2"),
         ("--motion.units 1e9", "the body would be 2.83e+10 m tall; leave units out"),
         ("--motion.units furlong", "units 'furlong' are unknown"),
@@ -136,19 +122,12 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
             "--motion.up w",
             "option motion.up must be x or y or z or -x or -y or -z or file or a list such as [1, 2.5] or null, got 'w'",
         ),
-        ("--signal.mti foo", "MTI method must be 'none', 'mean', 'highpass' or 'canceller', got 'foo'"),
-        ("--signal.window foo", "unknown window 'foo'"),
         ("--signal.n-window 999999", "shorter than the STFT window of 999999"),
         ("--signal.range-gate-m [90,100]", "range gate 90..100 m holds no range bin"),
-        ("--accuracy.surface-rate-hz 0", "surface_rate_hz: got 0.0, should be greater than or equal to 10"),
-        ("--accuracy.visibility-rate-hz 0", "visibility_rate_hz: got 0.0, should be greater than or equal to 1"),
         ("--accuracy.sagitta-rad 19", "sagitta_rad: got 19.0, should be less than or equal to 10"),
         ("--stop-s 0.01 --signal.n_window 256", "record of 85 chirps is shorter than the STFT window of 256"),
         ("--config gone.yaml", "cannot read config file gone.yaml: No such file"),
         ("--add fan", "a mover is written as kind:x,y,z,key=value or as a mapping with a kind, got 'fan'"),
-        ("--add fam:1,2,3", "unknown mover 'fam'; did you mean fan?"),
-        ("--add fan:1,2,3,rpms=4", "unknown fan key 'rpms'; did you mean rpm?"),
-        ("--add person:gone.bvh", "cannot read BVH file gone.bvh: No such file"),
         ("--add person:distance_m=3", "person key file is missing; write person:FILE.bvh"),
     ],
 )

@@ -44,26 +44,19 @@ TARGETS: dict[str, Callable[[], Any]] = {
 }
 
 
-@pytest.mark.parametrize("kind", [kind for kind in TARGETS if kind != "motion"])
+@pytest.mark.parametrize("kind", TARGETS)
 def test_a_pickled_target_is_the_same_to_the_last_bit(kind: str) -> None:
     target = TARGETS[kind]()
     again = pickle.loads(pickle.dumps(target))
     assert repr(again) == repr(target)
+    if isinstance(target, t2d.Motion):
+        assert np.array_equal(again.joints, target.joints)
+        assert np.array_equal(again.rotations, target.rotations)
     if not isinstance(target, (t2d.MovingMesh, t2d.Ellipsoids)):
         return
     times_s = np.linspace(target.times_s[0], target.times_s[-1], 7)
     assert np.array_equal(again.points_at(times_s), target.points_at(times_s))
     assert (again.made is None) == (target.made is None)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["motion", "body", "segments", "mesh", "ellipsoids"])
-def test_a_pickled_target_gives_the_same_recording(kind: str) -> None:
-    target = TARGETS[kind]()
-    again = pickle.loads(pickle.dumps(target))
-    cubes = [t2d.simulate(each, measure_error=False).cube for each in (target, again)]
-    assert np.abs(cubes[0][:]).max() > 0
-    assert np.array_equal(cubes[0][:], cubes[1][:])
 
 
 @pytest.mark.parametrize(("kind", "field"), [("motion", "rate_hz"), ("body", "sagitta_rad"), ("ellipsoids", "made")])
