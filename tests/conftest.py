@@ -37,33 +37,9 @@ settings.register_profile("same", derandomize=True, database=None)
 settings.load_profile("same")
 
 LONGEST = (
-    "test_examples",
-    "test_tolerance",
-    "test_dataset",
-    "test_rooms",
-    "test_synthesize",
-    "test_cli",
-    "test_switched_paths",
-    "test_bounces",
-    "test_experiment",
-    "test_library",
-    "test_background",
-    "test_angle",
-    "test_fuzz",
-    "test_movers",
-    "test_scattering_facets",
-    "test_path_table",
-    "test_falls",
-    "test_geometry",
-    "test_made",
-    "test_pipeline",
-    "test_through",
-    "test_api",
-    "test_cli_refusals",
-    "test_memory",
-    "test_chart",
-    "test_view",
-)
+    "test_examples", "test_dataset", "test_tolerance", "test_sweep", "test_library", "test_language_model", "test_rooms",
+    "test_cli", "test_experiment", "test_background", "test_view", "test_path_table", "test_clutter", "test_compare",
+)  # fmt: skip
 """Files that take longest, which start first so that no process waits for another at the end."""
 
 
