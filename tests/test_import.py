@@ -13,15 +13,15 @@ from builders import ROOT
 MEASURE = """
 import sys, time
 before = set(sys.modules)
-start = time.perf_counter()
+start = time.process_time()
 import t2d_rt
-print(time.perf_counter() - start)
+print(time.process_time() - start)
 print(*{name.partition(".")[0] for name in set(sys.modules) - before})
 """
 
 
 def _import_in_a_process() -> tuple[float, set[str]]:
-    """Seconds that the import took, and the top-level modules that it loaded."""
+    """CPU seconds that the import took, and the top-level modules that it loaded."""
     run = subprocess.run([sys.executable, "-c", MEASURE], capture_output=True, text=True, timeout=60, check=True)
     seconds, modules = run.stdout.splitlines()
     return float(seconds), set(modules.split())
@@ -31,7 +31,7 @@ def test_import_is_light_and_quick() -> None:
     runs = [_import_in_a_process() for _ in range(3)]
     for _, modules in runs:
         assert modules - sys.stdlib_module_names == {"t2d_rt"}
-    assert min(seconds for seconds, _ in runs) < 0.2  # best of three: the machine may be busy
+    assert min(seconds for seconds, _ in runs) < 0.2
 
 
 def test_the_package_is_cited_by_its_version() -> None:
