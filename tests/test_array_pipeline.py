@@ -83,6 +83,7 @@ def test_an_ellipsoid_is_seen_at_its_nearest_point() -> None:
     assert np.abs(direction_deg(samples) - [expected, 0]).max() < 0.1
 
 
+@pytest.mark.slow
 def test_patterns_reach_the_level() -> None:
     plain = Radar.preset("ci4r")
     cosine = plain.replace(tx_pattern={"kind": "cosine", "exponent": 2}, rx_pattern={"kind": "cosine", "exponent": 4})

@@ -369,6 +369,7 @@ def test_captures_of_both_layouts(tmp_path, lanes: int) -> None:
 # --- evaluation ---
 
 
+@pytest.mark.slow
 def test_distances_tell_like_from_unlike() -> None:
     first = [example_record(seed).relative_db for seed in range(8)]
     alike = distances(first, [example_record(seed).relative_db for seed in range(10, 18)])

@@ -334,6 +334,7 @@ def test_surfaces_too_large_for_the_memory_are_refused(corner: MovingMesh) -> No
         )
 
 
+@pytest.mark.slow
 def test_without_a_direct_path_there_are_none_and_that_is_told() -> None:
     vertices, faces = dihedral()
     behind = static_mesh(vertices + [9.5, 2.0, 1.0], faces, until_s=0.1)

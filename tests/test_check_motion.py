@@ -467,7 +467,7 @@ CASES: list[tuple[Motion, Activity]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("case", range(len(CASES)))
+@pytest.mark.parametrize("case", slow_after(4, range(len(CASES))))
 def test_motions_are_of_their_class_and_of_no_other_gait(case: int) -> None:
     motion, kind = CASES[case]
 

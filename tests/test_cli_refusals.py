@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from builders import WALK
+from builders import WALK, slow_after
 from command_line import Command, dump, listing
 from t2d_rt.cli import COMMANDS
 
@@ -48,19 +48,22 @@ def spoiled(name: str) -> bytes:
 
 @pytest.mark.parametrize(
     ("name", "sentence"),
-    [
-        ("empty", "bad.bvh is empty; expected BVH text"),
-        ("binary", "bad.bvh is not a BVH file"),
-        ("text", "bad.bvh is not a BVH file"),
-        ("truncated", "expected 524 frames of 96 channels = 50304 values, got"),
-        ("no motion", "has no MOTION section"),
-        ("count", "'Frames: 9999' but 524 rows"),
-        ("nan", "NaN, infinite or absurd values"),
-        ("inf", "NaN, infinite or absurd values"),
-        ("zero", "at least 2 frames, got 'Frames: 0'"),
-        ("one", "at least 2 frames, got 'Frames: 1'"),
-        ("joints", "no two limbs of like bones where a person has two arms and two legs"),
-    ],
+    slow_after(
+        4,
+        [
+            ("empty", "bad.bvh is empty; expected BVH text"),
+            ("binary", "bad.bvh is not a BVH file"),
+            ("text", "bad.bvh is not a BVH file"),
+            ("truncated", "expected 524 frames of 96 channels = 50304 values, got"),
+            ("no motion", "has no MOTION section"),
+            ("count", "'Frames: 9999' but 524 rows"),
+            ("nan", "NaN, infinite or absurd values"),
+            ("inf", "NaN, infinite or absurd values"),
+            ("zero", "at least 2 frames, got 'Frames: 0'"),
+            ("one", "at least 2 frames, got 'Frames: 1'"),
+            ("joints", "no two limbs of like bones where a person has two arms and two legs"),
+        ],
+    ),
 )
 def test_motion_files_that_cannot_be_used(refused: Callable[..., str], name: str, sentence: str) -> None:
     Path("bad.bvh").write_bytes(spoiled(name))

@@ -226,6 +226,7 @@ def test_drawn_speeds_hold_all_that_is_seen() -> None:
 # --- the command ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_command_names_the_columns_by_the_files(run: Command) -> None:
     simulated = recording(point(0.9, 0.1), point(swing(3.5), 0.003))
     simulated.save("simulated.zarr")

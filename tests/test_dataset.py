@@ -305,6 +305,7 @@ def test_samples_that_fail_are_recorded(monkeypatch: pytest.MonkeyPatch, tmp_pat
     )  # what is there tells, too
 
 
+@pytest.mark.slow
 def test_failures_of_a_larger_run_do_not_stop_a_smaller_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     from t2d_rt.dataset import making, worker
 

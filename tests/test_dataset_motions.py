@@ -88,6 +88,7 @@ def test_motions_are_as_long_as_the_records_and_what_was_asked_for(recipe: Recip
         np.testing.assert_array_equal(again.motion.joints, found.motion.joints)
 
 
+@pytest.mark.slow
 def test_the_source_of_a_motion_makes_the_same_motion(recipe: Recipe) -> None:
     found = sample_motion(recipe, "falling", 0, 1)
     source = MotionText(**found.source.model_dump())

@@ -15,6 +15,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
+from builders import slow_after
 from t2d_rt.body import depth_m, skin
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion import load_motion, place, resample, trim
@@ -51,7 +52,7 @@ def speeds(motion: Motion) -> np.ndarray:
     return np.diff(motion.joints, axis=0) * motion.rate_hz
 
 
-@pytest.mark.parametrize("kind", TYPES)
+@pytest.mark.parametrize("kind", slow_after(1, TYPES))
 def test_the_lead_stays_as_it_is_and_goes_over_without_a_jump(kind: str) -> None:
     made = fallen(kind)
     event = round(made.events.event_s * RATE_HZ)

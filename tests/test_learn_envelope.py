@@ -45,6 +45,7 @@ def test_it_learns_and_its_axes_are_kept_with_the_weights(trained: tuple[SavedMo
     assert np.abs(read.probabilities(test.levels) - found).max() > 0.1
 
 
+@pytest.mark.slow
 def test_a_stopped_training_goes_on_to_the_same_bits(trained: tuple[SavedModel, Path], tmp_path: Path) -> None:
     class Killed(Exception):
         pass

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import t2d_rt.learn
+from builders import slow_after
 from dataset_folder import recipe, write_dataset
 from learn_maps import ridges
 from t2d_rt.cli import main
@@ -155,14 +156,17 @@ def about(**values: Any) -> Callable[[dict[str, Any]], dict[str, Any]]:
 
 @pytest.mark.parametrize(
     ("change", "sentence"),
-    [
-        (about(indices={}), "does not tell which samples"),
-        (about(indices={"test": []}), "does not tell which samples"),
-        (about(indices={"test": "x"}), "does not tell which samples"),
-        (about(mti="none"), "was made with mti mean, the model was trained with none"),
-        (lambda told: {"duration_s": 2 * told["duration_s"]}, "cover .* s, those of the training"),
-        (lambda told: {"classes": told["classes"][::-1]}, "has the classes"),
-    ],
+    slow_after(
+        3,
+        [
+            (about(indices={}), "does not tell which samples"),
+            (about(indices={"test": []}), "does not tell which samples"),
+            (about(indices={"test": "x"}), "does not tell which samples"),
+            (about(mti="none"), "was made with mti mean, the model was trained with none"),
+            (lambda told: {"duration_s": 2 * told["duration_s"]}, "cover .* s, those of the training"),
+            (lambda told: {"classes": told["classes"][::-1]}, "has the classes"),
+        ],
+    ),
 )
 def test_evaluation_of_what_does_not_fit(
     tiny: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str],

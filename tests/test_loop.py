@@ -164,6 +164,7 @@ def test_all_refinements_are_samples_of_one_surface(adult: tuple[np.ndarray, np.
             assert abs(rows - fine.operator[column]).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_facets_move_with_the_body(adult: tuple[np.ndarray, np.ndarray]) -> None:
     rest, faces = adult
     fine = refined(rest, faces, 2.0)

@@ -210,6 +210,7 @@ def test_movers_last_as_long_as_the_others() -> None:
         t2d.simulate(fan, radar=QUICK)
 
 
+@pytest.mark.slow
 def test_movers_stay_meshes_beside_ellipsoids() -> None:
     times = np.linspace(0, 0.2, 5)
     ball = Ellipsoids(np.full((1, 3), 0.1), np.tile([2.0, -1.0, 1.0], (5, 1, 1)), times)

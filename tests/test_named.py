@@ -48,6 +48,7 @@ def test_all_examples_are_persons(name: str) -> None:
     assert motion.duration_s == pytest.approx(float(seconds[1]), abs=0.2)
 
 
+@pytest.mark.slow
 def test_simulate_takes_files_and_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     radar = t2d.Radar.preset("ci4r", prf_hz=4000)

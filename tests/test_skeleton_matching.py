@@ -297,7 +297,7 @@ def test_words(name: str, side: str | None, part: str | None) -> None:
     assert part in found.parts if part else not found.parts
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", slow_after(6, FAMILIES))
 def test_families_are_read(tmp_path: Path, family: str) -> None:
     base = sorted(BASES)[len(family) % 3]
     motion = load_motion(person(base).renamed(table(FAMILIES[family])).write(tmp_path / "a.bvh"), smooth_hz=None)
@@ -375,7 +375,7 @@ HANGS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("base", BASES)
+@pytest.mark.parametrize("base", slow_after(1, BASES))
 @pytest.mark.parametrize("hangs", HANGS)
 def test_limbs_may_hang_elsewhere(tmp_path: Path, base: str, hangs: str) -> None:
     skeleton = person(base).hanging(HANGS[hangs])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from builders import ANTENNA_M, UP, ball, plate
+from builders import ANTENNA_M, UP, ball, plate, slow_after
 from t2d_rt.cli.options import simulate_parser
 from t2d_rt.core.backend import select
 from t2d_rt.core.constants import SPEED_OF_LIGHT
@@ -113,7 +113,7 @@ def moving_ball(method: str) -> MovingMesh | Ellipsoids:
 
 @pytest.mark.parametrize(
     ("material", "thickness_m", "method"),
-    [("plasterboard", 0.0125, "mesh"), ("wood", 0.04, "mesh"), ("wood", 0.04, "ellipsoid")],
+    slow_after(1, [("plasterboard", 0.0125, "mesh"), ("wood", 0.04, "mesh"), ("wood", 0.04, "ellipsoid")]),
 )
 def test_a_sphere_behind_a_partition_is_weaker_by_its_loss_out_and_back(
     material: str, thickness_m: float, method: str

@@ -12,7 +12,7 @@ import pytest
 
 import builders
 import t2d_rt as t2d
-from builders import ball
+from builders import ball, slow_after
 from measures import nmse_db
 from t2d_rt.accuracy.cost import facet_counts
 from t2d_rt.core.errors import InputError, T2DWarning
@@ -169,7 +169,7 @@ def test_chirps_between_frames_are_those_of_the_direct_sum(preset: str, antenna:
     np.testing.assert_allclose(found, expected, rtol=1e-4)
 
 
-@pytest.mark.parametrize("preset", ["array-3x4", "automotive-79"])
+@pytest.mark.parametrize("preset", slow_after(1, ["array-3x4", "automotive-79"]))
 def test_chirps_are_of_any_antenna(preset: str) -> None:
     target = ball((3.0, 0.8, 1.2), (1.0, 0.5, 0.0), 0.1, radius_m=0.15, sagitta_rad=0.15)
     found = t2d.simulate(target, radar=Radar.preset(preset), measure_error=True)
@@ -240,6 +240,7 @@ def test_a_plan_by_ellipsoids_makes_the_same_recording(walk: Motion) -> None:
     assert t2d.run(asked, accuracy=default.accuracy).settings["method"] == "mesh"
 
 
+@pytest.mark.slow
 def test_ellipsoids_of_an_accuracy_stand_for_bodies_alone(walk: Motion) -> None:
     """Meshes of the user keep their facets, beside a body and without one."""
     ball_alone = balls((2, 0, 1))

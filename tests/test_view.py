@@ -557,6 +557,7 @@ def test_between_frames_speeds_are_those_of_the_truth(browser: Browser, page: Pa
         assert np.abs(ranges - foot.segment_range_m.values).max() < 5e-3
 
 
+@pytest.mark.slow
 @DARK
 def test_speeds_beyond_the_radars_are_folded(browser: Browser, page: Path) -> None:
     browser.open(page)

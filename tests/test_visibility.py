@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
-from builders import icosphere, moving, static_mesh, walk
+from builders import icosphere, moving, slow_after, static_mesh, walk
 from t2d_rt.body.template import template
 from t2d_rt.core.backend import Backend
 from t2d_rt.core.errors import T2DWarning
@@ -432,7 +432,7 @@ def test_a_scene_serves_its_viewpoints_however_many(
     agree()
 
 
-@pytest.mark.parametrize("together", [1, 3])
+@pytest.mark.parametrize("together", slow_after(1, [1, 3]))
 def test_viewpoints_share_a_scene(
     walker: MovingMesh, backend: Backend, together: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -460,6 +460,7 @@ def test_viewpoints_share_a_scene(
         assert np.mean(np.abs(np.concatenate(values) - expected) > 0.01) < 1e-3
 
 
+@pytest.mark.slow
 def test_viewpoints_asked_one_after_another_over_the_whole_record(
     walker: MovingMesh, backend: Backend, monkeypatch: pytest.MonkeyPatch
 ) -> None:
