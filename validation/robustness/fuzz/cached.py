@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from t2d_rt.core import disk_cache
-from t2d_rt.motion.descriptions import replies
-from validation.robustness.fuzz.case import DEEP, Attempt, Wrong, corrupted, pick, writing_only
+from t2d_rt.motion.descriptions import language_model
+from validation.robustness.fuzz.case import Attempt, Wrong, corrupted, pick, writing_only
 
 ARRAYS = {"a": np.arange(6.0).reshape(2, 3), "b": np.array([1, 2], np.int32)}
 REPLY = '{"descriptions": []}'
@@ -21,19 +21,20 @@ def attempt(rng: np.random.Generator, folder: Path) -> Attempt:
     os.environ[disk_cache.VARIABLE] = str(home)
     name = disk_cache.key("geometry", ("a",))
     disk_cache.write(name, ARRAYS)
-    replies.write(name, REPLY)
-    path = pick(rng, (home / f"{name}.npz", home / replies.FOLDER / f"{name}.json"))
+    reply = disk_cache.key("motion", ("reply",))
+    language_model._keep(reply, REPLY)
+    path = pick(rng, (home / f"{name}.npz", home / f"{reply}.npz"))
     told = pick(rng, (_damaged, _damaged, _forged, _forged, _replaced))(rng, path, folder)
-    return Attempt(f"{path.suffix} {told}: read", writing_only(lambda: _read(name), folder, "cache"))
+    return Attempt(f"{path.suffix} {told}: read", writing_only(lambda: _read(name, reply), folder, "cache"))
 
 
-def _read(name: str) -> None:
+def _read(name: str, reply: str) -> None:
     found = disk_cache.read(name, ARRAYS)
     if found is not None:
         same = all(found[key].dtype == each.dtype and np.array_equal(found[key], each) for key, each in ARRAYS.items())
         if not same:
             raise Wrong("other arrays than were kept")
-    if replies.read(name) not in (None, REPLY):
+    if language_model._kept_reply(reply) not in (None, REPLY):
         raise Wrong("another reply than was kept")
     if not np.array_equal(disk_cache.kept(name, ARRAYS, lambda: ARRAYS)["a"], ARRAYS["a"]):
         raise Wrong("other arrays than were made")
@@ -46,12 +47,6 @@ def _damaged(rng: np.random.Generator, path: Path, _: Path) -> str:
 
 
 def _forged(rng: np.random.Generator, path: Path, _: Path) -> str:
-    if path.suffix == ".json":
-        text = pick(
-            rng, (DEEP, "null", "[]", "{}", path.read_text().replace("descriptions", "changed"), '{"reply": 3}')
-        )
-        path.write_text(text)
-        return f"json {text[:30]}"
     with np.load(path) as file:
         held = dict(file)
     name = pick(rng, sorted(held))
