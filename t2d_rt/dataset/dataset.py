@@ -173,9 +173,9 @@ class Dataset:
 
     def to_xarray(self, product: Product) -> xr.Dataset:
         """A lazy view of all samples of a map with its axes; label, sentence, view and SNR of each sample are coordinates."""
-        from t2d_rt.dataset.labelled import labelled
+        from t2d_rt.dataset.xarray_view import xarray_view
 
-        return labelled(self, product)
+        return xarray_view(self, product)
 
     def checked(self, product: str) -> Product:
         """A product by its name, if the data set holds it."""

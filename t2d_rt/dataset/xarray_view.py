@@ -41,7 +41,7 @@ class _Levels(BackendArray):
         return np.asarray(whole[(slice(None), *key[1:])])
 
 
-def labelled(dataset: Dataset, product: Product) -> xr.Dataset:
+def xarray_view(dataset: Dataset, product: Product) -> xr.Dataset:
     """The view that `Dataset.to_xarray` gives."""
     dataset.checked(product)
     if product in RAGGED:
