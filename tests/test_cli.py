@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import re
@@ -20,6 +21,7 @@ import pytest
 import yaml
 
 import t2d_rt as t2d
+import t2d_rt.cli
 from builders import WALK, walk
 from command_line import Command, dump, listing
 from measures import check_picture
@@ -135,7 +137,7 @@ def test_movers_and_persons_are_added(run: Command) -> None:
         made = t2d.simulate(targets, radar=file.radar, method="ellipsoid", accuracy={"occlusion": False})
     assert np.array_equal(np.asarray(file.cube), made.cube)
     added = file.settings["added"]
-    assert [each["kind"] for each in added] == ["fan", "person"]
+    assert [each["kind"] for each in added] == ["fan", "file"]
     assert (added[0]["rpm"], added[1]["distance_m"]) == (60, 3)
 
 
@@ -296,7 +298,7 @@ def test_scene_draws_a_room(run: Command, tmp_path: Path) -> None:
         (("simulate", "walk.bvh", "--scene", "ballroom"), "unknown scene 'ballroom'"),
         (
             ("simulate", "walk.bvh", "--scene", "corridor", "--reflections", "7"),
-            "reflections must be an integer in 0..4",
+            "experiment key reflections: got 7",
         ),
         (
             ("simulate", "walk.bvh", "--scene", "corridor", "--accuracy.dynamic-range-db", "-3"),
@@ -346,10 +348,9 @@ def test_ctrl_c_while_the_program_loads(module: str, tmp_path: Path) -> None:
         "import runpy, sys\n"
         "class Stop:\n"
         "    def find_spec(self, name, *_):\n"
-        "        if name == sys.argv[1]: raise KeyboardInterrupt\n"
+        "        if name == module: raise KeyboardInterrupt\n"
         "sys.meta_path.insert(0, Stop())\n"
-        "sys.argv = ['t2d-rt', *sys.argv[1:]]\n"
-        "word, sys.argv[1:] = sys.argv[1], [sys.argv[1], 'list']\n"
+        "module, sys.argv = sys.argv[1], ['t2d-rt', 'list', 'motions']\n"
         "runpy.run_module('t2d_rt.cli', run_name='__main__')"
     )
     run = subprocess.run(
@@ -369,3 +370,46 @@ def test_help_without_docstrings(run: Command, monkeypatch: pytest.MonkeyPatch) 
     bare = subprocess.run([sys.executable, "-OO", "-c", code], capture_output=True, text=True, check=False)
     assert (bare.returncode, bare.stderr) == (0, "")
     assert bare.stdout == "".join(run(command, "--help").out for command in ("simulate", "motion"))
+
+
+# --- new fields -----------------------------------------------------------------------------------------------------
+
+
+class Windy(t2d.Experiment):
+    wind_mps: float = 0.0
+    """Speed of the wind [m/s]."""
+
+
+class Grainy(t2d.Accuracy):
+    grain_m: float | None = None
+    """Size of the grains [m]."""
+
+
+def test_a_new_field_is_an_option_stands_in_yaml_and_is_saved(run: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With no edit anywhere: options are the fields of `Experiment` and `Accuracy`."""
+    for module in ("experiment.experiment", "experiment.setup", "recording.folder"):
+        monkeypatch.setattr(f"t2d_rt.{module}.Experiment", Windy)
+    for module in ("types", "accuracy.wanted", "recording.folder"):
+        monkeypatch.setattr(f"t2d_rt.{module}.Accuracy", Grainy)
+    monkeypatch.setattr(t2d_rt.cli, "_command", inspect.unwrap(t2d_rt.cli._command))
+    told = " ".join(run("simulate", "--help").out.split())
+    assert "Speed of the wind [m/s]. (type: float, default: 0.0)" in told
+    assert "Size of the grains [m]." in told
+    given = ("--wind-mps", "3", "--accuracy.grain-m", "0.5")
+    config = yaml.safe_load(run("simulate", "walk.bvh", *given, "--print_config").out)
+    assert (config["wind_mps"], config["accuracy"]) == (3, {"grain_m": 0.5})
+    dump("run.yaml", {"wind_mps": 3, "accuracy": {"grain_m": 0.5}})
+    dump("room.yaml", {"targets": [{"kind": "file", "file": "walk.bvh", "stop_s": 0.3}], "radar": "ci4r", "wind_mps": 3,
+                       "method": "ellipsoid", "accuracy": {"grain_m": 0.5}})  # fmt: skip
+    for words in (("walk.bvh", *QUICK, *given), ("walk.bvh", *QUICK, "--config", "run.yaml"), ("room.yaml",)):
+        done = run("simulate", *words, "-o", "windy.zarr", "--overwrite")
+        assert done.code == 0, done.err
+        saved = t2d.Recording.load("windy.zarr")
+        assert saved.experiment.model_dump()["wind_mps"] == 3
+        assert saved.accuracy.model_dump()["grain_m"] == 0.5
+    assert run("simulate", "walk.bvh", "--wind-mps", "strong").err.startswith(
+        "t2d-rt: option wind_mps must be a number"
+    )
+    assert run("simulate", "walk.bvh", "--wind-mp", "3").err == (
+        "t2d-rt: unknown option --wind_mp; did you mean --wind_mps? t2d-rt simulate --help lists all\n"
+    )

@@ -8,7 +8,7 @@ import re
 import pytest
 
 from t2d_rt import cli
-from t2d_rt.cli.options import field_help, parameter_help
+from t2d_rt.cli.options import parameter_help
 from t2d_rt.motion import load_motion
 from t2d_rt.simulate import simulate
 from t2d_rt.types import Radar
@@ -16,7 +16,7 @@ from t2d_rt.types import Radar
 OPTIONS = [
     (command, action.option_strings[-1], action.help)
     for command in cli.COMMANDS
-    for action in cli._command(command)[0]._actions
+    for action in cli._command(command).parser._actions
     if "--help" not in action.option_strings and not any(name.endswith("+") for name in action.option_strings[:1])
 ]
 
@@ -53,14 +53,13 @@ def test_lines_of_another_entry_or_paragraph_do_not_belong_to_it() -> None:
         """
 
     assert parameter_help(function) == {
-        "Note": "Nothing.", "first": "One and more: of it, 100 %% of it.", "second": "Two.",
+        "Note": "Nothing.", "first": "One and more: of it, 100 % of it.", "second": "Two.",
     }  # fmt: skip
 
 
 def test_every_field_of_a_radar_says_its_unit() -> None:
     units = {"hz": "[Hz]", "s": "[s]", "m": "[m]", "dbm": "[dBm]", "dbi": "[dBi]", "db": "[dB]", "deg": "[deg]"}
-    told = field_help(Radar)
-    assert list(told) == list(Radar.model_fields)
-    for name, text in told.items():
+    for name, field in Radar.model_fields.items():
+        text = field.description or ""
         unit = "[Hz/s]" if name == "slope_hz_per_s" else units.get(name.rpartition("_")[2], "")
         assert unit in text, name

@@ -116,7 +116,7 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
         ("--radar.samples 2.5", "option radar.samples must be a whole number, got '2.5'"),
         ("--radar.position-m [1,2]", "option radar.position_m must be a list of 3 numbers, got '[1, 2]'"),
         ("--distance-m 0.05", "the radar at (0, 0, 1) m is inside adult at 0 s; place the target farther away"),
-        ("--start-s 3 --stop-s 2", "stop_s must lie after start_s of 3 s, got 2"),
+        ("--start-s 3 --stop-s 2", "trim needs 0 <= start < stop"),
         ("--motion.units 1e9", "the body would be 2.83e+10 m tall; leave units out"),
         ("--motion.units furlong", "units 'furlong' are unknown"),
         ("--motion.flavour foo", "flavour 'foo' is unknown; choose one of"),
@@ -131,7 +131,7 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
         ("--stop-s 0.01 --signal.n_window 256", "record of 85 chirps is shorter than the STFT window of 256"),
         ("--config gone.yaml", "cannot read config file gone.yaml: No such file"),
         ("--add fan", "a mover is written as kind:x,y,z,key=value or as a mapping with a kind, got 'fan'"),
-        ("--add person:distance_m=3", "person key file is missing; write person:FILE.bvh"),
+        ("--add person:distance_m=3", "motion key file is missing; write file: walk.bvh, or person:walk.bvh"),
     ],
 )
 def test_options_that_cannot_be_used(refused: Callable[..., str], options: str, sentence: str) -> None:

@@ -479,7 +479,7 @@ def test_command_reads_a_sentence(run: Command) -> None:
         ([], "no class given"),
         (["--class", "sit"], "unknown class 'sit'; did you mean sitting?"),
         (["--class", "falling", "-n", "0"], "count must be an integer in 1..10000"),
-        (["--class", "falling", "-o", "falls.csv"], "written as .jsonl"),
+        (["--class", "falling", "-o", "falls.csv"], "a file of descriptions ends in .jsonl"),
         (["--class", "falling", "-o", "no/falls.jsonl"], "folder no does not exist"),
         (["--class", "falling", "--model", "m"], "--model is for a language model"),
         (["--class", "falling", "--source", "poet"], "source must be grammar or openai"),

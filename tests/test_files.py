@@ -20,9 +20,10 @@ import yaml
 
 from builders import MOTIONS
 from t2d_rt import cli
-from t2d_rt.cli.add import additions
+from t2d_rt.cli.experiments import target_of
 from t2d_rt.core import files
 from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.experiment.sources import MotionFile
 from t2d_rt.motion import load_motion, read
 from t2d_rt.motion.read import bvh
 from t2d_rt.types import Radar
@@ -270,7 +271,7 @@ def test_malformed_yaml(tmp_path: Path, case: str) -> None:
         Radar.from_yaml(path)
     assert len(str(caught.value)) < 600
     with pytest.raises(InputError, match=sentence):
-        cli.arguments.resolved(["--config", str(path)])
+        cli._command("simulate").words(["--config", str(path)])
 
 
 def test_aliases_in_bounds_are_read(tmp_path: Path) -> None:
@@ -329,9 +330,9 @@ def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
         (["--motion.floor", "1e300"], "floor must lie in -1e+06..1e+06 m, got 1e+300"),
         (["--motion.smooth-hz", "1e-300"], "smooth_hz must be 0.1 Hz or more"),
         (["--add", "null"], "a mover is written as kind:x,y,z,key=value"),
-        (["--add", "person:\udcff.bvh"], "--add takes a text in UTF-8"),
-        (["--start-s", "9"], "start_s must lie within the motion's 0 ... 1.98333 s, got 9"),
-        (["--start-s", "1", "--stop-s", "0.5"], "stop_s must lie after start_s of 1 s, got 0.5"),
+        (["--add", "person:\udcff.bvh"], "--add takes texts in UTF-8"),
+        (["--start-s", "9"], "trim needs 0 <= start < stop <= 1.98333 s, got 9"),
+        (["--start-s", "1", "--stop-s", "0.5"], "trim needs 0 <= start < stop <= 1.98333 s, got 1.0 and 0.5"),
     ],
 )
 def test_options_that_are_hostile(refused: Callable[..., str], options: list[str], sentence: str) -> None:
@@ -341,10 +342,10 @@ def test_options_that_are_hostile(refused: Callable[..., str], options: list[str
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("add: null", "option add must be a list"),
-        ("method: null", "option method must be mesh or ellipsoid"),
-        ("angle_deg: null", "option angle_deg must be a number"),
-        ("scene: null", "option scene must be a text, got null"),
+        ("add: null", "option add cannot be null"),
+        ("method: null", "option method cannot be null"),
+        ("angle_deg: null", "option angle_deg cannot be null"),
+        ("scene: null", "option scene cannot be null"),
         ("seed: 1\nseed: 2", "key 'seed' is given twice"),
         ("radar: {prf_hz: 1, prf_hz: 2}", "key 'prf_hz' is given twice"),
         (BOMB, "more than 20000 values"),
@@ -365,9 +366,10 @@ def test_info_takes_no_radar_and_no_config(refused: Callable[..., str]) -> None:
     ["my, walk.bvh", "a,,b.bvh", "[x].bvh", "a: b.bvh", "'q'.bvh", "\U0001f600.bvh", "\x1b[31mred.bvh", "$x$.bvh", "&a.bvh"],
 )  # fmt: skip
 def test_names_of_persons_files_stand_as_they_are(name: str) -> None:
-    arguments = cli.arguments.resolved(["walk.bvh", "--add", f"person:{name}, distance_m = 3"])
-    added = cli.options.simulate_parser().parse_args(arguments).add
-    (person,) = additions(added)
+    simulate = cli._command("simulate")
+    arguments = simulate.words(["walk.bvh", "--add", f"person:{name}, distance_m = 3"])
+    (person,) = map(target_of, simulate.parser.parse_args(arguments).add)
+    assert isinstance(person, MotionFile)
     assert person.model_dump(exclude_unset=True) == {"file": name, "distance_m": 3.0}
 
 
@@ -375,9 +377,10 @@ def test_a_stop_after_the_end_is_the_end(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.chdir(tmp_path)
     path = write(tmp_path, GOOD, "walk.bvh")
     whole = load_motion(path)
-    (person,) = additions(["person:walk.bvh,stop_s=3"])
+    person = target_of("person:walk.bvh,stop_s=3")
+    assert isinstance(person, MotionFile)
     with pytest.warns(T2DWarning, match=r"the motion ends at 1.98333 s, before stop_s of 3 s; it is used to its end"):
-        found = person.motion(Radar.preset("table2"))
+        found = person.placed(person.read(Path()), Radar.preset("table2"))
     assert len(found.joints) == len(whole.joints)
 
 

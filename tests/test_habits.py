@@ -13,6 +13,13 @@ ROOT = Path(__file__).resolve().parent.parent
 MOST_LINES, MOST_FUNCTION_LINES, MOST_PARAMETERS = 600, 80, 8
 
 FACADE = {
+    "t2d_rt/cli/background.py background",
+    "t2d_rt/cli/datasets.py dataset",
+    "t2d_rt/cli/learn.py train",
+    "t2d_rt/cli/motions.py describe",
+    "t2d_rt/cli/motions.py motion",
+    "t2d_rt/cli/recordings.py compare",
+    "t2d_rt/cli/recordings.py plot",
     "t2d_rt/motion/read/__init__.py load_motion",
     "t2d_rt/simulate.py simulate",
     "t2d_rt/plots/figures.py plot_comparison",
@@ -21,7 +28,7 @@ FACADE = {
     "t2d_rt/signal/points.py point_cloud",
     "t2d_rt/types/mesh.py from_track",
 }
-"""Calls that people type, whose parameters are named options with defaults: they may have more than eight."""
+"""Calls that people type, in Python or as a command, whose parameters are options with defaults: they may have more than eight."""
 
 
 def faults(name: str, source: str) -> Iterator[tuple[str, str]]:

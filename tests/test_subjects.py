@@ -10,8 +10,8 @@ import pytest
 
 import t2d_rt as t2d
 from builders import JOINT_CENTRES, MOTIONS, WALK, joint_centres, slow_after, write_c3d
-from t2d_rt.cli.add import Person, additions
-from t2d_rt.cli.options import simulate_parser
+from t2d_rt.cli import _command
+from t2d_rt.cli.experiments import target_of
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.experiment.sources import MotionFile, target_from
 from t2d_rt.motion import load_motion
@@ -154,12 +154,12 @@ def test_parts_of_two_persons_are_no_person(tmp_path: Path, walk: Motion) -> Non
 
 def test_the_command_line_takes_a_subject(tmp_path: Path, walk: Motion) -> None:
     path = write(tmp_path / "a.npz", two(walk))
-    (person,) = additions([f"person:{path},subject=B,distance_m=3"])
-    assert isinstance(person, Person)
-    assert travel_m(person.motion(t2d.Radar.preset("table2"))) < 0.01
+    person = target_of(f"person:{path},subject=B,distance_m=3")
+    assert isinstance(person, MotionFile)
+    assert travel_m(person.placed(person.read(Path()), t2d.Radar.preset("table2"))) < 0.01
     source = MotionFile(file=str(path), subject="B", distance_m=3.0)
     assert travel_m(target_from(source, {}, t2d.Radar.preset("table2"), None)) < 0.01
-    assert "subject" in {action.dest.removeprefix("motion.") for action in simulate_parser()._actions}
+    assert "subject" in {action.dest.removeprefix("motion.") for action in _command("simulate").parser._actions}
 
 
 def test_sides_and_numbers_of_a_skeleton_name_no_subject() -> None:

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-import t2d_rt.cli.sweep
+import t2d_rt.cli.sweeps
 import t2d_rt.core.versions
 from builders import WALK
 from command_line import Command
 from t2d_rt import sweeps
-from t2d_rt.cli.arguments import alternatives, entries
+from t2d_rt.cli.sweeps import alternatives, entries
 from t2d_rt.core.errors import InputError
 from t2d_rt.recording.compare import field_difference_db
 
@@ -332,7 +332,7 @@ def test_the_command_makes_what_simulate_makes(run: Command) -> None:
 
 def test_an_experiment_in_yaml_and_a_recording_vary_by_field(run: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        t2d_rt.cli.sweep, "write_picture", lambda *_, **__: None
+        t2d_rt.cli.sweeps, "write_picture", lambda *_, **__: None
     )  # seconds, and drawn by the test before
     Path("room.yaml").write_text(
         "targets: [{kind: file, file: walk.bvh, start_s: 1, stop_s: 1.2}]\nradar: ci4r\nmethod: ellipsoid\n"
@@ -359,7 +359,7 @@ def test_an_experiment_in_yaml_and_a_recording_vary_by_field(run: Command, monke
             "option vary takes a field and its values, as seed=0:9:1, got 'seed'",
         ),
         (("sweep", "walk.bvh", "--seed", "1:0:1"), "the range 1:0:1 never arrives"),
-        (("sweep", "walk.bvh", "--seed", "0:1:1", "--motion.up", "-z"), "option motion.up tells how a file is read"),
+        (("sweep", "walk.bvh", "--motion.up", "y|z"), "option motion.up cannot be varied"),
         (
             ("sweep", "walk.bvh", "--radar", "ci4r|table2", "--radar.prf-hz", "2e3"),
             "a sweep takes several radars or changes fields of one",

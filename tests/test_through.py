@@ -10,7 +10,7 @@ import pytest
 
 import t2d_rt as t2d
 from builders import ANTENNA_M, UP, ball, plate, slow_after
-from t2d_rt.cli.options import simulate_parser
+from t2d_rt.cli import _command
 from t2d_rt.core.backend import select
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError
@@ -201,7 +201,8 @@ def test_a_target_behind_a_partition_is_not_seen_without_them() -> None:
 
 
 def test_the_command_line_has_them() -> None:
-    options = simulate_parser().parse_args(["--file=walk.bvh", "--transmissions=2", "--collisions=stop"])
+    parser = _command("simulate").parser
+    options = parser.parse_args(["--file=walk.bvh", "--transmissions=2", "--collisions=stop"])
     assert (options.transmissions, options.collisions) == (2, "stop")
-    options = simulate_parser().parse_args(["--file=walk.bvh"])
+    options = parser.parse_args(["--file=walk.bvh"])
     assert (options.transmissions, options.collisions) == (0, "warn")

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import io
 import os
-import re
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 try:
-    from t2d_rt.cli import commands, options
-    from t2d_rt.cli.arguments import check_nulls, one_sentence, resolved
-    from t2d_rt.cli.output import say
-    from t2d_rt.cli.sigterm import stopped_by_sigterm
+    from t2d_rt.cli.output import say, stopped_by_sigterm
     from t2d_rt.core.checks import unknown_name
     from t2d_rt.core.errors import InputError, T2DError, T2DWarning
 except KeyboardInterrupt:  # Ctrl-C while the program loads
@@ -23,24 +19,31 @@ except KeyboardInterrupt:  # Ctrl-C while the program loads
     sys.exit(130)
 
 if TYPE_CHECKING:
-    from jsonargparse import ArgumentParser, Namespace
+    from t2d_rt.cli.options import Command
 
-COMMANDS = (
-    "simulate", "plan", "compare", "sweep", "plot", "scene", "paths", "view", "describe", "motion", "check-motion", "library",
-    "dataset", "background", "train", "evaluate", "predict", "info", "export", "list",
-)  # fmt: skip
-
-OWN_MODULES = (
-    "sweep", "plot", "paths", "view", "describe", "motion", "check-motion", "library", "dataset", "background",
-)  # fmt: skip
-"""Commands with a module of their own: its `parser` makes the options, its `run` does what they say."""
-
-CONFIGURABLE = "simulate", "plan", "compare", "sweep", "scene", "paths"
-"""Those that take --config, and --radar with fields that override it."""
-
-SEVERAL_FILES = "compare", "view", "check-motion", "library", "dataset", "background", "train", "evaluate", "predict"
-"""Those that take more than one file."""
-
+COMMANDS = {
+    "simulate": ("simulations", "FILE", "Simulates a motion file or an experiment (.yaml), or a result (.zarr) again."),
+    "plan": ("simulations", "FILE", "Tells what a tolerance would model and leave out, and the time and memory it would take."),
+    "compare": ("recordings", "A B", "Compares two recordings, or the ellipsoid model of a motion file with the mesh model."),
+    "sweep": ("sweeps", "FILE", "Simulates with some options varied: panels on one scale, and a table of differences."),
+    "plot": ("recordings", "RECORDING", "Draws a map of a recording for a paper, or animates body and spectrogram (.gif, .mp4)."),
+    "scene": ("recordings", "NAME", "Draws a room from above and in three dimensions, with the paths from the radar to a walker."),
+    "paths": ("simulations", "FILE", "Tells over which paths a target is seen: delay, range, speed, level and directions of each."),
+    "view": ("recordings", "RECORDING", "Writes one HTML file that shows body, room, paths and maps of a recording, or of two."),
+    "motion": ("motions", "SENTENCE", "Makes a motion file of what a sentence says that a person does."),
+    "describe": ("motions", "[SENTENCE]", "Writes descriptions of activities, or reads a sentence's slots."),
+    "check-motion": ("motions", "FILE...", "Judges motion files by limits of recorded motion, and tells why."),
+    "library": ("motions", "DO WHAT", "Adds motion files of your own to those that motions are made of, lists and removes them."),
+    "dataset": ("datasets", "RECIPE", "Makes a data set: thousands of labelled samples from one recipe, in shards."),
+    "background": ("background", "DO WHAT", "Learns the background of empty rooms or of recordings, samples and evaluates it."),
+    "train": ("learn", "DATA", "Trains a classifier on a data set's spectrograms."),
+    "evaluate": ("learn", "DATA", "Tests a trained classifier on a data set."),
+    "predict": ("learn", "RECORDING", "Tells what a person does in a recording, over time, with probabilities."),
+    "info": ("recordings", "FILE", "Tells what a motion, a result or a radar file holds."),
+    "export": ("recordings", "FILE", "Writes a result as one file for MATLAB (.mat), HDF5 (.h5), NetCDF (.nc) or NumPy (.npz)."),
+    "list": ("recordings", "[WHAT]", "Lists names that the commands take: presets, scenes, bodies, movers and motions."),
+}  # fmt: skip
+"""Modules of the commands' functions, the word that follows each, and what it does."""
 STUDIES = {"benchmark": "benchmark (or fidelity, conditions)", "transfer": "transfer (or twins)", "gap": "gap"}
 """Commands that were, each with the study that does the same."""
 
@@ -96,88 +99,33 @@ def _run(arguments: list[str]) -> int:
         say(_overview())
         return 0
     if arguments[0] == "help":
-        parser, _ = _command(arguments[1])
-        parser.print_help()
+        _command(arguments[1]).parser.print_help()
         return 0
-    from jsonargparse import ArgumentError
-
-    parser, action = _command(arguments[0])
-    try:
-        name = arguments[0]
-        varied: dict[str, list[str]] | None = {} if name == "sweep" else None
-        words = resolved(arguments[1:], configurable=name in CONFIGURABLE, several=name in SEVERAL_FILES, varied=varied)
-        given = parser.parse_args(words)
-        check_nulls(parser, given)
-        if varied is not None:
-            given["varied"] = varied
-        if name == "compare":
-            given["named_radar"] = any(re.search(r"^(--config=)?radar:", word, re.MULTILINE) for word in words)
-    except ArgumentError as error:
-        raise InputError(one_sentence(str(error), arguments[0], _options_of(parser))) from None
-    except OverflowError:  # of an integer that no float holds
-        raise InputError(
-            f"an option of {arguments[0]} got a number of more than 300 digits; give it in SI units, as in 77e9"
-        ) from None
-    code = action(given)
+    code = _command(arguments[0]).run(arguments[1:])
     if sys.stdout is not None:  # closed by the caller
         sys.stdout.flush()
     return code or 0
 
 
-def _options_of(parser: ArgumentParser) -> list[str]:
-    return [each for action in parser._actions for each in action.option_strings]
-
-
-def _command(name: str) -> tuple[ArgumentParser, Callable[[Namespace], int | None]]:
-    known: dict[str, tuple[Callable[[], ArgumentParser], Callable[[Namespace], int | None]]] = {
-        "simulate": (options.simulate_parser, commands.simulate_command),
-        "plan": (options.plan_parser, commands.plan_command),
-        "compare": (options.compare_parser, commands.compare_command),
-        "scene": (options.scene_parser, commands.scene_command),
-        "info": (options.info_parser, commands.info_command),
-        "export": (options.export_parser, commands.export_command),
-        "list": (options.list_parser, commands.list_command),
-    }
+def _command(name: str) -> Command:
     if name in STUDIES:
-        raise InputError(
-            f"{name} is a study now and no command; run python -m validation study {STUDIES[name]} in a clone of t2d-rt"
-        )
+        run = f"run python -m validation study {STUDIES[name]} in a clone of t2d-rt"
+        raise InputError(f"{name} is a study now and no command; {run}")
     if name not in COMMANDS:
         raise unknown_name("command", name, COMMANDS, hint=" (t2d-rt --help)")
-    if name in ("train", "evaluate", "predict"):
-        module = import_module("t2d_rt.cli.learn")
-        return getattr(module, f"{name}_parser")(), getattr(module, f"{name}_command")
-    if name in OWN_MODULES:
-        module = import_module(f"t2d_rt.cli.{name.replace('-', '_')}")
-        return module.parser(), module.run
-    make, action = known[name]
-    return make(), action
+    from t2d_rt.cli.options import Command
+
+    module, noun, _ = COMMANDS[name]
+    function = "names" if name == "list" else name.replace("-", "_")
+    return Command(name, getattr(import_module(f"t2d_rt.cli.{module}"), function), noun)
 
 
 def _overview() -> str:
+    lines = (f"  t2d-rt {f'{name} {noun}':23}{told}" for name, (_, noun, told) in COMMANDS.items())
     return (
         "t2d-rt: ray-traced human micro-Doppler; skeleton motion in, coherent FMCW radar data out\n\n"
-        "  t2d-rt simulate FILE   Simulates a motion file or an experiment (.yaml), or a result (.zarr) again.\n"
-        "  t2d-rt plan FILE       Tells what an error tolerance would model and leave out, and the time and memory it would take.\n"
-        "  t2d-rt compare A B     Compares two recordings, or the ellipsoid model of a motion file with the mesh model.\n"
-        "  t2d-rt sweep FILE      Simulates with some options varied: panels on one scale, and a table of differences.\n"
-        "  t2d-rt plot RECORDING  Draws a map of a recording for a paper, or animates body and spectrogram (.gif, .mp4).\n"
-        "  t2d-rt scene NAME      Draws a room from above and in three dimensions, with the paths from the radar to a walker.\n"
-        "  t2d-rt paths FILE      Tells over which paths a target is seen: delay, range, speed, level and directions of each.\n"
-        "  t2d-rt view RECORDING  Writes one HTML file that shows body, room, paths and maps of a recording, or of two.\n"
-        "  t2d-rt motion SENTENCE Makes a motion file of what a sentence says that a person does.\n"
-        "  t2d-rt describe        Writes descriptions of activities, or reads a sentence's slots.\n"
-        "  t2d-rt check-motion F  Judges motion files by limits of recorded motion, and tells why.\n"
-        "  t2d-rt library DO WHAT Adds motion files of your own to those that motions are made of, lists and removes them.\n"
-        "  t2d-rt dataset RECIPE  Makes a data set: thousands of labelled samples from one recipe, in shards.\n"
-        "  t2d-rt background DO   Learns the background of empty rooms or of your recordings, samples and evaluates it.\n"
-        "  t2d-rt train DATA      Trains a classifier on a data set's spectrograms.\n"
-        "  t2d-rt evaluate DATA   Tests a trained classifier on a data set.\n"
-        "  t2d-rt predict FILE    Tells what a person does in a recording, over time, with probabilities.\n"
-        "  t2d-rt info FILE       Tells what a motion, a result or a radar file holds.\n"
-        "  t2d-rt export FILE     Writes a result as one file for MATLAB (.mat), HDF5 (.h5), NetCDF (.nc) or NumPy (.npz).\n"
-        "  t2d-rt list [WHAT]     Lists names that the commands take: presets, scenes, bodies, movers and motions.\n\n"
-        "t2d-rt COMMAND --help shows the options of a command, and examples."
+        + "\n".join(lines)
+        + "\n\nt2d-rt COMMAND --help shows the options of a command, and examples."
     )
 
 

@@ -1,17 +1,25 @@
-"""What the commands print, and the pictures that they write."""
+"""What the commands print and write, whole or not at all, and the signals that stop them."""
 
 from __future__ import annotations
 
+import os
+import re
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
+from t2d_rt.core.atomic_write import LOCKS, abandon, check_place, check_taken, replacing
 from t2d_rt.core.errors import InputError, printable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from t2d_rt.recording.recording import Recording
-    from t2d_rt.types import Radar
+PICTURES = ".png", ".pdf", ".svg"
 
 
 def say(text: object, *, file: TextIO | None = None) -> None:
@@ -19,44 +27,83 @@ def say(text: object, *, file: TextIO | None = None) -> None:
     print(printable(str(text)), file=file)
 
 
+def stem_of(source: Path) -> str:
+    """A file's name without the endings of motions, experiments and results."""
+    endings = r"\.(bvh(\.gz)?|npz|npy|json|txt|amc|c3d|trc|ya?ml|zarr)$"
+    return re.sub(endings, "", source.name, flags=re.IGNORECASE)
+
+
+def check_file(place: Path, noun: str, *endings: str, overwrite: bool) -> None:
+    """Refuses a name for a file that has another ending, is taken, or cannot be written."""
+    if place.suffix.lower() not in endings:
+        *others, last = endings
+        ends = f"{', '.join(others)} or {last}" if others else last
+        raise InputError(f"{noun} ends in {ends}, got '{place}'; choose another name")
+    if place.is_dir():
+        raise InputError(f"{place} is a folder; choose another name for {noun.replace('a ', 'the ', 1)}")
+    check_place(place, overwrite=overwrite)
+
+
 def check_picture(picture: Path, *, overwrite: bool) -> None:
     """Refuses a name for a picture that is no picture's, is taken, or cannot be written."""
-    from t2d_rt.core.atomic_write import check_place
+    check_file(picture, "a picture", *PICTURES, overwrite=overwrite)
 
-    if picture.suffix.lower() not in (".png", ".pdf", ".svg"):
-        raise InputError(f"a picture ends in .png, .pdf or .svg, got '{picture}'; choose another name")
-    if picture.is_dir():
-        raise InputError(f"{picture} is a folder; choose another name for the picture")
-    check_place(picture, overwrite=overwrite)
+
+@contextmanager
+def written(place: Path, *, overwrite: bool) -> Iterator[Path]:
+    """A file to write that takes its place when it is whole."""
+    with replacing(place, lambda: check_taken(place, overwrite=overwrite)) as new:
+        yield new
 
 
 def write_picture(figure: Figure, picture: Path, *, overwrite: bool) -> None:
     """Writes a figure whole or not at all."""
-    from t2d_rt.core.atomic_write import check_taken, replacing
-
-    with replacing(picture, lambda: check_taken(picture, overwrite=overwrite)) as new:
+    with written(picture, overwrite=overwrite) as new:
         figure.savefig(new)
 
 
-def radar_info(radar: Radar) -> str:
-    """What a radar resolves, a line for each figure."""
-    rows = [
-        ("mid-sweep frequency", f"{radar.mid_frequency_hz / 1e9:.4f} GHz"),
-        ("bandwidth", f"{radar.bandwidth_hz / 1e9:.4f} GHz"),
-        ("range bin", f"{radar.range_resolution_m * 100:.2f} cm"),
-        ("farthest range", f"{radar.max_range_m:.2f} m"),
-        ("unambiguous speed", f"+-{radar.max_speed_mps:.2f} m/s"),
-        ("chirp rate", f"{radar.prf_hz:.6g} Hz"),
-        ("antennas", f"{len(radar.tx_offsets_m)} x {len(radar.rx_offsets_m)} (tx x rx), {radar.multiplexing}"),
-    ]
-    return "\n".join(f"{name:22}{value}" for name, value in rows)
+def write_text(text: str, place: str | Path, *, overwrite: bool) -> None:
+    """Writes a text whole or not at all."""
+    with written(Path(place), overwrite=overwrite) as new:
+        new.write_text(text, encoding="utf-8")
 
 
-def recording_info(result: Recording) -> str:
-    """What a result holds, a line for each setting."""
-    rows = [
-        ("adc", " x ".join(str(n) for n in result.cube.shape) + " (chirp, antenna, sample)"),
-        *((name, str(value)) for name, value in result.settings.items()),
-        ("versions", ", ".join(f"{name} {value}" for name, value in result.versions.items())),
-    ]
-    return radar_info(result.radar) + "\n" + "\n".join(f"{name:22}{value}" for name, value in rows)
+def made_folder(place: str | Path) -> Path:
+    """A folder that is there now."""
+    folder = Path(place)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is no folder; choose another name")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _refused(*_: Any, **__: Any) -> None:
+    raise OSError("the process is ending")
+
+
+@contextmanager
+def stopped_by_sigterm() -> Iterator[None]:
+    """SIGTERM, as batch systems and containers send it, leaves as little behind as Ctrl-C. An exception would be lost where one
+    cannot be raised, as in a finalizer."""
+
+    def stop(*_: Any) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough: what follows is tidying up
+        # Other threads still write: they must not warn of files that vanish, nor make folders anew that have just been removed.
+        warnings.simplefilter("ignore")
+        vars(os)["mkdir"] = _refused
+        filled = [f"what is finished in {lock.parent} stays" for lock in LOCKS]
+        written = ", ".join([*(f"{path} was written" for path in abandon()), *filled]) or "nothing was written"
+        with suppress(RuntimeError, OSError):  # it may have come amidst a print
+            sys.stdout.flush()
+            print(printable(f"t2d-rt: stopped; {written}"), file=sys.stderr, flush=True)
+        os._exit(143)
+
+    in_main = threading.current_thread() is threading.main_thread()  # only there signals arrive
+    if not in_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)

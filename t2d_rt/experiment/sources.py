@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, cast
@@ -10,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal, cast
 import numpy as np
 from pydantic import ConfigDict, Discriminator, Field, SerializerFunctionWrapHandler, model_serializer
 
-from t2d_rt.core.errors import InputError
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.core.stored_arrays import Hash, Inputs, Store, named_arrays
 from t2d_rt.experiment.catalog import found_from, motion_path
 from t2d_rt.motion import aside, load_motion, place, trim
@@ -29,7 +30,7 @@ Fraction = Annotated[Number, Field(ge=-1e6, le=1e6)]
 class Plain(Fields):
     """Values that stand in YAML and JSON."""
 
-    model_config = ConfigDict(ser_json_inf_nan="constants")
+    model_config = ConfigDict(ser_json_inf_nan="constants", use_attribute_docstrings=True)
 
 
 class _Placed(Plain):
@@ -51,8 +52,11 @@ class _Placed(Plain):
 
     def placed(self, motion: Motion, radar: Radar) -> Motion:
         """The piece of a motion that is used, where it starts."""
+        end = motion.duration_s
+        if self.stop_s is not None and self.stop_s > end:
+            warn(f"the motion ends at {end:.6g} s, before stop_s of {self.stop_s:g} s; it is used to its end")
         if self.start_s or self.stop_s is not None:
-            motion = trim(motion, self.start_s, motion.duration_s if self.stop_s is None else self.stop_s)
+            motion = trim(motion, self.start_s, end if self.stop_s is None else min(self.stop_s, end))
         motion = place(
             motion, distance_m=self.distance_m, angle_deg=self.angle_deg, radar_position_m=radar.position_m,
             boresight=radar.boresight,
@@ -63,11 +67,29 @@ class _Placed(Plain):
 class MotionFile(_Placed):
     """A motion of a file."""
 
+    if_missing: ClassVar[str] = "write file: walk.bvh, or person:walk.bvh on the command line"
+
     kind: Literal["file"] = "file"
     file: str
     """Path, in a YAML file relative to its folder; or the name of a bundled motion."""
     subject: str | None = None
     """Name of the person who is taken of a file that holds several; by default the first who is complete."""
+    reading: dict[str, Any] = Field(default_factory=dict)
+    """Further options of `load_motion`, as {units: cm, up: z}; what is not given is detected."""
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Without options of reading as it was before there were any: the same text, and the same hash of an experiment."""
+        found: dict[str, Any] = plain(self)
+        if not self.reading:
+            found.pop("reading", None)
+        return found
+
+    def read(self, folder: Path) -> Motion:
+        """The motion of the file, which is found from `folder`; what the reader found is told to those who log it."""
+        motion = load_motion(motion_path(found_from(folder, self.file)), subject=self.subject, **self.reading)
+        logging.getLogger("t2d_rt.motion").info(motion.report)
+        return motion
 
 
 class MotionText(_Placed):
@@ -343,8 +365,7 @@ def target_from(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) 
     if isinstance(source, Mover):
         return source
     if isinstance(source, MotionFile):
-        path = motion_path(found_from(folder or Path(), source.file))
-        return source.placed(load_motion(path, subject=source.subject), radar)
+        return source.placed(source.read(folder or Path()), radar)
     if isinstance(source, MotionText):
         return source.placed(source.made(), radar)
     if isinstance(source, MotionArrays):

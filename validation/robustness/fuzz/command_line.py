@@ -158,9 +158,9 @@ def _options(rng: np.random.Generator, _: Path) -> list[str]:
 
 def _all_options(name: str) -> list[str]:
     """Every option of a command, as its help names them."""
-    from t2d_rt.cli import options
+    from t2d_rt.cli import _command as command
 
-    text = getattr(options, f"{name}_parser")().format_help()
+    text = command(name).parser.format_help()
     found = [
         option.replace("-", "_")
         for option in re.findall(r"^\s+(?:-\w(?: \w+)?, )?--([\w.-]+)", text, flags=re.MULTILINE)

@@ -1,0 +1,225 @@
+"""Options that describe an experiment: its own fields, those of its first motion, of its radar and of its accuracy."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+
+from t2d_rt.cli.options import Command, Given, defaults_of, parameter_help, reading
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_yaml
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+    from t2d_rt.experiment.experiment import Experiment
+    from t2d_rt.experiment.sources import MotionFile
+    from t2d_rt.recording.recording import Recording
+    from t2d_rt.scene import Mover
+    from t2d_rt.types import Radar
+
+RUN = "tolerance_db", "measure_error", "device", "memory_gb"
+"""Options beside an experiment that go to `run` by their names."""
+SIMPLER = {
+    "scene": str, "material": str | None, "noise": str | dict[str, Any], "only_paths": list[str] | None, "without_paths": list[str],
+}  # fmt: skip
+"""Types of fields that are more than one word in an experiment."""
+FIELD = re.compile(r"\s*[A-Za-z_]+\s*=")
+"""A word of an entry of --add that gives a field; anything else belongs to the name of the file."""
+
+
+def experiment(command: Command, *, skip: tuple[str, ...] = ()) -> None:
+    """An option for each field of `Experiment`, of a `MotionFile`, of `Radar` and of `Accuracy`, and for those of a run."""
+    from argparse import SUPPRESS
+
+    from t2d_rt.experiment.experiment import Experiment
+    from t2d_rt.experiment.sources import MotionFile
+    from t2d_rt.propagation.scenes import scene_names
+    from t2d_rt.simulate import run, simulate
+    from t2d_rt.types import Accuracy
+
+    _fields(command, MotionFile, skip=("kind", "file", "subject", "reading"))
+    told = (
+        "A further target, such as fan:X,Y,Z,rpm=900, pet:X,Y,Z,animal=cat or person:FILE,distance_m=3; there are also "
+        "ceiling_fan, curtain and door (t2d-rt list movers). The option is given once for each; in a config file it is a list."
+    )
+    command.add("add", list[str | dict[str, Any]], [], told)
+    group = command.parser.add_argument_group("model")
+    better = parameter_help(simulate) | {
+        "scene": f"Scene: free_space, {', '.join(scene_names())}, or a Mitsuba/Sionna XML file.",
+        "material": "Material of the body: skin, clothed, pec or an ITU name; skin by default.",
+    }
+    better |= {name: f"{better[name]} The option is given once for each." for name in ("only_paths", "without_paths")}
+    _fields(command, Experiment, skip=("targets", "radar", *skip), better=better, hints=SIMPLER, group=group)
+    scene_material(command, group)
+    command.add_fields(better, get_type_hints(run), defaults_of(run, skip={"accuracy", "progress", *skip}), group=group)
+    told = "accuracy (a tolerance chooses the fields that are not given)"
+    group = command.parser.add_argument_group(told)
+    # Tiers check themselves. What is not given is no value at all, as a tolerance chooses it.
+    usual = {name: field.default for name, field in Accuracy.model_fields.items()}
+    better = {
+        name: f"{Accuracy.model_fields[name].description} By default it is {json.dumps(value)}."
+        for name, value in usual.items()
+        if isinstance(value, (bool, int, float, str))
+    }
+    kinds = {"tiers": list[dict[str, Any]]}
+    absent = dict.fromkeys(usual, SUPPRESS)
+    _fields(command, Accuracy, better=better, hints=kinds, defaults=absent, prefix="accuracy.", group=group)
+    radar(command)
+    reading(command)
+
+
+def radar(command: Command) -> None:
+    """An option for each field of a radar; --radar itself is one of the words that come before the parser's."""
+    from t2d_rt.types import Radar
+    from t2d_rt.types.presets import preset_names
+
+    told = (
+        f"--radar NAME takes a preset ({', '.join(preset_names())}), --radar FILE.yaml takes your own. These options override its "
+        "fields."
+    )
+    group, default = command.parser.add_argument_group("radar", told), Radar.preset("table2").model_dump()
+    # A pattern is several fields, which the radar itself checks.
+    patterns = {name: dict[str, Any] for name, value in default.items() if isinstance(value, dict)}
+    _fields(command, Radar, hints=patterns, defaults=default, prefix="radar.", group=group)
+    command.add_config()
+
+
+def scene_material(command: Command, group: Any = None) -> None:
+    """Substitutes for materials of the scene."""
+    told = (
+        "Substitutes for materials of the scene that have no values at the radar's frequency or are not known, as brick=concrete; "
+        "several with commas between them."
+    )
+    command.add("scene_material", list[str] | None, None, told, group)
+
+
+def _fields(
+    command: Command, model: type[BaseModel], *, skip: tuple[str, ...] = (), better: Mapping[str, str] | None = None,
+    hints: Mapping[str, Any] | None = None, defaults: Mapping[str, Any] | None = None, prefix: str = "", group: Any = None,
+) -> None:  # fmt: skip
+    """An option for each field of a model; its help is the field's docstring, unless there is a `better` one."""
+    kinds = {name: _listed(kind) for name, kind in get_type_hints(model).items()} | dict(hints or {})
+    for name, field in model.model_fields.items():
+        if name in skip:
+            continue
+        value = field.get_default(call_default_factory=True) if defaults is None else defaults[name]
+        told = (better or {}).get(name) or field.description or f"The field {name} of {model.__name__}."
+        command.add(f"{prefix}{name}", kinds[name], value, told, group)
+
+
+def _listed(kind: Any) -> Any:
+    """The type itself, or that of a list where it is a tuple of texts."""
+    return list[str] if kind == tuple[str, ...] else kind
+
+
+Asked = Annotated[Given, experiment]
+OfPaths = Annotated[Given, partial(experiment, skip=("noise", "measure_error"))]
+OfPlan = Annotated[Given, partial(experiment, skip=("measure_error",))]
+OfCompare = Annotated[Given, partial(experiment, skip=("method", "tolerance_db", "measure_error"))]
+OfSweep = Annotated[Given, partial(experiment, skip=("measure_error", "memory_gb"))]
+OfScene = Annotated[Given, radar]
+SceneMaterial = Annotated[Given, scene_material]
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What is to be simulated or planned."""
+
+    experiment: Experiment | Recording
+    accuracy: Given
+    """Fields of `Accuracy` that are given."""
+    run: Given
+    """Options of `RUN` that are given."""
+
+    @classmethod
+    def of(cls, source: str, given: Given) -> Job:
+        """From a motion file and the options that describe an experiment, or from an experiment (.yaml) or a recording (.zarr)."""
+        from t2d_rt.experiment.experiment import Experiment
+        from t2d_rt.recording.recording import Recording
+
+        path = Path(source)
+        rest = {name: value for name, value in given.items() if name not in (*RUN, "accuracy")}
+        accuracy, run = given.get("accuracy", {}), {name: given[name] for name in RUN if name in given}
+        if not is_experiment(path):
+            return cls(Experiment(**fields_of(source, rest)), accuracy, run)
+        if rest:
+            name, value = next(iter(rest.items()))
+            option = f"{name}.{next(iter(value))}" if isinstance(value, dict) else name
+            raise InputError(f"option {option} is part of the experiment {path.name}; change it there")
+        if path.suffix.lower() == ".zarr":
+            return cls(Recording.load(path), accuracy, run)
+        values = read_yaml(path, noun="experiment", example="targets, radar and scene")
+        stored = {name: values.pop(name) for name in ("accuracy", "tolerance_db") if values.get(name) is not None}
+        accuracy = {**stored.pop("accuracy", {}), **accuracy}
+        values.pop("accuracy", None), values.pop("tolerance_db", None)
+        return cls(Experiment.read(values, path), accuracy, {**stored, **run})
+
+
+def is_experiment(source: Path) -> bool:
+    """Whether a file is an experiment or a recording, not a motion."""
+    return source.suffix.lower() in (".yaml", ".yml", ".zarr")
+
+
+def fields_of(source: str, given: Given) -> Given:
+    """Fields of the experiment of a motion file."""
+    from t2d_rt.experiment.sources import MotionFile
+
+    given = dict(given)
+    read = given.pop("motion", {})
+    first = {"kind": "file", "file": source, "subject": read.pop("subject", None), "reading": read}
+    first |= {name: given.pop(name) for name in MotionFile.model_fields if name in given}
+    materials = substitutes_of(given)
+    given.pop("scene_material", None)
+    if materials:
+        if "scene" not in given:
+            raise InputError("--scene-material is of a scene and there is none; give --scene, or leave it out")
+        given["scene"] = {"file": given["scene"], "materials": materials}
+    targets = [first, *map(target_of, given.pop("add", ()))]
+    return {**given, "targets": targets, "radar": radar_of(given)}
+
+
+def radar_of(given: Given) -> Radar:
+    """The radar of the options."""
+    from t2d_rt.types import Radar
+
+    return Radar.preset("table2", **given.get("radar", {}))
+
+
+def target_of(entry: str | Mapping[str, Any]) -> Mover | MotionFile | None:
+    """What an entry of --add names: a mover, or a further person; None where it is "none"."""
+    from t2d_rt.experiment.sources import MotionFile
+    from t2d_rt.scene.movers import mover, parsed, with_words
+
+    if entry == "none":
+        return None
+    if not isinstance(entry, str):
+        if entry.get("kind") != "person":
+            return mover(entry)
+        return MotionFile(**{str(key): value for key, value in entry.items() if key != "kind"})
+    kind, _, rest = entry.partition(":")
+    if kind.strip() != "person":
+        return mover(entry)
+    words = rest.split(",")
+    _, _, fields = parsed(f"person:{','.join(word for word in words if FIELD.match(word))}")
+    # What is no field is the file's name as it stands: names may hold commas and spaces.
+    file = ",".join(word for word in words if not FIELD.match(word)).strip()
+    return MotionFile(**with_words(entry, "file", file, fields))
+
+
+def substitutes_of(given: Given) -> dict[str, str]:
+    """Materials of the scene and what stands in for them."""
+    found = {}
+    for each in (word for text in given.get("scene_material") or () for word in text.split(",")):
+        name, _, other = (part.strip() for part in each.partition("="))
+        if not name or not other:
+            told = f"must name a material and its substitute, as brick=concrete, got {shown(each)}"
+            raise InputError(f"option scene-material {told}")
+        found[name] = other
+    return found

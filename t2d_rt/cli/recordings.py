@@ -1,0 +1,384 @@
+"""`t2d-rt compare`, `plot`, `view`, `export`, `info`, `scene`, `list`: what there is, drawn, told and written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from t2d_rt.cli.experiments import Job, OfCompare, OfScene, SceneMaterial, radar_of, substitutes_of
+from t2d_rt.cli.options import Capture, Given, Reading, Samples, Signal
+from t2d_rt.cli.output import check_picture, say, stem_of, write_picture
+from t2d_rt.core.errors import InputError
+
+if TYPE_CHECKING:
+    from t2d_rt.recording.recording import Recording
+    from t2d_rt.types import Radar
+
+RECORDINGS = ".zarr", ".npy", ".bin"
+"""Endings of recordings, as `compare` tells them from motion files."""
+OF_INTERVAL = "range_doppler", "range_angle"
+"""Maps of one coherent interval."""
+KINDS = "presets", "scenes", "bodies", "movers", "motions"
+
+
+def refuse(given: Collection[str], told: str) -> None:
+    """Refuses options that were given and would have no effect: `told` says of what they are, and what there is."""
+    for name in given:
+        raise InputError(f"option {name} is of {told}; leave it out")
+
+
+def compare(
+    files: list[str] | None = None, output: str | None = None, overwrite: bool = False, align: bool = False,
+    relative: bool = False, *, given: OfCompare, capture: Samples, signal: Signal, radar_is_named: bool = False,
+) -> None:  # fmt: skip
+    """Compares two recordings, or of one motion file the models ellipsoid and mesh: draws both spectrograms and their difference,
+    and prints figures.
+
+    files: a motion file, or two recordings: .zarr folders of results, .npy or .bin files of measured samples.
+    output: picture to write (.png, .pdf or .svg); by default it has FILE's name and ends in _compare.png.
+    align: whether the second is shifted in time to where it is most like the first; half of the shorter one stays in common.
+    relative: whether the second one's level is brought to that of the first before cells are compared: that of measured samples is
+        seldom calibrated.
+
+    examples:
+      t2d-rt compare walk.bvh                                    # writes walk_compare.png, prints the figures
+      t2d-rt compare walk.bvh --radar text2doppler-code --angle-deg 45 -o oblique.png
+      t2d-rt compare without_fan.zarr with_fan.zarr              # any two recordings
+      t2d-rt compare walk.zarr frames.npy --radar r60.yaml --align --relative  # a measured one, clock and level unknown
+    """
+    from t2d_rt.cli.simulations import recorded
+    from t2d_rt.recording.compare import compare as compared
+
+    sources = [Path(each) for each in files or ()]
+    two = len(sources) == 2 and all(each.suffix.lower() in RECORDINGS for each in sources)
+    if not two and (len(sources) != 1 or sources[0].suffix.lower() in RECORDINGS):
+        named = ", ".join(map(str, sources)) or "none"
+        raise InputError(f"compare takes one motion file, or two recordings ({', '.join(RECORDINGS)}), got {named}")
+    stem = "_".join(stem_of(each.with_suffix("") if two else each) for each in sources)
+    picture = Path(output or f"{stem}_compare.png")
+    check_picture(picture, overwrite=overwrite)
+    labels = ["ellipsoid", "mesh"]
+    if two:
+        recordings = _both(sources, given, capture, signal, radar_is_named)
+        names = [each.stem for each in sources]
+        labels = names if names[0] != names[1] else [str(each) for each in sources]
+    else:
+        refuse(capture, f"measured samples, and {sources[0]} is a motion file")
+        recordings = [recorded(Job.of(str(sources[0]), {**given, "method": each}), signal) for each in labels]
+    found = compared(*recordings, align=align, relative=relative, labels=labels)
+    write_picture(found.plot(None if two else sources[0].name), picture, overwrite=overwrite)
+    say(found)
+    say(f"wrote {picture}")
+
+
+def _both(files: list[Path], given: Given, capture: Given, signal: Given, radar_is_named: bool) -> list[Recording]:
+    """Two recordings, measured ones with the radar that is given, and spectrograms by the options that are."""
+    from t2d_rt.recording.read import load_recording
+
+    measured = [each for each in files if each.suffix.lower() != ".zarr"]
+    if measured and not radar_is_named:
+        raise InputError(
+            f"{measured[0]} holds samples only; give its radar, --radar with a preset's name or a .yaml file"
+        )
+    if not measured:
+        refuse(capture, f"measured samples, and {files[0]} and {files[1]} are results")
+    others = [name for name in given if not (measured and name == "radar")]
+    refuse(others, f"a simulation, and {files[0]} and {files[1]} are recordings")
+    found = []
+    for each in files:
+        read = {"radar": radar_of(given), **capture} if each in measured else {}
+        if each.suffix.lower() != ".bin":
+            read.pop("lanes", None)
+        found.append(load_recording(each, **read).processed(**signal))
+    return found
+
+
+def plot(
+    file: str, output: str | None = None, overwrite: bool = False,
+    map: Literal["spectrogram", "range_time", "range_doppler", "range_angle", "point_cloud"] = "spectrogram",
+    title: str | None = None, time_s: float | None = None, interval_s: float | None = None, cmap: str | None = None,
+    dynamic_range_db: float | None = None, limits_db: tuple[float, float] | None = None, width_in: float | None = None,
+    animate: bool = False, width_px: int | None = None, frames_hz: float | None = None, *, capture: Capture,
+) -> None:  # fmt: skip
+    """Draws a map of a recording, simulated or measured, as a picture; or the body in its room beside the spectrogram, as an
+    animation.
+
+    output: picture to write (.png, .pdf or .svg), or animation (.gif or .mp4); by default it has RECORDING's name and the map's.
+    map: which map it is: spectrogram, range_time, range_doppler, range_angle or point_cloud.
+    title: text above the picture; RECORDING's name by default.
+    time_s: middle of the interval of a range-Doppler or range-angle map [s]; that of the record by default.
+    interval_s: length of that interval [s]; a window's by default.
+    cmap: a colour map of Matplotlib; viridis by default.
+    dynamic_range_db: span of the colours below the peak [dB]; 50 by default.
+    limits_db: least and greatest level of the colours [dB re 1 W] instead, as [-140, -90].
+    width_in: width of the picture [inch]: 3.5 for a column of a paper, 7 for its width, which is the default of most maps.
+    animate: whether body, room and spectrogram are animated, as a .gif, or an .mp4 where ffmpeg is there.
+    width_px: width of an animation [pixel]; 800 by default.
+    frames_hz: pictures of an animation in a second [Hz]; 12.5 by default.
+
+    examples:
+      t2d-rt plot walk.zarr -o walk.pdf --width-in 3.5               # the spectrogram, for a column of a paper
+      t2d-rt plot walk.zarr --map range_doppler --time-s 1.2 -o rd.pdf
+      t2d-rt plot walk.zarr --limits-db "[-140, -90]" -o walk.png    # a scale that other pictures have, too
+      t2d-rt plot array.zarr --map point_cloud                       # of an antenna array
+      t2d-rt plot walk.zarr --animate                                # walk.gif: the body in its room beside the spectrogram
+      t2d-rt plot walk.zarr --animate -o walk.mp4                    # by ffmpeg
+    """
+    from t2d_rt.recording.read import load_recording
+    from t2d_rt.view.animation import ENDINGS, check_animation
+    from t2d_rt.view.animation import animate as animated
+
+    source = Path(file)
+    moves = animate or (output is not None and Path(output).suffix.lower() in ENDINGS)
+    part = "" if map == "spectrogram" else f"_{map}"
+    target = Path(output or f"{source.stem}{part}{'.gif' if moves else '.png'}")
+    if moves and map != "spectrogram":
+        raise InputError(f"an animation shows the spectrogram, got --map {map}; leave it out, or draw a picture")
+    (check_animation if moves else check_picture)(target, overwrite=overwrite)
+    interval = _given(time_s=time_s, interval_s=interval_s)
+    levels, moving = (
+        _given(dynamic_range_db=dynamic_range_db, limits_db=limits_db),
+        _given(width_px=width_px, frames_hz=frames_hz),
+    )
+    style = _given(cmap=cmap, width_in=width_in) | levels
+    if map not in OF_INTERVAL:
+        refuse(interval, f"a map of one interval ({', '.join(OF_INTERVAL)})")
+    if map == "point_cloud":
+        refuse(levels, "levels, and a point cloud shows speeds")
+    refuse(style if moves else (), f"a picture, and {target.name} is an animation")
+    refuse(() if moves else moving, "an animation, and this is a picture")
+    recording, title = load_recording(source, **capture), source.name if title is None else title
+    if moves:
+        animated(recording, target, title=title, overwrite=overwrite, **moving)
+    else:
+        draw = recording.plot if map == "spectrogram" else getattr(recording, f"plot_{map}")
+        write_picture(draw(title, **style, **interval), target, overwrite=overwrite)
+    say(f"wrote {target}")
+
+
+def _given(**values: Any) -> Given:
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def view(
+    files: list[str] | None = None, output: str | None = None, overwrite: bool = False, *, capture: Capture
+) -> None:
+    """Writes one HTML file that shows a recording: body, room and paths in three dimensions beside spectrogram and maps, with one
+    time cursor. It needs no network and no other file.
+
+    files: a result (.zarr), or measured ADC samples (.npy, or .bin of a DCA1000); or two of them.
+    output: page to write (.html); by default it has the (first) RECORDING's name.
+
+    examples:
+      t2d-rt view walk.zarr                             # walk.html: body, room, paths and maps on one timeline, for any browser
+      t2d-rt view ellipsoids.zarr mesh.zarr -o both.html  # two recordings side by side
+      t2d-rt view capture.npy --radar my_radar.yaml       # the maps of a measured recording
+    """
+    from t2d_rt.recording.read import load_recording
+    from t2d_rt.view import MOST_RECORDINGS, Viewer, check_page, told
+
+    sources = [Path(each) for each in files or ()]
+    if not 1 <= len(sources) <= MOST_RECORDINGS:
+        raise InputError(f"view takes one recording, or two to show side by side, got {len(sources)} names")
+    target = check_page(output or sources[0].with_suffix(".html"), overwrite=overwrite)
+    measured = [each for each in sources if each.suffix.lower() in (".npy", ".bin")]
+    if not measured:
+        refuse(capture, f"measured samples, and {sources[0]} is a result, which holds its own radar")
+    recordings = [load_recording(each, **(capture if each in measured else {})) for each in sources]
+    titles = [f"{each.stem}: {told(known)}" for each, known in zip(sources, recordings, strict=True)]
+    viewer = Viewer(recordings, titles)
+    viewer.save(target, overwrite=overwrite)
+    say(f"wrote {target} ({len(viewer.html) / 1e6:.1f} MB)")
+
+
+def export(file: str, output: str | None = None, truth: bool = False, overwrite: bool = False) -> None:
+    """Writes the ADC cube, the spectrogram and the axes of a result (.zarr) as one file for other programs.
+
+    output: file to write; its ending says its format: .mat, .h5, .nc or .npz. By default it has FILE's name and ends in .mat.
+    truth: whether joints, segments and contacts of the targets over time are written too.
+
+    examples:
+      t2d-rt export walk.zarr -o walk.mat                        # ADC cube, spectrogram and axes for MATLAB
+      t2d-rt export walk.zarr -o walk.nc                         # for xarray and other readers of NetCDF
+    """
+    from t2d_rt.recording.recording import Recording
+
+    target = Path(output or Path(file).with_suffix(".mat").name)
+    Recording.load(file).export(target, truth=truth, overwrite=overwrite)
+    say(f"wrote {target}")
+
+
+def scene(
+    file: str, output: str | None = None, overwrite: bool = False, walk: str | None = None, reflections: int = 1, *,
+    scene_material: SceneMaterial, given: OfScene,
+) -> None:  # fmt: skip
+    """Draws a room from above and in three dimensions, with the radar, a walker's track and the paths to it.
+
+    output: picture to write (.png, .pdf or .svg); SCENE.png by default.
+    walk: motion file of a walker, or a bundled motion's name; the walker is placed before the radar as simulate does.
+    reflections: greatest number of reflections of the paths that are drawn; they lead to the middle of the track.
+
+    examples:
+      t2d-rt scene living_room                                   # writes living_room.png: plan, view, paths to a point ahead
+      t2d-rt scene my_room.xml --walk walk.bvh --reflections 2   # with a walker's track, and the paths to it
+    """
+    from t2d_rt.experiment.catalog import motion_path
+    from t2d_rt.motion import load_motion, place
+    from t2d_rt.pipeline.path_pairs import paths_to, within_reach
+    from t2d_rt.plots import plot_scene
+    from t2d_rt.propagation.scenes import load_scene
+
+    if not 0 <= reflections <= 4:
+        raise InputError(f"option reflections must lie in 0..4, got {reflections}")
+    radar = radar_of(given)
+    whole = load_scene(file, materials=substitutes_of(scene_material), frequency_hz=radar.mid_frequency_hz)
+    near = within_reach(whole, radar)
+    cut = "" if near in (None, whole) else f" of {len(whole.surfaces)}, within {radar.max_range_m:.3g} m"
+    drawn = near or whole
+    picture = Path(output or f"{drawn.name}.png")
+    check_picture(picture, overwrite=overwrite)
+    track, target = None, radar.tx_position_m + 2.5 * radar.axes[0]
+    if walk is not None:
+        motion = load_motion(motion_path(walk))
+        track = place(motion, radar_position_m=radar.position_m, boresight=radar.boresight).joints[:, 0]
+        target = track[len(track) // 2]
+    paths = [] if near is None else paths_to(near, radar, target, reflections=reflections)
+    figure = plot_scene(drawn, radar.tx_position_m, paths_m=paths, track_m=track, title=drawn.name)
+    write_picture(figure, picture, overwrite=overwrite)
+    where, names = ", ".join(f"{x:.2f}" for x in target), ", ".join(name for name, _ in paths)
+    say(f"{len(drawn.surfaces)} objects{cut}, {len(paths)} paths to ({where}) m: {names}")
+    say(f"wrote {picture}")
+
+
+def info(file: str, *, motion: Reading) -> None:
+    """Tells what a motion file, a result (.zarr) or a radar file (.yaml) holds.
+
+    examples:
+      t2d-rt info walk.bvh                                       # what the reader found in a motion file
+      t2d-rt info walk.zarr                                      # what a result holds
+      t2d-rt info my_radar.yaml                                  # what a radar resolves
+    """
+    from t2d_rt.core.atomic_write import settle
+    from t2d_rt.experiment.catalog import motion_path
+
+    source = Path(file)
+    with suppress(OSError, ValueError):  # no folder, or one that may only be read: what follows says so
+        settle(source)
+    source = source if source.exists() else motion_path(source)
+    if not source.exists():
+        raise InputError(f"{source} does not exist; check the path")
+    if source.is_dir():
+        from t2d_rt.recording.recording import Recording
+
+        result = Recording.load(source)
+        shape = " x ".join(str(n) for n in result.cube.shape)
+        rows = {"adc": f"{shape} (chirp, antenna, sample)", **result.settings}
+        rows["versions"] = ", ".join(f"{name} {value}" for name, value in result.versions.items())
+        say(_rows(_radar_rows(result.radar) | rows))
+    elif source.suffix.lower() in (".yaml", ".yml"):
+        from t2d_rt.types import Radar
+
+        say(_rows(_radar_rows(Radar.from_yaml(source))))
+    else:
+        from t2d_rt.motion import describe, load_motion
+
+        read = load_motion(source, **motion)
+        say(read.report)
+        say(describe(read))
+
+
+def _rows(rows: Given) -> str:
+    return "\n".join(f"{name:22}{value}" for name, value in rows.items())
+
+
+def _radar_rows(radar: Radar) -> Given:
+    """What a radar resolves."""
+    return {
+        "mid-sweep frequency": f"{radar.mid_frequency_hz / 1e9:.4f} GHz",
+        "bandwidth": f"{radar.bandwidth_hz / 1e9:.4f} GHz",
+        "range bin": f"{radar.range_resolution_m * 100:.2f} cm",
+        "farthest range": f"{radar.max_range_m:.2f} m",
+        "unambiguous speed": f"+-{radar.max_speed_mps:.2f} m/s",
+        "chirp rate": f"{radar.prf_hz:.6g} Hz",
+        "antennas": f"{len(radar.tx_offsets_m)} x {len(radar.rx_offsets_m)} (tx x rx), {radar.multiplexing}",
+    }
+
+
+def names(file: str | None = None) -> None:
+    """Lists the names that the other commands take: presets, scenes, bodies, movers and motions.
+
+    file: names to list: presets, scenes, bodies, movers or motions; all of them by default.
+
+    examples:
+      t2d-rt list                                                # all names
+      t2d-rt list presets                                        # radar presets with what they resolve
+    """
+    from t2d_rt.core.checks import unknown_name
+
+    if file is not None and file not in KINDS:
+        raise unknown_name("list", file, KINDS)
+    listed: dict[str, Callable[[], Iterator[tuple[str, str]]]] = {
+        "presets": _presets, "scenes": _scenes, "bodies": _bodies, "movers": _movers, "motions": _motions,
+    }  # fmt: skip
+    for kind in KINDS if file is None else (file,):
+        rows = list(listed[kind]())
+        width = max(len(name) for name, _ in rows) + 2
+        say("\n".join([f"{kind}:", *(f"  {name:{width}}{told}" for name, told in rows)]))
+
+
+def _presets() -> Iterator[tuple[str, str]]:
+    from t2d_rt.experiment.catalog import presets
+    from t2d_rt.types import Radar
+
+    for name in presets():
+        radar = Radar.preset(name)
+        told = (
+            f"{radar.carrier_hz / 1e9:.4g} GHz, sweep {radar.bandwidth_hz / 1e9:.3g} GHz, PRF {radar.prf_hz / 1e3:.4g} kHz, "
+            f"{len(radar.tx_offsets_m)} x {len(radar.rx_offsets_m)} antennas, bin {100 * radar.range_resolution_m:.3g} cm, "
+            f"up to {radar.max_range_m:.3g} m, +-{radar.max_speed_mps:.3g} m/s"
+        )
+        yield name, told
+
+
+def _scenes() -> Iterator[tuple[str, str]]:
+    from t2d_rt.experiment.catalog import FREE_SPACE, scenes
+    from t2d_rt.propagation.scenes import load_scene
+
+    yield FREE_SPACE, "nothing but the targets"
+    for name in scenes():
+        if name != FREE_SPACE:
+            room = load_scene(name)
+            size = " x ".join(f"{length:.3g}" for length in room.bounds_m[1] - room.bounds_m[0])
+            yield name, f"{size} m, {len(room.surfaces)} objects"
+
+
+def _bodies() -> Iterator[tuple[str, str]]:
+    from t2d_rt.body import ABOUT, bodies, template
+
+    for name in bodies():
+        body = template(name)
+        tall = f"{body.stature_m:.2f} m tall before it is fitted to a motion"
+        yield name, f"{ABOUT.get(name, 'a body')}, {tall}, {len(body.faces)} faces"
+
+
+def _movers() -> Iterator[tuple[str, str]]:
+    from t2d_rt.scene.movers import kind_named, kind_names
+
+    for name in kind_names():
+        try:
+            kind = kind_named(name)
+        except InputError as error:  # of one package, which hides no other
+            yield name, str(error)
+            continue
+        told = " ".join((kind.__doc__ or "").split("\n\n")[0].split())
+        fields = [field for field in kind.model_fields if field not in ("kind", "position_m")]
+        yield name, f"{told} Options: {', '.join(fields)}."
+
+
+def _motions() -> Iterator[tuple[str, str]]:
+    from t2d_rt.experiment.catalog import EXAMPLES
+
+    for name, (file, told) in EXAMPLES.items():
+        yield name, f"{told}; {file}"

@@ -1,0 +1,249 @@
+"""`t2d-rt simulate`, `plan`, `paths`: what an experiment gives, would take, and sees over which paths."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from t2d_rt.cli.experiments import Asked, Job, OfPaths, OfPlan, is_experiment, radar_of
+from t2d_rt.cli.options import Given, Signal
+from t2d_rt.cli.output import check_picture, say, stem_of
+from t2d_rt.core.errors import InputError, T2DError, T2DWarning
+from t2d_rt.core.progress import ProgressBar
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from t2d_rt.experiment.experiment import Experiment
+    from t2d_rt.pipeline.echo_model import Model
+    from t2d_rt.recording.recording import Recording
+    from t2d_rt.types import Accuracy, Radar
+
+CHECKED_CHIRPS = 2**16
+"""Longest silence on which the options of a spectrogram are tried."""
+
+
+class _Said(logging.Handler):
+    """Prints what the readers of motion files found, each once."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.INFO)
+        self._before: set[str] = set()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Prints one."""
+        text = record.getMessage()
+        if text not in self._before:
+            self._before.add(text)
+            say(text)
+
+
+@contextmanager
+def reports_said() -> Iterator[None]:
+    """Reports of motion files are printed as they are read."""
+    log, said = logging.getLogger("t2d_rt.motion"), _Said()
+    log.addHandler(said)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(said)
+
+
+def simulate(
+    file: str, output: str | None = None, overwrite: bool = False, background: str | None = None,
+    background_seed: int | None = None, background_level_db: float | None = None, *, given: Asked, signal: Signal,
+) -> None:  # fmt: skip
+    """Simulates a motion file or an experiment (.yaml), or a result (.zarr) again; writes the recording and its spectrogram.
+
+    output: folder of the result (.zarr); its picture is written beside it. By default it has FILE's name.
+    background: background that is added to the spectrogram: default, or a model (.safetensors) that t2d-rt background train wrote;
+        none by default.
+    background_seed: seed of the background; 0 by default.
+    background_level_db: level of its noise floor [dB re 1 W]; by default that of one of the recordings that it was learned from.
+
+    examples:
+      t2d-rt simulate walk.bvh -o walk.zarr                      # mesh, table2; writes walk.zarr and walk.png
+      t2d-rt simulate walk.bvh --method ellipsoid --radar ci4r
+      t2d-rt simulate walk.bvh --radar.prf-hz 12800 --distance-m 4 --seed 3
+      t2d-rt simulate walk.bvh --radar my_radar.yaml --signal.mti highpass --overwrite
+      t2d-rt simulate walk.bvh --scene living_room --add fan:2,1,1,rpm=300 --add person:other.bvh,distance_m=3
+      t2d-rt simulate walk.bvh --print_config > walk.yaml        # every option with its value
+      t2d-rt simulate --config walk.yaml
+      t2d-rt simulate walk.bvh --noise receiver                  # thermal and phase noise, ADC and so on, typical of the band
+      t2d-rt simulate walk.bvh --tolerance-db -25                # as finely as that asks for; the error is measured afterwards
+    """
+    from t2d_rt.recording.folder import check_free
+
+    source = Path(file)
+    target = Path(output or f"{stem_of(source)}{'_again' if source.suffix == '.zarr' else ''}.zarr")
+    if target.suffix != ".zarr":
+        raise InputError(f"a result is a folder that ends in .zarr, got '{target}'; the picture is written beside it")
+    if target.is_symlink():  # the result is written to where the link leads, and the picture goes beside it
+        target = target.resolve()
+    picture = target.with_suffix(".png")
+    check_free(target, overwrite=overwrite)
+    check_picture(picture, overwrite=overwrite)
+    known = None if is_experiment(source) else radar_of(given)
+    of_it: Given = {"seed": background_seed, "level_db": background_level_db}
+    added = {name: each for name, each in of_it.items() if each is not None}
+    _check_background(background, added, known, signal)
+    result = recorded(Job.of(file, given), signal)
+    if background is not None:
+        result = result.with_background(background, **added)
+    where = "" if result.settings["scene"] == "free_space" else f", {result.settings['scene']}"
+    figure = _drawn(result, f"{source.name}, {result.settings['method']}{where}")
+    result.save(target, overwrite=overwrite, figure=figure)
+    if result.error_db is not None:
+        say(f"measured error {result.error_db:.1f} dB")
+    if result.snr_db is not None:
+        say(f"SNR {result.snr_db:.1f} dB over all noise of the receiver, {result.noise_dbm:.1f} dBm in an ADC sample")
+    say(f"wrote {target}" + (f" and {picture}" if figure is not None else ""))
+
+
+def recorded(job: Job, signal: Given) -> Recording:
+    """The recording of an experiment, or of a recording again."""
+    from t2d_rt.experiment.experiment import Experiment
+    from t2d_rt.simulate import run
+
+    made = job.experiment
+    _check_processing(signal, made)
+    with reports_said(), ProgressBar("again" if not isinstance(made, Experiment) else made.method) as progress:
+        result = run(made, job.accuracy or None, progress=progress, **job.run)
+    if not isinstance(made, Experiment):
+        return result.processed(**{**made.processing, **signal})
+    files = [each.model_dump() for each in made.targets]  # of a file its name, not the folders of this machine
+    files = [{**each, "file": Path(each["file"]).name} if "file" in each else each for each in files]
+    result.settings["motion"], result.settings["added"] = files[0], files[1:]
+    return result.processed(**signal)
+
+
+def _check_processing(processing: Given, made: Experiment | Recording) -> None:
+    """Tries the options of the spectrogram on a short silence, so that a wrong one does not show after a long run."""
+    import numpy as np
+
+    from t2d_rt.experiment.experiment import Experiment
+    from t2d_rt.signal import spectrogram
+    from t2d_rt.signal.doppler import check_processing
+    from t2d_rt.types import Motion
+
+    radar, chirps = made.radar, max(256, processing.get("n_window") or 0, made.radar.separated.loops_per_frame or 0)
+    check_processing(radar, chirps, processing)
+    if "n_window" in processing and isinstance(made, Experiment):  # files are read once more, which tells nothing new
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", T2DWarning)
+            durations_s = [each.duration_s for each in made.targets_from({}) if isinstance(each, Motion)]
+        if durations_s:
+            check_processing(radar, len(radar.chirp_times_s(min(durations_s))), processing)
+    silence = np.zeros((min(chirps, CHECKED_CHIRPS), 1, radar.samples), np.complex64)
+    spectrogram(silence, radar.separated, **processing)
+
+
+def _check_background(background: str | None, added: Given, radar: Radar | None, signal: Given) -> None:
+    """Tries the model of the background, and its axes where the radar is given here, before a long run."""
+    from t2d_rt.recording.added_background import background_settings, check_axes
+
+    if background is None:
+        for name in added:
+            told = "is of a background and there is none; give --background, or leave it out"
+            raise InputError(f"--background-{name.replace('_', '-')} {told}")
+        return
+    background_settings(background, **{"seed": 0, "level_db": None, **added})
+    if radar is not None:
+        check_axes(background, radar, signal)
+
+
+def _drawn(result: Recording, title: str) -> Figure | None:
+    """The spectrogram's figure; None and a warning where it cannot be drawn: that must not cost the result."""
+    try:
+        figure = result.plot(title=title)
+        figure.draw_without_rendering()
+    except T2DError:
+        raise
+    except Exception as error:  # whatever a drawing library may raise
+        reason = " ".join(str(error).split()) or type(error).__name__
+        told = f"the picture cannot be drawn ({reason}); the result is written without it"
+        warnings.warn(told, T2DWarning, stacklevel=2)
+        return None
+    return figure
+
+
+def plan(file: str, *, given: OfPlan) -> None:
+    """Tells what simulate would model and leave out to keep to a tolerance, for a motion file or an experiment (.yaml), and the
+    time and memory that it would take. Without --tolerance-db it is an experiment's own, and -20 elsewhere.
+
+    examples:
+      t2d-rt plan walk.bvh --tolerance-db -25                    # what simulate would model, leave out, and take
+      t2d-rt plan walk.bvh --scene living_room --radar ci4r
+    """
+    from t2d_rt.accuracy import plan as planned
+    from t2d_rt.experiment.experiment import Experiment
+
+    job = Job.of(file, given)
+    if not isinstance(job.experiment, Experiment):
+        told = "is a result, which is simulated already; give plan a motion file or an experiment (.yaml)"
+        raise InputError(f"{file} {told}")
+    with reports_said():
+        found = planned(job.experiment, accuracy=job.accuracy, **job.run)
+    say(found)
+
+
+def paths(
+    file: str, output: str | None = None, overwrite: bool = False, rate_hz: float = 25.0, time_s: float | None = None, *,
+    given: OfPaths,
+) -> None:  # fmt: skip
+    """Tells over which paths a motion file, an experiment (.yaml) or a recording (.zarr) is seen: delay, range, speed, level and
+    directions of each; nothing is simulated.
+
+    output: table to write (.csv); none by default.
+    rate_hz: instants a second in the table that is written [Hz].
+    time_s: instant of the table on the screen [s]; the middle of the record by default.
+
+    examples:
+      t2d-rt paths walk --scene living_room                      # the strongest in the middle of the record, on the screen
+      t2d-rt paths walk --scene living_room -o paths.csv         # all of them over time
+      t2d-rt paths walk --scene empty_room --time-s 0.5 --add fan:3,-1,1
+      t2d-rt paths walk.zarr -o paths.csv                        # those of a recording, or of an experiment (.yaml)
+    """
+    from t2d_rt.cli.output import check_file, write_text
+    from t2d_rt.core.checks import positive
+    from t2d_rt.recording.path_table import checked_times, csv_text, path_table, record_times, screen_text
+
+    positive("rate_hz", rate_hz, 1e4, unit="Hz")
+    if output is not None:
+        check_file(Path(output), "the table of paths", ".csv", overwrite=overwrite)
+    model, accuracy = _model_of(Job.of(file, given))
+    middle_s = 0.5 * (model.span_s[1] - model.span_s[0]) if time_s is None else time_s
+    say(screen_text(path_table(model, accuracy, checked_times(model, middle_s))))
+    if output is not None:
+        write_text(
+            csv_text(path_table(model, accuracy, record_times(model.span_s, rate_hz))), output, overwrite=overwrite
+        )
+        say(f"wrote {output}")
+
+
+def _model_of(job: Job) -> tuple[Model, Accuracy]:
+    """How the targets become echoes, and the accuracy that `simulate` would choose, which says which paths are modelled."""
+    from dataclasses import replace
+
+    from t2d_rt.accuracy.wanted import Wanted, chosen
+    from t2d_rt.core.memory import LIMIT_GB
+    from t2d_rt.experiment.experiment import Experiment
+    from t2d_rt.experiment.setup import set_up, set_up_again
+
+    machine: Any = {"device": "auto", "memory_gb": LIMIT_GB, **job.run}
+    tolerance_db, made, given = machine.pop("tolerance_db", None), job.experiment, job.accuracy
+    if isinstance(made, Experiment):
+        wanted = Wanted.of(given, tolerance_db)
+        with reports_said():
+            stage = set_up(made.targets_from({}), made.radar, made.scene_from({}), made.physics, **machine)
+    else:
+        kept = made.accuracy if tolerance_db is None else None
+        wanted = Wanted.of(kept.replace(**given) if kept else given, tolerance_db)
+        stage = set_up_again(made.experiment, made.inputs, **machine)
+    plan = chosen(stage.model, wanted)
+    return replace(plan.model, ranked=stage.model.ranked), plan.accuracy

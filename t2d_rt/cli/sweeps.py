@@ -1,0 +1,161 @@
+"""`t2d-rt sweep`: one command line whose options hold ranges and alternatives, as many recordings."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+from t2d_rt.cli.experiments import Job, OfSweep, is_experiment, target_of
+from t2d_rt.cli.options import Signal
+from t2d_rt.cli.output import say, write_picture
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import load_yaml
+
+NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+RANGE = re.compile(rf"\s*({NUMBER}):({NUMBER}):({NUMBER})\s*")
+"""First, last and step of a range."""
+ENTRY = re.compile(r"\s*[a-z_]+:")
+"""How an entry of --add begins."""
+MOST_VALUES = 1000
+"""Values of one range."""
+
+
+def sweep(
+    file: str, output: str | None = None, vary: list[str] | None = None, *, given: OfSweep, signal: Signal,
+    varied: dict[str, list[str]],
+) -> None:  # fmt: skip
+    """Simulates a motion file, an experiment (.yaml) or a result (.zarr) again and again with some options varied, and compares the
+    recordings with the first. Any option of motion, model, radar, accuracy or spectrogram may be a range, first:last:step, or
+    alternatives with | between them; several make a grid. Recordings are stored as they are made, and a sweep that was stopped goes
+    on; then come panels.png and panels.pdf on one scale, and table.csv. A target of --add is left out where it is none.
+
+    output: folder of the recordings, the table and the pictures; by default it has FILE's name and ends in _sweep.
+    vary: a field of the experiment and its values, as seed=0:9:1 or targets.1.rpm=0:900:300; the first target is number 0. Given
+        once for each.
+
+    examples:
+      t2d-rt sweep walk --scene living_room --add fan:3,-1,1,rpm=0:900:300 -o fans      # four recordings, 300 rpm apart
+      t2d-rt sweep walk --add "none|fan:3,-1,1,rpm=300|pet:3,-1,0" -o beside            # alternatives, quoted for the shell
+      t2d-rt sweep walk --method "ellipsoid|mesh" --angle-deg 0:90:45 -o aspects        # a grid of six
+      t2d-rt sweep room.yaml --vary targets.1.rpm=0:900:300 --vary seed=0:2:1 -o seeds  # fields of an experiment in YAML
+    """
+    from t2d_rt.sweeps import PICTURES, TABLE
+    from t2d_rt.sweeps import sweep as made
+
+    source = Path(file)
+    folder = Path(output or f"{source.name.partition('.')[0]}_sweep")
+    if is_experiment(source) and set(varied) - {"file"}:
+        option = next(iter(varied))
+        raise InputError(f"option {option} is part of the experiment {source.name}; change it there, or give --vary")
+    values = _values(varied, vary or [], given)
+    job = Job.of(file, given)
+    processing = {**getattr(job.experiment, "processing", {}), **signal}
+    found = made(
+        job.experiment, values, folder, accuracy=job.accuracy, processing=processing, progress=True, **job.run
+    )  # fmt: skip
+    figure = found.plot(source.name)
+    for picture in PICTURES:
+        write_picture(figure, folder / picture, overwrite=True)
+    say(found)
+    say(f"wrote {TABLE}, {' and '.join(PICTURES)} beside {len(found.points)} recordings in {folder}")
+
+
+def _values(varied: dict[str, list[str]], vary: list[str], given: dict[str, Any]) -> dict[str, list[Any]]:
+    """Values by the names of the experiment's fields, in the order in which they were given."""
+    from t2d_rt.experiment.experiment import Experiment
+    from t2d_rt.experiment.sources import MotionFile
+
+    found: dict[str, list[Any]] = {}
+    for name, texts in varied.items():
+        if name.startswith("add "):
+            targets = (target_of(each) for each in texts)
+            found[f"targets.{int(name[4:]) + 1}"] = [each and each.model_dump(mode="json") for each in targets]
+        elif name in MotionFile.model_fields or name == "motion.subject":
+            plain = name in ("file", "motion.subject")
+            found[f"targets.0.{name.rpartition('.')[2]}"] = texts if plain else [load_yaml(each) for each in texts]
+        elif name == "scene" and given.get("scene_material"):
+            found["scene.file"] = texts
+        elif name in ("only_paths", "without_paths"):
+            found[name] = [[each] for each in texts]
+        elif name in (*Experiment.model_fields, "tolerance_db") or name.startswith(("radar.", "accuracy.", "signal.")):
+            found[name] = [load_yaml(each) for each in texts]
+        else:
+            told = "those of motion, model, radar, accuracy and spectrogram can, and fields by --vary"
+            raise InputError(f"option {name} cannot be varied; {told}")
+    for entry in vary:
+        name, equals, text = entry.partition("=")
+        if not equals:
+            raise InputError(f"option vary takes a field and its values, as seed=0:9:1, got {entry!r:.60}")
+        found[name.strip()] = [load_yaml(each) for each in alternatives(text)]
+    if not found:
+        raise InputError(
+            "nothing is varied; give a range or alternatives, as --seed 0:9:1, --method 'ellipsoid|mesh' or --vary seed=0:9:1"
+        )
+    if "radar" in varied:
+        from t2d_rt.cli.experiments import radar_of
+        from t2d_rt.experiment.catalog import radar_named
+
+        if radar_of(given) != radar_named(varied["radar"][0]):
+            told = "a sweep takes several radars or changes fields of one; leave --radar.FIELD out, or give one radar"
+            raise InputError(told)
+    return found
+
+
+def first_of(name: str, text: str, varied: dict[str, list[str]]) -> str:
+    """The value that stands for an option whose values may be several, which are noted in `varied`."""
+    found = entries(text) if name.startswith("add ") else alternatives(text)
+    if len(found) > 1:
+        varied[name] = found
+    return next((each for each in found if each != "none"), found[0])
+
+
+def alternatives(text: str) -> list[str]:
+    """What a text stands for: the numbers of a range first:last:step, or the texts between | signs.
+
+    >>> alternatives("0:900:300"), alternatives("mesh|ellipsoid"), alternatives("0.1:0.3:0.1|1")
+    (['0', '300', '600', '900'], ['mesh', 'ellipsoid'], ['0.1', '0.2', '0.3', '1'])
+    """
+    parts = text.split("|")
+    return [each for part in parts for each in _range(part.strip() if len(parts) > 1 else part)]
+
+
+def _range(part: str) -> list[str]:
+    found = RANGE.fullmatch(part)
+    if found is None:
+        return [part]
+    first, last, step = (Decimal(each) for each in found.groups())
+    if not step or (last - first) / step < 0:
+        raise InputError(f"the range {part.strip()} never arrives; write first:last:step, as 0:900:300")
+    count = int((last - first) / step) + 1
+    if count > MOST_VALUES:
+        raise InputError(f"the range {part.strip()} has more than {MOST_VALUES} values; choose a larger step")
+    reached = first + (count - 1) * step
+    if reached != last:
+        raise InputError(f"the range {part.strip()} steps past its last value; write {first}:{reached}:{step}")
+    return [f"{(first + number * step).normalize():f}" for number in range(count)]
+
+
+def entries(text: str) -> list[str]:
+    """The entries that a text of --add stands for: "none", and movers or persons with every combination of their values.
+
+    >>> entries("fan:3,-1,1,rpm=0:600:300|pet:3,-1,0")
+    ['fan:3,-1,1,rpm=0', 'fan:3,-1,1,rpm=300', 'fan:3,-1,1,rpm=600', 'pet:3,-1,0']
+    """
+    whole: list[str] = []
+    for part in text.split("|"):
+        if whole and not ENTRY.match(part):
+            whole[-1] += f"|{part}"  # one more value of the entry's last field
+        else:
+            whole.append(part)
+    found = []
+    for entry in whole:
+        kind, colon, rest = entry.partition(":")
+        choices = []
+        for word in rest.split(","):
+            key, equals, value = word.rpartition("=")
+            choices.append([f"{key}{equals}{each}" for each in alternatives(value)])
+        found += [f"{kind}{colon}{','.join(words)}" for words in itertools.product(*choices)]
+    return found
