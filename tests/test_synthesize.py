@@ -24,7 +24,7 @@ from t2d_rt.radar.groups import levels
 from t2d_rt.radar.interpolants import spline_slopes
 from t2d_rt.radar.sweep import Sweep
 from t2d_rt.radar.synthesize import synthesize
-from t2d_rt.radar.windows import Window, windows
+from t2d_rt.radar.windows import Window, Windows
 from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
@@ -107,7 +107,7 @@ def test_merged_echoes_keep_the_tolerance(preset: str, tolerance_db: float) -> N
     echoes = swinging_sheet(radar)
     cube = synthesize(echoes, radar, tolerance_db=tolerance_db)
     chirps_per_frame = len(cube) / (len(echoes.times_s) - 1)
-    for window in windows(stream(echoes)):
+    for window in Windows(echoes.times_s).add(0, stream(echoes).frames(0, len(echoes.times_s))):
         assert levels(window, Sweep.of(radar), chirps_per_frame, 10 ** (tolerance_db / 20)), "they are merged"
     chirps = np.random.default_rng(0).choice(len(cube), 12, replace=False)
     antenna = radar.antennas - 1

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from t2d_rt.types import EchoArrays, EchoStream, Radar
+from t2d_rt.types import EchoArrays, Radar
 
 
 def filtered(echoes: EchoArrays, radar: Radar) -> EchoArrays:
@@ -20,8 +18,3 @@ def filtered(echoes: EchoArrays, radar: Radar) -> EchoArrays:
     gain = np.clip((last_s - echoes.delay_s) * radar.bandwidth_hz, 0, 1).astype(np.float32)
     slope = None if echoes.slope is None else echoes.slope * gain
     return echoes._replace(amplitude=echoes.amplitude * gain, slope=slope)
-
-
-def filtered_stream(source: EchoStream, radar: Radar) -> EchoStream:
-    """The same of a stream."""
-    return replace(source, frames=lambda start, stop: filtered(EchoArrays(*source.frames(start, stop)), radar))

@@ -26,8 +26,9 @@ from t2d_rt.core.backend import Backend, aligned_empty, one_blas_thread, select
 from t2d_rt.core.cubes import Cube, CubeAdder, CubeWriter, DiskCube, is_large
 from t2d_rt.core.factored_cubes import Product, ProductRows
 from t2d_rt.core.memory import Budget, reused
+from t2d_rt.core.prefetch import prefetched
 from t2d_rt.radar.array_delays import array_delays, ends
-from t2d_rt.radar.band import filtered_stream
+from t2d_rt.radar.band import filtered
 from t2d_rt.radar.buckets import SLOT_BINS, buckets
 from t2d_rt.radar.coefficients import TERMS, amplitudes, chebyshev_coefficients, fields_at, phases, terms_over
 from t2d_rt.radar.groups import Level, bucket_bins, bucket_theta, levels
@@ -35,8 +36,8 @@ from t2d_rt.radar.leaves import Factors, leaves
 from t2d_rt.radar.multilevel import at_antennas, at_instants, factors
 from t2d_rt.radar.prolate import band_nodes, band_weights
 from t2d_rt.radar.sweep import Instants, Sweep
-from t2d_rt.radar.windows import Delay, Window, windows
-from t2d_rt.types import Echoes, EchoStream, Radar, stream
+from t2d_rt.radar.windows import Delay, Window, Windows, block_end
+from t2d_rt.types import EchoArrays, Echoes, EchoStream, Radar, stream
 
 ECHO_BUCKET_BINS = 0.25
 """Width of a bucket of echoes, in range bins."""
@@ -85,52 +86,95 @@ def synthesize(
         checks.integer("read_frames", read_frames, 1)
     if progress is not None:
         checks.call("progress", progress, "a function of the fraction done")
-    source = filtered_stream(stream(echoes), radar)
-    starts = radar.chirp_times_s(float(source.times_s[-1] - source.times_s[0]))
+    source = stream(echoes)
     memory = Budget.of() if memory is None else checks.instance("memory", memory, Budget, "a Budget")
-    if onto is not None:
-        checks.instance("onto", onto, (np.ndarray, DiskCube), "an ADC cube")
-        checks.check_shape("onto", onto, (len(starts), radar.antennas, radar.samples))
-    shape = len(starts), radar.antennas, radar.samples
-    cube = _new_cube(shape, memory) if onto is None else onto
-    sweep, tolerance, backend = Sweep.of(radar), 10 ** (tolerance_db / 20), select(device)
-    jobs: list[Future[None]] = []
-    done = 0
-    with one_blas_thread, _filler(cube, onto, radar) as filler, ThreadPoolExecutor(1) as pool:
-        for window, rows, position in _blocks(source, radar, starts, read_frames):
-            sums = _sums(window, radar, position, sweep, tolerance, backend)
-            # Samples are made in another thread: with the first sums of a window most of its kernels are done.
-            head = list(itertools.islice(sums, 1))
-            for job in jobs:
-                job.result()
-            filler.next(len(position))
-            if rows.start != done:
-                raise RuntimeError(f"rows {done}..{rows.start} of a cube were left out")
-            done = rows.stop
-            found = _products(itertools.chain(head, sums), radar, rows)
-            jobs = [pool.submit(filler.put, *each) for each in found]
-            del sums, head, window, found
-            memory.release()
-            if progress is not None:
-                progress(rows.stop / len(starts))
-        for job in jobs:
+    with Synthesis(
+        source.times_s, radar, tolerance_db=tolerance_db, device=device, onto=onto, memory=memory, progress=progress
+    ) as synthesis:
+        for first, arrays in prefetched(_read(source, read_frames)):
+            synthesis.add(first, arrays)
+    return synthesis.cube
+
+
+def _read(source: EchoStream, read_frames: int | None) -> Iterator[tuple[int, EchoArrays]]:
+    """All echoes of a stream in order, block by block, each with its first frame."""
+    first, frames, echoes = 0, len(source.times_s), source.echoes
+    while first < frames:
+        last = block_end(
+            first, frames, echoes=echoes, vertices=source.vertices, at_once=source.at_once, read_frames=read_frames
+        )
+        arrays = EchoArrays(*source.frames(first, last))
+        yield first, arrays
+        first, echoes = last, arrays.delay_s.shape[1]
+
+
+class Synthesis:
+    """The sum of blocks of echoes, which come in order, as an ADC cube; a context, which is left when all have come."""
+
+    def __init__(
+        self, times_s: np.ndarray, radar: Radar, *, tolerance_db: float, device: str, memory: Budget, onto: Cube | None = None,
+        progress: Progress | None = None,
+    ) -> None:  # fmt: skip
+        """As `synthesize`, for echoes at surface frames `times_s` (T,)."""
+        self._radar, self._memory, self._progress = radar, memory, progress
+        self._sweep, self._tolerance, self._backend = Sweep.of(radar), 10 ** (tolerance_db / 20), select(device)
+        self._windows = Windows(times_s)
+        starts_s = radar.chirp_times_s(float(times_s[-1] - times_s[0]))
+        self._mid_times_s, self._last = starts_s + radar.mid_time_s, len(times_s) - 1
+        shape = len(starts_s), radar.antennas, radar.samples
+        if onto is not None:
+            checks.instance("onto", onto, (np.ndarray, DiskCube), "an ADC cube")
+            checks.check_shape("onto", onto, shape)
+        self.cube = _new_cube(shape, memory) if onto is None else onto
+        self._filler = _filler(self.cube, onto, radar)
+        self._pool, self._jobs, self._done = ThreadPoolExecutor(1), list[Future[None]](), 0
+
+    def __enter__(self) -> Synthesis:
+        one_blas_thread.__enter__()
+        self._filler.__enter__()
+        return self
+
+    def add(self, first: int, echoes: EchoArrays) -> None:
+        """The echoes at frames from the `first` on, which follows those that came before."""
+        for window in self._windows.add(first, filtered(echoes, self._radar)):
+            self._sum(window)
+            self._memory.release()
+
+    def _sum(self, window: Window) -> None:
+        """The rows of the cube whose chirps fall into a window."""
+        first, last = np.searchsorted(self._mid_times_s, np.array([window.start, window.stop]) * window.step_s).tolist()
+        if window.stop == self._last:
+            last = len(self._mid_times_s)
+        if first == last:
+            return
+        if first != self._done:
+            raise RuntimeError(f"rows {self._done}..{first} of a cube were left out")
+        position = self._mid_times_s[first:last] / window.step_s - window.start
+        sums = _sums(window, self._radar, position, self._sweep, self._tolerance, self._backend)
+        # Samples are made in another thread: with the first sums of a window most of its kernels are done.
+        head = list(itertools.islice(sums, 1))
+        self._wait()
+        self._filler.next(last - first)
+        found = _products(itertools.chain(head, sums), self._radar, slice(first, last))
+        self._jobs = [self._pool.submit(self._filler.put, *each) for each in found]
+        self._done = last
+        if self._progress is not None:
+            self._progress(last / len(self._mid_times_s))
+
+    def _wait(self) -> None:
+        for job in self._jobs:
             job.result()
-    if done != len(starts):
-        raise RuntimeError(f"rows {done}..{len(starts)} of a cube were left out")
-    return cube
 
-
-def _blocks(
-    source: EchoStream, radar: Radar, starts_s: np.ndarray, read_frames: int | None
-) -> Iterator[tuple[Window, slice, np.ndarray]]:
-    """Windows in order, each with the rows of the cube that fall into it and where these begin [frames after window.start]."""
-    mid_times = starts_s + radar.mid_time_s
-    for window in windows(source, read_frames):
-        first, last = np.searchsorted(mid_times, np.array([window.start, window.stop]) * window.step_s).tolist()
-        if window.stop == len(source.times_s) - 1:
-            last = len(mid_times)
-        if first < last:
-            yield window, slice(first, last), mid_times[first:last] / window.step_s - window.start
+    def __exit__(self, kind: Any, *failed: Any) -> None:
+        try:
+            if kind is None:
+                self._wait()
+                if self._done != len(self._mid_times_s):
+                    raise RuntimeError(f"rows {self._done}..{len(self._mid_times_s)} of a cube were left out")
+        finally:
+            self._pool.shutdown()
+            self._filler.__exit__(kind, *failed)
+            one_blas_thread.__exit__(kind, *failed)
 
 
 def _new_cube(shape: tuple[int, int, int], memory: Budget) -> Cube:

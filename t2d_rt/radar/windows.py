@@ -1,9 +1,8 @@
-"""A stream of echoes cut into windows: the frames that one piece of the sum needs, whatever the size of what is read at once."""
+"""Blocks of echoes cut into windows: the frames that one piece of the sum needs, whatever the size of a block."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,17 +10,17 @@ import numpy as np
 
 from t2d_rt.core.memory import reused_empty
 from t2d_rt.radar.interpolants import spline_slopes
-from t2d_rt.types import EchoArrays, EchoStream
+from t2d_rt.types import EchoArrays
 
 INTERVALS = 32
 """Frame intervals of a window: how echoes are grouped is decided anew for each, so it must not depend on what is read at once."""
 # A spline's end conditions fade by 0.268 per frame: 1e-7 after 12 frames.
 HALO_FRAMES = 12
-# Echoes x frames read at once, 24 bytes each.
+# Echoes x frames of a block, 24 bytes each.
 READ_ECHO_FRAMES = 2_000_000
 # Vertices x frames that these are made from, 16 bytes each.
 READ_VERTEX_FRAMES = 8_000_000
-# Frames of very large meshes are asked for in pieces of at least so many.
+# Blocks of very large meshes have at least so many frames.
 LEAST_FRAMES = 4
 
 Delay = tuple[np.ndarray, np.ndarray]
@@ -70,39 +69,45 @@ class Window:
     """For transmitters and for receivers."""
 
 
-def windows(source: EchoStream, read_frames: int | None = None) -> Iterator[Window]:
-    """All windows of the record; every frame is asked for once, the next ones while a window is worked on.
+class Windows:
+    """Blocks of echoes in, windows out; a window needs some frames more on either side."""
 
-    `read_frames` is about how many frames are asked for at once.
+    def __init__(self, times_s: np.ndarray) -> None:
+        """`times_s`: the record's surface frames [s] (T,)."""
+        self._frames = len(times_s)
+        self.step_s = float(times_s[-1] - times_s[0]) / (self._frames - 1)
+        self._held: list[tuple[int, EchoArrays]] = []
+        self._start = 0
+
+    def add(self, first: int, echoes: EchoArrays) -> Iterator[Window]:
+        """The windows that are complete with echoes from frame `first` on, which is the one after those given before."""
+        self._held.append((first, echoes))
+        come = first + len(echoes.delay_s)
+        while self._start < self._frames - 1:
+            start, stop = self._start, min(self._start + INTERVALS, self._frames - 1)
+            low, high = max(0, start - 1 - HALO_FRAMES), min(self._frames, stop + 2 + HALO_FRAMES)
+            if high > come:
+                return
+            self._held = [part for part in self._held if part[0] + len(part[1].delay_s) > low]
+            self._start = stop
+            yield _window(self._held, low, high, start, stop, self._frames, self.step_s)
+
+
+def block_end(
+    first: int, frames: int, *, echoes: int, vertices: int = 0, at_once: int = 0, read_frames: int | None = None
+) -> int:
+    """The frame after the last of the block that begins with frame `first` of a record: as many as fit a fixed amount of memory.
+
+    `vertices` make the `echoes` of a frame, `at_once` is the greatest number of frames that may be asked for, 0 for any, and
+    `read_frames` about how many a block shall have.
     """
-    total = len(source.times_s)
-    step_s = float(source.times_s[-1] - source.times_s[0]) / (total - 1)
-    held: list[tuple[int, EchoArrays]] = []
-    asked = min(total, INTERVALS + 3 + HALO_FRAMES)
-    come = 0
-    at_once = max(LEAST_FRAMES, READ_VERTEX_FRAMES // max(1, source.vertices))
-    at_once = min(at_once, source.at_once or at_once)
-
-    def read(first: int, last: int) -> list[tuple[int, EchoArrays]]:
-        pieces = range(first, last, at_once)
-        return [(begin, EchoArrays(*source.frames(begin, min(begin + at_once, last)))) for begin in pieces]
-
-    with ThreadPoolExecutor(1) as pool:
-        coming = pool.submit(read, 0, asked)
-        for start in range(0, total - 1, INTERVALS):
-            stop = min(start + INTERVALS, total - 1)
-            low, high = max(0, start - 1 - HALO_FRAMES), min(total, stop + 2 + HALO_FRAMES)
-            while high > come:
-                held += coming.result()
-                come = asked
-                if asked < total:
-                    echoes = held[0][1].delay_s.shape[1]
-                    fit = min(READ_ECHO_FRAMES // max(1, echoes), READ_VERTEX_FRAMES // max(1, source.vertices))
-                    frames = read_frames or fit
-                    asked = min(total, asked + max(1, frames // INTERVALS) * INTERVALS)
-                    coming = pool.submit(read, come, asked)
-            held = [part for part in held if part[0] + len(part[1][0]) > low]
-            yield _window(held, low, high, start, stop, total, step_s)
+    most = max(LEAST_FRAMES, READ_VERTEX_FRAMES // max(1, vertices))
+    most = min(most, at_once or most)
+    head = INTERVALS + 3 + HALO_FRAMES  # as many as the first window needs
+    if first >= head:
+        fit = min(READ_ECHO_FRAMES // max(1, echoes), READ_VERTEX_FRAMES // max(1, vertices))
+        head = first + max(1, (read_frames or fit) // INTERVALS) * INTERVALS
+    return min(frames, head, first + most)
 
 
 def _window(

@@ -156,7 +156,7 @@ def stream(echoes: Echoes | EchoStream) -> EchoStream:
         fields = (getattr(whole, name) for name in EchoArrays._fields)
         return EchoArrays(*(None if field is None else field[part] for field in fields))  # type: ignore[arg-type]
 
-    return EchoStream(times_s=whole.times_s, frames=frames)
+    return EchoStream(times_s=whole.times_s, frames=frames, echoes=whole.delay_s.shape[1])
 
 
 def resampled(source: EchoStream, times_s: np.ndarray, block: int) -> EchoStream:
