@@ -2,30 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from t2d_rt.accuracy import Measurement, Wanted, check_memory, chosen
+from t2d_rt.accuracy import Wanted, check_memory, chosen, measured_error
 from t2d_rt.core.backend import Device, one_blas_thread
+from t2d_rt.core.cubes import Cube
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import LIMIT_GB, after_call
-from t2d_rt.core.progress import shown_progress
+from t2d_rt.core.prefetch import prefetched
+from t2d_rt.core.progress import shares, shown_progress
 from t2d_rt.core.versions import versions
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import Stage, set_up
 from t2d_rt.pipeline.path_pairs import Clutter
-from t2d_rt.pipeline.sum_echoes import summed
+from t2d_rt.pipeline.prepare import Prepared, blocks, prepare
 from t2d_rt.pipeline.targets import TargetLike
 from t2d_rt.propagation.collisions import Collisions
-from t2d_rt.radar.synthesize import Progress
+from t2d_rt.radar.repetition import add_repeated
+from t2d_rt.radar.synthesize import Progress, Synthesis
 from t2d_rt.recording.add_noise import received
 from t2d_rt.recording.recording import Recording
 from t2d_rt.recording.rerun import again
 from t2d_rt.scattering.ellipsoid import PhaseFrom
 from t2d_rt.scene import Room
-from t2d_rt.types import Accuracy, Material, Radar, Receiver, Scene
+from t2d_rt.types import Accuracy, EchoArrays, Material, Radar, Receiver, Scene
+from t2d_rt.types.scatterer import FrameBlock, Scatterer, pose, visibility
 from t2d_rt.types.target import Method
 
 
@@ -131,14 +135,13 @@ def recorded(stage: Stage, wanted: Wanted, device: Device, progress: Progress | 
         )
     plan = chosen(stage.model, wanted)
     model, accuracy = replace(plan.model, ranked=ranked), plan.accuracy
-    static, counts = model.clutter(stage.experiment.clutter, accuracy)
-    measurement = Measurement(plan) if wanted.measured else None
-    streams = model.streams(accuracy, then=measurement.next if measurement else None)
-    needed_bytes = check_memory(model, accuracy, [*streams, *static], measured=wanted.measured)
-    cube = summed(streams, static, model.radar, accuracy, device=device, memory=model.memory, progress=progress)
-    del streams
-    settings = stage.described(model, accuracy) | counts | plan.described(needed_bytes)
-    settings |= measurement.result(cube, static).described() if measurement else {}
+    prepared = prepare(model, accuracy, stage.experiment.clutter)
+    needed_bytes = check_memory(prepared, measured=wanted.measured)
+    cube = summed(prepared, device, progress)
+    settings = stage.described(model, accuracy) | prepared.counts | plan.described(needed_bytes)
+    static = prepared.static
+    del prepared  # its facets, before others are made
+    settings |= measured_error(plan, cube, static).described() if wanted.measured else {}
     cube, levels = received(cube, stage.experiment)
     settings |= levels
     after_call()
@@ -146,3 +149,31 @@ def recorded(stage: Stage, wanted: Wanted, device: Device, progress: Progress | 
         cube, model.radar, experiment=stage.experiment, accuracy=accuracy, inputs=stage.inputs, settings=settings,
         versions=versions(),
     )  # fmt: skip
+
+
+def summed(prepared: Prepared, device: Device, progress: Progress | None) -> Cube:
+    """The ADC cube of all echoes."""
+    cube, radar, memory = None, prepared.model.radar, prepared.model.memory
+    error_db, parts = prepared.synthesis_error_db, prepared.parts
+    for part, told in zip(parts, shares(progress, len(parts)), strict=True):
+        if part.repeats is not None:
+            cube = add_repeated(
+                part, radar, tolerance_db=error_db, device=device, memory=memory, onto=cube, progress=told
+            )
+            continue
+        with Synthesis(
+            part.times_s, radar, tolerance_db=error_db, device=device, memory=memory, onto=cube, progress=told
+        ) as synthesis:
+            for block, echoes in prefetched(echoes_of(part)):
+                synthesis.add(block.first, echoes)
+        cube = synthesis.cube
+    assert cube is not None, "a simulation has at least one target"
+    return cube
+
+
+def echoes_of(part: Scatterer) -> Iterator[tuple[FrameBlock, EchoArrays]]:
+    """The echoes of scatterers that are summed together, block by block of the surface frames."""
+    for block in blocks(part):
+        poses = pose(part.parts, block)
+        seen = visibility(part.parts, block)
+        yield block, part.scatter(block, poses, seen)

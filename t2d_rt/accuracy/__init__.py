@@ -2,9 +2,9 @@
 
 from t2d_rt.accuracy.cost import check_memory
 from t2d_rt.accuracy.estimate import nmse_db
-from t2d_rt.accuracy.measuring import Measurement
+from t2d_rt.accuracy.measuring import measured_error
 from t2d_rt.accuracy.planning import plan
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.accuracy.wanted import Wanted, chosen
 
-__all__ = ["Measurement", "Plan", "Wanted", "check_memory", "chosen", "nmse_db", "plan"]
+__all__ = ["Plan", "Wanted", "check_memory", "chosen", "measured_error", "nmse_db", "plan"]

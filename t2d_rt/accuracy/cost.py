@@ -16,12 +16,13 @@ from t2d_rt.geometry.refine import curvature
 from t2d_rt.geometry.vectors import lengths
 from t2d_rt.pipeline.echo_model import Model, resolved, sagitta_rad
 from t2d_rt.pipeline.path_pairs import Clutter
+from t2d_rt.pipeline.prepare import Prepared
 from t2d_rt.radar.repetition import table_bytes
 from t2d_rt.scattering.mesh import POINTS_PER_MESH
 from t2d_rt.scattering.patches import rounded_range_m
 from t2d_rt.scattering.refinement import POINT_SAGITTA_RAD, REFINING_BYTES
-from t2d_rt.scattering.streams import batches, most_echoes
-from t2d_rt.types import Accuracy, EchoStream, MovingMesh, PathTier
+from t2d_rt.scattering.streams import most_echoes
+from t2d_rt.types import Accuracy, MovingMesh, PathTier
 
 SUMMED_BYTES, SUMMED_ARRAY_BYTES = 6_900, 12_000
 """Bytes that an echo takes while a window of frames is summed, for one antenna and for an array (this and what follows by least
@@ -214,17 +215,21 @@ def rough_meshes(model: Model) -> int:
     return sum(resolved(each, model.radar).scattering_coefficient > 0 for each in materials)
 
 
-def check_memory(model: Model, accuracy: Accuracy, streams: Sequence[EchoStream], *, measured: bool) -> float:
-    """What summing these streams needs, refused where it is more than the run may take."""
+def check_memory(prepared: Prepared, *, measured: bool) -> float:
+    """What summing all echoes needs, refused where it is more than the run may take."""
+
+    model, accuracy = prepared.model, prepared.accuracy
 
     def needed_bytes() -> float:
-        parts = batches(streams, model.radar)
+        parts = [each for each in prepared.parts if each.repeats is None]
         if not parts:
             return memory_bytes(model, accuracy, echoes=0, vertices=0, facets=0, measured=measured)
         greatest = max(parts, key=lambda part: part.echoes * SUMMED_BYTES + part.vertices * POSED_BYTES)
         # A surface has twice as many facets as vertices; these exist by now, but not the coarser ones of a measurement.
         facets = 2 * max(part.vertices for part in parts) / COARSER if measured else 0.0
-        tables = max((table_bytes(each.repeats, model.radar) for each in streams if each.repeats), default=0.0)
+        tables = max(
+            (table_bytes(each.repeats, model.radar) for each in prepared.scatterers if each.repeats), default=0.0
+        )
         return tables + memory_bytes(
             model, accuracy, echoes=greatest.echoes, vertices=greatest.vertices, facets=facets, measured=measured
         )

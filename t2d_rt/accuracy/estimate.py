@@ -10,10 +10,11 @@ import numpy as np
 
 from t2d_rt.core.cubes import Cube
 from t2d_rt.pipeline.echo_model import Model
-from t2d_rt.propagation.visibility import KeptVisibility
+from t2d_rt.pipeline.prepare import scatterers_of
 from t2d_rt.radar.direct import between, chirp_samples
 from t2d_rt.scattering.streams import batches
-from t2d_rt.types import Accuracy, EchoStream, Radar
+from t2d_rt.types import Accuracy, Radar
+from t2d_rt.types.scatterer import Scatterer
 
 SAMPLES = 8
 """Number of samples of a chirp that are compared."""
@@ -66,13 +67,15 @@ class Chirps:
 class Field:
     """Samples of the targets alone at chirps, at an accuracy.
 
-    With `kept`, visibility is that of a run: sampled at `kept.times_s` from the meshes' vertices. Without, it is traced at every
-    chirp, from every facet's vertices over the strongest path pair.
+    With `samples_s`, visibility is that of a run: sampled at these times [s] from the meshes' vertices. Without, it is traced at
+    every chirp, from every facet's vertices over the strongest path pair.
     """
 
-    def __init__(self, model: Model, accuracy: Accuracy, chirps: Chirps, *, kept: KeptVisibility | None = None) -> None:
+    def __init__(
+        self, model: Model, accuracy: Accuracy, chirps: Chirps, *, samples_s: np.ndarray | None = None
+    ) -> None:
         self._model, self._chirps = model, chirps
-        self._parts = batches(model.streams(accuracy, chirps.instants_s(model.radar), kept=kept), model.radar)
+        self._parts = batches(scatterers_of(model, accuracy, chirps.instants_s(model.radar), samples_s), model.radar)
 
     def samples(self, first: int = 0, last: int | None = None) -> np.ndarray:
         """Of the chirps from the first to before the last, (K, S) complex128 [sqrt(W)]."""
@@ -97,13 +100,13 @@ def field(model: Model, accuracy: Accuracy, chirps: Chirps) -> np.ndarray:
     return Field(model, accuracy, chirps).samples()
 
 
-def of_cube(model: Model, cube: Cube, static: Sequence[EchoStream], chirps: Chirps) -> np.ndarray:
+def of_cube(model: Model, cube: Cube, static: Sequence[Scatterer], chirps: Chirps) -> np.ndarray:
     """The same samples (K, S) of a cube, less the `static` echoes in it."""
     where = zip(chirps.rows, chirps.antennas, strict=True)
     found = np.array([np.asarray(cube[int(row)])[antenna, chirps.samples] for row, antenna in where], complex)
     times_s = chirps.starts_s - model.span_s[0]
     for stream in static:
-        found -= between(stream, model.radar, times_s, chirps.rows, chirps.antennas, chirps.samples)
+        found -= between(stream.stream(), model.radar, times_s, chirps.rows, chirps.antennas, chirps.samples)
     return found
 
 

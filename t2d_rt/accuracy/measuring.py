@@ -18,10 +18,11 @@ from t2d_rt.accuracy.plans import Plan
 from t2d_rt.accuracy.search import OVER_DB
 from t2d_rt.core.cubes import Cube
 from t2d_rt.core.errors import T2DWarning
-from t2d_rt.pipeline.echo_model import Next, with_method
-from t2d_rt.propagation.visibility import KeptVisibility, sample_times
-from t2d_rt.types import Accuracy, EchoStream
+from t2d_rt.pipeline.echo_model import with_method
+from t2d_rt.propagation.visibility import sample_times
+from t2d_rt.types import Accuracy
 from t2d_rt.types.accuracy import DEFAULT_TIERS
+from t2d_rt.types.scatterer import Scatterer
 
 FIRST_CHIRPS, MOST_CHIRPS = 8, 16
 """So many chirps are held against the coarser model, all of them where the first ones do not tell well enough."""
@@ -68,75 +69,64 @@ class MeasuredError:
         return {"error_db": self.error_db, "error_scatter_db": self.scatter_db, "error_chirps": self.chirps}
 
 
-class Measurement:
-    """The field error of a run by a plan, measured at random chirps.
+def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> MeasuredError:
+    """The field error of a run by a plan, measured at random chirps of its cube, `static` being the echoes of the static scene in
+    it; a warning where it misses the tolerance, or where there is nothing to measure.
 
-    They are held against a model with coarser facets, which costs little. Facets' errors fall with their phase sagitta by a fitted
-    law, so the difference tells the run's own (`Budget`, as in Richardson's extrapolation). In free space the coarser model tells
-    what sampled visibility costs, too, beside one that traces it at each chirp. Ellipsoids that stand for bodies over minor path
-    pairs are not in the coarser model: the difference has their power. Small bodies and meshes in free space are held against finer
-    facets, visibility traced at each chirp: the difference is the error.
+    The chirps are held against a model with coarser facets, which costs little. Facets' errors fall with their phase sagitta by a
+    fitted law, so the difference tells the run's own (`Budget`, as in Richardson's extrapolation). In free space the coarser model
+    tells what sampled visibility costs, too, beside one that traces it at each chirp. Ellipsoids that stand for bodies over minor
+    path pairs are not in the coarser model: the difference has their power. Small bodies and meshes in free space are held against
+    finer facets, visibility traced at each chirp: the difference is the error.
     """
-
-    def __init__(self, plan: Plan) -> None:
-        self._plan, model = plan, plan.model
-        other, self._expected, self._fraction = compared_with(plan.budget, plan.accuracy)
-        self._finer = finer(plan.budget, plan.accuracy)
-        count = FINER_CHIRPS if self._finer else MOST_CHIRPS
-        self._chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1, count=count)
-        samples_s = sample_times(*model.span_s, plan.accuracy.visibility_rate_hz)
-        self.next = Next(self._finer or other, KeptVisibility(self._chirps.nearest(samples_s, model.radar)))
-        """What the run can do for it."""
-
-    def result(self, cube: Cube, static: Sequence[EchoStream]) -> MeasuredError:
-        """The error of the run's cube, `static` being the echoes of the static scene in it; a warning where it misses the
-        tolerance, or where there is nothing to measure."""
-        plan, (other, kept), chirps = self._plan, self.next, self._chirps
-        budget, model, accuracy = plan.budget, plan.model, plan.accuracy
-        full = with_method(model, "mesh") if model.method == "ellipsoid" and budget.of_bodies else model
-        # Of other meshes, the bodies beside the run's ellipsoids, the run has kept nothing.
-        again = Field(
-            full, other, chirps, kept=None if self._finer else kept if full is model else KeptVisibility(kept.times_s)
-        )
-        exact = None
-        if not self._finer and shadows_matter(budget, accuracy, other, self._expected * self._fraction):
-            exact = Field(full, other.replace(**EXACT), chirps)
-        facets, shadows, energy, with_all_echoes = np.zeros(0), np.zeros(0), 0.0, 0.0
-        count = len(chirps.rows)
-        for first, last in pairwise(sorted({0, min(FIRST_CHIRPS, count), count})):
-            found, with_static = (of_cube(model, cube, each, chirps[first:last]) for each in (static, ()))
-            energy += float(np.sum(np.abs(found) ** 2))
-            with_all_echoes += float(np.sum(np.abs(with_static) ** 2))
-            compared = again.samples(first, last)
-            facets = np.append(facets, np.sum(np.abs(found - compared) ** 2, axis=1))
-            if exact:
-                shadows = np.append(shadows, np.sum(np.abs(exact.samples(first, last) - compared) ** 2, axis=1))
-            # Of float32 samples less the static echoes in them something remains in any case.
-            silent = energy <= ROUNDING * with_all_echoes
-            if silent:
-                continue
-            if self._finer:
-                of_chirps_db = min(_standard_error_db(facets), LONE_DB / math.sqrt(len(facets)))
-                result = MeasuredError(db(facets.sum() / energy), math.hypot(FINER_DB, of_chirps_db), len(facets))
-                continue
-            result = _combined(budget, accuracy, self._expected, self._fraction, facets / energy, shadows / energy)
-            uncertain_db = max(_standard_error_db(each) for each in ([facets, shadows] if exact else [facets]))
-            missed_db = -math.inf if plan.tolerance_db is None else result.error_db - plan.tolerance_db
-            if missed_db < -CLEARLY * result.scatter_db or (uncertain_db <= ENOUGH_DB and missed_db <= 0):
-                break
+    budget, model, accuracy = plan.budget, plan.model, plan.accuracy
+    coarser, expected, fraction = compared_with(budget, accuracy)
+    to_finer = finer(budget, accuracy)
+    count = FINER_CHIRPS if to_finer else MOST_CHIRPS
+    chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1, count=count)
+    full = with_method(model, "mesh") if model.method == "ellipsoid" and budget.of_bodies else model
+    exact = None
+    if to_finer is not None:
+        again = Field(full, to_finer, chirps)
+    else:
+        samples_s = chirps.nearest(sample_times(*model.span_s, accuracy.visibility_rate_hz), model.radar)
+        again = Field(full, coarser, chirps, samples_s=samples_s)
+        if shadows_matter(budget, accuracy, coarser, expected * fraction):
+            exact = Field(full, coarser.replace(**EXACT), chirps)
+    facets, shadows, energy, with_all_echoes = np.zeros(0), np.zeros(0), 0.0, 0.0
+    count = len(chirps.rows)
+    for first, last in pairwise(sorted({0, min(FIRST_CHIRPS, count), count})):
+        found, with_static = (of_cube(model, cube, each, chirps[first:last]) for each in (static, ()))
+        energy += float(np.sum(np.abs(found) ** 2))
+        with_all_echoes += float(np.sum(np.abs(with_static) ** 2))
+        compared = again.samples(first, last)
+        facets = np.append(facets, np.sum(np.abs(found - compared) ** 2, axis=1))
+        if exact:
+            shadows = np.append(shadows, np.sum(np.abs(exact.samples(first, last) - compared) ** 2, axis=1))
+        # Of float32 samples less the static echoes in them something remains in any case.
+        silent = energy <= ROUNDING * with_all_echoes
         if silent:
-            warnings.warn(
-                "there is no echo at the chirps compared, so the error is not known", T2DWarning, stacklevel=4
-            )
-            return MeasuredError(math.nan, math.nan, len(facets))
-        if plan.tolerance_db is not None and result.error_db > plan.tolerance_db + OVER_DB:
-            warnings.warn(
-                f"the measured error of {result.error_db:.1f} dB misses the tolerance of {plan.tolerance_db:g} dB; plan tells what "
-                "costs most",
-                T2DWarning,
-                stacklevel=4,
-            )
-        return result
+            continue
+        if to_finer is not None:
+            of_chirps_db = min(_standard_error_db(facets), LONE_DB / math.sqrt(len(facets)))
+            result = MeasuredError(db(facets.sum() / energy), math.hypot(FINER_DB, of_chirps_db), len(facets))
+            continue
+        result = _combined(budget, accuracy, expected, fraction, facets / energy, shadows / energy)
+        uncertain_db = max(_standard_error_db(each) for each in ([facets, shadows] if exact else [facets]))
+        missed_db = -math.inf if plan.tolerance_db is None else result.error_db - plan.tolerance_db
+        if missed_db < -CLEARLY * result.scatter_db or (uncertain_db <= ENOUGH_DB and missed_db <= 0):
+            break
+    if silent:
+        warnings.warn("there is no echo at the chirps compared, so the error is not known", T2DWarning, stacklevel=4)
+        return MeasuredError(math.nan, math.nan, len(facets))
+    if plan.tolerance_db is not None and result.error_db > plan.tolerance_db + OVER_DB:
+        warnings.warn(
+            f"the measured error of {result.error_db:.1f} dB misses the tolerance of {plan.tolerance_db:g} dB; plan tells what "
+            "costs most",
+            T2DWarning,
+            stacklevel=4,
+        )
+    return result
 
 
 def _combined(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from t2d_rt.core.checks import call
@@ -84,3 +85,13 @@ def shown_progress(progress: Any, label: str) -> Callable[[float], None] | None:
 def _redraws(stream: Any) -> bool:
     """Whether what is written there is shown at once and can be drawn over: a terminal, or a notebook's cell."""
     return stream is not None and (stream.isatty() or type(stream).__module__.startswith("ipykernel"))
+
+
+def shares(progress: Callable[[float], None] | None, count: int) -> Iterator[Callable[[float], None] | None]:
+    """What tells the progress of each of `count` equal parts of a run."""
+    for number in range(count):
+        yield None if progress is None else partial(_told, progress, number, count)
+
+
+def _told(progress: Callable[[float], None], number: int, count: int, fraction: float) -> None:
+    progress((number + fraction) / count)

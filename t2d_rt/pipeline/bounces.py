@@ -19,7 +19,8 @@ from t2d_rt.scattering.bounces import Setting, TubeDetail, bounce_echoes
 from t2d_rt.scattering.patches import least_range_m
 from t2d_rt.scattering.refinement import Sagitta, most_facets, refined
 from t2d_rt.scattering.reflectors import Reflector
-from t2d_rt.types import EchoStream, Material, MovingMesh, PathPair, Radar
+from t2d_rt.types import Material, MovingMesh, PathPair, Radar
+from t2d_rt.types.scatterer import Scatterer
 
 SAME_S = 1e-3
 """Instants closer than that have their tubes from one of them."""
@@ -75,7 +76,7 @@ def direct_pair(pairs: Sequence[PathPair], bounces: int, *, warned: bool) -> Pat
     return found[0] if found else None
 
 
-def bounce_streams(
+def bounce_scatterers(
     targets: Sequence[Bouncing],
     radar: Radar,
     *,
@@ -85,7 +86,7 @@ def bounce_streams(
     direct: tuple[PathPair, SceneBlockage] | None,
     backend: Backend,
     memory: Budget,
-) -> list[EchoStream]:
+) -> list[Scatterer]:
     """Echoes of the targets over 2 to `bounces` bounces, a warning for each that takes no part in them.
 
     Tubes are traced at `samples_s`, or at the targets' frames where these are instants (None). In a scene only the `direct` path
@@ -108,11 +109,11 @@ def bounce_streams(
         unblocked=None if direct is None else partial(_unblocked, *direct),
         memory=memory,
     )
-    stream = bounce_echoes(
+    found = bounce_echoes(
         [target.reflector(radar, span_s, most_facets(memory)) for target in taking], setting,
         times_s=times_s, samples_s=_apart(times_s) if samples_s is None else samples_s, detail=TubeDetail(bounces=bounces),
     )  # fmt: skip
-    return [stream] if stream.echoes else []
+    return [found] if found.echoes else []
 
 
 def _unblocked(pair: PathPair, blockage: SceneBlockage, out_m: np.ndarray, back_m: np.ndarray) -> np.ndarray:

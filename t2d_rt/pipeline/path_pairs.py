@@ -19,15 +19,15 @@ from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.surroundings import RadarPaths, probes, radar_paths
 from t2d_rt.scattering.clutter import mirror_echoes, rough_echoes
-from t2d_rt.scattering.paths import Fraction, Probed, Ranked, ranked_pairs
+from t2d_rt.scattering.paths import Probed, Ranked, ranked_pairs
 from t2d_rt.types import (
     Accuracy,
-    EchoStream,
     PathPair,
     PathTier,
     Radar,
     Scene,
 )
+from t2d_rt.types.scatterer import Fraction, Scatterer
 from t2d_rt.types.scene import ROOM_SURFACES, ROOM_TRIANGLES
 from t2d_rt.types.target import Geometry
 
@@ -227,7 +227,7 @@ def paths_to(scene: Scene, radar: Radar, point_m: np.ndarray, *, reflections: in
     return [(path.name, vertices(path, point_m)) for path in found.out.paths]
 
 
-def clutter_streams(
+def clutter_scatterers(
     kind: Clutter,
     scene: Scene,
     geometries: Sequence[Geometry],
@@ -237,11 +237,11 @@ def clutter_streams(
     samples_s: np.ndarray,
     seed: int,
     backend: Backend,
-) -> tuple[list[EchoStream], dict[str, object]]:
+) -> tuple[list[Scatterer], dict[str, object]]:
     """Echoes of the static scene, occluded by targets, and how many, for a result's settings."""
     if kind == "diffuse":
         scene = roughened(scene, SCATTERING_COEFFICIENT, radar.mid_frequency_hz)
-    streams = []
+    found: list[Scatterer] = []
 
     def unoccluded(paths_m: Sequence[np.ndarray], **fineness: int) -> Fraction | None:
         if not geometries:
@@ -252,7 +252,7 @@ def clutter_streams(
 
     paths = static_paths(scene, radar, order=CLUTTER_ORDER, backend=backend)
     if paths:
-        streams.append(
+        found.append(
             mirror_echoes(paths, radar, times_s=times_s, fractions=unoccluded([path.stops_m for path in paths]))
         )
     points = np.zeros((0, 3))
@@ -261,5 +261,5 @@ def clutter_streams(
     if len(points):
         paths_m = [np.array([radar.tx_position_m, point, radar.rx_position_m]) for point in points]
         passing = unoccluded(paths_m, rays=POINT_RAYS, pieces=POINT_PIECES)
-        streams.append(rough_echoes(points, rcs, radar, times_s=times_s, seed=seed, fractions=passing))
-    return streams, {"clutter": kind, "clutter_paths": len(paths), "clutter_points": len(points)}
+        found.append(rough_echoes(points, rcs, radar, times_s=times_s, seed=seed, fractions=passing))
+    return found, {"clutter": kind, "clutter_paths": len(paths), "clutter_points": len(points)}

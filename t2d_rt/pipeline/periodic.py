@@ -9,8 +9,9 @@ import numpy as np
 
 from t2d_rt.core.memory import blocks
 from t2d_rt.radar.repetition import duration_s, repetition
-from t2d_rt.scattering.paths import Fraction, View
-from t2d_rt.types import EchoStream, MovingMesh, Radar
+from t2d_rt.scattering.paths import View
+from t2d_rt.types import MovingMesh, Radar
+from t2d_rt.types.scatterer import Fraction, Scatterer
 
 GAIN_RATE_HZ = 250.0
 """Rate at which visibility is read from its fades, which take some 40 ms."""
@@ -18,13 +19,13 @@ UNCHANGED = 0.01
 """Visibility over the strongest path that stays as close to its median is that; over a path 20 dB weaker, ten times as close."""
 SPEED_PROBES = 60
 
-Make = Callable[..., EchoStream]
+Make = Callable[..., Scatterer]
 """Echoes at surface frames `times_s`, over `views`."""
 
 
 def in_periods(
     mesh: MovingMesh, radar: Radar, frames_s: np.ndarray, views: Sequence[View], make: Make, *, level_db: float = 0.0
-) -> list[EchoStream] | None:
+) -> list[Scatterer] | None:
     """Echoes of a few periods that stand for the record of these surface frames; None where nothing is gained by it.
 
     `level_db` is that of the strongest of these views beside all others, and tells which changes of visibility matter.

@@ -15,17 +15,18 @@ from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.mean_visibility import MeanVisibility
 from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.surroundings import Blockage
-from t2d_rt.propagation.visibility import ExactVisibility, KeptVisibility, Occlusion
-from t2d_rt.scattering.paths import FacetVisibility, Fraction, View, anchor_vertices
+from t2d_rt.propagation.visibility import ExactVisibility, Occlusion, Viewpoints
+from t2d_rt.scattering.paths import FacetVisibility, View, anchor_vertices
 from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, PathPair, Radar
 from t2d_rt.types.paths import PathKey
+from t2d_rt.types.scatterer import Fraction
 from t2d_rt.types.target import Geometry
 
 _Place = tuple[tuple[str, ...], int]
 """A chain of mirrors, and from which end."""
 
 
-class Visibility(Protocol):
+class VisibilityModel(Protocol):
     """How targets are seen; they are named by their number."""
 
     def views(self, number: int) -> list[View]:
@@ -49,10 +50,6 @@ class Sight:
     backend: Backend
     blockage: SceneBlockage
     """What of the scene blocks the paths."""
-    kept: KeptVisibility | None = None
-    """What is sampled from the meshes' vertices and kept."""
-    occlusion: type[Occlusion] = Occlusion
-    """How occlusion is found where it is sampled; a comparison hands in its own."""
 
 
 class Sampled:
@@ -78,7 +75,13 @@ class Sampled:
         """Of a mesh over other pairs: as `coarse_views`, but occluded along one-way paths whose occlusion is traced anyway."""
         geometry, fast_rotating = self._sight.geometries[number], self._sight.fast_rotating[number]
         over, scene = blockage(geometry, samples_s), self._sight.blockage
-        unblocked = _unblocked(over, pairs, scene, fast_rotating=fast_rotating)
+        unknown = [
+            path
+            for pair in pairs
+            for end, path in enumerate((pair.out, pair.back))
+            if self._one_way.place(end, path) not in self._known
+        ]
+        unblocked = _unblocked(over, unknown, scene, fast_rotating=fast_rotating)
         found = []
         for pair in pairs:
             ends = [(self._one_way.place(end, path), end, path) for end, path in enumerate((pair.out, pair.back))]
@@ -125,7 +128,6 @@ class ExactOverStrongest:
         self._sight, self._occluders = sight, occluders
         self._strongest = Unoccluded(strongest)
         self._others = Sampled(others, subdivision=subdivision)
-        self._exact: dict[bytes, ExactVisibility] = {}
 
     def views(self, number: int) -> list[View]:
         """Of a mesh over the path pairs whose occlusion is traced."""
@@ -143,11 +145,33 @@ class ExactOverStrongest:
     def _facet_visibility(self, pair: PathPair | None) -> FacetVisibility:
         """Traced from every facet's vertices."""
         places = self._sight.radar.views_m if pair is None else [pair.out.image_m, pair.back.image_m]
-        for place in places:
-            if place.tobytes() not in self._exact:
-                self._exact[place.tobytes()] = ExactVisibility(self._occluders, place, backend=self._sight.backend)
-        ends = [self._exact[key] for key in {place.tobytes(): None for place in places}]
-        return lambda *where: np.asarray(np.prod([end.fraction(*where) for end in ends], axis=0))
+        if len(places) == 2 and np.array_equal(places[0], places[1]):
+            places = places[:1]
+        return _TracedFromFacets(
+            tuple(ExactVisibility(self._occluders, place, backend=self._sight.backend) for place in places)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _TracedFromFacets:
+    """Visibility of facets' own vertices from both ends of a path pair."""
+
+    ends: tuple[ExactVisibility, ...]
+
+    def __call__(self, *where: np.ndarray) -> np.ndarray:
+        return np.asarray(np.prod([end.fraction(*where) for end in self.ends], axis=0))
+
+
+@dataclass(frozen=True, slots=True)
+class _Occluded:
+    """Visibility of one mesh over a one-way path, as a function of times."""
+
+    occlusion: Occlusion
+    path_count: int
+    mesh: int
+
+    def __call__(self, times_s: np.ndarray) -> np.ndarray:
+        return self.occlusion.visibility(times_s, self.path_count)[self.mesh]
 
 
 class _OneWayVisibility:
@@ -162,6 +186,7 @@ class _OneWayVisibility:
         ]
         self._index = {number: index for index, number in enumerate(traced)}
         self._meshes = Occluders([sight.geometries[each] for each in traced], subdivision=subdivision)  # type: ignore[misc]
+        self._viewpoints = Viewpoints(self._meshes, sight.samples_s, sight.backend)
         self._known: dict[_Place, Occlusion] = {}
         self._mean: dict[int, MeanVisibility] = {}
 
@@ -192,13 +217,8 @@ class _OneWayVisibility:
                 )
             return self._mean[number].over(key, viewpoint, unblocked, path_count)
         if key not in self._known:
-            self._known[key] = sight.occlusion(
-                self._meshes, viewpoint,
-                samples_s=sight.samples_s, backend=sight.backend, unblocked=unblocked,
-                solid=self._solid, kept=sight.kept if self._solid else None, where=key,
-            )  # fmt: skip
-        occlusion, index = self._known[key], self._index[number]
-        return lambda times_s: occlusion.visibility(times_s, path_count)[index]
+            self._known[key] = Occlusion(self._viewpoints, viewpoint, unblocked=unblocked, solid=self._solid)
+        return _Occluded(self._known[key], path_count, self._index[number])
 
 
 def coarse_views(
@@ -215,7 +235,8 @@ def coarse_views(
     All points of a `fast_rotating` one have the mean visibility. Over `minor` pairs ellipsoids have the visibility of their
     centres.
     """
-    fractions = _unblocked(blockage(geometry, samples_s, minor=minor), pairs, scene, fast_rotating=fast_rotating)
+    paths = [path for pair in pairs for path in (pair.out, pair.back)]
+    fractions = _unblocked(blockage(geometry, samples_s, minor=minor), paths, scene, fast_rotating=fast_rotating)
     field = "visibility" if isinstance(geometry, Ellipsoids) else "unblocked"
     found = [tuple(fractions[path.key] for path in (pair.out, pair.back)) for pair in pairs]
     return [View(paths=pair, **{field: each}) for pair, each in zip(pairs, found, strict=True)]  # type: ignore[arg-type]
@@ -229,25 +250,13 @@ def blockage(geometry: Geometry, samples_s: np.ndarray, *, minor: bool = False) 
 
 
 def _unblocked(
-    over: Blockage, pairs: Sequence[PathPair], scene: SceneBlockage, *, fast_rotating: bool
+    over: Blockage, paths: Sequence[OneWayPath], scene: SceneBlockage, *, fast_rotating: bool
 ) -> dict[PathKey, Fraction]:
     """Fraction of the field that the scene does not block, by one-way path."""
-    paths = {path.key: path for pair in pairs for path in (pair.out, pair.back)}
-    return {key: _remembered(over.over(path, scene, in_the_mean=fast_rotating)) for key, path in paths.items()}
+    by_key = {path.key: path for path in paths}
+    return {key: over.over(path, scene, in_the_mean=fast_rotating) for key, path in by_key.items()}
 
 
 def _ends(pair: PathPair | None) -> Iterator[tuple[int, OneWayPath | None]]:
     """Numbers of the ends, the transmitters' first, and their one-way paths; None in free space."""
     return enumerate((None, None) if pair is None else (pair.out, pair.back))
-
-
-def _remembered(fraction: Fraction) -> Fraction:
-    """The same, which keeps its last answer: pairs that have a one-way path in common ask for the same times."""
-    last: list[np.ndarray] = []
-
-    def asked(times_s: np.ndarray) -> np.ndarray:
-        if not last or not np.array_equal(last[0], times_s):
-            last[:] = [times_s, fraction(times_s)]
-        return last[1]
-
-    return asked

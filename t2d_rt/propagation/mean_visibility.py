@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -40,16 +41,16 @@ class MeanVisibility:
         """Its function of times [s] (K,), (K, V), from a viewpoint of that name; the fraction `unblocked` by the scene counts for
         `path_count` one-way paths, 1 or 2."""
         self._views.setdefault(where, (viewpoint_m, unblocked))
+        return _OfOnePlace(self, where, path_count)
 
-        def at(times_s: np.ndarray) -> np.ndarray:
-            if where not in self._known:
-                self._find()
-            values = self._known[where][path_count - 1][:, None]
-            return np.broadcast_to(
-                faded(times_s, self._samples_s, lambda numbers: values[numbers]), (len(times_s), len(self._mesh.rest))
-            )
-
-        return at
+    def at(self, where: Hashable, path_count: int, times_s: np.ndarray) -> np.ndarray:
+        """Visibility from a viewpoint at times [s] (K,), (K, V)."""
+        if where not in self._known:
+            self._find()
+        values = self._known[where][path_count - 1][:, None]
+        return np.broadcast_to(
+            faded(times_s, self._samples_s, lambda numbers: values[numbers]), (len(times_s), len(self._mesh.rest))
+        )
 
     def _find(self) -> None:
         """From all viewpoints that are not known yet."""
@@ -66,7 +67,8 @@ class MeanVisibility:
             return
         middle = posed.mean(axis=1, keepdims=True)
         radius = np.linalg.norm(posed - middle, axis=2).max(axis=1, keepdims=True)
-        near = {where: self._near(place, middle[pose], radius[pose]) for where, (place, _) in views.items()}
+        marked = self._occluders.marked(self._samples_s)
+        near = {where: self._near(place, marked, middle[pose], radius[pose]) for where, (place, _) in views.items()}
         hidden = np.flatnonzero(np.any([each.any(axis=1) for each in near.values()], axis=0))
         for first in range(0, len(hidden), MOST_COPIES):
             some = hidden[first : first + MOST_COPIES]
@@ -83,17 +85,29 @@ class MeanVisibility:
                     for number, found in enumerate(self._known[where]):
                         found[some] = (visible * reached[where][pose[some]] ** (number + 1)).mean(axis=1)
 
-    def _near(self, viewpoint_m: np.ndarray, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
-        """Which marks on the occluders may be in the way to a ball around (K, 1, 3) m of radius (K, 1) m, or stand for what is, at
-        the sample times, bool (K, M)."""
+    def _near(self, viewpoint_m: np.ndarray, marked: np.ndarray, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
+        """Which marks on the occluders (K, M, 3) m may be in the way to a ball around (K, 1, 3) m of radius (K, 1) m, or stand for
+        what is, at the sample times, bool (K, M)."""
         towards = middle - viewpoint_m
         length = np.linalg.norm(towards, axis=2)
         reach = self._occluders.mark_reach_m
-        from_here = self._occluders.marked(self._samples_s) - viewpoint_m
+        from_here = marked - viewpoint_m
         along = np.einsum("kvi,kji->kv", from_here, towards / length[..., None])
         beside = np.sqrt(np.maximum(np.einsum("kvi,kvi->kv", from_here, from_here) - along**2, 0))
         wide = radius * np.clip(along / np.maximum(length - radius, 1e-9), 0, 1) + reach
         return np.asarray((beside < wide) & (along > -reach) & (along < length + radius + reach))
+
+
+@dataclass(frozen=True, slots=True)
+class _OfOnePlace:
+    """Mean visibility from one viewpoint, as a function of times."""
+
+    of: MeanVisibility
+    where: Hashable
+    path_count: int
+
+    def __call__(self, times_s: np.ndarray) -> np.ndarray:
+        return self.of.at(self.where, self.path_count, times_s)
 
 
 def poses(mesh: MovingMesh, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.geometry import SubdividedMesh, topology
 from t2d_rt.geometry.vectors import cross, dot
 from t2d_rt.types import MovingMesh
@@ -19,8 +17,6 @@ FACES_PER_SCENE, MOST_COPIES = 250_000, 64
 """So many faces stand in one ray tracer's scene, of so many instants."""
 MARK_M = 0.06
 """Blockage by the static scene is sampled at vertices that far apart: its shadows have soft edges."""
-POSES_KEPT = 2
-"""Visibility fades from one chunk of sample times to the next, and all viewpoints ask for the same ones."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +28,6 @@ class Posed:
     """(K, V, 3) m."""
     points: np.ndarray
     """Where visibility is sampled: the vertices, and those that the subdivision adds, mesh by mesh (K, V', 3) m."""
-    _kept: dict[bytes, Any] = field(default_factory=dict)
 
     @cached_property
     def _corner_and_area(self) -> tuple[np.ndarray, np.ndarray]:
@@ -56,13 +51,6 @@ class Posed:
             found |= dot(area, place[:, None, None] - corner) >= 0
         return found.T
 
-    def kept(self, key: bytes, make: Callable[[], Any]) -> Any:
-        """What was made last, if its key was the same, or what is made now."""
-        if key not in self._kept:
-            self._kept.clear()
-            self._kept[key] = make()
-        return self._kept[key]
-
 
 class Occluders:
     """Meshes, and the points on them at which visibility is sampled: their vertices (a body's are 25 mm apart) and those that
@@ -72,11 +60,6 @@ class Occluders:
         self.meshes = tuple(meshes)
         self._subdivided = [SubdividedMesh.of(m.faces, len(m.rest), subdivision) for m in meshes]
         self._subdivision = subdivision
-        self._posed: OrderedDict[bytes, Posed] = OrderedDict()
-        self.viewpoints: dict[bytes, list[Any]] = {}
-        """Weak references to the `Occlusion`s that share scenes of these meshes, by their sample times."""
-        self._instants: dict[bytes, int] = {}
-        self._marked: tuple[bytes, np.ndarray] = b"", np.zeros(0)
 
     @cached_property
     def faces(self) -> np.ndarray:
@@ -109,15 +92,6 @@ class Occluders:
         if not self.meshes:
             return MOST_COPIES
         return int(np.clip(FACES_PER_SCENE // (len(self.faces) * 2**self._subdivision), 1, MOST_COPIES))
-
-    def instants(self, samples_s: np.ndarray) -> int:
-        """At how many of the sample times (K,) [s] all viewpoints that share them are traced at once: fewer where there are many
-        viewpoints, so that what is kept for all of them fits memory. It stays the same from the first time that it is asked for."""
-        key = samples_s.tobytes()
-        if key not in self._instants:
-            of_one = SAMPLE_BYTES * self.point_count * max(1, len(self.viewpoints.get(key, ())))
-            self._instants[key] = int(np.clip(VISIBILITY_BYTES // max(1, of_one), 1, self.copies))
-        return self._instants[key]
 
     @cached_property
     def neighbours(self) -> Any:
@@ -156,28 +130,18 @@ class Occluders:
         return _marks([m.rest for m in self.meshes], [each.operator for each in self._subdivided])
 
     def at(self, times_s: np.ndarray) -> Posed:
-        """Their shape at these times; the last ones made are kept."""
-        key = times_s.tobytes()
-        if key not in self._posed:
-            posed = [mesh.at(times_s) for mesh in self.meshes]
-            vertices = points = np.concatenate(posed, axis=1)
-            if self._subdivision:
-                each = (_of_each(s.operator, p) for s, p in zip(self._subdivided, posed, strict=True))
-                points = np.concatenate(list(each), axis=1)
-            self._posed[key] = Posed(self, vertices, points)
-            while len(self._posed) > POSES_KEPT:
-                self._posed.popitem(last=False)
-        return self._posed[key]
+        """Their shape at these times."""
+        posed = [mesh.at(times_s) for mesh in self.meshes]
+        vertices = points = np.concatenate(posed, axis=1)
+        if self._subdivision:
+            each = (_of_each(s.operator, p) for s, p in zip(self._subdivided, posed, strict=True))
+            points = np.concatenate(list(each), axis=1)
+        return Posed(self, vertices, points)
 
     def marked(self, times_s: np.ndarray) -> np.ndarray:
-        """The `marks` at all of the sample times (K, M, 3) m; those of the last times are kept, for all viewpoints."""
-        key = times_s.tobytes()
-        if self._marked[0] != key:
-            parts = (
-                self.at(times_s[first : first + self.copies]).points for first in range(0, len(times_s), self.copies)
-            )
-            self._marked = key, np.concatenate([part[:, self.marks[0]] for part in parts])
-        return self._marked[1]
+        """The `marks` at all of the sample times (K, M, 3) m."""
+        parts = (self.at(times_s[first : first + self.copies]).points for first in range(0, len(times_s), self.copies))
+        return np.concatenate([part[:, self.marks[0]] for part in parts])
 
     @cached_property
     def mark_of_face(self) -> np.ndarray:

@@ -142,19 +142,29 @@ class Blockage:
 
         return cls(points_at, samples_s)
 
-    def over(
-        self, path: OneWayPath, scene: SceneBlockage, *, in_the_mean: bool = False
-    ) -> Callable[[np.ndarray], np.ndarray]:
-        """Unblocked fractions (K, N) at times [s] (K,); `in_the_mean`: their mean over the N."""
-        known: list[np.ndarray] = []
+    def over(self, path: OneWayPath, scene: SceneBlockage, *, in_the_mean: bool = False) -> Unblocked:
+        """Unblocked fractions; `in_the_mean`: their mean over the N."""
+        # All at once: a kernel's start costs as much as some thousand rays.
+        fraction = scene.fraction(path, self._points).mean(axis=2)
+        if in_the_mean:
+            fraction = fraction.mean(axis=1, keepdims=True)
+        return Unblocked(
+            self._samples_s, fraction if self._pose is None else fraction[self._pose], self._points.shape[1]
+        )
 
-        def at_samples(numbers: np.ndarray) -> np.ndarray:
-            if not known:  # all at once: a kernel's start costs as much as some thousand rays
-                fraction = scene.fraction(path, self._points).mean(axis=2)
-                known.append(fraction.mean(axis=1, keepdims=True) if in_the_mean else fraction)
-                if self._pose is not None:
-                    known[0] = known[0][self._pose]
-            return known[0][numbers]
 
-        count = self._points.shape[1]
-        return lambda times_s: np.broadcast_to(faded(times_s, self._samples_s, at_samples), (len(times_s), count))
+@dataclass(frozen=True, slots=True, eq=False)
+class Unblocked:
+    """The fraction of the field over a path that the static scene leaves, as a function of times."""
+
+    samples_s: np.ndarray
+    """(S,)."""
+    known: np.ndarray
+    """At these, (S, N) or (S, 1)."""
+    count: int
+    """N."""
+
+    def __call__(self, times_s: np.ndarray) -> np.ndarray:
+        """(K, N) at times [s] (K,)."""
+        found = faded(times_s, self.samples_s, lambda numbers: self.known[numbers])
+        return np.broadcast_to(found, (len(times_s), self.count))

@@ -7,15 +7,15 @@ change would be a click across the spectrogram.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
-from weakref import ref
 
 import numpy as np
 
 from t2d_rt.core.backend import Backend, aligned, one_thread_at_a_time
+from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.propagation.mitsuba import mitsuba, mitsuba_mesh, traceable
 from t2d_rt.propagation.occluders import Occluders, Posed, incidence, vertex_normals
 from t2d_rt.types import MovingMesh
@@ -60,57 +60,64 @@ class VisibilitySamples:
     """Visibility by the number of one-way paths that share the blockage."""
 
 
-class KeptVisibility:
-    """Visibility at some sample times, kept by one model of the targets for the next one that asks for it."""
+class Viewpoints:
+    """Places from which visibility of the same meshes is sampled at the same times, a chunk of these at once: to build a scene of
+    the meshes costs more than to trace it."""
 
-    def __init__(self, times_s: np.ndarray) -> None:
-        self.times_s = times_s
-        self._wanted = frozenset(times_s.tolist())
-        self._rows: dict[tuple[Hashable, int, float], np.ndarray] = {}
+    def __init__(self, meshes: Occluders, samples_s: np.ndarray, backend: Backend) -> None:
+        self.meshes, self.samples_s, self.backend = meshes, samples_s, backend
+        self.each: list[Occlusion] = []
 
-    def keep(self, where: Hashable, path_count: int, time_s: float, visibility: np.ndarray) -> None:
-        """Visibility float32 (V,) from somewhere, if its time is wanted."""
-        if time_s in self._wanted:
-            self._rows[where, path_count, time_s] = visibility.copy()  # of many instants that are dropped
+    @cached_property
+    def at_once(self) -> int:
+        """Sample times of a chunk, known once all viewpoints are: fewer where there are many of these, so that what is held for all
+        of them fits memory."""
+        of_one = SAMPLE_BYTES * self.meshes.point_count * len(self.each)
+        return int(np.clip(VISIBILITY_BYTES // max(1, of_one), 1, self.meshes.copies))
 
-    def at(self, where: Hashable, path_count: int, time_s: float) -> np.ndarray | None:
-        """What was kept (V,)."""
-        return self._rows.get((where, path_count, time_s))
+    def drop_but(self, chunks: range) -> None:
+        """Drops other chunks, those of all viewpoints: echoes may be summed in several parts, each from some of the viewpoints
+        alone over the whole record. A viewpoint that asked for nothing since chunks were last dropped is out of use."""
+        if any(number not in chunks for each in self.each for number in each.chunks):
+            for each in self.each:
+                each.asked, each.in_use = False, each.asked
+                each.chunks = {number: found for number, found in each.chunks.items() if number in chunks}
+
+    def sample(self, number: int) -> None:
+        """Finds visibility at a chunk of sample times from all viewpoints in use."""
+        at = self.meshes.at(self.samples_s[number * self.at_once : (number + 1) * self.at_once])
+        scene = self.scene(at)
+        for each in self.each:
+            if each.in_use and number not in each.chunks:
+                each.chunks[number] = each.sampled(at, scene)
+
+    def scene(self, at: Posed) -> Surroundings | None:
+        """The meshes at some instants as rays to all viewpoints meet them; None where none of these is occluded."""
+        places = [each.viewpoint_m for each in self.each if each.solid]
+        if not places:
+            return None
+        parts = at.facing(places) if len(places) <= FEW_PLACES else None
+        return Surroundings(self.meshes, at.vertices, places, self.backend, parts=parts)
 
 
 class Occlusion:
-    """Visibility of the vertices of `meshes` from one point, self-occlusion and occlusion of one another included.
+    """Visibility of the vertices of meshes from one of some viewpoints, self-occlusion and occlusion of one another included.
 
     `unblocked` gives the fraction of the field at points (..., 3) that the static scene does not block; with `solid` False only
-    that counts. Visibility is sampled at `samples_s` [s] (`sample_times`) and fades in between; at 25 Hz the edge of a fast limb's
-    shadow moves by some 10 cm from one sample time to the next. What is `kept` for this viewpoint, under the name `where`, is not
-    traced again.
+    that counts. Visibility is sampled at the viewpoints' sample times and fades in between; at 25 Hz the edge of a fast limb's
+    shadow moves by some 10 cm from one sample time to the next.
     """
 
     def __init__(
-        self,
-        meshes: Occluders,
-        viewpoint_m: np.ndarray,
-        *,
-        samples_s: np.ndarray,
-        backend: Backend,
-        unblocked: Unblocked | None = None,
-        solid: bool = True,
-        kept: KeptVisibility | None = None,
-        where: Hashable = None,
+        self, viewpoints: Viewpoints, viewpoint_m: np.ndarray, *, unblocked: Unblocked | None = None, solid: bool = True
     ) -> None:
-        self._meshes, self._kept, self._where = meshes, kept, where
-        self._unblocked, self._solid = unblocked, solid
-        self._last: dict[int, tuple[np.ndarray, list[np.ndarray]]] = {}
-        self._viewpoint = np.asarray(viewpoint_m, np.float64)
-        self._samples_s, self._backend = samples_s, backend
-        # All places at once: to build a scene of the meshes costs more than to trace it.
-        self._together = meshes.viewpoints.setdefault(samples_s.tobytes(), [])
-        self._together.append(ref(self))
-        self._chunks: dict[int, VisibilitySamples] = {}
-        self._asked = False
+        self.viewpoint_m, self.solid = np.asarray(viewpoint_m, np.float64), solid
+        self._viewpoints, self._meshes, self._unblocked = viewpoints, viewpoints.meshes, unblocked
+        viewpoints.each.append(self)
+        self.chunks: dict[int, VisibilitySamples] = {}
+        self.asked = False
         """Whether visibility was asked for since chunks were dropped last."""
-        self._in_use = True
+        self.in_use = True
         """Whether it was asked for before that, or has been since."""
 
     def visibility(self, times_s: np.ndarray, path_count: int = 1) -> list[np.ndarray]:
@@ -119,68 +126,37 @@ class Occlusion:
 
         `path_count` one-way paths, 1 or 2, share the blockage by the static scene.
         """
-        last = self._last.get(path_count)
-        if last is None or not np.array_equal(last[0], times_s):  # meshes and pairs ask for the same
-            values = faded(times_s, self._samples_s, lambda numbers: self._at_samples(numbers, path_count))
-            last = self._last[path_count] = times_s, self._meshes.split(values)
-        return last[1]
+        return self._meshes.split(self.of_all(times_s, path_count))
+
+    def of_all(self, times_s: np.ndarray, path_count: int = 1) -> np.ndarray:
+        """The same of all meshes' vertices in one array (K, V)."""
+        return faded(times_s, self._viewpoints.samples_s, lambda numbers: self._at_samples(numbers, path_count))
 
     def _at_samples(self, numbers: np.ndarray, path_count: int) -> np.ndarray:
         # Blocks of frames go on in time, and all chunks of one are asked for from each place in turn.
-        self._drop_but(range(int(numbers.min()) // self._at_once, int(numbers.max()) // self._at_once + 1))
-        self._asked = self._in_use = True
-        return np.stack([self._at_sample(k, path_count) for k in numbers.tolist()])
-
-    def _drop_but(self, chunks: range) -> None:
-        """Drops other chunks, those of all viewpoints: echoes may be summed in several parts, each from some of the viewpoints
-        alone over the whole record. A viewpoint that asked for nothing since chunks were last dropped is out of use."""
-        together = self._viewpoints()
-        if any(number not in chunks for each in together for number in each._chunks):
-            for each in together:
-                each._asked, each._in_use = False, each._asked
-                each._chunks = {number: found for number, found in each._chunks.items() if number in chunks}
-
-    def _at_sample(self, number: int, path_count: int) -> np.ndarray:
-        time_s = float(self._samples_s[number])
-        known = None if self._kept is None else self._kept.at(self._where, path_count, time_s)
-        if known is None:
-            chunk, place = divmod(number, self._at_once)
-            known = self._fractions(self._chunk(chunk), path_count)[place]
-            if self._kept is not None:
-                self._kept.keep(self._where, path_count, time_s, known)
-        return known
-
-    def _chunk(self, number: int) -> VisibilitySamples:
-        """Visibility at a chunk of sample times, `instants` of the meshes or fewer."""
-        if number not in self._chunks:
-            first = number * self._at_once
-            some = self._samples_s[first : first + self._at_once]
-            for each in self._viewpoints():
-                if each._in_use and number not in each._chunks:
-                    each._chunks[number] = each.sampled(some)
-        return self._chunks[number]
-
-    @cached_property
-    def _at_once(self) -> int:
-        """Sample times of a chunk, known once all viewpoints are: when visibility is asked for first."""
-        return self._meshes.instants(self._samples_s)
-
-    def _viewpoints(self) -> list[Occlusion]:
-        """Those that look at the same meshes at the same times, this one among them."""
-        return [each for each in (found() for found in self._together) if each is not None]
+        every = self._viewpoints.at_once
+        self._viewpoints.drop_but(range(int(numbers.min()) // every, int(numbers.max()) // every + 1))
+        self.asked = self.in_use = True
+        found = []
+        for number in numbers.tolist():
+            chunk, place = divmod(number, every)
+            if chunk not in self.chunks:
+                self._viewpoints.sample(chunk)
+            found.append(self._fractions(self.chunks[chunk], path_count)[place])
+        return np.stack(found)
 
     def traced(self, times_s: np.ndarray) -> np.ndarray:
         """Visibility at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
-        return self._fractions(self.sampled(times_s), 1)
-
-    def sampled(self, times_s: np.ndarray) -> VisibilitySamples:
-        """Visibility at just these times; at most as many as stand in one scene."""
         at = self._meshes.at(times_s)
+        return self._fractions(self.sampled(at, self._viewpoints.scene(at)), 1)
+
+    def sampled(self, at: Posed, scene: Surroundings | None) -> VisibilitySamples:
+        """Visibility at the instants of meshes that stand in a scene."""
         unblocked = self._unblocked_at(at.points)
-        if not self._solid:
+        if not self.solid or scene is None:
             return VisibilitySamples(None, None, unblocked)
-        front = np.einsum("kvi,kvi->kv", at.normals, self._viewpoint - at.points) > 0
-        return VisibilitySamples(front, self.visible(at, front), unblocked)
+        front = np.einsum("kvi,kvi->kv", at.normals, self.viewpoint_m - at.points) > 0
+        return VisibilitySamples(front, self.visible(at, front, scene), unblocked)
 
     def _fractions(self, sampled: VisibilitySamples, path_count: int) -> np.ndarray:
         """Visibility where so many one-way paths share the blockage, float32 (K, all vertices)."""
@@ -205,30 +181,19 @@ class Occlusion:
         marks, carried = self._meshes.marks
         return np.asarray((carried @ self._unblocked(vertices[:, marks]).T).T)
 
-    def visible(self, at: Posed, front: np.ndarray) -> np.ndarray:
+    def visible(self, at: Posed, front: np.ndarray, scene: Surroundings) -> np.ndarray:
         """Whether points of the meshes are visible from here, of those that face it, bool (K, Q); none of the others is.
 
         Points that the subdivision adds to bodies are traced beside the edges of shadows alone: elsewhere they are as the vertices
         about them. A shadow narrower than these lie apart would be missed.
         """
-        places = [each._viewpoint for each in self._viewpoints()]
-        scene = at.kept(
-            np.stack(places).tobytes(),
-            lambda: Surroundings(
-                self._meshes,
-                at.vertices,
-                places,
-                self._backend,
-                parts=at.facing(places) if len(places) <= FEW_PLACES else None,
-            ),
-        )
         always = front & self._meshes.own if self._meshes.of_bodies else front
-        visible = scene.visible(self._viewpoint, at.points, at.normals, always)
+        visible = scene.visible(self.viewpoint_m, at.points, at.normals, always)
         others = front & ~always
         if others.any():
             lit, dark = self._meshes.beside(visible), self._meshes.beside(always & ~visible)
             visible |= others & lit & ~dark
-            visible |= scene.visible(self._viewpoint, at.points, at.normals, others & (lit == dark))
+            visible |= scene.visible(self.viewpoint_m, at.points, at.normals, others & (lit == dark))
         return visible
 
 

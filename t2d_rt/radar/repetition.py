@@ -9,16 +9,16 @@ Sutton, 2003).
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.cubes import Cube, CubeAdder, new_cube
 from t2d_rt.core.memory import Budget
-from t2d_rt.radar.synthesize import synthesize
-from t2d_rt.types import EchoStream, Radar
+from t2d_rt.radar.synthesize import Progress, synthesize
+from t2d_rt.types import Radar
 from t2d_rt.types.echoes import Repetition
+from t2d_rt.types.scatterer import Scatterer
 
 TAPS, OVERSAMPLING = 6, 2
 """Of the interpolation, which errs by less than -90 dB."""
@@ -71,7 +71,14 @@ def _coprime(rows: int, periods: int) -> int:
 
 
 def add_repeated(
-    source: EchoStream, radar: Radar, *, tolerance_db: float, device: str, memory: Budget, onto: Cube | None
+    source: Scatterer,
+    radar: Radar,
+    *,
+    tolerance_db: float,
+    device: str,
+    memory: Budget,
+    onto: Cube | None,
+    progress: Progress | None = None,
 ) -> Cube:
     """The ADC cube of a record whose echoes repeat, added to another one or by itself."""
     table = source.repeats
@@ -97,14 +104,18 @@ def add_repeated(
             for antenna, each_s in enumerate(late_s.tolist()):
                 position = (some + each_s) / table.period_s % 1 * dense.shape[1]
                 out[:, antenna] = _at(dense[antenna], position, gain)
+    if progress is not None:
+        progress(1.0)
     return onto
 
 
-def _summed(source: EchoStream, table: Repetition, *, tolerance_db: float, device: str, memory: Budget) -> np.ndarray:
+def _summed(source: Scatterer, table: Repetition, *, tolerance_db: float, device: str, memory: Budget) -> np.ndarray:
     """What chirps record that begin at equal steps of a period, complex64 (step, antenna, sample)."""
     cube: Cube | None = None
-    for part in source.parts or (replace(source, repeats=None),):
-        cube = synthesize(part, table.radar, tolerance_db=tolerance_db, device=device, onto=cube, memory=memory)
+    for part in source.parts:
+        cube = synthesize(
+            part.stream(), table.radar, tolerance_db=tolerance_db, device=device, onto=cube, memory=memory
+        )
     assert cube is not None
     rows = np.asarray(cube[table.first : table.first + table.rows])
     found = np.empty_like(rows)

@@ -20,7 +20,7 @@ from t2d_rt.motion.kinematics import poses_of
 from t2d_rt.pipeline.echo_model import Model, with_method
 from t2d_rt.pipeline.targets import segments, skin
 from t2d_rt.propagation.occluders import Occluders
-from t2d_rt.propagation.visibility import Occlusion
+from t2d_rt.propagation.visibility import Occlusion, Viewpoints
 from t2d_rt.recording.path_table import (
     Nearby,
     mean_range_m,
@@ -185,16 +185,16 @@ def visible_fractions(model: Model, accuracy: Accuracy, people: Sequence[Person]
     meshes = {k: mesh for k, mesh in enumerate(skinned.geometries) if isinstance(mesh, MovingMesh) and not fast[k]}
     meshes |= {each.number: skin(each.motion, each.body) for each in people if each.number not in meshes}
     occluders, order, owners = Occluders(list(meshes.values())), list(meshes), [_owners(each) for each in people]
+    viewpoints = Viewpoints(occluders, at_s, model.backend)
     views = [
         Occlusion(
-            occluders, view, samples_s=at_s, backend=model.backend,
+            viewpoints, view,
             unblocked=None if model.scene is None else partial(model.blockage.fraction, sight(model.radar, end)),
         )
         for end, view in enumerate(model.radar.views_m)
     ]  # fmt: skip
-    at_once = occluders.instants(at_s)
-    for first in range(0, len(at_s), at_once):
-        some_s = at_s[first : first + at_once]
+    for first in range(0, len(at_s), viewpoints.at_once):
+        some_s = at_s[first : first + viewpoints.at_once]
         seen = [occluders.split(view.traced(some_s)) for view in views]
         for row, person in enumerate(people):
             mesh = meshes[person.number]

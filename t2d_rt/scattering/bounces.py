@@ -6,9 +6,9 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
+from typing_extensions import override
 
 from t2d_rt.core.backend import Backend
 from t2d_rt.core.constants import SPEED_OF_LIGHT
@@ -16,10 +16,11 @@ from t2d_rt.core.memory import Budget, blocks
 from t2d_rt.scattering.antennas import seen_by
 from t2d_rt.scattering.fronts import Instant, RayTracer
 from t2d_rt.scattering.reflectors import Lattice, Reflector, Reflectors, carried_along, lattice, lattice_size
-from t2d_rt.scattering.streams import in_parts, most_echoes
+from t2d_rt.scattering.streams import joined, most_echoes
 from t2d_rt.scattering.tube_groups import Cells, Frames, Groups, Sample
 from t2d_rt.scattering.tubes import Tubes, reflecting, traced_tubes
-from t2d_rt.types import EchoArrays, EchoStream, Radar
+from t2d_rt.types import EchoArrays, Radar
+from t2d_rt.types.scatterer import FrameBlock, Poses, Scatterer, Visibility
 
 TEST_WAVELENGTHS, TEST_RATE_HZ = 4.0, 10.0
 """Facets are tested for whether their reflected rays ever meet a target from points so far apart, and so often; those beside them
@@ -77,7 +78,7 @@ def bounce_echoes(
     times_s: np.ndarray,
     samples_s: np.ndarray,
     detail: TubeDetail,
-) -> EchoStream:
+) -> Scatterer:
     """Echoes of 2 to `detail.bounces` bounces at frames `times_s`, of tubes that are traced at `samples_s` and ride on the surfaces
     in between, each set fading into the next."""
     model = _Model.of(Reflectors(reflectors), setting, samples_s, detail)
@@ -85,15 +86,14 @@ def bounce_echoes(
     groups = samples.groups()
     size = most_echoes(setting.radar)
     parts = [groups.only(slice(first, first + size)) for first in range(0, max(1, len(groups)), size)]
-    return in_parts(
+    return joined(
         [
-            EchoStream(
-                times_s=times_s, frames=partial(_frames, samples, part, times_s), echoes=len(part),
-                vertices=model.reflectors.vertex_count,
+            TubeScatterer(
+                times_s=times_s, samples=samples, groups=part, echoes=len(part), vertices=model.reflectors.vertex_count
             )
             for part in parts
         ]
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,34 +189,42 @@ class _Samples:
         return Groups.of(found, powers, self.model.detail.bounces, self.model.reflectors.target)
 
 
-def _frames(samples: _Samples, groups: Groups, times_s: np.ndarray, start: int, stop: int) -> EchoArrays:
-    """Echoes of groups at frames start..stop - 1."""
-    model, radar = samples.model, samples.model.setting.radar
-    posed = model.frames(times_s[start:stop])
-    count = stop - start
-    shape = count, len(groups)
-    delay, field, change = np.zeros(shape), np.zeros(shape, np.complex64), np.zeros(shape, np.complex64)
-    weights = _faded(times_s[start:stop], samples.times_s)
-    for bounces in range(2, model.detail.bounces + 1):
-        mine, first = groups.of_bounces(bounces)
-        if not len(mine):
-            continue
-        straight = np.ones((len(mine), bounces - 1))
-        lengths = posed.lengths(mine.faces, mine.coordinates, straight, np.arange(count))
-        carriers_m = lengths.numpy().reshape(len(mine), -1)
-        delay[:, first : first + len(mine)] = carriers_m.T / SPEED_OF_LIGHT
-        for number, (frames, weight) in weights.items():
-            sample = samples.at(number)[bounces - 2]
-            column = mine.columns(sample.codes)
-            for into, found in zip((field, change), posed.sums(sample, column, carriers_m, frames), strict=True):
-                into[frames[:, None], first + column[column >= 0]] += (found * weight).T
-    # As E in eq. 3.
-    scale = -1j * radar.link_amplitude * math.sqrt(4 * math.pi) / radar.wavelength_m
-    per_hz = scale / radar.mid_frequency_hz
-    arrays = EchoArrays(delay, (scale * field).astype(np.complex64), (per_hz * change).astype(np.complex64))
-    if not (radar.is_array or radar.directional):
-        return arrays
-    return seen_by(radar, arrays, *(posed.places(groups, end) for end in (0 * groups.bounces, groups.bounces - 1)))
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TubeScatterer(Scatterer):
+    """Groups of ray tubes."""
+
+    samples: _Samples
+    groups: Groups
+
+    @override
+    def scatter(self, block: FrameBlock, poses: Poses, seen: Visibility) -> EchoArrays:
+        samples, groups, times_s = self.samples, self.groups, block.times_s
+        model, radar = samples.model, samples.model.setting.radar
+        posed = model.frames(times_s)
+        count = len(times_s)
+        shape = count, len(groups)
+        delay, field, change = np.zeros(shape), np.zeros(shape, np.complex64), np.zeros(shape, np.complex64)
+        weights = _faded(times_s, samples.times_s)
+        for bounces in range(2, model.detail.bounces + 1):
+            mine, first = groups.of_bounces(bounces)
+            if not len(mine):
+                continue
+            straight = np.ones((len(mine), bounces - 1))
+            lengths = posed.lengths(mine.faces, mine.coordinates, straight, np.arange(count))
+            carriers_m = lengths.numpy().reshape(len(mine), -1)
+            delay[:, first : first + len(mine)] = carriers_m.T / SPEED_OF_LIGHT
+            for number, (frames, weight) in weights.items():
+                sample = samples.at(number)[bounces - 2]
+                column = mine.columns(sample.codes)
+                for into, found in zip((field, change), posed.sums(sample, column, carriers_m, frames), strict=True):
+                    into[frames[:, None], first + column[column >= 0]] += (found * weight).T
+        # As E in eq. 3.
+        scale = -1j * radar.link_amplitude * math.sqrt(4 * math.pi) / radar.wavelength_m
+        per_hz = scale / radar.mid_frequency_hz
+        arrays = EchoArrays(delay, (scale * field).astype(np.complex64), (per_hz * change).astype(np.complex64))
+        if not (radar.is_array or radar.directional):
+            return arrays
+        return seen_by(radar, arrays, *(posed.places(groups, end) for end in (0 * groups.bounces, groups.bounces - 1)))
 
 
 def _faded(times_s: np.ndarray, samples_s: np.ndarray) -> dict[int, tuple[np.ndarray, np.ndarray]]:

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from typing_extensions import override
 
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.scattering.antennas import seen_by
-from t2d_rt.types import EchoArrays, EchoStream, Radar, StaticPath
+from t2d_rt.types import EchoArrays, Radar, StaticPath
 from t2d_rt.types.path_fields import SweepNodes, received
-
-Fractions = Callable[[np.ndarray], np.ndarray]
-"""0..1 (K, N) at times [s] (K,)."""
+from t2d_rt.types.scatterer import Fraction, FrameBlock, Poses, Scatterer, Visibility
 
 
 def mirror_echoes(
-    paths: Sequence[StaticPath], radar: Radar, *, times_s: np.ndarray, fractions: Fractions | None = None
-) -> EchoStream:
+    paths: Sequence[StaticPath], radar: Radar, *, times_s: np.ndarray, fractions: Fraction | None = None
+) -> StaticScatterer:
     """One echo of each path at surface frames `times_s`, of which `fractions` are not occluded."""
     departure, arrival = (np.array([getattr(path, end) for path in paths]) for end in ("departure_m", "arrival_m"))
     length = np.linalg.norm(arrival - radar.rx_position_m, axis=1)
@@ -42,8 +42,8 @@ def rough_echoes(
     *,
     times_s: np.ndarray,
     seed: int,
-    fractions: Fractions | None = None,
-) -> EchoStream:
+    fractions: Fraction | None = None,
+) -> StaticScatterer:
     """One echo of random phase of each point (Q, 3) at surface frames `times_s`, of which `fractions` are not occluded."""
     phase = 2 * math.pi * np.random.default_rng(seed).random(len(points_m))
     ranges = [np.linalg.norm(points_m - place, axis=1) for place in (radar.tx_position_m, radar.rx_position_m)]
@@ -52,18 +52,35 @@ def rough_echoes(
     return _standing(seen_by(radar, echoes, points_m), times_s, fractions)
 
 
-def _standing(echoes: EchoArrays, times_s: np.ndarray, fractions: Fractions | None) -> EchoStream:
-    """Constant echoes (N, ...) as a stream, times the fractions that are not occluded."""
+def _standing(echoes: EchoArrays, times_s: np.ndarray, fractions: Fraction | None) -> StaticScatterer:
+    echoes = echoes._replace(
+        departure_m=None if echoes.departure_m is None else echoes.departure_m.astype(np.float32),
+        arrival_m=None if echoes.arrival_m is None else echoes.arrival_m.astype(np.float32),
+    )
+    return StaticScatterer(times_s=times_s, constant=echoes, unblocked=fractions, echoes=len(echoes.delay_s))
 
-    def frames(start: int, stop: int) -> EchoArrays:
-        static = [None if field is None else np.broadcast_to(field, (stop - start, *field.shape)) for field in echoes]
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StaticScatterer(Scatterer):
+    """Constant echoes, times the fractions that are not occluded."""
+
+    constant: EchoArrays
+    """(N, ...)."""
+    unblocked: Fraction | None
+    """(K, N)."""
+
+    @property
+    @override
+    def fractions(self) -> Iterable[Fraction]:
+        return () if self.unblocked is None else (self.unblocked,)
+
+    @override
+    def scatter(self, block: FrameBlock, poses: Poses, seen: Visibility) -> EchoArrays:
+        shape = block.last - block.first
+        static = [None if each is None else np.broadcast_to(each, (shape, *each.shape)) for each in self.constant]
         found = EchoArrays(*static)  # type: ignore[arg-type]
-        unblocked = 1.0 if fractions is None else fractions(times_s[start:stop])
+        unblocked = 1.0 if self.unblocked is None else seen[self.unblocked]
         return found._replace(
             amplitude=(found.amplitude * unblocked).astype(np.complex64),
             slope=None if found.slope is None else (found.slope * unblocked).astype(np.complex64),
-            departure_m=None if found.departure_m is None else found.departure_m.astype(np.float32),
-            arrival_m=None if found.arrival_m is None else found.arrival_m.astype(np.float32),
         )
-
-    return EchoStream(times_s=times_s, frames=frames)

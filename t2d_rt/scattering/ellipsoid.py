@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from typing_extensions import override
 
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.scattering.antennas import seen_by, side_by_side
-from t2d_rt.scattering.paths import Arrivals, View, unfolded, weighted
-from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, Material, Radar
+from t2d_rt.scattering.paths import Arrivals, View, product, unfolded, weighted
+from t2d_rt.types import EchoArrays, Ellipsoids, Material, MovingMesh, Radar
+from t2d_rt.types.scatterer import Fraction, FrameBlock, Poses, Scatterer, Visibility
 
 FORWARD = 0.08, 0.2
 """Lengths of the sum of the unit vectors to both antennas from which to which an echo fades in; at 0 it is in line with them."""
@@ -32,26 +35,54 @@ def ellipsoid_echoes(
     material: Material,
     phase_from: PhaseFrom = "specular",
     views: Sequence[View] = (View(),),
-) -> EchoStream:
+    target: int = 0,
+) -> EllipsoidScatterer:
     """One echo per ellipsoid and view at surface frames `times_s`; ellipsoids do not occlude one another.
 
     "specular" takes phase, range and curvature from the point of shortest path, exact also in the near field; "centre" is the
     Text2Doppler paper's form: range of the centre, far-field RCS from the aspect of the long axis (its eq. 1). `views` give
-    the path pairs and the visibility of each ellipsoid over them.
+    the path pairs and the visibility of each ellipsoid over them, `target` is their number among the targets.
     """
-    reflection = complex(material.reflection(radar.mid_frequency_hz)).conjugate()  # IF = tx conj(rx)
-    model = {"specular": _specular, "centre": _centre}[phase_from]
+    return EllipsoidScatterer(
+        times_s=times_s, target=target, ellipsoids=ellipsoids, radar=radar, views=tuple(views),
+        reflection=complex(material.reflection(radar.mid_frequency_hz)).conjugate(),  # IF = tx conj(rx)
+        phase_from=phase_from, echoes=len(views) * len(ellipsoids.semi_axes_m),
+    )  # fmt: skip
 
-    places = [_places(radar, view) for view in views]
-    count = len(ellipsoids.semi_axes_m)
 
-    def frames(start: int, stop: int) -> EchoArrays:
-        centres, axes = ellipsoids.at(times_s[start:stop])
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EllipsoidScatterer(Scatterer):
+    """Ellipsoids, one echo each over each of some path pairs."""
+
+    target: int
+    ellipsoids: Ellipsoids
+    radar: Radar
+    views: tuple[View, ...]
+    reflection: complex
+    phase_from: PhaseFrom
+
+    reach = REACH_FRAMES
+
+    @property
+    @override
+    def targets(self) -> Mapping[int, MovingMesh | Ellipsoids]:
+        return {self.target: self.ellipsoids}
+
+    @property
+    @override
+    def fractions(self) -> Iterable[Fraction]:
+        return (fraction for view in self.views for fraction in view.visibility)
+
+    @override
+    def scatter(self, block: FrameBlock, poses: Poses, seen: Visibility) -> EchoArrays:
+        radar, views, count = self.radar, self.views, len(self.ellipsoids.semi_axes_m)
+        centres, axes = poses[self.target]
         if any(view.paths is None for view in views):
             _check_between(centres, radar.tx_position_m, radar.rx_position_m)
-        shown, near = _shown(views, times_s, start, stop, count)
+        shown, near = _shown(views, block, seen, count)
         # An echo over each view, whose antennas stand in places of its own; one that is dark is where the centre is.
         own, axes = np.tile(centres, (1, len(views), 1)), np.tile(axes, (1, len(views), 1, 1))
+        places = [_places(radar, view) for view in views]
         tx, rx = (np.broadcast_to(np.repeat([ends[k] for ends in places], count, axis=0), own.shape) for k in (0, 1))
         path = np.linalg.norm(own - tx, axis=-1) + np.linalg.norm(own - rx, axis=-1)
         field = np.zeros(path.shape)
@@ -60,7 +91,8 @@ def ellipsoid_echoes(
         fade = np.clip((aside - FORWARD[0]) / (FORWARD[1] - FORWARD[0]), 0, 1)
         lit = np.nonzero(near & (aside > FORWARD[0] / 2))
         ends = [own.copy(), own.copy()]
-        semi_axes = ellipsoids.semi_axes_m[lit[1] % count]
+        semi_axes = self.ellipsoids.semi_axes_m[lit[1] % count]
+        model = {"specular": _specular, "centre": _centre}[self.phase_from]
         with np.errstate(invalid="ignore"):
             found = model(own[lit], axes[lit], semi_axes, tx[lit], rx[lit])
         # Almost in line with both the search may end nowhere: what has faded out is dark.
@@ -68,7 +100,7 @@ def ellipsoid_echoes(
         lit = (lit[0][known], lit[1][known])
         path[lit], field[lit], ends[0][lit], ends[1][lit] = (each[known] for each in found)
         field *= radar.link_amplitude * fade * fade * (3 - 2 * fade)
-        amplitude = (reflection * field * shown).astype(np.complex64)
+        amplitude = (self.reflection * field * shown).astype(np.complex64)
         arrivals = Arrivals(radar, centres)
         parts = []
         for number, view in enumerate(views):
@@ -83,21 +115,17 @@ def ellipsoid_echoes(
                 parts.append(unfolded(radar, echoes, view.paths, departure, arrival))
         return side_by_side(parts)
 
-    return EchoStream(times_s=times_s, frames=frames)
 
-
-def _shown(
-    views: Sequence[View], times_s: np.ndarray, start: int, stop: int, count: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Visibility of each ellipsoid in each view at frames start..stop - 1, (T, views x count), and whether it is above 0 shortly
+def _shown(views: Sequence[View], block: FrameBlock, seen: Visibility, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Visibility of each ellipsoid in each view at the frames of a block, (T, views x count), and whether it is above 0 shortly
     before or after."""
     from scipy.ndimage import maximum_filter1d
 
-    first, last = max(0, start - REACH_FRAMES), min(len(times_s), stop + REACH_FRAMES)
-    seen = [view.visible(times_s[first:last]) for view in views]
-    every = [np.ones((last - first, count)) if each is None else each for each in seen]
-    fractions = np.concatenate(every, axis=1)
-    here = slice(start - first, stop - first)
+    frames = len(block.wider(REACH_FRAMES))
+    every = [product([seen[fraction] for fraction in view.visibility]) for view in views]
+    fractions = np.concatenate([np.ones((frames, count)) if each is None else each for each in every], axis=1)
+    begin = block.first - max(0, block.first - REACH_FRAMES)
+    here = slice(begin, begin + block.last - block.first)
     near = maximum_filter1d(fractions, 2 * REACH_FRAMES + 1, axis=0, mode="constant") > 0
     return fractions[here], near[here]
 

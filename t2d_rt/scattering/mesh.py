@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from typing_extensions import override
 
 from t2d_rt.core.backend import Backend
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
@@ -31,10 +32,11 @@ from t2d_rt.scattering.patches import (
 from t2d_rt.scattering.paths import Anchors, Arrivals, FadedArrivals, View, anchor_vertices, product, unfolded
 from t2d_rt.scattering.phase_integral import Integrals, divided_differences
 from t2d_rt.scattering.points import DiffusePoints, Seen, VisibilityMesh
-from t2d_rt.scattering.posed import Posed
+from t2d_rt.scattering.posed import Facets, Posed
 from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD, Sagitta, carried, refined
-from t2d_rt.scattering.streams import in_parts, most_echoes
-from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, PathPair, Radar
+from t2d_rt.scattering.streams import joined, most_echoes
+from t2d_rt.types import EchoArrays, Ellipsoids, Material, MovingMesh, PathPair, Radar
+from t2d_rt.types.scatterer import Fraction, FrameBlock, Poses, Scatterer, Visibility
 
 POINTS_PER_MESH = 4_000
 """At least about this many diffuse points; their number does not change the power."""
@@ -88,8 +90,10 @@ def mesh_echoes(
     seed: int,
     views: Sequence[View],
     backend: Backend,
-) -> EchoStream:
-    """Echoes of `surface` at surface frames `times_s`: one of each patch, in each of `views`."""
+    target: int = 0,
+) -> Scatterer:
+    """Echoes of `surface` at surface frames `times_s`: one of each patch, in each of `views`; `target` is its number among the
+    targets."""
     pairs = [Pair.of(radar, view.paths) for view in views]
     whole = [*pairs, *(Pair.of(radar, each) for each in detail.switched_off)]
     model = _Model.of(surface, radar, whole, times_s, material, detail, seed, {view.subdivision for view in views})
@@ -99,40 +103,63 @@ def mesh_echoes(
         rest = model.fine.controlled(surface.rest[None])
         places = carried(model.centre, rest)[:, 0]
         anchors = Anchors.of(anchor_vertices(surface.rest), surface.rest, places, backend)
-
-    def frames(selections: Sequence[_Selection], start: int, stop: int) -> EchoArrays:
-        times = times_s[start:stop]
-        cage = surface.at(times)
-        posed = model.posed(cage, backend)
-        block = Block(len(times), _total(selections), backend)
-        arrivals: Arrivals | FadedArrivals | None = None
-        if anchors is not None and model.at_instants:
-            arrivals = Arrivals(radar, cage[:, anchors.vertices])
-        elif anchors is not None:
-            some = anchors.vertices
-            arrivals = FadedArrivals.of(radar, lambda at_s: surface.at(at_s)[:, some], times_s, start, stop)
-        lit = [model.lit_faces(posed, selection.pair) for selection in selections]
-        posed.carry(
-            np.any(lit, axis=0),
-            with_places=any(each.view.facet_visibility is not None for each in selections),
-        )
-        for selection, faces in zip(selections, lit, strict=True):
-            seen = _seen(selection.view, times, anchors, arrivals, backend)
-            model.put(block, posed, selection, seen, faces)
-        found = block.arrays()
-        if not (radar.is_array or radar.directional):
-            return found
-        return side_by_side([each.with_ends(radar, found, posed.centre.swapaxes(0, 1)) for each in selections])
-
-    return in_parts(
+    return joined(
         [
-            EchoStream(
-                times_s=times_s, frames=partial(frames, part), vertices=model.operator.shape[0], echoes=_total(part),
+            MeshScatterer(
+                times_s=times_s, target=target, surface=surface, radar=radar, model=model, selections=tuple(part),
+                anchors=anchors, backend=backend, vertices=model.operator.shape[0], echoes=_total(part),
                 at_once=_frames_at_once(views),
             )
             for part in _parts(selections, most_echoes(radar))
         ]
     )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MeshScatterer(Scatterer):
+    """Patches of a mesh, one echo each over each of some path pairs."""
+
+    target: int
+    surface: MovingMesh
+    radar: Radar
+    model: _Model
+    selections: tuple[_Selection, ...]
+    anchors: Anchors | None
+    """Where the fields of the path pairs are worked out; None in free space."""
+    backend: Backend
+
+    @property
+    @override
+    def targets(self) -> Mapping[int, MovingMesh | Ellipsoids]:
+        return {self.target: self.surface}
+
+    @property
+    @override
+    def fractions(self) -> Iterable[Fraction]:
+        return (each for selection in self.selections for each in selection.view.fractions)
+
+    @override
+    def scatter(self, block: FrameBlock, poses: Poses, seen: Visibility) -> EchoArrays:
+        model, anchors, radar, times_s = self.model, self.anchors, self.radar, block.times_s
+        cage = poses[self.target]
+        posed = model.posed(cage, self.backend)
+        made = Block(len(times_s), self.echoes, self.backend)
+        arrivals: Arrivals | FadedArrivals | None = None
+        if anchors is not None and model.at_instants:
+            arrivals = Arrivals(radar, cage[:, anchors.vertices])
+        elif anchors is not None:
+            some, surface = anchors.vertices, self.surface
+            arrivals = FadedArrivals.of(radar, lambda at_s: surface.at(at_s)[:, some], block)
+        lit = [model.lit_faces(posed, selection.pair) for selection in self.selections]
+        traced = any(each.view.facet_visibility is not None for each in self.selections)
+        facets = Facets.of(posed, model.operator, model.visibility_meshes, np.any(lit, axis=0), with_places=traced)
+        for selection, faces in zip(self.selections, lit, strict=True):
+            of_view = _seen(selection.view, times_s, seen, anchors, arrivals, self.backend)
+            model.put(made, facets, selection, of_view, faces)
+        found = made.arrays()
+        if not (radar.is_array or radar.directional):
+            return found
+        return side_by_side([each.with_ends(radar, found, posed.centre.swapaxes(0, 1)) for each in self.selections])
 
 
 def _frames_at_once(views: Sequence[View]) -> int:
@@ -146,6 +173,7 @@ def _frames_at_once(views: Sequence[View]) -> int:
 def _seen(
     view: View,
     times_s: np.ndarray,
+    fractions: Visibility,
     anchors: Anchors | None,
     arrivals: Arrivals | FadedArrivals | None,
     backend: Backend,
@@ -153,10 +181,10 @@ def _seen(
     """How a mesh is seen in a view at some times."""
     weights = None
     if view.paths is not None and arrivals is not None and anchors is not None:
-        unblocked = product([fraction(times_s) for fraction in view.unblocked])
+        unblocked = product([fractions[each] for each in view.unblocked])
         weights = anchors.weights(*arrivals.weight(view.paths), unblocked, backend)
     return Seen(
-        visibility=[fraction(times_s) for fraction in view.visibility],
+        visibility={each: fractions[each] for each in view.visibility},
         facet_visibility=None if view.facet_visibility is None else partial(view.facet_visibility, times_s),
         weights=weights,
     )
@@ -274,26 +302,25 @@ class _Model:
     def posed(self, cage: np.ndarray, backend: Backend) -> Posed:
         """At frames whose cage has vertices (T, V, 3) m."""
         control = self.fine.controlled(cage)
-        return Posed.of(control, self.cage_faces, self.operator, self.centre, self.patches, self.points, backend)
+        return Posed.of(control, self.cage_faces, self.centre, self.patches, self.points, backend)
 
-    def put(self, block: Block, posed: Posed, selection: _Selection, seen: Seen, faces: np.ndarray) -> None:
+    def put(self, block: Block, facets: Facets, selection: _Selection, seen: Seen, faces: np.ndarray) -> None:
         """Writes the echoes of one view to its columns; `faces` are those of `lit_faces`."""
-        pair, chosen = selection.pair, selection.patches
+        pair, chosen, posed, level = selection.pair, selection.patches, facets.posed, selection.view.subdivision
         columns = selection.first + np.arange(len(chosen))
-        mesh = self.visibility_meshes[selection.view.subdivision]
         if len(chosen):
             patch_delays(posed.centres, chosen, pair, block, columns)
-        lit = self._lit(faces, seen, mesh)[chosen]
+        lit = self._lit(faces, seen, self.visibility_meshes[level])[chosen]
         if lit.any():
             chosen = chosen[lit]
             parts = self.patches.only(chosen)
-            facets = FacetVertices(
-                vertices=posed.vertices, visibility=posed.visibility(seen, mesh), corners=posed.corner_numbers[parts.corners],
+            vertices = FacetVertices(
+                vertices=facets.vertices, visibility=facets.visibility(seen, level), corners=facets.corner_numbers[parts.corners],
                 centres=posed.centres, origin=posed.origin, integrals=self.integrals,
-                points=self._points(chosen, posed, seen, mesh),
+                points=self._points(chosen, facets, seen, level),
             )  # fmt: skip
-            parts = replace(parts, nodes=posed.numbers[parts.nodes])
-            patch_echoes(facets, parts, chosen, pair, self.reflection, seen.weights, block, columns[lit])
+            parts = replace(parts, nodes=facets.numbers[parts.nodes])
+            patch_echoes(vertices, parts, chosen, pair, self.reflection, seen.weights, block, columns[lit])
 
     def lit_faces(self, posed: Posed, pair: Pair) -> np.ndarray:
         """Which cage faces may hold facets that face both antennas at any of the frames, bool (F,)."""
@@ -302,18 +329,18 @@ class _Model:
     def _lit(self, faces: np.ndarray, seen: Seen, mesh: VisibilityMesh) -> np.ndarray:
         """Which patches hold facets of these cage faces, bool (F,), that are visible, bool (G,)."""
         if seen.visibility:
-            somewhere = np.logical_and.reduce([each > 0 for each in seen.visibility]).any(axis=0)
+            somewhere = np.logical_and.reduce([each > 0 for each in seen.visibility.values()]).any(axis=0)
             faces = faces & self._with_neighbours(mesh, np.asarray(somewhere))
         lit = self.patches.any_of(faces)
         return lit if seen.weights is None else lit & seen.weights.reach
 
-    def _points(self, patches: np.ndarray, posed: Posed, seen: Seen, mesh: VisibilityMesh) -> PointVertices | None:
+    def _points(self, patches: np.ndarray, facets: Facets, seen: Seen, level: int) -> PointVertices | None:
         """The diffuse points of some patches, on the device; None where there are none, as may be of small ones."""
         some = None if self.points is None else self.points.only(patches)
         if some is None or not len(some.packets):
             return None
         return PointVertices(
-            vertices=posed.carrier, visibility=posed.visibility_of_points(seen, mesh), corners=some.corners,
+            vertices=facets.posed.carrier, visibility=facets.visibility_of_points(seen, level), corners=some.corners,
             packets=some.packets, starts=some.starts, scattered=some.scattered,
         )  # fmt: skip
 

@@ -14,6 +14,7 @@ from t2d_rt.scattering.lanes import Weights
 from t2d_rt.types import EchoArrays, OneWayPath, PathPair, PathSet, Radar
 from t2d_rt.types.path_fields import SweepNodes, field_over
 from t2d_rt.types.paths import PathKey
+from t2d_rt.types.scatterer import Fraction, FrameBlock
 
 ANCHORS, APART_M = 150, 0.04
 """Points of a target at which coefficients are worked out: at most so many, and no nearer to each other than needed."""
@@ -26,8 +27,6 @@ RANKING_NODES = 7
 """Frequencies of the sweep at which path pairs are ranked: enough to see what a line over frequency leaves out."""
 
 
-Fraction = Callable[[np.ndarray], np.ndarray]
-"""0..1 (K, N) at times [s] (K,)."""
 FacetVisibility = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """0..1 (K, Q) at times [s] (K,), of vertices (K, Q, 3) of triangles (F, 3)."""
 
@@ -49,9 +48,10 @@ class View:
     facet_visibility: FacetVisibility | None = None
     """Of the facets' own vertices, as a factor on `visibility`."""
 
-    def visible(self, times_s: np.ndarray) -> np.ndarray | None:
-        """The product of `visibility` (K, N) at times [s] (K,); None: all is visible."""
-        return product([fraction(times_s) for fraction in self.visibility])
+    @property
+    def fractions(self) -> tuple[Fraction, ...]:
+        """All of them."""
+        return self.visibility + self.unblocked
 
 
 def product(fractions: Sequence[np.ndarray]) -> np.ndarray | None:
@@ -159,11 +159,9 @@ class FadedArrivals:
     """Of the nodes at each frame, (T, K)."""
 
     @classmethod
-    def of(
-        cls, radar: Radar, points_at: Callable[[np.ndarray], np.ndarray], times_s: np.ndarray, start: int, stop: int
-    ) -> FadedArrivals:
-        """At frames start..stop - 1 of times [s] (T,): nodes are the same wherever a block of frames begins and ends. `points_at`
-        gives (K, A, 3) m."""
+    def of(cls, radar: Radar, points_at: Callable[[np.ndarray], np.ndarray], block: FrameBlock) -> FadedArrivals:
+        """At the frames of a block: nodes are the same wherever a block begins and ends. `points_at` gives (K, A, 3) m."""
+        times_s, start, stop = block.record_s, block.first, block.last
         last = len(times_s) - 1
         every = max(1, int(last / (times_s[-1] - times_s[0]) / NODE_RATE_HZ))
         nodes = np.unique(np.minimum(np.arange(start // every, -(-(stop - 1) // every) + 1) * every, last))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from t2d_rt.scattering.lanes import Weights
 from t2d_rt.scattering.patches import Csr, members
 from t2d_rt.scattering.refinement import carried, flattened
 from t2d_rt.types import MovingMesh
+from t2d_rt.types.scatterer import Fraction
 
 APART_M = 0.1
 """Facets of opposite directions are apart by twice that, for a point that looks for the nearest one."""
@@ -26,9 +27,8 @@ VertexVisibility = Callable[[np.ndarray, np.ndarray], np.ndarray]
 class Seen:
     """How a mesh is seen over a path pair at some frames."""
 
-    visibility: Sequence[np.ndarray] = ()
-    """Of the vertices of its visibility mesh over each one-way path, (T, V'); their product counts. Paths that pairs have in common
-    have one array."""
+    visibility: Mapping[Fraction, np.ndarray] = field(default_factory=dict)
+    """Of the vertices of its visibility mesh over each one-way path, (T, V'); their product counts."""
     facet_visibility: VertexVisibility | None = None
     """Of finer vertices, as a factor."""
     weights: Weights | None = None

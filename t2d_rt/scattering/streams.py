@@ -1,41 +1,54 @@
-"""Echo streams of several targets joined into one, and cut into as many as are summed one after another."""
+"""Scatterers joined into one, and put together into as few as are summed one after another."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
+
+import numpy as np
+from typing_extensions import override
 
 from t2d_rt.scattering.antennas import side_by_side
-from t2d_rt.types import EchoStream, Radar
+from t2d_rt.types import EchoArrays, Radar
+from t2d_rt.types.scatterer import FrameBlock, Poses, Scatterer, Visibility
 
 MOST_ECHOES = 150_000
 """Echoes that are summed together; in a window of frames they take some 1 GB. More of them are summed in several parts."""
 
 
-def joined(streams: list[EchoStream]) -> EchoStream:
-    """Several targets' echoes as one stream; all must have the same frame times."""
-    if len(streams) == 1:
-        return streams[0]
-    return EchoStream(
-        times_s=streams[0].times_s,
-        frames=lambda start, stop: side_by_side([stream.frames(start, stop) for stream in streams]),
-        vertices=max(stream.vertices for stream in streams),
-        echoes=sum(stream.echoes for stream in streams),
-        at_once=min((stream.at_once for stream in streams if stream.at_once), default=0),
-    )
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Joined(Scatterer):
+    """Scatterers with the same frame times as one."""
+
+    each: tuple[Scatterer, ...]
+
+    @property
+    @override
+    def parts(self) -> tuple[Scatterer, ...]:
+        return tuple(part for each in self.each for part in each.parts)
+
+    @override
+    def scatter(self, block: FrameBlock, poses: Poses, seen: Visibility) -> EchoArrays:
+        return side_by_side([each.scatter(block, poses, seen) for each in self.each])
 
 
-def in_parts(streams: list[EchoStream]) -> EchoStream:
-    """The streams joined into one that keeps them in `parts`, so that they can be summed one after another."""
-    return streams[0] if len(streams) == 1 else replace(joined(streams), parts=tuple(streams))
+def joined(scatterers: Sequence[Scatterer]) -> Scatterer:
+    """Scatterers as one; all must have the same frame times."""
+    if len(scatterers) == 1:
+        return scatterers[0]
+    return Joined(
+        times_s=scatterers[0].times_s, each=tuple(scatterers), echoes=sum(each.echoes for each in scatterers),
+        vertices=max(each.vertices for each in scatterers),
+        at_once=min((each.at_once for each in scatterers if each.at_once), default=0),
+    )  # fmt: skip
 
 
-def batches(streams: Sequence[EchoStream], radar: Radar) -> list[EchoStream]:
-    """Streams, or their parts, of the same frame times joined in order into as few as have at most `most_echoes` each."""
-    found: dict[int, list[list[EchoStream]]] = {}
-    for stream in streams:
-        mine = found.setdefault(len(stream.times_s), [])
-        for part in stream.parts or (stream,):
+def batches(scatterers: Sequence[Scatterer], radar: Radar) -> list[Scatterer]:
+    """Scatterers, or their parts, of the same frame times joined in order into as few as have at most `most_echoes` each."""
+    found: dict[int, list[list[Scatterer]]] = {}
+    for scatterer in scatterers:
+        mine = found.setdefault(len(scatterer.times_s), [])
+        for part in scatterer.parts:
             if not mine or sum(each.echoes for each in mine[-1]) + part.echoes > most_echoes(radar):
                 mine.append([])
             mine[-1].append(part)
@@ -45,3 +58,41 @@ def batches(streams: Sequence[EchoStream], radar: Radar) -> list[EchoStream]:
 def most_echoes(radar: Radar) -> int:
     """How many echoes are summed together; an array's hold their places, too."""
     return MOST_ECHOES // 2 if radar.is_array else MOST_ECHOES
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Resampled(Scatterer):
+    """A scatterer at other frame times of the same record, by cubics through four frames of its own."""
+
+    source: Scatterer
+
+    @classmethod
+    def of(cls, source: Scatterer, times_s: np.ndarray) -> Resampled:
+        """At uniform times (T,)."""
+        return cls(times_s=times_s, source=source, echoes=source.echoes, vertices=source.vertices)
+
+    @override
+    def scatter(self, block: FrameBlock, poses: Poses, seen: Visibility) -> EchoArrays:
+        count = len(self.source.times_s)
+        places = np.linspace(0, count - 1, len(self.times_s))[block.first : block.last]
+        begins = np.clip(places.astype(int) - 1, 0, count - 4)
+        u = (places - begins)[:, None]
+        weights = np.concatenate(
+            [
+                -(u - 1) * (u - 2) * (u - 3) / 6,
+                u * (u - 2) * (u - 3) / 2,
+                -u * (u - 1) * (u - 3) / 2,
+                u * (u - 1) * (u - 2) / 6,
+            ],
+            axis=1,
+        )
+        first, last = int(begins[0]), int(begins[-1]) + 4
+        matrix = np.zeros((len(places), last - first))
+        matrix[np.arange(len(places))[:, None], (begins - first)[:, None] + np.arange(4)] = weights
+
+        def between(held: np.ndarray) -> np.ndarray:
+            flat = matrix.astype(held.dtype) @ held.reshape(len(held), -1)
+            return np.asarray(flat.reshape(len(flat), *held.shape[1:]))
+
+        held = self.source.frames(first, last)
+        return EchoArrays(*(None if values is None else between(values) for values in held))  # type: ignore[arg-type]

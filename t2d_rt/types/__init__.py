@@ -2,7 +2,7 @@
 
 from t2d_rt.core.calls import public
 from t2d_rt.types.accuracy import Accuracy, PathTier
-from t2d_rt.types.echoes import EchoArrays, Echoes, EchoStream, resampled, stream
+from t2d_rt.types.echoes import EchoArrays, Echoes, EchoStream, stream
 from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.material import PEC, Material
 from t2d_rt.types.mesh import MovingMesh
@@ -34,7 +34,6 @@ __all__ = [
     "Scene",
     "StaticPath",
     "Surface",
-    "resampled",
     "stream",
 ]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -129,10 +129,6 @@ class EchoStream:
     """How many scatterers there are, where that is known beforehand."""
     at_once: int = 0
     """How many frames are asked for at once at most, where what they are made from takes much memory; 0: any number."""
-    parts: tuple[EchoStream, ...] = ()
-    """The same scatterers in several streams of fewer each, where there are many."""
-    repeats: Repetition | None = None
-    """Where they stand for a longer record than their own."""
 
     def __post_init__(self) -> None:
         call("frames", self.frames, "a function from the first frame and the one after the last to their EchoArrays")
@@ -157,50 +153,3 @@ def stream(echoes: Echoes | EchoStream) -> EchoStream:
         return EchoArrays(*(None if field is None else field[part] for field in fields))  # type: ignore[arg-type]
 
     return EchoStream(times_s=whole.times_s, frames=frames, echoes=whole.delay_s.shape[1])
-
-
-def resampled(source: EchoStream, times_s: np.ndarray, block: int) -> EchoStream:
-    """The same at other frame times of the same record, uniform (T,), by cubics through four frames of the source.
-
-    Frames are asked for in order; the source is for `block` of its own at once, where a call costs more than its frames.
-    """
-    count = len(source.times_s)
-    places = np.linspace(0, count - 1, len(times_s))
-    begins = np.clip(places.astype(int) - 1, 0, count - 4)
-    u = (places - begins)[:, None]
-    weights = np.concatenate(
-        [
-            -(u - 1) * (u - 2) * (u - 3) / 6,
-            u * (u - 2) * (u - 3) / 2,
-            -u * (u - 1) * (u - 3) / 2,
-            u * (u - 1) * (u - 2) / 6,
-        ],
-        axis=1,
-    )
-    kept: dict[int, EchoArrays] = {}
-
-    def blocks(numbers: range) -> list[EchoArrays]:
-        for old in [number for number in kept if number < numbers.start]:
-            del kept[old]
-        for number in numbers:
-            if number not in kept:
-                kept[number] = source.frames(number * block, min((number + 1) * block, count))
-        return [kept[number] for number in numbers]
-
-    def frames(start: int, stop: int) -> EchoArrays:
-        first, last = int(begins[start]), int(begins[stop - 1]) + 4
-        parts = blocks(range(first // block, (last - 1) // block + 1))
-        cut = slice(first % block, first % block + last - first)
-        matrix = np.zeros((stop - start, last - first))
-        row = np.arange(stop - start)[:, None]
-        matrix[row, (begins[start:stop] - first)[:, None] + np.arange(4)] = weights[start:stop]
-
-        def between(values: Sequence[np.ndarray]) -> np.ndarray:
-            held = np.concatenate(values)[cut]
-            flat = matrix.astype(held.dtype) @ held.reshape(len(held), -1)
-            return np.asarray(flat.reshape(len(flat), *held.shape[1:]))
-
-        fields = zip(*parts, strict=True)
-        return EchoArrays(*(None if values[0] is None else between(values) for values in fields))  # type: ignore[arg-type]
-
-    return EchoStream(times_s=times_s, frames=frames, vertices=source.vertices)
