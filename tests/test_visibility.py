@@ -17,7 +17,7 @@ from t2d_rt.core.errors import T2DWarning
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.geometry import SubdividedMesh
 from t2d_rt.propagation.occluders import Occluders, Posed
-from t2d_rt.propagation.visibility import Occlusion, Surroundings, sample_times
+from t2d_rt.propagation.visibility import Occlusion, Surroundings, Viewpoints, sample_times
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
@@ -42,7 +42,13 @@ def moving_sphere(
 
 def occlusion(meshes: list[MovingMesh], backend: Backend, rate_hz: float = 10.0, at: np.ndarray = HERE) -> Occlusion:
     start, stop = max(m.times_s[0] for m in meshes), min(m.times_s[-1] for m in meshes)
-    return Occlusion(Occluders(meshes), at, samples_s=sample_times(start, stop, rate_hz), backend=backend)
+    return Occlusion.alone(Occluders(meshes), at, samples_s=sample_times(start, stop, rate_hz), backend=backend)
+
+
+def the_scene(view: Occlusion, at: Posed) -> Surroundings:
+    scene = view.viewpoints.scene(at)
+    assert scene is not None
+    return scene
 
 
 def facing(mesh: MovingMesh, time_s: float = 0.0) -> np.ndarray:
@@ -356,7 +362,8 @@ def test_points_away_from_shadows_edges_need_no_rays(
         return visible(self, *given)
 
     monkeypatch.setattr(Surroundings, "visible", counted)
-    found = Occlusion(meshes, HERE, samples_s=np.array([0.0, 1.0]), backend=backend).visible(at, front)
+    view = Occlusion.alone(meshes, HERE, samples_s=np.array([0.0, 1.0]), backend=backend)
+    found = view.visible(at, front, the_scene(view, at))
     assert not found[~front].any()
     assert sum(rays) < 0.5 * front.sum()
     assert 0.05 < (front & ~every).sum() / front.sum() < 0.5
@@ -374,8 +381,8 @@ def test_of_other_meshes_every_point_is_traced(walker: MovingMesh, backend: Back
         at = meshes.at(np.array([0.5]))
         front = np.sum(at.normals * (HERE - at.points), axis=2) > 0
         expected = Surroundings(meshes, at.vertices, [HERE], backend).visible(HERE, at.points, at.normals, front)
-        view = Occlusion(meshes, HERE, samples_s=np.array([0.0, 1.0]), backend=backend)
-        assert np.mean(view.visible(at, front) != expected) < 1e-4
+        view = Occlusion.alone(meshes, HERE, samples_s=np.array([0.0, 1.0]), backend=backend)
+        assert np.mean(view.visible(at, front, the_scene(view, at)) != expected) < 1e-4
     assert Occluders([walker, walker]).of_bodies
 
 
@@ -392,7 +399,8 @@ def test_faces_that_look_inward_hide_what_is_behind_them(backend: Backend) -> No
         for time_s in (0.0, 1.0):
             at = meshes.at(np.array([time_s]))
             front = np.sum(at.normals * (HERE - at.points), axis=2) > 0
-            seen = Occlusion(meshes, HERE, samples_s=np.array(LONG_S), backend=backend).visible(at, front)
+            view = Occlusion.alone(meshes, HERE, samples_s=np.array(LONG_S), backend=backend)
+            seen = view.visible(at, front, the_scene(view, at))
             assert not seen[:, : len(ball.rest)].any()
     assert Occluders(cabins).at(np.array([0.0])).facing([HERE]).mean() < 0.7  # outward ones face this way or not
     parts = Occluders(cabins).parts.sum(axis=1)
@@ -413,23 +421,18 @@ def test_a_scene_serves_its_viewpoints_however_many(
     meshes, samples_s = Occluders([walker]), np.array([0.0, 1.0])
     angles = np.linspace(0, 2 * np.pi, count, endpoint=False)
     places = [np.array([2.0 + 4 * np.cos(a), 4 * np.sin(a), 1.0]) for a in angles]
-    views = [Occlusion(meshes, place, samples_s=samples_s, backend=backend) for place in places]
+    viewpoints = Viewpoints(meshes, samples_s, backend)
+    views = [Occlusion(viewpoints, place) for place in places]
     at = meshes.at(np.linspace(0, 1, 3))
-
-    def agree() -> None:
-        for place, view in zip(places, views, strict=True):
-            front = np.sum(at.normals * (place - at.points), axis=2) > 0
-            every = Surroundings(meshes, at.vertices, [place], backend).visible(place, at.points, at.normals, front)
-            assert np.mean(view.visible(at, front) != every) < 2e-4
-
     facing: list[list[np.ndarray]] = []
     faces_facing = Posed.facing
     monkeypatch.setattr(Posed, "facing", lambda self, some: facing.append(some) or faces_facing(self, some))
-    agree()
+    scene = the_scene(views[0], at)
     assert [len(some) for some in facing] == [count][: count <= 4]  # more viewpoints see about all faces
-    del views[0], places[0]  # the scene is made anew without a viewpoint that is gone
-    assert all(len(view._viewpoints()) == count - 1 for view in views)
-    agree()
+    for place, view in zip(places, views, strict=True):
+        front = np.sum(at.normals * (place - at.points), axis=2) > 0
+        every = Surroundings(meshes, at.vertices, [place], backend).visible(place, at.points, at.normals, front)
+        assert np.mean(view.visible(at, front, scene) != every) < 2e-4
 
 
 @pytest.mark.parametrize("together", slow_after(1, [1, 3]))
@@ -439,7 +442,8 @@ def test_viewpoints_share_a_scene(
     monkeypatch.setattr(Occluders, "copies", 4)  # several chunks in a block of frames
     meshes, samples = Occluders([walker]), sample_times(0, 1.2, 25.0)
     places = [HERE, np.array([9.0, -40.0, 2.0]), np.array([-3.0, 6.0, -5.0])]
-    some = [Occlusion(meshes, place, samples_s=samples, backend=backend) for place in places[:together]]
+    viewpoints = Viewpoints(meshes, samples, backend)
+    some = [Occlusion(viewpoints, place) for place in places[:together]]
     made: list[int] = []
     scene = Surroundings.__init__
 
@@ -454,7 +458,7 @@ def test_viewpoints_share_a_scene(
         found = [[each.visibility(times)[0] for each in some] for times in blocks]
     assert len(made) == -(-len(samples) // 4)  # one scene for each chunk of samples, whatever the number of places
     for place, values in zip(places, zip(*found, strict=True), strict=False):
-        alone = Occlusion(Occluders([walker]), place, samples_s=samples, backend=backend)
+        alone = Occlusion.alone(Occluders([walker]), place, samples_s=samples, backend=backend)
         expected = np.concatenate([alone.visibility(times)[0] for times in blocks])
         # The scene lies elsewhere in float32; a ray that grazes may change sides.
         assert np.mean(np.abs(np.concatenate(values) - expected) > 0.01) < 1e-3
@@ -468,13 +472,14 @@ def test_viewpoints_asked_one_after_another_over_the_whole_record(
     monkeypatch.setattr(Occluders, "copies", 2)
     meshes, samples = Occluders([walker]), sample_times(0, 1.2, 25.0)
     places = [HERE, np.array([9.0, -40.0, 2.0]), np.array([-3.0, 6.0, -5.0])]
-    some = [Occlusion(meshes, place, samples_s=samples, backend=backend) for place in places]
+    viewpoints = Viewpoints(meshes, samples, backend)
+    some = [Occlusion(viewpoints, place) for place in places]
     traced: list[int] = []
     sampled = Occlusion.sampled
 
-    def counted(self: Occlusion, times_s: np.ndarray) -> object:
-        traced.append(len(times_s))
-        return sampled(self, times_s)
+    def counted(self: Occlusion, at: Posed, scene: Surroundings | None) -> object:
+        traced.append(len(at.times_s))
+        return sampled(self, at, scene)
 
     monkeypatch.setattr(Occlusion, "sampled", counted)
     blocks, held, found = np.linspace(0, 1.2, 60).reshape(20, 3), [], []
@@ -482,24 +487,25 @@ def test_viewpoints_asked_one_after_another_over_the_whole_record(
         values = []
         for times in blocks:
             values.append(each.visibility(times)[0])
-            held.append(sum(len(one._chunks) for one in some))
+            held.append(sum(len(one.chunks) for one in some))
         found.append(np.concatenate(values))
     assert max(held) <= 3 * 2  # of the first block all viewpoints, then those that are in use
     assert sum(traced) <= 1.3 * len(some) * len(samples)
     for place, values in zip(places, found, strict=True):
-        alone = Occlusion(Occluders([walker]), place, samples_s=samples, backend=backend)
+        alone = Occlusion.alone(Occluders([walker]), place, samples_s=samples, backend=backend)
         expected = np.concatenate([alone.visibility(times)[0] for times in blocks])
         assert np.mean(np.abs(values - expected) > 0.01) < 1e-3
 
 
 def test_many_viewpoints_are_traced_at_fewer_instants_at_once(walker: MovingMesh, backend: Backend) -> None:
     samples = sample_times(0, 1.2, 25.0)
-    few, many = Occluders([walker], subdivision=1), Occluders([walker], subdivision=1)
-    kept = [Occlusion(few, HERE, samples_s=samples, backend=backend)]
-    kept += [Occlusion(many, HERE + [0, 0, k], samples_s=samples, backend=backend) for k in range(400)]
-    points = sum(each.operator.shape[0] for each in many._subdivided)
-    assert few.instants(samples) == few.copies
-    assert 1 <= many.instants(samples) <= max(1, VISIBILITY_BYTES / (SAMPLE_BYTES * 400 * points)) < many.copies
+    meshes = Occluders([walker], subdivision=1)
+    few, many = (Viewpoints(meshes, samples, backend) for _ in range(2))
+    Occlusion(few, HERE)
+    for k in range(400):
+        Occlusion(many, HERE + [0, 0, k])
+    assert few.at_once == meshes.copies
+    assert 1 <= many.at_once <= max(1, VISIBILITY_BYTES / (SAMPLE_BYTES * 400 * meshes.point_count)) < meshes.copies
 
 
 @pytest.mark.filterwarnings("ignore:.*is not watertight")
@@ -546,7 +552,7 @@ def test_subdivision_places_a_shadows_edge_more_closely(backend: Backend) -> Non
     lit = (across < 2 * low) | (across > 2 * high)
     errors = []
     for subdivision in range(3):
-        occluded = Occlusion(
+        occluded = Occlusion.alone(
             Occluders([floor, shade], subdivision=subdivision), HERE, samples_s=samples_s, backend=backend
         )
         seen = occluded.visibility(np.array([0.5]))[0][0]

@@ -24,6 +24,8 @@ class Posed:
     """Meshes at some instants."""
 
     meshes: Occluders
+    times_s: np.ndarray
+    """(K,)."""
     vertices: np.ndarray
     """(K, V, 3) m."""
     points: np.ndarray
@@ -136,7 +138,7 @@ class Occluders:
         if self._subdivision:
             each = (_of_each(s.operator, p) for s, p in zip(self._subdivided, posed, strict=True))
             points = np.concatenate(list(each), axis=1)
-        return Posed(self, vertices, points)
+        return Posed(self, times_s, vertices, points)
 
     def marked(self, times_s: np.ndarray) -> np.ndarray:
         """The `marks` at all of the sample times (K, M, 3) m."""

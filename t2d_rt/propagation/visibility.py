@@ -112,13 +112,20 @@ class Occlusion:
         self, viewpoints: Viewpoints, viewpoint_m: np.ndarray, *, unblocked: Unblocked | None = None, solid: bool = True
     ) -> None:
         self.viewpoint_m, self.solid = np.asarray(viewpoint_m, np.float64), solid
-        self._viewpoints, self._meshes, self._unblocked = viewpoints, viewpoints.meshes, unblocked
+        self.viewpoints, self._meshes, self._unblocked = viewpoints, viewpoints.meshes, unblocked
         viewpoints.each.append(self)
         self.chunks: dict[int, VisibilitySamples] = {}
         self.asked = False
         """Whether visibility was asked for since chunks were dropped last."""
         self.in_use = True
         """Whether it was asked for before that, or has been since."""
+
+    @classmethod
+    def alone(
+        cls, meshes: Occluders, viewpoint_m: np.ndarray, *, samples_s: np.ndarray, backend: Backend, solid: bool = True
+    ) -> Occlusion:  # fmt: skip
+        """From the only viewpoint, sampled at these times [s]."""
+        return cls(Viewpoints(meshes, samples_s, backend), viewpoint_m, solid=solid)
 
     def visibility(self, times_s: np.ndarray, path_count: int = 1) -> list[np.ndarray]:
         """Fractions in 0..1 at times [s] (K,), one float32 array (K, V) for each mesh: its vertices, those of its subdivision
@@ -130,25 +137,25 @@ class Occlusion:
 
     def of_all(self, times_s: np.ndarray, path_count: int = 1) -> np.ndarray:
         """The same of all meshes' vertices in one array (K, V)."""
-        return faded(times_s, self._viewpoints.samples_s, lambda numbers: self._at_samples(numbers, path_count))
+        return faded(times_s, self.viewpoints.samples_s, lambda numbers: self._at_samples(numbers, path_count))
 
     def _at_samples(self, numbers: np.ndarray, path_count: int) -> np.ndarray:
         # Blocks of frames go on in time, and all chunks of one are asked for from each place in turn.
-        every = self._viewpoints.at_once
-        self._viewpoints.drop_but(range(int(numbers.min()) // every, int(numbers.max()) // every + 1))
+        every = self.viewpoints.at_once
+        self.viewpoints.drop_but(range(int(numbers.min()) // every, int(numbers.max()) // every + 1))
         self.asked = self.in_use = True
         found = []
         for number in numbers.tolist():
             chunk, place = divmod(number, every)
             if chunk not in self.chunks:
-                self._viewpoints.sample(chunk)
+                self.viewpoints.sample(chunk)
             found.append(self._fractions(self.chunks[chunk], path_count)[place])
         return np.stack(found)
 
     def traced(self, times_s: np.ndarray) -> np.ndarray:
         """Visibility at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
         at = self._meshes.at(times_s)
-        return self._fractions(self.sampled(at, self._viewpoints.scene(at)), 1)
+        return self._fractions(self.sampled(at, self.viewpoints.scene(at)), 1)
 
     def sampled(self, at: Posed, scene: Surroundings | None) -> VisibilitySamples:
         """Visibility at the instants of meshes that stand in a scene."""

@@ -28,7 +28,7 @@ from t2d_rt.scattering.lanes import (
     triangle_normal,
 )
 from t2d_rt.scattering.patches import Patches
-from t2d_rt.scattering.phase_integral import SERIES_TERMS, Integrals
+from t2d_rt.scattering.phase_integral import SERIES_TERMS, divided_differences
 from t2d_rt.types import PathPair, Radar
 from t2d_rt.types.radar import one_view
 
@@ -85,8 +85,6 @@ class FacetVertices:
     """Flat Float64 (G, T, 3): each patch's reference point [m], whose delay is the patch's."""
     origin: np.ndarray
     """(T, 3) m."""
-    integrals: Integrals
-    """Over a facet."""
     points: PointVertices | None
     """The patches' diffuse points."""
 
@@ -197,7 +195,7 @@ def _phase_integrals(at: Gather, posed: FacetVertices, patches: Patches, seen: _
         def integrate(nodes: list[Vector], amplitudes: list[Any], total: list[Any]) -> list[Any]:
             phases = [seen.phase(node) for node in nodes]
             if len(amplitudes) == 1:
-                value, change = posed.integrals(*phases, ops=lane_ops(at.dr), terms=SERIES_TERMS[4])
+                value, change = divided_differences(*phases, ops=lane_ops(at.dr), terms=SERIES_TERMS[4])
                 found = [amplitudes[0] * x for x in (*value, *change)]
             else:
                 bubbles = [4 * phases[3 + i] - 2 * (phases[i] + phases[(i + 1) % 3]) for i in range(3)]

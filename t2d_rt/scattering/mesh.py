@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from typing_extensions import override
@@ -30,7 +29,6 @@ from t2d_rt.scattering.patches import (
     tilts,
 )
 from t2d_rt.scattering.paths import Anchors, Arrivals, FadedArrivals, View, anchor_vertices, product, unfolded
-from t2d_rt.scattering.phase_integral import Integrals, divided_differences
 from t2d_rt.scattering.points import DiffusePoints, Seen, VisibilityMesh
 from t2d_rt.scattering.posed import Facets, Posed
 from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD, Sagitta, carried, refined
@@ -43,18 +41,6 @@ POINTS_PER_MESH = 4_000
 FACING_RATE_HZ, FACING_AT_ONCE, FACING_MOST_HZ = 10.0, 20, 200.0
 """Rate at which faces are tested for whether they ever face an image of an antenna, and how many instants at once; a target whose
 surface rate exceeds the last one rotates too fast for that."""
-
-
-class FacetMethod(NamedTuple):
-    """How facets are made and integrated; a comparison hands in its own."""
-
-    refine: Callable[[MovingMesh, float, float, list[Sagitta], int], list[Refinement]] = refined
-    """As `refined`."""
-    integrals: Integrals = divided_differences
-    """Over a facet, as `divided_differences`."""
-
-
-CLOSED_FORM = FacetMethod()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,9 +59,6 @@ class Detail:
     """More facets are refused."""
     span_s: tuple[float, float] | None = None
     """Record whose nearest range sets how fine facets are [s]; by default from the first surface frame to the last."""
-    also_rad: tuple[Sagitta, ...] = ()
-    """Phase sagittas of facets that will be asked for next: made along with these, they cost half as much."""
-    method: FacetMethod = CLOSED_FORM
     switched_off: tuple[PathPair, ...] = ()
     """Path pairs without echoes for which facets and patches are as fine as they would be if there were some."""
 
@@ -218,8 +201,6 @@ class _Model:
     patches: Patches
     centre: Csr
     """Sparse: the patches' reference points from the control points."""
-    integrals: Integrals
-    """Over a facet."""
     reflection: complex
     points: DiffusePoints | None
     visibility_meshes: dict[int, VisibilityMesh]
@@ -245,10 +226,7 @@ class _Model:
         sagittas = [detail.sagitta_rad, POINT_SAGITTA_RAD] if rough > 0 else [detail.sagitta_rad]
         span_s = times_s if detail.span_s is None else np.array(detail.span_s)
         wavenumber, range_m = 2 * math.pi / radar.wavelength_m, least_range_m(surface, seen_from, span_s)
-        refinements = detail.method.refine(
-            surface, wavenumber, range_m, [*sagittas, *detail.also_rad], detail.max_facets
-        )
-        fine, *carriers = refinements[: len(sagittas)]
+        fine, *carriers = refined(surface, wavenumber, range_m, sagittas, detail.max_facets)
         parts = patches(
             surface, fine, radar, times_s,
             seen_from=seen_from, cycles_per_step=detail.cycles_per_step, sweep_cycles=detail.sweep_cycles,
@@ -272,7 +250,6 @@ class _Model:
             fine=fine,
             patches=parts,
             centre=centres(parts, fine),
-            integrals=detail.method.integrals,
             reflection=reflection * math.sqrt(1 - rough**2),
             points=points,
             visibility_meshes=visibility_meshes,
@@ -316,7 +293,7 @@ class _Model:
             parts = self.patches.only(chosen)
             vertices = FacetVertices(
                 vertices=facets.vertices, visibility=facets.visibility(seen, level), corners=facets.corner_numbers[parts.corners],
-                centres=posed.centres, origin=posed.origin, integrals=self.integrals,
+                centres=posed.centres, origin=posed.origin,
                 points=self._points(chosen, facets, seen, level),
             )  # fmt: skip
             parts = replace(parts, nodes=facets.numbers[parts.nodes])

@@ -15,12 +15,14 @@ from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import set_up
 from t2d_rt.pipeline.echo_model import Model
 from t2d_rt.pipeline.path_pairs import find_path_pairs
+from t2d_rt.pipeline.prepare import scatterers_of
 from t2d_rt.pipeline.targets import targets_of
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.radar.windows import INTERVALS
 from t2d_rt.scattering.streams import batches
 from t2d_rt.signal import spectrogram
-from t2d_rt.types import Accuracy, Echoes, EchoStream, Motion, MovingMesh, Radar
+from t2d_rt.types import Accuracy, Echoes, Motion, MovingMesh, Radar
+from t2d_rt.types.scatterer import Scatterer
 
 MOTION, PATHS, SETUP, OCCLUSION, FACETS, SYNTHESIS, SPECTROGRAM, REST = (
     "motion and body", "paths in a room", "refinement, patches, points", "occlusion", "facets and points", "synthesis",
@@ -65,16 +67,16 @@ def stage_seconds(
     settings = chosen(model, Wanted.of(accuracy, None)).accuracy.replace(
         repeats=False
     )  # each stage does the whole record
-    clutter: list[EchoStream] = []
+    clutter: list[Scatterer] = []
     if model.scene is not None:
         with clock(PATHS):
             clutter, _ = model.clutter(static, settings)
     with clock(SETUP):
-        streams = model.streams(settings)
+        scatterers = scatterers_of(model, settings)
     without = _making_s(model, settings.replace(occlusion=False)) if settings.occlusion else 0.0
-    done = _work(model, streams, settings)
+    done = _work(model, scatterers, settings)
     cubes = []
-    for batch in batches([*streams, *clutter], radar):
+    for batch in batches([*scatterers, *clutter], radar):
         parts = []
         for echoes in held(clock, batch):
             with clock(SYNTHESIS):
@@ -119,14 +121,14 @@ def _set_up(
 def _making_s(model: Model, accuracy: Accuracy) -> float:
     """Seconds that making all echoes takes."""
     clock = Stopwatch()
-    for batch in batches(model.streams(accuracy), model.radar):
+    for batch in batches(scatterers_of(model, accuracy), model.radar):
         batch.frames(0, LEAST_FRAMES)  # compiles the kernels
         for _ in held(clock, batch):
             pass
     return clock.spent[FACETS]
 
 
-def _work(model: Model, streams: list[EchoStream], accuracy: Accuracy) -> Counter[str]:
+def _work(model: Model, scatterers: list[Scatterer], accuracy: Accuracy) -> Counter[str]:
     """Facets of the one target, and how often they are summed: a closed surface has twice as many flat facets as vertices, and half
     as many curved ones as nodes."""
     pairs = model.pairs(accuracy)
@@ -134,13 +136,13 @@ def _work(model: Model, streams: list[EchoStream], accuracy: Accuracy) -> Counte
     (geometry,) = model.geometries
     facets_of_vertex = 0.5 if isinstance(geometry, MovingMesh) and geometry.curved else 2
     nodes = sum(
-        each.vertices * len(each.times_s) * count for each, count in zip(streams, counts, strict=len(streams) > 1)
+        each.vertices * len(each.times_s) * count for each, count in zip(scatterers, counts, strict=len(scatterers) > 1)
     )
     facets = len(model.facets(geometry, accuracy).faces) if isinstance(geometry, MovingMesh) else 0
     return Counter(facet_terms=round(facets_of_vertex * nodes), facets=facets)
 
 
-def held(clock: Stopwatch, source: EchoStream) -> Iterator[Echoes]:
+def held(clock: Stopwatch, source: Scatterer) -> Iterator[Echoes]:
     """The echoes of each piece of the record in turn; making them is timed as that of facets and points."""
     for first, last in pieces(len(source.times_s), source.echoes):
         with clock(FACETS):

@@ -26,8 +26,9 @@ from t2d_rt.accuracy.occlusion import unoccluded_db
 from t2d_rt.accuracy.search import VISIBILITY
 from t2d_rt.core.errors import T2DWarning
 from t2d_rt.pipeline.echo_model import Model, with_method
-from t2d_rt.pipeline.sum_echoes import summed
-from t2d_rt.propagation.visibility import KeptVisibility, sample_times
+from t2d_rt.pipeline.prepare import prepare
+from t2d_rt.propagation.visibility import sample_times
+from t2d_rt.simulate import summed
 from t2d_rt.types import Accuracy, MovingMesh, PathTier
 from t2d_rt.types.accuracy import EVERY_PATH_DB
 from validation.bodies import RUN, WALK, falling, recorded
@@ -141,15 +142,15 @@ def shadows(name: str) -> dict[str, Any]:
     taken = field(model, finer, chirps) - seen
 
     def of_run(accuracy: Accuracy) -> np.ndarray:
-        cube = summed(model.streams(accuracy), [], model.radar, accuracy, device="auto", memory=model.memory)
+        cube = summed(prepare(model, accuracy, "none"), "auto", None)
         return of_cube(model, cube, [], chirps)
 
     whole, found, direct = of_run(ALL), [], []
     for rate_hz, subdivision in VISIBILITY:
         sampled = EXACT.replace(visibility_rate_hz=rate_hz, visibility_subdivision=subdivision)
         found.append(_power_db(whole - of_run(sampled) - taken, seen))
-        kept = KeptVisibility(sample_times(*model.span_s, rate_hz))
-        again = Field(model, sampled.replace(sagitta_scale=COARSER), chirps, kept=kept).samples()
+        samples_s = sample_times(*model.span_s, rate_hz)
+        again = Field(model, sampled.replace(sagitta_scale=COARSER), chirps, samples_s=samples_s).samples()
         direct.append(_power_db(again - seen_coarser, seen_coarser))
     found.append(_power_db(taken, seen))
     direct.append(_power_db(field(model, coarser, chirps) - seen_coarser, seen_coarser))

@@ -15,10 +15,11 @@ from scipy.optimize import nnls
 import t2d_rt as t2d
 from t2d_rt.accuracy import cost
 from t2d_rt.core.backend import yardstick_s
-from t2d_rt.pipeline.sum_echoes import summed
+from t2d_rt.pipeline.prepare import prepare
 from t2d_rt.propagation import clutter, mirrors
 from t2d_rt.scattering import points, refinement
 from t2d_rt.signal import spectrogram
+from t2d_rt.simulate import summed
 from t2d_rt.types import Accuracy, PathTier, Radar
 from t2d_rt.types.accuracy import EVERY_PATH_DB
 from validation.bodies import RUN, WALK, recorded
@@ -96,9 +97,7 @@ def timed(each: Run) -> dict[str, Any]:
         model = modelled(target, each.scene, radar=radar, **each.physics)
         accuracy = Accuracy(**each.accuracy)
         yardstick, start = yardstick_s(model.backend), time.perf_counter()
-        static, _ = model.clutter(each.physics.get("clutter", "none"), accuracy)
-        streams = model.streams(accuracy)
-        cube = summed(streams, static, radar, accuracy, device="auto", memory=model.memory)
+        cube = summed(prepare(model, accuracy, each.physics.get("clutter", "none")), "auto", None)
         spectrogram(cube, radar)
         taken.append((time.perf_counter() - start) / yardstick)
     units = cost.work(model, accuracy, cost.facet_counts(model, accuracy), each.physics.get("clutter", "none"))

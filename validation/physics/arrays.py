@@ -262,7 +262,7 @@ def _torso(body: MovingMesh, position: np.ndarray, times_s: np.ndarray) -> np.nd
 def _power(body: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
     """Mean of the echoes' places weighted with their powers, (T, 3)."""
     samples_s = sample_times(float(body.times_s[0]), float(body.times_s[-1]), 25.0)
-    view = Occlusion(Occluders([body]), radar.tx_position_m, samples_s=samples_s, backend=select("auto"))
+    view = Occlusion.alone(Occluders([body]), radar.tx_position_m, samples_s=samples_s, backend=select("auto"))
     material = resolve_material("skin", radar.mid_frequency_hz)
     echoes = mesh_echoes(
         body, radar, times_s=times_s, material=material, detail=Detail(sagitta_rad=body.sagitta_rad), seed=0,

@@ -17,6 +17,7 @@ from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import set_up
 from t2d_rt.pipeline.bounces import Bouncing
 from t2d_rt.pipeline.echo_model import Model, sagitta_rad
+from t2d_rt.pipeline.prepare import scatterers_of
 from t2d_rt.propagation.rays import Rays
 from t2d_rt.scattering.bounces import Setting, TubeDetail, bounce_echoes
 from t2d_rt.signal import spectrogram
@@ -194,7 +195,7 @@ def _stability(walk: Motion) -> tuple[float, float, float, float]:
     physics = {name: value for name, value in physics.items() if name not in ("targets", "radar", "scene")}
     model: Model = set_up(walk, radar, "free_space", physics | {"bounces": 2}, device="auto", memory_gb=2.0).model
     (rate_hz,) = model.rates_hz(accuracy)
-    fine = model.streams(accuracy.replace(surface_rate_hz=2 * rate_hz))[-1].gather()
+    fine = scatterers_of(model, accuracy.replace(surface_rate_hz=2 * rate_hz))[-1].gather()
     true = _field(fine, radar)
     delay, amplitude = (
         CubicSpline(fine.times_s[::2], values[::2])(fine.times_s)
@@ -204,7 +205,7 @@ def _stability(walk: Motion) -> tuple[float, float, float, float]:
     steps_s = 1 / accuracy.visibility_rate_hz
     instants = model.span_s[0] + steps_s * (0.5 + np.arange(INSTANTS) * 3)
     bouncing = Bouncing(
-        name="walk", mesh=model.modelled[0].mesh, fast_rotating=False, material=model._material(0),
+        name="walk", mesh=model.modelled[0].mesh, fast_rotating=False, material=model.material_of(0),
         sagitta_rad=sagitta_rad(model.modelled[0].mesh, accuracy), times_s=fine.times_s,  # type: ignore[arg-type]
     )  # fmt: skip
     reflector = bouncing.reflector(radar, model.span_s, model.max_facets)

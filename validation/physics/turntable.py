@@ -85,7 +85,7 @@ def mesh_fields(
     times_s = mesh.times_s
     views = [View()]
     if occlusion:
-        traced = Occlusion(Occluders([mesh]), radar.tx_position_m, samples_s=times_s, backend=backend)
+        traced = Occlusion.alone(Occluders([mesh]), radar.tx_position_m, samples_s=times_s, backend=backend)
         views = [View(visibility=(lambda at: traced.visibility(at)[0],))]
     views += [View(visibility=(_constant(fraction),)) for fraction in only]
     stream = mesh_echoes(

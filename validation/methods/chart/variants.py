@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from contextlib import ExitStack
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -13,9 +14,8 @@ from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import set_up
 from t2d_rt.geometry import Refinement, curved_refinements
 from t2d_rt.propagation.occluders import Posed
-from t2d_rt.propagation.visibility import Occlusion, VisibilitySamples
+from t2d_rt.propagation.visibility import Occlusion, Surroundings
 from t2d_rt.recording.recording import Recording
-from t2d_rt.scattering.mesh import FacetMethod
 from t2d_rt.scattering.phase_integral import Ops, Parts
 from t2d_rt.scattering.refinement import refined
 from t2d_rt.simulate import recorded
@@ -23,6 +23,8 @@ from t2d_rt.types import Ellipsoids, MovingMesh
 from validation.bench.stages import PHYSICS
 from validation.methods.chart.measure import FLAT, MEMORY_GB, Case
 
+REFINED, INTEGRALS = "t2d_rt.scattering.mesh.refined", "t2d_rt.scattering.facets.divided_differences"
+OCCLUSION = "t2d_rt.pipeline.visibility.Occlusion"
 SHRUNK, NEAR = 0.9, 1.15
 """Ellipsoids that occlude are smaller by the first, and occlude nothing of what lies within them enlarged by the second."""
 
@@ -33,7 +35,7 @@ def one_point_each(case: Case, edge_m: float | None) -> Recording:
     None: the default's facets.
     """
     if edge_m is None:
-        return _by(case, facet_method=FacetMethod(refine=flat, integrals=one_point))
+        return _by(case, **{REFINED: flat, INTEGRALS: one_point})
 
     def cut(
         surface: MovingMesh, wavenumber: float, range_m: float, sagittas_rad: list[Any], max_facets: int
@@ -43,7 +45,7 @@ def one_point_each(case: Case, edge_m: float | None) -> Recording:
             *refined(surface, wavenumber, range_m, sagittas_rad[1:], max_facets),
         ]
 
-    found = _by(case, facet_method=FacetMethod(refine=cut, integrals=one_point))
+    found = _by(case, **{REFINED: cut, INTEGRALS: one_point})
     found.settings["facets"] = max(len(each.faces) for each in _cuts.values())
     return found
 
@@ -56,13 +58,15 @@ def flat(
 
 
 def _by(case: Case, **others: Any) -> Recording:
-    """The default setting, some fields of the model replaced by `others`."""
+    """The default setting, some functions and classes of the simulation replaced by `others`."""
     settings = case.settings()
     physics = {name: Experiment.model_fields[name].default for name in PHYSICS} | settings
     radar, scene = physics.pop("radar"), physics.pop("scene")
-    stage = set_up(case.motion, radar, scene, physics, device="auto", memory_gb=MEMORY_GB)
-    stage = replace(stage, model=replace(stage.model, **others))
-    return recorded(stage, Wanted.of(None, None), "auto", None)
+    with ExitStack() as replaced:
+        for name, other in others.items():
+            replaced.enter_context(patch(name, other))
+        setup = set_up(case.motion, radar, scene, physics, device="auto", memory_gb=MEMORY_GB)
+        return recorded(setup, Wanted.of(None, None), "auto", None)
 
 
 def cut_to(surface: MovingMesh, edge_m: float, wavenumber: float, range_m: float) -> Refinement:
@@ -91,25 +95,19 @@ def one_point(p0: Any, p1: Any, p2: Any, *, ops: Ops, terms: int) -> tuple[Parts
 
 def occluded_by_ellipsoids(case: Case) -> Recording:
     """The default setting, occlusion by the segments' ellipsoids and worked out instead of traced."""
-    return _by(case, occlusion=_occlusion_by(t2d.segments(case.motion)))
+    return _by(case, **{OCCLUSION: _occlusion_by(t2d.segments(case.motion))})
 
 
 def _occlusion_by(limbs: Ellipsoids) -> type[Occlusion]:
     """Visibility where the segments' ellipsoids occlude what lies behind them."""
 
     class ByEllipsoids(Occlusion):
-        def sampled(self, times_s: np.ndarray) -> VisibilitySamples:
-            self.now = limbs.at(times_s)
-            return super().sampled(times_s)
-
-        def visible(self, at: Posed, front: np.ndarray) -> np.ndarray:
-            free = front.copy()
-            for centre, axes, half in zip(
-                self.now[0].swapaxes(0, 1), self.now[1].swapaxes(0, 1), limbs.semi_axes_m, strict=True
-            ):
+        def visible(self, at: Posed, front: np.ndarray, scene: Surroundings) -> np.ndarray:
+            free, (centres, every) = front.copy(), limbs.at(at.times_s)
+            for centre, axes, half in zip(centres.swapaxes(0, 1), every.swapaxes(0, 1), limbs.semi_axes_m, strict=True):
                 # where the ellipsoid is the unit sphere
                 start = np.einsum("kji,kqj->kqi", axes, at.points - centre[:, None]) / half
-                stop = np.einsum("kji,kj->ki", axes, self._viewpoint - centre)[:, None] / half
+                stop = np.einsum("kji,kj->ki", axes, self.viewpoint_m - centre)[:, None] / half
                 segment = stop - start
                 length2 = np.einsum("kqi,kqi->kq", segment, segment)
                 nearest = np.clip(-np.einsum("kqi,kqi->kq", start, segment) / length2, 0, 1)

@@ -116,9 +116,9 @@ def grazing(radar: Radar) -> Case:
     ray = mi.Ray3f(mi.Point3f(*columns(mi, ball.rest + RAY_LIFT_M * towards)), mi.Vector3f(*columns(mi, towards)))
     ray.maxt = mi.Float((distance - RAY_LIFT_M).astype(np.float32))
     stopped = traceable(mi, mitsuba_mesh(mi, proxy, faces)).ray_test(ray).numpy()
-    sampled = Occlusion(Occluders([ball]), radar.tx_position_m, samples_s=np.zeros(2), backend=select("auto")).traced(
-        np.zeros(1)
-    )[0]
+    sampled = Occlusion.alone(
+        Occluders([ball]), radar.tx_position_m, samples_s=np.zeros(2), backend=select("auto")
+    ).traced(np.zeros(1))[0]
     return Case(
         name="grazing rays, lit vertices of a sphere said to be occluded",
         failing=f"{RAY_LIFT_M * 1e3:g} mm off the surface, through a proxy of {len(faces)} faces",
