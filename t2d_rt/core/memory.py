@@ -89,7 +89,8 @@ def resident_bytes() -> int:
 
 
 _left: dict[int, np.ndarray] = {}
-"""Memory of earlier arrays of `reused` by its `id`; a dictionary, as threads take out and put in at any time."""
+"""Memory of earlier arrays of `reused`, numbered; a dictionary, as threads take out and put in at any time."""
+_numbers = itertools.count()
 
 
 def reused(size: int, larger: float = LARGER) -> np.ndarray:
@@ -121,7 +122,7 @@ class _Lent:
         self.__array_interface__ = memory.__array_interface__
 
     def __del__(self) -> None:
-        _left[id(self._memory)] = self._memory
+        _left[next(_numbers)] = self._memory
         while sum(each.size for each in list(_left.values())) > LEFT_BYTES:
             _left.pop(next(iter(list(_left)), 0), None)
 

@@ -96,7 +96,7 @@ class SurfaceRate:
             span_s = span_s[0], min(span_s[1], span_s[0] + max(geometry.period_s, LEAST_PROBED_S))
         self._geometry, self._radar, self._span_s = geometry, radar, span_s
         self._stand_in = geometry if stand_in is None else stand_in
-        self._known: dict[tuple[int, float], tuple[float, float]] = {}
+        self._known: dict[tuple[bool, float], tuple[float, float]] = {}
         self._pieces: dict[float, list[tuple[np.ndarray, np.ndarray, Track]]] = {}
         self._missed: dict[float, np.ndarray] = {}
         self._needed_hz: dict[float, float] = {}
@@ -250,7 +250,7 @@ class SurfaceRate:
 
     def _mean_squares(self, geometry: MovingMesh | Ellipsoids, probe_hz: float) -> tuple[float, float]:
         """Those of `_mean_squares` in short records all over the record, probed so often."""
-        key = id(geometry), probe_hz
+        key = geometry is self._geometry, probe_hz
         if key not in self._known:
             step = 1 / probe_hz
             records = int(np.clip(RECORDS_PER_S * self._length_s, LEAST_RECORDS, MOST_RECORDS))
