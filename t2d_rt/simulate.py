@@ -13,7 +13,7 @@ from t2d_rt.core.cubes import Cube
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import LIMIT_GB, after_call
 from t2d_rt.core.prefetch import prefetched
-from t2d_rt.core.progress import shares, shown_progress
+from t2d_rt.core.progress import shown_progress, split_progress
 from t2d_rt.core.versions import versions
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import Stage, set_up
@@ -155,7 +155,7 @@ def summed(prepared: Prepared, device: Device, progress: Progress | None) -> Cub
     """The ADC cube of all echoes."""
     cube, radar, memory = None, prepared.model.radar, prepared.model.memory
     error_db, parts = prepared.synthesis_error_db, prepared.parts
-    for part, told in zip(parts, shares(progress, len(parts)), strict=True):
+    for part, told in zip(parts, split_progress(progress, len(parts)), strict=True):
         if part.repeats is not None:
             cube = add_repeated(
                 part, radar, tolerance_db=error_db, device=device, memory=memory, onto=cube, progress=told

@@ -251,7 +251,7 @@ def test_slope_over_the_sweep(backend: Backend) -> None:
 
 
 def test_one_bounce_is_the_default_and_traces_nothing(corner: MovingMesh, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("t2d_rt.pipeline.echo_model.bounce_streams", None)
+    monkeypatch.setattr("t2d_rt.pipeline.prepare.bounce_scatterers", None)
     one, default = (t2d.simulate(corner, radar=RADAR, **given).cube[:] for given in ({"bounces": 1}, {}))
     assert np.array_equal(one, default)
 

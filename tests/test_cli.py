@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from importlib import metadata
+from importlib import import_module, metadata
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -27,12 +27,13 @@ from command_line import Command, dump, listing
 from measures import check_picture
 from t2d_rt.core import backend
 from t2d_rt.core.errors import T2DWarning
-from t2d_rt.pipeline import sum_echoes as summation
-from t2d_rt.radar.synthesize import synthesize
+from t2d_rt.radar.synthesize import Synthesis
 from t2d_rt.recording.compare import compare
 
 pytestmark = pytest.mark.usefixtures("coarse_bodies")
 
+LOOP = import_module("t2d_rt.simulate")
+"""The module, whose name in the package is that of its function."""
 QUICK = ("--method", "ellipsoid", "--radar", "ci4r", "--stop-s", "0.3")
 
 
@@ -193,14 +194,14 @@ def test_help(run: Command) -> None:
 def test_progress_only_over_two_seconds(run: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     from t2d_rt.core import progress
 
-    def slow(*arguments: Any, progress: Callable[[float], None], **options: Any) -> np.ndarray:
+    def slow(*arguments: Any, progress: Callable[[float], None], **options: Any) -> Synthesis:
         for fraction in (0.25, 0.5, 0.99):
             progress(fraction)
             time.sleep(0.12)  # tqdm draws ten times a second
-        return synthesize(*arguments, **options)
+        return Synthesis(*arguments, **options)
 
     assert run("simulate", "walk.bvh", *QUICK).err == ""
-    monkeypatch.setattr(summation, "synthesize", slow)
+    monkeypatch.setattr(LOOP, "Synthesis", slow)
     clock = iter([0.0, 30.0])
     monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: next(clock)))  # 30 s to the first block
     monkeypatch.setattr(progress, "_redraws", lambda stream: True)  # as on a terminal
@@ -214,7 +215,7 @@ def test_progress_only_over_two_seconds(run: Command, monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize(
     "where",
-    ["t2d_rt.pipeline.sum_echoes.synthesize", "t2d_rt.recording.recording.Recording.plot", "xarray.Dataset.to_zarr"],
+    ["t2d_rt.radar.windows.Windows.add", "t2d_rt.recording.recording.Recording.plot", "xarray.Dataset.to_zarr"],
 )
 def test_ctrl_c_leaves_nothing(run: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str) -> None:
     def interrupted(*arguments: Any, **_: Any) -> None:
@@ -261,7 +262,7 @@ def test_not_enough_memory(refused: Callable[..., str], monkeypatch: pytest.Monk
     def too_much(*_: Any, **__: Any) -> None:
         raise MemoryError("Unable to allocate 75. GiB")
 
-    monkeypatch.setattr(summation, "synthesize", too_much)
+    monkeypatch.setattr(LOOP, "Synthesis", too_much)
     assert "not enough memory (Unable to allocate 75. GiB); a shorter motion" in refused("simulate", "walk.bvh", *QUICK)
 
 

@@ -1,4 +1,4 @@
-"""The habits of the code: modules of at most 600 lines, functions of at most 80 lines and at most 8 parameters."""
+"""The habits of the code: modules of at most 600 lines, functions of at most 80 lines and at most 9 parameters."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 
-MOST_LINES, MOST_FUNCTION_LINES, MOST_PARAMETERS = 600, 80, 8
+MOST_LINES, MOST_FUNCTION_LINES, MOST_PARAMETERS = 600, 80, 9
 
 FACADE = {
     "t2d_rt/cli/background.py background",
@@ -28,7 +28,7 @@ FACADE = {
     "t2d_rt/signal/points.py point_cloud",
     "t2d_rt/types/mesh.py from_track",
 }
-"""Calls that people type, in Python or as a command, whose parameters are options with defaults: they may have more than eight."""
+"""Calls that people type, in Python or as a command, whose parameters are options with defaults: they may have more than nine."""
 
 
 def faults(name: str, source: str) -> Iterator[tuple[str, str]]:
@@ -82,10 +82,10 @@ def test_nothing_is_excepted_that_needs_it_no_more() -> None:
     [
         ("x = 1\n" * 600, []),
         ("x = 1\n" * 601, ["a.py has 601 lines, at most 600 are meant"]),
-        ("def f(a, b, c, d, e, f, g, /, h): ...", []),
-        ("def f(a, b, c, d, e, f, g, /, h, *i): ...", ["a.py f has 9 parameters"]),
-        ("class A:\n    def f(self, a, b, c, d, e, f, g, *, h): ...", []),
-        ("class A:\n    async def f(self, a, b, c, d, e, f, g, *, h, **i): ...", ["a.py f has 9 parameters"]),
+        ("def f(a, b, c, d, e, f, g, /, h, i): ...", []),
+        ("def f(a, b, c, d, e, f, g, /, h, i, *j): ...", ["a.py f has 10 parameters"]),
+        ("class A:\n    def f(self, a, b, c, d, e, f, g, *, h, i): ...", []),
+        ("class A:\n    async def f(self, a, b, c, d, e, f, g, *, h, i, **j): ...", ["a.py f has 10 parameters"]),
         ("def f():\n" + "    x = 1\n" * 79, []),
         ("def f():\n" + "    x = 1\n" * 80, ["a.py f has 81 lines"]),
         ('def f():\n    """Long.\n\n' + "    text\n" * 90 + '    """\n' + "    x = 1\n" * 79, []),

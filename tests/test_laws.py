@@ -16,7 +16,7 @@ from t2d_rt.accuracy.estimate import Chirps, Field, field, nmse_db
 from t2d_rt.accuracy.laws import COARSER, FacetLaw, Laws
 from t2d_rt.accuracy.measuring import _mean
 from t2d_rt.accuracy.occlusion import LEAST_DB, Occluded
-from t2d_rt.propagation.visibility import KeptVisibility, sample_times
+from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.types import Accuracy, Radar
 from validation.methods.models import modelled
 
@@ -112,12 +112,12 @@ def test_chirps_asked_for_in_parts_have_the_same_samples(sampled: bool) -> None:
     model = t2d.plan(t2d.trim(t2d.example("walk"), 0.3, 0.6), radar=RADAR).budget.model
     chirps = Chirps.random(RADAR, model.span_s, seed=3, count=9)
     accuracy = t2d.Accuracy(sagitta_scale=8.0)
-    kept = KeptVisibility(chirps.nearest(sample_times(*model.span_s, 25.0), RADAR)) if sampled else None
-    whole = Field(model, accuracy, chirps, kept=kept)
+    samples_s = chirps.nearest(sample_times(*model.span_s, 25.0), RADAR) if sampled else None
+    whole = Field(model, accuracy, chirps, samples_s=samples_s)
     parts = np.concatenate([whole.samples(first, last) for first, last in ((0, 5), (5, 7), (7, 20))])
     order = np.argsort(chirps.rows)
     ascending = Chirps(chirps.rows[order], chirps.antennas[order], chirps.starts_s[order], chirps.samples)
-    expected = Field(model, accuracy, ascending, kept=kept).samples()
+    expected = Field(model, accuracy, ascending, samples_s=samples_s).samples()
     np.testing.assert_allclose(parts[order], expected, rtol=0, atol=1e-6 * np.abs(expected).max())
 
 

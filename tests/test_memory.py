@@ -6,6 +6,7 @@ import sys
 import tracemalloc
 import warnings
 from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -28,7 +29,10 @@ from t2d_rt.scattering.outside import check_outside
 from t2d_rt.scattering.paths import View
 from t2d_rt.scattering.rate import needed_rate_hz
 from t2d_rt.types import Echoes
+from t2d_rt.types.scatterer import Scatterer
 
+LOOP = import_module("t2d_rt.simulate")
+"""The module, whose name in the package is that of its function."""
 RADAR = t2d.Radar.preset("table2-uniform")
 ROUGH = t2d.Material(name="rough", relative_permittivity=6.6, conductivity_s_per_m=36.0, scattering_coefficient=0.4)
 
@@ -129,10 +133,8 @@ def test_parts_of_the_echoes_sum_to_the_same(monkeypatch: pytest.MonkeyPatch) ->
     whole = t2d.simulate([approaching(2), approaching(2)], radar=RADAR, scene="empty_room", reflections=1).cube
     monkeypatch.setattr(echo_streams, "MOST_ECHOES", 3_000)
     calls = []
-    synthesize = synthesis.synthesize
-    monkeypatch.setattr(
-        "t2d_rt.pipeline.sum_echoes.synthesize", lambda *a, **k: calls.append(a[0].echoes) or synthesize(*a, **k)
-    )
+    every = LOOP.echoes_of
+    monkeypatch.setattr(LOOP, "echoes_of", lambda part: calls.append(part.echoes) or every(part))
     parts = t2d.simulate([approaching(2), approaching(2)], radar=RADAR, scene="empty_room", reflections=1).cube
     assert len(calls) > 3
     assert max(calls) <= 3_000
@@ -142,7 +144,7 @@ def test_parts_of_the_echoes_sum_to_the_same(monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.slow
 def test_a_view_of_many_echoes_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    def stream() -> t2d.EchoStream:
+    def stream() -> Scatterer:
         return echo_mesh.mesh_echoes(
             approaching(4), RADAR, times_s=np.linspace(0, 0.3, 20), material=ROUGH,
             detail=echo_mesh.Detail(sagitta_rad=0.07, points=500), seed=0,
@@ -165,7 +167,7 @@ def test_the_limit_does_not_change_the_result() -> None:
 
 def test_what_takes_more_is_refused_before_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("t2d_rt.accuracy.cost.SUMMED_BYTES", 1e7)
-    monkeypatch.setattr("t2d_rt.pipeline.sum_echoes.synthesize", lambda *_, **__: pytest.fail("it began"))
+    monkeypatch.setattr(LOOP, "Synthesis", lambda *_, **__: pytest.fail("it began"))
     with pytest.raises(t2d.InputError, match=r"takes about [\d.]+ GB of memory, more than the limit of 2 GB; ask for"):
         t2d.simulate(approaching(), radar=RADAR)
     with pytest.raises(t2d.InputError, match=r"raise memory_gb"):

@@ -23,6 +23,7 @@ from t2d_rt.scattering.phase_integral import divided_difference
 from t2d_rt.scattering.refinement import facets
 from t2d_rt.scattering.streams import joined
 from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Material, MovingMesh, Radar
+from t2d_rt.types.scatterer import Scatterer
 
 TABLE2 = Radar.preset("table2")
 FRAMES_S = np.arange(4) / TABLE2.prf_hz
@@ -35,7 +36,7 @@ ReadField = Callable[..., np.ndarray]
 
 def echoes_of(
     mesh: MovingMesh, radar: Radar, backend: Backend, *, material: Material = PEC, seed: int = 0
-) -> EchoStream:
+) -> Scatterer:
     return mesh_echoes(
         mesh,
         radar,
@@ -48,9 +49,9 @@ def echoes_of(
     )
 
 
-def field(echoes: Echoes | EchoStream, radar: Radar) -> np.ndarray:
+def field(echoes: Echoes | Scatterer, radar: Radar) -> np.ndarray:
     """Sum of all echoes at mid-sweep (frame,), carrier included [sqrt(W)]."""
-    whole = echoes.gather() if isinstance(echoes, EchoStream) else echoes
+    whole = echoes.gather() if isinstance(echoes, Scatterer) else echoes
     lit = whole.amplitude.any(axis=0)
     return summed(whole.delay_s[:, lit], whole.amplitude[:, lit], radar)
 
@@ -279,7 +280,7 @@ def test_bistatic_triangle_is_the_sum_of_both_paths(backend: Backend) -> None:
     assert as_they_are(triangle, faces, backend, radar) == pytest.approx(front, rel=1e-5)
 
 
-def _clothed_ball(radar: Radar, backend: Backend, *, rotation: Rotation, order: np.ndarray | None = None) -> EchoStream:
+def _clothed_ball(radar: Radar, backend: Backend, *, rotation: Rotation, order: np.ndarray | None = None) -> Scatterer:
     """A rough dented ball with its rest pose fixed, so that its points stay the same however it is turned."""
     rest, faces = icosphere(3, 0.12, [0, 0, 0])
     rest[:, 2] *= 1.3

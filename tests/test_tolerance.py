@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import warnings
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,8 @@ from measures import nmse_db
 from t2d_rt.accuracy.cost import facet_counts
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.radar.direct import between, direct_sum
-from t2d_rt.types import Echoes, Motion, MovingMesh, Radar
+from t2d_rt.types import Echoes, Motion, MovingMesh, Radar, stream
 from t2d_rt.types.accuracy import DEFAULT_TIERS, ELLIPSOID_TIERS
-from t2d_rt.types.echoes import stream
 from validation.methods.laws import modelled
 
 RADAR = Radar.preset("table2")
@@ -326,7 +326,7 @@ def test_a_plan_tries_nothing(walk: Motion, monkeypatch: pytest.MonkeyPatch) -> 
         raise AssertionError("a plan must not do that")
 
     monkeypatch.setattr("t2d_rt.scattering.refinement.refinements", forbidden)
-    monkeypatch.setattr("t2d_rt.pipeline.sum_echoes.synthesize", forbidden)
+    monkeypatch.setattr(import_module("t2d_rt.simulate"), "Synthesis", forbidden)
     assert t2d.plan(walk, radar=RADAR, tolerance_db=-15.0).accuracy.sagitta_scale > 1
 
 

@@ -106,7 +106,7 @@ def of_cube(model: Model, cube: Cube, static: Sequence[Scatterer], chirps: Chirp
     found = np.array([np.asarray(cube[int(row)])[antenna, chirps.samples] for row, antenna in where], complex)
     times_s = chirps.starts_s - model.span_s[0]
     for stream in static:
-        found -= between(stream.stream(), model.radar, times_s, chirps.rows, chirps.antennas, chirps.samples)
+        found -= between(stream, model.radar, times_s, chirps.rows, chirps.antennas, chirps.samples)
     return found
 
 

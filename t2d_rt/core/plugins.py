@@ -1,4 +1,5 @@
-"""What other packages add: radars, motion readers, movers and models, by the entry points that they register (docs/extend.md)."""
+"""What other packages add: radars, motion readers, movers, scatterers and models, by the entry points that they register
+(docs/extend.md)."""
 
 from __future__ import annotations
 
@@ -8,7 +9,7 @@ from typing import Any, Literal
 
 from t2d_rt.core.errors import InputError
 
-Group = Literal["radars", "readers", "movers", "models"]
+Group = Literal["radars", "readers", "movers", "models", "scatterers"]
 
 
 def plugins(group: Group, built_in: Collection[str]) -> dict[str, EntryPoint]:

@@ -87,7 +87,7 @@ def _redraws(stream: Any) -> bool:
     return stream is not None and (stream.isatty() or type(stream).__module__.startswith("ipykernel"))
 
 
-def shares(progress: Callable[[float], None] | None, count: int) -> Iterator[Callable[[float], None] | None]:
+def split_progress(progress: Callable[[float], None] | None, count: int) -> Iterator[Callable[[float], None] | None]:
     """What tells the progress of each of `count` equal parts of a run."""
     for number in range(count):
         yield None if progress is None else partial(_told, progress, number, count)

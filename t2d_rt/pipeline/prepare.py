@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
+from t2d_rt.core.plugins import loaded, plugins
 from t2d_rt.pipeline.bounces import Bouncing, bounce_scatterers, direct_pair
 from t2d_rt.pipeline.echo_model import Model, detail, sagitta_rad
 from t2d_rt.pipeline.path_pairs import ChosenPairs, Clutter
@@ -103,13 +104,18 @@ def scatterers_of(
         geometries=model.geometries, fast_rotating=fast, radar=model.radar, samples_s=sampled, backend=model.backend,
         pairs=[None] if pairs is None else pairs.occluded, blockage=model.blockage,
     )  # fmt: skip
-    preparation = _Preparation(
+    preparation = Preparation(
         model=model, accuracy=accuracy, pairs=pairs, sight=sight, samples_s=sampled, decimated_s=decimated,
         at_instants=instants_s is not None,
         visibility=_visibility(model, accuracy, sight, exact=instants_s is not None and samples_s is None),
     )  # fmt: skip
-    found = [each for number in range(len(model.modelled)) for each in preparation.of_target(number, times[number])]
-    return found + preparation.bounced(times)
+    found = [
+        scatterer
+        for number, times_s in enumerate(times)
+        for find in finders()
+        for scatterer in find(preparation, number, times_s)
+    ]
+    return found + several_bounces(preparation, times)
 
 
 def _visibility(model: Model, accuracy: Accuracy, sight: Sight, *, exact: bool) -> VisibilityModel:
@@ -127,7 +133,7 @@ def _visibility(model: Model, accuracy: Accuracy, sight: Sight, *, exact: bool) 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Preparation:
+class Preparation:
     """What the scatterers of all targets have in common."""
 
     model: Model
@@ -142,49 +148,11 @@ class _Preparation:
     """When visibility is sampled over path pairs without their own occlusion."""
     at_instants: bool
 
-    def of_target(self, number: int, times_s: np.ndarray) -> Iterator[Scatterer]:
-        """Those of one target, tier by tier."""
-        target, fast = self.model.modelled[number], self.sight.fast_rotating[number]
-        if target.mesh is None:
-            pairs = self.pairs and self.pairs.pairs
-            views = self._coarse_views(target.geometry, pairs, self.sight.samples_s, fast) if pairs else [View()]
-            ellipsoids = target.ellipsoids()
-            assert ellipsoids is not None  # what has no mesh has these
-            yield self._ellipsoids(number, ellipsoids, times_s, views)
-            return
-        close = {view.paths: view for view in self.visibility.views(number)}
-        tiers = [(self.accuracy.tiers[0], None)] if self.pairs is None else self.pairs.by_tier(self.accuracy)
-        for tier, pairs in tiers:
-            limbs = target.ellipsoids() if pairs and tier.scatterer == "ellipsoids" else None
-            if pairs and limbs is not None:
-                yield self._minor(number, limbs, tier, pairs, times_s)
-                continue
-            if pairs and tier.visibility == "shared":
-                views = self.visibility.with_shared_occlusion(number, pairs, self.decimated_s)
-            elif pairs and tier.visibility != "occlusion":
-                views = self._coarse_views(target.mesh, pairs, self.decimated_s, fast)
-            else:
-                views = [close[pair] for pair in pairs or (None,)]
-            yield from self._mesh(number, target.mesh, tier, times_s, views)
+    def tiers(self) -> list[tuple[PathTier, list[PathPair] | None]]:
+        """Tiers of path pairs that are used, and these; None in free space."""
+        return [(self.accuracy.tiers[0], None)] if self.pairs is None else list(self.pairs.by_tier(self.accuracy))
 
-    def _mesh(
-        self, number: int, mesh: MovingMesh, tier: PathTier, times_s: np.ndarray, views: Sequence[View]
-    ) -> list[Scatterer]:
-        """The facets of a mesh over the path pairs of a tier."""
-        model, fast, place = self.model, self.sight.fast_rotating[number], self.accuracy.tiers.index(tier)
-        make = partial(
-            mesh_echoes, mesh, model.radar, material=model.material_of(number), seed=model.seed_of(number), backend=model.backend,
-            detail=self._detail(mesh, place), target=number,
-        )  # fmt: skip
-        if fast and tier.decimation > 1 and not self.at_instants:
-            times_s = model.decimated(times_s, tier)
-        if fast and self.accuracy.repeats and not self.at_instants:
-            above_db = self.accuracy.tiers[place - 1].level_db if place else 0.0
-            if (found := in_periods(mesh, model.radar, times_s, views, make, level_db=above_db)) is not None:
-                return found
-        return [make(times_s=times_s, views=views)]
-
-    def _detail(self, mesh: MovingMesh, number: int) -> Detail:
+    def detail(self, mesh: MovingMesh, number: int) -> Detail:
         """How a mesh is modelled over the tier of that number."""
         tier, model = self.accuracy.tiers[number], self.model
         found = detail(
@@ -192,52 +160,133 @@ class _Preparation:
         )  # fmt: skip
         return replace(found, switched_off=self.pairs.switched_off[number] if self.pairs else ())
 
-    def _minor(
-        self, number: int, limbs: Ellipsoids, tier: PathTier, pairs: Sequence[PathPair], times_s: np.ndarray
-    ) -> Scatterer:
-        """A body's ellipsoids, over minor path pairs."""
-        if self.at_instants:
-            views = coarse_views(limbs, pairs, self.decimated_s, self.model.blockage, minor=True)
-            return self._ellipsoids(number, limbs, times_s, views)
-        samples_s = np.append(self.decimated_s[:-1:2], self.decimated_s[-1])
-        views = coarse_views(limbs, pairs, samples_s, self.model.blockage, minor=True)
-        own = self._ellipsoids(number, limbs, self.model.decimated(times_s, tier), views)
-        return Resampled.of(own, times_s)
-
-    def _ellipsoids(self, number: int, ellipsoids: Ellipsoids, times_s: np.ndarray, views: Sequence[View]) -> Scatterer:
-        model = self.model
-        return ellipsoid_echoes(
-            ellipsoids, model.radar, times_s=times_s, material=model.material_of(number), phase_from=model.phase_from, views=views,
-            target=number,
-        )  # fmt: skip
-
-    def _coarse_views(
+    def coarse_views(
         self, geometry: MovingMesh | Ellipsoids, pairs: Sequence[PathPair], samples_s: np.ndarray, fast: bool
     ) -> list[View]:
+        """`coarse_views` of a target, `fast` where it rotates fast."""
         return coarse_views(geometry, pairs, samples_s, self.model.blockage, fast_rotating=fast)
 
-    def bounced(self, times: Sequence[np.ndarray]) -> list[Scatterer]:
-        """Those of several bounces of all targets, on the direct path pair alone."""
-        model, accuracy = self.model, self.accuracy
-        if model.bounces == 1:
+
+def own_ellipsoids(preparation: Preparation, number: int, times_s: np.ndarray) -> Iterator[Scatterer]:
+    """The ellipsoids of a target that has no mesh, over all path pairs."""
+    target, sight = preparation.model.modelled[number], preparation.sight
+    if target.mesh is not None:
+        return
+    views = [View()]
+    if preparation.pairs is not None:
+        fast = sight.fast_rotating[number]
+        views = preparation.coarse_views(target.geometry, preparation.pairs.pairs, sight.samples_s, fast)
+    ellipsoids = target.ellipsoids()
+    assert ellipsoids is not None  # what has no mesh has these
+    yield _ellipsoids(preparation, number, ellipsoids, times_s, views)
+
+
+def facets(preparation: Preparation, number: int, times_s: np.ndarray) -> Iterator[Scatterer]:
+    """The facets of a target's mesh, tier by tier of the path pairs."""
+    target, fast = preparation.model.modelled[number], preparation.sight.fast_rotating[number]
+    if target.mesh is None:
+        return
+    close = {view.paths: view for view in preparation.visibility.views(number)}
+    for tier, pairs in preparation.tiers():
+        if pairs and tier.scatterer == "ellipsoids" and target.ellipsoids() is not None:
+            continue
+        if pairs and tier.visibility == "shared":
+            views = preparation.visibility.with_shared_occlusion(number, pairs, preparation.decimated_s)
+        elif pairs and tier.visibility != "occlusion":
+            views = preparation.coarse_views(target.mesh, pairs, preparation.decimated_s, fast)
+        else:
+            views = [close[pair] for pair in pairs or (None,)]
+        yield from _facets(preparation, number, target.mesh, tier, times_s, views)
+
+
+def _facets(
+    preparation: Preparation,
+    number: int,
+    mesh: MovingMesh,
+    tier: PathTier,
+    times_s: np.ndarray,
+    views: Sequence[View],
+) -> list[Scatterer]:
+    """Those over the path pairs of one tier."""
+    model, accuracy = preparation.model, preparation.accuracy
+    fast, place = preparation.sight.fast_rotating[number], accuracy.tiers.index(tier)
+    make = partial(
+        mesh_echoes, mesh, model.radar, material=model.material_of(number), seed=model.seed_of(number), backend=model.backend,
+        detail=preparation.detail(mesh, place), target=number,
+    )  # fmt: skip
+    if fast and not preparation.at_instants:
+        if tier.decimation > 1:
+            times_s = model.decimated(times_s, tier)
+        if accuracy.repeats:
+            above_db = accuracy.tiers[place - 1].level_db if place else 0.0
+            found = in_periods(mesh, model.radar, times_s, views, make, level_db=above_db)
+            if found is not None:
+                return found
+    return [make(times_s=times_s, views=views)]
+
+
+def limbs(preparation: Preparation, number: int, times_s: np.ndarray) -> Iterator[Scatterer]:
+    """A body's ellipsoids in place of its facets, over minor path pairs."""
+    target, model = preparation.model.modelled[number], preparation.model
+    if target.mesh is None:
+        return
+    for tier, pairs in preparation.tiers():
+        ellipsoids = target.ellipsoids() if pairs and tier.scatterer == "ellipsoids" else None
+        if not pairs or ellipsoids is None:
+            continue
+        samples_s, frames_s = preparation.decimated_s, times_s
+        if not preparation.at_instants:
+            samples_s, frames_s = np.append(samples_s[:-1:2], samples_s[-1]), model.decimated(times_s, tier)
+        views = coarse_views(ellipsoids, pairs, samples_s, model.blockage, minor=True)
+        own = _ellipsoids(preparation, number, ellipsoids, frames_s, views)
+        yield own if preparation.at_instants else Resampled.of(own, times_s)
+
+
+def _ellipsoids(
+    preparation: Preparation, number: int, ellipsoids: Ellipsoids, times_s: np.ndarray, views: Sequence[View]
+) -> Scatterer:
+    model = preparation.model
+    return ellipsoid_echoes(
+        ellipsoids, model.radar, times_s=times_s, material=model.material_of(number), phase_from=model.phase_from, views=views,
+        target=number,
+    )  # fmt: skip
+
+
+Finder = Callable[[Preparation, int, np.ndarray], Iterable[Scatterer]]
+"""Finds the scatterers of one kind that a target of that number has, at its surface frames [s] (T,)."""
+
+SCATTERERS: tuple[Finder, ...] = (own_ellipsoids, facets, limbs)
+"""Those of the project."""
+
+
+def finders() -> list[Finder]:
+    """Those of the project and of other packages (docs/extend.md)."""
+    names = [each.__name__ for each in SCATTERERS]
+    return [*SCATTERERS, *(loaded(entry) for entry in plugins("scatterers", names).values())]
+
+
+def several_bounces(preparation: Preparation, times: Sequence[np.ndarray]) -> list[Scatterer]:
+    """Those of several bounces of all targets, on the direct path pair alone; `times` are the frames of each target [s]."""
+    model, accuracy = preparation.model, preparation.accuracy
+    if model.bounces == 1:
+        return []
+    direct = None
+    if preparation.pairs is not None:
+        warned = not preparation.at_instants and not any(preparation.pairs.switched_off)
+        if (pair := direct_pair(preparation.pairs.pairs, model.bounces, warned=warned)) is None:
             return []
-        direct = None
-        if self.pairs is not None:
-            warned = not self.at_instants and not any(self.pairs.switched_off)
-            if (pair := direct_pair(self.pairs.pairs, model.bounces, warned=warned)) is None:
-                return []
-            direct = pair, model.blockage
-        # The same ones in a run and where its error is measured, which samples fans point by point.
-        fast = model.fast_rotating(accuracy.replace(fast_rotating_hz=None))
-        targets = [
-            Bouncing(
-                name=geometry.name, mesh=None if accuracy.by_ellipsoids and target.ellipsoids() else target.mesh,
-                fast_rotating=fast[number], material=model.material_of(number), times_s=times[number],
-                sagitta_rad=sagitta_rad(target.mesh, accuracy) if target.mesh else 0.0,
-            )
-            for number, (target, geometry) in enumerate(zip(model.modelled, model.geometries, strict=True))
-        ]  # fmt: skip
-        return bounce_scatterers(
-            targets, model.radar, span_s=model.span_s, samples_s=None if self.at_instants else self.samples_s,
-            bounces=model.bounces, direct=direct, backend=model.backend, memory=model.memory,
-        )  # fmt: skip
+        direct = pair, model.blockage
+    # The same ones in a run and where its error is measured, which samples fans point by point.
+    fast = model.fast_rotating(accuracy.replace(fast_rotating_hz=None))
+    targets = [
+        Bouncing(
+            name=geometry.name, mesh=None if accuracy.by_ellipsoids and target.ellipsoids() else target.mesh,
+            fast_rotating=fast[number], material=model.material_of(number), times_s=times[number],
+            sagitta_rad=sagitta_rad(target.mesh, accuracy) if target.mesh else 0.0,
+        )
+        for number, (target, geometry) in enumerate(zip(model.modelled, model.geometries, strict=True))
+    ]  # fmt: skip
+    return bounce_scatterers(
+        targets, model.radar, span_s=model.span_s, samples_s=None if preparation.at_instants else preparation.samples_s,
+        bounces=model.bounces, direct=direct, backend=model.backend, memory=model.memory,
+    )  # fmt: skip

@@ -7,7 +7,8 @@ import numpy as np
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.radar.band import filtered
 from t2d_rt.radar.interpolants import central_slopes, hermite, spline_slopes
-from t2d_rt.types import EchoArrays, Echoes, EchoStream, Radar, stream
+from t2d_rt.types import EchoArrays, Echoes, Radar, stream
+from t2d_rt.types.scatterer import Scatterer
 
 FRAMES_NEARBY = 12
 """Frames on either side of a chirp that determine its spline; the influence of farther ones is below 2e-7 (0.268 per frame)."""
@@ -55,7 +56,7 @@ def chirp_samples(
 
 
 def between(
-    source: EchoStream,
+    source: Scatterer,
     radar: Radar,
     starts_s: np.ndarray,
     rows: np.ndarray,

@@ -9,6 +9,7 @@ Sutton, 2003).
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -114,7 +115,7 @@ def _summed(source: Scatterer, table: Repetition, *, tolerance_db: float, device
     cube: Cube | None = None
     for part in source.parts:
         cube = synthesize(
-            part.stream(), table.radar, tolerance_db=tolerance_db, device=device, onto=cube, memory=memory
+            replace(part, repeats=None), table.radar, tolerance_db=tolerance_db, device=device, onto=cube, memory=memory
         )
     assert cube is not None
     rows = np.asarray(cube[table.first : table.first + table.rows])

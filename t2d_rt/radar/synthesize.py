@@ -37,7 +37,8 @@ from t2d_rt.radar.multilevel import at_antennas, at_instants, factors
 from t2d_rt.radar.prolate import band_nodes, band_weights
 from t2d_rt.radar.sweep import Instants, Sweep
 from t2d_rt.radar.windows import Delay, Window, Windows, block_end
-from t2d_rt.types import EchoArrays, Echoes, EchoStream, Radar, stream
+from t2d_rt.types import EchoArrays, Echoes, Radar, stream
+from t2d_rt.types.scatterer import Scatterer
 
 ECHO_BUCKET_BINS = 0.25
 """Width of a bucket of echoes, in range bins."""
@@ -59,7 +60,7 @@ Progress = Callable[[float], None]
 
 
 def synthesize(
-    echoes: Echoes | EchoStream,
+    echoes: Echoes | Scatterer,
     radar: Radar,
     *,
     tolerance_db: float = -50.0,
@@ -96,7 +97,7 @@ def synthesize(
     return synthesis.cube
 
 
-def _read(source: EchoStream, read_frames: int | None) -> Iterator[tuple[int, EchoArrays]]:
+def _read(source: Scatterer, read_frames: int | None) -> Iterator[tuple[int, EchoArrays]]:
     """All echoes of a stream in order, block by block, each with its first frame."""
     first, frames, echoes = 0, len(source.times_s), source.echoes
     while first < frames:

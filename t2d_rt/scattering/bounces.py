@@ -20,7 +20,7 @@ from t2d_rt.scattering.streams import joined, most_echoes
 from t2d_rt.scattering.tube_groups import Cells, Frames, Groups, Sample
 from t2d_rt.scattering.tubes import Tubes, reflecting, traced_tubes
 from t2d_rt.types import EchoArrays, Radar
-from t2d_rt.types.scatterer import FrameBlock, Poses, Scatterer, Visibility
+from t2d_rt.types.scatterer import EchoLabels, FrameBlock, Poses, Scatterer, Visibility
 
 TEST_WAVELENGTHS, TEST_RATE_HZ = 4.0, 10.0
 """Facets are tested for whether their reflected rays ever meet a target from points so far apart, and so often; those beside them
@@ -195,6 +195,11 @@ class TubeScatterer(Scatterer):
 
     samples: _Samples
     groups: Groups
+
+    @property
+    @override
+    def labels(self) -> EchoLabels:
+        return EchoLabels.of(self.echoes, bounces=self.groups.bounces)
 
     @override
     def scatter(self, block: FrameBlock, poses: Poses, seen: Visibility) -> EchoArrays:

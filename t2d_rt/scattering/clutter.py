@@ -13,7 +13,7 @@ from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.scattering.antennas import seen_by
 from t2d_rt.types import EchoArrays, Radar, StaticPath
 from t2d_rt.types.path_fields import SweepNodes, received
-from t2d_rt.types.scatterer import Fraction, FrameBlock, Poses, Scatterer, Visibility
+from t2d_rt.types.scatterer import EchoLabels, Fraction, FrameBlock, Poses, Scatterer, Visibility
 
 
 def mirror_echoes(
@@ -32,7 +32,7 @@ def mirror_echoes(
         delay_s=length / SPEED_OF_LIGHT, amplitude=scale * value, slope=scale * slope,
         departure_m=departure if radar.is_array else None, arrival_m=arrival if radar.is_array else None,
     )  # fmt: skip
-    return _standing(echoes, times_s, fractions)
+    return _standing(echoes, times_s, fractions, [path.name for path in paths])
 
 
 def rough_echoes(
@@ -49,15 +49,19 @@ def rough_echoes(
     ranges = [np.linalg.norm(points_m - place, axis=1) for place in (radar.tx_position_m, radar.rx_position_m)]
     amplitude = radar.link_amplitude * np.sqrt(rcs_m2) / (ranges[0] * ranges[1]) * np.exp(1j * phase)
     echoes = EchoArrays(delay_s=(ranges[0] + ranges[1]) / SPEED_OF_LIGHT, amplitude=amplitude)
-    return _standing(seen_by(radar, echoes, points_m), times_s, fractions)
+    return _standing(seen_by(radar, echoes, points_m), times_s, fractions, ["rough wall"] * len(points_m))
 
 
-def _standing(echoes: EchoArrays, times_s: np.ndarray, fractions: Fraction | None) -> StaticScatterer:
+def _standing(
+    echoes: EchoArrays, times_s: np.ndarray, fractions: Fraction | None, names: Sequence[str]
+) -> StaticScatterer:
     echoes = echoes._replace(
         departure_m=None if echoes.departure_m is None else echoes.departure_m.astype(np.float32),
         arrival_m=None if echoes.arrival_m is None else echoes.arrival_m.astype(np.float32),
     )
-    return StaticScatterer(times_s=times_s, constant=echoes, unblocked=fractions, echoes=len(echoes.delay_s))
+    return StaticScatterer(
+        times_s=times_s, constant=echoes, unblocked=fractions, names=names, echoes=len(echoes.delay_s)
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,6 +72,13 @@ class StaticScatterer(Scatterer):
     """(N, ...)."""
     unblocked: Fraction | None
     """(K, N)."""
+    names: Sequence[str]
+    """Of the paths, (N,)."""
+
+    @property
+    @override
+    def labels(self) -> EchoLabels:
+        return EchoLabels.of(self.echoes, path=self.names, bounces=0)
 
     @property
     @override

@@ -16,7 +16,7 @@ from t2d_rt.geometry.vectors import unit
 from t2d_rt.scattering.antennas import seen_by, side_by_side
 from t2d_rt.scattering.paths import Arrivals, View, product, unfolded, weighted
 from t2d_rt.types import EchoArrays, Ellipsoids, Material, MovingMesh, Radar
-from t2d_rt.types.scatterer import Fraction, FrameBlock, Poses, Scatterer, Visibility
+from t2d_rt.types.scatterer import EchoLabels, Fraction, FrameBlock, Poses, Scatterer, Visibility
 
 FORWARD = 0.08, 0.2
 """Lengths of the sum of the unit vectors to both antennas from which to which an echo fades in; at 0 it is in line with them."""
@@ -72,6 +72,14 @@ class EllipsoidScatterer(Scatterer):
     @override
     def fractions(self) -> Iterable[Fraction]:
         return (fraction for view in self.views for fraction in view.visibility)
+
+    @property
+    @override
+    def labels(self) -> EchoLabels:
+        count = len(self.ellipsoids.semi_axes_m)
+        return EchoLabels.joined(
+            EchoLabels.of(count, target=self.target, part=np.arange(count), path=view.name) for view in self.views
+        )
 
     @override
     def scatter(self, block: FrameBlock, poses: Poses, seen: Visibility) -> EchoArrays:

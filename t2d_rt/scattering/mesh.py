@@ -34,7 +34,7 @@ from t2d_rt.scattering.posed import Facets, Posed
 from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD, Sagitta, carried, refined
 from t2d_rt.scattering.streams import joined, most_echoes
 from t2d_rt.types import EchoArrays, Ellipsoids, Material, MovingMesh, PathPair, Radar
-from t2d_rt.types.scatterer import Fraction, FrameBlock, Poses, Scatterer, Visibility
+from t2d_rt.types.scatterer import EchoLabels, Fraction, FrameBlock, Poses, Scatterer, Visibility
 
 POINTS_PER_MESH = 4_000
 """At least about this many diffuse points; their number does not change the power."""
@@ -120,6 +120,16 @@ class MeshScatterer(Scatterer):
     @override
     def fractions(self) -> Iterable[Fraction]:
         return (each for selection in self.selections for each in selection.view.fractions)
+
+    @property
+    @override
+    def labels(self) -> EchoLabels:
+        patches = self.model.patches
+        face = patches.base_face[patches.starts[:-1]]
+        return EchoLabels.joined(
+            EchoLabels.of(len(each.patches), target=self.target, part=face[each.patches], path=each.view.name)
+            for each in self.selections
+        )
 
     @override
     def scatter(self, block: FrameBlock, poses: Poses, seen: Visibility) -> EchoArrays:

@@ -49,6 +49,11 @@ class View:
     """Of the facets' own vertices, as a factor on `visibility`."""
 
     @property
+    def name(self) -> str:
+        """Of the path pair."""
+        return "direct" if self.paths is None else self.paths.name
+
+    @property
     def fractions(self) -> tuple[Fraction, ...]:
         """All of them."""
         return self.visibility + self.unblocked

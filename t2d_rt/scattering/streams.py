@@ -10,7 +10,7 @@ from typing_extensions import override
 
 from t2d_rt.scattering.antennas import side_by_side
 from t2d_rt.types import EchoArrays, Radar
-from t2d_rt.types.scatterer import FrameBlock, Poses, Scatterer, Visibility
+from t2d_rt.types.scatterer import EchoLabels, FrameBlock, Poses, Scatterer, Visibility
 
 MOST_ECHOES = 150_000
 """Echoes that are summed together; in a window of frames they take some 1 GB. More of them are summed in several parts."""
@@ -26,6 +26,11 @@ class Joined(Scatterer):
     @override
     def parts(self) -> tuple[Scatterer, ...]:
         return tuple(part for each in self.each for part in each.parts)
+
+    @property
+    @override
+    def labels(self) -> EchoLabels:
+        return EchoLabels.joined(part.labels for part in self.parts)
 
     @override
     def scatter(self, block: FrameBlock, poses: Poses, seen: Visibility) -> EchoArrays:
@@ -65,6 +70,11 @@ class Resampled(Scatterer):
     """A scatterer at other frame times of the same record, by cubics through four frames of its own."""
 
     source: Scatterer
+
+    @property
+    @override
+    def labels(self) -> EchoLabels:
+        return self.source.labels
 
     @classmethod
     def of(cls, source: Scatterer, times_s: np.ndarray) -> Resampled:

@@ -2,7 +2,7 @@
 
 from t2d_rt.core.calls import public
 from t2d_rt.types.accuracy import Accuracy, PathTier
-from t2d_rt.types.echoes import EchoArrays, Echoes, EchoStream, stream
+from t2d_rt.types.echoes import EchoArrays, Echoes
 from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.material import PEC, Material
 from t2d_rt.types.mesh import MovingMesh
@@ -10,6 +10,7 @@ from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JO
 from t2d_rt.types.paths import OneWayPath, PathPair, PathSet, StaticPath
 from t2d_rt.types.radar import Radar
 from t2d_rt.types.receiver import Receiver
+from t2d_rt.types.scatterer import EchoStream, stream
 from t2d_rt.types.scene import Scene, Surface
 
 __all__ = [

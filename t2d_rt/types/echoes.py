@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from t2d_rt.core.checks import array, call, check_shape, instance, integer, numeric
+from t2d_rt.core.checks import check_shape, numeric
 from t2d_rt.core.errors import InputError
 from t2d_rt.types.radar import Radar
 
@@ -113,43 +113,3 @@ class Repetition:
     def step_s(self) -> float:
         """From one row to the next."""
         return self.periods * self.period_s / self.rows
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EchoStream:
-    """Echoes made when they are asked for, so that memory does not grow with duration."""
-
-    times_s: np.ndarray
-    """Frame times of the whole record [s], uniform, float64 (T,)."""
-    frames: Callable[[int, int], EchoArrays]
-    """`frames(start, stop)`: the arrays of `Echoes` for frames start..stop-1; the scatterers are the same in every call."""
-    vertices: int = 0
-    """How many of them each frame is made from: a few echoes may be those of many facets."""
-    echoes: int = 0
-    """How many scatterers there are, where that is known beforehand."""
-    at_once: int = 0
-    """How many frames are asked for at once at most, where what they are made from takes much memory; 0: any number."""
-
-    def __post_init__(self) -> None:
-        call("frames", self.frames, "a function from the first frame and the one after the last to their EchoArrays")
-        check_shape("times_s of echoes", array("times_s of echoes", self.times_s), ("time",))
-        integer("vertices", self.vertices)
-
-    def gather(self) -> Echoes:
-        """All frames at once; for short records."""
-        return Echoes(times_s=self.times_s, **self.frames(0, len(self.times_s))._asdict())
-
-
-def stream(echoes: Echoes | EchoStream) -> EchoStream:
-    """`echoes` as a stream."""
-    instance("echoes", echoes, (Echoes, EchoStream), "Echoes or an EchoStream")
-    if isinstance(echoes, EchoStream):
-        return echoes
-    whole = echoes
-
-    def frames(start: int, stop: int) -> EchoArrays:
-        part = slice(start, stop)
-        fields = (getattr(whole, name) for name in EchoArrays._fields)
-        return EchoArrays(*(None if field is None else field[part] for field in fields))  # type: ignore[arg-type]
-
-    return EchoStream(times_s=whole.times_s, frames=frames, echoes=whole.delay_s.shape[1])

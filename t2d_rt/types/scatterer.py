@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from typing_extensions import override
 
-from t2d_rt.types.echoes import EchoArrays, Echoes, EchoStream, Repetition
+from t2d_rt.core.checks import array, call, check_shape, instance, integer
+from t2d_rt.types.echoes import EchoArrays, Echoes, Repetition
 from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.mesh import MovingMesh
 
@@ -35,6 +37,34 @@ class FrameBlock:
     def wider(self, frames: int) -> np.ndarray:
         """Its frames and so many on either side, as far as the record goes [s]."""
         return self.record_s[max(0, self.first - frames) : self.last + frames]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EchoLabels:
+    """Where each of N echoes comes from; the same at all times."""
+
+    target: np.ndarray
+    """Number of the target, (N,); -1 is the static scene, or several targets."""
+    part: np.ndarray
+    """Number of the face of its mesh, or of its ellipsoid, (N,); -1 is none of them."""
+    path: np.ndarray
+    """Name of the path pair, (N,)."""
+    bounces: np.ndarray
+    """Number of bounces off targets, (N,)."""
+
+    @classmethod
+    def of(cls, count: int, *, target: Any = -1, part: Any = -1, path: Any = "direct", bounces: Any = 1) -> EchoLabels:
+        """For so many echoes; each value is one for all of them or (N,)."""
+        numbers = [np.broadcast_to(each, count).astype(np.int32) for each in (target, part, bounces)]
+        names = np.broadcast_to(np.asarray(path, object), count)
+        return cls(target=numbers[0], part=numbers[1], path=names, bounces=numbers[2])
+
+    @classmethod
+    def joined(cls, each: Iterable[EchoLabels]) -> EchoLabels:
+        """Those of different echoes, one after the other."""
+        some = list(each)
+        names = ("target", "part", "path", "bounces")
+        return cls(**{name: np.concatenate([getattr(one, name) for one in some]) for name in names})
 
 
 Poses = Mapping[int, Any]
@@ -79,6 +109,11 @@ class Scatterer(ABC):
         """The fractions that it needs."""
         return ()
 
+    @property
+    def labels(self) -> EchoLabels:
+        """Where its echoes come from."""
+        return EchoLabels.of(self.echoes)
+
     @abstractmethod
     def scatter(self, block: FrameBlock, poses: Poses, seen: Visibility) -> EchoArrays:
         """Its echoes at the frames of a block."""
@@ -92,11 +127,39 @@ class Scatterer(ABC):
         """Its echoes at all frames at once; for short records."""
         return Echoes(times_s=self.times_s, **self.frames(0, len(self.times_s))._asdict())
 
-    def stream(self) -> EchoStream:
-        """The same as a stream, for `synthesize`."""
-        return EchoStream(
-            times_s=self.times_s, frames=self.frames, vertices=self.vertices, echoes=self.echoes, at_once=self.at_once
-        )
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EchoStream(Scatterer):
+    """Echoes of one's own that are made when they are asked for, so that memory does not grow with duration."""
+
+    frames: Callable[[int, int], EchoArrays]  # type: ignore[assignment]
+    """`frames(start, stop)`: the arrays of `Echoes` for frames start..stop-1; the scatterers are the same in every call."""
+    echoes: int = 0
+    """How many scatterers there are, where that is known beforehand."""
+
+    def __post_init__(self) -> None:
+        call("frames", self.frames, "a function from the first frame and the one after the last to their EchoArrays")
+        check_shape("times_s of echoes", array("times_s of echoes", self.times_s), ("time",))
+        integer("vertices", self.vertices)
+
+    @override
+    def scatter(self, block: FrameBlock, poses: Poses, seen: Visibility) -> EchoArrays:
+        return EchoArrays(*self.frames(block.first, block.last))
+
+
+def stream(echoes: Echoes | Scatterer) -> Scatterer:
+    """`echoes` as a scatterer."""
+    instance("echoes", echoes, (Echoes, Scatterer), "Echoes or an EchoStream")
+    if isinstance(echoes, Scatterer):
+        return echoes
+    whole = echoes
+
+    def frames(start: int, stop: int) -> EchoArrays:
+        part = slice(start, stop)
+        fields = (getattr(whole, name) for name in EchoArrays._fields)
+        return EchoArrays(*(None if field is None else field[part] for field in fields))  # type: ignore[arg-type]
+
+    return EchoStream(times_s=whole.times_s, frames=frames, echoes=whole.delay_s.shape[1])
 
 
 def pose(scatterers: Iterable[Scatterer], block: FrameBlock) -> Poses:
