@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 from t2d_rt.body import Template, bodies, template
-from t2d_rt.geometry.loop import control_points, surface_rows
+from t2d_rt.geometry.curved import control_points, surface_rows
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt

@@ -21,8 +21,8 @@ from t2d_rt.noise.background.evaluate import distances, evaluation, gaussian_noi
 from t2d_rt.noise.background.learn import learn_background
 from t2d_rt.noise.background.network import HALO, LEAST_LOOKS, Architecture, decoded, prior_codes
 from t2d_rt.noise.background.speckle import correlations, gaussian_field, normal_scores, speckle
-from t2d_rt.recording.added_background import background_settings
-from t2d_rt.signal.dca1000 import load_dca1000
+from t2d_rt.recording.maps import background_settings
+from t2d_rt.signal.measured import load_dca1000
 from t2d_rt.types import Radar
 
 GRID = Grid.of(np.linspace(-3, 3, 32), 0.03)

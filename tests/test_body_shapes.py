@@ -17,7 +17,7 @@ from t2d_rt.body import ABOUT, bodies, regressed_joints, rest_joints, segments, 
 from t2d_rt.body.fit import fit
 from t2d_rt.body.segments import SEGMENTS, fit_ellipsoids
 from t2d_rt.core.resources import resource
-from t2d_rt.geometry.loop import control_points, surface_rows
+from t2d_rt.geometry.curved import control_points, surface_rows
 from t2d_rt.motion import load_motion, track
 from t2d_rt.types import Motion
 from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS

@@ -19,7 +19,7 @@ from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.resources import resource
 from t2d_rt.propagation.clutter import Shadows, rough_points, roughened, static_paths
-from t2d_rt.propagation.fresnel import bundle, disc
+from t2d_rt.propagation.edges import bundle, disc
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.mitsuba import mitsuba
 from t2d_rt.propagation.scenes import load_scene

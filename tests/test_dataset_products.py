@@ -11,7 +11,7 @@ from t2d_rt.core.errors import T2DWarning
 from t2d_rt.dataset.products import Products, RangeDopplerProduct, SpectrogramProduct, axis, record_length_s
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.worker import view
-from t2d_rt.recording.added_background import background, background_settings
+from t2d_rt.recording.maps import background, background_settings
 from t2d_rt.recording.recording import Recording
 from t2d_rt.types import Radar
 

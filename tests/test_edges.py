@@ -14,8 +14,7 @@ from measures import knife_edge_db
 from t2d_rt.core.backend import select
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError
-from t2d_rt.propagation.edges import MANY, RIM, Edges
-from t2d_rt.propagation.fresnel import bundle
+from t2d_rt.propagation.edges import MANY, RIM, Edges, bundle
 from t2d_rt.propagation.images import existing
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.paths import FoundPaths, find_paths

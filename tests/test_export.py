@@ -16,7 +16,7 @@ from t2d_rt.cli import main
 from t2d_rt.core import cube_storage as rows
 from t2d_rt.core.cubes import DiskCube, new_cube
 from t2d_rt.core.errors import InputError
-from t2d_rt.recording import export
+from t2d_rt.recording import files
 from t2d_rt.recording.recording import Recording
 from t2d_rt.types import Radar
 
@@ -133,13 +133,13 @@ def test_a_failure_changes_nothing(
 ) -> None:
     place = tmp_path / f"walk{ending}"
     place.write_bytes(b"mine")
-    write = export.WRITERS[ending]
+    write = files.WRITERS[ending]
 
     def full(new: Path, *arguments: Any) -> None:
         write(new, *arguments)
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setitem(export.WRITERS, ending, full)
+    monkeypatch.setitem(files.WRITERS, ending, full)
     with pytest.raises(InputError, match=r"cannot write .*No space left on device; free space"):
         result.export(place, overwrite=True)
     assert place.read_bytes() == b"mine"

@@ -18,8 +18,8 @@ from builders import icosphere, slow_after, static_mesh
 from measures import nmse_db, volume
 from t2d_rt.body import skin, template
 from t2d_rt.core.errors import InputError
-from t2d_rt.geometry import Refinement, curved_refinements, loop
-from t2d_rt.geometry.loop import control_points, surface_rows
+from t2d_rt.geometry import Refinement, curved, curved_refinements
+from t2d_rt.geometry.curved import control_points, surface_rows
 from t2d_rt.scattering import refinement
 from t2d_rt.types import MovingMesh, Radar
 
@@ -296,8 +296,8 @@ def test_subdivisions_that_are_kept_give_the_same_rows(shape: str, monkeypatch: 
     face, weights = rng.integers(len(faces), size=300), rng.dirichlet(np.ones(3), 300)
     weights[:30] = np.eye(3)[rng.integers(3, size=30)]
     first, again = (surface_rows(faces, len(points), face, weights) for _ in range(2))
-    kept = loop._levels
-    monkeypatch.setattr(loop, "_levels", lambda *mesh: kept(*mesh)[:1])
+    kept = curved._levels
+    monkeypatch.setattr(curved, "_levels", lambda *mesh: kept(*mesh)[:1])
     anew = surface_rows(faces, len(points), face, weights)
     for rows in (again, anew):
         assert np.array_equal(rows.indptr, first.indptr)

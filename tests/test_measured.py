@@ -17,7 +17,7 @@ from t2d_rt.core.cubes import DiskCube
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.dataset.background_records import background_records
 from t2d_rt.signal import load_cube
-from t2d_rt.signal.dca1000 import load_dca1000
+from t2d_rt.signal.measured import load_dca1000
 from t2d_rt.types import Radar
 
 RADAR = Radar.preset("table2", samples=128, rx_offsets_m=[(0, 0.002 * k, 0) for k in range(4)])

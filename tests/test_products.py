@@ -20,8 +20,8 @@ from t2d_rt.core.factored_cubes import Piece, Product, ProductRows
 from t2d_rt.core.memory import Budget
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.signal import spectrogram
+from t2d_rt.signal.doppler import MOST_STEP, _step_of, weighed
 from t2d_rt.signal.range import taper
-from t2d_rt.signal.thinning import MOST_STEP, _step_of, weighed
 from t2d_rt.types import Radar
 from validation.echoes import random_echoes
 

@@ -16,8 +16,7 @@ import t2d_rt
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.radar import check_speed
-from t2d_rt.types.presets import preset_fields, preset_names
-from t2d_rt.types.radar import Radar
+from t2d_rt.types.radar import Radar, preset_fields, preset_names
 
 TABLE2 = Radar.preset("table2")
 

@@ -16,7 +16,7 @@ import pytest
 from builders import REF, WALL, shape, walk
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.core.resources import resource
-from t2d_rt.propagation import scene_xml, shapes
+from t2d_rt.propagation import scenes
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.types import Material
 
@@ -307,7 +307,7 @@ def test_limits_of_a_scene(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     three = "".join(shape(name=f"wall{k}") for k in range(3))
     cases = [
         ("t2d_rt.propagation.scenes.MAX_SURFACES", 2, three, "it has 3 shapes, more than 2"),
-        ("t2d_rt.propagation.scene_xml.MAX_ELEMENTS", 5, three, "holds more than 5 elements"),
+        ("t2d_rt.propagation.scenes.MAX_ELEMENTS", 5, three, "holds more than 5 elements"),
         ("t2d_rt.types.scene.MAX_TRIANGLES", 1, shape(), "wall has 2 triangles and 4 vertices, more than 1"),
         ("t2d_rt.types.scene.MAX_TRIANGLES", 5, three, "has 3 surfaces and 6 triangles, more than 20000 and 5"),
     ]
@@ -320,9 +320,9 @@ def test_limits_of_a_scene(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
         ("triangles_left", 5, "more than 500000 triangles"),
         ("bytes_left", 300, "more than 16 MB in all"),
     ):
-        file = scene_xml.SceneFile(make(three))
+        file = scenes.SceneFile(make(three))
         _, *elements = file.read()
-        reader = shapes.Shapes(file, {}, {}, **{field: value})
+        reader = scenes.Shapes(file, {}, {}, **{field: value})
         with pytest.raises(InputError, match=message):
             [reader.surface(each, f"w{number}", "concrete", 0.1) for number, each in enumerate(elements)]
 

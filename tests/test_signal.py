@@ -10,8 +10,8 @@ import pytest
 from scipy.signal import get_window
 
 from measures import check_picture
-from t2d_rt.core.column_sums import column_sums
 from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.cubes import column_sums
 from t2d_rt.core.errors import InputError
 from t2d_rt.plots import plot_comparison, plot_range_doppler, plot_range_time, plot_spectrogram
 from t2d_rt.signal import (

@@ -7,7 +7,7 @@ from t2d_rt.core.backend import select
 from t2d_rt.propagation.materials import itu_material
 from t2d_rt.propagation.mitsuba import mitsuba
 from t2d_rt.types import PEC, Material
-from t2d_rt.types.slab_coefficients import reflection, transmission
+from t2d_rt.types.path_fields import reflection, transmission
 
 CARRIER_HZ = 77e9
 

@@ -32,7 +32,7 @@ from t2d_rt.scattering.phase_integral import divided_difference
 from t2d_rt.scattering.refinement import facets
 from t2d_rt.scattering.streams import joined
 from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, MovingMesh, Radar, resampled, stream
-from t2d_rt.types.presets import preset_names
+from t2d_rt.types.radar import preset_names
 from validation.echoes import random_echoes as made_up
 
 TABLE2 = Radar.preset("table2")

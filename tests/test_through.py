@@ -23,8 +23,7 @@ from t2d_rt.propagation.paths import find_paths
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.scene import Room
 from t2d_rt.types import Ellipsoids, Material, MovingMesh, Radar, Scene
-from t2d_rt.types.path_fields import field_over
-from t2d_rt.types.slab_coefficients import transmission
+from t2d_rt.types.path_fields import field_over, transmission
 
 FREQUENCY_HZ = 77.87e9
 

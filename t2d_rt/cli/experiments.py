@@ -78,7 +78,7 @@ def experiment(command: Command, *, skip: tuple[str, ...] = ()) -> None:
 def radar(command: Command) -> None:
     """An option for each field of a radar; --radar itself is one of the words that come before the parser's."""
     from t2d_rt.types import Radar
-    from t2d_rt.types.presets import preset_names
+    from t2d_rt.types.radar import preset_names
 
     told = (
         f"--radar NAME takes a preset ({', '.join(preset_names())}), --radar FILE.yaml takes your own. These options override its "

@@ -77,7 +77,7 @@ def simulate(
       t2d-rt simulate walk.bvh --noise receiver                  # thermal and phase noise, ADC and so on, typical of the band
       t2d-rt simulate walk.bvh --tolerance-db -25                # as finely as that asks for; the error is measured afterwards
     """
-    from t2d_rt.recording.folder import check_free
+    from t2d_rt.recording.files import check_free
 
     source = Path(file)
     target = Path(output or f"{stem_of(source)}{'_again' if source.suffix == '.zarr' else ''}.zarr")
@@ -145,7 +145,7 @@ def _check_processing(processing: Given, made: Experiment | Recording) -> None:
 
 def _check_background(background: str | None, added: Given, radar: Radar | None, signal: Given) -> None:
     """Tries the model of the background, and its axes where the radar is given here, before a long run."""
-    from t2d_rt.recording.added_background import background_settings, check_axes
+    from t2d_rt.recording.maps import background_settings, check_axes
 
     if background is None:
         for name in added:

@@ -1,6 +1,8 @@
-"""Physical constants, SI units (CODATA 2018, exact by definition unless noted), and the units of names."""
+"""Physical constants in SI units (CODATA 2018, exact by definition unless noted), the units of names, and powers in decibels."""
 
 from __future__ import annotations
+
+import numpy as np
 
 SPEED_OF_LIGHT = 299_792_458.0
 """m/s"""
@@ -24,3 +26,8 @@ UNITS = {"m": "m", "s": "s", "mps": "m/s", "rad": "rad", "dbm": "dBm"}
 def unit_of(name: str) -> str:
     """The unit that a name ends with, as that of "range_m"; "" where it ends with none."""
     return UNITS.get(name.rpartition("_")[2], "")
+
+
+def decibel(power: np.ndarray) -> np.ndarray:
+    """Power [dB re 1 W]; silence reads -300 dB, far below thermal noise in any bin."""
+    return np.asarray(10 * np.log10(np.maximum(power, 1e-30)))

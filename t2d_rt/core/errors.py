@@ -1,9 +1,12 @@
-"""Errors and warnings for users: one sentence with what was given, what was expected and what to do."""
+"""What users read: errors and warnings of one sentence with what was given, what was expected and what to do, and the small tables
+that notebooks show."""
 
 from __future__ import annotations
 
 import sys
 import warnings
+from collections.abc import Iterable
+from html import escape
 
 LONGEST = 2_000
 """Characters of a sentence; a list of names that a scene or a file holds may be long."""
@@ -57,3 +60,26 @@ def warn(sentence: str) -> None:
     while frame.f_back is not None and f"{frame.f_globals.get('__name__')}.".startswith("t2d_rt."):
         frame, level = frame.f_back, level + 1
     warnings.warn(sentence, T2DWarning, stacklevel=level)
+
+
+Rows = Iterable[tuple[str, str]]
+"""Names and texts."""
+
+
+def html_table(heading: str, rows: Rows) -> str:
+    """A small table; whatever the texts hold, it is shown as it is and never as markup.
+
+    >>> html_table("A & B", [("size", "<3 m")])
+    '<table><caption>A &amp; B</caption><tr><th>size</th><td>&lt;3 m</td></tr></table>'
+    """
+    body = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows)
+    return f"<table><caption>{escape(heading)}</caption>{body}</table>"
+
+
+def size(count: int) -> str:
+    """A number with its thousands apart.
+
+    >>> size(102400)
+    '102 400'
+    """
+    return f"{count:,}".replace(",", " ")

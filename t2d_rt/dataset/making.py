@@ -44,7 +44,7 @@ from t2d_rt.dataset.shards import (
     write_whole,
 )
 from t2d_rt.dataset.worker import make_plans, make_samples, make_samples_in_worker
-from t2d_rt.recording.added_background import background_settings, check_axes
+from t2d_rt.recording.maps import background_settings, check_axes
 
 Task = tuple[Any, ...]
 Scheduler = Callable[[Sequence[Task]], Iterator[list[Made]]]

@@ -26,7 +26,7 @@ from t2d_rt.dataset.sample import Cell, Sample, cell_of, description_of, provena
 from t2d_rt.dataset.shards import Made, write_whole
 from t2d_rt.experiment.sources import MotionText
 from t2d_rt.noise.masks import occlude
-from t2d_rt.recording.added_background import background, background_settings
+from t2d_rt.recording.maps import background, background_settings
 from t2d_rt.recording.recording import Recording
 from t2d_rt.simulate import run
 from t2d_rt.types import Accuracy

@@ -18,7 +18,7 @@ from t2d_rt.core.resources import resource
 from t2d_rt.propagation.scenes import scene_names
 from t2d_rt.scene.movers import kind_names
 from t2d_rt.types import Motion, Radar, Receiver
-from t2d_rt.types.presets import preset_names
+from t2d_rt.types.radar import preset_names
 
 EXAMPLES: dict[str, tuple[str, str]] = {
     "walk": ("12_01_walk.bvh", "a walk of 4.4 s (CMU 12_01)"),

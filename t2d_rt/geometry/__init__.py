@@ -1,9 +1,8 @@
 """Surfaces as arrays: refinement on one fixed curved surface, points spread over it, what lies inside."""
 
 from t2d_rt.geometry.curved import curved_refinements
-from t2d_rt.geometry.refine import Refinement, Tessellation, curvature, refine, refinements
+from t2d_rt.geometry.refine import Refinement, SubdividedMesh, Tessellation, curvature, refine, refinements
 from t2d_rt.geometry.subdivide import Subdivision, crease_corners, sharp_edges, subdivide, topology
-from t2d_rt.geometry.subdivided import SubdividedMesh
 from t2d_rt.geometry.surface_points import SurfacePoints, hash_uniform, point_spacing, surface_points
 from t2d_rt.geometry.winding import winding
 

@@ -17,7 +17,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from t2d_rt.core.decibels import decibel
+from t2d_rt.core.constants import decibel
 from t2d_rt.core.errors import InputError
 from t2d_rt.signal.envelope import NOTCH_MPS, RANGE_DB, envelope
 

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from t2d_rt.core.checks import array, instance, integer, positive, shown
-from t2d_rt.core.decibels import decibel
+from t2d_rt.core.constants import decibel
 from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import Dataset
 from t2d_rt.dataset.products import axis, edges, resized

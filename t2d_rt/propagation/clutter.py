@@ -9,7 +9,7 @@ import numpy as np
 
 from t2d_rt.core.backend import Backend, aligned
 from t2d_rt.core.memory import LastUsed
-from t2d_rt.propagation.fresnel import bundle, disc
+from t2d_rt.propagation.edges import bundle, disc
 from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.materials import resolved
 from t2d_rt.propagation.mirrors import Mirrors, sphere
@@ -19,7 +19,7 @@ from t2d_rt.propagation.paths import find_paths
 from t2d_rt.propagation.surroundings import polarization
 from t2d_rt.propagation.visibility import faded, side_by_side
 from t2d_rt.types import Ellipsoids, Material, MovingMesh, OneWayPath, Radar, Scene, StaticPath
-from t2d_rt.types.slab_coefficients import reflection
+from t2d_rt.types.path_fields import reflection
 
 ASIDE_M = 1e-4 * np.array([0.36, 0.48, 0.8])
 """Where transmitter and receiver are one, paths over a corner meet its very edge. Which of them exist, and how they are polarised

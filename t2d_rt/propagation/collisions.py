@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -10,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from t2d_rt.core.backend import Backend
-from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.propagation.mirrors import Mirrors, has_room, sphere
 from t2d_rt.types import CANONICAL_JOINTS, Ellipsoids, Motion, MovingMesh, Radar, Scene
 
@@ -75,16 +74,12 @@ def checked_time(
         told += "; move it (position_m), choose another room, or allow transmissions for paths through walls"
         if collisions == "stop":
             raise InputError(told)
-        warnings.warn(told, T2DWarning, stacklevel=3)
+        warn(told)
     for found in find_collisions(scene, targets, radar, start, stop, outside=outside, backend=backend):
         told = _told(found, scene, names, start)
         if collisions == "warn":
             hint = " (distance_m, angle_deg)" if isinstance(targets[found.target], Motion) else ""
-            warnings.warn(
-                f"{told}; place it elsewhere{hint}, choose another room, or end the record there (collisions 'stop')",
-                T2DWarning,
-                stacklevel=3,
-            )
+            warn(f"{told}; place it elsewhere{hint}, choose another room, or end the record there (collisions 'stop')")
         elif found.time_s - start < LEAST_S:
             raise InputError(f"{told}, which leaves no record to stop at; place it elsewhere or choose another room")
         else:

@@ -19,8 +19,8 @@ from t2d_rt.propagation.images import existing, reflected
 from t2d_rt.propagation.materials import resolved
 from t2d_rt.propagation.mirrors import Chain, Mirrors
 from t2d_rt.types import Material, PathSet
+from t2d_rt.types.path_fields import transmission
 from t2d_rt.types.paths import Elements
-from t2d_rt.types.slab_coefficients import transmission
 
 
 @dataclass(frozen=True, slots=True)

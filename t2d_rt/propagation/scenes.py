@@ -8,19 +8,404 @@ picture needs (cameras, lights, textures) is left out unread; anything else is r
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
-from xml.etree.ElementTree import Element
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+
+import numpy as np
 
 from t2d_rt.core.checks import file_path, shown, unknown_name
-from t2d_rt.core.errors import InputError
+from t2d_rt.core.errors import InputError, warn
+from t2d_rt.core.files import read_bytes, size
 from t2d_rt.core.resources import listing, resource
+from t2d_rt.geometry.mesh_files import MAX_MESH_BYTES, Mesh, parsed_mesh
 from t2d_rt.propagation.materials import check_values, known_itu
-from t2d_rt.propagation.scene_xml import SceneFile
-from t2d_rt.propagation.shapes import PICTURE, Shapes, names_of
 from t2d_rt.types import Material, Scene, Surface
-from t2d_rt.types.scene import MAX_SURFACES
+from t2d_rt.types.scene import MAX_SURFACES, MAX_TRIANGLES
+
+MAX_XML_BYTES = 4_000_000
+MAX_ELEMENTS = 100_000
+MAX_DEPTH = 30
+MAX_INCLUDES = MAX_PARAMETERS = 20
+MAX_VALUE = 4096
+"""Characters of an attribute once its parameters are filled in, which may hold one another."""
+
+
+@dataclass(slots=True)
+class SceneFile:
+    """An XML file and its folder, the only one that its meshes and includes may lie in."""
+
+    path: Path
+    parameters: dict[str, str] = field(default_factory=dict)
+    """Of <default>; the first one of a name counts, as in Mitsuba."""
+    elements: int = 0
+    includes: int = 0
+
+    def inside(self, name: str | None) -> Path:
+        """Path of a file that the scene names, symbolic links followed; it must lie in the scene's folder or below."""
+        home = self.path.resolve().parent
+        try:
+            found = (home / (name or "")).resolve()
+        except (OSError, RuntimeError, ValueError):  # links in a ring
+            raise InputError(f"it names {shown(name)}, which cannot be found; put the file beside the scene") from None
+        if not name or not found.is_relative_to(home):
+            raise InputError(f"it names {shown(name)}, which lies outside its folder; put the file beside the scene")
+        try:
+            there = found.exists()
+        except OSError:  # a name longer than names may be
+            there = False
+        if not there:
+            raise InputError(f"it names {shown(name)}, which does not exist; put the file beside the scene")
+        return found
+
+    def read(self) -> list[Element]:
+        """What <scene> holds, parameters filled in and includes in place of their element."""
+        return list(self._read(self.path))
+
+    def _read(self, path: Path) -> Iterator[Element]:
+        root = self._tree(read_bytes(path, limit=MAX_XML_BYTES, noun="scene file"))
+        if root.tag != "scene":
+            raise InputError(
+                f"it is not a Mitsuba scene: it begins with <{shown(root.tag)[1:-1]}>, not <scene>; give a Mitsuba XML file"
+            )
+        for element in root:
+            self._fill(element)
+            if element.tag == "default":
+                self._define(element.get("name", ""), element.get("value", ""))
+            elif element.tag == "include":
+                self.includes += 1
+                if self.includes > MAX_INCLUDES:
+                    raise InputError(f"it includes more than {MAX_INCLUDES} files; put them into one")
+                yield from self._read(self.inside(element.get("filename")))
+            else:
+                yield element
+
+    def _tree(self, data: bytes) -> Element:
+        """The root of an XML text. No document type, whose entities could grow without bound or name other files."""
+        builder, parser = TreeBuilder(), expat.ParserCreate()
+        depth = 0
+
+        def start(tag: str, attributes: dict[str, str]) -> None:
+            nonlocal depth
+            depth += 1
+            self.elements += 1
+            if depth > MAX_DEPTH or self.elements > MAX_ELEMENTS:
+                raise InputError(
+                    f"it holds more than {MAX_ELEMENTS} elements or is nested deeper than {MAX_DEPTH} levels; make it simpler"
+                )
+            builder.start(tag, attributes)
+
+        def end(tag: str) -> None:
+            nonlocal depth
+            depth -= 1
+            builder.end(tag)
+
+        def document_type(*_: object) -> None:
+            raise InputError("it has a document type (<!DOCTYPE), which no scene needs; delete it")
+
+        parser.StartElementHandler, parser.EndElementHandler = start, end
+        parser.StartDoctypeDeclHandler = document_type
+        try:
+            parser.Parse(data, True)
+        except InputError:
+            raise
+        except (expat.ExpatError, LookupError, ValueError) as error:
+            raise InputError(f"it is not XML ({error}); give a Mitsuba XML file") from None
+        return builder.close()
+
+    def _define(self, name: str, value: str) -> None:
+        if not name or len(value) > MAX_VALUE or len(self.parameters) >= MAX_PARAMETERS:
+            raise InputError(
+                f"it has a <default> without a name, of more than {MAX_VALUE} characters, or more than {MAX_PARAMETERS} of them; "
+                "write the values where they are used"
+            )
+        self.parameters.setdefault(name, value)
+
+    def _fill(self, element: Element) -> None:
+        """Puts the values of $parameters into an element's attributes and those of all that it holds."""
+        for each in element.iter():
+            for key, value in each.attrib.items():
+                if "$" in value:
+                    each.set(key, self._filled(value))
+
+    def _filled(self, value: str) -> str:
+        for name in sorted(self.parameters, key=len, reverse=True):
+            value = value.replace(f"${name}", self.parameters[name]) if len(value) <= MAX_VALUE else value
+        if "$" in value or len(value) > MAX_VALUE:
+            raise InputError(
+                f"it uses a parameter without a <default> before, or one of more than {MAX_VALUE} characters, in "
+                f"{shown(value)}; give its value there"
+            )
+        return value
+
+
+NUMBERS = "0123456789+-.eE"
+
+
+def to_world(transform: Element | None) -> np.ndarray:
+    """The matrix (4, 4) of a <transform>: its steps one after another, the identity for None."""
+    steps = {"translate": _translate, "scale": _scale, "rotate": _rotate, "matrix": _matrix, "lookat": _lookat}
+    matrix = np.eye(4)
+    for step in [] if transform is None else transform:
+        if step.tag not in steps:
+            raise InputError(f"a transform holds <{shown(step.tag)[1:-1]}>; write it with {', '.join(steps)}")
+        matrix = steps[step.tag](step) @ matrix
+    if not np.isfinite(matrix).all() or not np.array_equal(matrix[3], [0, 0, 0, 1]):
+        raise InputError("a transform is not finite, or not affine; its last row must be 0 0 0 1")
+    return matrix
+
+
+def moved(vertices: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Vertices (V, 3) under an affine matrix (4, 4), rounded to float32 as ray tracers hold them."""
+    if np.array_equal(matrix, np.eye(4)):
+        return vertices
+    with np.errstate(over="ignore", invalid="ignore"):  # what does not fit is found to be infinite where it is checked
+        there = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+        return there.astype(np.float32).astype(np.float64)
+
+
+def numbers(text: str | None, *counts: int) -> list[float]:
+    """Finite numbers of an attribute, parted by spaces or commas: as many as one of the counts says."""
+    words = (text or "").replace(",", " ").split()
+    try:
+        if len(words) not in counts or not set("".join(words)) <= set(NUMBERS):
+            raise ValueError
+        found = [float(word) for word in words]
+        if not np.isfinite(found).all():
+            raise ValueError
+    except ValueError:
+        expected = " or ".join(str(count) for count in counts)
+        raise InputError(f"{expected} finite numbers were expected, got {shown(text)}; correct it") from None
+    return found
+
+
+def _vector(step: Element, default: float, *, others: tuple[str, ...] = ()) -> np.ndarray:
+    """x, y, z of a step, from `value` (one or three numbers) or one by one."""
+    unknown = step.attrib.keys() - {"x", "y", "z", "value", *others}
+    if unknown or ("value" in step.attrib and step.attrib.keys() & {"x", "y", "z"}):
+        raise InputError(f"<{step.tag}> takes either value or x, y and z, got {shown(sorted(step.attrib))}; correct it")
+    if "value" in step.attrib:
+        return np.broadcast_to(numbers(step.get("value"), 1, 3), 3)
+    return np.array([numbers(step.get(axis, str(default)), 1)[0] for axis in "xyz"])
+
+
+def _translate(step: Element) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, 3] = _vector(step, 0.0)
+    return matrix
+
+
+def _scale(step: Element) -> np.ndarray:
+    return np.diag([*_vector(step, 1.0), 1.0])
+
+
+def _rotate(step: Element) -> np.ndarray:
+    """About an axis, whose length does not count, by an angle in degrees (Rodrigues)."""
+    axis, angle = _vector(step, 0.0, others=("angle",)), math.radians(numbers(step.get("angle"), 1)[0])
+    length = np.linalg.norm(axis)
+    if not length:
+        raise InputError("<rotate> has no axis; give x, y or z")
+    x, y, z = axis / length
+    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    matrix = np.eye(4)
+    matrix[:3, :3] += math.sin(angle) * across + (1 - math.cos(angle)) * across @ across
+    return matrix
+
+
+def _matrix(step: Element) -> np.ndarray:
+    values = np.array(numbers(step.get("value"), 9, 16))
+    if len(values) == 16:
+        return values.reshape(4, 4)
+    matrix = np.eye(4)
+    matrix[:3, :3] = values.reshape(3, 3)
+    return matrix
+
+
+def _lookat(step: Element) -> np.ndarray:
+    """z of the shape towards the target, y as far up as may be."""
+    origin, target, up = (np.array(numbers(step.get(name), 3)) for name in ("origin", "target", "up"))
+    ahead = target - origin
+    left = np.cross(up, ahead)
+    if not np.linalg.norm(left) > 0:
+        raise InputError("<lookat> looks nowhere, or along its up; give another target or up")
+    ahead, left = ahead / np.linalg.norm(ahead), left / np.linalg.norm(left)
+    matrix = np.eye(4)
+    matrix[:3] = np.stack([left, np.cross(ahead, left), ahead, origin], axis=1)
+    return matrix
+
+
+PICTURE = frozenset({
+    "integrator", "sensor", "emitter", "film", "sampler", "rfilter", "texture", "medium", "phase", "volume", "spectrum", "rgb",
+})  # fmt: skip
+"""Elements that only a picture needs: left out unread."""
+NORMALS = frozenset({"face_normals", "flip_normals", "flip_tex_coords"})
+"""Switches of a shape that change neither its place nor its form; surfaces reflect from both sides."""
+OWN_VALUES = ("relative_permittivity", "conductivity")
+"""Of a radio material."""
+FILES = {"ply": ".ply", "obj": ".obj"}
+DEFAULT_THICKNESS_M = 0.1
+"""Sionna's."""
+CUBE: Mesh = (
+    np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]),
+    np.array([
+        (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4),
+        (1, 5, 7), (1, 7, 3),
+    ]),
+)  # fmt: skip
+"""Mitsuba's, from -1 to 1."""
+
+
+@dataclass(slots=True)
+class Shapes:
+    """Makes surfaces of shapes, as long as the scene's meshes stay within what one scene may hold."""
+
+    file: SceneFile
+    materials: dict[str, Element]
+    substitutes: Mapping[str, str | Material]
+    """What stands for materials of some names."""
+    bytes_left: int = MAX_MESH_BYTES
+    triangles_left: int = MAX_TRIANGLES
+    known: dict[bytes, tuple[str | Material, float]] = field(default_factory=dict)
+    """Materials that were read before."""
+
+    def material(self, shape: Element, name: str) -> tuple[str | Material, float]:
+        """What a shape of that name is made of and its thickness [m]."""
+        try:
+            bsdf = self._bsdf(shape)
+            text = ElementTree.tostring(bsdf)
+            if text not in self.known:  # hundreds of shapes are of one, which is told of once
+                self.known[text] = material_of(bsdf, self.substitutes)
+            return self.known[text]
+        except InputError as error:
+            raise InputError(f"shape {shown(name)}: {error}") from None
+
+    def surface(self, shape: Element, name: str, material: str | Material, thickness_m: float) -> Surface:
+        """The surface of a shape of that material."""
+        try:
+            found = properties(shape, {"boolean": NORMALS, "string": {"filename"}, "transform": {"to_world"}})
+            vertices, faces = self._mesh(shape.get("type", ""), found.get("filename"))
+            self.triangles_left -= len(faces)
+            if self.triangles_left < 0:
+                raise InputError(
+                    f"the scene has more than {MAX_TRIANGLES} triangles; cut out what lies around the radar"
+                )
+            return Surface(
+                name=name,
+                vertices=moved(vertices, to_world(found.get("to_world"))),
+                faces=faces,
+                material=material,
+                thickness_m=thickness_m,
+            )
+        except InputError as error:
+            raise InputError(f"shape {shown(name)}: {error}") from None
+
+    def _mesh(self, kind: str, filename: Element | None) -> Mesh:
+        if kind == "cube" and filename is None:
+            return CUBE
+        if kind not in FILES:
+            raise InputError(f"its type {shown(kind)} is none of ply, obj and cube; export it as a PLY mesh")
+        path = self.file.inside(None if filename is None else filename.get("value"))
+        if path.suffix.lower() != FILES[kind]:
+            raise InputError(f"its type is {kind}, but its file is {shown(path.name)}; give a {FILES[kind]} file")
+        data = read_bytes(path, limit=MAX_MESH_BYTES, noun="mesh file")
+        self.bytes_left -= len(data)
+        if self.bytes_left < 0:
+            raise InputError(f"the scene's meshes have more than {size(MAX_MESH_BYTES)} in all; make them coarser")
+        return parsed_mesh(data, path)
+
+    def _bsdf(self, shape: Element) -> Element:
+        found = list(shape.findall("bsdf"))
+        for reference in shape.findall("ref"):
+            if reference.get("id") not in self.materials:
+                raise InputError(f"it refers to {shown(reference.get('id'))}, which is no material of the scene")
+            found.append(self.materials[reference.get("id", "")])
+        if len(found) != 1:
+            raise InputError(f"it has {len(found)} materials; give it one")
+        return found[0]
+
+
+def properties(element: Element, known: dict[str, set[str] | frozenset[str]]) -> dict[str, Element]:
+    """Its named properties; `known` are the names of each kind."""
+    found: dict[str, Element] = {}
+    for each in element:
+        if each.tag in PICTURE | {"bsdf", "ref"}:
+            continue
+        name = each.get("name", "")
+        if name not in known.get(each.tag, ()) or name in found:
+            names = ", ".join(sorted({name for names in known.values() for name in names}))
+            raise InputError(f"it has a <{shown(each.tag)[1:-1]}> {shown(name)}, not one each of {names}; delete it")
+        found[name] = each
+    return found
+
+
+def material_of(bsdf: Element, substitutes: Mapping[str, str | Material]) -> tuple[str | Material, float]:
+    """An ITU name or values, and the thickness [m], of a <bsdf> as Sionna RT takes it; what stands for one of that name, by its id
+    or by its ITU name, in its place.
+
+    One whose id begins with itu_ or mat-itu_ is an ITU material whatever its type, as exporters of pictures write it.
+    """
+    name, itu = names_of(bsdf)
+    kind = bsdf.get("type", "")
+    for each in (name, itu):
+        if each in substitutes:
+            return substitutes[each], _thickness(bsdf)
+    if name.startswith(("itu_", "itu-")):
+        dropped = [each.get("name", "") for each in bsdf if each.get("name") in OWN_VALUES]
+        rough = bsdf.find("float[@name='scattering_coefficient']")
+        if rough is not None and _value({"rough": rough}, "rough", 0.0):
+            dropped.append("scattering_coefficient")
+        if dropped:
+            warn(
+                f"{' and '.join(dropped)} of {name} are left out: an id that begins with itu_ is that of an ITU material; give it "
+                "another one to keep them"
+            )
+        return known_itu(itu), _thickness(bsdf)
+    if kind == "itu-radio-material":
+        names = {"thickness", "scattering_coefficient", "xpd_coefficient"}
+        found = properties(bsdf, {"string": {"type"}, "float": names, "integer": names})
+        if _value(found, "scattering_coefficient", 0.0):
+            warn(
+                f"scattering_coefficient of {name} is left out: ITU materials are smooth; give a radio-material instead"
+            )
+        return known_itu(itu), _value(found, "thickness", DEFAULT_THICKNESS_M)
+    if kind == "radio-material":
+        names = {"thickness", *OWN_VALUES, "scattering_coefficient", "xpd_coefficient"}
+        found = properties(bsdf, {"float": names, "integer": names})
+        return Material(
+            name=name,
+            relative_permittivity=_value(found, "relative_permittivity", 1.0),
+            conductivity_s_per_m=_value(found, "conductivity", 0.0),
+            scattering_coefficient=_value(found, "scattering_coefficient", 0.0),
+        ), _value(found, "thickness", DEFAULT_THICKNESS_M)
+    raise InputError(
+        f"its material {shown(name)} is of type {shown(kind)}; take itu-radio-material or radio-material, "
+        f"an id like mat-itu_concrete, or a substitute such as {name or 'NAME'}=concrete (--scene-material, load_scene's materials)"
+    )
+
+
+def names_of(bsdf: Element) -> tuple[str, str]:
+    """A material's own name, and the ITU name that it gives, or would be taken for."""
+    name = bsdf.get("id", "").removeprefix("mat-")
+    chosen = bsdf.find("string[@name='type']")
+    plain = name[4:] if name.startswith(("itu_", "itu-")) else ""
+    return name, plain if chosen is None else chosen.get("value", "")
+
+
+def _thickness(bsdf: Element) -> float:
+    given = bsdf.find("float[@name='thickness']")
+    return _value({} if given is None else {"thickness": given}, "thickness", DEFAULT_THICKNESS_M)
+
+
+def _value(found: dict[str, Element], name: str, default: float) -> float:
+    """A number in the float32 in which ray tracers hold it."""
+    with np.errstate(over="ignore"):  # infinite ones are refused by the surface or the material
+        return float(np.float32(numbers(found[name].get("value"), 1)[0] if name in found else default))
+
 
 VALUES = frozenset({"boolean", "integer", "float", "string"})
 """Elements that a scene of Mitsuba may hold beside its objects; none of them changes a shape."""

@@ -11,14 +11,12 @@ import numpy as np
 
 from t2d_rt.core.backend import Backend, one_thread_at_a_time
 from t2d_rt.core.constants import SPEED_OF_LIGHT
-from t2d_rt.radar.amplitude_frames import AmplitudeFrames
 from t2d_rt.radar.array_delays import ArrayDelays, extra_length
 from t2d_rt.radar.buckets import Members
-from t2d_rt.radar.coefficients import References, phases
+from t2d_rt.radar.coefficients import AmplitudeFrames, References, phases
 from t2d_rt.radar.groups import Level
 from t2d_rt.radar.interpolants import hermite
-from t2d_rt.radar.phasors import rotated, sin_cos, times_phasor
-from t2d_rt.radar.sweep import Sweep, nodes
+from t2d_rt.radar.sweep import Sweep, nodes, rotated, sin_cos, times_phasor
 from t2d_rt.radar.windows import Window
 
 

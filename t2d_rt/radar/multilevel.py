@@ -21,8 +21,7 @@ from t2d_rt.radar.buckets import Buckets
 from t2d_rt.radar.groups import Level
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.leaves import Factors, Leaves, smallest
-from t2d_rt.radar.phasors import read, rotated, sin_cos, spread_to, times_phasor
-from t2d_rt.radar.sweep import Instants, Sweep, nodes
+from t2d_rt.radar.sweep import Instants, Sweep, nodes, read, rotated, sin_cos, spread_to, times_phasor
 from t2d_rt.radar.windows import Window
 
 

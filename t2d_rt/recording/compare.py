@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from t2d_rt.core.checks import array, flag, instance, shown
+from t2d_rt.core.constants import decibel
 from t2d_rt.core.cubes import row_blocks
-from t2d_rt.core.decibels import decibel
 from t2d_rt.core.errors import InputError
 from t2d_rt.recording.recording import Recording
 from t2d_rt.signal import range_fft

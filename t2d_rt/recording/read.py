@@ -9,8 +9,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.experiment.catalog import radar_named
 from t2d_rt.recording.recording import Recording
 from t2d_rt.signal import load_cube
-from t2d_rt.signal.dca1000 import load_dca1000
-from t2d_rt.signal.measured import ORDERS, warn_of_mirror, warn_of_period
+from t2d_rt.signal.measured import ORDERS, load_dca1000, warn_of_mirror, warn_of_period
 from t2d_rt.types import Radar
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
@@ -13,26 +14,33 @@ from t2d_rt.core.calls import public
 from t2d_rt.core.checks import call, file_path, flag, instance, numeric
 from t2d_rt.core.cube_storage import DIMENSIONS, NAME
 from t2d_rt.core.cubes import Cube, DiskCube, check_complex64
-from t2d_rt.core.errors import InputError
+from t2d_rt.core.errors import InputError, html_table, printable, size
 from t2d_rt.core.stored_arrays import Inputs
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import set_up_again
-from t2d_rt.recording.added_background import background_power, background_settings
-from t2d_rt.recording.export import check_export, write_export
-from t2d_rt.recording.folder import (
+from t2d_rt.recording.files import (
     FORMAT,
     MADE_BY,
+    check_export,
     check_free,
     check_replaceable,
     json_text,
     not_a_result,
     plain,
     read_folder,
+    write_export,
     write_folder,
 )
-from t2d_rt.recording.maps import Maps, drawn, interval_told, labelled, labelled_map
+from t2d_rt.recording.maps import (
+    Maps,
+    background_power,
+    background_settings,
+    drawn,
+    interval_told,
+    labelled,
+    labelled_map,
+)
 from t2d_rt.recording.path_table import checked_times, path_table
-from t2d_rt.recording.text import at_a_glance, cube_size, made_with
 from t2d_rt.recording.truth import prefixed, truth_table
 from t2d_rt.signal import point_cloud, range_doppler, range_profile, spectrogram
 from t2d_rt.signal.doppler import check_names, check_processing
@@ -49,6 +57,52 @@ if TYPE_CHECKING:
     from t2d_rt.plots.canvas import StyleOptions
     from t2d_rt.signal.maps import PointCloud
     from t2d_rt.view import Viewer
+
+
+def cube_size(shape: tuple[int, ...], radar: Radar) -> str:
+    """Size and duration of a cube (chirp, antenna, sample)."""
+    chirps, antennas, samples = shape
+    last_s = float(radar.chirp_starts_s(chirps)[-1]) if chirps else 0.0
+    plural = "" if antennas == 1 else "s"
+    return f"{size(chirps)} chirps x {antennas} antenna{plural} x {samples} samples, {last_s:.2f} s"
+
+
+def made_with(settings: Mapping[str, Any], *, measured: bool) -> str:
+    """Method, scene, error and SNR, as far as the settings tell them; else whether the recording was measured."""
+    known = [str(settings[name]) for name in ("method", "scene") if name in settings]
+    if settings.get("error_db") is not None:
+        known.append(f"measured error {settings['error_db']:.1f} dB")
+    if (
+        settings.get("snr_db") is not None and settings.get("noise_dbm") is not None
+    ):  # earlier versions had one over white noise
+        known.append(f"SNR {settings['snr_db']:.1f} dB")
+    return printable(", ".join(known)) or ("measured" if measured else "simulated")
+
+
+def at_a_glance(
+    shape: tuple[int, ...], radar: Radar, settings: Mapping[str, Any], processing: Mapping[str, Any], *, measured: bool
+) -> str:
+    """The table that a notebook shows of a recording with a cube of that shape (chirp, antenna, sample)."""
+    error = "not measured" if settings.get("error_db") is None else f"{settings['error_db']:.1f} dB"
+    pictures = "plot(), plot_range_time(), plot_range_doppler(), view()"
+    rows = [
+        ("ADC cube", f"{cube_size(shape, radar)}, {8 * math.prod(shape) / 1e6:.4g} MB"),
+        ("made with", made_with(settings, measured=measured)),
+        ("error of the field", error),
+        ("noise", noise_of(settings, measured=measured)),
+        ("radar", repr(radar)),
+        ("spectrogram", ", ".join(f"{name} {value}" for name, value in processing.items()) or "by default"),
+        ("pictures", pictures),
+    ]
+    return html_table("Recording", rows)
+
+
+def noise_of(settings: Mapping[str, Any], *, measured: bool) -> str:
+    """Effects of the receiver, and the level of what they add."""
+    if "noise" not in settings:
+        return "as it was measured" if measured else "none"
+    noise_dbm = settings.get("noise_dbm")
+    return ", ".join([str(settings["noise"]), *([] if noise_dbm is None else [f"together {noise_dbm:.1f} dBm"])])
 
 
 @public
@@ -152,7 +206,7 @@ class Recording:
         }
         values: Any = self.cube
         if isinstance(self.cube, DiskCube):
-            from t2d_rt.core.lazy_array import lazy_variable
+            from t2d_rt.core.cubes import lazy_variable
 
             values = lazy_variable(self.cube)
         return labelled(NAME, values, DIMENSIONS, times, {**self.attributes, "units": "sqrt(W)"})

@@ -6,13 +6,12 @@ P reads P in its peak cell.
 
 from t2d_rt.core.calls import public
 from t2d_rt.signal.angle import array_spectrum, range_angle, steering_vectors, unit_vectors
-from t2d_rt.signal.cfar import cfar, cfar_factor
 from t2d_rt.signal.doppler import range_doppler, spectrogram, stft
 from t2d_rt.signal.maps import ArraySpectrum, PointCloud, RangeAngle, RangeDoppler, RangeProfile, RangeTime, Spectrogram
+from t2d_rt.signal.measured import load_cube
 from t2d_rt.signal.mti import mti
 from t2d_rt.signal.multiplex import separate_ddm
-from t2d_rt.signal.npy import load_cube
-from t2d_rt.signal.points import point_cloud
+from t2d_rt.signal.points import cfar, cfar_factor, point_cloud
 from t2d_rt.signal.range import gate, range_fft, range_profile, taper
 from t2d_rt.signal.range_time import coherent_interval, range_doppler_over, range_time
 

@@ -1,16 +1,26 @@
-"""Measured ADC samples: what a look at them tells of how they were written, and what is wrong with them."""
+"""Measured ADC samples: .npy cubes and raw captures of TI's DCA1000 board, and what a look at them tells of how they were written.
+
+The board brings 16-bit integers in the order of the radar's LVDS lanes (Texas Instruments, Mmwave Radar Device ADC Raw Data
+Capture, application report SWRA581B, 2018).
+"""
 
 from __future__ import annotations
 
 import math
-import warnings
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from t2d_rt.core.cube_storage import FileRows
+from t2d_rt.core.checks import choice, file_path, flag
+from t2d_rt.core.cube_storage import LARGEST_CHUNK_BYTES, FileRows, block_rows
 from t2d_rt.core.cubes import Cube, DiskCube, is_large, row_blocks
-from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, warn
+from t2d_rt.core.files import npy_header, regular_file
 from t2d_rt.types import Radar
 
 ORDERS = "IQ", "QI", "I"
@@ -67,10 +77,9 @@ def signed(words: np.ndarray, offset: int, samples: int) -> np.ndarray:
 def warn_of_offset(path: Path, offset: int) -> None:
     """Tells of codes in offset binary, which are read as such."""
     if offset:
-        _warn(
+        warn(
             f"{path} holds codes in offset binary, about {offset} and none below 0 as unsigned words; {offset} is subtracted "
-            "from each, and if they are signed after all, only their constant changes",
-            stacklevel=5,
+            "from each, and if they are signed after all, only their constant changes"
         )
 
 
@@ -115,22 +124,19 @@ def _check_samples(cube: Cube, path: Path) -> None:
         raise InputError(f"{path} holds nothing but zeros; check the capture")
     if not channels.all():
         name, alone = ("Q", "save its numbers alone and ") if channels[1] else ("I", "")
-        _warn(
+        warn(
             f"{path} holds one channel, {name}, and zeros for the other, so that each echo stands at its range and mirrored, and "
-            f"speeds have no sign; record both, or {alone}give iq='I', which takes beats for positive",
-            stacklevel=6,
+            f"speeds have no sign; record both, or {alone}give iq='I', which takes beats for positive"
         )
     if silent:
-        _warn(
+        warn(
             f"{path} holds zeros alone in {silent} of its {chirps} chirps of an antenna, as lost packets leave them; cut these "
-            "out, or expect bands over all speeds",
-            stacklevel=6,
+            "out, or expect bands over all speeds"
         )
     if clipped > max(CLIPPED * size, CLIPPED_LEAST):
-        _warn(
+        warn(
             f"{path} is saturated: {100 * clipped / size:.3g} % of its samples stand at the end of the converters' scale; record "
-            "with less gain, or expect harmonics of the strongest echoes",
-            stacklevel=6,
+            "with less gain, or expect harmonics of the strongest echoes"
         )
 
 
@@ -155,7 +161,7 @@ def warn_of_mirror(cube: Cube, path: Path, iq: str) -> None:
     lower = power[SIDE_BINS : half - SIDE_BINS + 1].sum()
     upper = power[samples - half + SIDE_BINS : samples - SIDE_BINS + 1].sum()
     if upper > MIRRORED * lower:
-        _warn(
+        warn(
             f"{path} has {100 * upper / (lower + upper):.0f} % of its echoes' power in the upper half of the beat spectrum, as "
             "samples with Q before I or of a conjugate IF have, whose ranges are mirrored and whose speeds have the other sign; "
             f"{'leave out' if iq == 'QI' else 'give'} iq='QI' or give conjugate=True, or False if echoes do come from so far"
@@ -176,7 +182,7 @@ def warn_of_period(cube: Cube, radar: Radar, path: Path) -> None:
     found /= found[0] or 1.0
     best = 1 + int(found[1:].argmax())
     if found[best] > LIKE and found[1] < LESS_LIKE * found[best]:
-        _warn(
+        warn(
             f"{path} has chirps that are more like those {best} rows on than like the next ones, as {best} transmitters in turn "
             "leave them, or another number of samples or receivers than the radar's; give the radar that recorded it"
         )
@@ -197,6 +203,218 @@ def flatness_db(chirps: np.ndarray, *, noise: float = 0.0) -> float:
     return float(10 * (np.mean(np.log10(power)) - np.log10(power.mean())))
 
 
-def _warn(message: str, *, stacklevel: int = 4) -> None:
-    """By default from a function that `load_recording` calls; what readers call lies deeper."""
-    warnings.warn(message, T2DWarning, stacklevel=stacklevel)
+def load_cube(path: str | Path, *, iq: str = "IQ", conjugate: bool = False) -> Cube:
+    """ADC cube, complex64 (chirp, antenna, sample), from a .npy file of (chirp, sample) or (chirp, antenna, sample).
+
+    Samples are complex, or real with I and Q along a last axis of 2. A large file is read when the cube is used, piece by piece.
+    Raw 16-bit words that were stored as unsigned numbers (0..65535, as OpenRadar does) are turned back into signed ones, those in
+    offset binary with a warning; anything that is not made of 16-bit integers stays as it is.
+
+    iq: "QI" where Q stands before I, "I" where samples are real; their beats are taken to be positive, over half the range axis.
+    conjugate: whether the IF is the conjugate of the one here, whose beats are positive.
+    """
+    choice("iq", iq, ORDERS)
+    flag("conjugate", conjugate)
+    try:
+        rows = _rows(file_path("path", path).absolute(), real=iq == "I")
+    except InputError:
+        raise
+    except (ValueError, EOFError, SyntaxError, MemoryError, OverflowError, TypeError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path} is not a whole .npy array of numbers ({reason}); save one with numpy.save") from None
+    words = _are_words(rows)
+    offset = 0
+    if words:
+        seen = [_words(rows.numbers(part.start, part.stop)) for part in spread_rows(rows.shape[0])]
+        offset = code_offset(np.concatenate([each.ravel() for each in seen]))
+        warn_of_offset(rows.path, offset)
+    decode = partial(_decoded, samples=rows.shape[2], words=words, offset=offset, iq=iq, conjugate=conjugate)
+    return cube_of(replace(rows, decode=decode))
+
+
+def _rows(path: Path, *, real: bool) -> FileRows:
+    """Where the rows of a .npy file stand, of what shape they are."""
+    with regular_file(path, noun="recording") as file:
+        shape, by_columns, dtype = npy_header(file)
+        begin, size = file.tell(), os.fstat(file.fileno()).st_size
+        if dtype.hasobject or dtype.kind not in "fiuc":
+            raise ValueError(f"it holds {dtype}")
+        needed = math.prod(shape) * dtype.itemsize
+        if needed > size - begin:
+            raise ValueError(f"it is cut short: {size - begin} of {needed} bytes")
+        samples = _axes(path, shape, dtype, real=real)
+        held = None
+        if by_columns:
+            if needed > LARGEST_CHUNK_BYTES:
+                raise InputError(
+                    f"{path} holds samples in Fortran's order, which are not read by pieces; save numpy.ascontiguousarray of them"
+                )
+            file.seek(0)
+            held = np.lib.format.read_array(file, allow_pickle=False).reshape(shape[0], -1)
+    return FileRows(path, samples, begin, dtype, row_numbers=math.prod(shape[1:]), held=held)
+
+
+def _axes(path: Path, shape: tuple[int, ...], dtype: np.dtype[Any], *, real: bool) -> tuple[int, int, int]:
+    """(chirp, antenna, sample) of an array's shape."""
+    pairs = dtype.kind != "c" and not real
+    if pairs and (len(shape) not in (3, 4) or shape[-1] != 2):
+        raise InputError(
+            f"{path} must hold complex samples (I + jQ) or pairs of I and Q along a last axis of 2, got {dtype} of shape {shape}; "
+            "give iq='I' where they are real"
+        )
+    axes = shape[:-1] if pairs else shape
+    if len(axes) not in (2, 3) or any(length < 1 for length in axes):
+        advice = "; frames of chirps? reshape them to chirps" if len(axes) == 4 else ""
+        raise InputError(f"{path} must have shape (chirp, sample) or (chirp, antenna, sample), got {shape}{advice}")
+    return (axes[0], 1, axes[1]) if len(axes) == 2 else (axes[0], axes[1], axes[2])
+
+
+def _parts(numbers: np.ndarray) -> np.ndarray:
+    """Real and imaginary parts (row, number), float64."""
+    if numbers.dtype.kind != "c":
+        return numbers.astype(np.float64)
+    return np.ascontiguousarray(numbers.astype(np.complex128)).view(np.float64)
+
+
+def _words(numbers: np.ndarray) -> np.ndarray:
+    """Parts that are 16-bit integers, signed or unsigned, as int16."""
+    return _parts(numbers).astype(np.int64).astype(np.int16)
+
+
+def _are_words(rows: FileRows) -> bool:
+    """Whether all samples are 16-bit integers."""
+    step = block_rows(rows.shape)
+    for start in range(0, rows.shape[0], step):
+        parts = _parts(rows.numbers(start, min(start + step, rows.shape[0])))
+        # NaN is equal to nothing.
+        if not ((parts == np.rint(parts)).all() and parts.min() >= -(2**15) and parts.max() < 2**16):
+            return False
+    return True
+
+
+def _decoded(numbers: np.ndarray, *, samples: int, words: bool, offset: int, iq: str, conjugate: bool) -> np.ndarray:
+    """Samples of rows (row, number), complex64, as many as there are."""
+    with np.errstate(over="ignore"):
+        parts = signed(_words(numbers), offset, samples) if words else _parts(numbers).astype(np.float32)
+    if iq == "I":
+        parts = parts[:, ::2] if numbers.dtype.kind == "c" else parts
+        return oriented(parts.reshape(-1, samples), iq, conjugate=conjugate)
+    return oriented(np.ascontiguousarray(parts).view(np.complex64), iq, conjugate=conjugate)
+
+
+LANES = "2", "4"
+WORD = np.dtype("<i2")
+FEWEST_CHIRPS = 16
+"""Whose spectra tell orders of samples apart."""
+FLATTER_DB = 0.5
+"""By how much the spectrum of samples in the order that is asked for may be flatter than in another."""
+
+
+def load_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str = "IQ", conjugate: bool = False) -> Cube:
+    """ADC cube, complex64 (chirp, antenna, sample), from a .bin file of complex samples; a large one is read when it is used.
+
+    lanes: 2 (xWR16xx, xWR18xx, xWR68xx) or 4 (xWR12xx, xWR14xx).
+    iq: "QI" where Q stands before I (MSB_LSB_QI), "I" where samples are real: these follow one another, and their beats are taken
+        to be positive, over half the range axis.
+    conjugate: whether the IF is the conjugate of the one here, whose beats are positive.
+
+    With 2 lanes a chirp brings one receiver after the other, each as I(0) I(1) Q(0) Q(1) I(2) I(3) Q(2) Q(3) ...
+    With 4 lanes it brings one sample after the other, each as I of receivers 0 to 3 and then Q of receivers 0 to 3, zeros for
+    receivers that are not used.
+    With "tdm" every transmitter's chirp follows the one before it; a row of the cube holds those of one loop.
+    Samples in another order, or real ones without iq="I", are refused: taken so, their spectrum is flatter than in their own order.
+    """
+    choice("iq", iq, ORDERS)
+    flag("conjugate", conjugate)
+    choice("lanes", str(lanes), LANES, hint="the LVDS lanes of the radar's chip")
+    receivers, senders = len(radar.rx_offsets_m), radar.loop_chirps
+    if str(lanes) == "4" and receivers > 4:
+        raise InputError(f"a capture over 4 lanes holds 4 receivers at most, the radar has {receivers}; use lanes=2")
+    if str(lanes) == "2" and iq != "I" and radar.samples % 2:
+        raise InputError(f"a capture over 2 lanes holds samples by twos, the radar has {radar.samples}; give its radar")
+    source = file_path("path", path).absolute()
+    with regular_file(source, noun="recording") as file:
+        size = os.fstat(file.fileno()).st_size
+    row = (1 if iq == "I" else 2) * senders * radar.samples * (4 if str(lanes) == "4" else receivers)
+    if not size or size % (2 * row):
+        real = ", or iq='I' where samples are real" if size and iq != "I" and size % row == 0 else ""
+        raise InputError(
+            f"{path} holds {size} bytes, and a loop of this radar ({senders} x {receivers} antennas, {radar.samples} samples) "
+            f"has {2 * row}: give the radar that recorded it, or cut the file at the last whole loop{real}"
+        )
+    shape = size // (2 * row), senders * receivers, radar.samples
+    raw = FileRows(source, shape, 0, WORD, row)
+    seen = np.concatenate([raw.numbers(part.start, part.stop).ravel() for part in spread_rows(shape[0])])
+    offset = code_offset(seen)
+    given = f"{'real' if iq == 'I' else 'complex'} samples over {lanes} lanes"
+    _check_order(signed(seen, offset, radar.samples), radar.samples, given, source)
+    used: np.ndarray | None = None
+    if str(lanes) == "4":
+        used = np.asarray(seen.reshape(-1, 4).any(axis=0))
+        if np.count_nonzero(used) != receivers:
+            raise InputError(
+                f"{path} holds {np.count_nonzero(used)} receivers, the radar has {receivers}; give the radar that recorded it"
+            )
+    warn_of_offset(source, offset)
+    decode = partial(
+        _decoded_capture, order=given, samples=radar.samples, used=used, offset=offset, iq=iq, conjugate=conjugate
+    )
+    return cube_of(replace(raw, decode=decode))
+
+
+def _complex(pairs: np.ndarray) -> np.ndarray:
+    """I + jQ of an axis 1 of the two, one after the other."""
+    return (pairs[:, 0] + np.complex64(1j) * pairs[:, 1]).ravel()
+
+
+def _receivers(values: np.ndarray, samples: int) -> np.ndarray:
+    """Chirps (chirp of a receiver, sample) of values of 4 receivers at one sample after the other."""
+    return values.reshape(-1, samples, 4).swapaxes(1, 2).reshape(-1, samples)
+
+
+LAYOUTS: dict[str, tuple[Callable[[np.ndarray, int], np.ndarray], str]] = {
+    "complex samples over 2 lanes": (
+        lambda codes, samples: _complex(codes.reshape(-1, 2, 2)).reshape(-1, samples), "give lanes=2 and iq='IQ' or 'QI'",
+    ),
+    "complex samples over 4 lanes": (
+        lambda codes, samples: _receivers(_complex(codes.reshape(-1, 2, 4)), samples), "give lanes=4 and iq='IQ' or 'QI'",
+    ),
+    "real samples over 2 lanes": (lambda codes, samples: codes.reshape(-1, samples), "give lanes=2 and iq='I'"),
+    "real samples over 4 lanes": (_receivers, "give lanes=4 and iq='I'"),
+    "complex samples one by one, I Q I Q": (
+        lambda codes, samples: _complex(codes.reshape(-1, 2)).reshape(-1, samples),
+        "save numpy.fromfile(path, '<i2').reshape(chirps, antennas, samples, 2) as .npy",
+    ),
+}  # fmt: skip
+"""From codes (word,) to samples (chirp of a receiver, sample), and what to do with a file in this order."""
+
+
+def _decoded_capture(
+    words: np.ndarray, *, order: str, samples: int, used: np.ndarray | None, offset: int, iq: str, conjugate: bool
+) -> np.ndarray:
+    """Samples of rows of words (row, word), complex64 (chirp of a receiver, sample)."""
+    found = LAYOUTS[order][0](signed(words, offset, samples).ravel(), samples)
+    if used is not None:
+        found = found.reshape(-1, 4, samples)[:, used].reshape(-1, samples)
+    return oriented(found, iq, conjugate=conjugate)
+
+
+def _check_order(codes: np.ndarray, samples: int, given: str, path: Path) -> None:
+    """Refuses codes that have a flatter spectrum in the order that is given than in another."""
+    found = {}
+    for name, (ordered, _) in LAYOUTS.items():
+        try:
+            chirps = ordered(codes, samples)
+        except ValueError:  # so many words are no whole chirps
+            continue
+        chirps = chirps[chirps.any(axis=1)]
+        if len(chirps) >= FEWEST_CHIRPS:
+            rounding = 1 / 6 if np.iscomplexobj(chirps) else 1 / 12
+            found[name] = flatness_db(chirps, noise=rounding)
+    best = min(found, key=lambda name: found[name], default=given)
+    if given not in found or found[given] - found[best] < FLATTER_DB:
+        return
+    raise InputError(
+        f"{path} does not hold {given}: taken as {best} its chirps have a spectrum that is less flat by "
+        f"{found[given] - found[best]:.1f} dB; {LAYOUTS[best][1]}"
+    )

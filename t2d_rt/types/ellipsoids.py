@@ -13,8 +13,7 @@ from t2d_rt.core.checks import LARGEST_M, array, call, shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.types.material import Material, checked_material
 from t2d_rt.types.mesh import Made, Solid, Track, set_fields
-from t2d_rt.types.splines import spline
-from t2d_rt.types.times import checked_times, within
+from t2d_rt.types.splines import checked_times, spline, within
 
 PoseTrack = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Centres [m] (K, N, 3) and unit axes (K, N, 3, 3), in columns, at times [s] (K,)."""

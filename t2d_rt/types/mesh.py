@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -10,11 +9,10 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from t2d_rt.core.checks import LARGEST_M, array, call, check_shape, flag, number, numeric, shown, text
-from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.geometry.vectors import edge_cross
 from t2d_rt.types.material import Material, checked_material
-from t2d_rt.types.splines import spline
-from t2d_rt.types.times import checked_times, within
+from t2d_rt.types.splines import checked_times, spline, within
 
 if TYPE_CHECKING:
     import trimesh
@@ -278,18 +276,14 @@ def _check_faces(faces: np.ndarray, vertex_count: int, name: str, curved: bool) 
             "not join two faces; merge its vertices (trimesh: merge_vertices), or leave curved out"
         )
     if not (counts == 2).all():
-        warnings.warn(
+        warn(
             f"{name} is not watertight ({np.count_nonzero(counts != 2)} of {len(counts)} edges do not join two faces): "
-            "it reflects only from its front side (if its triangles do not share vertices, merge them: trimesh merge_vertices)",
-            T2DWarning,
-            stacklevel=4,
+            "it reflects only from its front side (if its triangles do not share vertices, merge them: trimesh merge_vertices)"
         )
     directed = np.sort((start * vertex_count + end).ravel())  # much quicker than np.unique
     if (directed[1:] == directed[:-1]).any():
-        warnings.warn(
-            f"triangles of {name} are not all oriented alike, so that some show their back: orient them (trimesh: fix_normals)",
-            T2DWarning,
-            stacklevel=4,
+        warn(
+            f"triangles of {name} are not all oriented alike, so that some show their back: orient them (trimesh: fix_normals)"
         )
 
 

@@ -9,8 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from t2d_rt.core.checks import LARGEST_M, array, flag, instance, number, numeric, shown, text
-from t2d_rt.core.errors import InputError
-from t2d_rt.core.html_repr import html_table
+from t2d_rt.core.errors import InputError, html_table
 from t2d_rt.geometry.vectors import norms
 
 CANONICAL_JOINTS: tuple[str, ...] = (

@@ -8,6 +8,8 @@ speed.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -15,15 +17,142 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
 from t2d_rt.core.atomic_write import replacing
-from t2d_rt.core.checks import file_path, integer, number, numeric, positive, shown
+from t2d_rt.core.checks import file_path, integer, number, numeric, positive, shown, unknown_name
 from t2d_rt.core.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT
-from t2d_rt.core.errors import InputError
-from t2d_rt.core.html_repr import html_table
+from t2d_rt.core.errors import InputError, html_table
+from t2d_rt.core.files import read_yaml
+from t2d_rt.core.plugins import loaded, plugins
 from t2d_rt.types.antennas import Isotropic, Pattern, axes_along, one_view, polarization_product
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
-from t2d_rt.types.presets import preset_fields, read_radar
-from t2d_rt.types.radar_text import described, one_line
-from t2d_rt.types.timing import check_timing, chirp_starts, chirp_times
+
+
+def preset_names() -> list[str]:
+    """Names that `Radar.preset` knows, those of other packages included."""
+    own = _packaged()
+    return sorted([*own, *plugins("radars", own)])
+
+
+def preset_fields(name: str) -> dict[str, Any]:
+    """Field names and values of a preset, from its packaged YAML file or from another package."""
+    own, wanted = _packaged(), str(name).lower().replace("_", "-")
+    if wanted in own:
+        return read_radar(_preset_folder() / f"{wanted}.yaml")
+    others = plugins("radars", own)
+    if wanted not in others:
+        raise unknown_name("radar preset", name, sorted([*own, *others]), hint=", or give a YAML file")
+    found = loaded(others[wanted])
+    values = found.model_dump() if hasattr(found, "model_dump") else found
+    if not isinstance(values, Mapping):
+        raise InputError(
+            f"the radar {wanted} of another package must be a Radar or a mapping of its fields, got {shown(found)}"
+        )
+    return dict(values)
+
+
+def _packaged() -> list[str]:
+    return [entry.name.removesuffix(".yaml") for entry in _preset_folder().iterdir() if entry.name.endswith(".yaml")]
+
+
+def _preset_folder() -> Path:
+    # By path, not as a package: data of the radar stage, none of its code.
+    return Path(str(files("t2d_rt"))) / "radar" / "presets"
+
+
+def read_radar(path: str | Path) -> dict[str, Any]:
+    """Field names and values of a radar's YAML file."""
+    return read_yaml(path, noun="radar file", example="field names and values such as 'prf_hz: 10240'")
+
+
+MOST_CHIRPS = 10**8
+"""Of a record (three hours of `table2`): their times must fit memory."""
+
+
+def check_timing(radar: Radar) -> None:
+    """Refuses sweeps longer than the chirp interval, and bursts longer than their interval or of unfinished loops."""
+    interval = 1 / radar.prf_hz
+    if radar.sweep_time_s > interval * (1 + 1e-9):
+        raise InputError(
+            f"sampling window of {radar.sweep_time_s * 1e6:.6g} us ({radar.samples} samples at "
+            f"{radar.sample_rate_hz:.6g} Hz) is longer than the chirp interval of {interval * 1e6:.6g} us; "
+            f"lower prf_hz to {math.floor(1 / radar.sweep_time_s * 1e3) / 1e3:.10g} or take fewer samples"
+        )
+    if (radar.chirps_per_frame is None) != (radar.frame_interval_s is None):
+        raise InputError(
+            f"bursts need both chirps_per_frame and frame_interval_s, got {radar.chirps_per_frame} and "
+            f"{radar.frame_interval_s}; give both, or neither for continuous chirps"
+        )
+    if radar.chirps_per_frame is not None and radar.frame_interval_s is not None:
+        burst = radar.chirps_per_frame * interval
+        if burst > radar.frame_interval_s * (1 + 1e-9):
+            raise InputError(
+                f"burst of {radar.chirps_per_frame} chirps lasts {burst * 1e3:.6g} ms, longer than its frame of "
+                f"{radar.frame_interval_s * 1e3:.6g} ms; raise frame_interval_s or prf_hz, or take fewer chirps"
+            )
+        shared = radar.sharing_transmitters
+        if radar.chirps_per_frame % shared:
+            raise InputError(
+                f"bursts of {radar.chirps_per_frame} chirps do not give {shared} transmitters equally many each; set "
+                f"chirps_per_frame to a multiple of {shared}"
+            )
+
+
+def chirp_starts(radar: Radar, chirps: int) -> np.ndarray:
+    """First ADC samples of the first `chirps` rows of the cube [s], (chirps,)."""
+    chirp = np.arange(integer("chirps", chirps, 0, MOST_CHIRPS, hint="cut the record"))
+    if radar.loops_per_frame is None or radar.frame_interval_s is None:
+        return chirp * radar.loop_chirps / radar.prf_hz
+    frame, within = np.divmod(chirp, radar.loops_per_frame)
+    return frame * radar.frame_interval_s + within * radar.loop_chirps / radar.prf_hz
+
+
+def chirp_times(radar: Radar, duration_s: float) -> np.ndarray:
+    """First ADC samples of all rows of the cube whose samples lie within `duration_s` [s], (chirps,)."""
+    duration_s = positive("duration_s", duration_s, unit="s")
+    window = (radar.samples - 1) / radar.sample_rate_hz
+    if radar.chirps_per_frame is None or radar.frame_interval_s is None:
+        name, group, period = (
+            "chirp" if radar.sharing_transmitters == 1 else "loop",
+            radar.sharing_transmitters,
+            radar.sharing_transmitters / radar.prf_hz,
+        )
+    else:
+        name, group, period = "burst", radar.chirps_per_frame, radar.frame_interval_s
+    last = window + (group - 1) * radar.chirp_interval_s  # last sample of a group, from its start
+    # The slack keeps a chirp that ends with the record on paper but not in the last digit.
+    groups = math.floor((duration_s - last) / period + 1e-9) + 1
+    if groups < 1:
+        raise InputError(f"duration of {duration_s:.6g} s holds no whole {name}; it must be at least {last:.6g} s")
+    return chirp_starts(radar, groups * group // radar.loop_chirps)
+
+
+def one_line(radar: Radar) -> str:
+    """Carrier, sweep, rates and limits on one line."""
+    antennas = f"{len(radar.tx_offsets_m)} x {len(radar.rx_offsets_m)} antennas"
+    return (
+        f"Radar({radar.carrier_hz / 1e9:.4g} GHz, sweep {radar.bandwidth_hz / 1e9:.3g} GHz in {radar.samples} samples, PRF "
+        f"{radar.prf_hz / 1e3:.4g} kHz, {antennas}, range bin {100 * radar.range_resolution_m:.3g} cm up to "
+        f"{radar.max_range_m:.3g} m, +-{radar.max_speed_mps:.3g} m/s)"
+    )
+
+
+def described(radar: Radar) -> list[tuple[str, str]]:
+    """Names and texts of its main figures."""
+    place, ahead = (", ".join(f"{x:.3g}" for x in vector) for vector in (radar.position_m, radar.boresight))
+    chirps = "continuous chirps"
+    if radar.chirps_per_frame is not None and radar.frame_interval_s is not None:
+        chirps = f"bursts of {radar.chirps_per_frame} chirps every {1e3 * radar.frame_interval_s:.4g} ms"
+    return [
+        ("carrier, mid-sweep", f"{radar.carrier_hz / 1e9:.4f} GHz, {radar.mid_frequency_hz / 1e9:.4f} GHz"),
+        ("bandwidth", f"{radar.bandwidth_hz / 1e9:.4f} GHz"),
+        ("samples", f"{radar.samples} at {radar.sample_rate_hz / 1e6:.4g} MHz, {radar.sweep_time_s * 1e6:.4g} us"),
+        ("range bin, farthest range", f"{100 * radar.range_resolution_m:.2f} cm, {radar.max_range_m:.2f} m"),
+        ("PRF", f"{radar.prf_hz:.6g} Hz, {chirps}"),
+        ("unambiguous speed", f"+-{radar.max_speed_mps:.2f} m/s"),
+        ("antennas", f"{len(radar.tx_offsets_m)} x {len(radar.rx_offsets_m)} (tx x rx), {radar.multiplexing}"),
+        ("power, gains", f"{radar.tx_power_dbm:g} dBm, {radar.tx_gain_dbi:g} and {radar.rx_gain_dbi:g} dBi"),
+        ("place, boresight", f"({place}) m, ({ahead})"),
+    ]
+
 
 MOST_BINS = 2**26
 """Of an axis, which must fit memory."""

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from t2d_rt.core.checks import numeric, shown
-from t2d_rt.core.errors import InputError
-from t2d_rt.core.html_repr import html_table
+from t2d_rt.core.errors import InputError, html_table
 from t2d_rt.geometry.vectors import edge_cross
 from t2d_rt.types.material import Material
 

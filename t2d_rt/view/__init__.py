@@ -18,7 +18,7 @@ from t2d_rt.core.atomic_write import check_place, check_taken, replacing
 from t2d_rt.core.calls import public
 from t2d_rt.core.checks import file_path, flag, shown
 from t2d_rt.core.errors import InputError, printable
-from t2d_rt.recording.text import made_with
+from t2d_rt.recording.recording import made_with
 
 if TYPE_CHECKING:
     from t2d_rt.recording.recording import Recording

@@ -10,8 +10,7 @@ import numpy as np
 from t2d_rt.body.fit import fit
 from t2d_rt.body.segments import SEGMENTS, segment_of_faces
 from t2d_rt.body.template import template
-from t2d_rt.core.constants import SPEED_OF_LIGHT
-from t2d_rt.core.decibels import decibel
+from t2d_rt.core.constants import SPEED_OF_LIGHT, decibel
 from t2d_rt.experiment.setup import set_up_again
 from t2d_rt.pipeline.echo_model import Model
 from t2d_rt.plots.canvas import COLUMNS, occupied, thinned

@@ -13,7 +13,7 @@ import numpy as np
 
 from t2d_rt.core.versions import versions
 from t2d_rt.types import Radar
-from t2d_rt.types.presets import preset_names
+from t2d_rt.types.radar import preset_names
 from validation.bench.measure import Case, import_seconds, sincos_rate
 from validation.bench.stages import FACETS, STAGES, SYNTHESIS
 from validation.report import Check, Section, processor

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.geometry import curved, loop
+from t2d_rt.geometry import curved
 from t2d_rt.types import MovingMesh, Radar
 from validation.methods import reference
 from validation.methods.reference import Converged
@@ -32,7 +32,7 @@ def kept_samples(
     inputs = (
         radar.model_dump_json(), chirps.tolist(), samples.tolist(), repr(how),
         surface.at(instants).round(9).tobytes(), surface.faces.tolist(), surface.curved,
-        *(inspect.getsource(each) for each in (reference, curved, loop)),
+        *(inspect.getsource(each) for each in (reference, curved)),
     )  # fmt: skip
     file = folder / f"reference_{hashlib.sha256(repr(inputs).encode()).hexdigest()[:20]}.npy"
     if file.exists():

@@ -11,7 +11,7 @@ from t2d_rt.radar.direct import direct_sum
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.types import Echoes, MovingMesh, Radar
-from t2d_rt.types.presets import preset_names
+from t2d_rt.types.radar import preset_names
 from validation.bodies import walking
 from validation.echoes import random_echoes
 from validation.methods.reference import Converged, nmse_db, reference_samples

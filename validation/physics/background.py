@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.core.decibels import decibel
+from t2d_rt.core.constants import decibel
 from t2d_rt.dataset.background_records import empty_room_record
 from t2d_rt.noise.background import BackgroundModel, BackgroundRecord, Grid, load_background
 from t2d_rt.noise.background.evaluate import Distances, distances, evaluation, gaussian_noise

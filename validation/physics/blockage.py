@@ -12,7 +12,7 @@ import numpy as np
 import t2d_rt as t2d
 from t2d_rt.motion import aside
 from t2d_rt.noise.masks import OcclusionMask
-from t2d_rt.recording.added_background import background, background_settings
+from t2d_rt.recording.maps import background, background_settings
 from t2d_rt.types import Motion, Radar
 from validation.report import Check, Section, new_figure, save_chart
 

@@ -19,8 +19,7 @@ import numpy as np
 
 from t2d_rt.core.atomic_write import replacing
 from t2d_rt.core.checks import array, file_path, integer
-from t2d_rt.core.constants import SPEED_OF_LIGHT
-from t2d_rt.core.decibels import decibel
+from t2d_rt.core.constants import SPEED_OF_LIGHT, decibel
 from t2d_rt.core.errors import InputError, T2DError, T2DWarning
 from t2d_rt.core.files import read_bytes
 from t2d_rt.core.progress import ProgressBar

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.core.decibels import decibel
+from t2d_rt.core.constants import decibel
 from t2d_rt.core.errors import InputError
 from t2d_rt.noise.background.model import BackgroundModel
 from t2d_rt.noise.background.records import BackgroundRecord, common_grid

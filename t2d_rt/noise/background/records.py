@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.core.checks import array, flag, number, positive, text
-from t2d_rt.core.decibels import decibel
+from t2d_rt.core.constants import decibel
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_bytes
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.core.column_sums import column_sums
+from t2d_rt.core.cubes import column_sums
 from t2d_rt.core.errors import T2DWarning
 from t2d_rt.noise.receiver.samples import Received
 from t2d_rt.types import Radar, Receiver

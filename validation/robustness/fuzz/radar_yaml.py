@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 import t2d_rt as t2d
-from t2d_rt.types.presets import preset_names
+from t2d_rt.types.radar import preset_names
 from validation.robustness.fuzz.case import (
     MOTIONS,
     Attempt,

@@ -20,7 +20,7 @@ import numpy as np
 from t2d_rt.cli import main
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.resources import resource
-from t2d_rt.recording.folder import check_free
+from t2d_rt.recording.files import check_free
 from t2d_rt.recording.recording import Recording
 from validation.report import Check, Section
 from validation.robustness.results.processes import found, picture, save, sentence, start_writer
