@@ -1,8 +1,8 @@
 """Curved facets on Loop's surface: triangles of six nodes, the corners and a point near the middle of each edge.
 
 The surface is Loop's (1987), evaluated exactly: C2 but for isolated points, where it is C1. Around a face whose corners have six
-neighbours each it is a quartic box spline of twelve control points (Stam 1998), elsewhere it is after some subdivisions. All of it is
-linear, so that one sparse matrix serves every pose.
+neighbours each it is a quartic box spline of twelve control points (Stam 1998), elsewhere it is after some subdivisions. All of it
+is linear, so that one sparse matrix serves every pose.
 
 Every node lies on one and the same surface, whatever the facets' size: one of given barycentric coordinates in a face of
 the mesh. Nodes at any time are `operator @ control @ vertices`.

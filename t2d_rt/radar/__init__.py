@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-import warnings
 
-from t2d_rt.core.errors import T2DWarning, warn
+from t2d_rt.core.errors import warn
 from t2d_rt.types.radar import Radar
 
 __all__ = ["check_speed"]

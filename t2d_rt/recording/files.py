@@ -2,8 +2,8 @@
 
 The folder is a group of arrays and attributes, which seal one another by their checksums. A file for other programs (MATLAB .mat,
 HDF5 .h5, NetCDF .nc, NumPy .npz) holds `adc` (chirp, antenna, sample), `spectrogram` (velocity_mps, time_s), their axes, the unit
-of each, and as JSON texts what the recording was made with. NetCDF has no complex numbers: there `adc_real` and `adc_imag` stand for
-`adc`.
+of each, and as JSON texts what the recording was made with. NetCDF has no complex numbers: there `adc_real` and `adc_imag` stand
+for `adc`.
 """
 
 from __future__ import annotations

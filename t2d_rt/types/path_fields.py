@@ -1,8 +1,8 @@
 """Fields over one-way paths from a path's data alone (docs/physics.md, eq. 23, 24), with the coefficients of the slabs they meet.
 
 Reflection and transmission of slabs after ITU-R P.2040-3, eq. (37), (43) and (44), with e^{+j omega t}: coefficients of the field
-for TE and TM waves at angles of incidence given by their cosine (...), complex (...). A perfect conductor has R_TE = -1, R_TM = +1 and
-transmits nothing.
+for TE and TM waves at angles of incidence given by their cosine (...), complex (...). A perfect conductor has R_TE = -1, R_TM = +1
+and transmits nothing.
 """
 
 from __future__ import annotations
