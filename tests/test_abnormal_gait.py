@@ -14,10 +14,7 @@ from t2d_rt.motion.descriptions.slots import GAIT_TYPES, GaitType, Side
 from t2d_rt.motion.interpolate import low_pass
 from t2d_rt.motion.kinematics import INDEX, Poses, motion_of, poses_of
 from t2d_rt.motion.vary import step_times_s
-from t2d_rt.motion.vary.abnormal import abnormal_walk, gait_change
-from t2d_rt.motion.vary.changed_walk import changed_walk
-from t2d_rt.motion.vary.gait_change import GaitChange
-from t2d_rt.motion.vary.straight_walk import along_x
+from t2d_rt.motion.vary.abnormal import GaitChange, abnormal_walk, along_x, changed_walk, gait_change
 
 
 @pytest.fixture(scope="module")

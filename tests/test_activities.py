@@ -11,7 +11,7 @@ import pytest
 import t2d_rt as t2d
 from builders import walk
 from t2d_rt.core.errors import InputError
-from t2d_rt.motion.vary.hold import hold
+from t2d_rt.motion.vary.variations import hold
 
 
 @pytest.fixture(scope="module")

@@ -16,13 +16,12 @@ from command_line import Command
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion import resample, trim
 from t2d_rt.motion.check import check_motion, detect_fall, measure
-from t2d_rt.motion.check.anatomy import RANGES_DEG
-from t2d_rt.motion.check.limits import AT_MOST, GAIT_SIGNS, limits
-from t2d_rt.motion.check.population import distance_m, diversity, spectrum_difference_db, speed_spectrum
-from t2d_rt.motion.check.tracks import spans
+from t2d_rt.motion.check.measures import RANGES_DEG, spans
+from t2d_rt.motion.check.verdict import AT_MOST, GAIT_SIGNS, shipped_limits
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
 from t2d_rt.types import Motion
 from t2d_rt.types.motion import CANONICAL_JOINTS
+from validation.motions.population import distance_m, diversity, spectrum_difference_db, speed_spectrum
 
 GRAVITY_MPS2 = 9.81
 
@@ -353,7 +352,7 @@ def test_frames_out_of_place_are_told_and_scale_with_the_rate() -> None:
     joints = walk().joints.copy()
     joints[200:] += [0.1, 0, 0]
     assert "jumps by" in reason(replace(walk(), joints=joints))
-    table = limits()
+    table = shipped_limits()
     assert (
         table.jump_m(10)
         > table.jump_m(30)
@@ -429,7 +428,7 @@ def test_limbs_that_go_through_the_body_are_told() -> None:
 
 
 def test_the_shipped_limits_come_from_recordings() -> None:
-    table = limits()
+    table = shipped_limits()
     assert table.recordings > 80
     assert table.walks > 50
     assert set(table.at_most) == set(AT_MOST)

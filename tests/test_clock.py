@@ -15,7 +15,7 @@ import t2d_rt as t2d
 from builders import MOTIONS, WALK, slow_after
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion, motion_from_joints
-from t2d_rt.motion.check.clock import rate_doubt
+from t2d_rt.motion.check.gait import rate_doubt
 from t2d_rt.types.motion import Motion
 from validation.motions import independent
 

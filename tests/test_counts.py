@@ -7,8 +7,7 @@ import pytest
 
 from builders import slow_after
 from t2d_rt.core.errors import T2DWarning
-from t2d_rt.motion.check.support import flights_s
-from t2d_rt.motion.check.tracks import tracks
+from t2d_rt.motion.check.measures import flights_s, tracks
 from t2d_rt.motion.descriptions import parse_description
 from t2d_rt.motion.generate import motion_from_text
 from t2d_rt.types.motion import Motion

@@ -23,13 +23,11 @@ from t2d_rt.motion.descriptions.slots import Description
 from t2d_rt.motion.generate import motion_from_text, understood
 from t2d_rt.motion.generate.falls import Fall, FallPlan, plan_of, simulate_fall
 from t2d_rt.motion.generate.falls import make as making
-from t2d_rt.motion.generate.falls.anatomy import anatomy
-from t2d_rt.motion.generate.falls.getup import got_up, lowest_points
-from t2d_rt.motion.generate.falls.humanoid import RATE_HZ
+from t2d_rt.motion.generate.falls.humanoid import RATE_HZ, anatomy, coordinates, euler, reached, skeleton
+from t2d_rt.motion.generate.falls.joining import got_up, lowest_points
+from t2d_rt.motion.generate.falls.make import instants
 from t2d_rt.motion.generate.falls.measures import missing
-from t2d_rt.motion.generate.falls.pose import coordinates, euler, reached, skeleton
 from t2d_rt.motion.generate.falls.simulation import Run, simulate
-from t2d_rt.motion.generate.falls.steps import instants
 from t2d_rt.motion.vary import mirror
 from t2d_rt.types.motion import Motion
 

@@ -12,10 +12,9 @@ import pytest
 import t2d_rt as t2d
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.contacts import contacts, plant, runs, soles
+from t2d_rt.motion.contacts import FOLD, LIMBS, STRETCH, Limb, contacts, plant, reach, runs, soles
 from t2d_rt.motion.generate.library.store import shipped
 from t2d_rt.motion.kinematics import INDEX, NAMES, Poses, motion_of, poses_of, retargeted
-from t2d_rt.motion.limbs import FOLD, LIMBS, STRETCH, Limb, reach
 from t2d_rt.motion.write import save_motion
 from t2d_rt.types import Motion
 

@@ -233,11 +233,11 @@ def test_damaged_entries_are_made_again(endpoint: Endpoint, ask: Ask, tmp_path: 
     ask(8)
     (entry,) = (tmp_path / "kept").iterdir()
     entry.write_bytes(entry.read_bytes()[:200])
-    assert language_model._kept_reply(entry.stem) is None
+    assert language_model.kept_reply(entry.stem) is None
     assert ask(8).requests == 1
-    assert language_model._kept_reply(entry.stem) is not None
+    assert language_model.kept_reply(entry.stem) is not None
     disk_cache.write(entry.stem, {"reply": np.array([0xFF, 0xFE], np.uint8)})
-    assert language_model._kept_reply(entry.stem) is None
+    assert language_model.kept_reply(entry.stem) is None
 
 
 def test_cache_may_be_off_or_unwritable(ask: Ask, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

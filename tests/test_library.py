@@ -27,8 +27,7 @@ from t2d_rt.motion.generate.chain import Piece, heading_rad, joined, moved
 from t2d_rt.motion.generate.library import edits, users
 from t2d_rt.motion.generate.library.individual import STATURE_M, individual
 from t2d_rt.motion.generate.library.store import FOLDER, RATE_HZ, Segment, packed, read_store, shipped, unpacked
-from t2d_rt.motion.kinematics import motion_of, poses_of
-from t2d_rt.motion.posture import facing
+from t2d_rt.motion.kinematics import facing, motion_of, poses_of
 from t2d_rt.motion.write import save_motion
 from t2d_rt.types import Motion
 

@@ -9,21 +9,20 @@ import numpy as np
 import pytest
 
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.check.population import spectrum_difference_db
 from t2d_rt.motion.contacts import runs, steadying
 from t2d_rt.motion.descriptions.slots import Step
-from t2d_rt.motion.easing import minimum_jerk
 from t2d_rt.motion.generate import motion_from_text
 from t2d_rt.motion.generate.chain import Piece, from_rotation_vector
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.dances import chances, circling, goes_on_standing, roughness
-from t2d_rt.motion.generate.library.individual import individual
-from t2d_rt.motion.generate.library.maker import Maker
+from t2d_rt.motion.generate.library.individual import Maker, individual
 from t2d_rt.motion.generate.library.moves import jump
 from t2d_rt.motion.generate.library.store import RATE_HZ, Segment, shipped
-from t2d_rt.motion.generate.made.anatomy import Anatomy
+from t2d_rt.motion.generate.made.hands import Anatomy
+from t2d_rt.motion.interpolate import minimum_jerk
 from t2d_rt.motion.kinematics import INDEX, motion_of
 from validation.motions.limits import true_size
+from validation.motions.population import spectrum_difference_db
 
 DANCES = [each for each in shipped().segments if each.action == "dance"]
 

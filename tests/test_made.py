@@ -14,7 +14,7 @@ from t2d_rt.motion.check import check_motion, detect_fall
 from t2d_rt.motion.contacts import runs, soles
 from t2d_rt.motion.descriptions.slots import Activity, Step
 from t2d_rt.motion.generate.made import Made, make
-from t2d_rt.motion.generate.made.anatomy import Anatomy
+from t2d_rt.motion.generate.made.hands import Anatomy
 from t2d_rt.motion.generate.made.score import Score, minimum_jerk, progress
 from t2d_rt.motion.kinematics import INDEX, Skeleton, motion_of, skeleton_of
 from t2d_rt.types.motion import Motion

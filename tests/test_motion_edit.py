@@ -32,7 +32,7 @@ from t2d_rt.motion import (
     trim,
 )
 from t2d_rt.motion.interpolate import compose, decompose, jitter_mps, low_pass
-from t2d_rt.motion.posture import facing
+from t2d_rt.motion.kinematics import facing
 from t2d_rt.types.motion import Motion
 
 

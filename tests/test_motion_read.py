@@ -17,7 +17,7 @@ from builders import MOTIONS, WALK
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import flavours, load_motion, motion_from_joints, register_flavour, skeletons
 from t2d_rt.motion.interpolate import decompose
-from t2d_rt.motion.posture import facing
+from t2d_rt.motion.kinematics import facing
 from t2d_rt.motion.read.bvh import forward_kinematics, read_bvh
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 

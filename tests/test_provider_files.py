@@ -18,9 +18,8 @@ import t2d_rt as t2d
 from builders import slow_after, within
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.slots import Description
-from t2d_rt.motion.generate.files import Files, results
+from t2d_rt.motion.generate.files import Files, results, unpickled
 from t2d_rt.motion.generate.momask import MoMask
-from t2d_rt.motion.generate.unpickled import unpickled
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
 

@@ -17,9 +17,8 @@ from builders import MOTIONS, WALK, slow_after
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion
 from t2d_rt.motion.interpolate import decompose
-from t2d_rt.motion.match import limbs, match
-from t2d_rt.motion.match.tree import Tree
-from t2d_rt.motion.match.words import label
+from t2d_rt.motion.match import match, skeleton_tree
+from t2d_rt.motion.match.skeleton_tree import Tree, label
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, Motion
 
 # Every second frame of a walk at 24 Hz is enough to tell skeletons apart, and the reader warns of so few.
@@ -477,7 +476,7 @@ def test_a_knee_that_bends_is_no_twist_bone() -> None:
     skeleton = halves(person("walk"), "left_knee", "between")
     tree = Tree(skeleton.names, skeleton.parents, skeleton.positions)
     hip, knee, ankle = (skeleton.names.index(f"left_{joint}") for joint in ("hip", "knee", "ankle"))
-    stretches = {(upper, lower) for upper, lower, _, _ in limbs._bones(tree, tree.below(hip, 9, 90), 0)}
+    stretches = {(upper, lower) for upper, lower, _, _ in skeleton_tree._bones(tree, tree.below(hip, 9, 90), 0)}
     assert (hip, knee) in stretches
     assert (knee, ankle) in stretches
     assert (hip, ankle) not in stretches

@@ -8,18 +8,16 @@ import numpy as np
 import pytest
 
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.check.measures import measure
-from t2d_rt.motion.check.tracks import rate_of, tracks
+from t2d_rt.motion.check.measures import measure, rate_of, tracks
 from t2d_rt.motion.contacts import grown, plant, runs, soles
 from t2d_rt.motion.descriptions.grammar import grammar_descriptions
 from t2d_rt.motion.descriptions.slots import Step
 from t2d_rt.motion.generate import motion_from_text
 from t2d_rt.motion.generate.chain import Piece, from_rotation_vector, rotation_vector, swung
 from t2d_rt.motion.generate.library import edits
-from t2d_rt.motion.generate.library.manners import with_manner
-from t2d_rt.motion.generate.library.moves import quickened
+from t2d_rt.motion.generate.library.edits import best_crossing, halted
+from t2d_rt.motion.generate.library.moves import quickened, with_manner
 from t2d_rt.motion.generate.library.store import RATE_HZ, shipped
-from t2d_rt.motion.generate.library.transitions import best_crossing, halted
 from t2d_rt.motion.kinematics import INDEX, Poses, motion_of
 from t2d_rt.types import Motion
 

@@ -10,7 +10,7 @@ import pytest
 
 from t2d_rt.body.template import bodies, template
 from t2d_rt.motion import describe, load_motion
-from t2d_rt.motion.posture import stature_m
+from t2d_rt.motion.kinematics import stature_m
 
 Points = dict[str, np.ndarray]
 SIDES = ("left", "right")

@@ -12,7 +12,7 @@ import t2d_rt as t2d
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.contacts import contacts, runs, soles
 from t2d_rt.motion.kinematics import poses_of
-from t2d_rt.motion.vary import gait, mirror, step_times_s, vary_gait, vary_view
+from t2d_rt.motion.vary import mirror, step_times_s, variations, vary_gait, vary_view
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +104,7 @@ def test_steps_vary_by_the_spread_and_seed(walk: t2d.Motion) -> None:
 
 
 def test_the_tempo_changes_smoothly_at_foot_peaks() -> None:
-    times_s = gait._warped(np.array([0.0, 0.5, 1.0, 1.5]), np.array([0.8, 1.25, 0.9]), 100.0)
+    times_s = variations._warped(np.array([0.0, 0.5, 1.0, 1.5]), np.array([0.8, 1.25, 0.9]), 100.0)
     tempo = np.diff(times_s) * 100.0
     assert tempo.min() == pytest.approx(0.8, abs=0.01)
     assert tempo.max() == pytest.approx(1.25, abs=0.03)

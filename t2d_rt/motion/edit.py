@@ -10,9 +10,8 @@ import numpy as np
 from t2d_rt.core.checks import LARGEST_M, array, flag, number, positive
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.easing import minimum_jerk
-from t2d_rt.motion.interpolate import MOST_NUMBERS, compose, decompose, trim
-from t2d_rt.motion.posture import facing, stature_m
+from t2d_rt.motion.interpolate import MOST_NUMBERS, compose, decompose, minimum_jerk, trim
+from t2d_rt.motion.kinematics import facing, stature_m
 from t2d_rt.types.motion import Motion, checked_motion
 
 FARTHEST_M = 10_000.0

@@ -1,8 +1,4 @@
-"""Motion between its frames: C2 in time, because a radar sees the second derivative of every path.
-
-Not the joints' positions are splined but what a skeleton is made of: the rotation of each joint in its parent's frame,
-the offset of each joint in its parent's frame (nearly constant) and the root. So bones keep their length.
-"""
+"""Motions at other times: the smooth step, resampling and smoothing."""
 
 from __future__ import annotations
 
@@ -18,6 +14,24 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import dot
 from t2d_rt.motion import quaternions
 from t2d_rt.types.motion import Motion, checked_motion, checked_rate
+
+# --- the smooth step that motions are eased and joined by ---
+
+
+def minimum_jerk(fraction: np.ndarray) -> np.ndarray:
+    """From 0 to 1 over fractions (...) from 0 to 1, without speed or acceleration at either end: 10 x^3 - 15 x^4 + 6 x^5.
+
+    Flash and Hogan 1985, equation 2. Fractions below 0 and above 1 stay at the ends.
+    """
+    x = np.clip(fraction, 0.0, 1.0)
+    return np.asarray(x**3 * (10.0 + x * (6.0 * x - 15.0)))
+
+
+# --- motion between its frames: C2 in time, because a radar sees the second derivative of every path ---
+#
+# Not the joints' positions are splined but what a skeleton is made of: the rotation of each joint in its parent's
+# frame, the offset of each joint in its parent's frame (nearly constant) and the root. So bones keep their length.
+
 
 JITTER_CUTOFF_HZ = 12.0
 """Human movement lies below it, but for impacts of a few milliseconds (Winter, Biomechanics, 2.2)."""

@@ -1,9 +1,4 @@
-"""Naming flavours: which joints of a file are the canonical ones.
-
-A flavour is data: for each canonical joint either a source joint of the file, or `(a, b, fraction)`, a point that far
-from source a to source b which turns with a. End sites are called `<parent>:end`. Canonical joints that a table leaves
-out (spine2, spine3, collars) are put between their mapped neighbours on the canonical chain; the reader adds feet.
-"""
+"""Naming conventions of skeletons, as data and as flavour files, and how joints are named by them."""
 
 from __future__ import annotations
 
@@ -11,18 +6,207 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.core.checks import flag, instance, shown, text
+from t2d_rt.core.checks import flag, instance, number, shown, text, unknown_name
 from t2d_rt.core.errors import InputError
-from t2d_rt.motion.conventions import CONVENTIONS, Source
+from t2d_rt.core.files import read_yaml
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS
 
 if TYPE_CHECKING:
-    from t2d_rt.motion.read.bvh import RawSkeleton  # a reader imports this module
+    from t2d_rt.motion.read.bvh import RawSkeleton
+
+
+# --- naming conventions of well-known skeletons, as data ---
+#
+# Rows of `sided` name both sides at once: `*_hip: "{Side}UpLeg"` stands for left_hip: LeftUpLeg and right_hip:
+# RightUpLeg.
+
+
+Source = str | tuple[str, str, float]
+"""A joint of the file, or (a, b, fraction): the point that far from a to b, which turns with a."""
+
+
+def sided(table: Mapping[str, Source]) -> dict[str, Source]:
+    """Rows with a star expanded to left and right; in their sources {Side} is Left or Right, {side} left or right, {S} L or R and
+    {s} l or r."""
+    both: dict[str, Source] = {}
+    for name, source in table.items():
+        if not name.startswith("*"):
+            both[name] = source
+            continue
+        for side in ("Left", "Right"):
+            key = name.replace("*", side.lower())
+            if isinstance(source, str):
+                both[key] = _of_side(source, side)
+            else:
+                both[key] = _of_side(source[0], side), _of_side(source[1], side), source[2]
+    return both
+
+
+def _of_side(name: str, side: str) -> str:
+    for mark, word in (("{Side}", side), ("{side}", side.lower()), ("{S}", side[0]), ("{s}", side[0].lower())):
+        name = name.replace(mark, word)
+    return name
+
+
+_HUMANOID: dict[str, Source] = {
+    "pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": "Spine2", "neck": "Neck", "head": "Head",
+    "*_hip": "{Side}UpLeg", "*_knee": "{Side}Leg", "*_ankle": "{Side}Foot", "*_collar": "{Side}Shoulder",
+    "*_shoulder": "{Side}Arm", "*_elbow": "{Side}ForeArm", "*_wrist": "{Side}Hand",
+}  # fmt: skip
+
+_BVH_TOOLBOX: dict[str, Source] = {
+    "pelvis": "Hips", "spine1": "Spine", "spine2": ("Spine", "Spine1", 0.5), "spine3": "Spine1", "neck": "Neck",
+    "head": "Head", "head_top": "Head:end", "*_hip": "{Side}UpLeg", "*_knee": "{Side}Leg", "*_ankle": "{Side}Foot",
+    "*_foot": "{Side}Foot:end", "*_collar": "{Side}Shoulder", "*_shoulder": "{Side}Arm", "*_elbow": "{Side}ForeArm",
+    "*_wrist": "{Side}Hand", "*_hand": "{Side}Hand:end",
+}  # fmt: skip
+
+_MOMASK: dict[str, Source] = {"*_foot": "{Side}Toe", "*_toe": "{Side}Toe:end", "*_hand": "{Side}Hand:end"}
+
+_MIXAMO: dict[str, Source] = {
+    "head_top": "HeadTop_End", "*_foot": "{Side}ToeBase", "*_toe": "{Side}Toe_End", "*_hand": "{Side}HandMiddle4",
+}  # fmt: skip
+
+_ICLONE: dict[str, Source] = {
+    "pelvis": "CC_Base_Pelvis", "spine1": "CC_Base_Waist", "spine2": "CC_Base_Spine01", "spine3": "CC_Base_Spine02",
+    "neck": "CC_Base_NeckTwist01", "head": "CC_Base_Head", "*_hip": "CC_Base_{S}_Thigh", "*_knee": "CC_Base_{S}_Calf",
+    "*_ankle": "CC_Base_{S}_Foot", "*_foot": "CC_Base_{S}_ToeBase", "*_collar": "CC_Base_{S}_Clavicle",
+    "*_shoulder": "CC_Base_{S}_Upperarm", "*_elbow": "CC_Base_{S}_Forearm", "*_wrist": "CC_Base_{S}_Hand",
+    "*_hand": "CC_Base_{S}_Mid3",
+}  # fmt: skip
+
+# The CMU files come from a conversion that lost the bone of every joint with several children: collars and neck start
+# at the foot of the thorax, and the forearm ends at its twist joint (lwrist), two thirds down. In the ASF skeletons the
+# thorax is as long as upperback and lwrist half as long as lradius (dm_control's humanoid_CMU: 0.114; 0.08 and 0.17 m).
+_CMU_A: dict[str, Source] = {
+    "pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": ("Spine1", "Neck", 1.0), "neck": "Neck1",
+    "head": "Head", "head_top": "Head:end", "*_hip": "{Side}UpLeg", "*_knee": "{Side}Leg", "*_ankle": "{Side}Foot",
+    "*_foot": "{Side}ToeBase", "*_toe": "{Side}ToeBase:end", "*_collar": ("{Side}Shoulder", "{Side}Arm", 0.2),
+    "*_shoulder": "{Side}Arm", "*_elbow": "{Side}ForeArm", "*_wrist": "{Side}FingerBase",
+    "*_hand": "{Side}HandIndex1:end",
+}  # fmt: skip
+
+_CMU_B: dict[str, Source] = {
+    "pelvis": "Hips", "spine1": "Chest", "spine2": "Chest2", "spine3": ("Chest2", "lowerneck", 1.0), "neck": "Neck",
+    "head": "Head", "head_top": "Head:end", "*_hip": "{Side}Hip", "*_knee": "{Side}Knee", "*_ankle": "{Side}Ankle",
+    "*_foot": "{Side}Toe", "*_toe": "{Side}Toe:end", "*_collar": ("{Side}Collar", "{Side}Shoulder", 0.2),
+    "*_shoulder": "{Side}Shoulder", "*_elbow": "{Side}Elbow", "*_wrist": "{s}hand", "*_hand": "{S}Fingers:end",
+}  # fmt: skip
+
+CONVENTIONS: tuple[dict[str, Any], ...] = (
+    {"name": "bvh-toolbox", "joints": sided(_BVH_TOOLBOX)},
+    {"name": "momask", "joints": sided(_HUMANOID | _MOMASK)},
+    {"name": "mixamo", "joints": sided(_HUMANOID | _MIXAMO)},
+    {"name": "iclone", "joints": sided(_ICLONE)},
+    {
+        "name": "cmu-a", "joints": sided(_CMU_A), "cmu_units": True,
+        "lost_bones": {
+            "Neck": ("Neck", "Spine1", 1.0),
+            "LeftShoulder": ("LeftShoulder", "Spine1", 1.0), "RightShoulder": ("RightShoulder", "Spine1", 1.0),
+            "LeftFingerBase": ("LeftHand", "LeftHand", 1.5), "RightFingerBase": ("RightHand", "RightHand", 1.5),
+        },
+    },
+    {
+        "name": "cmu-b", "joints": sided(_CMU_B), "cmu_units": True,
+        "lost_bones": {
+            "lowerneck": ("lowerneck", "Chest2", 1.0),
+            "LeftCollar": ("LeftCollar", "Chest2", 1.0), "RightCollar": ("RightCollar", "Chest2", 1.0),
+            "lhand": ("LeftWrist", "LeftWrist", 1.5), "rhand": ("RightWrist", "RightWrist", 1.5),
+        },
+    },
+)  # fmt: skip
+"""Arguments of `register_flavour`; those that come later are preferred when several fit equally well."""
+
+
+# --- a flavour as a YAML file, for skeletons whose joints are to be named by hand ---
+#
+# name: studio # left out, the file's name joints: # canonical joint: joint of the BVH file pelvis: Hips spine3: Chest
+# head: Head "*_hip": "{Side}Thigh" # left_hip: LeftThigh and right_hip: RightThigh "*_knee": "{Side}Shin" # {Side}
+# Left or Right, {side} left or right, {S} L or R, {s} l or r "*_ankle": "{Side}Foot" "*_foot": "{Side}Foot:end" # the
+# End Site below LeftFoot "*_shoulder": "{Side}Arm" "*_elbow": "{Side}ForeArm" "*_wrist": "{Side}Hand" spine2: [Spine,
+# Chest, 0.5] # half-way from Spine to Chest, turning with Spine cmu_units: false # whether such files may be in units
+# of 0.05644 m, as CMU's are
+#
+# Pelvis, head, hips, knees, ankles, shoulders, elbows and wrists are needed; spine1 to spine3, neck, collars, feet,
+# toes, hands and head_top may lack. `lost_bones` (joint whose zero offset betrays a lost bone: [joint to move, joint
+# whose offset is the model, factor]) is there for conversions such as that of the CMU database.
+
+
+FIELDS = ("name", "joints", "lost_bones", "cmu_units")
+
+FRACTIONS = -2.0, 3.0
+"""Points between and a little beyond two joints."""
+
+MOST_ROWS = 100
+
+
+def is_flavour_file(wanted: str) -> bool:
+    """Is this the name of a YAML file?"""
+    return wanted.lower().endswith((".yaml", ".yml"))
+
+
+def read_flavour(path: str | Path) -> Flavour:
+    """The flavour that a YAML file describes; an InputError of one sentence that names the file where it is wrong."""
+    example = "a mapping with joints (pelvis: Hips, left_hip: LeftUpLeg, ...)"
+    values = read_yaml(path, noun="flavour file", example=example)
+    try:
+        for key in values:
+            if key not in FIELDS:
+                raise unknown_name("key", key, FIELDS)
+        rows = values.get("joints")
+        if not isinstance(rows, Mapping) or not 0 < len(rows) <= MOST_ROWS:
+            raise InputError(f"joints must be a mapping of canonical joints to the file's, got {shown(rows)}")
+        joints = sided({_name("a canonical joint", key): _source(key, row) for key, row in rows.items()})
+        return Flavour(
+            name=text("name", values.get("name", Path(path).stem)), joints=joints,
+            lost_bones=_lost_bones(values.get("lost_bones", {})), cmu_units=flag("cmu_units", values.get("cmu_units", False)),
+        )  # fmt: skip
+    except InputError as error:
+        raise InputError(f"flavour file {path}: {error}") from None
+
+
+def _name(what: str, value: Any) -> str:
+    if not isinstance(value, str) or not value.strip():
+        raise InputError(
+            f"{what} must be a name, got {shown(value)}; put it in quotation marks if it looks like a number"
+        )
+    return value
+
+
+def _source(key: Any, value: Any) -> Source:
+    if not isinstance(value, (list, tuple)):
+        return _name(f"the joint for {shown(key)}", value)
+    if len(value) != 3:
+        raise InputError(f"the source of {shown(key)} must be a joint or [joint, joint, fraction], got {shown(value)}")
+    first, last = (_name(f"a joint for {shown(key)}", each) for each in value[:2])
+    return first, last, number(f"the fraction for {shown(key)}", value[2], *FRACTIONS)
+
+
+def _lost_bones(rows: Any) -> dict[str, tuple[str, str, float]]:
+    if not isinstance(rows, Mapping) or len(rows) > MOST_ROWS:
+        raise InputError(f"lost_bones must be a mapping of joints to [joint, joint, factor], got {shown(rows)}")
+    found = {}
+    for key, row in rows.items():
+        source = _source(key, row)
+        if isinstance(source, str):
+            raise InputError(f"the lost bone of {shown(key)} must be [joint, joint, factor], got {shown(row)}")
+        found[_name("a joint", key)] = source
+    return found
+
+
+# --- naming flavours: which joints of a file are the canonical ones ---
+#
+# A flavour is data: for each canonical joint either a source joint of the file, or `(a, b, fraction)`, a point that
+# far from source a to source b which turns with a. End sites are called `<parent>:end`. Canonical joints that a table
+# leaves out (spine2, spine3, collars) are put between their mapped neighbours on the canonical chain; the reader adds
+# feet.
+
 
 FILLABLE = frozenset(
     {"spine1", "spine2", "spine3", "neck", "left_collar", "right_collar", "left_foot", "right_foot", *OPTIONAL_JOINTS}
@@ -127,7 +311,6 @@ def chosen_flavour(
 ) -> tuple[Flavour, tuple[str, ...]]:
     """The flavour that the user wants, a registered name or a YAML file, and that of several spellings of the file's names which it
     fits; an InputError where it fits none."""
-    from t2d_rt.motion.flavour_files import is_flavour_file, read_flavour
 
     if wanted not in _flavours and not is_flavour_file(wanted):
         raise InputError(

@@ -18,8 +18,7 @@ import numpy as np
 
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion.check import Verdict, check_motion
-from t2d_rt.motion.check.limits import limits
-from t2d_rt.motion.check.population import BANDS_HZ, diversity, spectrum_difference_db
+from t2d_rt.motion.check.verdict import shipped_limits
 from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.descriptions.grammar import grammar_descriptions
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
@@ -27,6 +26,7 @@ from t2d_rt.motion.generate import motion_from_text
 from t2d_rt.motion.interpolate import trim
 from t2d_rt.types import Motion
 from validation.motions.limits import class_of, read
+from validation.motions.population import BANDS_HZ, diversity, spectrum_difference_db
 
 LEAST_S = 0.7
 """Shorter recordings are not compared."""
@@ -117,7 +117,7 @@ def compare(
             for low, high, each in zip(BANDS_HZ, BANDS_HZ[1:], difference, strict=False)
         )
         print(f"  spectrum over that of recordings [dB]{what}: {told}")
-    bounds = limits().by_class.get(activity, {})
+    bounds = shipped_limits().by_class.get(activity, {})
     of = {"made": verdicts, "main step alone": judged(alone), "recordings": judged(recorded)} if bounds else {}
     for name in ("foot_skate_m", "jerk_mps3", "floor_penetration_m") if bounds else ():
         values = {what: np.array([getattr(each.measures, name) for each in some]) for what, some in of.items()}
@@ -151,7 +151,7 @@ def main() -> None:
     parser.add_argument("--sheets", type=Path)
     options = parser.parse_args()
     warnings.simplefilter("ignore", T2DWarning)
-    left_out = limits().left_out
+    left_out = shipped_limits().left_out
     recordings = {
         name: each
         for name, each in read(options.recordings).items()

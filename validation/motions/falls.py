@@ -24,11 +24,10 @@ import numpy as np
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion, resample, trim
 from t2d_rt.motion.check import detect_fall
-from t2d_rt.motion.check.support import contacts
-from t2d_rt.motion.check.tracks import tracks
+from t2d_rt.motion.check.measures import contacts, tracks
 from t2d_rt.motion.generate import motion_from_text
 from t2d_rt.motion.generate.falls import Fall, FallPlan, simulate_fall
-from t2d_rt.motion.posture import facing
+from t2d_rt.motion.kinematics import facing
 from t2d_rt.types.motion import Motion
 
 TYPES = ("slip", "trip", "collapse")

@@ -20,10 +20,8 @@ import numpy as np
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion, resample
 from t2d_rt.motion.check.gait import gait_of
-from t2d_rt.motion.check.limits import AT_MOST, FILE, GAIT_SIGNS, Limits, limits_from
-from t2d_rt.motion.check.measures import Measures, jump_m, measures_of
-from t2d_rt.motion.check.tracks import tracks
-from t2d_rt.motion.check.verdict import judged
+from t2d_rt.motion.check.measures import Measures, jump_m, measures_of, tracks
+from t2d_rt.motion.check.verdict import AT_MOST, FILE, GAIT_SIGNS, Limits, judged, limits_from
 from t2d_rt.types.motion import Motion
 
 RATES_HZ = 10.0, 15.0, 20.0, 30.0, 60.0

@@ -25,7 +25,7 @@ from t2d_rt.motion.contacts import runs, soles
 from t2d_rt.motion.descriptions.slots import Activity, Step
 from t2d_rt.motion.generate.library.individual import individual
 from t2d_rt.motion.generate.made import Made, make
-from t2d_rt.motion.generate.made.anatomy import Anatomy
+from t2d_rt.motion.generate.made.hands import Anatomy
 from t2d_rt.motion.kinematics import INDEX, motion_of, poses_of
 from t2d_rt.motion.read import load_motion
 from t2d_rt.types.motion import Motion

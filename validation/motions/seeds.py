@@ -16,12 +16,12 @@ import numpy as np
 
 from t2d_rt.core.errors import T2DWarning
 from t2d_rt.motion.check import check_motion
-from t2d_rt.motion.check.limits import limits
-from t2d_rt.motion.check.population import diversity
+from t2d_rt.motion.check.verdict import shipped_limits
 from t2d_rt.motion.descriptions.slots import Activity
 from t2d_rt.motion.generate import motion_from_text
 from validation.motions.classes import LEAST_S
 from validation.motions.limits import class_of, read
+from validation.motions.population import diversity
 
 SENTENCES: Mapping[Activity, str] = {
     "walking": "a person walks", "running": "a person runs", "jumping": "a person jumps", "dancing": "a person dances",
@@ -36,7 +36,7 @@ def main() -> None:
     parser.add_argument("--class", dest="only", choices=[*SENTENCES])
     options = parser.parse_args()
     warnings.simplefilter("ignore", T2DWarning)
-    left_out = limits().left_out
+    left_out = shipped_limits().left_out
     recordings = [
         (class_of(name), each)
         for name, each in read(options.recordings).items()

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from t2d_rt.geometry.vectors import unit
-from t2d_rt.motion.check.tracks import (
+from t2d_rt.motion.check.measures import (
     GRAVITY_MPS2,
     HEAD_STANDING,
     HIPS_STANDING,

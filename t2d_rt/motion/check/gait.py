@@ -1,13 +1,21 @@
-"""Steps of a walk or run from the distance of the ankles along the direction that the body faces, and what they are like."""
+"""Cycles of a gait, and what steps and flights tell of a file's frame rate."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
-from t2d_rt.geometry.vectors import unit
-from t2d_rt.motion.check.tracks import RATE_HZ, Tracks, rate_of, spans
+from t2d_rt.geometry.vectors import inner, unit
+from t2d_rt.motion.check.measures import GRAVITY_MPS2, RATE_HZ, Tracks, clearance, rate_of, spans
+from t2d_rt.motion.kinematics import stature_m
+from t2d_rt.types.motion import Motion
+
+# --- steps of a walk or run from the distance of the ankles along the direction that the body faces, and what they
+# are like ---
+
 
 HEADING_S = 1.0
 """Time over which the direction that the body faces is averaged: the pelvis turns with each step."""
@@ -159,3 +167,135 @@ def _trend(times: np.ndarray) -> float:
         return np.nan
     first, last = float(np.mean(times[:third])), float(np.mean(times[-third:]))
     return (last - first) / first
+
+
+# --- whether a motion's frame rate agrees with gravity: how fast a body falls in flight, how fast who takes such
+# steps walks ---
+#
+# Flights and steps are found by places and frames alone, so that a wrong rate leaves them as they are and shows in
+# their figure. What was measured on 144 recordings, dances, jumps and walks of many styles at 16 to 120 Hz: 0.93 to
+# 1.2 g in flight (single jumps of a dancer 1.5), and walks at 0.68 to 1.3 times the speed that goes with the length
+# of their steps.
+
+
+USUAL_HZ = (10, 12, 12.5, 15, 20, 24, 25, 30, 50, 60, 75, 90, 100, 120, 150, 200, 240, 250, 300, 480)
+
+OFF_FLOOR = 0.03
+"""Height of the lowest point over stature from which a body is in flight."""
+
+FEWEST_FRAMES = 6
+LEAST_RISE_M = 0.02
+LARGEST_MISFIT = 0.12
+"""Of a flight: frames, how far the parabola bends over them, and the deviation from it over that bend."""
+
+HIGH_G = 1.6
+"""Acceleration in g from which a rate is too high: a quarter of the flights at most may have less."""
+
+LOW_G, HIGH_RISE_M, SMALLEST_MISFIT = 0.45, 0.05, 0.03
+"""That of all flights below which a rate is too low; only high ones that are parabolas count: partners lift, swings carry."""
+
+LEAST_STEP_OF_LEG, FEWEST_STEPS = 0.5, 3
+"""Of a walk's steps, the first over the length of the leg: shorter ones are taken at any pace."""
+
+UNEVEN, SLIDES, STRIDES = 0.15, 0.1, (0.6, 1.5)
+"""Greatest standard deviation of the steps' times over their mean, greatest slide of the planted foot over stature, and how far the
+hips go in a step over its length: what differs is no steady walk."""
+
+SWING = 0.35
+"""Least part of a step that the centre of mass goes while the other foot is in the air. Who truly walks in slow motion shifts his
+weight while both feet stand, for on one foot he would fall."""
+
+SLOW, FAST = 0.55, 1.65
+"""Speed of a walk over the one that goes with its steps, from which the rate is too low or too high."""
+
+
+@dataclass(frozen=True, slots=True)
+class Walk:
+    """Steady steps, medians."""
+
+    length_m: float
+    time_s: float
+    pace: float
+    """Speed over that which goes with steps of that length."""
+
+
+def rate_doubt(motion: Motion) -> str | None:
+    """A sentence that says by how much a motion's rate is too high or too low, and which one fits; None where nothing tells."""
+    points = {name: motion.joints[:, place] for place, name in enumerate(motion.names)}
+    body = Tracks(names=motion.names, joints=motion.joints, stature_m=max(stature_m(points), 1e-3))
+    rate_hz = motion.rate_hz
+    fall_g = falls_g(body, rate_hz)
+    if fall_g is not None:
+        found = f"in flight the body accelerates at {GRAVITY_MPS2 * fall_g:.1f} m/s^2, {fall_g:.1f} g"
+        return _told(found, rate_hz, math.sqrt(fall_g))
+    walk = walk_of(body, rate_hz)
+    if walk is None or SLOW <= walk.pace <= FAST:
+        return None
+    speed = walk.length_m / walk.time_s
+    found = (
+        f"it walks at {speed:.2f} m/s with steps of {walk.length_m:.2f} m, a step each {walk.time_s:.2f} s, which go with "
+        f"{speed / walk.pace:.2f} m/s"
+    )
+    return _told(found, rate_hz, walk.pace)
+
+
+def _told(found: str, rate_hz: float, factor: float) -> str:
+    fits = min(USUAL_HZ, key=lambda usual: abs(math.log(usual * factor / rate_hz)))
+    wrong = f"high by {factor:.2f}" if factor > 1 else f"low by {1 / factor:.2f}"
+    return f"{found}: the rate of {rate_hz:g} Hz is too {wrong}, {fits:g} Hz would fit"
+
+
+def falls_g(body: Tracks, rate_hz: float) -> float | None:
+    """Downward acceleration in flight [g] where it cannot be that of a fall; joints of `body` are at `rate_hz`."""
+    height, high, low = body.centre_of_mass[:, 2], [], []
+    for start, stop in spans(clearance(body).min(axis=1) > OFF_FLOOR * body.stature_m, least=FEWEST_FRAMES):
+        flight = height[start + 1 : stop - 1]  # a foot may still push or already land in the outer frames
+        time = np.arange(len(flight)) / rate_hz
+        fit = np.polynomial.Polynomial.fit(time, flight, 2)
+        falling = -float(fit.deriv(2)(0.0))
+        rise_m, misfit_m = falling * time[-1] ** 2 / 8, float(np.std(flight - fit(time)))
+        if rise_m > LEAST_RISE_M and misfit_m < LARGEST_MISFIT * rise_m:
+            high.append(falling / GRAVITY_MPS2)
+        if rise_m > HIGH_RISE_M and misfit_m < SMALLEST_MISFIT * rise_m:
+            low.append(falling / GRAVITY_MPS2)
+    if high and np.percentile(high, 25) > HIGH_G:
+        return float(np.median(high))
+    return float(np.median(low)) if low and max(low) < LOW_G else None
+
+
+def walk_of(body: Tracks, rate_hz: float) -> Walk | None:
+    """Steady long steps on planted feet, if there are any; joints of `body` are at `rate_hz`.
+
+    A step of length l by a leg h goes with the speed v at which 2 l / h = 2.3 (v^2 / g h)^0.3 (Alexander 1976); the recorded walks
+    have 0.78 of it.
+    """
+    hips, leg_m = body["hips"][:, :2], body.leg_m
+    apart = inner(body["left_ankle"] - body["right_ankle"], body.facing)
+    peaks = alternations(apart / body.stature_m, 0.15).tolist()
+    steps = []
+    for start, stop in pairwise(peaks):
+        length = 0.5 * float(abs(apart[start]) + abs(apart[stop]))
+        gone = float(np.linalg.norm(hips[stop] - hips[start]))
+        if apart[start] * apart[stop] < 0 and STRIDES[0] < gone / length < STRIDES[1]:
+            stands, swings = ("right", "left") if apart[stop] > 0 else ("left", "right")
+            slide, swung = _support(body, slice(start, stop + 1), stands, swings)
+            steps.append((length, (stop - start) / rate_hz, slide / body.stature_m, swung / gone))
+    if len(steps) < FEWEST_STEPS:
+        return None
+    length, time_s, slide, swung = np.median(steps, axis=0).tolist()
+    times = np.array(steps)[:, 1]
+    if length < LEAST_STEP_OF_LEG * leg_m or times.std() > UNEVEN * times.mean() or slide > SLIDES or swung < SWING:
+        return None
+    usual_mps = 0.78 * math.sqrt(GRAVITY_MPS2 * leg_m * (2 * length / leg_m / 2.3) ** (1 / 0.3))
+    return Walk(length, time_s, length / time_s / usual_mps)
+
+
+def _support(body: Tracks, step: slice, stands: str, swings: str) -> tuple[float, float]:
+    """How far the planted foot moves in the middle of a step, and the centre of mass while the other foot is in the air [m]."""
+    foot, other = (0.5 * (body[f"{side}_ankle"] + body[f"{side}_foot"])[step, :2] for side in (stands, swings))
+    frames = len(foot)
+    middle = foot[int(0.15 * frames) : frames - int(0.15 * frames)]
+    moved = np.linalg.norm(other - other[0], axis=-1) / max(float(np.linalg.norm(other[-1] - other[0])), 1e-9)
+    first, last = int((moved > 0.05).argmax()), frames - 1 - int((moved < 0.95)[::-1].argmax())
+    centre = body.centre_of_mass[step, :2]
+    return float(np.ptp(middle, axis=0).max()), float(np.linalg.norm(centre[last] - centre[first]))

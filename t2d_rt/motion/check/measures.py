@@ -1,15 +1,477 @@
-"""What can be measured of a motion that tells a sound one from a broken one."""
+"""What is measured of a motion before it is judged: tracks of joints, support by the feet, joint angles, smoothness."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from t2d_rt.motion.check.anatomy import joint_angles, mirrored, self_penetration_m, upside_down_fraction
-from t2d_rt.motion.check.support import contacts, floating_s, floor_offset_m, penetration_m, sliding_s
-from t2d_rt.motion.check.tracks import Tracks, rate_of, tracks
+from t2d_rt.geometry.vectors import unit
+from t2d_rt.motion import kinematics
+from t2d_rt.motion.contacts import runs
+from t2d_rt.motion.interpolate import low_pass
 from t2d_rt.types.motion import Motion, checked_motion
+
+# --- a motion as the checks see it: at one rate, in one band, with the body's own lengths to compare with ---
+
+
+RATE_HZ = 60.0
+"""Rate at which speeds and accelerations are taken, whatever the motion's own: figures of 10 and of 240 frames per second
+compare."""
+
+CUTOFF_HZ = 10.0
+"""Human movement lies below it but for impacts (Winter, Biomechanics, 2.2); slight noise of the positions does not."""
+
+HEAD_STANDING, HIPS_STANDING = 0.89, 0.52
+"""Heights of the head's joint and of the middle of the hips of a person who stands, over stature: medians of 100 recorded
+walks."""
+
+GRAVITY_MPS2 = 9.81
+
+SEGMENT_MASSES: tuple[tuple[str, str, float, float], ...] = (
+    ("hips", "shoulders", 0.497, 0.50), ("neck", "head", 0.081, 1.00),
+    *((f"{side}_{upper}", f"{side}_{lower}", mass, along) for side in ("left", "right") for upper, lower, mass, along in (
+        ("shoulder", "elbow", 0.028, 0.436), ("elbow", "wrist", 0.022, 0.682), ("hip", "knee", 0.100, 0.433),
+        ("knee", "ankle", 0.0465, 0.433), ("ankle", "foot", 0.0145, 0.50),
+    )),
+)  # fmt: skip
+"""Segments, their fraction of the body's mass and where on them their centre lies (Winter, Biomechanics, table 4.1)."""
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Joints of one motion at `RATE_HZ`, below `CUTOFF_HZ`."""
+
+    names: tuple[str, ...]
+    joints: np.ndarray
+    """Positions [m], (T, J, 3)."""
+    stature_m: float
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Track (T, 3) [m] of a joint, or of the middle of a pair: hips, shoulders, knees, ankles, feet."""
+        if name in self.names:
+            return self.joints[:, self.names.index(name)]
+        pair = {"hips": "hip", "shoulders": "shoulder", "knees": "knee", "ankles": "ankle", "feet": "foot"}[name]
+        return 0.5 * (self[f"left_{pair}"] + self[f"right_{pair}"])
+
+    @property
+    def times_s(self) -> np.ndarray:
+        """Instants [s], (T,)."""
+        return np.arange(len(self.joints)) / RATE_HZ
+
+    @cached_property
+    def velocity(self) -> np.ndarray:
+        """Of every joint [m/s], (T, J, 3)."""
+        return rate_of(self.joints)
+
+    @cached_property
+    def centre_of_mass(self) -> np.ndarray:
+        """Of the body [m], (T, 3)."""
+        return sum(mass * ((1 - along) * self[a] + along * self[b]) for a, b, mass, along in SEGMENT_MASSES)  # type: ignore[return-value]
+
+    @cached_property
+    def facing(self) -> np.ndarray:
+        """Horizontal unit vectors that hips and shoulders face, (T, 3)."""
+        return kinematics.facing(
+            {name: self[name] for name in ("left_hip", "right_hip", "left_shoulder", "right_shoulder")}
+        )
+
+    @cached_property
+    def trunk(self) -> np.ndarray:
+        """Unit vectors from the hips to the shoulders, (T, 3)."""
+        return unit(self["shoulders"] - self["hips"])
+
+    @cached_property
+    def leg_m(self) -> float:
+        """Length of thigh and shank [m]."""
+        return kinematics.leg_m({name: self.joints[:, place] for place, name in enumerate(self.names)})
+
+
+def tracks(motion: Motion) -> Tracks:
+    """The motion's joints below `CUTOFF_HZ` at `RATE_HZ`: a cubic spline where its own rate is another."""
+    joints = motion.joints
+    if motion.rate_hz > 3 * CUTOFF_HZ and len(joints) > 3:
+        joints = low_pass(joints, CUTOFF_HZ, motion.rate_hz)
+    if motion.rate_hz != RATE_HZ:
+        from scipy.interpolate import make_interp_spline
+
+        count = max(2, int(motion.duration_s * RATE_HZ + 1e-9) + 1)
+        instants = np.minimum(np.arange(count) / RATE_HZ, motion.duration_s)
+        flat = joints.reshape(len(joints), -1)
+        spline = make_interp_spline(motion.times_s, flat, k=min(3, len(flat) - 1))
+        joints = spline(instants).reshape(count, *joints.shape[1:])
+    points = {name: joints[:, index] for index, name in enumerate(motion.names)}
+    return Tracks(names=motion.names, joints=joints, stature_m=max(kinematics.stature_m(points), 1e-3))
+
+
+def rate_of(values: np.ndarray) -> np.ndarray:
+    """Derivative in time along axis 0 of what is given at `RATE_HZ`, by central differences."""
+    return np.gradient(values, 1 / RATE_HZ, axis=0)
+
+
+def angle_deg(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Angle between vectors (..., 3) [degrees]."""
+    return np.degrees(np.arccos(np.clip(np.sum(unit(first) * unit(second), axis=-1), -1, 1)))
+
+
+def spans(active: np.ndarray, *, gap: int = 0, least: int = 1) -> list[tuple[int, int]]:
+    """Runs of True in (T,) as (start, stop), those closer than `gap` frames joined, then those shorter than `least` left out."""
+    found: list[tuple[int, int]] = []
+    for start, stop in runs(active):
+        if found and start - found[-1][1] < gap:
+            found[-1] = found[-1][0], stop
+        else:
+            found.append((start, stop))
+    return [(start, stop) for start, stop in found if stop - start >= least]
+
+
+# --- what carries the body: feet that are planted and how far they slide, the floor and how deep the body sinks into
+# it, flight ---
+
+
+FOOT_POINTS = "ankle", "foot", "toe"
+
+RADII = {
+    "pelvis": 0.03, "hip": 0.03, "spine1": 0.015, "spine2": 0.015, "spine3": 0.015, "collar": 0.015, "shoulder": 0.015,
+    "neck": 0.015, "head": 0.025, "knee": 0.012, "elbow": 0.005, "wrist": 0.003, "hand": 0.0, "head_top": 0.0, "ankle": 0.0,
+    "foot": 0.0, "toe": 0.0,
+}  # fmt: skip
+"""Distance of a joint from the skin over stature, less 2 to 3 cm by which files place joints differently: a joint nearer to the
+floor has the body in the floor. Ankles, balls and toes stand where the file has them: readers put the floor under the lowest."""
+
+PLANTED_MPS = 0.45
+"""A foot whose slowest point is slower is planted; in swing none of its points is."""
+
+NEAR = 0.035
+"""Height over stature above the lowest foot, each point from its own lowest level, up to which a foot shares in carrying the
+body."""
+
+LEAST_CONTACT_S, EDGE = 0.12, 0.2
+"""Shortest contact that counts, and the fraction left out at both its ends: a foot that lands or leaves moves."""
+
+AIRBORNE = 0.035
+"""Height of the lowest point over stature from which the body is off the floor."""
+
+ON_FLOOR = 0.15
+"""Height of the hips over stature of one who sits or lies on the floor; in the deepest squat they are at 0.17."""
+
+SEATED_THIGH, SEATED_SPEED_MPS = 0.6, 0.25
+"""Greatest drop of the knee below the hip, over the thigh's length, of one who sits, and how slowly the hips move."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """One foot on the ground."""
+
+    side: str
+    start: int
+    stop: int
+    """Frames at `RATE_HZ`, the last not included."""
+    place: np.ndarray
+    """Of the foot's ball (3,) [m], median."""
+    skate_m: float
+    """Extent of the track of ankle, ball or toe, that of them that rests best, over the middle 60 % of the contact."""
+
+
+@dataclass(frozen=True, slots=True)
+class Feet:
+    """Points of both feet, (T, P, ...)."""
+
+    sides: tuple[str, ...]
+    """Of each point."""
+    heights: np.ndarray
+    """Above each point's own lowest level [m], (T, P)."""
+    velocity: np.ndarray
+    """[m/s], (T, P, 3)."""
+
+
+def feet_of(body: Tracks) -> Feet:
+    """Ankles, balls and, where known, toes."""
+    points = [(name.split("_")[0], name) for name in feet_names(body)]
+    index = [body.names.index(name) for _, name in points]
+    heights = body.joints[:, index, 2]
+    # A foot of the other side has the same build: a foot that never comes down has its level from there.
+    level = np.percentile(heights, 5, axis=0)
+    lowest = {name.split("_")[1]: np.inf for _, name in points}
+    for (_, name), value in zip(points, level, strict=True):
+        lowest[name.split("_")[1]] = min(lowest[name.split("_")[1]], value)
+    level = np.minimum(level, [lowest[name.split("_")[1]] + 0.02 * body.stature_m for _, name in points])
+    return Feet(
+        tuple(side for side, _ in points), heights - level, body.velocity[:, index]
+    )  # fmt: skip
+
+
+def airborne(body: Tracks) -> np.ndarray:
+    """Where no part of the body is at the floor, no foot is planted at any height and nobody sits, (T,)."""
+    lowest = clearance(body).min(axis=1)
+    feet = feet_of(body)
+    slow = np.linalg.norm(feet.velocity, axis=-1) < PLANTED_MPS
+    # Planted on a step: slow for a while. At the top of a jump the feet are slow for 0.1 s at most.
+    planted = np.zeros(len(lowest), bool)
+    for point in range(slow.shape[1]):
+        for start, stop in spans(slow[:, point], least=round(0.15 * RATE_HZ)):
+            planted[start:stop] = True
+    return (lowest > AIRBORNE * body.stature_m) & ~planted & ~seated(body)
+
+
+def seated(body: Tracks) -> np.ndarray:
+    """Where thighs are level or higher and the hips slow: something else than the feet carries the body, (T,)."""
+    drop = (body["hips"] - body["knees"])[:, 2] / (0.5 * body.leg_m)
+    speed = np.linalg.norm(rate_of(body["hips"]), axis=-1)
+    return (drop < SEATED_THIGH) & (speed < SEATED_SPEED_MPS)
+
+
+def clearance(body: Tracks) -> np.ndarray:
+    """Height of the skin at each joint over the floor [m], (T, J)."""
+    radii = [RADII[name.removeprefix("left_").removeprefix("right_")] for name in body.names]
+    return body.joints[..., 2] - np.array(radii) * body.stature_m
+
+
+def penetration_m(body: Tracks) -> float:
+    """Deepest that the body sinks into the floor for two frames or more [m]."""
+    depth = -clearance(body).min(axis=1)
+    return max(0.0, float(np.minimum(depth[1:], depth[:-1]).max()))
+
+
+def floor_offset_m(contacts: list[Contact]) -> float:
+    """Height of the lowest planted foot over the floor [m]; 0 where none is planted."""
+    return min((float(each.place[2]) for each in contacts), default=0.0)
+
+
+def floating_s(body: Tracks) -> float:
+    """Longest excess of a flight over what its own rise and fall allow [s].
+
+    A body that rises by u to the top of its flight and falls by d from there flies for sqrt(2 u / g) + sqrt(2 d / g).
+    """
+    return _excess_s(body, airborne(body))
+
+
+def flights_s(body: Tracks) -> list[tuple[float, float, float]]:
+    """Flights of 0.05 s or more: start [s], duration [s], rise of the centre of mass from take-off [m]."""
+    height = body.centre_of_mass[:, 2]
+    return [
+        (start / RATE_HZ, (stop - start) / RATE_HZ, float(height[start:stop].max() - height[start]))
+        for start, stop in spans(airborne(body), gap=2, least=3)
+    ]
+
+
+def contacts(body: Tracks) -> list[Contact]:
+    """Times at which a foot is planted, in order of their begin."""
+    feet = feet_of(body)
+    lowest = feet.heights.min(axis=1)
+    # The feet of one who sits or lies carry little and may be drawn over the floor.
+    free = ~airborne(body) & ~seated(body) & (body["hips"][:, 2] > ON_FLOOR * body.stature_m)
+    found = []
+    for side in ("left", "right"):
+        own = [point for point, each in enumerate(feet.sides) if each == side]
+        speed = np.linalg.norm(feet.velocity[:, own], axis=-1)
+        carrying = feet.heights[:, own].min(axis=1) - lowest < NEAR * body.stature_m
+        active = (speed.min(axis=1) < PLANTED_MPS) & carrying & free
+        for start, stop in spans(active, gap=3, least=round(LEAST_CONTACT_S * RATE_HZ)):
+            found.append(_contact(body, side, start, stop))
+    return sorted(found, key=lambda each: each.start)
+
+
+def _contact(body: Tracks, side: str, start: int, stop: int) -> Contact:
+    edge = round(EDGE * (stop - start))
+    middle = slice(start + edge, stop - edge)
+    names = [name for name in feet_names(body) if name.startswith(side)]
+    # A foot rolls: while its ankle passes over, its ball rests, or its toe does.
+    skate = [_extent_m(body[name][middle, :2]) for name in names]
+    place = np.median(body[f"{side}_foot"][middle], axis=0)
+    level = float(np.median(np.min([body[name][middle, 2] for name in names], axis=0)))
+    return Contact(side, start, stop, np.array([place[0], place[1], level]), min(skate))
+
+
+def _extent_m(track: np.ndarray) -> float:
+    """Twice the greatest distance from the middle of what a track (T, 2) covers."""
+    middle = 0.5 * (track.min(axis=0) + track.max(axis=0))
+    return 2 * float(np.linalg.norm(track - middle, axis=-1).max())
+
+
+def feet_names(body: Tracks) -> list[str]:
+    """Ankles, balls and, where known, toes."""
+    names = [f"{side}_{point}" for side in ("left", "right") for point in FOOT_POINTS]
+    return [name for name in names if name in body.names]
+
+
+def sliding_s(body: Tracks) -> float:
+    """Longest time in which nothing that could carry the body rests, beyond what its flight allows [s].
+
+    It tells feet that slide over the floor, and bodies that are carried by nothing.
+    """
+    speed = np.linalg.norm(body.velocity, axis=-1)
+    near = clearance(body) < NEAR * body.stature_m
+    near[:, [body.names.index(name) for name in feet_names(body)]] = True
+    resting = (near & (speed < PLANTED_MPS)).any(axis=1) | seated(body)
+    return _excess_s(body, ~resting)
+
+
+def _excess_s(body: Tracks, free: np.ndarray) -> float:
+    """Longest excess of the spans in which the body is free over a flight with the same rise and fall [s]."""
+    height = body.centre_of_mass[:, 2]
+    excess = 0.0
+    for start, stop in spans(free, gap=2, least=3):
+        first, last = max(start - 1, 0), min(stop, len(height) - 1)
+        top = height[first : last + 1].max()
+        allowed = sum(np.sqrt(2 * (top - height[end]) / GRAVITY_MPS2) for end in (first, last))
+        excess = max(excess, (last - first) / RATE_HZ - float(allowed))
+    return excess
+
+
+# --- whether a body could take its postures: ranges of joints, parts that go through one another, sides that are
+# swapped ---
+#
+# Angles come from positions alone: a file's rotations have a zero of its own. So which way an elbow bends cannot be
+# told, and how an arm or a leg is turned about its own axis neither.
+
+
+SIDES = "left", "right"
+
+RANGES_DEG: dict[str, tuple[float, str]] = {
+    "knee_flexion_deg": (165.0, "a knee bends to 140 by itself and to 165 under the body's weight"),
+    "knee_hyperextension_deg": (20.0, "a knee extends beyond straight by 5 to 15"),
+    "elbow_flexion_deg": (160.0, "an elbow bends to 150"),
+    "hip_flexion_deg": (175.0, "a hip bends to 120, and the lumbar spine adds 50"),
+    "hip_extension_deg": (
+        105.0,
+        "a hip extends by 30, the lumbar spine adds 35, and a dancer's leg is raised behind to level",
+    ),
+    "hip_abduction_deg": (100.0, "a leg is raised sideways by 50, a dancer's by 90"),
+    "shoulder_extension_deg": (100.0, "an arm reaches backward by 60 beside the trunk"),
+    "neck_deg": (95.0, "head and neck bend by 65 to 80 against the trunk"),
+    "trunk_twist_deg": (95.0, "the spine turns by 45, in throws by 80 with the shoulder blades"),
+    "trunk_bend_deg": (120.0, "the spine bends forward by 110"),
+}
+"""Greatest angles of healthy adults [degrees], with what joint centres, which files place differently, add (about 15);
+Kapandji, The Physiology of the Joints, and the norms of the American Academy of Orthopaedic Surgeons (1965); dancers by Reid
+(1988)."""
+
+INVERTED = 0.15
+"""Height over stature by which the head is below and the ankles are above the hips of a body upside down."""
+
+TRUNK_RADIUS, HEAD_RADIUS, THIGH_RADIUS, SHANK_RADIUS, ARM_RADIUS, FOREARM_RADIUS, FOOT_RADIUS = (
+    0.052, 0.042, 0.040, 0.024, 0.022, 0.018, 0.016,
+)  # fmt: skip
+"""Radii over stature of capsules within the limbs of a slim adult: those of the adult template, less a tenth."""
+
+
+def joint_angles(body: Tracks) -> dict[str, np.ndarray]:
+    """Angles of the joints in time [degrees], (T,), of both sides the greater; names as in `RANGES_DEG`."""
+    found: dict[str, list[np.ndarray]] = {}
+    trunk = body.trunk
+    across = unit(body["left_hip"] - body["right_hip"])
+    ahead = unit(np.cross(across, trunk))
+    shoulders = unit(body["left_shoulder"] - body["right_shoulder"])
+    chest = unit(np.cross(shoulders, trunk))
+    for side, out in zip(SIDES, (across, -across), strict=True):
+        thigh, shank = (body[f"{side}_{b}"] - body[f"{side}_{a}"] for a, b in (("hip", "knee"), ("knee", "ankle")))
+        upper, fore = (
+            body[f"{side}_{b}"] - body[f"{side}_{a}"] for a, b in (("shoulder", "elbow"), ("elbow", "wrist"))
+        )
+        bend = angle_deg(thigh, shank)
+        # Knee and ankle turn about axes of about one direction, that of the hips' line; a knee that bends forward has its own the
+        # other way round. Both must say so: a hip turns its leg, and some files have feet that follow no ankle.
+        foot, hinge = body[f"{side}_foot"] - body[f"{side}_ankle"], unit(np.cross(thigh, shank))
+        wrong = (np.sum(hinge * unit(np.cross(shank, foot)), axis=-1) > 0.5) & (np.sum(hinge * across, axis=-1) < -0.5)
+        found.setdefault("knee_flexion_deg", []).append(bend)
+        found.setdefault("knee_hyperextension_deg", []).append(np.where(wrong, bend, 0.0))
+        found.setdefault("elbow_flexion_deg", []).append(angle_deg(upper, fore))
+        forward, sideward, downward = (np.sum(unit(thigh) * axis, axis=-1) for axis in (ahead, out, -trunk))
+        sagittal = np.degrees(np.arctan2(forward, downward))
+        # Near the hip line the sagittal angle means nothing.
+        sagittal = np.where(np.hypot(forward, downward) > 0.3, sagittal, 0.0)
+        # A thigh at the chest of one who bends deeply turns over 180 degrees; behind the back it never is.
+        sagittal = np.where(sagittal < -130, sagittal + 360, sagittal)
+        found.setdefault("hip_flexion_deg", []).append(sagittal)
+        found.setdefault("hip_extension_deg", []).append(-sagittal)
+        found.setdefault("hip_abduction_deg", []).append(np.degrees(np.arcsin(np.clip(sideward, -1, 1))))
+        back, aside, down = (np.sum(unit(upper) * axis, axis=-1) for axis in (-chest, shoulders, -trunk))
+        behind = (
+            (down > -0.5) & (back > 0.3) & (np.abs(aside) < 0.5)
+        )  # an arm that is raised sideward goes farther back
+        found.setdefault("shoulder_extension_deg", []).append(np.where(behind, np.degrees(np.arctan2(back, down)), 0.0))
+    angles = {name: np.max(both, axis=0) for name, both in found.items()}
+    angles["neck_deg"] = angle_deg(body["head"] - body["neck"], trunk)
+    flat = [each - np.sum(each * trunk, axis=-1, keepdims=True) * trunk for each in (across, shoulders)]
+    angles["trunk_twist_deg"] = angle_deg(*flat)
+    angles["trunk_bend_deg"] = angle_deg(body["spine1"] - body["hips"], body["shoulders"] - body["spine2"])
+    return angles
+
+
+def mirrored(body: Tracks) -> bool:
+    """Whether left and right are swapped: the feet point to where the back is."""
+    feet = sum(np.sum((body[f"{side}_foot"] - body[f"{side}_ankle"]) * body.facing, axis=-1) for side in SIDES)
+    upright = body.trunk[:, 2] > 0.5
+    return bool(upright.any() and np.median(np.asarray(feet)[upright]) < 0)
+
+
+def upside_down_fraction(body: Tracks) -> float:
+    """Fraction of the time with the head well below the hips and both ankles well above them; lying bodies are level."""
+    head, hips = body["head"][:, 2], body["hips"][:, 2]
+    ankles = np.minimum(body["left_ankle"][:, 2], body["right_ankle"][:, 2])
+    apart = INVERTED * body.stature_m
+    return float(((head < hips - apart) & (ankles > hips + apart)).mean())
+
+
+def self_penetration_m(body: Tracks) -> np.ndarray:
+    """How deep limbs go into the trunk, the head or one another [m], (T,): capsules along the bones."""
+    parts, pairs = _capsules(body)
+    depth = np.zeros(len(body.joints))
+    for one, other in pairs:
+        (a, b, r), (c, d, s) = parts[one], parts[other]
+        depth = np.maximum(depth, (r + s) * body.stature_m - _distance(a, b, c, d))
+    return depth
+
+
+Capsule = tuple[np.ndarray, np.ndarray, float]
+
+
+def _capsules(body: Tracks) -> tuple[dict[str, Capsule], list[tuple[str, str]]]:
+    """Ends (T, 3) and radii over stature by name, and the pairs that are apart in any posture that a body can take."""
+
+    def along(a: np.ndarray, b: np.ndarray, start: float, stop: float) -> tuple[np.ndarray, np.ndarray]:
+        return a + start * (b - a), a + stop * (b - a)
+
+    parts: dict[str, Capsule] = {
+        "trunk": (*along(body["hips"], body["shoulders"], 0.1, 0.85), TRUNK_RADIUS),
+        "head": (body["head"], body["head"] + 0.3 * (body["head"] - body["neck"]), HEAD_RADIUS),
+    }
+    pairs: list[tuple[str, str]] = []
+    for side in SIDES:
+        hip, knee, ankle, foot = (body[f"{side}_{name}"] for name in ("hip", "knee", "ankle", "foot"))
+        shoulder, elbow, wrist = (body[f"{side}_{name}"] for name in ("shoulder", "elbow", "wrist"))
+        # Near the hip and the shoulder flesh is shared; there the capsules begin later.
+        parts[f"{side}_thigh"] = (*along(hip, knee, 0.45, 0.95), THIGH_RADIUS)
+        parts[f"{side}_shank"] = (*along(knee, ankle, 0.1, 1.0), SHANK_RADIUS)
+        parts[f"{side}_foot"] = (ankle, foot, FOOT_RADIUS)
+        parts[f"{side}_arm"] = (*along(shoulder, elbow, 0.6, 1.0), ARM_RADIUS)
+        parts[f"{side}_forearm"] = (*along(elbow, wrist, 0.15, 1.15), FOREARM_RADIUS)
+        pairs += [(f"{side}_{part}", "trunk") for part in ("arm", "forearm", "shank")]
+        pairs += [(f"{side}_forearm", "head"), (f"{side}_shank", "head"), (f"{side}_thigh", "head")]
+        pairs += [(f"{side}_forearm", f"{other}_{part}") for other in SIDES for part in ("thigh", "shank")]
+    pairs += [(f"left_{part}", f"right_{other}") for part in ("thigh", "shank") for other in ("thigh", "shank")]
+    pairs += [(f"{a}_foot", f"{b}_shank") for a, b in (SIDES, SIDES[::-1])]
+    return parts, [*pairs, ("left_foot", "right_foot"), ("left_forearm", "right_forearm")]
+
+
+def _distance(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Distance of the segments a-b and c-d, ends (T, 3): (T,) (Ericson, Real-Time Collision Detection, 5.1.9)."""
+    one, other, between = b - a, d - c, a - c
+    dot = np.einsum
+    aa, ee, bb = (dot("ti,ti->t", x, y) for x, y in ((one, one), (other, other), (one, other)))
+    cc, ff = (dot("ti,ti->t", x, between) for x in (one, other))
+    aa, ee = np.maximum(aa, 1e-12), np.maximum(ee, 1e-12)
+    parallel = aa * ee - bb * bb
+    s = np.where(parallel > 1e-12, np.clip((bb * ff - cc * ee) / np.maximum(parallel, 1e-12), 0, 1), 0.0)
+    t = np.clip((bb * s + ff) / ee, 0, 1)
+    s = np.clip((bb * t - cc) / aa, 0, 1)
+    return np.linalg.norm(between + s[:, None] * one - t[:, None] * other, axis=-1)
+
+
+# --- what can be measured of a motion that tells a sound one from a broken one ---
+
 
 ANGLE_PERCENTILE = 99.0
 """Of a joint's angle in time that is held against its range: single frames are a matter of discontinuities."""

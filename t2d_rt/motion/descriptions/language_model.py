@@ -287,7 +287,7 @@ def _name_of(**request: Any) -> str:
     return hashlib.sha256(json.dumps(request, sort_keys=True).encode()).hexdigest()
 
 
-def _kept_reply(name: str) -> str | None:
+def kept_reply(name: str) -> str | None:
     """The reply to a request; None where none is kept, or a damaged one."""
     found = disk_cache.read(name, ["reply"])
     try:
@@ -296,7 +296,8 @@ def _kept_reply(name: str) -> str | None:
         return None
 
 
-def _keep(name: str, reply: str) -> None:
+def keep_reply(name: str, reply: str) -> None:
+    """Keeps a reply, if the disk allows it."""
     disk_cache.write(name, {"reply": np.frombuffer(reply.encode(), dtype=np.uint8)})
 
 
@@ -364,13 +365,13 @@ class _Run:
         for attempt in range(MOST_FAILURES):
             seed = (self.seed * 1_000_003 + number * 101 + attempt) % 2**31
             name = _name_of(model=model.model, url=model.url, messages=prompt, schema=schema, seed=seed)
-            kept = _kept_reply(name)
+            kept = kept_reply(name)
             if kept is not None:
                 self.counts["cached"] += 1
             reply = Reply(kept) if kept is not None else self.session.ask(prompt, schema, seed=seed)
             if self._take(reply):
                 if kept is None:
-                    _keep(name, reply.content)
+                    keep_reply(name, reply.content)
                 self.failures = 0
                 return
             self.failures += 1

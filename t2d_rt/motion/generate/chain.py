@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.easing import minimum_jerk
-from t2d_rt.motion.interpolate import low_pass
+from t2d_rt.motion.interpolate import low_pass, minimum_jerk
 from t2d_rt.motion.kinematics import INDEX, Poses
 
 BLEND_S = 0.4

@@ -13,11 +13,18 @@ import numpy as np
 
 from t2d_rt.core.checks import LONGEST_SHOWN
 from t2d_rt.core.errors import printable
-from t2d_rt.motion.match.limbs import Limb
-from t2d_rt.motion.match.mapping import Source, canonical_sources
-from t2d_rt.motion.match.person import Person, find_person, joints_of
-from t2d_rt.motion.match.sides import DECISIVE, NAMES, Signs, signs
-from t2d_rt.motion.match.tree import Tree
+from t2d_rt.motion.match.mapping import (
+    DECISIVE,
+    NAMES,
+    Person,
+    Signs,
+    Source,
+    canonical_sources,
+    find_person,
+    joints_of,
+    signs,
+)
+from t2d_rt.motion.match.skeleton_tree import Limb, Tree
 from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS
 
 __all__ = ["DECISIVE", "MOST_FRAMES", "Match", "match", "signs"]

@@ -67,13 +67,13 @@ def load_motion(
     smooth_hz: cut-off of a low-pass filter [Hz]; null does not filter, "auto" filters at 12 Hz where the file jitters, and
         positions alone as their measured noise asks for.
     flavour: how a BVH file names its joints, one of `t2d_rt.motion.flavours()` or a flavour file (.yaml, see
-        `t2d_rt.motion.flavour_files`); left out, joints of any names are matched by names and form.
+        `t2d_rt.motion.skeletons`); left out, joints of any names are matched by names and form.
     rate_hz: frames per second, instead of the file's own.
     root: "feet" carries the body to where planted feet stay, in files whose hips never move (exports in place, treadmills, joints
         about the hips), which are warned of; "file" leaves it.
     subject: name of the person who is taken of a file that holds several; left out, the first who is complete.
     """
-    from t2d_rt.motion.check.clock import rate_doubt
+    from t2d_rt.motion.check.gait import rate_doubt
 
     path = file_path("path", path)
     reading = Reading(

@@ -11,7 +11,7 @@ from t2d_rt.core.errors import InputError, warn
 from t2d_rt.geometry import vectors
 from t2d_rt.geometry.vectors import norms
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.posture import STATURE_PER_CHAIN, facing, leg_m, middle, stature_m
+from t2d_rt.motion.kinematics import STATURE_PER_CHAIN, facing, leg_m, middle, stature_m
 from t2d_rt.motion.read.complete import FOOT_AHEAD, FOOT_DOWN
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "ft": 0.3048, "dm": 0.1, "cmu": 0.0254 / 0.45}

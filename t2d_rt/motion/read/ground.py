@@ -15,7 +15,7 @@ import numpy as np
 from t2d_rt.core.errors import warn
 from t2d_rt.geometry.vectors import norms, unit
 from t2d_rt.motion.contacts import runs
-from t2d_rt.motion.posture import leg_m, middle
+from t2d_rt.motion.kinematics import leg_m, middle
 from t2d_rt.motion.quaternions import between, cross, multiply, rotate
 from t2d_rt.motion.read.tracks import Tracks
 

@@ -14,7 +14,7 @@ import numpy as np
 from t2d_rt.core.errors import InputError, warn
 from t2d_rt.geometry.vectors import inner, norms
 from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, JITTER_LIMIT_MPS, jitter_mps, parts, smooth, smoothed
-from t2d_rt.motion.posture import facing, leg_m, middle, stature_m
+from t2d_rt.motion.kinematics import facing, leg_m, middle, stature_m
 from t2d_rt.motion.read.bvh import MAX_FRAMES
 from t2d_rt.motion.read.clock import on_clock
 from t2d_rt.motion.read.complete import add_level_feet, complete

@@ -12,7 +12,7 @@ import numpy as np
 
 from t2d_rt.core.errors import warn
 from t2d_rt.geometry.vectors import inner, norms, unit
-from t2d_rt.motion.posture import middle
+from t2d_rt.motion.kinematics import middle
 from t2d_rt.motion.quaternions import between, conjugate, rotate
 from t2d_rt.motion.read.ground import averaged, upright_trunk
 from t2d_rt.motion.read.tracks import Tracks

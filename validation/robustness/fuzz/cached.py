@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from t2d_rt.core import disk_cache
-from t2d_rt.motion.descriptions import language_model
+from t2d_rt.motion.descriptions.language_model import keep_reply, kept_reply
 from validation.robustness.fuzz.case import Attempt, Wrong, corrupted, pick, writing_only
 
 ARRAYS = {"a": np.arange(6.0).reshape(2, 3), "b": np.array([1, 2], np.int32)}
@@ -22,7 +22,7 @@ def attempt(rng: np.random.Generator, folder: Path) -> Attempt:
     name = disk_cache.key("geometry", ("a",))
     disk_cache.write(name, ARRAYS)
     reply = disk_cache.key("motion", ("reply",))
-    language_model._keep(reply, REPLY)
+    keep_reply(reply, REPLY)
     path = pick(rng, (home / f"{name}.npz", home / f"{reply}.npz"))
     told = pick(rng, (_damaged, _damaged, _forged, _forged, _replaced))(rng, path, folder)
     return Attempt(f"{path.suffix} {told}: read", writing_only(lambda: _read(name, reply), folder, "cache"))
@@ -34,7 +34,7 @@ def _read(name: str, reply: str) -> None:
         same = all(found[key].dtype == each.dtype and np.array_equal(found[key], each) for key, each in ARRAYS.items())
         if not same:
             raise Wrong("other arrays than were kept")
-    if language_model._kept_reply(reply) not in (None, REPLY):
+    if kept_reply(reply) not in (None, REPLY):
         raise Wrong("another reply than was kept")
     if not np.array_equal(disk_cache.kept(name, ARRAYS, lambda: ARRAYS)["a"], ARRAYS["a"]):
         raise Wrong("other arrays than were made")

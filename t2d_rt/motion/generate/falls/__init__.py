@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from t2d_rt.motion.generate.falls.make import Fall, NoFall, fall, simulate_fall
-from t2d_rt.motion.generate.falls.plan import FallEvents, FallPlan
-from t2d_rt.motion.generate.falls.provider import plan_of
+from t2d_rt.motion.generate.falls.make import Fall, NoFall, fall, plan_of, simulate_fall
+from t2d_rt.motion.generate.falls.simulation import FallEvents, FallPlan
 
 __all__ = ["Fall", "FallEvents", "FallPlan", "NoFall", "fall", "plan_of", "simulate_fall"]

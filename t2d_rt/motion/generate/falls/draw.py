@@ -6,20 +6,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.motion.easing import minimum_jerk
-from t2d_rt.motion.generate.falls.anatomy import SIDES
-from t2d_rt.motion.generate.falls.humanoid import RATE_HZ, Humanoid
-from t2d_rt.motion.generate.falls.muscles import (
+from t2d_rt.motion.generate.falls.humanoid import RATE_HZ, SIDES, Humanoid
+from t2d_rt.motion.generate.falls.simulation import (
     DAMPING_PER_STIFFNESS,
     JOINTS,
     REGIONS,
+    Course,
+    Disturbance,
     Fading,
+    FallPlan,
+    Heading,
     Reaction,
     hinge_tones,
     reaction_pose,
 )
-from t2d_rt.motion.generate.falls.plan import FallPlan, Heading
-from t2d_rt.motion.generate.falls.simulation import Course, Disturbance
+from t2d_rt.motion.interpolate import minimum_jerk
 
 LIMP = {"leg": 0.01, "trunk": 0.06, "arm": 0.01, "neck": 0.06}
 """Tone of a body that lies."""

@@ -1,4 +1,4 @@
-"""`fall`: a recorded walk, run or stance goes over into a simulated fall."""
+"""Falls: a motion, a plan and its simulation put together; lying at rest; the provider of falls."""
 
 from __future__ import annotations
 
@@ -10,20 +10,106 @@ import numpy as np
 
 from t2d_rt.core.checks import instance
 from t2d_rt.core.errors import InputError
-from t2d_rt.motion.generate.falls.anatomy import Anatomy, anatomy
+from t2d_rt.motion import quaternions
+from t2d_rt.motion.descriptions.slots import FALL_TYPES, Description, FallType, Step
 from t2d_rt.motion.generate.falls.draw import Draw, course, draw, heading_of
-from t2d_rt.motion.generate.falls.getup import got_up
-from t2d_rt.motion.generate.falls.humanoid import RATE_HZ, Humanoid, humanoid, mujoco
-from t2d_rt.motion.generate.falls.joining import Skeleton, joined, placed_joints, rotations_of, skeleton_at
+from t2d_rt.motion.generate.falls.humanoid import (
+    RATE_HZ,
+    SIDES,
+    Anatomy,
+    Humanoid,
+    anatomy,
+    coordinates,
+    humanoid,
+    matrices,
+    mujoco,
+    reached,
+    skeleton,
+    velocities,
+)
+from t2d_rt.motion.generate.falls.joining import Skeleton, got_up, joined, placed_joints, rotations_of, skeleton_at
 from t2d_rt.motion.generate.falls.measures import Figures, figures, fits, least_missing, missing
-from t2d_rt.motion.generate.falls.plan import FallEvents, FallPlan, Heading
-from t2d_rt.motion.generate.falls.pose import coordinates, reached, skeleton, velocities
-from t2d_rt.motion.generate.falls.rest import breathing, eased_out
-from t2d_rt.motion.generate.falls.simulation import Run, simulate
-from t2d_rt.motion.generate.falls.steps import instants
-from t2d_rt.motion.interpolate import resample
-from t2d_rt.motion.posture import facing, stature_m
+from t2d_rt.motion.generate.falls.simulation import HEADINGS, FallEvents, FallPlan, Heading, Run, simulate
+from t2d_rt.motion.interpolate import low_pass, minimum_jerk, resample
+from t2d_rt.motion.kinematics import facing, stature_m
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
+
+# --- heel strikes and swings of a walk or run, from ankles relative to the pelvis (Zeni, Richards, Higginson 2008)
+# ---
+
+
+STEP_M = 0.15
+"""How far ahead of the pelvis an ankle is at the heel strike of a step, at least."""
+
+LOADING_S = 0.08
+"""From a heel strike to where the foot slips, 0.05 to 0.1 s (Redfern et al. 2001, Ergonomics 44)."""
+
+EARLY_S = 0.05
+"""How long before it passes the other foot a swinging foot is caught: obstacles are met in the first half of the swing."""
+
+
+def instants(motion: Motion, kind: str) -> list[tuple[int, str]]:
+    """Frames and sides at which a foot may slip ("slip": after heel strikes) or be caught ("trip": as it passes the other one)."""
+    found = []
+    ahead = facing({name: motion.joints[:, i] for i, name in enumerate(motion.names)})
+    for side in SIDES:
+        relative = motion.joints[:, motion.index(f"{side}_ankle")] - motion.joints[:, 0]
+        forward = low_pass(np.sum(relative * ahead, axis=1, keepdims=True), 6.0, motion.rate_hz)[:, 0]
+        rising = np.gradient(forward)
+        peaks = [i for i in range(1, len(forward) - 1) if rising[i - 1] > 0 >= rising[i] and forward[i] > STEP_M]
+        if kind == "slip":
+            # A foot slips as it takes the weight, before the body is over it.
+            found += [(i + round(LOADING_S * motion.rate_hz), side) for i in peaks]
+            continue
+        crossing = np.flatnonzero((forward[:-1] < 0) & (forward[1:] >= 0) & (rising[1:] > 0)) + 1
+        # Only where a step follows: a foot that is lifted in standing has nothing to carry it over.
+        early = round(EARLY_S * motion.rate_hz)
+        found += [
+            (int(i) - early, side) for i in crossing if any(0 < peak - i < 0.5 * motion.rate_hz for peak in peaks)
+        ]
+    return sorted(found)
+
+
+# --- what follows a fall: the last movements die away, and the body lies and breathes ---
+
+
+EASING_S = 0.4
+"""Simulated time at the end that is stretched to twice its length, so that all speeds fall to nothing."""
+
+BREATHS_HZ = (0.2, 0.33)
+"""12 to 20 breaths a minute."""
+BREATH_RAD = (0.012, 0.024)
+"""Half the chest's rotation in a breath: the breastbone rises by 4 to 8 mm (De Groote et al. 1997, J. Appl. Physiol. 83)."""
+
+CHEST = tuple(CANONICAL_JOINTS.index(name) for name in ("spine2", "spine3", "left_collar", "right_collar"))
+
+
+def eased_out(qpos: np.ndarray) -> np.ndarray:
+    """Frames (T + n, nq) of a run (T, nq) that comes to a full stop."""
+    count = min(round(EASING_S * RATE_HZ), len(qpos) - 1)
+    u = np.arange(1, 2 * count + 1) / (2 * count)
+    # Speed falls linearly from 1 to 0 over twice the time.
+    at = (len(qpos) - 1 - count) + count * u * (2.0 - u)
+    low = np.minimum(at.astype(int), len(qpos) - 2)
+    part = (at - low)[:, None]
+    late = (1 - part) * qpos[low] + part * qpos[low + 1]
+    late[:, 3:7] /= np.linalg.norm(late[:, 3:7], axis=1, keepdims=True)
+    return np.concatenate([qpos[: len(qpos) - count], late])
+
+
+def breathing(segments: np.ndarray, frames: int, rng: np.random.Generator, *, from_frame: int) -> np.ndarray:
+    """Segments (T + frames, 22, 3, 3): those given, the last one held, and the chest rising and falling from a frame on."""
+    held = np.concatenate([segments, np.repeat(segments[-1:], frames, axis=0)])
+    times = np.maximum(np.arange(len(held)) - from_frame, 0) / RATE_HZ
+    angle = rng.uniform(*BREATH_RAD) * minimum_jerk(times / 0.8) * np.sin(2 * np.pi * rng.uniform(*BREATHS_HZ) * times)
+    turn = matrices(quaternions.about_axis(np.array([1.0, 0.0, 0.0]), angle))
+    for joint in CHEST:
+        held[:, joint] = held[:, joint] @ turn
+    return held
+
+
+# --- `fall`: a recorded walk, run or stance goes over into a simulated fall ---
+
 
 LONGEST_S = 3.2
 """Simulated time from the event to rest."""
@@ -297,3 +383,49 @@ def _activities(lead: Motion, events: FallEvents) -> tuple[tuple[str, float], ..
     before = [each for each in lead.activities if each[1] < events.event_s]
     up = [] if events.get_up_s is None else [("stand_up", events.get_up_s)]
     return (*before, ("fall", events.event_s), *up)
+
+
+# --- the `physics` provider: a description of a fall, and a lead that fits what comes before it, become a motion ---
+
+
+STRENGTHS = {"slow": (0.2, 0.45), "normal": (0.3, 0.8), "fast": (0.65, 0.95)}
+"""Ranges of strength by the speed that a description asks for."""
+
+RESTS_S = (1.0, 2.5)
+"""How long the body lies."""
+
+
+def plan_of(description: Description, seed: int = 0) -> FallPlan:
+    """The fall that a description asks for; what it leaves open is drawn from the seed."""
+    steps = [step for step in description.steps if step.action == "fall"]
+    if not steps:
+        raise InputError(
+            f"the physics provider makes falls, got a description of {description.action}; use the library provider"
+        )
+    step = steps[0]
+    rng = np.random.default_rng([seed, 10])
+    types = [step.type] if step.type in FALL_TYPES else _types_to(step)
+    return FallPlan(
+        type=types[int(rng.integers(len(types)))],
+        direction=step.direction if step.direction in HEADINGS else None,
+        strength=float(rng.uniform(*STRENGTHS[step.speed])), rest_s=float(rng.uniform(*RESTS_S)),
+        get_up=any(each.action == "stand_up" for each in _after(description, step)), seed=seed,
+    )  # fmt: skip
+
+
+def _types_to(step: Step) -> list[FallType]:
+    """Types that go in the direction of a step that names none."""
+    if step.direction == "back":
+        return ["slip"]
+    return (
+        ["trip"]
+        if step.direction == "forward"
+        else list(FALL_TYPES)
+        if step.direction is None
+        else ["slip", "collapse"]
+    )
+
+
+def _after(description: Description, step: Step) -> Sequence[Step]:
+    steps = description.steps
+    return steps[next(i for i, each in enumerate(steps) if each is step) + 1 :]

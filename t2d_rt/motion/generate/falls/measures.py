@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from t2d_rt.motion.generate.falls.humanoid import RATE_HZ
-from t2d_rt.motion.generate.falls.plan import HEADINGS, FallPlan, Heading
-from t2d_rt.motion.generate.falls.simulation import CHEST, RESTING, SEEN, Run, is_down
+from t2d_rt.motion.generate.falls.simulation import CHEST, HEADINGS, RESTING, SEEN, FallPlan, Heading, Run, is_down
 
 IMPACT_S = 0.1
 """Span before a contact in which the greatest speed is that of the impact: knees and hands may touch a little earlier."""

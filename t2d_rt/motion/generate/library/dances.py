@@ -7,17 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from t2d_rt.motion.check.anatomy import self_penetration_m
-from t2d_rt.motion.check.measures import jump_m
-from t2d_rt.motion.check.support import contacts, floating_s
-from t2d_rt.motion.check.tracks import tracks
+from t2d_rt.motion.check.measures import contacts, floating_s, jump_m, self_penetration_m, tracks
 from t2d_rt.motion.contacts import plant
 from t2d_rt.motion.descriptions.slots import Step
-from t2d_rt.motion.easing import minimum_jerk
 from t2d_rt.motion.generate.chain import Piece, features, heading_rad, joined
 from t2d_rt.motion.generate.library import edits
-from t2d_rt.motion.generate.library.maker import Maker
+from t2d_rt.motion.generate.library.individual import Maker
 from t2d_rt.motion.generate.library.store import RATE_HZ, Segment
+from t2d_rt.motion.interpolate import minimum_jerk
 from t2d_rt.motion.kinematics import motion_of
 
 CIRCLING_RADPS = 0.7

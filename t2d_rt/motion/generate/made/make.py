@@ -9,9 +9,8 @@ import numpy as np
 
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.slots import Step
-from t2d_rt.motion.generate.made import ground, seat, stairs, standing, stretch
-from t2d_rt.motion.generate.made.anatomy import Anatomy
-from t2d_rt.motion.generate.made.hands import InSpace
+from t2d_rt.motion.generate.made import ground, seat, standing
+from t2d_rt.motion.generate.made.hands import Anatomy, InSpace
 from t2d_rt.motion.generate.made.performer import AFTER_S, PROMPT, Performer, performer, shift, stance, tempo_of
 from t2d_rt.motion.generate.made.render import render
 from t2d_rt.motion.generate.made.score import INDEX, SIDES, SIGN, Grasp, Posture, Score
@@ -19,7 +18,7 @@ from t2d_rt.motion.kinematics import Poses, Skeleton
 
 MADE: Mapping[str, Callable[[Score, Performer, Step], None]] = {
     "sit": ground.sit_down, "stand_up": ground.rise, "lie_down": ground.lie_down, "bend": standing.bend, "squat": standing.squat,
-    "stretch": stretch.stretch, "climb": stairs.climb, "walk": stairs.climb, "run": stairs.climb,
+    "stretch": standing.stretch, "climb": seat.climb, "walk": seat.climb, "run": seat.climb,
 }  # fmt: skip
 """What writes each action; walking and running are made where they go up or down a stair."""
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from t2d_rt.motion.descriptions.slots import Step
-from t2d_rt.motion.generate.made.anatomy import Anatomy
-from t2d_rt.motion.generate.made.hands import Hang
+from t2d_rt.motion.generate.made.hands import Anatomy, Hang
 from t2d_rt.motion.generate.made.score import DEG, OTHER, SIDES, SIGN, Score
 
 SPEED = {"slow": 0.68, "normal": 1.0, "fast": 1.38}

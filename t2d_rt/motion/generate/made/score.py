@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from t2d_rt.motion.easing import minimum_jerk
 from t2d_rt.motion.generate.made.hands import Goal, Hang
+from t2d_rt.motion.interpolate import minimum_jerk
 
 Posture = Literal["standing", "sitting", "sitting on the floor", "lying on the floor", "lying on a bed"]
 

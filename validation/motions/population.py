@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from t2d_rt.geometry.vectors import unit
-from t2d_rt.motion.check.tracks import RATE_HZ
+from t2d_rt.motion.check.measures import RATE_HZ
 from t2d_rt.motion.interpolate import low_pass
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
 

@@ -1,0 +1,397 @@
+"""A skeleton as a tree of joints: what their names say, where limbs branch off, and which limb each is."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from itertools import combinations
+
+import numpy as np
+
+# --- what a joint's name says: its side and the parts of the body that it may stand for ---
+#
+# Names are split at capitals, digits and signs, and runs of letters are cut into known words, so that `LeftUpLeg`,
+# `lThighBend`, `Bip01 L Thigh`, `thigh_l`, `relbow` and `左ひざ` are all understood. One word can mean two joints (a
+# `LeftShoulder` is a collar or the top of the upper arm), so a name has several parts; where the joint lies decides
+# between them.
+
+
+LONGEST_NAME = 80
+"""Characters of a name that are read."""
+
+_TABLE = {
+    "left": "l left lft links linke linker linkes gauche izquierda izquierdo izq sinistra sinistro sx esquerda esquerdo 左 hidari",
+    "right": "r right rgt rght rechts rechte rechter rechtes droite droit derecha derecho destra destro dx direita direito 右 migi",
+    "pelvis": "pelvis pelv hips becken bassin bacino 骨盤 腰 下半身 koshi",
+    "hip": "hip huefte hufte huften hueften hanche cadera anca 股関節 股",
+    "thigh": "thigh femur buttock oberschenkel cuisse muslo coscia 太もも もも 大腿",
+    "knee": "knee shin calf tibia crus unterschenkel knie genou mollet rodilla ginocchio ひざ 膝 すね 小腿 hiza",
+    "leg": "leg bein jambe pierna gamba 足 脚 ashi",
+    "ankle": "ankle knochel knoechel fussgelenk cheville tobillo caviglia 足首 ashikubi",
+    "foot": "foot feet fuss pied pie piede heel talus",
+    "toe": "toe toes ball toebase zehe zehen orteil orteils つま先 tsumasaki metatarsal metatarsals",
+    "clavicle": "clavicle clav collar schlusselbein schluesselbein clavicule clavicula clavicola scapula 鎖骨",
+    "shoulder": "shoulder shldr shoul schulter epaule hombro spalla 肩 kata",
+    "upperarm": "humerus oberarm 上腕 上臂",
+    "arm": "arm bras brazo braccio 腕 ude",
+    "elbow": "elbow radius forearm unterarm ellbogen ellenbogen avantbras coude antebrazo codo avambraccio gomito "
+    "ひじ 肘 hiji 前腕 前臂",
+    "wrist": "wrist handgelenk poignet muneca polso 手首 tekubi",
+    "hand": "hand main mano 手 palm carpus",
+    "finger": "finger fingers thumb index ring pinky pinkie little metacarpal metacarpals knuckle daumen pouce pulgar dedo "
+    "親指 人指 人差指 薬指 小指 指 digit phalanx",
+    "middle": "middle mid mittelfinger 中指",
+    "spine": "spine chest torso back abdomen thorax waist belly stomach sternum stern ribs lumbar trunk wirbelsaule "
+    "wirbelsaeule wirbel brust brustkorb bauch colonne dos torse poitrine columna pecho colonna torace 上半身 胸 背骨 mune",
+    "neck": "neck cervical hals nacken cou cuello collo 首 kubi",
+    "head": "head skull kopf tete cabeza testa 頭 atama",
+    "face": "eye eyes eyebrow eyelid jaw chin lip lips brow nose teeth tongue ear ears cheek lid forehead mouth face 目 両目",
+    "root": "root reference armature world origin trajectory cog center centre master scene センター 全ての親 グルーブ",
+    "twist": "twist roll share 捩",
+    "helper": "ik fk pole target ctrl control weapon prop sword gun hair skirt cloth breast bust tail wing hind hat camera "
+    "rigmesh mesh geo effector physics bag cape attach socket",
+    "up": "up upper top high ober",
+    "low": "low lower down unter",
+    "fore": "fore front avant",
+    "end": "end tip nub site effektor endsite",
+    "plain": "bend joint jnt bone base cc def org mixamorig bip bip01 character skel rig human male female valve biped anim",
+}
+
+PARTS_OF_LEG = frozenset({"hip", "knee", "ankle", "foot", "toe"})
+PARTS_OF_ARM = frozenset({"collar", "shoulder", "elbow", "wrist", "hand"})
+
+VERTEBRA = re.compile(r"[jJ]?[LTS]\d{1,2}([LTS]\d{1,2})?")
+CERVICAL = re.compile(r"[jJ]?C[1-7]([CT]\d)?(Head)?")
+RUN = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[^\W\d_a-zA-Z]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """What a name says."""
+
+    side: str | None = None
+    """"left", "right" or nothing."""
+    parts: frozenset[str] = frozenset()
+    """Canonical joints without side, and "spine", "face", "root", "twist", "helper"; empty where the name says nothing."""
+    middle: bool = False
+    """A middle finger."""
+
+
+def label(name: str) -> Label:
+    """Side and parts of a joint's name; end sites (`<parent>:end`) say nothing."""
+    if name.endswith(":end"):
+        return Label()
+    own = _plain(name[-LONGEST_NAME:].rpartition(":")[2])
+    if VERTEBRA.fullmatch(own):
+        return Label(parts=frozenset({"spine"}))
+    if CERVICAL.fullmatch(own):
+        return Label(parts=frozenset({"neck"}))
+    kinds = [kind for run in RUN.findall(own) for kind in _kinds(run.casefold())]
+    sides = {kind for kind in kinds if kind in ("left", "right")}
+    side = sides.pop() if len(sides) == 1 else None
+    return Label(side=side, parts=_parts(set(kinds), side), middle="middle" in kinds)
+
+
+def _parts(kinds: set[str], side: str | None) -> frozenset[str]:
+    """Rules from the most telling kind of word to the least."""
+    end = "end" in kinds
+    if side is None and "spine" in kinds:  # Kinect's SpineShoulder
+        return frozenset({"spine"})
+    rules = (
+        ("helper", {"helper"}),
+        ("finger", {"hand"}),
+        ("middle", {"hand"} if not kinds & {"spine", "neck"} else {"spine"}),
+        ("face", {"face"}),
+        ("toe", {"toe"} if end else {"foot", "toe"}),
+        ("ankle", {"ankle"}),
+        ("foot", {"foot", "toe"} if end else {"ankle", "foot"}),
+        ("wrist", {"wrist"}),
+        ("hand", {"hand"} if end else {"wrist", "hand"}),
+        ("thigh", {"hip"}),
+        ("knee", {"knee"}),
+        ("leg", {"hip"} if "up" in kinds else {"knee"} if "low" in kinds else {"hip", "knee"}),
+        ("elbow", {"elbow"}),
+        ("upperarm", {"shoulder"}),
+        ("arm", {"elbow"} if kinds & {"low", "fore"} else {"shoulder"}),
+        ("clavicle", {"collar"}),
+        ("shoulder", {"collar", "shoulder"}),
+        ("head", {"head_top"} if kinds & {"end", "up"} else {"head"}),
+        ("neck", {"neck"}),
+        ("spine", {"spine"}),
+        ("hip", {"hip"} if side else {"pelvis"}),
+        ("pelvis", {"pelvis"} if not side else set()),
+        ("root", {"root"}),
+    )
+    found = next((parts for kind, parts in rules if kind in kinds), set[str]())
+    if "twist" in kinds and found <= {"hip", "knee", "shoulder", "elbow"}:
+        return frozenset({"twist"}) | found
+    return frozenset(found)
+
+
+def _plain(text: str) -> str:
+    """Letters without accents; of Japanese signs the voicing marks go too, in names and table alike."""
+    spread = unicodedata.normalize("NFKD", text.replace("ß", "ss"))
+    return "".join(sign for sign in spread if not unicodedata.combining(sign))
+
+
+@cache
+def _vocabulary() -> dict[str, str]:
+    return {_plain(word).casefold(): kind for kind, words in _TABLE.items() for word in words.split()}
+
+
+def _kinds(run: str) -> list[str]:
+    """Kinds of the fewest known words that make up a run of letters; none where it is not made of them."""
+    words = _vocabulary()
+    best: list[list[str] | None] = [[], *[None] * len(run)]
+    for stop in range(1, len(run) + 1):
+        for start in range(max(0, stop - 20), stop):
+            word, before = run[start:stop], best[start]
+            # A letter is a side at either end only: every word has an l or an r somewhere.
+            if (
+                before is None
+                or word not in words
+                or (len(word) == 1 and word in "lr" and start > 0 and stop < len(run))
+            ):
+                continue
+            now = best[stop]
+            if now is None or len(before) + 1 < len(now):
+                best[stop] = [*before, words[word]]
+    return best[-1] or []
+
+
+# --- a skeleton of unknown joints in time, with what follows from it: bone lengths, names, ancestors ---
+
+
+COINCIDENT = 1e-3
+"""Joints closer than this part of the skeleton's size are one point."""
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Joints with their parents (before their children) and positions in some frames."""
+
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    positions: np.ndarray
+    """(T, N, 3), in any unit and axes."""
+
+    @cached_property
+    def children(self) -> list[list[int]]:
+        """Children of each joint."""
+        found: list[list[int]] = [[] for _ in self.names]
+        for joint, parent in enumerate(self.parents):
+            if parent >= 0:
+                found[parent].append(joint)
+        return found
+
+    @cached_property
+    def labels(self) -> list[Label]:
+        """What each name says."""
+        return [label(name) for name in self.names]
+
+    @cached_property
+    def bones(self) -> np.ndarray:
+        """Median distance of each joint from its parent, (N,)."""
+        above = np.maximum(self.parents, 0)
+        return np.asarray(np.median(np.linalg.norm(self.positions - self.positions[:, above], axis=-1), axis=0))
+
+    @cached_property
+    def size(self) -> float:
+        """Median over the frames of the largest distance of a joint from the middle of all."""
+        middle = self.positions.mean(axis=1, keepdims=True)
+        return float(np.median(np.linalg.norm(self.positions - middle, axis=-1).max(axis=1)))
+
+    def distance(self, first: int, second: int) -> float:
+        """Median distance of two joints."""
+        return float(np.median(np.linalg.norm(self.positions[:, first] - self.positions[:, second], axis=-1)))
+
+    def together(self, first: int, second: int) -> bool:
+        """Are two joints one point?"""
+        return self.distance(first, second) <= COINCIDENT * self.size
+
+    def above(self, joint: int) -> Iterator[int]:
+        """A joint and its ancestors, up to the root."""
+        while joint >= 0:
+            yield joint
+            joint = self.parents[joint]
+
+    def below(self, joint: int, depth: int, most: int) -> list[int]:
+        """A joint and those below it, breadth first: `depth` generations and `most` joints at most."""
+        found, generation = [joint], [joint]
+        for _ in range(depth):
+            generation = [child for each in generation for child in self.children[each]]
+            found += generation
+            if not generation or len(found) >= most:
+                break
+        return found[:most]
+
+    def path(self, first: int, last: int) -> list[int]:
+        """Joints from the first to the last along the bones, both included."""
+        up, down = list(self.above(first)), list(self.above(last))
+        shared = next(joint for joint in up if joint in set(down))
+        return up[: up.index(shared) + 1] + down[: down.index(shared)][::-1]
+
+    def middle(self, joints: Sequence[int]) -> np.ndarray:
+        """Mean of some joints, (T, 3)."""
+        return np.asarray(self.positions[:, list(joints)].mean(axis=1))
+
+
+# --- pairs of limbs: two joints of three, one on each side of the body, with bones of equal lengths ---
+
+
+DEPTH, MOST = 14, 90
+"""Generations and joints below a branching that are looked at: an arm with all fingers has 8 and 30."""
+
+MOST_STEMS = 12
+"""Children of one joint that are paired with one another, those with the largest limbs."""
+
+MOST_OF_BRANCH, MOST_PAIRS = 6, 24
+"""Pairs that are kept, of one branching and in all."""
+
+BEST = 40
+"""Triples of each side that are compared with those of the other."""
+
+STRAIGHT, NEARLY_ALWAYS = 0.96, 5.0
+"""A bone may be made of several joints (twist bones) if they lie on a line, but for some per cent of the frames: at the median
+of a walk a whole leg does."""
+
+UPPER_PER_LOWER, RATIO_LIMIT = 1.03, 2.2
+"""Thigh to shank is 0.74 to 1.05 and upper arm to forearm 0.87 to 1.23 in recorded skeletons."""
+
+SKIPPED = 0.2
+"""Loss of score for a joint inside a bone that is no twist bone by its name; twice that where others branch off."""
+
+UNEVEN = 0.1
+"""Loss of score where the two ends are not equally many joints from the root."""
+
+SIDES_ALIKE = 0.25
+"""Sum of the logarithms of the ratios of left to right lengths: converted skeletons differ by up to 25 % in one bone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limb:
+    """Hip, knee, ankle or shoulder, elbow, wrist."""
+
+    upper: int
+    middle: int
+    lower: int
+    lengths: tuple[float, float]
+    score: float
+
+    @property
+    def joints(self) -> tuple[int, int, int]:
+        """From the trunk outward."""
+        return self.upper, self.middle, self.lower
+
+    @property
+    def length(self) -> float:
+        """Of both bones."""
+        return sum(self.lengths)
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """Two limbs that branch off at one joint."""
+
+    branch: int
+    stems: tuple[int, int]
+    """Children of the branching that the limbs hang from."""
+    limbs: tuple[Limb, Limb]
+    score: float
+
+    @property
+    def length(self) -> float:
+        """Mean of the two sides."""
+        return 0.5 * (self.limbs[0].length + self.limbs[1].length)
+
+
+def limb_pairs(tree: Tree) -> list[Pair]:
+    """The likeliest pair of limbs for each two siblings that have one, the best first: long, with bones alike, and named so."""
+    pairs: list[Pair] = []
+    for branch, children in enumerate(tree.children):
+        stems = [child for child in children if "helper" not in tree.labels[child].parts]
+        if len(stems) < 2:
+            continue
+        limbs = {stem: found for stem in stems if (found := _limbs(tree, stem, branch))}
+        largest = sorted(limbs, key=lambda stem: -max(limb.length for limb in limbs[stem]))[:MOST_STEMS]
+        for first, second in combinations(largest, 2):
+            pairs += _best(tree, branch, (first, second), (limbs[first], limbs[second]))
+    best: list[Pair] = []
+    for pair in sorted(pairs, key=lambda pair: -pair.score):
+        if sum(other.branch == pair.branch for other in best) < MOST_OF_BRANCH:
+            best.append(pair)
+    return best[:MOST_PAIRS]
+
+
+def _limbs(tree: Tree, stem: int, branch: int) -> list[Limb]:
+    """The BEST likely limbs below a child of a branching."""
+    below = [joint for joint in tree.below(stem, DEPTH, MOST) if "helper" not in tree.labels[joint].parts]
+    bones = _bones(tree, below, branch)
+    from_joint: dict[int, list[tuple[int, float, int]]] = {}
+    for upper, lower, length, skipped in bones:
+        from_joint.setdefault(upper, []).append((lower, length, skipped))
+    found = []
+    for upper, middle, thigh, over in bones:
+        for lower, shank, more in from_joint.get(middle, ()):
+            unequal = abs(np.log(thigh / shank / UPPER_PER_LOWER))
+            if unequal < np.log(RATIO_LIMIT):
+                score = float(np.log(thigh + shank) - unequal - SKIPPED * (over + more))
+                found.append(Limb(upper, middle, lower, (thigh, shank), score + _named(tree, (upper, middle, lower))))
+    return sorted(found, key=lambda limb: -limb.score)[:BEST]
+
+
+def _bones(tree: Tree, joints: list[int], branch: int) -> list[tuple[int, int, float, int]]:
+    """(upper, lower, length, joints left out) of all straight stretches between joints of a limb."""
+    away = np.median(np.linalg.norm(tree.positions[:, joints] - tree.positions[:, [branch]], axis=-1), axis=0)
+    inside = {joint for joint, far in zip(joints, away, strict=True) if far <= COINCIDENT * tree.size}
+    rows, root = [], inside | set(tree.above(branch))
+    for lower in joints:
+        length_along, left_out, direct = tree.bones[lower], 0, True
+        apart = length_along > COINCIDENT * tree.size
+        for upper in tree.above(tree.parents[lower]):
+            if upper in root:
+                break
+            if apart:  # of several joints in one place the last carries the bone
+                rows.append((upper, lower, length_along, left_out, direct))
+            apart = bool(tree.bones[upper] > COINCIDENT * tree.size)
+            direct = direct and not apart
+            if apart and "twist" not in tree.labels[upper].parts:
+                left_out += min(len(tree.children[upper]), 2)  # fingers branch off at a wrist, not inside a bone
+            length_along += tree.bones[upper]
+    if not rows:
+        return []
+    ends = [[row[end] for row in rows] for end in (0, 1)]
+    distances = np.linalg.norm(tree.positions[:, ends[0]] - tree.positions[:, ends[1]], axis=-1)
+    length, shortest = np.percentile(distances, [50.0, NEARLY_ALWAYS], axis=0)
+    return [
+        (upper, lower, float(length[i]), left_out)
+        for i, (upper, lower, length_along, left_out, direct) in enumerate(rows)
+        if length[i] > 10 * COINCIDENT * tree.size and (direct or shortest[i] > STRAIGHT * length_along)
+    ]
+
+
+def _named(tree: Tree, joints: tuple[int, int, int]) -> float:
+    """How well names fit the places in a leg or, if better, in an arm: -1 to 1."""
+    parts = [tree.labels[joint].parts for joint in joints]
+    roles = (("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist"))
+    return max(sum(_fit(role, own) for role, own in zip(each, parts, strict=True)) for each in roles) / 3.0
+
+
+def _fit(role: str, parts: frozenset[str]) -> float:
+    return 0.0 if not parts else 1.0 if role in parts else -1.0
+
+
+def _best(tree: Tree, branch: int, stems: tuple[int, int], limbs: tuple[list[Limb], list[Limb]]) -> list[Pair]:
+    one, two = (np.log([limb.lengths for limb in side]) for side in limbs)
+    unlike = np.abs(one[:, None] - two[None]).sum(axis=-1)
+    score = 0.5 * (np.array([a.score for a in limbs[0]])[:, None] + np.array([b.score for b in limbs[1]])) - unlike
+    score[unlike > SIDES_ALIKE] = -np.inf
+    deep, deeper = (np.array([len(list(tree.above(limb.lower))) for limb in side]) for side in limbs)
+    score -= UNEVEN * (deep[:, None] != deeper)
+    first, second = np.unravel_index(int(np.argmax(score)), score.shape)
+    if not np.isfinite(score[first, second]):
+        return []
+    return [Pair(branch, stems, (limbs[0][first], limbs[1][second]), float(score[first, second]))]
