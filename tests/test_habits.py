@@ -17,8 +17,6 @@ FACADE = {
     "t2d_rt/cli/datasets.py dataset",
     "t2d_rt/cli/learn.py train",
     "t2d_rt/cli/motions.py describe",
-    "t2d_rt/cli/motions.py motion",
-    "t2d_rt/cli/recordings.py compare",
     "t2d_rt/cli/recordings.py plot",
     "t2d_rt/motion/read/__init__.py load_motion",
     "t2d_rt/simulate.py simulate",
