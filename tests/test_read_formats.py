@@ -19,7 +19,7 @@ from builders import JOINT_CENTRES, MOTIONS, WALK, joint_centres, write_c3d
 from t2d_rt.core.errors import InputError, T2DWarning, install
 from t2d_rt.motion import flavours, load_motion
 from t2d_rt.motion.interpolate import decompose
-from t2d_rt.motion.read import amass, humanml3d, joint_sets, kimodo
+from t2d_rt.motion.read import amass, humanml3d, joint_sets, joints_npz
 from t2d_rt.motion.read.bvh import forward_kinematics, read_bvh
 from t2d_rt.motion.skeletons import restored_offsets
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, Motion
@@ -239,7 +239,7 @@ def test_hands_on_wrists_are_left_out(tmp_path: Path) -> None:
 def kimodo_file(path: Path, **changes: object) -> Path:
     motion = walk_20hz()
     joints, matrices = np.zeros((len(motion.joints), 30, 3)), np.tile(np.eye(3), (len(motion.joints), 30, 1, 1))
-    for name, place in kimodo.PLACES.items():
+    for name, place in joints_npz.PLACES.items():
         column = motion.index(name)
         joints[:, place] = y_up(motion.joints[:, column])
         turned = Rotation.from_quat(motion.rotations[:, column]).as_matrix()
@@ -249,7 +249,7 @@ def kimodo_file(path: Path, **changes: object) -> Path:
 
 def test_kimodo_joints_and_rotations(tmp_path: Path) -> None:
     motion, expected = load_motion(kimodo_file(tmp_path / "a.npz"), smooth_hz=None), walk_20hz()
-    names = tuple(kimodo.PLACES)
+    names = tuple(joints_npz.PLACES)
     assert error_m(motion, expected.joints[:, [expected.index(name) for name in names]], names) < 1e-9
     for name in names:
         mine, theirs = (

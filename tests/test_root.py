@@ -15,7 +15,7 @@ import t2d_rt as t2d
 from builders import MOTIONS, WALK, slow_after
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion
-from t2d_rt.motion.read.root import rooted
+from t2d_rt.motion.read.ground import rooted
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 

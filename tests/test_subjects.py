@@ -15,10 +15,10 @@ from t2d_rt.cli.experiments import target_of
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.experiment.sources import MotionFile, target_from
 from t2d_rt.motion import load_motion
-from t2d_rt.motion.read.bodies import bodies
 from t2d_rt.motion.read.bvh import read_bvh
 from t2d_rt.motion.read.joint_sets import absent_joints
 from t2d_rt.motion.read.markers import MODELLED
+from t2d_rt.motion.read.skeletal import bodies
 from t2d_rt.motion.read.subjects import numbered, subjects
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 from validation.motions import independent

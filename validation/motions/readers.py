@@ -20,7 +20,7 @@ from scipy.interpolate import make_interp_spline
 import t2d_rt as t2d
 from t2d_rt.core.errors import T2DWarning
 from t2d_rt.motion import load_motion, motion_from_joints
-from t2d_rt.motion.read import humanml3d, kimodo
+from t2d_rt.motion.read import humanml3d, joints_npz
 from t2d_rt.motion.read.noise import denoised
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 from validation.motions import independent
@@ -52,7 +52,7 @@ def decodes(folder: Path) -> Iterator[tuple[str, float, float, Motion | None]]:
         joints = np.load(path)["posed_joints"].astype(float) @ independent.Y_UP
         yield (
             path.name,
-            error_mm(motion, {name: joints[:, place] for name, place in kimodo.PLACES.items()}),
+            error_mm(motion, {name: joints[:, place] for name, place in joints_npz.PLACES.items()}),
             1.0,
             motion,
         )

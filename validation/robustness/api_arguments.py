@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt import motion
 from t2d_rt.types import Ellipsoids, MovingMesh, Radar
+from t2d_rt.types.motion import CANONICAL_JOINTS
 
 RADAR = Radar.preset("ci4r", prf_hz=2000, samples=16, sample_rate_hz=1e6)
 TDM = RADAR.replace(
@@ -41,7 +41,7 @@ def walk() -> t2d.Motion:
         "wrist": 0.22,
     }
     joints = np.zeros((len(times), 22, 3))
-    for number, name in enumerate(motion.read.positions.CANONICAL_JOINTS):
+    for number, name in enumerate(CANONICAL_JOINTS):
         side, _, part = name.rpartition("_")
         swing = 0.1 * np.sin(4 * times + (0 if side == "left" else np.pi)) if side else 0 * times
         ahead = 0.12 if part == "foot" else 0.0

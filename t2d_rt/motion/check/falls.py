@@ -148,7 +148,7 @@ def detect_fall(motion: Motion) -> FallFinding:
 
 
 def fall_in(body: Tracks) -> FallFinding:
-    """`detect_fall` of tracks."""
+    """The fall that `detect_fall` finds, from tracks in place of a motion."""
     body = replace(body, joints=body.joints - [0.0, 0.0, _landing_m(body)])
     heights = _heights(body)
     refused = "the head never comes down to the floor"

@@ -211,7 +211,7 @@ SLOW, FAST = 0.55, 1.65
 
 @dataclass(frozen=True, slots=True)
 class Walk:
-    """Steady steps, medians."""
+    """Medians over the steady steps of a walk."""
 
     length_m: float
     time_s: float

@@ -57,7 +57,7 @@ class Tracks:
 
     @property
     def times_s(self) -> np.ndarray:
-        """Instants [s], (T,)."""
+        """Instants of the frames [s], (T,)."""
         return np.arange(len(self.joints)) / RATE_HZ
 
     @cached_property

@@ -85,7 +85,7 @@ class LanguageModel:
 
     @property
     def url(self) -> str:
-        """Where requests go."""
+        """The address that requests go to."""
         return self.base_url or os.environ.get(URL_VARIABLE) or DEFAULT_URL
 
     @property
@@ -157,7 +157,7 @@ class AskedStep(BaseModel):
 
 
 class AskedDescription(AskedStep):
-    """A description likewise."""
+    """A description as structured output wants it."""
 
     subject: Subject
     before: list[AskedStep]

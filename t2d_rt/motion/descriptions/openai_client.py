@@ -99,7 +99,7 @@ class Session:
         self.requests += 1
 
     def close(self) -> None:
-        """Ends the connection."""
+        """Ends the connection to the endpoint."""
         self._client.close()
 
     def _told(self, error: Any) -> str:

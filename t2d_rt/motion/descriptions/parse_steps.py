@@ -47,7 +47,7 @@ class ParseStep:
         return self.said.get(slot, self.implied.get(slot))
 
     def slots(self) -> dict[str, object]:
-        """All of them."""
+        """All slots, what is said before what is implied."""
         return {**self.implied, **self.said}
 
 

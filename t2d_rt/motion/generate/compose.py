@@ -23,7 +23,7 @@ from t2d_rt.motion.generate.library.moves import ACTIONS, directed, made_of_clip
 from t2d_rt.motion.generate.library.store import RATE_HZ, Store, shipped
 from t2d_rt.motion.interpolate import resample
 from t2d_rt.motion.kinematics import motion_of, poses_of
-from t2d_rt.motion.read.reading import file_origin
+from t2d_rt.motion.read.passes import file_origin
 from t2d_rt.types.motion import Motion
 
 # --- what of a description's step its makers heed, and what nothing makes ---

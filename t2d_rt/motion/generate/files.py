@@ -22,8 +22,7 @@ from t2d_rt.motion.descriptions.slots import Description
 from t2d_rt.motion.read import load_motion
 from t2d_rt.motion.read.arrays import MAX_BYTES
 from t2d_rt.motion.read.humanml3d import read_joints
-from t2d_rt.motion.read.passes import motion_of
-from t2d_rt.motion.read.reading import Reading
+from t2d_rt.motion.read.passes import Reading, motion_of
 from t2d_rt.types.motion import Motion
 
 # --- what MDM saves with `np.save` of a dictionary, read without the pickle module: nothing is called and no class is

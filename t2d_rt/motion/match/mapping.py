@@ -215,7 +215,7 @@ class Signs:
 
     @property
     def body(self) -> float:
-        """Sum of all."""
+        """Sum of all votes about the body."""
         return self.feet + self.knees + self.elbows + self.walk
 
     def swapped(self) -> Signs:

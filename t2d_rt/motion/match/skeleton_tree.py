@@ -288,7 +288,7 @@ class Limb:
 
     @property
     def length(self) -> float:
-        """Of both bones."""
+        """Length of both bones together."""
         return sum(self.lengths)
 
 

@@ -13,20 +13,17 @@ from t2d_rt.core.plugins import loaded, plugins
 from t2d_rt.motion.read.amass import read_amass
 from t2d_rt.motion.read.arrays import Arrays, read_arrays
 from t2d_rt.motion.read.asf_amc import read_asf_amc
-from t2d_rt.motion.read.c3d import read_c3d
 from t2d_rt.motion.read.clock import times_of
 from t2d_rt.motion.read.deepmimic import read_deepmimic
 from t2d_rt.motion.read.detect import GivenUp
-from t2d_rt.motion.read.joints_npz import read_plain
-from t2d_rt.motion.read.kimodo import read_kimodo
-from t2d_rt.motion.read.passes import motion_of
-from t2d_rt.motion.read.positions import motion_from_joints
-from t2d_rt.motion.read.reading import LOWEST_CUTOFF_HZ, Reading, file_origin
-from t2d_rt.motion.read.root import Root
+from t2d_rt.motion.read.ground import Root
+from t2d_rt.motion.read.joints_npz import read_kimodo, read_plain
+from t2d_rt.motion.read.markers import read_c3d, read_trc
+from t2d_rt.motion.read.orientations import motion_from_joints
+from t2d_rt.motion.read.passes import LOWEST_CUTOFF_HZ, Reading, file_origin, motion_of
 from t2d_rt.motion.read.skeletal import read_skeletal
 from t2d_rt.motion.read.subjects import check_only
 from t2d_rt.motion.read.tracks import Tracks
-from t2d_rt.motion.read.trc import read_trc
 from t2d_rt.types.motion import Motion
 
 BVH_SUFFIXES = (".bvh", ".bvh.gz")

@@ -69,7 +69,7 @@ class Bone:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Skeleton:
-    """An .asf file."""
+    """The skeleton that an .asf file describes."""
 
     bones: dict[str, Bone]
     parents: dict[str, str]

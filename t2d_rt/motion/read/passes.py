@@ -1,17 +1,16 @@
-"""Tracks as readers find them -> `Motion`: the passes that files of all formats go through, in one order.
-
-`sampled` brings samples onto their clock and bridges gaps, in the file's own unit and axes; `upright` turns them z up in metres;
-`placed` drops a calibration pose, mends leaps, takes measured noise away, levels what a tilted camera saw, adds feet, finds the
-root's way and the floor. What each of them did is a clause of the report, in this order.
-"""
+"""Tracks as readers find them -> `Motion`: how a file is to be read, and the passes that all formats go through, in one order."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import hashlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from t2d_rt.core.errors import InputError, warn
+from t2d_rt.core.checks import LARGEST_M, array, choice, flag, number, positive, text
+from t2d_rt.core.errors import InputError, printable, warn
 from t2d_rt.geometry.vectors import inner, norms
 from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, JITTER_LIMIT_MPS, jitter_mps, parts, smooth, smoothed
 from t2d_rt.motion.kinematics import facing, leg_m, middle, stature_m
@@ -20,6 +19,8 @@ from t2d_rt.motion.read.clock import on_clock
 from t2d_rt.motion.read.complete import add_level_feet, complete
 from t2d_rt.motion.read.detect import (
     AUTO_STATURE_M,
+    UNITS_M,
+    GivenUp,
     Up,
     add_feet,
     floor_level,
@@ -28,18 +29,81 @@ from t2d_rt.motion.read.detect import (
     tpose_frames,
     unit,
 )
-from t2d_rt.motion.read.flips import flips, told_flips
-from t2d_rt.motion.read.ground import levelled
+from t2d_rt.motion.read.ground import Root, levelled, rooted
 from t2d_rt.motion.read.joint_sets import LEAST_LIKELY, unlikeness
-from t2d_rt.motion.read.noise import without_noise
-from t2d_rt.motion.read.orientations import SHORTEST_M, orientations_from_positions
-from t2d_rt.motion.read.positions import assemble
-from t2d_rt.motion.read.reading import Reading
-from t2d_rt.motion.read.root import rooted
-from t2d_rt.motion.read.rotation_noise import without_rotation_noise
+from t2d_rt.motion.read.noise import flips, told_flips, without_noise, without_rotation_noise
+from t2d_rt.motion.read.orientations import SHORTEST_M, assemble, orientations_from_positions
 from t2d_rt.motion.read.samples import whole, without_leaps
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS, Motion, checked_rate
+
+# --- how a file is to be read, and where a motion comes from ---
+
+
+AXES = ("x", "y", "z", "-x", "-y", "-z", "file")
+
+LOWEST_CUTOFF_HZ = 0.1
+"""Below, a low-pass leaves nothing of human movement and the filter's coefficients lose their digits."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """What the user says of a file; None is detected. The fields are `load_motion`'s options."""
+
+    units: float | str | None = None
+    up: GivenUp | None = None
+    floor: float | None = None
+    drop_tpose: bool | None = None
+    smooth_hz: float | Literal["auto"] | None = "auto"
+    flavour: str | None = None
+    rate_hz: float | None = None
+    subject: str | None = None
+    root: Root | None = None
+
+    def __post_init__(self) -> None:
+        if self.units is not None and not isinstance(self.units, str):
+            positive("units", self.units, hint=f"metres per unit or one of {', '.join(UNITS_M)}")
+        if self.floor is not None:
+            number("floor", self.floor, -LARGEST_M, LARGEST_M, unit="m")
+        if self.drop_tpose is not None:
+            flag("drop_tpose", self.drop_tpose)
+        if self.smooth_hz is not None and not (isinstance(self.smooth_hz, str) and self.smooth_hz == "auto"):
+            number("smooth_hz", self.smooth_hz, LOWEST_CUTOFF_HZ, unit="Hz", hint="a cut-off in Hz, None or 'auto'")
+        if self.rate_hz is not None:
+            checked_rate(self.rate_hz)
+        if self.root is not None:
+            choice("root", self.root, ("file", "feet"))
+        if isinstance(self.up, str):
+            choice("up", self.up, AXES, hint="or give a vector in the file's axes")
+        elif self.up is not None and not np.linalg.norm(array("up", self.up, (3,), limit=LARGEST_M)) > 0:
+            raise InputError(
+                "up must be an axis such as 'z' or '-y', 'file', or a vector of some length, got one without"
+            )
+        for name, value in (("flavour", self.flavour), ("subject", self.subject)):
+            if value is not None:
+                text(name, value)
+
+    @property
+    def axis(self) -> Up | tuple[float, float, float] | None:
+        """The upward direction in the file that was given, None where it is to be found."""
+        if self.up is None or isinstance(self.up, str):
+            return None if self.up == "file" else self.up
+        x, y, z = (float(value) for value in self.up)
+        return x, y, z
+
+
+def file_origin(path: Path) -> str:
+    """A file by its name, without the folders of this machine, and its content."""
+    with path.open("rb") as file:
+        return f"{printable(path.name)}, sha256 {hashlib.file_digest(file, 'sha256').hexdigest()}"
+
+
+# --- tracks as readers find them -> `Motion`: the passes that files of all formats go through, in one order ---
+#
+# `sampled` brings samples onto their clock and bridges gaps, in the file's own unit and axes; `upright` turns them z
+# up in metres; `placed` drops a calibration pose, mends leaps, takes measured noise away, levels what a tilted camera
+# saw, adds feet, finds the root's way and the floor. What each of them did is a clause of the report, in this order.
+
 
 LOW_RATE_HZ = 15.0
 """Below, frames alone leave errors of 0.1 m/s and more in the speed of a walker's joints, of 0.2 m/s in a runner's."""

@@ -48,7 +48,7 @@ class Tracks:
     """Whether files of this format keep to it; else a body that stands along another axis decides."""
 
     def __len__(self) -> int:
-        """Number of frames."""
+        """How many frames there are."""
         return len(next(iter(self.points.values())))
 
     @property

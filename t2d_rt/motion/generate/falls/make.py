@@ -167,7 +167,7 @@ class Scenario:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Candidate:
-    """One simulated fall."""
+    """One simulated fall, before it is chosen."""
 
     scenario: Scenario
     run: Run

@@ -51,7 +51,7 @@ SLOW_HZ = 0.15, 0.6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Individual:
-    """One person."""
+    """One person, as drawn from a seed."""
 
     body: str
     """Shipped body that suits."""
@@ -193,7 +193,7 @@ class Maker:
         return edits.aligned(piece)
 
     def draw(self, segments: Sequence[Segment], weights: Sequence[float] | None = None) -> Segment:
-        """One of them."""
+        """One of the segments, drawn with weights."""
         chances = None if weights is None else np.asarray(weights) / np.sum(weights)
         return segments[int(self.rng.choice(len(segments), p=chances))]
 

@@ -32,7 +32,7 @@ HEAD_MASS, HEAD_ALONG = 0.0694, 0.45
 
 @dataclass(frozen=True)
 class Anatomy:
-    """A skeleton's proportions."""
+    """Lengths that key poses need of a skeleton."""
 
     skeleton: Skeleton
 
@@ -42,7 +42,7 @@ class Anatomy:
 
     @cached_property
     def leg_m(self) -> float:
-        """Hip to ankle."""
+        """Length of a leg from hip to ankle [m]."""
         return self.skeleton.leg_m
 
     @cached_property
@@ -67,7 +67,7 @@ class Anatomy:
 
     @cached_property
     def arm_m(self) -> float:
-        """Shoulder to wrist."""
+        """Length of an arm from shoulder to wrist [m]."""
         return 0.5 * sum(
             self.skeleton.bone_m(f"{side}_{joint}") for side in ("left", "right") for joint in ("elbow", "wrist")
         )

@@ -56,7 +56,7 @@ class Performer:
 
     @property
     def tall(self) -> float:
-        """Stature [m]."""
+        """Stature of the performer [m]."""
         return self.anatomy.stature_m
 
     def upright(self) -> dict[str, float]:
