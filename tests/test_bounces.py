@@ -269,7 +269,9 @@ def test_other_numbers_are_refused(corner: MovingMesh, bounces: object) -> None:
 
 
 def test_the_command_line_has_them(refused: Callable[..., str]) -> None:
-    assert "bounces must be an integer in 1..3, got 7" in refused("simulate", "walk.bvh", "--bounces", "7")
+    assert "bounces: got 7, should be less than or equal to 3; correct it" in refused(
+        "simulate", "walk.bvh", "--bounces", "7"
+    )
 
 
 def test_experiments_hold_them(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -17,7 +16,7 @@ from t2d_rt.accuracy.laws import COARSER
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.accuracy.search import OVER_DB
 from t2d_rt.core.cubes import Cube
-from t2d_rt.core.errors import T2DWarning
+from t2d_rt.core.errors import warn
 from t2d_rt.pipeline.echo_model import with_method
 from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.types import Accuracy
@@ -117,14 +116,12 @@ def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> Measu
         if missed_db < -CLEARLY * result.scatter_db or (uncertain_db <= ENOUGH_DB and missed_db <= 0):
             break
     if silent:
-        warnings.warn("there is no echo at the chirps compared, so the error is not known", T2DWarning, stacklevel=4)
+        warn("there is no echo at the chirps compared, so the error is not known")
         return MeasuredError(math.nan, math.nan, len(facets))
     if plan.tolerance_db is not None and result.error_db > plan.tolerance_db + OVER_DB:
-        warnings.warn(
+        warn(
             f"the measured error of {result.error_db:.1f} dB misses the tolerance of {plan.tolerance_db:g} dB; plan tells what "
-            "costs most",
-            T2DWarning,
-            stacklevel=4,
+            "costs most"
         )
     return result
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import warnings
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -15,7 +14,7 @@ from t2d_rt.accuracy.budget import FAST_OCCLUSION, SURELY, Budget, Total, ratio
 from t2d_rt.accuracy.laws import Laws
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.core.checks import number
-from t2d_rt.core.errors import T2DWarning
+from t2d_rt.core.errors import warn
 from t2d_rt.geometry import curvature
 from t2d_rt.pipeline.echo_model import SPLINE_ERROR_DB, Model, with_method
 from t2d_rt.types import Accuracy, Motion, MovingMesh, PathTier
@@ -209,10 +208,8 @@ def _checked(plan: Plan) -> Plan:
         remedy = "leave the settings to the tolerance"
         if worst.what == FAST_OCCLUSION:
             remedy = "trace it by the accuracy fast_rotating_hz=100000 and visibility_rate_hz=400"
-        warnings.warn(
+        warn(
             f"a tolerance of {plan.tolerance_db:g} dB is not in reach, {plan.error_db:.1f} dB is: {worst.what} alone cost "
-            f"{worst.error_db:.1f} dB; ask for less, or {remedy}",
-            T2DWarning,
-            stacklevel=5,
+            f"{worst.error_db:.1f} dB; ask for less, or {remedy}"
         )
     return plan

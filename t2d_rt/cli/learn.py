@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
@@ -11,7 +10,7 @@ import numpy as np
 
 from t2d_rt.cli.options import Capture, Command, Given
 from t2d_rt.cli.output import check_picture, made_folder, say, write_picture
-from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.core.progress import ProgressBar
 
 if TYPE_CHECKING:
@@ -229,11 +228,9 @@ def _warn_of_seen(source: str, maps: LabelledMaps, card: Card) -> None:
     """Warns where descriptions of a data set are among those of the training."""
     seen = np.isin(maps.groups["description"], card.about.get("descriptions", []))
     if seen.any():
-        warnings.warn(
+        warn(
             f"{seen.sum()} of {len(maps)} samples of {source} are of descriptions that the model was trained on; "
-            "its scores are better than for new ones",
-            T2DWarning,
-            stacklevel=2,
+            "its scores are better than for new ones"
         )
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from t2d_rt.cli.experiments import Asked, Job, OfPaths, OfPlan, is_experiment, radar_of
 from t2d_rt.cli.options import Given, Signal
 from t2d_rt.cli.output import check_picture, say, stem_of
-from t2d_rt.core.errors import InputError, T2DError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DError, T2DWarning, warn
 from t2d_rt.core.progress import ProgressBar
 
 if TYPE_CHECKING:
@@ -167,7 +167,7 @@ def _drawn(result: Recording, title: str) -> Figure | None:
     except Exception as error:  # whatever a drawing library may raise
         reason = " ".join(str(error).split()) or type(error).__name__
         told = f"the picture cannot be drawn ({reason}); the result is written without it"
-        warnings.warn(told, T2DWarning, stacklevel=2)
+        warn(told)
         return None
     return figure
 

@@ -10,7 +10,6 @@ import logging
 import os
 import re
 import time
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from t2d_rt.core.checks import file_path, integer
-from t2d_rt.core.errors import InputError, T2DWarning, install
+from t2d_rt.core.errors import InputError, install, warn
 from t2d_rt.core.processes import end_with
 from t2d_rt.core.versions import versions
 from t2d_rt.dataset.lock import locked
@@ -222,10 +221,8 @@ def _warn_of_versions(manifest: Path) -> None:
     begun, now = read_manifest(manifest.parent).get("versions", {}), versions()
     other = [f"{name} {begun.get(name)}" for name, version in now.items() if begun.get(name) != version]
     if other:
-        warnings.warn(
-            f"{manifest.parent} was begun with other versions ({', '.join(other)}); new samples may differ from theirs",
-            T2DWarning,
-            stacklevel=3,
+        warn(
+            f"{manifest.parent} was begun with other versions ({', '.join(other)}); new samples may differ from theirs"
         )
 
 

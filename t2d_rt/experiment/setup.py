@@ -12,7 +12,7 @@ import numpy as np
 
 from t2d_rt.core.backend import one_blas_thread, select
 from t2d_rt.core.checks import choice, integer, shown, text
-from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning, warn
 from t2d_rt.core.memory import LIMIT_GB, Budget
 from t2d_rt.core.stored_arrays import Inputs, Store
 from t2d_rt.experiment.catalog import noise_named, radar_named, target_named
@@ -165,11 +165,9 @@ def _placed(motion: Motion, radar: Radar) -> Motion:
     found = placed(motion, radar)
     _check_steps(found)
     if motion.placed is None:
-        warnings.warn(
+        warn(
             f"the motion was {placement(found)}, as it does not say whether its coordinates are those of the world; give "
-            "motion_from_joints placed=True to keep them, or placed=False to have it placed",
-            T2DWarning,
-            stacklevel=4,
+            "motion_from_joints placed=True to keep them, or placed=False to have it placed"
         )
     return found
 
@@ -189,12 +187,10 @@ def _tell_of_cuts(targets: Sequence[TargetLike], geometries: Sequence[Geometry],
         origin = target.origin if isinstance(target := targets[place], Motion) else ()
         return f"target {place + 1} ({origin[0].partition(',')[0] if origin else geometries[place].name})"
 
-    warnings.warn(
+    warn(
         f"the record ends with {named(ends_s.index(min(ends_s)))} at {stop_s:.4g} s, and of the {ends_s[longest]:.4g} s of "
         f"{named(longest)} the last {ends_s[longest] - stop_s:.4g} s are left out; give both for the same time (start_s, stop_s), "
-        "or simulate them apart",
-        T2DWarning,
-        stacklevel=4,
+        "or simulate them apart"
     )
 
 
@@ -209,11 +205,7 @@ def _check_steps(motion: Motion) -> None:
         )
     found = jumps(motion.joints, motion.names, motion.rate_hz)
     if found and not told_before(motion.report):
-        warnings.warn(
-            f"{told(found)}; a radar sees that as fast movement: cut or repair the motion there",
-            T2DWarning,
-            stacklevel=5,
-        )
+        warn(f"{told(found)}; a radar sees that as fast movement: cut or repair the motion there")
 
 
 def _scene_of(scene: Any, radar: Radar) -> Scene | None:
@@ -237,11 +229,9 @@ def _check_geometry(geometry: Geometry, radar: Radar, span_s: tuple[float, float
     farthest_m, fastest_mps = farthest_and_fastest(geometry, radar, span_s)
     check_speed(radar, fastest_mps, what=name)
     if farthest_m > radar.max_range_m:
-        warnings.warn(
+        warn(
             f"{name} is up to {farthest_m:.3g} m away, beyond the unambiguous {radar.max_range_m:.3g} m, from where the IF filter "
-            "lets no echo through; place it nearer (distance_m) or take a radar with less bandwidth or more samples",
-            T2DWarning,
-            stacklevel=3,
+            "lets no echo through; place it nearer (distance_m) or take a radar with less bandwidth or more samples"
         )
 
 

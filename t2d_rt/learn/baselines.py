@@ -11,6 +11,8 @@ from t2d_rt.learn.features import check_steps, features
 from t2d_rt.learn.maps import LabelledMaps
 from t2d_rt.learn.pytorch import require_learning
 
+__all__ = ["baseline_probabilities", "feature_table"]
+
 SHRINKAGE = 0.3
 """Of the covariance within classes towards a multiple of the unit matrix: there are more features than samples of a class."""
 

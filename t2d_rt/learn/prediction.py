@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -11,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from t2d_rt.core.checks import number
-from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.learn.maps import check_varied, relative_levels
 from t2d_rt.learn.saved_models import Card, Ensemble, SavedModel
 from t2d_rt.learn.segmental_viterbi import likeliest_course, nearest
@@ -179,10 +178,8 @@ def _last_start_s(whole: _Columns, card: Card) -> float:
             f"{told}; record longer, {LEAST_COVERED * card.duration_s:.3g} s or more, or train on a shorter duration_s"
         )
     if whole.length_s < card.duration_s * 0.999:
-        warnings.warn(
-            f"{told}; the one window goes on at the recording's floor, so do not trust its class as one of a whole window",
-            T2DWarning,
-            stacklevel=5,
+        warn(
+            f"{told}; the one window goes on at the recording's floor, so do not trust its class as one of a whole window"
         )
     return max(whole.length_s - card.duration_s, 0.0)
 
@@ -250,11 +247,9 @@ def _warn_of_carrier(carrier_hz: float, cards: Sequence[Card]) -> None:
     for known in dict.fromkeys(tuple(map(float, card.about.get("carriers_hz", []))) for card in cards):
         if known and min(abs(carrier_hz - each) / each for each in known) > BAND:
             told = ", ".join(f"{each / 1e9:g}" for each in known)
-            warnings.warn(
+            warn(
                 f"the recording is of {carrier_hz / 1e9:g} GHz, the model was trained on {told} GHz; its maps differ in Doppler "
-                "resolution, so do not trust the classes before a test at this carrier",
-                T2DWarning,
-                stacklevel=4,
+                "resolution, so do not trust the classes before a test at this carrier"
             )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -11,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from t2d_rt.core.backend import Backend
-from t2d_rt.core.errors import T2DWarning
+from t2d_rt.core.errors import warn
 from t2d_rt.core.memory import Budget
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.rays import Rays
@@ -68,11 +67,7 @@ def direct_pair(pairs: Sequence[PathPair], bounces: int, *, warned: bool) -> Pat
     """The pair without mirrors or slabs, over which there are several bounces; a warning where there is none."""
     found = [pair for pair in pairs if not pair.out.chain and not pair.back.chain]
     if not found and warned:
-        warnings.warn(
-            f"no direct path leads from the radar to the targets, so there are no echoes of {bounces} bounces",
-            T2DWarning,
-            stacklevel=5,
-        )
+        warn(f"no direct path leads from the radar to the targets, so there are no echoes of {bounces} bounces")
     return found[0] if found else None
 
 
@@ -95,7 +90,7 @@ def bounce_scatterers(
     if samples_s is not None:
         for target in targets:
             if target.why_not is not None:
-                warnings.warn(target.why_not, T2DWarning, stacklevel=4)
+                warn(target.why_not)
     taking = [target for target in targets if target.why_not is None]
     if not taking:
         return []

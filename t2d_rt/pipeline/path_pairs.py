@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fnmatch
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -12,7 +11,7 @@ import numpy as np
 
 from t2d_rt.core.backend import Backend, select
 from t2d_rt.core.checks import unknown_name
-from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.propagation.clutter import POINT_PIECES, POINT_RAYS, Shadows, rough_points, roughened, static_paths
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.images import vertices
@@ -151,20 +150,16 @@ def within_reach(scene: Scene, radar: Radar) -> Scene | None:
     place = (radar.tx_position_m + radar.rx_position_m) / 2
     ceiling_m = _ceiling_m(scene, place)
     if ceiling_m > CEILING_M:
-        warnings.warn(
-            f"the ceiling of {scene.name} is {ceiling_m:.4g} m above the radar, higher than any room; give the scene in metres",
-            T2DWarning,
-            stacklevel=4,
+        warn(
+            f"the ceiling of {scene.name} is {ceiling_m:.4g} m above the radar, higher than any room; give the scene in metres"
         )
     near = scene.near(place, radar.max_range_m + SLAB_M)
     if near is None:
         where = ", ".join(f"{x:.4g}" for x in place)
         low, high = (", ".join(f"{x:.4g}" for x in corner) for corner in scene.bounds_m)
-        warnings.warn(
+        warn(
             f"nothing of {scene.name}, which reaches from ({low}) to ({high}) m, is within {radar.max_range_m:.3g} m of the radar "
-            f"at ({where}) m, which reaches no farther, so there is free space; move it (position_m)",
-            T2DWarning,
-            stacklevel=4,
+            f"at ({where}) m, which reaches no farther, so there is free space; move it (position_m)"
         )
         return None
     triangles = sum(len(each.faces) for each in near.surfaces)

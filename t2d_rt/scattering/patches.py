@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.core.constants import SPEED_OF_LIGHT
-from t2d_rt.core.errors import T2DWarning
+from t2d_rt.core.errors import warn
 from t2d_rt.core.memory import blocks
 from t2d_rt.geometry import Refinement
 from t2d_rt.geometry.vectors import edge_cross
@@ -120,12 +119,10 @@ def patches(
     area = np.cumsum(np.linalg.norm(edge_cross(spans), axis=1))
     widest_of_most = float(widest[by_spread[np.searchsorted(area, (1 - FAST_FRACTION) * area[-1])]])
     if widest_of_most > 4:
-        warnings.warn(
+        warn(
             f"{surface.name} rotates too fast for its facets: phases across {FAST_FRACTION:.0%} of them change by more than "
             f"{widest_of_most * cycles_per_step:.2g} cycles between frames; raise surface_rate_hz to "
-            f"{rate_hz * widest_of_most:.0f}, or give a finer mesh",
-            T2DWarning,
-            stacklevel=5,
+            f"{rate_hz * widest_of_most:.0f}, or give a finer mesh"
         )
     starts = np.append(np.flatnonzero(first[: len(order)]), len(order))
     return Patches(nodes=fine.nodes[order], base_face=fine.base_face[order], starts=starts)

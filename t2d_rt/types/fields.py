@@ -120,7 +120,8 @@ def _sentence(error: ValidationError, model: type[Fields]) -> str:
         several = ", or a list of such" if key.endswith("offsets_m") else ""
         return f"{model.noun} key {key} must be three numbers x, y, z{several}, got {given}{more}"
     expected = first["msg"].removeprefix("Value error, ").removeprefix("Input ")
-    return f"{model.noun} key {key}: got {given}, {expected}; correct it, in SI units{more}"
+    units = ", in SI units" if key.endswith(("_m", "_s", "_hz", "_mps", "_w")) else ""
+    return f"{model.noun} key {key}: got {given}, {expected}; correct it{units}{more}"
 
 
 def _unknown_kind(context: Mapping[str, Any]) -> str:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-import warnings
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.core.files import read_bytes
 from t2d_rt.learn.adapters.interface import MAX_BYTES, Adapter, AdapterOptions, Piece, class_of, files_below, maps_from
 from t2d_rt.learn.maps import LabelledMaps
@@ -114,11 +113,9 @@ def read_point_clouds(path: Path, options: AdapterOptions) -> tuple[LabelledMaps
             name = f"{each.relative_to(path).as_posix()} {number}"
             pieces.append(Piece(cells + EMPTY_CELL, label, name, {"event": each.relative_to(path).as_posix()}))
     if short:
-        warnings.warn(
+        warn(
             f"{short} of {len(files)} files of {path} are shorter than a map of {options.duration_s:g} s and give none; "
-            "lower duration_s",
-            T2DWarning,
-            stacklevel=3,
+            "lower duration_s"
         )
     return maps_from(pieces, options, path, [each.parent.name for each in files]), files
 

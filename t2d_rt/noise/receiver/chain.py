@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 
 from t2d_rt.core.cube_storage import ScratchRows, block_rows
 from t2d_rt.core.cubes import Cube, DiskCube
-from t2d_rt.core.errors import T2DWarning
+from t2d_rt.core.errors import warn
 from t2d_rt.noise.receiver.draws import Draws, group_rows
 from t2d_rt.noise.receiver.flicker import Flicker
 from t2d_rt.noise.receiver.interference import Interference
@@ -98,11 +97,9 @@ def _warn_of_angles(radar: Radar, receiver: Receiver) -> None:
         return
     rms_rad = residual_rms_rad(radar, receiver.phase_noise)
     if rms_rad > SMALL_ANGLE_RAD:
-        warnings.warn(
+        warn(
             f"phase noise leaves up to {rms_rad:.2g} rad rms within the range axis, and its levels L(f) hold for small angles, "
-            f"up to {SMALL_ANGLE_RAD:g} rad; lower phase_noise, or take its side bands for estimates",
-            T2DWarning,
-            stacklevel=3,
+            f"up to {SMALL_ANGLE_RAD:g} rad; lower phase_noise, or take its side bands for estimates"
         )
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from t2d_rt.core.cubes import column_sums
-from t2d_rt.core.errors import T2DWarning
+from t2d_rt.core.errors import warn
 from t2d_rt.noise.receiver.samples import Received
 from t2d_rt.types import Radar, Receiver
 
@@ -134,22 +133,18 @@ class ReceiverLevels:
             return
         if self.clipped:
             over_db = 20 * math.log10(self.peak / math.sqrt(adc.full_scale_w))
-            warnings.warn(
+            warn(
                 f"the ADC is saturated: {100 * self.clipped / self.clean.count:.3g} % of the samples are clipped, the highest by "
-                f"{max(over_db, 0.0):.1f} dB; lower adc.gain_db or raise adc.full_scale_dbm, or move what is strongest away",
-                T2DWarning,
-                stacklevel=4,
+                f"{max(over_db, 0.0):.1f} dB; lower adc.gain_db or raise adc.full_scale_dbm, or move what is strongest away"
             )
         lost = self.lost / self.clean.count
         if self.input_w > 0 and lost > MOST_LOST:
             rms = math.sqrt(self.input_w / self.clean.count / 2)
             lacking_db = max(math.ceil(20 * math.log10(adc.step / rms)), 1)
-            warnings.warn(
+            warn(
                 f"the ADC's step is {adc.step / rms:.3g} times the rms of what comes in, and {100 * lost:.3g} % of the samples are "
                 f"rounded to one value; raise adc.gain_db from {adc.gain_db:g} to {adc.gain_db + lacking_db:g}, lower "
-                f"adc.full_scale_dbm by {lacking_db} dB, or give adc.bits {math.ceil(lacking_db / DB_PER_BIT)} more",
-                T2DWarning,
-                stacklevel=4,
+                f"adc.full_scale_dbm by {lacking_db} dB, or give adc.bits {math.ceil(lacking_db / DB_PER_BIT)} more"
             )
 
 
