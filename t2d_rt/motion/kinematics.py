@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from t2d_rt.geometry.vectors import norms
+from t2d_rt.geometry.vectors import norms, unit
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.interpolate import compose, decompose
 from t2d_rt.motion.quaternions import cross
@@ -223,7 +223,7 @@ def frames(points: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     spine = ("pelvis", "spine1", "spine2", "spine3")
     found: dict[str, np.ndarray] = {}
     for number, (name, above) in enumerate(zip(spine, (*spine[1:], "neck"), strict=True)):
-        left = _unit(across_hips) * (1 - number / 3) + _unit(across_shoulders) * (number / 3)
+        left = unit(across_hips) * (1 - number / 3) + unit(across_shoulders) * (number / 3)
         found[name] = _frame("z", points[above] - points[name], "y", left)
     found[LOWER_BACK] = found["pelvis"]
     found["neck"] = _swung(found["spine3"], [0.0, 0.0, 1.0], points["head"] - points["neck"])
@@ -258,7 +258,7 @@ def _arm(found: dict[str, np.ndarray], points: Mapping[str, np.ndarray], side: s
     upper, fore = elbow - shoulder, wrist - elbow
     straight = _swung(found[f"{side}_collar"], along, upper)
     # A bent elbow brings the forearm towards +x of the rest pose: about -z on the left, +z on the right.
-    hinge = _hinge(straight, [0.0, 0.0, 1.0], -sign * np.cross(_unit(upper), _unit(fore)))
+    hinge = _hinge(straight, [0.0, 0.0, 1.0], -sign * np.cross(unit(upper), unit(fore)))
     found[f"{side}_shoulder"] = _frame("y", sign * upper, "z", hinge)
     found[f"{side}_elbow"] = _frame("y", sign * fore, "z", hinge)
     found[f"{side}_wrist"] = _swung(found[f"{side}_elbow"], along, hand - wrist)
@@ -269,8 +269,8 @@ def _leg(found: dict[str, np.ndarray], points: Mapping[str, np.ndarray], side: s
     thigh, shank, sole = knee - hip, ankle - knee, foot - ankle
     straight = _swung(found["pelvis"], [0.0, 0.0, -1.0], thigh)
     # With the leg straight the hinge is square to the plane of leg and foot, which shows better than the pelvis's axis.
-    level = _hinge(straight, [0.0, 1.0, 0.0], np.cross(_unit(sole), _unit(shank)))
-    hinge = _hinge(_frame("z", -thigh, "y", level), [0.0, 1.0, 0.0], np.cross(_unit(thigh), _unit(shank)))
+    level = _hinge(straight, [0.0, 1.0, 0.0], np.cross(unit(sole), unit(shank)))
+    hinge = _hinge(_frame("z", -thigh, "y", level), [0.0, 1.0, 0.0], np.cross(unit(thigh), unit(shank)))
     found[f"{side}_hip"] = _frame("z", -thigh, "y", hinge)
     found[f"{side}_knee"] = _frame("z", -shank, "y", hinge)
     # The sole's frame has x along the level part of the bone in standing: the bone itself falls by a constant angle.
@@ -282,7 +282,7 @@ def _levelled(ankle: np.ndarray, ball: np.ndarray, hinge: np.ndarray) -> np.ndar
     """The bone from ankle to ball (T, 3), turned about the hinge by the angle at which it falls while the foot stands."""
     sole = ball - ankle
     standing = ankle[:, 2] <= np.percentile(ankle[:, 2], 25)  # the heel is down, and with it the whole foot
-    direction, axis = _unit(sole), _unit(hinge)
+    direction, axis = unit(sole), unit(hinge)
     half = 0.5 * np.arcsin(np.clip(np.median(direction[standing, 2]), -1.0, 1.0))
     lift = np.concatenate([np.sin(half) * axis, np.full((*axis.shape[:-1], 1), np.cos(half))], axis=-1)
     return quaternions.rotate(lift, direction)
@@ -295,13 +295,13 @@ def _hinge(guess: np.ndarray, axis: list[float], normal: np.ndarray) -> np.ndarr
     # A knee bent the wrong way is noise of a straight one; the hinge must not turn over.
     agrees = np.clip((normal * expected).sum(-1, keepdims=True) / np.maximum(np.sqrt(sine2), 1e-9), 0.0, 1.0)
     weight = agrees * sine2 / (sine2 + STRAIGHT)
-    return (1 - weight) * expected + weight * _unit(normal)
+    return (1 - weight) * expected + weight * unit(normal)
 
 
 def _frame(first: str, along: np.ndarray, second: str, towards: np.ndarray) -> np.ndarray:
     """Orientations whose axis `first` lies along a direction and whose axis `second` lies towards another, both (T, 3)."""
-    a = _unit(along)
-    b = _unit(towards - (towards * a).sum(-1, keepdims=True) * a)
+    a = unit(along)
+    b = unit(towards - (towards * a).sum(-1, keepdims=True) * a)
     columns = {first: a, second: b}
     (third,) = set("xyz") - set(columns)
     x, y = (("y", "z"), ("z", "x"), ("x", "y"))["xyz".index(third)]
@@ -365,10 +365,6 @@ def _with_ends(motion: Motion) -> dict[str, np.ndarray]:
             ankle, ball = points[f"{side}_ankle"], points[parent]
             shank = ankle - points[f"{side}_knee"]
             along = _levelled(ankle, ball, np.cross(ball - ankle, shank))
-        points[name] = points[parent] + END_LENGTHS[name] * tall * _unit(along)
+        points[name] = points[parent] + END_LENGTHS[name] * tall * unit(along)
     points[LOWER_BACK] = points["pelvis"]
     return points
-
-
-def _unit(vector: np.ndarray) -> np.ndarray:
-    return vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), 1e-12)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.core.errors import InputError, install
+from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion import quaternions
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, Motion
 
@@ -53,11 +54,6 @@ def matrices(quaternion: np.ndarray) -> np.ndarray:
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
     columns = [quaternions.rotate(quaternion, np.broadcast_to(axis, quaternion[..., :3].shape)) for axis in np.eye(3)]
     return np.stack(columns, axis=-1)
-
-
-def unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors over their lengths."""
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
 
 
 def frame(*, x: np.ndarray | None = None, y: np.ndarray, near_x: np.ndarray | None = None) -> np.ndarray:
