@@ -76,6 +76,19 @@ def test_config_round_trip(run: Command) -> None:
     assert t2d.Recording.load("walk.zarr").radar.prf_hz == 4000
 
 
+def test_a_null_stands_for_what_is_not_given(run: Command, refused: Callable[..., str]) -> None:
+    dump(
+        "nulls.yaml", {"without_paths": None, "only_paths": None, "material": None, "stop_s": None, "background": None}
+    )
+    assert (
+        run("plan", "walk.bvh", *QUICK, "--add", "fan:2,1,1", "--config", "nulls.yaml").code == 2
+    )  # background is no option
+    dump("nulls.yaml", {"without_paths": None, "only_paths": None, "material": None, "stop_s": None})
+    assert run("plan", "walk.bvh", *QUICK, "--add", "fan:2,1,1", "--config", "nulls.yaml").code == 0
+    dump("seed.yaml", {"seed": None})
+    assert "option seed" in refused("plan", "walk.bvh", "--config", "seed.yaml")
+
+
 def test_radar_by_name_by_file_and_in_a_config_file(run: Command) -> None:
     def radar(*arguments: str) -> dict[str, Any]:
         result = run("simulate", "walk.bvh", *arguments, "--print_config")

@@ -13,21 +13,24 @@ from t2d_rt.motion import load_motion
 from t2d_rt.simulate import simulate
 from t2d_rt.types import Radar
 
-OPTIONS = [
-    (command, action.option_strings[-1], action.help)
-    for command in cli.COMMANDS
-    for action in cli._command(command).parser._actions
-    if "--help" not in action.option_strings and not any(name.endswith("+") for name in action.option_strings[:1])
-]
+
+@pytest.mark.parametrize("command", cli.COMMANDS)
+def test_every_option_has_a_help_that_ends(command: str) -> None:
+    actions = [each for each in cli._command(command).parser._actions if "--help" not in each.option_strings]
+    told = {next(name for name in each.option_strings if name.startswith("--")): each.help or "" for each in actions}
+    assert "--file" in told
+    assert not {name: text for name, text in told.items() if not re.match(r"[A-Z\"]", text)}, "begin in mid-sentence"
+    assert not {name: text for name, text in told.items() if not re.search(r"\w[()'\"`\]]*\.$", text)}, "do not end"
+    assert not {name: text for name, text in told.items() if len(text.split()) < 3}, "say nothing"
+    assert not {name: text for name, text in told.items() if text.count("(") != text.count(")")}, "lack a parenthesis"
 
 
-@pytest.mark.parametrize(("command", "option", "text"), OPTIONS, ids=[f"{c} {o}" for c, o, _ in OPTIONS])
-def test_every_option_has_a_help_that_ends(command: str, option: str, text: str | None) -> None:
-    assert text, f"{command} {option} has no help"
-    assert re.match(r"[A-Z\"]", text), f"the help of {command} {option} begins in mid-sentence: {text}"
-    assert re.search(r"\w[()'\"`\]]*\.$", text), f"the help of {command} {option} ends in mid-sentence: {text}"
-    assert len(text.split()) >= 3
-    assert text.count("(") == text.count(")")
+@pytest.mark.parametrize("command", cli.COMMANDS)
+def test_every_command_says_what_it_does_and_has_examples(command: str) -> None:
+    parser = cli._command(command).parser
+    assert parser.description.endswith(".")
+    assert parser.epilog.startswith("examples:\n  t2d-rt ")
+    assert all(line.startswith("  t2d-rt ") for line in parser.epilog.splitlines()[1:])
 
 
 def test_a_help_over_several_lines_is_whole() -> None:

@@ -314,3 +314,20 @@ def test_a_new_field_of_accuracy_needs_no_other_edit(
     assert json.loads(t2d.Recording.load("mine.zarr").attributes["accuracy"])["extra_rate_hz"] == 5
     assert main(["simulate", "mine.yaml", "--accuracy.extra-rate-hz=7", "--overwrite"]) == 0
     assert json.loads(t2d.Recording.load("mine.zarr").attributes["accuracy"])["extra_rate_hz"] == 7
+
+
+def test_a_motion_file_is_read_as_its_experiment_says(tmp_path: Path) -> None:
+    text = f"targets: [{{kind: file, file: '{MOTIONS / '12_01_walk.bvh'}', stop_s: 0.2%s}}]\nradar: ci4r\n"
+    plain, scaled = tmp_path / "plain.yaml", tmp_path / "scaled.yaml"
+    plain.write_text(text % "")
+    scaled.write_text(text % ", reading: {units: 0.06, floor: 0}")
+    experiments = [t2d.Experiment.from_yaml(path) for path in (plain, scaled)]
+    statures = [each.targets_from({})[0].report.partition("1 unit = ")[2][:7] for each in experiments]
+    assert statures == ["0.05644", "0.06 m "]
+    assert (
+        "reading" not in experiments[0].to_yaml()
+    )  # as before there were any options of reading, and with the same hash
+    assert experiments[0].hash != experiments[1].hash
+    scaled.write_text(text % ", reading: {unit: cm}")
+    with pytest.raises(InputError, match=r"unknown option of reading 'unit'; did you mean units\?"):
+        t2d.Experiment.from_yaml(scaled)

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 RUN = "tolerance_db", "measure_error", "device", "memory_gb"
 """Options beside an experiment that go to `run` by their names."""
 SIMPLER = {
-    "scene": str, "material": str | None, "noise": str | dict[str, Any], "only_paths": list[str] | None, "without_paths": list[str],
+    "scene": str, "material": str | None, "noise": str | dict[str, Any], "only_paths": list[str] | None,
+    "without_paths": list[str] | None,
 }  # fmt: skip
 """Types of fields that are more than one word in an experiment."""
 FIELD = re.compile(r"\s*[A-Za-z_]+\s*=")
@@ -56,7 +57,8 @@ def experiment(command: Command, *, skip: tuple[str, ...] = ()) -> None:
         "material": "Material of the body: skin, clothed, pec or an ITU name; skin by default.",
     }
     better |= {name: f"{better[name]} The option is given once for each." for name in ("only_paths", "without_paths")}
-    _fields(command, Experiment, skip=("targets", "radar", *skip), better=better, hints=SIMPLER, group=group)
+    known: Given = {"better": better, "hints": SIMPLER, "defaults": {"without_paths": None}, "group": group}
+    _fields(command, Experiment, skip=("targets", "radar", *skip), **known)
     scene_material(command, group)
     command.add_fields(better, get_type_hints(run), defaults_of(run, skip={"accuracy", "progress", *skip}), group=group)
     told = "accuracy (a tolerance chooses the fields that are not given)"
@@ -109,7 +111,7 @@ def _fields(
     for name, field in model.model_fields.items():
         if name in skip:
             continue
-        value = field.get_default(call_default_factory=True) if defaults is None else defaults[name]
+        value = (defaults or {}).get(name, field.get_default(call_default_factory=True))
         told = (better or {}).get(name) or field.description or f"The field {name} of {model.__name__}."
         command.add(f"{prefix}{name}", kinds[name], value, told, group)
 

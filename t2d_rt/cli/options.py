@@ -65,7 +65,7 @@ class Command:
         self.name, self.function = name, function
         self.parser = ArgumentParser(
             parser_mode="bounded yaml", prog=f"t2d-rt {name}", usage=f"t2d-rt {name} {noun} [options]",
-            description=told.partition("\n\n")[0], epilog=f"examples:\n{examples}" if examples else None,
+            description=told.partition("\n\n")[0].strip(), epilog=f"examples:\n{examples}" if examples else None,
             formatter_class=Formatter, exit_on_error=False, default_env=False, allow_abbrev=False,
         )  # fmt: skip
         self.hints: dict[str, Any] = {}

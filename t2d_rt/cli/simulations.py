@@ -46,12 +46,14 @@ class _Said(logging.Handler):
 def reports_said() -> Iterator[None]:
     """Reports of motion files are printed as they are read."""
     log, said = logging.getLogger("t2d_rt.motion"), _Said()
+    level = log.level
     log.addHandler(said)
     log.setLevel(logging.INFO)
     try:
         yield
     finally:
         log.removeHandler(said)
+        log.setLevel(level)
 
 
 def simulate(

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, cast
 
 import numpy as np
-from pydantic import ConfigDict, Discriminator, Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import ConfigDict, Discriminator, Field, SerializerFunctionWrapHandler, field_validator, model_serializer
 
+from t2d_rt.core.checks import names_advice, shown
 from t2d_rt.core.errors import InputError, warn
 from t2d_rt.core.stored_arrays import Hash, Inputs, Store, named_arrays
 from t2d_rt.experiment.catalog import found_from, motion_path
@@ -76,6 +78,15 @@ class MotionFile(_Placed):
     """Name of the person who is taken of a file that holds several; by default the first who is complete."""
     reading: dict[str, Any] = Field(default_factory=dict)
     """Further options of `load_motion`, as {units: cm, up: z}; what is not given is detected."""
+
+    @field_validator("reading")
+    @classmethod
+    def _options_of_reading(cls, value: dict[str, Any]) -> dict[str, Any]:
+        known = [name for name in inspect.signature(load_motion).parameters if name not in ("path", "subject")]
+        for name in value:
+            if name not in known:
+                raise InputError(f"unknown option of reading {shown(name)}; {names_advice(name, known)}")
+        return value
 
     @model_serializer(mode="wrap")
     def _as_before(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
