@@ -120,7 +120,7 @@ def ready(kinds: Collection[str]) -> None:
     for name in (
         "matplotlib.backends.backend_agg", "scipy.signal", "scipy.interpolate", "scipy.spatial", "trimesh", "xarray", "zarr",
         "jsonargparse", "yaml", "mitsuba", "sionna.rt", "tqdm", "t2d_rt.cli", "t2d_rt.simulate", "t2d_rt.recording.compare",
-        "t2d_rt.plots.figures", "t2d_rt.dataset", "t2d_rt.dataset.labelled",
+        "t2d_rt.plots.figures", "t2d_rt.dataset", "t2d_rt.dataset.worker",
     ):  # fmt: skip
         import_module(name)
     if "trained" in kinds:
