@@ -401,10 +401,12 @@ class Grainy(t2d.Accuracy):
 
 def test_a_new_field_is_an_option_stands_in_yaml_and_is_saved(run: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     """With no edit anywhere: options are the fields of `Experiment` and `Accuracy`."""
-    for module in ("experiment.experiment", "experiment.setup", "recording.folder"):
-        monkeypatch.setattr(f"t2d_rt.{module}.Experiment", Windy)
-    for module in ("types", "accuracy.wanted", "recording.folder"):
-        monkeypatch.setattr(f"t2d_rt.{module}.Accuracy", Grainy)
+    import t2d_rt.simulate
+
+    for module in [each for name, each in sys.modules.items() if name.startswith("t2d_rt.")]:
+        for before, after in ((t2d.Experiment, Windy), (t2d.Accuracy, Grainy)):
+            if vars(module).get(before.__name__) is before:
+                monkeypatch.setattr(module, before.__name__, after)
     monkeypatch.setattr(t2d_rt.cli, "_command", inspect.unwrap(t2d_rt.cli._command))
     told = " ".join(run("simulate", "--help").out.split())
     assert "Speed of the wind [m/s]. (type: float, default: 0.0)" in told
