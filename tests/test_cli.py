@@ -401,8 +401,7 @@ class Grainy(t2d.Accuracy):
 
 def test_a_new_field_is_an_option_stands_in_yaml_and_is_saved(run: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     """With no edit anywhere: options are the fields of `Experiment` and `Accuracy`."""
-    import t2d_rt.simulate
-
+    import_module("t2d_rt.simulate")
     for module in [each for name, each in sys.modules.items() if name.startswith("t2d_rt.")]:
         for before, after in ((t2d.Experiment, Windy), (t2d.Accuracy, Grainy)):
             if vars(module).get(before.__name__) is before:
