@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import inspect
 import re
 
@@ -16,7 +17,8 @@ from t2d_rt.types import Radar
 
 @pytest.mark.parametrize("command", cli.COMMANDS)
 def test_every_option_has_a_help_that_ends(command: str) -> None:
-    actions = [each for each in cli._command(command).parser._actions if "--help" not in each.option_strings]
+    known = cli._command(command).parser._actions
+    actions = [each for each in known if "--help" not in each.option_strings and each.help != argparse.SUPPRESS]
     told = {next(name for name in each.option_strings if name.startswith("--")): each.help or "" for each in actions}
     assert "--file" in told
     assert not {name: text for name, text in told.items() if not re.match(r"[A-Z\"]", text)}, "begin in mid-sentence"
