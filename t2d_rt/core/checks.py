@@ -82,14 +82,14 @@ def integer(name: str, value: Any, low: int = 0, high: int | None = None, *, hin
 
 
 def flag(name: str, value: Any) -> bool:
-    """True or False."""
+    """A value that is True or False, NumPy's as well."""
     if not isinstance(value, (bool, np.bool_)):
         raise InputError(f"{name} must be True or False, got {shown(value)}")
     return bool(value)
 
 
 def text(name: str, value: Any, *, hint: str = "") -> str:
-    """A str."""
+    """A value that is a str, as it stands."""
     if not isinstance(value, str):
         raise InputError(f"{name} must be a text, got {shown(value)}{_then(hint)}")
     return value

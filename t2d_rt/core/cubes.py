@@ -36,7 +36,7 @@ class DiskCube:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """(chirp, antenna, sample)."""
+        """Numbers of chirps, antennas and samples."""
         return self.rows.shape
 
     def __len__(self) -> int:

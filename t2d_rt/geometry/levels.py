@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -57,7 +58,7 @@ class Level:
     """Edges to be split, (B, E) or (E,)."""
     red: np.ndarray
     """Faces to be split in four, (B, F) or (F,)."""
-    middle_ids: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
+    middle_ids: np.ndarray = field(default_factory=partial(np.empty, 0, np.int64))
     """Id of each edge's midpoint, -1 where none is made, (E,)."""
 
 

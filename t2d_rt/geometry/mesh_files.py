@@ -89,7 +89,7 @@ class _Element:
 
     @property
     def names(self) -> list[str]:
-        """Of its properties."""
+        """Names of its properties, in their order."""
         return [each.name for each in self.properties]
 
 

@@ -22,6 +22,7 @@ import hashlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -320,7 +321,7 @@ def curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float = 45.0) -> 
     The last ones are kept, read-only: a body's is asked for when it is skinned and when its facets are counted.
     """
     key = hashlib.sha256(rest.tobytes()).digest(), hashlib.sha256(faces.tobytes()).digest(), rest.shape, crease_deg
-    return _curvatures.get(key, lambda: _curvature(rest, faces, crease_deg))
+    return _curvatures.get(key, partial(_curvature, rest, faces, crease_deg))
 
 
 def _curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float) -> np.ndarray:

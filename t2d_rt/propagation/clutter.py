@@ -18,7 +18,7 @@ from t2d_rt.propagation.occluders import FACES_PER_SCENE
 from t2d_rt.propagation.paths import find_paths
 from t2d_rt.propagation.surroundings import polarization
 from t2d_rt.propagation.visibility import faded, side_by_side
-from t2d_rt.types import Ellipsoids, Material, MovingMesh, OneWayPath, Radar, Scene, StaticPath
+from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, Radar, Scene, StaticPath
 from t2d_rt.types.path_fields import reflection
 
 ASIDE_M = 1e-4 * np.array([0.36, 0.48, 0.8])
@@ -73,12 +73,12 @@ def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray) -> Static
 
 def roughened(scene: Scene, scattering_coefficient: float, frequency_hz: float) -> Scene:
     """The scene with surfaces that scatter, where their materials do not say how much."""
-
-    def material(given: str | Material) -> Material:
-        found = resolved(given, frequency_hz)
-        return replace(found, scattering_coefficient=found.scattering_coefficient or scattering_coefficient)
-
-    return replace(scene, surfaces=tuple(replace(each, material=material(each.material)) for each in scene.surfaces))
+    surfaces = []
+    for each in scene.surfaces:
+        found = resolved(each.material, frequency_hz)
+        own = found.scattering_coefficient or scattering_coefficient
+        surfaces.append(replace(each, material=replace(found, scattering_coefficient=own)))
+    return replace(scene, surfaces=tuple(surfaces))
 
 
 def rough_points(mirrors: Mirrors, radar: Radar) -> tuple[np.ndarray, np.ndarray]:

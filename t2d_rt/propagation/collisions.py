@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Literal
 
 import numpy as np
@@ -97,7 +98,7 @@ def _reach_text(scene: Scene) -> str:
 
 
 def _told(found: Collision, scene: Scene, names: Sequence[str], start_s: float) -> str:
-    """Half a sentence."""
+    """The first half of a sentence: who meets what, when and where."""
     name = names[found.target] + (f" (target {found.target + 1} of {len(names)})" if len(names) > 1 else "")
     where = _place_text(found.place_m)
     if found.surface is None:
@@ -133,7 +134,7 @@ def find_collisions(
             continue
         crossings = [first_crossing(mirrors, *each) for each in _lines(target, track, times)]
         if met := [each for each in crossings if each is not None]:
-            found.append(Collision(number, *min(met, key=lambda each: each[0])))
+            found.append(Collision(number, *min(met, key=itemgetter(0))))
     return found
 
 

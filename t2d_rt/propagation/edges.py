@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from operator import methodcaller
 
 import numpy as np
 
@@ -82,7 +83,8 @@ NO_LENGTH_M = 1e-6
 STOPPED, LEFT_OUT = 1, 2
 """What may happen to a ray."""
 DIRECTIONS = (
-    np.array(sorted((d for d in np.ndindex(3, 3, 3) if d > (1, 1, 1)), key=lambda d: d.count(1), reverse=True)) - 1.0
+    np.array(sorted((d for d in np.ndindex(3, 3, 3) if d > (1, 1, 1)), key=methodcaller("count", 1), reverse=True))
+    - 1.0
 )
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 """What lies apart along one of these 13, the axes and the diagonals of a cube, does not touch (Klosowski et al. 1998)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import accumulate
 from typing import Any
 
@@ -171,7 +172,7 @@ class Mirrors:
         loss_db = np.zeros(len(self.each)) if loss_db is None else np.asarray(loss_db, float)
         place_m = np.asarray(place_m, float)
         key = self.scene.content, place_m.tobytes(), order, transmissions, loss_db.tobytes(), self.backend.name
-        return list(_kept.get(key, lambda: self._searched(place_m, order, transmissions, loss_db)))
+        return list(_kept.get(key, partial(self._searched, place_m, order, transmissions, loss_db)))
 
     def _searched(self, place_m: np.ndarray, order: int, transmissions: int, loss_db: np.ndarray) -> list[Chain]:
         """The chains of `chains`, by rays in all directions."""

@@ -15,7 +15,6 @@ from itertools import count
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, TreeBuilder
-from xml.parsers import expat
 
 import numpy as np
 
@@ -34,6 +33,33 @@ MAX_DEPTH = 30
 MAX_INCLUDES = MAX_PARAMETERS = 20
 MAX_VALUE = 4096
 """Characters of an attribute once its parameters are filled in, which may hold one another."""
+
+
+class _BoundedTree(TreeBuilder):
+    """The elements of one file as they are parsed, counted with those of all files of the scene."""
+
+    def __init__(self, file: SceneFile) -> None:
+        super().__init__()
+        self._file, self._depth = file, 0
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> Element:
+        """An element begins."""
+        self._depth += 1
+        self._file.elements += 1
+        if self._depth > MAX_DEPTH or self._file.elements > MAX_ELEMENTS:
+            raise InputError(
+                f"it holds more than {MAX_ELEMENTS} elements or is nested deeper than {MAX_DEPTH} levels; make it simpler"
+            )
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> Element:
+        """An element is at its end."""
+        self._depth -= 1
+        return super().end(tag)
+
+    def doctype(self, *_: object) -> None:
+        """Refused before the entities that it declares are read."""
+        raise InputError("it has a document type (<!DOCTYPE), which no scene needs; delete it")
 
 
 @dataclass(slots=True)
@@ -87,36 +113,14 @@ class SceneFile:
 
     def _tree(self, data: bytes) -> Element:
         """The root of an XML text. No document type, whose entities could grow without bound or name other files."""
-        builder, parser = TreeBuilder(), expat.ParserCreate()
-        depth = 0
-
-        def start(tag: str, attributes: dict[str, str]) -> None:
-            nonlocal depth
-            depth += 1
-            self.elements += 1
-            if depth > MAX_DEPTH or self.elements > MAX_ELEMENTS:
-                raise InputError(
-                    f"it holds more than {MAX_ELEMENTS} elements or is nested deeper than {MAX_DEPTH} levels; make it simpler"
-                )
-            builder.start(tag, attributes)
-
-        def end(tag: str) -> None:
-            nonlocal depth
-            depth -= 1
-            builder.end(tag)
-
-        def document_type(*_: object) -> None:
-            raise InputError("it has a document type (<!DOCTYPE), which no scene needs; delete it")
-
-        parser.StartElementHandler, parser.EndElementHandler = start, end
-        parser.StartDoctypeDeclHandler = document_type
+        parser = ElementTree.XMLParser(target=_BoundedTree(self))
         try:
-            parser.Parse(data, True)
+            parser.feed(data)
+            return parser.close()
         except InputError:
             raise
-        except (expat.ExpatError, LookupError, ValueError) as error:
+        except (ElementTree.ParseError, LookupError, ValueError) as error:
             raise InputError(f"it is not XML ({error}); give a Mitsuba XML file") from None
-        return builder.close()
 
     def _define(self, name: str, value: str) -> None:
         if not name or len(value) > MAX_VALUE or len(self.parameters) >= MAX_PARAMETERS:

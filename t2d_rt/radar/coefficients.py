@@ -39,7 +39,7 @@ class AmplitudeFrames:
     @classmethod
     @one_thread_at_a_time
     def of(cls, window: Window, sweep: Sweep, backend: Backend) -> AmplitudeFrames:
-        """Of a window."""
+        """The amplitudes of a window's echoes, ready for the kernels of a backend."""
         import drjit as dr
 
         half_band = dr.opaque(backend.Float32, sweep.slope * sweep.half_time_s)

@@ -177,17 +177,20 @@ def _lag_s(images: Sequence[np.ndarray], clocks: Sequence[np.ndarray]) -> float:
     start = np.maximum(0, -lags)
     stop = np.minimum(first.shape[1], second.shape[1] - lags)
 
-    def sums(values: np.ndarray, offset: np.ndarray | int) -> np.ndarray:
-        total = np.concatenate([[0.0], np.cumsum(values.sum(axis=0))])
-        return total[stop + offset] - total[start + offset]
-
     cells = (stop - start) * len(first)
-    means = sums(first, 0) / cells, sums(second, lags) / cells
-    spread = (sums(first**2, 0) / cells - means[0] ** 2) * (sums(second**2, lags) / cells - means[1] ** 2)
+    ours, theirs = (start, stop), (start + lags, stop + lags)
+    means = _sums(first, *ours) / cells, _sums(second, *theirs) / cells
+    spread = (_sums(first**2, *ours) / cells - means[0] ** 2) * (_sums(second**2, *theirs) / cells - means[1] ** 2)
     correlation = (cross / cells - means[0] * means[1]) / np.sqrt(np.maximum(spread, 1e-12))
     allowed = 2 * (stop - start) >= min(first.shape[1], second.shape[1])
     lag = int(lags[np.argmax(np.where(allowed, correlation, -np.inf))])
     return lag * step + float(clocks[1][0] - clocks[0][0])
+
+
+def _sums(values: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
+    """Sums over columns start..stop of values (row, column), one for each of the ranges (lag,)."""
+    total = np.concatenate([[0.0], np.cumsum(values.sum(axis=0))])
+    return np.asarray(total[stop] - total[start])
 
 
 def _checked_labels(labels: Any) -> tuple[str, str]:

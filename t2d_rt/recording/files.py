@@ -16,6 +16,7 @@ import zipfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -155,9 +156,11 @@ def check_free(target: Path, *, overwrite: bool) -> None:
     check_replaceable(target, overwrite=overwrite)
 
 
-def check_replaceable(target: Path, *, overwrite: bool) -> None:
-    """Refuses what exists, unless `overwrite` and it is a result and holds nothing else."""
-    check_taken(target, overwrite=overwrite)
+def check_replaceable(target: Path, picture: Path | None = None, *, overwrite: bool) -> None:
+    """Refuses what exists, unless `overwrite` and it is a result and holds nothing else; and a picture that exists, likewise."""
+    for place in (target, picture):
+        if place is not None:
+            check_taken(place, overwrite=overwrite)
     if not target.exists():
         return
     try:
@@ -251,7 +254,7 @@ def write_export(
     target: Path, cube: Cube, labelled: xr.Dataset, attributes: Mapping[str, str], *, overwrite: bool
 ) -> None:
     """Writes the cube, and the labelled arrays and axes with the units in their attributes; a failure changes nothing."""
-    with replacing(target, lambda: check_taken(target, overwrite=overwrite)) as new:
+    with replacing(target, partial(check_taken, target, overwrite=overwrite)) as new:
         WRITERS[target.suffix.lower()](new, cube, labelled, attributes)
 
 

@@ -6,10 +6,11 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack, cast, overload
 
-from t2d_rt.core.atomic_write import check_taken, replacing
+from t2d_rt.core.atomic_write import replacing
 from t2d_rt.core.calls import public
 from t2d_rt.core.checks import call, file_path, flag, instance, numeric
 from t2d_rt.core.cube_storage import DIMENSIONS, NAME
@@ -404,13 +405,7 @@ class Recording:
             call("figure.savefig", getattr(figure, "savefig", None), "a method of a figure of Matplotlib")
         picture = None if figure is None else target.with_suffix(".png")
         check_free(target, overwrite=overwrite)
-
-        def check() -> None:
-            check_replaceable(target, overwrite=overwrite)
-            if picture is not None:
-                check_taken(picture, overwrite=overwrite)
-
-        with replacing(target, check) as new:
+        with replacing(target, partial(check_replaceable, target, picture, overwrite=overwrite)) as new:
             self._write(new)
             if figure is not None and picture is not None:
                 figure.savefig(new.with_name(picture.name))

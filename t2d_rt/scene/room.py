@@ -106,7 +106,7 @@ class Room(Fields):
         return self
 
     def scene(self) -> Scene:
-        """The room's surfaces."""
+        """The room's surfaces as a scene: floor, ceiling, walls with their openings, furniture."""
         low, high = self._box()
         corners = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
         surfaces = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -37,7 +38,7 @@ def save_scene(scene: Scene, folder: str | Path) -> Path:
         _check_replaceable(target)
     except OSError as error:
         raise InputError(f"cannot write the scene to {folder}: {error.strerror}; choose another folder") from error
-    with replacing(target, lambda: _check_replaceable(target)) as new:
+    with replacing(target, partial(_check_replaceable, target)) as new:
         _write(scene, new)
     return Path(folder) / f"{scene.name}.xml"
 

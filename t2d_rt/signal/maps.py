@@ -19,7 +19,7 @@ class RangeProfile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spectrogram:
-    """Micro-Doppler spectrogram."""
+    """Micro-Doppler spectrogram: power by radial speed and time."""
 
     power: np.ndarray
     """[W], (velocity, time)."""

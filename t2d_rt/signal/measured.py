@@ -372,17 +372,33 @@ def _receivers(values: np.ndarray, samples: int) -> np.ndarray:
     return values.reshape(-1, samples, 4).swapaxes(1, 2).reshape(-1, samples)
 
 
+def _complex_2_lanes(codes: np.ndarray, samples: int) -> np.ndarray:
+    return _complex(codes.reshape(-1, 2, 2)).reshape(-1, samples)
+
+
+def _complex_4_lanes(codes: np.ndarray, samples: int) -> np.ndarray:
+    return _receivers(_complex(codes.reshape(-1, 2, 4)), samples)
+
+
+def _complex_one_by_one(codes: np.ndarray, samples: int) -> np.ndarray:
+    return _complex(codes.reshape(-1, 2)).reshape(-1, samples)
+
+
+def _real_2_lanes(codes: np.ndarray, samples: int) -> np.ndarray:
+    return codes.reshape(-1, samples)
+
+
 LAYOUTS: dict[str, tuple[Callable[[np.ndarray, int], np.ndarray], str]] = {
     "complex samples over 2 lanes": (
-        lambda codes, samples: _complex(codes.reshape(-1, 2, 2)).reshape(-1, samples), "give lanes=2 and iq='IQ' or 'QI'",
+        _complex_2_lanes, "give lanes=2 and iq='IQ' or 'QI'",
     ),
     "complex samples over 4 lanes": (
-        lambda codes, samples: _receivers(_complex(codes.reshape(-1, 2, 4)), samples), "give lanes=4 and iq='IQ' or 'QI'",
+        _complex_4_lanes, "give lanes=4 and iq='IQ' or 'QI'",
     ),
-    "real samples over 2 lanes": (lambda codes, samples: codes.reshape(-1, samples), "give lanes=2 and iq='I'"),
+    "real samples over 2 lanes": (_real_2_lanes, "give lanes=2 and iq='I'"),
     "real samples over 4 lanes": (_receivers, "give lanes=4 and iq='I'"),
     "complex samples one by one, I Q I Q": (
-        lambda codes, samples: _complex(codes.reshape(-1, 2)).reshape(-1, samples),
+        _complex_one_by_one,
         "save numpy.fromfile(path, '<i2').reshape(chirps, antennas, samples, 2) as .npy",
     ),
 }  # fmt: skip
@@ -411,7 +427,7 @@ def _check_order(codes: np.ndarray, samples: int, given: str, path: Path) -> Non
         if len(chirps) >= FEWEST_CHIRPS:
             rounding = 1 / 6 if np.iscomplexobj(chirps) else 1 / 12
             found[name] = flatness_db(chirps, noise=rounding)
-    best = min(found, key=lambda name: found[name], default=given)
+    best = min(found, key=found.__getitem__, default=given)
     if given not in found or found[given] - found[best] < FLATTER_DB:
         return
     raise InputError(

@@ -308,15 +308,12 @@ def _directions(snapshots: np.ndarray, range_m: np.ndarray, radar: Radar) -> np.
         part = slice(start, start + AT_ONCE)
         place[part] = grid[np.abs(snapshots[part] @ beams).argmax(axis=1)]
 
-    def level(at: np.ndarray) -> np.ndarray:
-        weights = steering_vectors(radar, _upright(at), range_m)
-        return np.abs(np.sum(snapshots * weights.conj(), axis=1)) ** 2
-
     for shrink in range(REFINEMENTS):
         for axis in np.flatnonzero(extent):
             step = np.zeros(2)
             step[axis] = steps[axis] / 2**shrink
-            shift = _vertex(level(place - step), level(place), level(place + step))
+            around = (steering_vectors(radar, _upright(at), range_m) for at in (place - step, place, place + step))
+            shift = _vertex(*(np.abs(np.sum(snapshots * each.conj(), axis=1)) ** 2 for each in around))
             place = place + shift[:, None] * step
     return _upright(place)
 

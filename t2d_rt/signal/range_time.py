@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -41,9 +42,7 @@ def range_time(
     starts = window_starts(adc.shape[0], radar.loops_per_frame or adc.shape[0], n_window, n_window - overlap)
     columns = []
 
-    def cells_of(part: Any) -> np.ndarray:
-        return range_fft(part, window=range_window)
-
+    cells_of = partial(range_fft, window=range_window)
     for first, windows, cells in filtered(adc, radar, starts, n_window, cells_of, clutter_filter):
         power = cells.real**2 + cells.imag**2
         power = power if power.ndim == 2 else power.mean(axis=1)
@@ -136,9 +135,7 @@ def range_doppler_over(
     slow = taper("hann", n_window, periodic=True)[:, None, None]
     maps = []
 
-    def cells_of(part: Any) -> np.ndarray:
-        return range_fft(part, window=range_window)
-
+    cells_of = partial(range_fft, window=range_window)
     for first, windows, cells in filtered(adc, radar, possible[nearest], n_window, cells_of, clutter_filter):
         cells = cells.reshape(len(cells), -1, cells.shape[-1])
         for start in windows - first:

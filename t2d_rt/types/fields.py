@@ -94,8 +94,9 @@ def _article(model: type[Fields]) -> str:
 def _sentence(error: ValidationError, model: type[Fields]) -> str:
     """One sentence for the first thing that pydantic found wrong."""
     # A key that there is none of is misspelt more often than another one is missing.
-    first, *more_errors = sorted(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
-    others = {each["loc"][:1] for each in more_errors} - {first["loc"][:1]}
+    errors = error.errors(include_url=False)
+    first = next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
+    others = {each["loc"][:1] for each in errors} - {first["loc"][:1]}
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
         return str(cause)

@@ -23,7 +23,7 @@ Polarized = tuple[np.ndarray, np.ndarray]
 
 
 def reflection(material: Material, thickness_m: float, cosine: np.ndarray, frequency_hz: float) -> Polarized:
-    """R_TE and R_TM."""
+    """Reflection coefficients R_TE and R_TM of a slab of that thickness [m] (...), complex (...)."""
     if math.isinf(material.relative_permittivity):
         one = np.ones(np.shape(cosine), complex)
         return -one, one

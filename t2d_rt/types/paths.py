@@ -90,7 +90,7 @@ class OneWayPath:
 
     @property
     def order(self) -> int:
-        """Number of reflections."""
+        """Number of reflections on the path; 0 for the line of sight."""
         return len(self.chain) - self.transmissions
 
     @property

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -56,6 +57,11 @@ def _packaged() -> list[str]:
 def _preset_folder() -> Path:
     # By path, not as a package: data of the radar stage, none of its code.
     return Path(str(files("t2d_rt"))) / "radar" / "presets"
+
+
+def _check_no_folder(target: Path) -> None:
+    if target.is_dir():
+        raise InputError(f"cannot write {target}: it is a folder; choose the name of a file")
 
 
 def read_radar(path: str | Path) -> dict[str, Any]:
@@ -259,13 +265,8 @@ class Radar(Fields):
         import yaml
 
         target = file_path("path", path).resolve()
-
-        def check() -> None:
-            if target.is_dir():
-                raise InputError(f"cannot write {target}: it is a folder; choose the name of a file")
-
-        check()
-        with replacing(target, check) as new:
+        _check_no_folder(target)
+        with replacing(target, partial(_check_no_folder, target)) as new:
             new.write_text(yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False), encoding="utf-8")
 
     def replace(self, **changes: Any) -> Radar:

@@ -123,7 +123,7 @@ class Pet(Fields):
 
     @property
     def stride_hz(self) -> float:
-        """Strides per second."""
+        """Strides per second [Hz]: speed over length of a stride."""
         return self.speed_mps / self.stride_m
 
     def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
