@@ -26,7 +26,7 @@ from t2d_rt.core import atomic_write as store
 from t2d_rt.core.atomic_write import replacing, settle
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.resources import folder
-from t2d_rt.recording import folder as saved
+from t2d_rt.recording import files as saved
 from t2d_rt.recording.recording import Recording
 from t2d_rt.scene import Room, save_scene
 from t2d_rt.types import Radar, Scene
