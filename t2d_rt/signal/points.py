@@ -312,8 +312,8 @@ def _directions(snapshots: np.ndarray, range_m: np.ndarray, radar: Radar) -> np.
         for axis in np.flatnonzero(extent):
             step = np.zeros(2)
             step[axis] = steps[axis] / 2**shrink
-            around = (steering_vectors(radar, _upright(at), range_m) for at in (place - step, place, place + step))
-            shift = _vertex(*(np.abs(np.sum(snapshots * each.conj(), axis=1)) ** 2 for each in around))
+            nearby = (steering_vectors(radar, _upright(at), range_m) for at in (place - step, place, place + step))
+            shift = _vertex(*(np.abs(np.sum(snapshots * each.conj(), axis=1)) ** 2 for each in nearby))
             place = place + shift[:, None] * step
     return _upright(place)
 
