@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator
 
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_yaml
@@ -41,6 +41,7 @@ class Experiment(Plain):
     'fan'
     """
 
+    model_config = ConfigDict(use_attribute_docstrings=True)  # options of the command line
     noun: ClassVar[str] = "experiment"
     written: ClassVar[Mapping[str, str]] = {
         "targets": "a list of mappings with a kind, as in [{kind: file, file: walk}]",

@@ -32,12 +32,13 @@ Fraction = Annotated[Number, Field(ge=-1e6, le=1e6)]
 class Plain(Fields):
     """Values that stand in YAML and JSON."""
 
-    model_config = ConfigDict(ser_json_inf_nan="constants", use_attribute_docstrings=True)
+    model_config = ConfigDict(ser_json_inf_nan="constants")
 
 
 class _Placed(Plain):
     """A motion that is cut and placed before the radar."""
 
+    model_config = ConfigDict(use_attribute_docstrings=True)  # options of the command line
     noun: ClassVar[str] = "motion"
 
     kind: str
