@@ -260,7 +260,7 @@ def test_refusals_of_the_command(run: Command, refused: Callable[..., str]) -> N
     assert "option iq is of measured samples, and walk.bvh is a motion file; leave it out" in refused(
         "compare", "walk.bvh", "--iq", "QI"
     )
-    assert "option radar.carrier_hz is of a simulation" in refused("compare", "one.zarr", "one.zarr", "--radar", "ci4r")
+    assert "option radar is of a simulation" in refused("compare", "one.zarr", "one.zarr", "--radar", "ci4r")
 
 
 @pytest.mark.slow

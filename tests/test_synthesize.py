@@ -30,8 +30,8 @@ from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.scattering.phase_integral import divided_difference
 from t2d_rt.scattering.refinement import facets
-from t2d_rt.scattering.streams import joined
-from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, MovingMesh, Radar, resampled, stream
+from t2d_rt.scattering.streams import Resampled, joined
+from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, MovingMesh, Radar, stream
 from t2d_rt.types.radar import preset_names
 from validation.echoes import random_echoes as made_up
 
@@ -486,20 +486,12 @@ def test_merged_echoes_use_no_interval_beyond_the_last(preset: str, monkeypatch:
     assert read
 
 
-def test_resampled_at_its_own_times_a_stream_is_the_same() -> None:
-    echoes = random_echoes(TABLE2, frames=41)
-    asked: list[tuple[int, int]] = []
-    whole = stream(echoes)
-
-    def frames(start: int, stop: int) -> EchoArrays:
-        asked.append((start, stop))
-        return whole.frames(start, stop)
-
-    made = resampled(EchoStream(times_s=whole.times_s, frames=frames), whole.times_s, 16)
+def test_resampled_at_its_own_times_a_scatterer_is_the_same() -> None:
+    whole = stream(random_echoes(TABLE2, frames=41))
+    made = Resampled.of(whole, whole.times_s)
     for start, stop in ((0, 7), (7, 20), (12, 35), (35, 41)):
         for one, two in zip(made.frames(start, stop), whole.frames(start, stop), strict=True):
             np.testing.assert_array_equal(one, two)
-    assert asked == [(0, 16), (16, 32), (32, 41)]
 
 
 def test_merged_echoes_far_apart_across_range_before_a_wide_array() -> None:
