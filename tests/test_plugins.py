@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import sys
 import tomllib
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -59,10 +60,27 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
 @pytest.fixture
 def my_lab(install: Install) -> None:
     """The package of the page."""
-    (code,) = (text for _, language, text in blocks(PAGE) if language == "python")
+    _, code = (text for _, language, text in blocks(PAGE) if language == "python")
     registered = next(text for _, _, text in blocks(PAGE, "text") if "entry-points" in text)
     groups = tomllib.loads(registered)["project"]["entry-points"]
     install("my_lab", code, **{name.removeprefix("t2d_rt."): entries for name, entries in groups.items()})
+
+
+def test_the_scatterer_of_the_page_is_in_every_simulation(install: Install) -> None:
+    def cube() -> np.ndarray:
+        walk = t2d.trim(t2d.example("walk"), 1.0, 1.3)
+        return np.asarray(t2d.simulate(walk, radar="ci4r", method="ellipsoid", seed=1).adc)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of aliasing
+        before = cube()
+        code, _ = (text for _, language, text in blocks(PAGE) if language == "python")
+        install("my_echoes", code, scatterers={"pelvis": "my_echoes:pelvis"})
+        added = cube() - before
+    walk = t2d.place(t2d.trim(t2d.example("walk"), 1.0, 1.3), distance_m=None)
+    range_m = np.linalg.norm(walk.joints[:, 0] - [0, 0, 1], axis=1).mean()
+    level = np.sqrt(np.mean(np.abs(added) ** 2) / t2d.Radar.preset("ci4r").received_power_w(0.01, range_m))
+    assert level == pytest.approx(1, abs=0.1)
 
 
 @pytest.mark.usefixtures("my_lab")

@@ -1,4 +1,4 @@
-"""ADC cubes in memory or on disk by their size: how they are filled, read by ranges of chirps and labelled for xarray."""
+"""ADC cubes in memory or on disk by their size: how they are filled and read by ranges of chirps."""
 
 from __future__ import annotations
 
@@ -8,12 +8,9 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-import xarray as xr
-from xarray.backends import BackendArray, BackendEntrypoint
-from xarray.core import indexing
 
 from t2d_rt.core.backend import aligned_zeros
-from t2d_rt.core.cube_storage import DIMENSIONS, DTYPE, NAME, FileRows, SavedRows, ScratchRows, block_rows, row_bytes
+from t2d_rt.core.cube_storage import DTYPE, FileRows, SavedRows, ScratchRows, block_rows, row_bytes
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.factored_cubes import ProductRows
 
@@ -246,31 +243,6 @@ def row_blocks(cube: Cube) -> Iterator[tuple[slice, np.ndarray]]:
     for start in range(0, len(cube), block_rows(cube.shape)):
         part = slice(start, min(start + block_rows(cube.shape), len(cube)))
         yield part, np.asarray(cube[part])
-
-
-def lazy_variable(cube: DiskCube) -> xr.Variable:
-    """(chirp, antenna, sample); holds the cube, so what is read from it is there as long as the variable or a part of it."""
-    return xr.open_dataset(cube, engine=_CubeEngine, cache=False)[NAME].variable  # type: ignore[arg-type]
-
-
-class _CubeArray(BackendArray):
-    """What xarray reads from; it hands over the places that are asked for (xarray's guide "How to add a new backend")."""
-
-    def __init__(self, cube: DiskCube) -> None:
-        self.cube, self.shape, self.dtype = cube, cube.shape, cube.dtype
-
-    def __getitem__(self, key: indexing.ExplicitIndexer) -> np.ndarray:
-        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self.cube.outer)
-
-
-class _CubeEngine(BackendEntrypoint):
-    """Opens a cube as a dataset; xarray then sees to it that assignments go to memory."""
-
-    open_dataset_parameters = ("filename_or_obj", "drop_variables")
-
-    def open_dataset(self, filename_or_obj: Any, *, drop_variables: Any = None) -> xr.Dataset:
-        values = indexing.LazilyIndexedArray(_CubeArray(filename_or_obj))
-        return xr.Dataset({NAME: xr.Variable(DIMENSIONS, values)})
 
 
 SINGLE_ROWS = 4

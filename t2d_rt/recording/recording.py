@@ -207,7 +207,7 @@ class Recording:
         }
         values: Any = self.cube
         if isinstance(self.cube, DiskCube):
-            from t2d_rt.core.cubes import lazy_variable
+            from t2d_rt.core.lazy_array import lazy_variable
 
             values = lazy_variable(self.cube)
         return labelled(NAME, values, DIMENSIONS, times, {**self.attributes, "units": "sqrt(W)"})
