@@ -16,7 +16,7 @@ from t2d_rt.core.prefetch import prefetched
 from t2d_rt.core.progress import shown_progress, split_progress
 from t2d_rt.core.versions import versions
 from t2d_rt.experiment.experiment import Experiment
-from t2d_rt.experiment.setup import Stage, set_up
+from t2d_rt.experiment.setup import Setup, set_up
 from t2d_rt.pipeline.path_pairs import Clutter
 from t2d_rt.pipeline.prepare import Prepared, blocks, prepare
 from t2d_rt.pipeline.targets import TargetLike
@@ -105,8 +105,8 @@ def simulate(
     }  # fmt: skip
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, method)
     with one_blas_thread:  # no decorator, which would stand between a warning and the user's line
-        stage = set_up(target, radar, scene, physics, device=device, memory_gb=memory_gb)
-        return recorded(stage, wanted, device, progress)
+        setup = set_up(target, radar, scene, physics, device=device, memory_gb=memory_gb)
+        return recorded(setup, wanted, device, progress)
 
 
 def run(
@@ -120,33 +120,33 @@ def run(
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, experiment.method)
     with one_blas_thread:
         targets, scene = experiment.targets_from(inputs), experiment.scene_from(inputs)
-        stage = set_up(targets, experiment.radar, scene, experiment.physics, device=device, memory_gb=memory_gb)
-        recording = recorded(stage, wanted, device, progress)
+        setup = set_up(targets, experiment.radar, scene, experiment.physics, device=device, memory_gb=memory_gb)
+        recording = recorded(setup, wanted, device, progress)
     recording.settings |= {**known, **recording.settings}
     return recording
 
 
-def recorded(stage: Stage, wanted: Wanted, device: Device, progress: Progress | None) -> Recording:
+def recorded(setup: Setup, wanted: Wanted, device: Device, progress: Progress | None) -> Recording:
     """The recording of an experiment that is set up."""
-    ranked = stage.model.ranked
+    ranked = setup.model.ranked
     if wanted.measured and not all(each.used for each in ranked):
         raise InputError(
             "the error of a recording is that of all paths; give measure_error=False beside only_paths and without_paths"
         )
-    plan = chosen(stage.model, wanted)
+    plan = chosen(setup.model, wanted)
     model, accuracy = replace(plan.model, ranked=ranked), plan.accuracy
-    prepared = prepare(model, accuracy, stage.experiment.clutter)
+    prepared = prepare(model, accuracy, setup.experiment.clutter)
     needed_bytes = check_memory(prepared, measured=wanted.measured)
     cube = summed(prepared, device, progress)
-    settings = stage.described(model, accuracy) | prepared.counts | plan.described(needed_bytes)
+    settings = setup.described(model, accuracy) | prepared.counts | plan.described(needed_bytes)
     static = prepared.static
     del prepared  # its facets, before others are made
     settings |= measured_error(plan, cube, static).described() if wanted.measured else {}
-    cube, levels = received(cube, stage.experiment)
+    cube, levels = received(cube, setup.experiment)
     settings |= levels
     after_call()
     return Recording(
-        cube, model.radar, experiment=stage.experiment, accuracy=accuracy, inputs=stage.inputs, settings=settings,
+        cube, model.radar, experiment=setup.experiment, accuracy=accuracy, inputs=setup.inputs, settings=settings,
         versions=versions(),
     )  # fmt: skip
 

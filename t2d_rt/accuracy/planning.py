@@ -51,14 +51,14 @@ def plan(
     wanted = Wanted.of(given["accuracy"], tolerance_db, given["measure_error"])
     physics = {name: given[name] for name in physics if name != "scene"}
     begin = time.perf_counter()
-    stage = set_up(
+    setup = set_up(
         targets, given["radar"], given["scene"], physics, device=given["device"], memory_gb=given["memory_gb"]
     )
     ready = time.perf_counter()
-    found = chosen(stage.model, wanted)
+    found = chosen(setup.model, wanted)
     took = time.perf_counter()
     budget = found.budget
-    running = budget.seconds(found.accuracy, clutter=stage.experiment.clutter) * recent_yardstick_s(stage.model.backend)
+    running = budget.seconds(found.accuracy, clutter=setup.experiment.clutter) * recent_yardstick_s(setup.model.backend)
     seconds = {"preparing": ready - begin, "planning": took - ready, "running": running}
     memory = predicted_bytes(budget.model, found.accuracy, budget.counts, measured=wanted.measured)
     refuse(budget.model, memory, measured=wanted.measured)

@@ -242,10 +242,10 @@ def _model_of(job: Job) -> tuple[Model, Accuracy]:
     if isinstance(made, Experiment):
         wanted = Wanted.of(given, tolerance_db)
         with reports_said():
-            stage = set_up(made.targets_from({}), made.radar, made.scene_from({}), made.physics, **machine)
+            setup = set_up(made.targets_from({}), made.radar, made.scene_from({}), made.physics, **machine)
     else:
         kept = made.accuracy if tolerance_db is None else None
         wanted = Wanted.of(kept.replace(**given) if kept else given, tolerance_db)
-        stage = set_up_again(made.experiment, made.inputs, **machine)
-    plan = chosen(stage.model, wanted)
-    return replace(plan.model, ranked=stage.model.ranked), plan.accuracy
+        setup = set_up_again(made.experiment, made.inputs, **machine)
+    plan = chosen(setup.model, wanted)
+    return replace(plan.model, ranked=setup.model.ranked), plan.accuracy

@@ -1,4 +1,4 @@
-"""`Stage`: an experiment set up: targets placed, on one clock, checked against radar and room, with the path pairs to them."""
+"""`Setup`: an experiment set up: targets placed, on one clock, checked against radar and room, with the path pairs to them."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ LEAST_CUT_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Stage:
+class Setup:
     """An experiment set up."""
 
     experiment: Experiment
@@ -56,7 +56,7 @@ class Stage:
     """How its targets become echoes."""
 
     def described(self, model: Model, accuracy: Accuracy) -> dict[str, Any]:
-        """What a recording was made with, in a few words; `model` may be simpler than the stage's own."""
+        """What a recording was made with, in a few words; `model` may be simpler than the own one."""
         pairs, material, experiment = model.pairs(accuracy), model.material, self.experiment
         room = {name: getattr(experiment, name) for name in ("reflections", "transmissions", "collisions")}
         return {
@@ -73,8 +73,8 @@ class Stage:
 
 def set_up(
     target: Any, radar: Any, scene: Any, physics: Mapping[str, Any], *, device: str, memory_gb: float
-) -> Stage:  # fmt: skip
-    """The stage of a target or several, in a scene; `physics` are the other fields of an `Experiment`; all are checked."""
+) -> Setup:  # fmt: skip
+    """The setup of a target or several, in a scene; `physics` are the other fields of an `Experiment`; all are checked."""
     memory = Budget.of(memory_gb)
     # Names first: a motion takes longer to read.
     radar = radar_named(radar)
@@ -131,12 +131,12 @@ def set_up(
     experiment = Experiment(
         targets=sources_of(targets, store), radar=radar, scene=stored_scene(whole, store), **physics
     )
-    return Stage(experiment, store.inputs, model)
+    return Setup(experiment, store.inputs, model)
 
 
 def set_up_again(
     experiment: Experiment | None, inputs: Inputs, *, device: str = "auto", memory_gb: float = LIMIT_GB
-) -> Stage:
+) -> Setup:
     """A recording's experiment set up once more, for what follows from it beside the samples; its warnings have been told."""
     if experiment is None:
         raise InputError("the recording was measured: it has no experiment, from which paths and truth are worked out")
