@@ -164,16 +164,21 @@ def summed(prepared: Prepared, device: Device, progress: Progress | None) -> Cub
         with Synthesis(
             part.times_s, radar, tolerance_db=error_db, device=device, memory=memory, onto=cube, progress=told
         ) as synthesis:
-            for block, echoes in prefetched(echoes_of(part)):
+            for block, echoes in prefetched(blocks_of_echoes(part)):
                 synthesis.add(block.first, echoes)
         cube = synthesis.cube
     assert cube is not None, "a simulation has at least one target"
     return cube
 
 
-def echoes_of(part: Scatterer) -> Iterator[tuple[FrameBlock, EchoArrays]]:
+def blocks_of_echoes(part: Scatterer) -> Iterator[tuple[FrameBlock, EchoArrays]]:
     """The echoes of scatterers that are summed together, block by block of the surface frames."""
     for block in blocks(part):
-        poses = pose(part.parts, block)
-        seen = visibility(part.parts, block)
-        yield block, part.scatter(block, poses, seen)
+        yield block, echoes_in(part, block)
+
+
+def echoes_in(part: Scatterer, block: FrameBlock) -> EchoArrays:
+    """Their echoes in one block, after which poses and visibility are dropped."""
+    poses = pose(part.parts, block)
+    seen = visibility(part.parts, block)
+    return part.scatter(block, poses, seen)

@@ -133,8 +133,8 @@ def test_parts_of_the_echoes_sum_to_the_same(monkeypatch: pytest.MonkeyPatch) ->
     whole = t2d.simulate([approaching(2), approaching(2)], radar=RADAR, scene="empty_room", reflections=1).cube
     monkeypatch.setattr(echo_streams, "MOST_ECHOES", 3_000)
     calls = []
-    every = LOOP.echoes_of
-    monkeypatch.setattr(LOOP, "echoes_of", lambda part: calls.append(part.echoes) or every(part))
+    every = LOOP.blocks_of_echoes
+    monkeypatch.setattr(LOOP, "blocks_of_echoes", lambda part: calls.append(part.echoes) or every(part))
     parts = t2d.simulate([approaching(2), approaching(2)], radar=RADAR, scene="empty_room", reflections=1).cube
     assert len(calls) > 3
     assert max(calls) <= 3_000

@@ -501,9 +501,8 @@ def test_many_viewpoints_are_traced_at_fewer_instants_at_once(walker: MovingMesh
     samples = sample_times(0, 1.2, 25.0)
     meshes = Occluders([walker], subdivision=1)
     few, many = (Viewpoints(meshes, samples, backend) for _ in range(2))
-    Occlusion(few, HERE)
-    for k in range(400):
-        Occlusion(many, HERE + [0, 0, k])
+    held = [Occlusion(few, HERE), *(Occlusion(many, HERE + [0, 0, k]) for k in range(400))]
+    assert len(held) == 401  # what nothing holds is not traced for
     assert few.at_once == meshes.copies
     assert 1 <= many.at_once <= max(1, VISIBILITY_BYTES / (SAMPLE_BYTES * 400 * meshes.point_count)) < meshes.copies
 

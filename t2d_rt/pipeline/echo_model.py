@@ -1,4 +1,4 @@
-"""Targets before a radar as streams of echoes, at any accuracy."""
+"""`Model`: targets before a radar in a scene, and what an accuracy asks of each: rates, frames, facets, path pairs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The room's part of the pipeline: path pairs to the targets, and the targets' visibility over each."""
+"""The path pairs to the targets in a room, in tiers by their levels, and the scatterers of its static clutter."""
 
 from __future__ import annotations
 

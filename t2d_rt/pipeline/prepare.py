@@ -32,6 +32,8 @@ from t2d_rt.types.scatterer import FrameBlock, Scatterer
 
 OCCLUDER_SAGITTA_SCALE = 2.0
 """Sagitta scale of facets that occlude others, where visibility is traced from every facet's vertices: below -45 dB."""
+UNKNOWN_ECHOES = 10_000
+"""Taken for the number of echoes of a scatterer that does not say it."""
 BESIDE_CLUTTER_DB = -50.0
 """Greatest error of the sum where there are static echoes: they are far stronger than those of a walker."""
 BLOCKAGE_RATE = 0.5
@@ -78,7 +80,9 @@ def blocks(part: Scatterer) -> Iterator[FrameBlock]:
     """All surface frames in order, as many at a time as fit a fixed amount of memory."""
     first, frames = 0, len(part.times_s)
     while first < frames:
-        last = block_end(first, frames, echoes=part.echoes, vertices=part.vertices, at_once=part.at_once)
+        last = block_end(
+            first, frames, echoes=part.echoes or UNKNOWN_ECHOES, vertices=part.vertices, at_once=part.at_once
+        )
         yield FrameBlock(part.times_s, first, last)
         first = last
 

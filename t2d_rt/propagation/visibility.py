@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
+from weakref import ref
 
 import numpy as np
 
@@ -66,7 +67,22 @@ class Viewpoints:
 
     def __init__(self, meshes: Occluders, samples_s: np.ndarray, backend: Backend) -> None:
         self.meshes, self.samples_s, self.backend = meshes, samples_s, backend
-        self.each: list[Occlusion] = []
+        self._each: list[ref[Occlusion]] = []
+
+    @property
+    def each(self) -> list[Occlusion]:
+        """Those that something asks: what has been dropped is not traced for."""
+        return [one for one in (found() for found in self._each) if one is not None]
+
+    def add(self, viewpoint: Occlusion) -> None:
+        """One more."""
+        self._each.append(ref(viewpoint))
+
+    def traced(self, some: Sequence[Occlusion], times_s: np.ndarray) -> list[np.ndarray]:
+        """Visibility from some of them at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
+        at = self.meshes.at(times_s)
+        scene = self.scene(at)
+        return [each.fractions(each.sampled(at, scene), 1) for each in some]
 
     @cached_property
     def at_once(self) -> int:
@@ -113,7 +129,9 @@ class Occlusion:
     ) -> None:
         self.viewpoint_m, self.solid = np.asarray(viewpoint_m, np.float64), solid
         self.viewpoints, self._meshes, self._unblocked = viewpoints, viewpoints.meshes, unblocked
-        viewpoints.each.append(self)
+        viewpoints.add(self)
+        self._last: dict[int, tuple[np.ndarray, list[np.ndarray]]] = {}
+        """What was asked for last, by `path_count`: meshes ask for the same times one after another."""
         self.chunks: dict[int, VisibilitySamples] = {}
         self.asked = False
         """Whether visibility was asked for since chunks were dropped last."""
@@ -133,11 +151,11 @@ class Occlusion:
 
         `path_count` one-way paths, 1 or 2, share the blockage by the static scene.
         """
-        return self._meshes.split(self.of_all(times_s, path_count))
-
-    def of_all(self, times_s: np.ndarray, path_count: int = 1) -> np.ndarray:
-        """The same of all meshes' vertices in one array (K, V)."""
-        return faded(times_s, self.viewpoints.samples_s, lambda numbers: self._at_samples(numbers, path_count))
+        last = self._last.get(path_count)
+        if last is None or not np.array_equal(last[0], times_s):
+            values = faded(times_s, self.viewpoints.samples_s, lambda numbers: self._at_samples(numbers, path_count))
+            last = self._last[path_count] = times_s, self._meshes.split(values)
+        return last[1]
 
     def _at_samples(self, numbers: np.ndarray, path_count: int) -> np.ndarray:
         # Blocks of frames go on in time, and all chunks of one are asked for from each place in turn.
@@ -149,13 +167,13 @@ class Occlusion:
             chunk, place = divmod(number, every)
             if chunk not in self.chunks:
                 self.viewpoints.sample(chunk)
-            found.append(self._fractions(self.chunks[chunk], path_count)[place])
+            found.append(self.fractions(self.chunks[chunk], path_count)[place])
         return np.stack(found)
 
     def traced(self, times_s: np.ndarray) -> np.ndarray:
         """Visibility at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
         at = self._meshes.at(times_s)
-        return self._fractions(self.sampled(at, self.viewpoints.scene(at)), 1)
+        return self.fractions(self.sampled(at, self.viewpoints.scene(at)), 1)
 
     def sampled(self, at: Posed, scene: Surroundings | None) -> VisibilitySamples:
         """Visibility at the instants of meshes that stand in a scene."""
@@ -165,7 +183,7 @@ class Occlusion:
         front = np.einsum("kvi,kvi->kv", at.normals, self.viewpoint_m - at.points) > 0
         return VisibilitySamples(front, self.visible(at, front, scene), unblocked)
 
-    def _fractions(self, sampled: VisibilitySamples, path_count: int) -> np.ndarray:
+    def fractions(self, sampled: VisibilitySamples, path_count: int) -> np.ndarray:
         """Visibility where so many one-way paths share the blockage, float32 (K, all vertices)."""
         if path_count not in sampled.fractions:
             sampled.fractions[path_count] = self._beyond(sampled, sampled.unblocked**path_count)

@@ -15,6 +15,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -131,14 +132,19 @@ class Synthesis:
         self._pool, self._jobs, self._done = ThreadPoolExecutor(1), list[Future[None]](), 0
 
     def __enter__(self) -> Synthesis:
-        one_blas_thread.__enter__()
-        self._filler.__enter__()
+        with ExitStack() as opened:
+            opened.enter_context(one_blas_thread)
+            opened.enter_context(self._filler)
+            opened.callback(self._pool.shutdown)
+            opened.push(self._finish)
+            self._open = opened.pop_all()
         return self
 
     def add(self, first: int, echoes: EchoArrays) -> None:
         """The echoes at frames from the `first` on, which follows those that came before."""
         for window in self._windows.add(first, filtered(echoes, self._radar)):
             self._sum(window)
+            del window  # before its memory is given back
             self._memory.release()
 
     def _sum(self, window: Window) -> None:
@@ -166,16 +172,15 @@ class Synthesis:
         for job in self._jobs:
             job.result()
 
-    def __exit__(self, kind: Any, *failed: Any) -> None:
-        try:
-            if kind is None:
-                self._wait()
-                if self._done != len(self._mid_times_s):
-                    raise RuntimeError(f"rows {self._done}..{len(self._mid_times_s)} of a cube were left out")
-        finally:
-            self._pool.shutdown()
-            self._filler.__exit__(kind, *failed)
-            one_blas_thread.__exit__(kind, *failed)
+    def _finish(self, kind: Any, *_: Any) -> None:
+        """After the last block: all samples are made, and all rows have come; what fails here is a failure of the filler's, too."""
+        if kind is None:
+            self._wait()
+            if self._done != len(self._mid_times_s):
+                raise RuntimeError(f"rows {self._done}..{len(self._mid_times_s)} of a cube were left out")
+
+    def __exit__(self, *failed: Any) -> None:
+        self._open.__exit__(*failed)
 
 
 def _new_cube(shape: tuple[int, int, int], memory: Budget) -> Cube:

@@ -195,7 +195,7 @@ def visible_fractions(model: Model, accuracy: Accuracy, people: Sequence[Person]
     ]  # fmt: skip
     for first in range(0, len(at_s), viewpoints.at_once):
         some_s = at_s[first : first + viewpoints.at_once]
-        seen = [occluders.split(view.traced(some_s)) for view in views]
+        seen = [occluders.split(each) for each in viewpoints.traced(views, some_s)]
         for row, person in enumerate(people):
             mesh = meshes[person.number]
             for k, posed in enumerate(mesh.at(some_s)):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import reused_empty
 from t2d_rt.types import EchoArrays, Radar
 
@@ -40,6 +41,11 @@ def side_by_side(parts: list[EchoArrays]) -> EchoArrays:
     parts = [p if p.slope is not None else p._replace(slope=np.zeros_like(p.amplitude)) for p in parts]
     if any(part.arrival_m is not None for part in parts):
         parts = [p if p.arrival_m is not None else p._replace(arrival_m=p.departure_m) for p in parts]
+    if len({part.departure_m is None for part in parts}) > 1:
+        raise InputError(
+            "some scatterers give no apparent positions (departure_m), which an array radar needs of all; give them as "
+            "docs/extend.md does"
+        )
     joint = [None if fields[0] is None else _joint(fields) for fields in zip(*parts, strict=True)]
     return EchoArrays(*joint)  # type: ignore[arg-type]
 

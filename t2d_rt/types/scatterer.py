@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -44,7 +44,7 @@ class EchoLabels:
     """Where each of N echoes comes from; the same at all times."""
 
     target: np.ndarray
-    """Number of the target, (N,); -1 is the static scene, or several targets."""
+    """Number of the target, (N,); -1 is the static scene, or ray tubes between several surfaces."""
     part: np.ndarray
     """Number of the face of its mesh, or of its ellipsoid, (N,); -1 is none of them."""
     path: np.ndarray
@@ -132,10 +132,10 @@ class Scatterer(ABC):
 class EchoStream(Scatterer):
     """Echoes of one's own that are made when they are asked for, so that memory does not grow with duration."""
 
-    frames: Callable[[int, int], EchoArrays]  # type: ignore[assignment]
-    """`frames(start, stop)`: the arrays of `Echoes` for frames start..stop-1; the scatterers are the same in every call."""
+    frames: Callable[[int, int], EchoArrays] = field()  # type: ignore[assignment]
+    """`frames(start, stop)`: the arrays of `Echoes` for frames start..stop-1; the echoes are the same ones in every call."""
     echoes: int = 0
-    """How many scatterers there are, where that is known beforehand."""
+    """How many there are, where that is known beforehand."""
 
     def __post_init__(self) -> None:
         call("frames", self.frames, "a function from the first frame and the one after the last to their EchoArrays")
@@ -170,5 +170,9 @@ def pose(scatterers: Iterable[Scatterer], block: FrameBlock) -> Poses:
 
 def visibility(scatterers: Iterable[Scatterer], block: FrameBlock) -> Visibility:
     """All fractions that the scatterers need, each found once."""
-    reach = {fraction: each.reach for each in scatterers for fraction in each.fractions}
+    reach: dict[Fraction, int] = {}
+    for each in scatterers:
+        for fraction in each.fractions:
+            if reach.setdefault(fraction, each.reach) != each.reach:
+                raise ValueError("scatterers of different reach need fractions of their own")
     return {fraction: fraction(block.wider(frames)) for fraction, frames in reach.items()}
