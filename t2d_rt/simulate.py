@@ -18,7 +18,7 @@ from t2d_rt.core.versions import versions
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import Setup, set_up
 from t2d_rt.pipeline.path_pairs import Clutter
-from t2d_rt.pipeline.prepare import Prepared, blocks, prepare
+from t2d_rt.pipeline.prepare import Prepared, blocks, plugin_finders, prepare
 from t2d_rt.pipeline.targets import TargetLike
 from t2d_rt.propagation.collisions import Collisions
 from t2d_rt.radar.repetition import add_repeated
@@ -139,6 +139,7 @@ def recorded(setup: Setup, wanted: Wanted, device: Device, progress: Progress | 
     needed_bytes = check_memory(prepared, measured=wanted.measured)
     cube = summed(prepared, device, progress)
     settings = setup.described(model, accuracy) | prepared.counts | plan.described(needed_bytes)
+    settings |= {"scatterers": sorted(added)} if (added := plugin_finders()) else {}
     static = prepared.static
     del prepared  # its facets, before others are made
     settings |= measured_error(plan, cube, static).described() if wanted.measured else {}

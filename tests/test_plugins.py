@@ -83,6 +83,24 @@ def test_the_scatterer_of_the_page_is_in_every_simulation(install: Install) -> N
     assert level == pytest.approx(1, abs=0.1)
 
 
+def test_scatterers_of_others_are_told_and_checked(install: Install) -> None:
+    def recording() -> t2d.Recording:
+        walk = t2d.trim(t2d.example("walk"), 1.0, 1.3)
+        return t2d.simulate(walk, radar="table2", method="ellipsoid")
+
+    plain = recording()
+    assert "scatterers" not in plain.settings
+    code, _ = (text for _, language, text in blocks(PAGE) if language == "python")
+    broken = "\n\ndef broken(preparation, number, times_s):\n    raise RuntimeError('boom')\n"
+    install("my_echoes", code + broken, scatterers={"pelvis": "my_echoes:pelvis"})
+    assert recording().settings["scatterers"] == ["pelvis"]
+    with pytest.warns(t2d.T2DWarning, match="of other packages: none; there are now: pelvis, so its samples differ"):
+        t2d.run(plain)
+    install("other", "from my_echoes import broken", scatterers={"broken": "my_echoes:broken"})
+    with pytest.raises(InputError, match=r"the scatterers broken of another package failed \(RuntimeError: boom\)"):
+        recording()
+
+
 @pytest.mark.usefixtures("my_lab")
 def test_the_names_of_a_package_are_names_like_all_others(run: Command) -> None:
     assert "lab-60" in t2d.presets()

@@ -174,8 +174,10 @@ class Command:
                 continue
             if value is None and waiting and not re.match(r"--[A-Za-z]|--$|-[onh]$", waiting[0]):
                 value = waiting.popleft()
-            if value is None:
-                raise InputError(f"option --{name} needs a value; t2d-rt COMMAND --help lists all")
+            if value is None and f"--{name}" in actions:
+                raise InputError(f"option --{name} needs a value; t2d-rt {self.name} --help lists all")
+            if value is None:  # misspelt, which the parser tells
+                value = ""
             if varied is not None and name not in ("vary", "config", "output"):
                 from t2d_rt.cli.sweeps import first_of
 
@@ -183,7 +185,7 @@ class Command:
             if name in ("config", "radar") and "--config" in actions:
                 text = _yaml({"radar": _radar_fields(value)}) if name == "radar" else _config_text(value)
                 (radars if name == "radar" else configs).append(f"--config={text}")
-            elif name == "file" or "list[" in str(self.hints.get(name)):
+            elif name == "file" or "list[str" in str(self.hints.get(name)):
                 lists.setdefault(name, []).append(value)
             else:
                 rest.append(f"--{name}={value}")

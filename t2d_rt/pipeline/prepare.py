@@ -8,6 +8,8 @@ from functools import partial
 
 import numpy as np
 
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError
 from t2d_rt.core.plugins import loaded, plugins
 from t2d_rt.pipeline.bounces import Bouncing, bounce_scatterers, direct_pair
 from t2d_rt.pipeline.echo_model import Model, detail, sagitta_rad
@@ -113,12 +115,11 @@ def scatterers_of(
         at_instants=instants_s is not None,
         visibility=_visibility(model, accuracy, sight, exact=instants_s is not None and samples_s is None),
     )  # fmt: skip
-    found = [
-        scatterer
-        for number, times_s in enumerate(times)
-        for find in finders()
-        for scatterer in find(preparation, number, times_s)
-    ]
+    added = plugin_finders()
+    found: list[Scatterer] = []
+    for number, times_s in enumerate(times):
+        found += [scatterer for find in SCATTERERS for scatterer in find(preparation, number, times_s)]
+        found += [each for name, find in added.items() for each in _added(name, find, preparation, number, times_s)]
     return found + several_bounces(preparation, times)
 
 
@@ -263,10 +264,27 @@ SCATTERERS: tuple[Finder, ...] = (own_ellipsoids, facets, limbs)
 """Those of the project."""
 
 
-def finders() -> list[Finder]:
-    """Those of the project and of other packages (docs/extend.md)."""
+def plugin_finders() -> dict[str, Finder]:
+    """Those of other packages by name (docs/extend.md)."""
     names = [each.__name__ for each in SCATTERERS]
-    return [*SCATTERERS, *(loaded(entry) for entry in plugins("scatterers", names).values())]
+    return {name: loaded(entry) for name, entry in plugins("scatterers", names).items()}
+
+
+def _added(name: str, find: Finder, preparation: Preparation, number: int, times_s: np.ndarray) -> list[Scatterer]:
+    """What another package finds, checked."""
+    try:
+        found = list(find(preparation, number, times_s))
+    except Exception as error:  # code of others
+        raise InputError(
+            f"the scatterers {name} of another package failed ({type(error).__name__}: {error}); repair or uninstall that package"
+        ) from error
+    wrong = [each for each in found if not isinstance(each, Scatterer) or each.echoes < 1]
+    if wrong:
+        raise InputError(
+            f"the scatterers {name} of another package gave {shown(wrong[0])}, which must be a Scatterer with 1 echo or more; "
+            "repair or uninstall that package"
+        )
+    return found
 
 
 def several_bounces(preparation: Preparation, times: Sequence[np.ndarray]) -> list[Scatterer]:

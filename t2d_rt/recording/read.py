@@ -48,6 +48,10 @@ def load_recording(
             f"cannot read recording {source}: there is none of that name; give the .zarr folder that simulate wrote, or measured "
             "samples (.npy, or .bin of a DCA1000)"
         )
+    if source.name.lower().endswith((".bvh", ".bvh.gz", ".c3d", ".trc", ".amc")):
+        raise InputError(
+            f"{source} is a motion, not a recording; simulate it first (t2d-rt simulate {source.name} -o a.zarr)"
+        )
     raw = source.suffix.lower() == ".bin"
     if raw != (lanes is not None):
         raise InputError(

@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from t2d_rt.core.checks import instance
+from t2d_rt.core.errors import warn
 from t2d_rt.core.stored_arrays import Inputs
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import repeatable
+from t2d_rt.pipeline.prepare import plugin_finders
 from t2d_rt.recording.recording import Recording
 from t2d_rt.types import Accuracy
 
@@ -24,6 +26,13 @@ def again(
     if isinstance(experiment, Experiment):
         return experiment, {}, accuracy, {}
     recording, made = experiment, repeatable(experiment.experiment)
+    then, now = recording.settings.get("scatterers", []), sorted(plugin_finders())
+    if then != now:
+        had, have = (", ".join(names) or "none" for names in (then, now))
+        warn(
+            f"the recording was made with these scatterers of other packages: {had}; there are now: {have}, so its samples differ; "
+            "install or uninstall these packages"
+        )
     if accuracy is not None or tolerance_db is not None:
         return made, recording.inputs, accuracy, {}
     known: dict[str, Any] = {name: recording.settings[name] for name in KNOWN if name in recording.settings}
