@@ -174,7 +174,7 @@ class Command:
                 continue
             if value is None and waiting and not re.match(r"--[A-Za-z]|--$|-[onh]$", waiting[0]):
                 value = waiting.popleft()
-            if value is None and f"--{name}" in actions:
+            if value is None and (f"--{name}" in actions or name == "radar"):
                 raise InputError(f"option --{name} needs a value; t2d-rt {self.name} --help lists all")
             if value is None:  # misspelt, which the parser tells
                 value = ""
