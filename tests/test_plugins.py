@@ -92,12 +92,16 @@ def test_scatterers_of_others_are_told_and_checked(install: Install) -> None:
     assert "scatterers" not in plain.settings
     code, _ = (text for _, language, text in blocks(PAGE) if language == "python")
     broken = "\n\ndef broken(preparation, number, times_s):\n    raise RuntimeError('boom')\n"
+    broken += "\n\ndef late(preparation, number, times_s):\n    yield from pelvis(preparation, number, times_s + 1.0)\n"
     install("my_echoes", code + broken, scatterers={"pelvis": "my_echoes:pelvis"})
     assert recording().settings["scatterers"] == ["pelvis"]
     with pytest.warns(t2d.T2DWarning, match="of other packages: none; there are now: pelvis, so its samples differ"):
         t2d.run(plain)
     install("other", "from my_echoes import broken", scatterers={"broken": "my_echoes:broken"})
     with pytest.raises(InputError, match=r"the scatterers broken of another package failed \(RuntimeError: boom\)"):
+        recording()
+    install("last", "from my_echoes import late", scatterers={"a_late_one": "my_echoes:late"})
+    with pytest.raises(InputError, match=r"a_late_one .* 1 echo or more at the frames that it was asked for"):
         recording()
 
 

@@ -50,7 +50,7 @@ def in_periods(
     lit = [
         _dimmed(view, level, len(mesh.rest)) for view, level in zip(plain, constant, strict=True) if level > UNCHANGED
     ]
-    streams = [replace(make(times_s=times_s, views=lit), repeats=found)] if lit else []
+    scatterers = [replace(make(times_s=times_s, views=lit), repeats=found)] if lit else []
     alike: dict[bytes, tuple[np.ndarray, list[View]]] = {}
     for view, each, level in zip(plain, visibility, constant, strict=True):
         departs = each - (level if level > UNCHANGED else 0.0)
@@ -62,8 +62,8 @@ def in_periods(
             others.append(_dimmed(view, abs(most), len(mesh.rest)))
     for gain, some in alike.values():
         repeated = replace(found, gain=_interpolated(samples_s, gain))
-        streams.append(replace(make(times_s=times_s, views=some), repeats=repeated))
-    return streams or None
+        scatterers.append(replace(make(times_s=times_s, views=some), repeats=repeated))
+    return scatterers or None
 
 
 def _interpolated(samples_s: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:

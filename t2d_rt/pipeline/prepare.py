@@ -34,8 +34,6 @@ from t2d_rt.types.scatterer import FrameBlock, Scatterer
 
 OCCLUDER_SAGITTA_SCALE = 2.0
 """Sagitta scale of facets that occlude others, where visibility is traced from every facet's vertices: below -45 dB."""
-UNKNOWN_ECHOES = 10_000
-"""Taken for the number of echoes of a scatterer that does not say it."""
 BESIDE_CLUTTER_DB = -50.0
 """Greatest error of the sum where there are static echoes: they are far stronger than those of a walker."""
 BLOCKAGE_RATE = 0.5
@@ -82,9 +80,7 @@ def blocks(part: Scatterer) -> Iterator[FrameBlock]:
     """All surface frames in order, as many at a time as fit a fixed amount of memory."""
     first, frames = 0, len(part.times_s)
     while first < frames:
-        last = block_end(
-            first, frames, echoes=part.echoes or UNKNOWN_ECHOES, vertices=part.vertices, at_once=part.at_once
-        )
+        last = block_end(first, frames, echoes=part.echoes, vertices=part.vertices, at_once=part.at_once)
         yield FrameBlock(part.times_s, first, last)
         first = last
 
@@ -278,11 +274,15 @@ def _added(name: str, find: Finder, preparation: Preparation, number: int, times
         raise InputError(
             f"the scatterers {name} of another package failed ({type(error).__name__}: {error}); repair or uninstall that package"
         ) from error
-    wrong = [each for each in found if not isinstance(each, Scatterer) or each.echoes < 1]
+    wrong = [
+        each
+        for each in found
+        if not isinstance(each, Scatterer) or each.echoes < 1 or not np.array_equal(each.times_s, times_s)
+    ]
     if wrong:
         raise InputError(
-            f"the scatterers {name} of another package gave {shown(wrong[0])}, which must be a Scatterer with 1 echo or more; "
-            "repair or uninstall that package"
+            f"the scatterers {name} of another package gave {shown(wrong[0])}, which must be a Scatterer of 1 echo or more at the "
+            "frames that it was asked for; repair or uninstall that package"
         )
     return found
 
