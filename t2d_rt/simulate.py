@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -128,13 +127,12 @@ def run(
 
 def recorded(setup: Setup, wanted: Wanted, device: Device, progress: Progress | None) -> Recording:
     """The recording of an experiment that is set up."""
-    ranked = setup.model.ranked
-    if wanted.measured and not all(each.used for each in ranked):
+    if wanted.measured and setup.model.paths_on is not None:
         raise InputError(
             "the error of a recording is that of all paths; give measure_error=False beside only_paths and without_paths"
         )
     plan = chosen(setup.model, wanted)
-    model, accuracy = replace(plan.model, ranked=ranked), plan.accuracy
+    model, accuracy = plan.model, plan.accuracy
     prepared = prepare(model, accuracy, setup.experiment.clutter)
     needed_bytes = check_memory(prepared, measured=wanted.measured)
     cube = summed(prepared, device, progress)
@@ -159,11 +157,13 @@ def summed(prepared: Prepared, device: Device, progress: Progress | None) -> Cub
     for part, told in zip(parts, split_progress(progress, len(parts)), strict=True):
         if part.repeats is not None:
             cube = add_repeated(
-                part, radar, tolerance_db=error_db, device=device, memory=memory, onto=cube, progress=told
+                part, radar, tolerance_db=error_db, device=device, memory=memory, onto=cube, progress=told,
+                parts=prepared.audible(part),
             )
             continue
         with Synthesis(
-            part.times_s, radar, tolerance_db=error_db, device=device, memory=memory, onto=cube, progress=told
+            part.times_s, radar, tolerance_db=error_db, device=device, memory=memory, onto=cube, progress=told,
+            parts=prepared.audible(part),
         ) as synthesis:
             for block, echoes in prefetched(blocks_of_echoes(part)):
                 synthesis.add(block.first, echoes)

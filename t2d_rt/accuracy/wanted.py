@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from t2d_rt.accuracy.budget import Budget
@@ -58,8 +58,7 @@ def checked_accuracy(accuracy: Accuracy | Mapping[str, Any] | None) -> Accuracy:
 
 
 def chosen(model: Model, wanted: Wanted) -> Plan:
-    """The accuracy that keeps to the tolerance, or the one given where there is none: for all path pairs, whichever are used."""
-    model = replace(model, ranked=[each._replace(used=True) for each in model.ranked])
+    """The accuracy that keeps to the tolerance, or the one given where there is none: for all path pairs, whichever are on."""
     if wanted.tolerance_db is None:
         return Plan(Budget(as_given(model, wanted.given), wanted.given), None, wanted.given)
     return planned(model, wanted.tolerance_db, wanted.given)

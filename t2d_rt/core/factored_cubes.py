@@ -5,7 +5,7 @@ Of a large cube the coefficients are kept in place of the samples: for a body be
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from threading import Lock
 from typing import Any
@@ -115,6 +115,20 @@ class Product:
         """Fills `out` (chirp, sample), or adds to it where there is a phase."""
         for chirps, piece in self.pieces():
             piece.put(out[chirps])
+
+
+def together(products: Sequence[Product]) -> Product:
+    """The sum of products of the same chirps, whose buckets are the same ones where their carriers are."""
+    if len(products) == 1:
+        return products[0]
+    first = products[0]
+    theta, place = np.unique(np.concatenate([each.theta for each in products]), return_inverse=True)
+    coefficients = np.zeros((len(first.coefficients), len(theta), len(first.weights)), DTYPE)
+    begin = 0
+    for each in products:
+        coefficients[:, place[begin : begin + len(each.theta)]] += each.coefficients
+        begin += len(each.theta)
+    return replace(first, coefficients=coefficients, theta=theta)
 
 
 class ProductRows:

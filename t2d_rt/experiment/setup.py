@@ -22,7 +22,7 @@ from t2d_rt.motion import placement
 from t2d_rt.motion.jumps import jumps, told, told_before
 from t2d_rt.noise.receiver import check_receiver
 from t2d_rt.pipeline.echo_model import Model, farthest_and_fastest
-from t2d_rt.pipeline.path_pairs import find_path_pairs, switched, within_reach
+from t2d_rt.pipeline.path_pairs import find_path_pairs, switched_on, within_reach
 from t2d_rt.pipeline.targets import TargetLike, placed, shared_time, targets_of
 from t2d_rt.propagation.collisions import checked_time
 from t2d_rt.propagation.edges import SceneBlockage
@@ -121,11 +121,11 @@ def set_up(
             transmissions=transmissions,
             backend=backend,
         )
-    ranked = switched(ranked, physics["only_paths"], physics["without_paths"])
+    paths_on = switched_on(ranked, physics["only_paths"], physics["without_paths"])
     model = Model(
         radar, modelled, span_s, scene, ranked, blockage, method=method, material=material, body=body,
         phase_from=physics["phase_from"], seed=int(physics["seed"]), backend=backend, memory=memory,
-        bounces=int(physics["bounces"]),
+        bounces=int(physics["bounces"]), paths_on=paths_on,
     )  # fmt: skip
     store = Store({})
     experiment = Experiment(

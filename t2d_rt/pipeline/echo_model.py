@@ -70,6 +70,9 @@ class Model:
     memory: Budget
     bounces: int = 1
     """Greatest number of them, within and between targets."""
+    paths_on: frozenset[str] | None = None
+    """Names of the path pairs that have echoes; None for all. The others are modelled alike and are silent, so that recordings of
+    parts add up to that of the whole."""
     surface_rates: dict[int, SurfaceRate] = field(default_factory=dict)
     """What was found of the rates that targets need, by their number."""
 
@@ -125,8 +128,8 @@ class Model:
         return most_facets(self.memory)
 
     def pairs(self, accuracy: Accuracy) -> ChosenPairs | None:
-        """Path pairs in use; None in free space."""
-        return None if self.scene is None else ChosenPairs.of(self.ranked, accuracy)
+        """Path pairs that are modelled; None in free space."""
+        return None if self.scene is None else ChosenPairs.of(self.ranked, accuracy, self.paths_on)
 
     def fast_rotating(self, accuracy: Accuracy) -> list[bool]:
         """Which targets rotate too fast for their visibility to be sampled point by point."""

@@ -45,7 +45,7 @@ SCATTERING_COEFFICIENT = 0.2
 
 @dataclass(frozen=True, slots=True)
 class ChosenPairs:
-    """Path pairs in use, strongest first, in tiers, and those left out."""
+    """Path pairs that are modelled, strongest first, in tiers, and those left out."""
 
     pairs: list[PathPair]
     levels_db: list[float]
@@ -57,13 +57,14 @@ class ChosenPairs:
     ends: list[int]
     """How many of the pairs belong to each tier or to one before it."""
     occluded: list[PathPair]
-    """Those of tiers whose occlusion by the targets is traced along all of their paths, pairs that are not used among them."""
-    switched_off: list[tuple[PathPair, ...]]
-    """What each tier holds beside its pairs: those that are not used."""
+    """Those of tiers whose occlusion by the targets is traced along all of their paths."""
+    switched_on: list[PathPair]
+    """Those that have echoes."""
 
     @classmethod
-    def of(cls, ranked: Sequence[Ranked], accuracy: Accuracy) -> ChosenPairs:
-        """Those within the dynamic range at their best points and not below the least level in the mean."""
+    def of(cls, ranked: Sequence[Ranked], accuracy: Accuracy, names_on: frozenset[str] | None) -> ChosenPairs:
+        """Those within the dynamic range at their best points and not below the least level in the mean. Pairs of other names than
+        those that are on, None for all, are modelled as well, for how finely one is does not depend on the others."""
         keep = [
             each.best_db >= -accuracy.dynamic_range_db and each.mean_db >= accuracy.least_level_db for each in ranked
         ]
@@ -75,23 +76,16 @@ class ChosenPairs:
             ends.append(least)
         ends[-1] = len(kept)
         last = max(end for end, tier in zip(ends, accuracy.tiers, strict=True) if tier.visibility == "occlusion")
-        used = [each for each in kept if each.used]
-        if not used:
-            raise InputError(
-                "only_paths and without_paths leave path pairs alone that are too weak to be modelled; name others, or model "
-                "weaker ones (accuracy.dynamic_range_db, a lower tolerance)"
-            )
+        on = [names_on is None or each.pair.name in names_on for each in ranked]
+        switched_on = [each.pair for each, good, heard in zip(ranked, keep, on, strict=True) if good and heard]
         return cls(
-            pairs=[each.pair for each in used],
-            levels_db=[each.mean_db for each in used],
-            bent_db=[each.bent_db for each in used],
-            left_out_db=[each.best_db for each, good in zip(ranked, keep, strict=True) if each.used and not good],
-            ends=[sum(each.used for each in kept[:end]) for end in ends],
+            pairs=[each.pair for each in kept],
+            levels_db=[each.mean_db for each in kept],
+            bent_db=[each.bent_db for each in kept],
+            left_out_db=[each.best_db for each, good, heard in zip(ranked, keep, on, strict=True) if heard and not good],
+            ends=ends,
             occluded=[each.pair for each in kept[:last]],
-            switched_off=[
-                tuple(each.pair for each in kept[first:end] if not each.used)
-                for first, end in zip([0, *ends], ends, strict=False)
-            ],
+            switched_on=switched_on,
         )
 
     @property
@@ -113,15 +107,17 @@ class ChosenPairs:
     def describe(self) -> dict[str, object]:
         """For a result's settings."""
         return {
-            "pairs": [pair.name for pair in self.pairs],
+            "pairs": [pair.name for pair in self.switched_on],
             "left_out": len(self.left_out_db),
             "left_out_db": self.bound_db(),
         }
 
 
-def switched(ranked: Sequence[Ranked], only: Sequence[str] | None, without: Sequence[str]) -> list[Ranked]:
-    """Path pairs with those in use marked: of `only` these names, all of them by default, but not `without` those; * in a name
-    stands for any characters. In the place of no path pairs, in free space, there is one that is called direct."""
+def switched_on(ranked: Sequence[Ranked], only: Sequence[str] | None, without: Sequence[str]) -> frozenset[str] | None:
+    """Names of the path pairs that have echoes: of `only` these, but not `without` those; None for all. In a name * stands for any
+    characters. In the place of no path pairs, in free space, there is one that is called direct."""
+    if only is None and not without:
+        return None
     names = [each.pair.name for each in ranked] or ["direct"]
 
     def named(option: str, given: Sequence[str]) -> set[str]:
@@ -138,7 +134,7 @@ def switched(ranked: Sequence[Ranked], only: Sequence[str] | None, without: Sequ
         raise InputError(
             f"only_paths and without_paths leave no path pair, and so no echo; keep one of {', '.join(names)}"
         )
-    return [each._replace(used=each.pair.name in on) for each in ranked]
+    return frozenset(on)
 
 
 def within_reach(scene: Scene, radar: Radar) -> Scene | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -30,7 +30,7 @@ from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.scattering.streams import Resampled, batches
 from t2d_rt.types import Accuracy, Ellipsoids, MovingMesh, PathPair, PathTier
-from t2d_rt.types.scatterer import FrameBlock, Scatterer
+from t2d_rt.types.scatterer import EchoParts, FrameBlock, Scatterer
 
 OCCLUDER_SAGITTA_SCALE = 2.0
 """Sagitta scale of facets that occlude others, where visibility is traced from every facet's vertices: below -45 dB."""
@@ -61,6 +61,14 @@ class Prepared:
             each for each in every if each.repeats is not None
         ]
 
+    def audible(self, part: Scatterer) -> EchoParts | None:
+        """Echoes of path pairs that are switched off are silent; None where none are. Several bounces are on the direct one."""
+        on = self.model.paths_on
+        if on is None:
+            return None
+        labels = part.labels
+        return EchoParts(np.where((labels.bounces == 0) | np.isin(labels.path.astype(str), sorted(on)), 0, -1))
+
     @property
     def synthesis_error_db(self) -> float:
         """Greatest error of the sum."""
@@ -70,6 +78,12 @@ class Prepared:
 
 def prepare(model: Model, accuracy: Accuracy, clutter: Clutter) -> Prepared:
     """Finds the scatterers of all targets at surface frames of their own, and those of the static scene."""
+    pairs = model.pairs(accuracy)
+    if pairs is not None and not pairs.switched_on:
+        raise InputError(
+            "only_paths and without_paths leave path pairs alone that are too weak to be modelled; name others, or model weaker ones "
+            "(accuracy.dynamic_range_db, a lower tolerance)"
+        )
     static, counts = model.clutter(clutter, accuracy)
     return Prepared(
         model=model, accuracy=accuracy, scatterers=scatterers_of(model, accuracy), static=static, counts=counts
@@ -156,10 +170,9 @@ class Preparation:
     def detail(self, mesh: MovingMesh, number: int) -> Detail:
         """How a mesh is modelled over the tier of that number."""
         tier, model = self.accuracy.tiers[number], self.model
-        found = detail(
+        return detail(
             sagitta_rad(mesh, self.accuracy), tier, model.span_s, at_instants=self.at_instants, max_facets=model.max_facets
         )  # fmt: skip
-        return replace(found, switched_off=self.pairs.switched_off[number] if self.pairs else ())
 
     def coarse_views(
         self, geometry: MovingMesh | Ellipsoids, pairs: Sequence[PathPair], samples_s: np.ndarray, fast: bool
@@ -294,8 +307,8 @@ def several_bounces(preparation: Preparation, times: Sequence[np.ndarray]) -> li
         return []
     direct = None
     if preparation.pairs is not None:
-        warned = not preparation.at_instants and not any(preparation.pairs.switched_off)
-        if (pair := direct_pair(preparation.pairs.pairs, model.bounces, warned=warned)) is None:
+        pairs = preparation.pairs.pairs
+        if (pair := direct_pair(pairs, model.bounces, warned=not preparation.at_instants)) is None:
             return []
         direct = pair, model.blockage
     # The same ones in a run and where its error is measured, which samples fans point by point.

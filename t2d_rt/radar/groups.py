@@ -97,6 +97,28 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: 
     return found[: int(np.argmin(work))]
 
 
+def by_part(tree: Sequence[Level], part: np.ndarray, parts: int) -> tuple[list[Level], np.ndarray]:
+    """The same groups, each once for each of so many parts that it holds echoes of; and the parts of the last level's groups.
+
+    `part` is that of each echo, (L,). Group by group the sums of the parts add up to those of `tree`, for delays stay the same.
+    """
+    from scipy.sparse import csr_array
+
+    found, below = [], np.arange(len(part))  # of what is below: which group of `tree` it was, or echo
+    for level in tree:
+        key = level.group[below] * parts + part
+        distinct, group = np.unique(key, return_inverse=True)
+        own = distinct // parts
+        # The mean over all members, of which the first copy of each counts.
+        _, first = np.unique(below, return_index=True)
+        copies = csr_array((np.ones(len(first)), (first, below[first])), shape=(len(below), len(first)))
+        mean = copies @ level.mean[:, own]
+        delay, slope = level.delay[:, own], level.delay_slope[:, own]
+        found.append(replace(level, group=group, mean=mean, delay=delay, delay_slope=slope))
+        below, part = own, distinct % parts
+    return found, part
+
+
 # Measured costs of one echo and one node in a sum, relative to one another.
 WORK_ECHO, WORK_NODE = 1.0, 0.25
 

@@ -19,7 +19,7 @@ from t2d_rt.core.memory import Budget
 from t2d_rt.radar.synthesize import Progress, synthesize
 from t2d_rt.types import Radar
 from t2d_rt.types.echoes import Repetition
-from t2d_rt.types.scatterer import Scatterer
+from t2d_rt.types.scatterer import EchoParts, Scatterer
 
 TAPS, OVERSAMPLING = 6, 2
 """Of the interpolation, which errs by less than -90 dB."""
@@ -80,8 +80,9 @@ def add_repeated(
     memory: Budget,
     onto: Cube | None,
     progress: Progress | None = None,
+    parts: EchoParts | None = None,
 ) -> Cube:
-    """The ADC cube of a record whose echoes repeat, added to another one or by itself."""
+    """The ADC cube of a record whose echoes repeat, added to another one or by itself; `parts` says which of them are silent."""
     table = source.repeats
     assert table is not None
     starts_s = radar.chirp_times_s(table.span_s[1] - table.span_s[0])
@@ -90,7 +91,7 @@ def add_repeated(
         for first in range(0, len(starts_s), ROWS_AT_ONCE):
             rows = min(ROWS_AT_ONCE, len(starts_s) - first)
             onto[first : first + rows] = np.zeros((rows, radar.antennas, radar.samples), np.complex64)
-    found = _summed(source, table, tolerance_db=tolerance_db, device=device, memory=memory)
+    found = _summed(source, table, parts, tolerance_db=tolerance_db, device=device, memory=memory)
     dense = _oversampled(found)
     # Chirps of the table and of the record begin at times of their own after the starts of their rows.
     late_s = radar.antenna_delays_s - table.radar.antenna_delays_s - table.first * table.step_s
@@ -110,13 +111,25 @@ def add_repeated(
     return onto
 
 
-def _summed(source: Scatterer, table: Repetition, *, tolerance_db: float, device: str, memory: Budget) -> np.ndarray:
+def _summed(
+    source: Scatterer,
+    table: Repetition,
+    parts: EchoParts | None,
+    *,
+    tolerance_db: float,
+    device: str,
+    memory: Budget,
+) -> np.ndarray:
     """What chirps record that begin at equal steps of a period, complex64 (step, antenna, sample)."""
     cube: Cube | None = None
-    for part in source.parts:
+    first = 0
+    for each in source.parts:
+        own = None if parts is None else parts[first : first + each.echoes]
+        first += each.echoes
         cube = synthesize(
-            replace(part, repeats=None), table.radar, tolerance_db=tolerance_db, device=device, onto=cube, memory=memory
-        )
+            replace(each, repeats=None), table.radar, tolerance_db=tolerance_db, device=device, onto=cube, memory=memory,
+            parts=own,
+        )  # fmt: skip
     assert cube is not None
     rows = np.asarray(cube[table.first : table.first + table.rows])
     found = np.empty_like(rows)

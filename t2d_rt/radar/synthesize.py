@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
@@ -25,21 +25,21 @@ import numpy as np
 from t2d_rt.core import checks
 from t2d_rt.core.backend import Backend, aligned_empty, one_blas_thread, select
 from t2d_rt.core.cubes import Cube, CubeAdder, CubeWriter, DiskCube, is_large
-from t2d_rt.core.factored_cubes import Product, ProductRows
+from t2d_rt.core.factored_cubes import Product, ProductRows, together
 from t2d_rt.core.memory import Budget, reused
 from t2d_rt.core.prefetch import prefetched
 from t2d_rt.radar.array_delays import array_delays, ends
 from t2d_rt.radar.band import filtered
-from t2d_rt.radar.buckets import SLOT_BINS, buckets
+from t2d_rt.radar.buckets import SLOT_BINS, Buckets, buckets
 from t2d_rt.radar.coefficients import TERMS, amplitudes, chebyshev_coefficients, fields_at, phases, terms_over
-from t2d_rt.radar.groups import Level, bucket_bins, bucket_theta, levels
+from t2d_rt.radar.groups import Level, bucket_bins, bucket_theta, by_part, levels
 from t2d_rt.radar.leaves import Factors, leaves
 from t2d_rt.radar.multilevel import at_antennas, at_instants, factors
 from t2d_rt.radar.prolate import band_nodes, band_weights
 from t2d_rt.radar.sweep import Instants, Sweep
 from t2d_rt.radar.windows import Delay, Window, Windows, block_end
 from t2d_rt.types import EchoArrays, Echoes, Radar, stream
-from t2d_rt.types.scatterer import Scatterer
+from t2d_rt.types.scatterer import EchoParts, Scatterer
 
 ECHO_BUCKET_BINS = 0.25
 """Width of a bucket of echoes, in range bins."""
@@ -70,6 +70,7 @@ def synthesize(
     onto: Cube | None = None,
     memory: Budget | None = None,
     progress: Progress | None = None,
+    parts: EchoParts | None = None,
 ) -> Cube:
     """ADC cube (chirp, antenna, sample) complex64 [sqrt(W)] of all chirps that lie within the echoes' record.
 
@@ -80,6 +81,7 @@ def synthesize(
     `read_frames` is about how many frames of echoes are held at once, by default as many as fit a fixed amount of memory; it does
     not change the result. `onto`: a cube of the same shape that the samples are added to and that is returned. `memory`: what
     may be taken; unused memory is given back between windows. `progress` is called with the fraction done, 0..1.
+    `parts`: which echoes are silent.
     """
     checks.instance("radar", radar, Radar, "a Radar", hint="Radar.preset('table2') makes one")
     assert getattr(echoes, "repeats", None) is None, "echoes that repeat are summed by add_repeated"
@@ -91,8 +93,9 @@ def synthesize(
     source = stream(echoes)
     memory = Budget.of() if memory is None else checks.instance("memory", memory, Budget, "a Budget")
     with Synthesis(
-        source.times_s, radar, tolerance_db=tolerance_db, device=device, onto=onto, memory=memory, progress=progress
-    ) as synthesis:
+        source.times_s, radar, tolerance_db=tolerance_db, device=device, onto=onto, memory=memory, progress=progress,
+        parts=parts,
+    ) as synthesis:  # fmt: skip
         for first, arrays in prefetched(_read(source, read_frames)):
             synthesis.add(first, arrays)
     return synthesis.cube
@@ -115,12 +118,15 @@ class Synthesis:
 
     def __init__(
         self, times_s: np.ndarray, radar: Radar, *, tolerance_db: float, device: str, memory: Budget, onto: Cube | None = None,
-        progress: Progress | None = None,
+        progress: Progress | None = None, parts: EchoParts | None = None, onto_parts: Sequence[DiskCube] = (),
     ) -> None:  # fmt: skip
-        """As `synthesize`, for echoes at surface frames `times_s` (T,)."""
+        """As `synthesize`, for echoes at surface frames `times_s` (T,); what each of the `parts` returns is added to a cube of its
+        own, if there are such."""
         self._radar, self._memory, self._progress = radar, memory, progress
         self._sweep, self._tolerance, self._backend = Sweep.of(radar), 10 ** (tolerance_db / 20), select(device)
-        self._windows = Windows(times_s)
+        self._windows = Windows(times_s, None if parts is None else parts.number)
+        self._parts = 1 if parts is None else parts.count
+        self._of_parts = [_Products(each.rows) for each in onto_parts if isinstance(each.rows, ProductRows)]
         starts_s = radar.chirp_times_s(float(times_s[-1] - times_s[0]))
         self._mid_times_s, self._last = starts_s + radar.mid_time_s, len(times_s) - 1
         shape = len(starts_s), radar.antennas, radar.samples
@@ -134,7 +140,8 @@ class Synthesis:
     def __enter__(self) -> Synthesis:
         with ExitStack() as opened:
             opened.enter_context(one_blas_thread)
-            opened.enter_context(self._filler)
+            for each in (self._filler, *self._of_parts):
+                opened.enter_context(each)
             opened.callback(self._pool.shutdown)
             opened.push(self._finish)
             self._open = opened.pop_all()
@@ -157,16 +164,23 @@ class Synthesis:
         if first != self._done:
             raise RuntimeError(f"rows {self._done}..{first} of a cube were left out")
         position = self._mid_times_s[first:last] / window.step_s - window.start
-        sums = _sums(window, self._radar, position, self._sweep, self._tolerance, self._backend)
+        sums = _sums(window, self._radar, position, self._sweep, self._tolerance, self._parts, self._backend)
         # Samples are made in another thread: with the first sums of a window most of its kernels are done.
         head = list(itertools.islice(sums, 1))
         self._wait()
-        self._filler.next(last - first)
+        for each in (self._filler, *self._of_parts):
+            each.next(last - first)
         found = _products(itertools.chain(head, sums), self._radar, slice(first, last))
-        self._jobs = [self._pool.submit(self._filler.put, *each) for each in found]
+        self._jobs = [self._pool.submit(self._put, *each) for each in found]
         self._done = last
         if self._progress is not None:
             self._progress(last / len(self._mid_times_s))
+
+    def _put(self, antenna: int, chirps: slice, products: Sequence[Product]) -> None:
+        """What the parts return, and together, at some chirps of the rows that come next."""
+        self._filler.put(antenna, chirps, together(products))
+        for part, product in zip(self._of_parts, products, strict=False):
+            part.put(antenna, chirps, product)
 
     def _wait(self) -> None:
         for job in self._jobs:
@@ -245,20 +259,27 @@ class _Products:
         self._rows.add(self._first + chirps.start, antenna, product)
 
 
-def _products(sums: Iterator[_Sum], radar: Radar, rows: slice) -> Iterator[tuple[int, slice, Product]]:
+def _products(sums: Iterator[_Sum], radar: Radar, rows: slice) -> Iterator[tuple[int, slice, list[Product]]]:
     """The results of `_sums` with the antennas whose samples they are, and which of the cube's `rows`, counted from the first."""
     phase = radar.tx_phase(np.arange(rows.start, rows.stop)).astype(np.complex64)
-    for tx, rx, chirps, product in sums:
+    for tx, rx, chirps, products in sums:
         if radar.multiplexing == "ddm":
-            yield rx, chirps, replace(product, phase=phase[chirps, tx])
+            yield rx, chirps, [replace(each, phase=phase[chirps, tx]) for each in products]
         else:
-            yield tx * len(radar.rx_positions_m) + rx, chirps, product
+            yield tx * len(radar.rx_positions_m) + rx, chirps, products
 
 
 def _sums(
-    window: Window, radar: Radar, position: np.ndarray, sweep: Sweep, tolerance: float, backend: Backend
+    window: Window,
+    radar: Radar,
+    position: np.ndarray,
+    sweep: Sweep,
+    tolerance: float,
+    parts: int,
+    backend: Backend,
 ) -> Iterator[_Sum]:
-    """What each transmitter and receiver record of chirps at `position` [frames after window.start], block by block of these."""
+    """What each transmitter and receiver record of chirps at `position` [frames after window.start], block by block of these, of
+    each of so many `parts`."""
     rate = len(position) / (window.stop - window.start)
     both = ends(window, radar)
     outermost = (end.some(which).extra_delays() for end, which in zip(both, np.transpose(radar.outermost), strict=True))
@@ -273,8 +294,12 @@ def _sums(
             extra, slope = _both(out, back)
             here = replace(window, delay=window.delay + extra, delay_slope=window.delay_slope + slope)
             for chirps in _chirp_blocks(len(position), window):
-                yield tx, rx, chirps, _sum_echoes(here, instants[tx][chirps], backend)
+                yield tx, rx, chirps, _sum_echoes(here, instants[tx][chirps], parts, backend)
         return
+    count, part_of = len(tree[-1]), np.zeros(len(tree[-1]), int)
+    if parts > 1:
+        assert window.part is not None, "parts are numbered"
+        tree, part_of = by_part(tree, np.maximum(window.part, 0), parts)
     own = leaves(window, tree[0], sweep, backend)
     send, receive = array_delays(both, [level.mean for level in tree], backend)
     at_once = max(1, MOST_SUMS // (RECEIVERS * 2 * tree[0].nodes * tree[0].rate))
@@ -285,9 +310,11 @@ def _sums(
             top = deep[-1].part(number, len(some_tx))
             for chirps in _chirp_blocks(len(position), window):
                 found = _sum_groups(
-                    top, inner, number * len(top), len(some_rx), instants[tx][chirps], tolerance, backend
+                    top, inner, number * len(top), count, (len(some_rx), parts, part_of), instants[tx][chirps], tolerance,
+                    backend,
                 )  # fmt: skip
-                yield from ((tx, rx, chirps, product) for rx, product in zip(some_rx, found, strict=True))
+                of_rx = (found[first : first + parts] for first in range(0, len(found), parts))
+                yield from ((tx, rx, chirps, products) for rx, products in zip(some_rx, of_rx, strict=True))
 
 
 def _chirp_blocks(count: int, window: Window) -> list[slice]:
@@ -303,12 +330,12 @@ def _both(out: Delay, back: Delay) -> Delay:
     return out[0] + back[0], out[1] + back[1]
 
 
-_Sum = tuple[int, int, slice, Product]
-"""Numbers of a transmitter and a receiver, some of a window's chirps, and what these two record of them."""
+_Sum = tuple[int, int, slice, list[Product]]
+"""Numbers of a transmitter and a receiver, some of a window's chirps, and what these two record of them, part by part."""
 
 
-def _sum_echoes(window: Window, instants: Instants, backend: Backend) -> Product:
-    """Chirps at `instants`, echo by echo."""
+def _sum_echoes(window: Window, instants: Instants, parts: int, backend: Backend) -> list[Product]:
+    """Chirps at `instants`, echo by echo, of each of the parts."""
     sweep = instants.sweep
     # An antenna's time slot may come a little after the window's end.
     inside = window.lit[0] > 0
@@ -316,11 +343,12 @@ def _sum_echoes(window: Window, instants: Instants, backend: Backend) -> Product
     recorded = np.clip(np.floor(instants.position).astype(int) + 1, 0, len(window.delay) - 2)
     if not np.isin(recorded, interval).any():
         none = np.zeros((len(instants), 0, TERMS), np.complex64)
-        return Product(none, terms_over(sweep.x), np.zeros(0), sweep.x, 0.0)
+        return [Product(none, terms_over(sweep.x), np.zeros(0), sweep.x, 0.0)] * parts
     bend = sweep.mid_hz * float(np.abs(window.delay_slope).max()) * instants.per_cycle[2]
     wide = window.delay.shape[1] <= FEW_ECHOES or bend > MOST_BEND_RAD
     width = WIDE_BUCKET_BINS if wide else ECHO_BUCKET_BINS
-    found = buckets((window.delay, window.delay_slope), interval, echo, instants, width)
+    apart = None if parts == 1 or window.part is None else window.part[echo]
+    found = buckets((window.delay, window.delay_slope), interval, echo, instants, width, apart=apart)
     table = phases(window.delay, window.delay_slope, sweep, None, found.origin_s, backend)
     fields = amplitudes(window, sweep, backend)
     if wide:
@@ -330,23 +358,31 @@ def _sum_echoes(window: Window, instants: Instants, backend: Backend) -> Product
     else:
         limit, weights = math.pi / 4, terms_over(sweep.x)
         terms = chebyshev_coefficients(found, table, fields, instants, backend)
-    return Product(terms.transpose(1, 0, 2), weights, found.theta(sweep), sweep.x, limit)
+    return _apart(terms.transpose(1, 0, 2), found, parts, (weights, sweep, limit))
 
 
 def _sum_groups(
-    top: Level, inner: Factors, first: int, pairs: int, instants: Instants, tolerance: float, backend: Backend
-) -> list[Product]:
-    """The same group by group, for each of the `pairs` of antennas whose groups `top` holds; their factors are those of `inner`
-    from `first` on."""
-    sweep = instants.sweep
+    top: Level, inner: Factors, first: int, count: int, wanted: tuple[int, int, np.ndarray], instants: Instants,
+    tolerance: float, backend: Backend,
+) -> list[Product]:  # fmt: skip
+    """The same group by group, for each of the pairs of antennas whose groups `top` holds, and of the parts, in turn; their factors
+    are those of `inner` from `first` on. `wanted`: how many pairs and parts there are, and the part of each group of a pair, of
+    which there are `count` before they are told apart."""
+    sweep, (pairs, parts, part_of) = instants.sweep, wanted
     interval, group = np.indices((len(top.delay) - 2, len(top))).reshape(2, -1)
-    pair = group // (len(top) // pairs)
-    bins = bucket_bins(top, len(top) // pairs, sweep)
-    found = buckets((top.delay, top.delay_slope), interval + 1, group, instants, bins, apart=pair)
+    pair, own = np.divmod(group, len(top) // pairs)
+    bins = bucket_bins(top, count, sweep)
+    found = buckets((top.delay, top.delay_slope), interval + 1, group, instants, bins, apart=pair * parts + part_of[own])
     table = phases(top.delay, top.delay_slope, sweep, None, found.origin_s, backend)
     limit, tolerance = bucket_theta(bins, top.bins), BUCKET_FRACTION * tolerance
     fields = at_instants(inner, first, top, found, table, instants, band_nodes(limit, tolerance), backend)
-    theta, weights = found.theta(sweep), band_weights(limit, tolerance, sweep.x)
-    bounds = np.searchsorted(found.part, np.arange(pairs + 1))
-    ranges = pairwise(bounds.tolist())
+    return _apart(fields, found, pairs * parts, (band_weights(limit, tolerance, sweep.x), sweep, limit))
+
+
+def _apart(
+    fields: np.ndarray, found: Buckets, parts: int, over: tuple[np.ndarray, Sweep, float]
+) -> list[Product]:
+    """Fields (chirp, bucket, Q) of buckets as the products of those that they belong to."""
+    (weights, sweep, limit), theta = over, found.theta(over[1])
+    ranges = pairwise(np.searchsorted(found.part, np.arange(parts + 1)).tolist())
     return [Product(fields[:, first:last], weights, theta[first:last], sweep.x, limit) for first, last in ranges]

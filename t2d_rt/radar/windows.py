@@ -67,14 +67,16 @@ class Window:
     """(interval, echo) of all echoes that are not dark in an interval, whose frames are four of the amplitude's."""
     apparent: tuple[ApparentPositions, ApparentPositions] | None
     """For transmitters and for receivers."""
+    part: np.ndarray | None = None
+    """Number of the part of the recording that each echo belongs to, (L,); -1 is none, and its amplitude 0."""
 
 
 class Windows:
     """Blocks of echoes in, windows out; a window needs some frames more on either side."""
 
-    def __init__(self, times_s: np.ndarray) -> None:
-        """`times_s`: the record's surface frames [s] (T,)."""
-        self._frames = len(times_s)
+    def __init__(self, times_s: np.ndarray, part: np.ndarray | None = None) -> None:
+        """`times_s`: the record's surface frames [s] (T,); `part`: number of the part that each echo belongs to, -1 is none."""
+        self._part, self._frames = part, len(times_s)
         self.step_s = float(times_s[-1] - times_s[0]) / (self._frames - 1)
         self._held: list[tuple[int, EchoArrays]] = []
         self._start = 0
@@ -90,7 +92,7 @@ class Windows:
                 return
             self._held = [part for part in self._held if part[0] + len(part[1].delay_s) > low]
             self._start = stop
-            yield _window(self._held, low, high, start, stop, self._frames, self.step_s)
+            yield _window(self._held, low, high, start, stop, self._frames, self.step_s, self._part)
 
 
 def block_end(
@@ -111,7 +113,8 @@ def block_end(
 
 
 def _window(
-    held: list[tuple[int, EchoArrays]], low: int, high: int, start: int, stop: int, total: int, step_s: float
+    held: list[tuple[int, EchoArrays]], low: int, high: int, start: int, stop: int, total: int, step_s: float,
+    part: np.ndarray | None,
 ) -> Window:
     near = max(0, start - 2), min(total, stop + 3)
     live = np.flatnonzero(np.any([np.any(part.amplitude, axis=0) for part in _rows(held, *near)], axis=0))
@@ -146,7 +149,12 @@ def _window(
         return ApparentPositions(np.stack(values), np.stack(steps))
 
     keep = slice(max(0, start - 1) - low, min(total, stop + 2) - low)
-    amplitude = with_ends(1)
+    amplitude, sweep = with_ends(1), None if held[0][1].slope is None else with_ends(2)
+    if part is not None:  # silent echoes are grouped with the others, so that groups do not depend on which are silent
+        part = part[live]
+        for each in (amplitude, sweep):
+            if each is not None:
+                each[:, part < 0] = 0
     lit = amplitude != 0
     delay, delay_slope = framed(taken(0, low, high))
     sample, apparent = held[0][1], None
@@ -160,9 +168,10 @@ def _window(
         delay=delay,
         delay_slope=delay_slope,
         amplitude=amplitude,
-        sweep=None if sample.slope is None else with_ends(2),
+        sweep=sweep,
         lit=np.nonzero(lit[:-3] | lit[1:-2] | lit[2:-1] | lit[3:]),  # type: ignore[arg-type]
         apparent=apparent,
+        part=part,
     )
 
 

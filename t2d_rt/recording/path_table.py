@@ -90,9 +90,9 @@ def path_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = No
 
 
 def pairs_of(model: Model, accuracy: Accuracy) -> list[PathPair]:
-    """The path pairs in use, strongest first; in free space the direct one alone."""
+    """The path pairs that have echoes, strongest first; in free space the direct one alone."""
     chosen = model.pairs(accuracy)
-    return [PathPair(out=sight(model.radar, 0), back=sight(model.radar, 1))] if chosen is None else chosen.pairs
+    return [PathPair(out=sight(model.radar, 0), back=sight(model.radar, 1))] if chosen is None else chosen.switched_on
 
 
 def sight(radar: Radar, end: int) -> OneWayPath:

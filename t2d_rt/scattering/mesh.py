@@ -33,7 +33,7 @@ from t2d_rt.scattering.points import DiffusePoints, Seen, VisibilityMesh
 from t2d_rt.scattering.posed import Facets, Posed
 from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD, Sagitta, carried, refined
 from t2d_rt.scattering.streams import joined, most_echoes
-from t2d_rt.types import EchoArrays, Ellipsoids, Material, MovingMesh, PathPair, Radar
+from t2d_rt.types import EchoArrays, Ellipsoids, Material, MovingMesh, Radar
 from t2d_rt.types.scatterer import EchoLabels, Fraction, FrameBlock, Poses, Scatterer, Visibility
 
 POINTS_PER_MESH = 4_000
@@ -59,8 +59,6 @@ class Detail:
     """More facets are refused."""
     span_s: tuple[float, float] | None = None
     """Record whose nearest range sets how fine facets are [s]; by default from the first surface frame to the last."""
-    switched_off: tuple[PathPair, ...] = ()
-    """Path pairs without echoes for which facets and patches are as fine as they would be if there were some."""
 
 
 def mesh_echoes(
@@ -78,8 +76,7 @@ def mesh_echoes(
     """Echoes of `surface` at surface frames `times_s`: one of each patch, in each of `views`; `target` is its number among the
     targets."""
     pairs = [Pair.of(radar, view.paths) for view in views]
-    whole = [*pairs, *(Pair.of(radar, each) for each in detail.switched_off)]
-    model = _Model.of(surface, radar, whole, times_s, material, detail, seed, {view.subdivision for view in views})
+    model = _Model.of(surface, radar, pairs, times_s, material, detail, seed, {view.subdivision for view in views})
     selections = list(model.selections(surface, times_s, pairs, views))
     anchors = None
     if any(view.paths is not None for view in views):

@@ -222,8 +222,6 @@ class Ranked(NamedTuple):
     """Of the mean power over all probes."""
     bent_db: float
     """Likewise, of what a line over frequency leaves out of its spectrum over the sweep."""
-    used: bool = True
-    """Whether there are echoes over it; its tier and those of others are the same without them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

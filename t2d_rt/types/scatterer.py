@@ -67,6 +67,22 @@ class EchoLabels:
         return cls(**{name: np.concatenate([getattr(one, name) for one in some]) for name in names})
 
 
+@dataclass(frozen=True, slots=True)
+class EchoParts:
+    """Which part of a recording each of N echoes belongs to, so that parts that are summed apart add up to the whole."""
+
+    number: np.ndarray
+    """Of the part, (N,); -1 is none of them: the echo is grouped with the others but is silent."""
+    count: int = 1
+
+    def only(self, part: int) -> EchoParts:
+        """With all others silent."""
+        return EchoParts(np.where(self.number == part, 0, -1))
+
+    def __getitem__(self, some: slice) -> EchoParts:
+        return EchoParts(self.number[some], self.count)
+
+
 Poses = Mapping[int, Any]
 """Targets by their numbers at the frames of a block: vertices (K, V, 3) m of meshes, centres and axes of ellipsoids."""
 Visibility = Mapping[Fraction, np.ndarray]
