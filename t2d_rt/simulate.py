@@ -157,12 +157,24 @@ def summed(prepared: Prepared, device: Device, progress: Progress | None) -> Cub
     for part, told in zip(parts, split_progress(progress, len(parts)), strict=True):
         if part.repeats is not None:
             cube = add_repeated(
-                part, radar, tolerance_db=error_db, device=device, memory=memory, onto=cube, progress=told,
+                part,
+                radar,
+                tolerance_db=error_db,
+                device=device,
+                memory=memory,
+                onto=cube,
+                progress=told,
                 parts=prepared.audible(part),
             )
             continue
         with Synthesis(
-            part.times_s, radar, tolerance_db=error_db, device=device, memory=memory, onto=cube, progress=told,
+            part.times_s,
+            radar,
+            tolerance_db=error_db,
+            device=device,
+            memory=memory,
+            onto=cube,
+            progress=told,
             parts=prepared.audible(part),
         ) as synthesis:
             for block, echoes in prefetched(blocks_of_echoes(part)):

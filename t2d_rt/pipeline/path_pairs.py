@@ -82,7 +82,9 @@ class ChosenPairs:
             pairs=[each.pair for each in kept],
             levels_db=[each.mean_db for each in kept],
             bent_db=[each.bent_db for each in kept],
-            left_out_db=[each.best_db for each, good, heard in zip(ranked, keep, on, strict=True) if heard and not good],
+            left_out_db=[
+                each.best_db for each, good, heard in zip(ranked, keep, on, strict=True) if heard and not good
+            ],
             ends=ends,
             occluded=[each.pair for each in kept[:last]],
             switched_on=switched_on,

@@ -372,16 +372,16 @@ def _sum_groups(
     interval, group = np.indices((len(top.delay) - 2, len(top))).reshape(2, -1)
     pair, own = np.divmod(group, len(top) // pairs)
     bins = bucket_bins(top, count, sweep)
-    found = buckets((top.delay, top.delay_slope), interval + 1, group, instants, bins, apart=pair * parts + part_of[own])
+    found = buckets(
+        (top.delay, top.delay_slope), interval + 1, group, instants, bins, apart=pair * parts + part_of[own]
+    )
     table = phases(top.delay, top.delay_slope, sweep, None, found.origin_s, backend)
     limit, tolerance = bucket_theta(bins, top.bins), BUCKET_FRACTION * tolerance
     fields = at_instants(inner, first, top, found, table, instants, band_nodes(limit, tolerance), backend)
     return _apart(fields, found, pairs * parts, (band_weights(limit, tolerance, sweep.x), sweep, limit))
 
 
-def _apart(
-    fields: np.ndarray, found: Buckets, parts: int, over: tuple[np.ndarray, Sweep, float]
-) -> list[Product]:
+def _apart(fields: np.ndarray, found: Buckets, parts: int, over: tuple[np.ndarray, Sweep, float]) -> list[Product]:
     """Fields (chirp, bucket, Q) of buckets as the products of those that they belong to."""
     (weights, sweep, limit), theta = over, found.theta(over[1])
     ranges = pairwise(np.searchsorted(found.part, np.arange(parts + 1)).tolist())

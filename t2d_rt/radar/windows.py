@@ -113,7 +113,13 @@ def block_end(
 
 
 def _window(
-    held: list[tuple[int, EchoArrays]], low: int, high: int, start: int, stop: int, total: int, step_s: float,
+    held: list[tuple[int, EchoArrays]],
+    low: int,
+    high: int,
+    start: int,
+    stop: int,
+    total: int,
+    step_s: float,
     part: np.ndarray | None,
 ) -> Window:
     near = max(0, start - 2), min(total, stop + 3)
