@@ -17,7 +17,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.motion import resample, trim
 from t2d_rt.motion.check import check_motion, detect_fall, measure
 from t2d_rt.motion.check.measures import RANGES_DEG, spans
-from t2d_rt.motion.check.verdict import AT_MOST, GAIT_SIGNS, shipped_limits
+from t2d_rt.motion.check.verdict import GAIT_SIGNS, SENTENCES, shipped_limits
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
 from t2d_rt.types import Motion
 from t2d_rt.types.motion import CANONICAL_JOINTS
@@ -431,7 +431,7 @@ def test_the_shipped_limits_come_from_recordings() -> None:
     table = shipped_limits()
     assert table.recordings > 80
     assert table.walks > 50
-    assert set(table.at_most) == set(AT_MOST)
+    assert set(table.at_most) == set(SENTENCES)
     assert set(table.gait) == set(GAIT_SIGNS)
     assert all(value > 0 for value in table.at_most.values())
     assert set(table.by_class) <= set(ACTIVITIES)

@@ -1,10 +1,11 @@
-"""Naming conventions of skeletons, as data and as flavour files, and how joints are named by them."""
+"""Which joints a skeleton has and how files name them: tables of known skeletons, and flavours, of which users may add more."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
@@ -21,117 +22,65 @@ if TYPE_CHECKING:
     from t2d_rt.motion.read.bvh import RawSkeleton
 
 
-# --- naming conventions of well-known skeletons, as data ---
-#
-# Rows of `sided` name both sides at once: `*_hip: "{Side}UpLeg"` stands for left_hip: LeftUpLeg and right_hip:
-# RightUpLeg.
-
-
 Source = str | tuple[str, str, float]
 """A joint of the file, or (a, b, fraction): the point that far from a to b, which turns with a."""
 
+PARENT_OF: Mapping[str, str | None] = MappingProxyType(
+    {
+        name: CANONICAL_JOINTS[parent] if parent >= 0 else None
+        for name, parent in zip(CANONICAL_JOINTS, CANONICAL_PARENTS, strict=True)
+    }
+    | OPTIONAL_JOINTS
+)
 
-def sided(table: Mapping[str, Source]) -> dict[str, Source]:
+
+def parents_of(names: Sequence[str]) -> tuple[int, ...]:
+    """Places of the parents of joints, parents before children, among them; -1 for the root."""
+    return tuple(list(names).index(str(PARENT_OF[name])) if PARENT_OF[name] else -1 for name in names)
+
+
+@cache
+def tables() -> Mapping[str, Any]:
+    """The skeletons that the package knows; skeletons.yaml says what each section holds."""
+    return shipped(Path(__file__).with_suffix(".yaml"))
+
+
+def shipped(path: Path) -> Mapping[str, Any]:
+    """The sections of a YAML file of the package, read in a tenth of the time that the files of strangers take."""
+    import yaml
+
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    return MappingProxyType(yaml.load(path.read_text(encoding="utf-8"), Loader=loader))
+
+
+def sided(table: Mapping[str, Any]) -> dict[str, Any]:
     """Rows with a star expanded to left and right; in their sources {Side} is Left or Right, {side} left or right, {S} L or R and
     {s} l or r."""
-    both: dict[str, Source] = {}
+    both: dict[str, Any] = {}
     for name, source in table.items():
-        if not name.startswith("*"):
-            both[name] = source
-            continue
-        for side in ("Left", "Right"):
-            key = name.replace("*", side.lower())
-            if isinstance(source, str):
-                both[key] = _of_side(source, side)
-            else:
-                both[key] = _of_side(source[0], side), _of_side(source[1], side), source[2]
+        for side in ("Left", "Right") if name.startswith("*") else ("",):
+            both[name.replace("*", side.lower())] = _of_side(source, side) if side else source
     return both
 
 
-def _of_side(name: str, side: str) -> str:
-    for mark, word in (("{Side}", side), ("{side}", side.lower()), ("{S}", side[0]), ("{s}", side[0].lower())):
-        name = name.replace(mark, word)
-    return name
-
-
-_HUMANOID: dict[str, Source] = {
-    "pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": "Spine2", "neck": "Neck", "head": "Head",
-    "*_hip": "{Side}UpLeg", "*_knee": "{Side}Leg", "*_ankle": "{Side}Foot", "*_collar": "{Side}Shoulder",
-    "*_shoulder": "{Side}Arm", "*_elbow": "{Side}ForeArm", "*_wrist": "{Side}Hand",
-}  # fmt: skip
-
-_BVH_TOOLBOX: dict[str, Source] = {
-    "pelvis": "Hips", "spine1": "Spine", "spine2": ("Spine", "Spine1", 0.5), "spine3": "Spine1", "neck": "Neck",
-    "head": "Head", "head_top": "Head:end", "*_hip": "{Side}UpLeg", "*_knee": "{Side}Leg", "*_ankle": "{Side}Foot",
-    "*_foot": "{Side}Foot:end", "*_collar": "{Side}Shoulder", "*_shoulder": "{Side}Arm", "*_elbow": "{Side}ForeArm",
-    "*_wrist": "{Side}Hand", "*_hand": "{Side}Hand:end",
-}  # fmt: skip
-
-_MOMASK: dict[str, Source] = {"*_foot": "{Side}Toe", "*_toe": "{Side}Toe:end", "*_hand": "{Side}Hand:end"}
-
-_MIXAMO: dict[str, Source] = {
-    "head_top": "HeadTop_End", "*_foot": "{Side}ToeBase", "*_toe": "{Side}Toe_End", "*_hand": "{Side}HandMiddle4",
-}  # fmt: skip
-
-_ICLONE: dict[str, Source] = {
-    "pelvis": "CC_Base_Pelvis", "spine1": "CC_Base_Waist", "spine2": "CC_Base_Spine01", "spine3": "CC_Base_Spine02",
-    "neck": "CC_Base_NeckTwist01", "head": "CC_Base_Head", "*_hip": "CC_Base_{S}_Thigh", "*_knee": "CC_Base_{S}_Calf",
-    "*_ankle": "CC_Base_{S}_Foot", "*_foot": "CC_Base_{S}_ToeBase", "*_collar": "CC_Base_{S}_Clavicle",
-    "*_shoulder": "CC_Base_{S}_Upperarm", "*_elbow": "CC_Base_{S}_Forearm", "*_wrist": "CC_Base_{S}_Hand",
-    "*_hand": "CC_Base_{S}_Mid3",
-}  # fmt: skip
-
-# The CMU files come from a conversion that lost the bone of every joint with several children: collars and neck start
-# at the foot of the thorax, and the forearm ends at its twist joint (lwrist), two thirds down. In the ASF skeletons the
-# thorax is as long as upperback and lwrist half as long as lradius (dm_control's humanoid_CMU: 0.114; 0.08 and 0.17 m).
-_CMU_A: dict[str, Source] = {
-    "pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": ("Spine1", "Neck", 1.0), "neck": "Neck1",
-    "head": "Head", "head_top": "Head:end", "*_hip": "{Side}UpLeg", "*_knee": "{Side}Leg", "*_ankle": "{Side}Foot",
-    "*_foot": "{Side}ToeBase", "*_toe": "{Side}ToeBase:end", "*_collar": ("{Side}Shoulder", "{Side}Arm", 0.2),
-    "*_shoulder": "{Side}Arm", "*_elbow": "{Side}ForeArm", "*_wrist": "{Side}FingerBase",
-    "*_hand": "{Side}HandIndex1:end",
-}  # fmt: skip
-
-_CMU_B: dict[str, Source] = {
-    "pelvis": "Hips", "spine1": "Chest", "spine2": "Chest2", "spine3": ("Chest2", "lowerneck", 1.0), "neck": "Neck",
-    "head": "Head", "head_top": "Head:end", "*_hip": "{Side}Hip", "*_knee": "{Side}Knee", "*_ankle": "{Side}Ankle",
-    "*_foot": "{Side}Toe", "*_toe": "{Side}Toe:end", "*_collar": ("{Side}Collar", "{Side}Shoulder", 0.2),
-    "*_shoulder": "{Side}Shoulder", "*_elbow": "{Side}Elbow", "*_wrist": "{s}hand", "*_hand": "{S}Fingers:end",
-}  # fmt: skip
-
-CONVENTIONS: tuple[dict[str, Any], ...] = (
-    {"name": "bvh-toolbox", "joints": sided(_BVH_TOOLBOX)},
-    {"name": "momask", "joints": sided(_HUMANOID | _MOMASK)},
-    {"name": "mixamo", "joints": sided(_HUMANOID | _MIXAMO)},
-    {"name": "iclone", "joints": sided(_ICLONE)},
-    {
-        "name": "cmu-a", "joints": sided(_CMU_A), "cmu_units": True,
-        "lost_bones": {
-            "Neck": ("Neck", "Spine1", 1.0),
-            "LeftShoulder": ("LeftShoulder", "Spine1", 1.0), "RightShoulder": ("RightShoulder", "Spine1", 1.0),
-            "LeftFingerBase": ("LeftHand", "LeftHand", 1.5), "RightFingerBase": ("RightHand", "RightHand", 1.5),
-        },
-    },
-    {
-        "name": "cmu-b", "joints": sided(_CMU_B), "cmu_units": True,
-        "lost_bones": {
-            "lowerneck": ("lowerneck", "Chest2", 1.0),
-            "LeftCollar": ("LeftCollar", "Chest2", 1.0), "RightCollar": ("RightCollar", "Chest2", 1.0),
-            "lhand": ("LeftWrist", "LeftWrist", 1.5), "rhand": ("RightWrist", "RightWrist", 1.5),
-        },
-    },
-)  # fmt: skip
-"""Arguments of `register_flavour`; those that come later are preferred when several fit equally well."""
+def _of_side(source: Any, side: str) -> Any:
+    if isinstance(source, str):
+        for mark, word in (("{Side}", side), ("{side}", side.lower()), ("{S}", side[0]), ("{s}", side[0].lower())):
+            source = source.replace(mark, word)
+    return tuple(_of_side(each, side) for each in source) if isinstance(source, (list, tuple)) else source
 
 
 # --- a flavour as a YAML file, for skeletons whose joints are to be named by hand ---
 #
-# name: studio # left out, the file's name joints: # canonical joint: joint of the BVH file pelvis: Hips spine3: Chest
-# head: Head "*_hip": "{Side}Thigh" # left_hip: LeftThigh and right_hip: RightThigh "*_knee": "{Side}Shin" # {Side}
-# Left or Right, {side} left or right, {S} L or R, {s} l or r "*_ankle": "{Side}Foot" "*_foot": "{Side}Foot:end" # the
-# End Site below LeftFoot "*_shoulder": "{Side}Arm" "*_elbow": "{Side}ForeArm" "*_wrist": "{Side}Hand" spine2: [Spine,
-# Chest, 0.5] # half-way from Spine to Chest, turning with Spine cmu_units: false # whether such files may be in units
-# of 0.05644 m, as CMU's are
+#     name: studio                       # left out, the file's name
+#     joints:                            # canonical joint: joint of the BVH file
+#       pelvis: Hips
+#       head: Head
+#       spine2: [Spine, Chest, 0.5]      # half-way from Spine to Chest, turning with Spine
+#       "*_hip": "{Side}Thigh"           # left_hip: LeftThigh and right_hip: RightThigh
+#       "*_foot": "{Side}Foot:end"       # the End Site below LeftFoot
+#       ...
+#     cmu_units: false                   # whether such files may be in units of 0.05644 m, as CMU's are
 #
 # Pelvis, head, hips, knees, ankles, shoulders, elbows and wrists are needed; spine1 to spine3, neck, collars, feet,
 # toes, hands and head_top may lack. `lost_bones` (joint whose zero offset betrays a lost bone: [joint to move, joint
@@ -146,11 +95,6 @@ FRACTIONS = -2.0, 3.0
 MOST_ROWS = 100
 
 
-def is_flavour_file(wanted: str) -> bool:
-    """Is this the name of a YAML file?"""
-    return wanted.lower().endswith((".yaml", ".yml"))
-
-
 def read_flavour(path: str | Path) -> Flavour:
     """The flavour that a YAML file describes; an InputError of one sentence that names the file where it is wrong."""
     example = "a mapping with joints (pelvis: Hips, left_hip: LeftUpLeg, ...)"
@@ -159,16 +103,23 @@ def read_flavour(path: str | Path) -> Flavour:
         for key in values:
             if key not in FIELDS:
                 raise unknown_name("key", key, FIELDS)
-        rows = values.get("joints")
-        if not isinstance(rows, Mapping) or not 0 < len(rows) <= MOST_ROWS:
-            raise InputError(f"joints must be a mapping of canonical joints to the file's, got {shown(rows)}")
-        joints = sided({_name("a canonical joint", key): _source(key, row) for key, row in rows.items()})
-        return Flavour(
-            name=text("name", values.get("name", Path(path).stem)), joints=joints,
-            lost_bones=_lost_bones(values.get("lost_bones", {})), cmu_units=flag("cmu_units", values.get("cmu_units", False)),
-        )  # fmt: skip
+        return _flavour_of({"name": Path(path).stem} | values)
     except InputError as error:
         raise InputError(f"flavour file {path}: {error}") from None
+
+
+def _flavour_of(values: Mapping[str, Any]) -> Flavour:
+    """The flavour that a mapping of `FIELDS` describes."""
+    rows = values.get("joints")
+    if not isinstance(rows, Mapping) or not 0 < len(rows) <= MOST_ROWS:
+        raise InputError(f"joints must be a mapping of canonical joints to the file's, got {shown(rows)}")
+    joints = sided({_name("a canonical joint", key): _source(key, row) for key, row in rows.items()})
+    return Flavour(
+        name=text("name", values["name"]),
+        joints=joints,
+        lost_bones=_lost_bones(values.get("lost_bones", {})),
+        cmu_units=flag("cmu_units", values.get("cmu_units", False)),
+    )
 
 
 def _name(what: str, value: Any) -> str:
@@ -219,19 +170,6 @@ FILL_CHAINS = (
     ("spine3", "right_collar", "right_shoulder"),
 )
 
-PARENT_OF: Mapping[str, str | None] = MappingProxyType(
-    {
-        name: CANONICAL_JOINTS[parent] if parent >= 0 else None
-        for name, parent in zip(CANONICAL_JOINTS, CANONICAL_PARENTS, strict=True)
-    }
-    | OPTIONAL_JOINTS
-)
-
-
-def parents_of(names: Sequence[str]) -> tuple[int, ...]:
-    """Places of the parents of joints, parents before children, among them; -1 for the root."""
-    return tuple(list(names).index(str(PARENT_OF[name])) if PARENT_OF[name] else -1 for name in names)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flavour:
@@ -257,17 +195,16 @@ class Flavour:
                 f"flavour {self.name!r} must also map {missing}; only spine, neck, collars and feet may lack"
             )
 
-    def required(self) -> dict[str, tuple[str, ...]]:
-        """Source names that a file must have, by canonical joint (optional ends are not required)."""
-        return {name: _names(source) for name, source in self.joints.items() if name not in OPTIONAL_JOINTS}
 
-
-_flavours: dict[str, Flavour] = {}
+@cache
+def _known() -> dict[str, Flavour]:
+    """Flavours by name, those of the package first; `register_flavour` adds to them."""
+    return {name: _flavour_of({"name": name} | values) for name, values in tables()["flavours"].items()}
 
 
 def flavours() -> Mapping[str, Flavour]:
     """All known flavours by name; those registered last are preferred when several fit equally well."""
-    return MappingProxyType(_flavours)
+    return MappingProxyType(_known())
 
 
 def register_flavour(
@@ -285,8 +222,8 @@ def register_flavour(
     flavour = Flavour(
         name=name, joints=dict(joints), lost_bones=dict(lost_bones or {}), cmu_units=flag("cmu_units", cmu_units)
     )
-    _flavours.pop(name, None)
-    _flavours[name] = flavour
+    _known().pop(name, None)
+    _known()[name] = flavour
     return flavour
 
 
@@ -302,8 +239,9 @@ def plain_names(names: tuple[str, ...]) -> tuple[str, ...]:
 
 def detect_flavour(names: tuple[str, ...], parents: tuple[int, ...]) -> Flavour | None:
     """The flavour whose joints are all there, hang in the canonical order, and cover most of the file's names, if any."""
-    fitting = [flavour for flavour in reversed(_flavours.values()) if not misfit(flavour, names, parents)]
-    return max(fitting, key=lambda flavour: len(set(names) & _all_sources(flavour)), default=None)
+    fitting = [flavour for flavour in reversed(_known().values()) if not misfit(flavour, names, parents)]
+    covered = [len(set(names) & {*_sources(flavour), *flavour.lost_bones}) for flavour in fitting]
+    return fitting[int(np.argmax(covered))] if fitting else None
 
 
 def chosen_flavour(
@@ -311,13 +249,12 @@ def chosen_flavour(
 ) -> tuple[Flavour, tuple[str, ...]]:
     """The flavour that the user wants, a registered name or a YAML file, and that of several spellings of the file's names which it
     fits; an InputError where it fits none."""
-
-    if wanted not in _flavours and not is_flavour_file(wanted):
+    if wanted not in _known() and not wanted.lower().endswith((".yaml", ".yml")):
         raise InputError(
-            f"flavour {shown(wanted)} is unknown; choose one of {', '.join(_flavours)}, give a flavour file (.yaml) or "
+            f"flavour {shown(wanted)} is unknown; choose one of {', '.join(_known())}, give a flavour file (.yaml) or "
             "register_flavour() it"
         )
-    flavour = _flavours[wanted] if wanted in _flavours else read_flavour(wanted)
+    flavour = _known().get(wanted) or read_flavour(wanted)
     problems = {names: misfit(flavour, names, parents) for names in spellings}
     for names, problem in problems.items():
         if not problem:
@@ -329,8 +266,10 @@ def chosen_flavour(
 
 
 def misfit(flavour: Flavour, names: tuple[str, ...], parents: tuple[int, ...]) -> str:
-    """What keeps a file from being of a flavour, in words; empty if it is."""
-    if absent := _missing(flavour, set(names)):
+    """What keeps a file from being of a flavour, in words; empty if it is. Optional ends may lack."""
+    needed = [source for name, source in flavour.joints.items() if name not in OPTIONAL_JOINTS]
+    absent = [name for source in needed for name in _names(source) if name not in names]
+    if absent:
         told = [f"{name:.60}" for name in absent[:8]]
         return f"lacks {', '.join(told)}{' ...' if len(absent) > 8 else ''}"
     return "" if _hangs_together(flavour, names, parents) else "hangs together differently"
@@ -357,7 +296,7 @@ def canonical(
 
 def source_joints(names: tuple[str, ...], flavour: Flavour) -> list[int]:
     """Indices of the file's joints that canonical ones are made of."""
-    sources = {name for source in flavour.joints.values() for name in _names(source)}
+    sources = _sources(flavour)
     return [index for index, name in enumerate(names) if name in sources]
 
 
@@ -383,16 +322,13 @@ def restored_offsets(raw: RawSkeleton, names: tuple[str, ...], flavour: Flavour)
     return offsets, restored
 
 
+def _sources(flavour: Flavour) -> set[str]:
+    """The file's joints that canonical ones are made of."""
+    return {name for source in flavour.joints.values() for name in _names(source)}
+
+
 def _names(source: Source) -> tuple[str, ...]:
     return (source,) if isinstance(source, str) else source[:2]
-
-
-def _all_sources(flavour: Flavour) -> set[str]:
-    return {name for source in flavour.joints.values() for name in _names(source)} | set(flavour.lost_bones)
-
-
-def _missing(flavour: Flavour, present: set[str]) -> list[str]:
-    return [name for sources in flavour.required().values() for name in sources if name not in present]
 
 
 def _hangs_together(flavour: Flavour, names: tuple[str, ...], parents: tuple[int, ...]) -> bool:
@@ -408,7 +344,3 @@ def _hangs_together(flavour: Flavour, names: tuple[str, ...], parents: tuple[int
                 if walk is None or upper == lower:
                     return False
     return True
-
-
-for _convention in CONVENTIONS:
-    register_flavour(**_convention)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,22 +11,14 @@ from t2d_rt.core.atomic_write import check_place, check_taken, replacing
 from t2d_rt.core.checks import file_path, flag
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.kinematics import NAMES, PARENTS, poses_of
+from t2d_rt.motion.kinematics import LOWER_BACK, NAMES, PARENTS, poses_of
+from t2d_rt.motion.skeletons import sided, tables
 from t2d_rt.types.motion import OPTIONAL_JOINTS, Motion, checked_motion
 
-BVH_NAMES = {
-    "pelvis": "Hips", "lower_back": "LowerBack", "spine1": "Spine", "spine2": "Spine1", "spine3": "Spine2", "neck": "Neck",
-    "head": "Head", "head_top": "HeadTop_End",
-    **{
-        f"{side}_{joint}": f"{side.capitalize()}{name}"
-        for side in ("left", "right")
-        for joint, name in {
-            "hip": "UpLeg", "knee": "Leg", "ankle": "Foot", "foot": "ToeBase", "toe": "Toe_End", "collar": "Shoulder",
-            "shoulder": "Arm", "elbow": "ForeArm", "wrist": "Hand", "hand": "HandMiddle4",
-        }.items()
-    },
-}  # fmt: skip
-"""Mixamo's names, which animation programs know, and the lower back of the CMU files."""
+
+def bvh_names() -> dict[str, str]:
+    """What each joint is called in the file: Mixamo's names, which animation programs know, and the lower back of the CMU files."""
+    return sided(tables()["flavours"]["mixamo"]["joints"]) | {LOWER_BACK: "LowerBack"}
 
 
 def save_motion(motion: Motion, path: str | Path, *, overwrite: bool = False) -> None:
@@ -60,7 +52,8 @@ def bvh_text(motion: Motion) -> str:
     lines = ["HIERARCHY"]
     offsets = 100.0 * poses.skeleton.offsets[:, [1, 2, 0]]
     order: list[int] = []
-    _joint(lines, order, 0, offsets, OPTIONAL_JOINTS.keys() - set(motion.names))
+    absent = OPTIONAL_JOINTS.keys() - set(motion.names)
+    _joint(lines, order, 0, offsets, {name: word for name, word in bvh_names().items() if name not in absent})
     columns = [100.0 * poses.root[:, [1, 2, 0]]]
     columns += [_degrees(poses.local[:, joint][:, [1, 2, 0, 3]]) for joint in order]
     rows = np.round(np.concatenate(columns, axis=1), 5) + 0.0
@@ -70,22 +63,22 @@ def bvh_text(motion: Motion) -> str:
 
 
 def _joint(
-    lines: list[str], order: list[int], joint: int, offsets: np.ndarray, absent: Set[str], indent: str = ""
+    lines: list[str], order: list[int], joint: int, offsets: np.ndarray, called: Mapping[str, str], indent: str = ""
 ) -> None:
-    """Lines of a joint and of those below it; ends that the motion lacks are left out."""
+    """Lines of a joint and of those below it; ends that the motion lacks are not among those that are called anything."""
     name = NAMES[joint]
     order.append(joint)
     channels = "6 Xposition Yposition Zposition" if joint == 0 else "3"
-    lines += [f"{indent}{'ROOT' if joint == 0 else 'JOINT'} {BVH_NAMES[name]}", f"{indent}{{"]
+    lines += [f"{indent}{'ROOT' if joint == 0 else 'JOINT'} {called[name]}", f"{indent}{{"]
     lines += [
         _offset(offsets[joint] if joint else np.zeros(3), indent),
         f"{indent}\tCHANNELS {channels} Zrotation Xrotation Yrotation",
     ]
     children = [child for child, parent in enumerate(PARENTS) if parent == joint]
-    for child in children:
-        if NAMES[child] not in absent:
-            _joint(lines, order, child, offsets, absent, indent + "\t")
-    if all(NAMES[child] in absent for child in children):
+    there = [child for child in children if NAMES[child] in called]
+    for child in there:
+        _joint(lines, order, child, offsets, called, indent + "\t")
+    if not there:
         end = offsets[children[0]] if children else 0.2 * offsets[joint]
         lines += [f"{indent}\tEnd Site", f"{indent}\t{{", _offset(end, indent + "\t"), f"{indent}\t}}"]
     lines.append(f"{indent}}}")

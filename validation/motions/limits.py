@@ -21,7 +21,7 @@ from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion, resample
 from t2d_rt.motion.check.gait import gait_of
 from t2d_rt.motion.check.measures import Measures, jump_m, measures_of, tracks
-from t2d_rt.motion.check.verdict import AT_MOST, FILE, GAIT_SIGNS, Limits, judged, limits_from
+from t2d_rt.motion.check.verdict import FILE, GAIT_SIGNS, SENTENCES, Limits, judged, limits_from
 from t2d_rt.types.motion import Motion
 
 RATES_HZ = 10.0, 15.0, 20.0, 30.0, 60.0
@@ -119,14 +119,14 @@ def made(motions: dict[str, Motion], measured: dict[str, Measures]) -> dict[str,
         of_class[str(class_of(name))].append(measured[name])
     return {
         "recordings": len(sound), "left_out": left_out, "walks": len(walks),
-        "at_most": {each: round(MARGIN * percentile([measured[name] for name in sound], each, 99), 5) for each in AT_MOST},
+        "at_most": {each: round(MARGIN * percentile([measured[name] for name in sound], each, 99), 5) for each in SENTENCES},
         "jumps": [[rate, round(jump, 5)] for rate, jump in jumps.items()],
         "gait": {
             each: [round(float(np.nanpercentile([gait[each] for gait in gaits], q)), 5) for q in (2.5, 97.5)]
             for each in GAIT_SIGNS
         },
         "by_class": {
-            kind: {"n": len(own), **{each: percentile(own, each, 95) for each in AT_MOST}}
+            kind: {"n": len(own), **{each: percentile(own, each, 95) for each in SENTENCES}}
             for kind, own in sorted(of_class.items())
         },
     }  # fmt: skip

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -11,6 +13,7 @@ from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion import kinematics
 from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.interpolate import low_pass
+from t2d_rt.motion.skeletons import shipped
 from t2d_rt.types.motion import Motion, checked_motion
 
 # --- a motion as the checks see it: at one rate, in one band, with the body's own lengths to compare with ---
@@ -29,14 +32,11 @@ walks."""
 
 GRAVITY_MPS2 = 9.81
 
-SEGMENT_MASSES: tuple[tuple[str, str, float, float], ...] = (
-    ("hips", "shoulders", 0.497, 0.50), ("neck", "head", 0.081, 1.00),
-    *((f"{side}_{upper}", f"{side}_{lower}", mass, along) for side in ("left", "right") for upper, lower, mass, along in (
-        ("shoulder", "elbow", 0.028, 0.436), ("elbow", "wrist", 0.022, 0.682), ("hip", "knee", 0.100, 0.433),
-        ("knee", "ankle", 0.0465, 0.433), ("ankle", "foot", 0.0145, 0.50),
-    )),
-)  # fmt: skip
-"""Segments, their fraction of the body's mass and where on them their centre lies (Winter, Biomechanics, table 4.1)."""
+ANATOMY = shipped(Path(__file__).with_name("anatomy.yaml"))
+"""Masses of segments, radii of joints and ranges of angles; the file says where they come from."""
+
+RANGES_DEG: Mapping[str, tuple[float, str]] = ANATOMY["ranges_deg"]
+"""Greatest angles of healthy adults [degrees] by the names of `joint_angles`, and a sentence that says so."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Tracks:
     @cached_property
     def centre_of_mass(self) -> np.ndarray:
         """Of the body [m], (T, 3)."""
-        return sum(mass * ((1 - along) * self[a] + along * self[b]) for a, b, mass, along in SEGMENT_MASSES)  # type: ignore[return-value]
+        return sum(mass * ((1 - along) * self[a] + along * self[b]) for a, b, mass, along in ANATOMY["segment_masses"])  # type: ignore[return-value]
 
     @cached_property
     def facing(self) -> np.ndarray:
@@ -131,14 +131,6 @@ def spans(active: np.ndarray, *, gap: int = 0, least: int = 1) -> list[tuple[int
 
 
 FOOT_POINTS = "ankle", "foot", "toe"
-
-RADII = {
-    "pelvis": 0.03, "hip": 0.03, "spine1": 0.015, "spine2": 0.015, "spine3": 0.015, "collar": 0.015, "shoulder": 0.015,
-    "neck": 0.015, "head": 0.025, "knee": 0.012, "elbow": 0.005, "wrist": 0.003, "hand": 0.0, "head_top": 0.0, "ankle": 0.0,
-    "foot": 0.0, "toe": 0.0,
-}  # fmt: skip
-"""Distance of a joint from the skin over stature, less 2 to 3 cm by which files place joints differently: a joint nearer to the
-floor has the body in the floor. Ankles, balls and toes stand where the file has them: readers put the floor under the lowest."""
 
 PLANTED_MPS = 0.45
 """A foot whose slowest point is slower is planted; in swing none of its points is."""
@@ -224,7 +216,7 @@ def seated(body: Tracks) -> np.ndarray:
 
 def clearance(body: Tracks) -> np.ndarray:
     """Height of the skin at each joint over the floor [m], (T, J)."""
-    radii = [RADII[name.removeprefix("left_").removeprefix("right_")] for name in body.names]
+    radii = [ANATOMY["radii"][name.removeprefix("left_").removeprefix("right_")] for name in body.names]
     return body.joints[..., 2] - np.array(radii) * body.stature_m
 
 
@@ -328,25 +320,6 @@ def _excess_s(body: Tracks, free: np.ndarray) -> float:
 
 
 SIDES = "left", "right"
-
-RANGES_DEG: dict[str, tuple[float, str]] = {
-    "knee_flexion_deg": (165.0, "a knee bends to 140 by itself and to 165 under the body's weight"),
-    "knee_hyperextension_deg": (20.0, "a knee extends beyond straight by 5 to 15"),
-    "elbow_flexion_deg": (160.0, "an elbow bends to 150"),
-    "hip_flexion_deg": (175.0, "a hip bends to 120, and the lumbar spine adds 50"),
-    "hip_extension_deg": (
-        105.0,
-        "a hip extends by 30, the lumbar spine adds 35, and a dancer's leg is raised behind to level",
-    ),
-    "hip_abduction_deg": (100.0, "a leg is raised sideways by 50, a dancer's by 90"),
-    "shoulder_extension_deg": (100.0, "an arm reaches backward by 60 beside the trunk"),
-    "neck_deg": (95.0, "head and neck bend by 65 to 80 against the trunk"),
-    "trunk_twist_deg": (95.0, "the spine turns by 45, in throws by 80 with the shoulder blades"),
-    "trunk_bend_deg": (120.0, "the spine bends forward by 110"),
-}
-"""Greatest angles of healthy adults [degrees], with what joint centres, which files place differently, add (about 15);
-Kapandji, The Physiology of the Joints, and the norms of the American Academy of Orthopaedic Surgeons (1965); dancers by Reid
-(1988)."""
 
 INVERTED = 0.15
 """Height over stature by which the head is below and the ankles are above the hips of a body upside down."""

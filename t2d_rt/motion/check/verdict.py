@@ -44,12 +44,6 @@ from t2d_rt.types.motion import Motion, checked_motion
 
 FILE = Path(__file__).with_name("limits.json")
 
-AT_MOST = (
-    "top_speed_mps", "acceleration_mps2", "jerk_mps3", "bone_change", "foot_skate_m", "sliding_s", "floating_s",
-    "floor_penetration_m", "floor_offset_m", "self_penetration_m",
-)  # fmt: skip
-"""Measures that recorded motion bounds from above."""
-
 GAIT_SIGNS = (
     "cadence_per_min", "step_length", "length_asymmetry", "time_asymmetry", "time_variation", "hastening", "width",
     "width_variation", "knee_lift_deg", "foot_lift", "trunk_lean_deg", "trunk_sway_deg", "arm_swing", "halted_s",
@@ -338,6 +332,7 @@ SENTENCES: dict[str, str] = {
     "floor_offset_m": "the planted feet stay {value:.3f} m above the floor, recorded ones at most {limit:.3f} m",
     "self_penetration_m": "limbs go {value:.3f} m into one another, recorded ones at most {limit:.3f} m",
 }
+"""Measures that recorded motion bounds from above, and what is said of one that is beyond."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,8 +8,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
+
+from t2d_rt.motion.skeletons import shipped
 
 # --- what a joint's name says: its side and the parts of the body that it may stand for ---
 #
@@ -21,44 +24,6 @@ import numpy as np
 
 LONGEST_NAME = 80
 """Characters of a name that are read."""
-
-_TABLE = {
-    "left": "l left lft links linke linker linkes gauche izquierda izquierdo izq sinistra sinistro sx esquerda esquerdo 左 hidari",
-    "right": "r right rgt rght rechts rechte rechter rechtes droite droit derecha derecho destra destro dx direita direito 右 migi",
-    "pelvis": "pelvis pelv hips becken bassin bacino 骨盤 腰 下半身 koshi",
-    "hip": "hip huefte hufte huften hueften hanche cadera anca 股関節 股",
-    "thigh": "thigh femur buttock oberschenkel cuisse muslo coscia 太もも もも 大腿",
-    "knee": "knee shin calf tibia crus unterschenkel knie genou mollet rodilla ginocchio ひざ 膝 すね 小腿 hiza",
-    "leg": "leg bein jambe pierna gamba 足 脚 ashi",
-    "ankle": "ankle knochel knoechel fussgelenk cheville tobillo caviglia 足首 ashikubi",
-    "foot": "foot feet fuss pied pie piede heel talus",
-    "toe": "toe toes ball toebase zehe zehen orteil orteils つま先 tsumasaki metatarsal metatarsals",
-    "clavicle": "clavicle clav collar schlusselbein schluesselbein clavicule clavicula clavicola scapula 鎖骨",
-    "shoulder": "shoulder shldr shoul schulter epaule hombro spalla 肩 kata",
-    "upperarm": "humerus oberarm 上腕 上臂",
-    "arm": "arm bras brazo braccio 腕 ude",
-    "elbow": "elbow radius forearm unterarm ellbogen ellenbogen avantbras coude antebrazo codo avambraccio gomito "
-    "ひじ 肘 hiji 前腕 前臂",
-    "wrist": "wrist handgelenk poignet muneca polso 手首 tekubi",
-    "hand": "hand main mano 手 palm carpus",
-    "finger": "finger fingers thumb index ring pinky pinkie little metacarpal metacarpals knuckle daumen pouce pulgar dedo "
-    "親指 人指 人差指 薬指 小指 指 digit phalanx",
-    "middle": "middle mid mittelfinger 中指",
-    "spine": "spine chest torso back abdomen thorax waist belly stomach sternum stern ribs lumbar trunk wirbelsaule "
-    "wirbelsaeule wirbel brust brustkorb bauch colonne dos torse poitrine columna pecho colonna torace 上半身 胸 背骨 mune",
-    "neck": "neck cervical hals nacken cou cuello collo 首 kubi",
-    "head": "head skull kopf tete cabeza testa 頭 atama",
-    "face": "eye eyes eyebrow eyelid jaw chin lip lips brow nose teeth tongue ear ears cheek lid forehead mouth face 目 両目",
-    "root": "root reference armature world origin trajectory cog center centre master scene センター 全ての親 グルーブ",
-    "twist": "twist roll share 捩",
-    "helper": "ik fk pole target ctrl control weapon prop sword gun hair skirt cloth breast bust tail wing hind hat camera "
-    "rigmesh mesh geo effector physics bag cape attach socket",
-    "up": "up upper top high ober",
-    "low": "low lower down unter",
-    "fore": "fore front avant",
-    "end": "end tip nub site effektor endsite",
-    "plain": "bend joint jnt bone base cc def org mixamorig bip bip01 character skel rig human male female valve biped anim",
-}
 
 PARTS_OF_LEG = frozenset({"hip", "knee", "ankle", "foot", "toe"})
 PARTS_OF_ARM = frozenset({"collar", "shoulder", "elbow", "wrist", "hand"})
@@ -139,7 +104,9 @@ def _plain(text: str) -> str:
 
 @cache
 def _vocabulary() -> dict[str, str]:
-    return {_plain(word).casefold(): kind for kind, words in _TABLE.items() for word in words.split()}
+    """The kind of each word that is known."""
+    rows = shipped(Path(__file__).with_name("words.yaml"))
+    return {_plain(word).casefold(): kind for kind, words in rows.items() for word in words.split()}
 
 
 def _kinds(run: str) -> list[str]:

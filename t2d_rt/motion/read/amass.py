@@ -18,7 +18,7 @@ from t2d_rt.motion.read.clock import stated_rate, times_of
 from t2d_rt.motion.read.detect import stance_axis
 from t2d_rt.motion.read.samples import filled
 from t2d_rt.motion.read.tracks import Tracks
-from t2d_rt.motion.skeletons import PARENT_OF
+from t2d_rt.motion.skeletons import PARENT_OF, tables
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
 STATURE_M = 1.70
@@ -28,23 +28,12 @@ USUAL_RATE_HZ = 60.0
 BODY_ANGLES = 66
 """Axis-angle vectors of the 22 canonical joints; hands, jaw and eyes follow in SMPL-H (156) and SMPL-X (165)."""
 
-_CENTRAL = {
-    "spine1": (0.0, 0.065, -0.016), "spine2": (0.0, 0.081, 0.001), "spine3": (0.0, 0.032, 0.015), "neck": (0.0, 0.128, -0.026),
-    "head": (0.0, 0.039, 0.031),
-}  # fmt: skip
-_LEFT = {
-    "hip": (0.041, -0.055, -0.003), "knee": (0.022, -0.227, -0.004), "ankle": (-0.009, -0.239, -0.026),
-    "foot": (0.016, -0.031, 0.073), "collar": (0.048, 0.072, -0.022), "shoulder": (0.056, 0.019, -0.005),
-    "elbow": (0.154, -0.008, -0.015), "wrist": (0.151, 0.005, -0.002), "hand": (0.05, -0.005, -0.009),
-}  # fmt: skip
 OFFSETS: dict[str, tuple[float, float, float]] = {
-    **_CENTRAL,
-    **{f"left_{joint}": offset for joint, offset in _LEFT.items()},
-    **{f"right_{joint}": (-x, y, z) for joint, (x, y, z) in _LEFT.items()},
+    name: (sign * x, y, z)
+    for joint, (x, y, z) in tables()["smpl_offsets"].items()
+    for name, sign in ((joint, 1.0), (joint.replace("left_", "right_"), -1.0 if joint.startswith("left_") else 1.0))
 }
-"""Offsets from the parents in statures: the joints of SMPL's mean body at rest as robotics publishes them (PHC, Luo et al. 2023,
-smpl_humanoid.xml), both sides' mean, over the stature that they make here, 1.668 m. The rotations of such files count from
-these directions: thighs lead outward, elbows and ankles lie behind the line of their bones."""
+"""Offsets of joints from their parents in SMPL's rest pose, in statures."""
 
 LOW_M = 0.04
 """Height above its own lowest in which a foot counts as planted."""

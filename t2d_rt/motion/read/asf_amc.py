@@ -10,6 +10,7 @@ a few 60.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from t2d_rt.motion.quaternions import about_axis, conjugate, multiply, rotate
 from t2d_rt.motion.read.bvh import LARGEST_NUMBER, MAX_FRAMES
 from t2d_rt.motion.read.samples import filled
 from t2d_rt.motion.read.tracks import Tracks
+from t2d_rt.motion.skeletons import tables
 
 INCH_M = 0.0254
 RATE_HZ = 120.0
@@ -32,19 +34,7 @@ MAX_BONES = 300
 
 ROOT = "root"
 
-ENDS: dict[str, tuple[str, str]] = {
-    "spine1": ("lowerback", "upperback"), "spine2": ("upperback", "thorax"), "spine3": ("thorax", "thorax"),
-    "neck": ("lowerneck", "upperneck"), "head": ("upperneck", "head"), "head_top": ("head", "head"),
-    **{
-        f"{side}_{joint}": (f"{s}{bone}", f"{s}{carrier}")
-        for side, s in (("left", "l"), ("right", "r"))
-        for joint, bone, carrier in (
-            ("hip", "hipjoint", "femur"), ("knee", "femur", "tibia"), ("ankle", "tibia", "foot"), ("foot", "foot", "toes"),
-            ("toe", "toes", "toes"), ("shoulder", "clavicle", "humerus"), ("elbow", "humerus", "radius"),
-            ("wrist", "wrist", "hand"), ("hand", "fingers", "fingers"),
-        )
-    },
-}  # fmt: skip
+ENDS: Mapping[str, tuple[str, str]] = tables()["acclaim"]
 """Canonical joint -> the bone that ends there, and the bone that turns with it."""
 
 COLLAR = 0.2

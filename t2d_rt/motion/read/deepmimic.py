@@ -2,12 +2,13 @@
 
 A frame is [duration, root position, root rotation, then the rotations of chest, neck, right hip, knee, ankle, shoulder, elbow,
 left hip, knee, ankle, shoulder, elbow]: quaternions w, x, y, z in the parents' frames, one angle about z for knees and elbows
-(Peng et al. 2018). Metres, y up, facing x. Joints lie as in its humanoid3d, whose offsets are below.
+(Peng et al. 2018). Metres, y up, facing x. Joints lie as in its humanoid3d, whose offsets are in skeletons.yaml.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,9 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_bytes
 from t2d_rt.motion.quaternions import about_axis, continuous, multiply, normalise, rotate
 from t2d_rt.motion.read.bvh import MAX_FRAMES
-from t2d_rt.motion.read.complete import HEAD
 from t2d_rt.motion.read.samples import filled
 from t2d_rt.motion.read.tracks import Tracks
+from t2d_rt.motion.skeletons import tables
 
 MAX_BYTES = 100_000_000
 SHORTEST_S, LONGEST_S = 1e-4, 1.0
@@ -31,46 +32,19 @@ LEAST_UNIT = 0.5
 
 Z = np.array([0.0, 0.0, 1.0])
 
-JOINTS: dict[str, tuple[str, tuple[float, float, float], slice]] = {
-    "chest": ("root", (0.0, 0.236151, 0.0), slice(8, 12)),
-    "neck": ("chest", (0.0, 0.223894, 0.0), slice(12, 16)),
-    "right_hip": ("root", (0.0, 0.0, 0.084887), slice(16, 20)),
-    "right_knee": ("right_hip", (0.0, -0.421546, 0.0), slice(20, 21)),
-    "right_ankle": ("right_knee", (0.0, -0.409870, 0.0), slice(21, 25)),
-    "right_shoulder": ("chest", (-0.02405, 0.24350, 0.18311), slice(25, 29)),
-    "right_elbow": ("right_shoulder", (0.0, -0.274788, 0.0), slice(29, 30)),
-    "left_hip": ("root", (0.0, 0.0, -0.084887), slice(30, 34)),
-    "left_knee": ("left_hip", (0.0, -0.421546, 0.0), slice(34, 35)),
-    "left_ankle": ("left_knee", (0.0, -0.409870, 0.0), slice(35, 39)),
-    "left_shoulder": ("chest", (-0.02405, 0.24350, -0.18311), slice(39, 43)),
-    "left_elbow": ("left_shoulder", (0.0, -0.274788, 0.0), slice(43, 44)),
+JOINTS: Mapping[str, tuple[str, list[float], int]] = tables()["humanoid3d_joints"]
+"""Joint -> its parent, its offset from there [m], and how many numbers its rotation has."""
+
+_stops = 8 + np.cumsum([size for *_, size in JOINTS.values()])
+COLUMNS = {
+    name: slice(stop - size, stop) for (name, (*_, size)), stop in zip(JOINTS.items(), _stops.tolist(), strict=True)
 }
-"""Joint -> its parent, its offset from there [m], and the columns of its rotation."""
+"""Where in a frame the rotation of each joint stands."""
 
-QUATERNIONS = (slice(4, 8), *(columns for _, _, columns in JOINTS.values() if columns.stop - columns.start == 4))
+QUATERNIONS = (slice(4, 8), *(columns for columns in COLUMNS.values() if columns.stop - columns.start == 4))
 
-TRUNK_M = 0.236151 + 0.24350
-WRIST = (0.0, -0.258947, 0.0)
-
-ENDS: dict[str, tuple[str, tuple[float, float, float]]] = {
-    "pelvis": ("root", (0.0, 0.0, 0.0)),
-    "spine1": ("root", (0.0, 0.118, 0.0)),
-    "spine2": ("chest", (0.0, 0.0, 0.0)),
-    "spine3": ("chest", (0.0, 0.112, 0.0)),
-    "head": ("neck", (TRUNK_M * HEAD[0], TRUNK_M * HEAD[2], 0.0)),
-    **{
-        name: point
-        for side, sign in (("right", 1.0), ("left", -1.0))
-        for name, point in {
-            f"{side}_collar": ("chest", (0.0, 0.22, 0.02 * sign)),
-            f"{side}_wrist": (f"{side}_elbow", WRIST),
-            f"{side}_foot": (f"{side}_ankle", (0.095, -0.035, 0.0)),
-            f"{side}_toe": (f"{side}_ankle", (0.1335, -0.035, 0.0)),
-        }.items()
-    },
-}
-"""Canonical joint -> the joint that carries it and where, ahead and up of it [m]: the humanoid ends at wrists, ankles and neck.
-The ball of its foot lies within the box of the ankle, which reaches 0.1335 m ahead."""
+ENDS: Mapping[str, tuple[str, list[float]]] = tables()["humanoid3d_ends"]
+"""Canonical joint that the humanoid lacks -> the joint that carries it and where."""
 
 
 def read_deepmimic(path: Path) -> Tracks:
@@ -79,8 +53,8 @@ def read_deepmimic(path: Path) -> Tracks:
     frames, lost, step_s, told = _even(frames, lost, path)
     quaternion = normalise(frames[:, [5, 6, 7, 4]])
     turned, at = {"root": quaternion}, {"root": frames[:, 1:4]}
-    for name, (parent, offset, columns) in JOINTS.items():
-        values = frames[:, columns]
+    for name, (parent, offset, _) in JOINTS.items():
+        values = frames[:, COLUMNS[name]]
         local = about_axis(Z, values[:, 0]) if values.shape[1] == 1 else normalise(values[:, [1, 2, 3, 0]])
         at[name] = at[parent] + rotate(turned[parent], np.array(offset))
         turned[name] = multiply(turned[parent], local)

@@ -24,14 +24,10 @@ WIDTH = 263
 CHAINS = ((0, 2, 5, 8, 11), (0, 1, 4, 7, 10), (0, 3, 6, 9, 12, 15), (9, 14, 17, 19, 21), (9, 13, 16, 18, 20))
 """Bones along which the 6D rotations are multiplied; each chain begins with the root's."""
 
-REFERENCE = np.array(
-    [
-        (0, 0, 0), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, -1, 0), (0, 1, 0), (0, -1, 0), (0, -1, 0), (0, 1, 0),
-        (0, 0, 1), (0, 0, 1), (0, 1, 0), (1, 0, 0), (-1, 0, 0), (0, 0, 1), (0, -1, 0), (0, -1, 0), (0, -1, 0), (0, -1, 0),
-        (0, -1, 0), (0, -1, 0),
-    ],
-    dtype=float,
-)  # fmt: skip
+_REST = "oo +x -x +y -y -y +y -y -y +y +z +z +y +x -x +z -y -y -y -y -y -y"
+_DIRECTIONS = {f"{sign}{axis}": float(f"{sign}1") * np.eye(3)["xyz".index(axis)] for sign in "+-" for axis in "xyz"}
+
+REFERENCE = np.array([_DIRECTIONS.get(each, np.zeros(3)) for each in _REST.split(" ")])
 """Direction of the bone that ends at each joint, where its rotation is none."""
 
 

@@ -16,34 +16,8 @@ import numpy as np
 from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import norms
-from t2d_rt.motion.skeletons import PARENT_OF
+from t2d_rt.motion.skeletons import PARENT_OF, tables
 from t2d_rt.types.motion import CANONICAL_JOINTS
-
-SIDED_PARTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "hip": ("hip", "thigh", "upleg", "upperleg"),
-        "knee": ("knee", "shin", "shank", "calf", "lowerleg"),
-        "ankle": ("ankle", "foot"),
-        "foot": ("bigtoe", "toebase", "footindex", "toe", "foot"),
-        "collar": ("collar", "clavicle"),
-        "shoulder": ("shoulder", "upperarm"),
-        "elbow": ("elbow", "lowerarm", "forearm"),
-        "wrist": ("wrist", "hand"),
-        "hand": ("hand", "handtip", "index"),
-    }
-)
-"""Parts that a joint of a side may be called; a part serves one joint only, so that a foot is the ankle where there is no ankle."""
-
-CENTRAL_PARTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "pelvis": ("pelvis", "midhip", "chip", "hip", "hips", "hipcenter", "spinebase", "root"),
-        "spine1": ("spine1", "spinenavel"),
-        "spine2": ("spine2", "spinemid", "spine", "torso"),
-        "spine3": ("spine3", "spinechest", "chest"),
-        "neck": ("thorax", "neck", "spineshoulder", "shouldercenter"),
-        "head": ("head",),
-    }
-)
 
 SIDES: Mapping[str, str] = MappingProxyType({"left": "left", "l": "left", "right": "right", "r": "right"})
 
@@ -54,32 +28,9 @@ NEEDED = tuple(
 
 WORD = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+")
 
-_ORDERS = {
-    "Kinect v2": """SpineBase SpineMid Neck Head ShoulderLeft ElbowLeft WristLeft HandLeft ShoulderRight ElbowRight WristRight
-        HandRight HipLeft KneeLeft AnkleLeft FootLeft HipRight KneeRight AnkleRight FootRight SpineShoulder HandTipLeft ThumbLeft
-        HandTipRight ThumbRight""",
-    "Azure Kinect": """PELVIS SPINE_NAVEL SPINE_CHEST NECK CLAVICLE_LEFT SHOULDER_LEFT ELBOW_LEFT WRIST_LEFT HAND_LEFT HANDTIP_LEFT
-        THUMB_LEFT CLAVICLE_RIGHT SHOULDER_RIGHT ELBOW_RIGHT WRIST_RIGHT HAND_RIGHT HANDTIP_RIGHT THUMB_RIGHT HIP_LEFT KNEE_LEFT
-        ANKLE_LEFT FOOT_LEFT HIP_RIGHT KNEE_RIGHT ANKLE_RIGHT FOOT_RIGHT HEAD NOSE EYE_LEFT EAR_LEFT EYE_RIGHT EAR_RIGHT""",
-    "OpenPose BODY_25": """Nose Neck RShoulder RElbow RWrist LShoulder LElbow LWrist MidHip RHip RKnee RAnkle LHip LKnee LAnkle REye
-        LEye REar LEar LBigToe LSmallToe LHeel RBigToe RSmallToe RHeel""",
-    "HALPE 26": """Nose LEye REye LEar REar LShoulder RShoulder LElbow RElbow LWrist RWrist LHip RHip LKnee RKnee LAnkle RAnkle Head
-        Neck Hip LBigToe RBigToe LSmallToe RSmallToe LHeel RHeel""",
-    "COCO 17": """nose left_eye right_eye left_ear right_ear left_shoulder right_shoulder left_elbow right_elbow left_wrist
-        right_wrist left_hip right_hip left_knee right_knee left_ankle right_ankle""",
-    "Human3.6M 17": """Hip RHip RKnee RFoot LHip LKnee LFoot Spine Thorax NeckNose Head LShoulder LElbow LWrist RShoulder RElbow
-        RWrist""",
-    "humanoid 15": """pelvis torso head right_upper_arm right_lower_arm right_hand left_upper_arm left_lower_arm left_hand
-        right_thigh right_shin right_foot left_thigh left_shin left_foot""",
-    "MediaPipe 33": """nose left_eye_inner left_eye left_eye_outer right_eye_inner right_eye right_eye_outer left_ear right_ear
-        mouth_left mouth_right left_shoulder right_shoulder left_elbow right_elbow left_wrist right_wrist left_pinky right_pinky
-        left_index right_index left_thumb right_thumb left_hip right_hip left_knee right_knee left_ankle right_ankle left_heel
-        right_heel left_foot_index right_foot_index""",
-}
-
 ORDERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"HumanML3D": CANONICAL_JOINTS, "SMPL": (*CANONICAL_JOINTS, "left_hand", "right_hand")}
-    | {order: tuple(names.split()) for order, names in _ORDERS.items()}
+    | {order: tuple(names.split()) for order, names in tables()["orders"].items()}
 )
 """Orders of joints in arrays that come without names."""
 
@@ -98,17 +49,17 @@ def canonical_sources(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
         return {joint: (joint,) for joint in PARENT_OF if joint in names}
     parts = {side_and_part(name): name for name in reversed(names)}
     found: dict[str, tuple[str, ...]] = {}
-    for side in ("left", "right"):
+    for side, prefix, section in (
+        ("left", "left_", "sided_parts"),
+        ("right", "right_", "sided_parts"),
+        ("", "", "central_parts"),
+    ):
         taken: set[str] = set()
-        for joint, known in SIDED_PARTS.items():
-            part = next((part for part in known if (side, part) in parts and part not in taken), None)
+        for joint, known in tables()[section].items():
+            part = next((part for part in known.split() if (side, part) in parts and part not in taken), None)
             if part is not None:
-                found[f"{side}_{joint}"] = (parts[side, part],)
+                found[f"{prefix}{joint}"] = (parts[side, part],)
                 taken.add(part)
-    for joint, known in CENTRAL_PARTS.items():
-        part = next((part for part in known if ("", part) in parts), None)
-        if part is not None:
-            found[joint] = (parts["", part],)
     ears = tuple(parts[side, "ear"] for side in ("left", "right") if (side, "ear") in parts)
     if "head" not in found and len(ears) == 2:
         found["head"] = ears

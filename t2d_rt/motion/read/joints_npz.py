@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, cast
 
@@ -19,25 +19,18 @@ from t2d_rt.motion.read.joint_sets import ORDERS, absent_joints, guessed_order, 
 from t2d_rt.motion.read.samples import filled, seen
 from t2d_rt.motion.read.subjects import Labels, check_only, chosen, numbered, of_labels, subjects
 from t2d_rt.motion.read.tracks import Tracks
+from t2d_rt.motion.skeletons import tables
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
 # --- kimodo's .npz -> tracks: posed_joints (T, 30, 3) [m], global_rot_mats (T, 30, 3, 3), 30 frames a second, y up,
 # facing z ---
-#
-# The order is that of its SOMA skeleton: hips, spine, neck, head, jaw and eyes, left arm with the ends of thumb and
-# middle finger, right arm, left leg, right leg.
 
 
 RATE_HZ = 30.0
 JOINTS = 30
 
-PLACES = {
-    "pelvis": 0, "spine1": 1, "spine2": 2, "spine3": 3, "neck": 4, "head": 6,
-    "left_collar": 10, "left_shoulder": 11, "left_elbow": 12, "left_wrist": 13, "left_hand": 15,
-    "right_collar": 16, "right_shoulder": 17, "right_elbow": 18, "right_wrist": 19, "right_hand": 21,
-    "left_hip": 22, "left_knee": 23, "left_ankle": 24, "left_foot": 25,
-    "right_hip": 26, "right_knee": 27, "right_ankle": 28, "right_foot": 29,
-}  # fmt: skip
+PLACES: Mapping[str, int] = tables()["kimodo"]
+"""Canonical joint -> its place among those of the file."""
 
 LEAST_ORTHONORMAL = 1e-2
 """Deviation of R R^T from the unit matrix from which matrices are no rotations."""

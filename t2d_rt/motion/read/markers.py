@@ -8,7 +8,7 @@ import struct
 import subprocess
 import sys
 import tempfile
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -26,6 +26,7 @@ from t2d_rt.motion.read.joint_sets import NEEDED, absent_joints, canonical_sourc
 from t2d_rt.motion.read.samples import seen
 from t2d_rt.motion.read.subjects import numbered, of_labels
 from t2d_rt.motion.read.tracks import Times, Tracks
+from t2d_rt.motion.skeletons import tables
 from t2d_rt.types.motion import RATES_HZ
 
 # --- labelled points of C3D and TRC files -> canonical joints: joint centres by name, or the markers of usual sets
@@ -37,17 +38,8 @@ from t2d_rt.types.motion import RATES_HZ
 # the body they are is not known.
 
 
-MODELLED = {
-    "PELO": "pelvis", "TRXO": "neck", "HEDO": "head",
-    **{
-        f"{s}{label}": f"{side}_{joint}"
-        for side, s in (("left", "L"), ("right", "R"))
-        for label, joint in (
-            ("FEP", "hip"), ("FEO", "knee"), ("TIO", "ankle"), ("HUP", "shoulder"), ("HUO", "elbow"), ("RAO", "wrist"),
-        )
-    },
-}  # fmt: skip
-"""Joint centres that Plug-in Gait writes: origins (O) and proximal ends (P) of its bones."""
+MODELLED: Mapping[str, str] = tables()["plug_in_gait"]
+"""Joint centres that Plug-in Gait writes, and the canonical joints that they are."""
 
 PELVIS_SETS = (("LASI", "RASI", "LPSI", "RPSI"), ("LASI", "RASI", "SACR", "SACR"), ("LFWT", "RFWT", "LBWT", "RBWT"))
 """Front left, front right, back left, back right: Plug-in Gait, Helen Hayes, CMU."""
