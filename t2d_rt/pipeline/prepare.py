@@ -81,8 +81,8 @@ def prepare(model: Model, accuracy: Accuracy, clutter: Clutter) -> Prepared:
     pairs = model.pairs(accuracy)
     if pairs is not None and not pairs.switched_on:
         raise InputError(
-            "only_paths and without_paths leave path pairs alone that are too weak to be modelled; name others, or model weaker ones "
-            "(accuracy.dynamic_range_db, a lower tolerance)"
+            "only_paths and without_paths leave path pairs alone that are too weak to be modelled; name others, or model weaker "
+            "ones (accuracy.dynamic_range_db, a lower tolerance)"
         )
     static, counts = model.clutter(clutter, accuracy)
     return Prepared(
