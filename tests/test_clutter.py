@@ -21,7 +21,7 @@ from t2d_rt.core.resources import resource
 from t2d_rt.propagation.clutter import Shadows, rough_points, roughened, static_paths
 from t2d_rt.propagation.edges import bundle, disc
 from t2d_rt.propagation.mirrors import Mirrors
-from t2d_rt.propagation.mitsuba import mitsuba
+from t2d_rt.propagation.rays import mitsuba
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.radar.synthesize import synthesize

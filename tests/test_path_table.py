@@ -16,7 +16,7 @@ from t2d_rt.experiment.setup import set_up, set_up_again
 from t2d_rt.motion.contacts import contacts
 from t2d_rt.motion.kinematics import poses_of
 from t2d_rt.propagation.edges import SceneBlockage
-from t2d_rt.propagation.mitsuba import mitsuba
+from t2d_rt.propagation.rays import mitsuba
 from t2d_rt.recording.path_table import path_table
 from t2d_rt.recording.truth import projected_areas, truth_table
 from t2d_rt.types import OneWayPath

@@ -21,8 +21,8 @@ from t2d_rt.geometry import SubdividedMesh
 from t2d_rt.pipeline.visibility import Sampled, Sight, coarse_views
 from t2d_rt.propagation.images import existing
 from t2d_rt.propagation.mirrors import Mirrors
-from t2d_rt.propagation.mitsuba import mitsuba
 from t2d_rt.propagation.paths import FoundPaths, find_paths
+from t2d_rt.propagation.rays import mitsuba
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.propagation.surroundings import radar_paths
 from t2d_rt.propagation.visibility import sample_times

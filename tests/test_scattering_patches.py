@@ -18,7 +18,7 @@ import t2d_rt as t2d
 from builders import ball, icosphere, slow_after, static_mesh
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import T2DWarning
-from t2d_rt.geometry import Refinement, refine
+from t2d_rt.geometry import Refinement, refinements
 from t2d_rt.scattering.patches import CYCLES_PER_STEP, MOST_FACETS, Patches, centres, normals, patches, tilts
 from t2d_rt.scattering.points import DiffusePoints
 from t2d_rt.types import MovingMesh, Radar
@@ -42,9 +42,8 @@ def spinning_ball(spin_rad_per_s: float, velocity_mps: tuple[float, float, float
 
 
 def refined(mesh: MovingMesh, sagitta_rad: float = 0.5) -> Refinement:
-    return refine(
-        mesh.rest, mesh.faces, wavenumber=2 * math.pi / TABLE2.wavelength_m, range_m=2.5, sagitta_rad=sagitta_rad
-    )
+    wavenumber = 2 * math.pi / TABLE2.wavelength_m
+    return refinements(mesh.rest, mesh.faces, wavenumber=wavenumber, range_m=2.5, sagittas_rad=[sagitta_rad])[0]
 
 
 def as_it_is(mesh: MovingMesh) -> Refinement:
@@ -270,7 +269,7 @@ def test_tilts_of_a_made_up_refinement() -> None:
 def test_tilts_of_an_icosahedron_that_stands_for_a_sphere() -> None:
     # The sphere's normal at a corner leans 37.4 degrees out of the face's; facets of a fine refinement nearly as much.
     mesh = static_mesh(*icosphere(0, 0.2), crease_deg=180)
-    fine = refine(mesh.rest, mesh.faces, wavenumber=1600, range_m=3, sagitta_rad=0.3, crease_deg=180)
+    (fine,) = refinements(mesh.rest, mesh.faces, wavenumber=1600, range_m=3, sagittas_rad=[0.3], crease_deg=180)
     tilt = np.degrees(tilts(mesh, fine))
     assert tilt.min() > 25
     assert tilt.max() < 45

@@ -192,7 +192,7 @@ def test_to_world(make: Make, steps: str, corner: tuple[float, float, float]) ->
 def test_the_users_features_are_as_in_sionna(make: Make) -> None:
     """Bit for bit without a transform, to rounding with one."""
     from t2d_rt.core.backend import select
-    from t2d_rt.propagation.mitsuba import mitsuba
+    from t2d_rt.propagation.rays import mitsuba
 
     mi = mitsuba(select("cpu"))
     import sionna.rt

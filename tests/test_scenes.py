@@ -15,7 +15,7 @@ from t2d_rt.core.backend import select
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.resources import folder, resource
 from t2d_rt.propagation.mirrors import Mirrors
-from t2d_rt.propagation.mitsuba import mitsuba
+from t2d_rt.propagation.rays import mitsuba
 from t2d_rt.propagation.scenes import load_scene, scene_names
 from t2d_rt.scene import Room, save_scene
 from t2d_rt.scene.room import furniture, furniture_kinds

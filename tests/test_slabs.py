@@ -5,7 +5,7 @@ import pytest
 
 from t2d_rt.core.backend import select
 from t2d_rt.propagation.materials import itu_material
-from t2d_rt.propagation.mitsuba import mitsuba
+from t2d_rt.propagation.rays import mitsuba
 from t2d_rt.types import PEC, Material
 from t2d_rt.types.path_fields import reflection, transmission
 

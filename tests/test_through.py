@@ -18,8 +18,8 @@ from t2d_rt.core.resources import resource
 from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.materials import itu_material
 from t2d_rt.propagation.mirrors import Mirrors
-from t2d_rt.propagation.mitsuba import mitsuba
 from t2d_rt.propagation.paths import find_paths
+from t2d_rt.propagation.rays import mitsuba
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.scene import Room
 from t2d_rt.types import Ellipsoids, Material, MovingMesh, Radar, Scene

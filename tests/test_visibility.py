@@ -200,7 +200,7 @@ def test_it_fades_by_a_smooth_step_between_sample_times(passing: list[MovingMesh
     assert values.min() >= 0
     assert values.max() <= 1
     at_samples = view.visibility(samples_s)[1]
-    assert np.array_equal(at_samples, view.traced(samples_s)[:, -values.shape[1] :])
+    assert np.array_equal(at_samples, view.viewpoints.traced([view], samples_s)[0][:, -values.shape[1] :])
     np.testing.assert_allclose(values[::fine], at_samples, atol=1e-6)
     assert (np.ptp(at_samples, axis=0) == 1).sum() > 100  # it does come and go
     step = np.diff(values, axis=0).reshape(10, fine, -1)
@@ -289,7 +289,8 @@ def blocked(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.n
 
 
 def test_body_casts_its_shadow_as_straight_lines_say(walker: MovingMesh, backend: Backend) -> None:
-    seen = occlusion([walker], backend).traced(np.array([0.4]))[0]
+    view = occlusion([walker], backend)
+    seen = view.viewpoints.traced([view], np.array([0.4]))[0][0]
     mesh = walker.trimesh(0.4)
     offset = HERE - mesh.vertices
     cosine = np.sum(mesh.vertex_normals * offset, axis=1) / np.linalg.norm(offset, axis=1)

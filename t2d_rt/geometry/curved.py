@@ -23,7 +23,21 @@ import numpy as np
 from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.levels import all_of_three, any_of_three
 from t2d_rt.geometry.refine import Refinement
-from t2d_rt.geometry.subdivide import Csr, Topology, next_half, previous_half, split_in_four, too_many_faces, topology
+from t2d_rt.geometry.subdivide import (
+    SPLITS,
+    Csr,
+    Topology,
+    distinct,
+    greatest_of_three,
+    in_children,
+    next_half,
+    previous_half,
+    split_edges_first,
+    split_in_four,
+    split_picks,
+    too_many_faces,
+    topology,
+)
 from t2d_rt.geometry.vectors import edge_cross, lengths, unit
 
 MOST_SUBDIVISIONS = 24
@@ -66,7 +80,7 @@ def surface_rows(faces: np.ndarray, vertex_count: int, face: np.ndarray, weights
     number, level = np.arange(len(face)), kept[0]
     for depth in range(MOST_SUBDIVISIONS + 1):
         mesh, valence, operator = level.mesh, level.valence, level.operator
-        corner, greatest = _greatest(weights)
+        corner, greatest = greatest_of_three(weights)
         at_corner = (greatest == 1) | (depth == MOST_SUBDIVISIONS)
         regular = level.regular[face] & ~at_corner
         if at_corner.any():
@@ -79,7 +93,7 @@ def surface_rows(faces: np.ndarray, vertex_count: int, face: np.ndarray, weights
             break
         number, face, weights = number[left], face[left], weights[left]
         level = kept[depth + 1] if depth + 1 < len(kept) else level.next_about(face)
-        face, weights = _in_children(np.searchsorted(level.parents, face), weights)
+        face, weights = in_children(np.searchsorted(level.parents, face), weights)
     order = np.argsort(np.concatenate([numbers for numbers, _ in found]))
     return sparse.csr_matrix(sparse.vstack([rows for _, rows in found], format="csr")[order])
 
@@ -101,9 +115,29 @@ class _Level:
         return all_of_three((self.valence == 6)[self.mesh.faces])
 
     def next_about(self, face: np.ndarray) -> _Level:
-        """The next level, around some faces (N,)."""
-        mesh, parents, step, valence = _subdivided(self.mesh, self.valence, face)
-        return _Level(mesh, valence, step @ self.operator, parents)
+        """The next level, around some faces (N,).
+
+        Only the faces that touch these are kept; of what that makes, all that their children's surface depends on is right.
+        """
+        from scipy import sparse
+
+        mesh = self.mesh
+        touched = np.zeros(mesh.vertex_count, bool)
+        touched[mesh.faces[face]] = True
+        here = np.flatnonzero(any_of_three(touched[mesh.faces]))
+        kept = np.unique(mesh.faces[here])
+        part, valence = topology(np.searchsorted(kept, mesh.faces[here]), len(kept)), self.valence[kept]
+        count, edges, half = len(kept), len(part.edges), np.arange(part.faces.size)
+        ring = _next_weight(valence)
+        old = sparse.diags_array(1 - valence * ring) + sparse.diags_array(ring) @ _neighbours(part)
+        weights = np.concatenate([np.full(2 * edges, 3 / 8), np.full(len(half), 1 / 8)])
+        rows = np.concatenate([np.repeat(np.arange(edges), 2), part.face_edges.ravel()])
+        columns = np.concatenate([part.edges.ravel(), part.faces.ravel()[previous_half(half)]])
+        new = sparse.csr_array((weights, (rows, columns)), shape=(edges, count))
+        chosen = sparse.csr_array((np.ones(count), (np.arange(count), kept)), shape=(count, mesh.vertex_count))
+        step = sparse.vstack([old, new], format="csr") @ chosen
+        children = topology(split_in_four(part.faces, count + part.face_edges), count + edges)
+        return _Level(children, np.concatenate([valence, np.full(edges, 6)]), step @ self.operator, here)
 
 
 @lru_cache(maxsize=KEPT_MESHES)
@@ -162,77 +196,16 @@ def _limit_rows(mesh: Topology, valence: np.ndarray, vertex: np.ndarray) -> Csr:
     return own + sparse.diags_array(ring) @ _neighbours(mesh)[vertex]
 
 
-def _subdivided(mesh: Topology, valence: np.ndarray, face: np.ndarray) -> tuple[Topology, np.ndarray, Csr, np.ndarray]:
-    """What is around some faces (N,), subdivided: its topology, the faces that it has the children of, the matrix (V1, V) of its
-    control points, and their valences.
-
-    Only the faces that touch these are kept; of what that makes, all that their children's surface depends on is right.
-    """
-    from scipy import sparse
-
-    touched = np.zeros(mesh.vertex_count, bool)
-    touched[mesh.faces[face]] = True
-    here = np.flatnonzero(any_of_three(touched[mesh.faces]))
-    kept = np.unique(mesh.faces[here])
-    part = topology(np.searchsorted(kept, mesh.faces[here]), len(kept))
-    count, edges = len(kept), len(part.edges)
-    ring = _next_weight(valence[kept])
-    old = sparse.diags_array(1 - valence[kept] * ring) + sparse.diags_array(ring) @ _neighbours(part)
-    edge, half = part.face_edges.ravel(), np.arange(part.faces.size)
-    entries = (
-        np.concatenate([np.full(2 * edges, 3 / 8), np.full(len(half), 1 / 8)]),
-        (np.concatenate([np.repeat(np.arange(edges), 2), edge]),
-         np.concatenate([part.edges.ravel(), part.faces.ravel()[previous_half(half)]])),
-    )  # fmt: skip
-    new = sparse.csr_array(entries, shape=(edges, count))
-    chosen = sparse.csr_array((np.ones(count), (np.arange(count), kept)), shape=(count, mesh.vertex_count))
-    children = topology(split_in_four(part.faces, count + part.face_edges), count + edges)
-    step = sparse.vstack([old, new], format="csr") @ chosen
-    return children, here, step, np.concatenate([valence[kept], np.full(edges, 6)])
-
-
-def _in_children(face: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Faces and weights of the same places among the children, 4 f .. 4 f + 3 of face f."""
-    rows, (corner, greatest) = np.arange(len(face)), _greatest(weights)
-    inner = greatest < 0.5
-    outer = 2 * weights
-    outer[rows, corner] -= 1
-    # The middle child's corners are the middles of edges 01, 12 and 20.
-    return 4 * face + np.where(inner, 3, corner), np.where(inner[:, None], 1 - 2 * weights[:, [2, 0, 1]], outer)
-
-
-def _greatest(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which of three weights (N, 3) is the greatest, the first of equal ones, and its value, (N,) each; `argmax` takes ten times
-    as long on so short an axis."""
-    one = np.where(weights[:, 1] > weights[:, 0], 1, 0)
-    value = np.maximum(weights[:, 0], weights[:, 1])
-    return np.where(weights[:, 2] > value, 2, one), np.maximum(value, weights[:, 2])
-
-
-@dataclass(frozen=True, slots=True)
-class _Ring:
-    """Twelve control points around faces (N,), in three kinds of one for each corner."""
-
-    corner: np.ndarray
-    """The corner i, (N, 3)."""
-    across: np.ndarray
-    """Beyond the edge from i to the next corner, (N, 3)."""
-    before: np.ndarray
-    """Neighbour of corner i alone, on the side of the corner before it, (N, 3)."""
-    after: np.ndarray
-    """The same on the side of the next corner, (N, 3)."""
-
-
-def _ring(mesh: Topology, face: np.ndarray) -> _Ring:
+def _ring(mesh: Topology, face: np.ndarray) -> np.ndarray:
+    """Twelve control points around faces (N,), (N, 12), in four kinds of one for each corner: itself, the one beyond the edge to
+    the next corner, and its own neighbours on the side of the corner before it and of the next."""
     tail, twin = mesh.faces.ravel(), mesh.twin
     half = 3 * face[:, None] + np.arange(3)
     out, into = twin[half], twin[previous_half(half)]
-    return _Ring(
-        corner=mesh.faces[face],
-        across=tail[previous_half(out)],
-        before=tail[previous_half(twin[previous_half(into)])],
-        after=tail[previous_half(twin[next_half(out)])],
-    )
+    across = tail[previous_half(out)]
+    before = tail[previous_half(twin[previous_half(into)])]
+    after = tail[previous_half(twin[next_half(out)])]
+    return np.concatenate([mesh.faces[face], across, before, after], axis=1)
 
 
 def _box_spline(mesh: Topology, face: np.ndarray, weights: np.ndarray) -> Csr:
@@ -253,11 +226,9 @@ def _box_spline(mesh: Topology, face: np.ndarray, weights: np.ndarray) -> Csr:
         + 6 * u * v2 * w + 6 * u * v2 * v + 2 * v2 * v * w + v2 * v2
     )  # fmt: skip
     before, after = u2 * u * (u + 2 * w), u2 * u * (u + 2 * v)
-    ring = _ring(mesh, face)
-    columns = np.concatenate([ring.corner, ring.across, ring.before, ring.after], axis=1)
     values = np.concatenate([corner, across, before, after], axis=1) / 12
-    starts = 12 * np.arange(len(face) + 1)
-    return sparse.csr_array((values.ravel(), columns.ravel(), starts), shape=(len(face), mesh.vertex_count))
+    rows = values.ravel(), _ring(mesh, face).ravel(), 12 * np.arange(len(face) + 1)
+    return sparse.csr_array(rows, shape=(len(face), mesh.vertex_count))
 
 
 PARTS = 1 << 16
@@ -269,15 +240,6 @@ LEAST_SPLIT = 0.5
 MOST_WAVELENGTHS = 4.5
 """An edge is at most so long at a limit of 1 rad, and goes with the root of the limit: where a limb rotates, the phases of a long
 facet part between surface frames."""
-_SPLITS = (
-    ((0, 1, 2),),
-    ((0, 3, 2), (3, 1, 2)),
-    ((3, 1, 4), (0, 3, 4), (0, 4, 2)),
-    ((3, 1, 4), (3, 4, 2), (0, 3, 2)),
-    ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
-)
-"""Triangles by code: corners 0, 1, 2, middles 3 of edge 01, 4 of 12, 5 of 20. Split is no edge, one, two (by either diagonal), or
-three."""
 
 
 def curved_refinements(
@@ -337,9 +299,13 @@ class _Surface:
         nodes = nodes.reshape(-1, 6).astype(np.int32)
         operator, linear = known.rows(used)
         return Refinement(
-            operator=operator, faces=nodes[:, :3], middles=nodes[:, 3:], base_face=face.astype(np.int32), linear=linear,
+            operator=operator,
+            faces=nodes[:, :3],
+            middles=nodes[:, 3:],
+            base_face=face.astype(np.int32),
+            linear=linear,
             control=self.control,
-        )  # fmt: skip
+        )
 
     def ids(self, face: np.ndarray, place: np.ndarray) -> np.ndarray:
         """A number for each place, the same from all faces that it lies in: of the vertex, edge or face, and where in it."""
@@ -376,7 +342,8 @@ class _Nodes:
         """Numbers (N, 6) of the nodes of facets with `corners` (N, 3, 3) in faces (N,), corners first."""
         six = _with_middles(corners).reshape(-1, 3)
         face = np.repeat(face, 6)
-        ids, first, inverse = _unique(self._surface.ids(face, six))
+        ids, order, starts, inverse = distinct(self._surface.ids(face, six))
+        first = np.minimum.reduceat(order, starts)
         at = np.minimum(np.searchsorted(self._ids, ids), max(len(self._ids) - 1, 0))
         new = np.ones(len(ids), bool) if not len(self._ids) else self._ids[at] != ids
         if new.any():
@@ -406,19 +373,6 @@ class _Nodes:
         ids, numbers = np.concatenate([self._ids, ids]), np.concatenate([self._numbers, numbers])
         order = np.argsort(ids)
         self._ids, self._numbers = ids[order], numbers[order]
-
-
-def _unique(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Values (N,) once each and in order, where each occurs first, and the place of each value among them (N,).
-
-    `np.unique` sorts stably, which takes several times as long.
-    """
-    order = np.argsort(values)
-    ordered = values[order]
-    new = np.diff(ordered, prepend=ordered[:1] - 1) > 0
-    starts, inverse = np.flatnonzero(new), np.empty_like(order)
-    inverse[order] = np.cumsum(new) - 1
-    return ordered[starts], np.minimum.reduceat(order, starts), inverse
 
 
 def _with_middles(corners: np.ndarray) -> np.ndarray:
@@ -451,19 +405,14 @@ def _children(corners: np.ndarray, places: np.ndarray, split: np.ndarray) -> tup
 
     How many are not split, which come first; the facet that each lies in (M,); their corners (M, 3, 3).
     """
-    count = split[:, 0].astype(np.int8) + split[:, 1] + split[:, 2]
-    same, parents = np.flatnonzero(count == 0), np.flatnonzero(count)
-    count, split, places = count[parents], split[parents], places[parents]
-    # Corners are turned so that the split edges come first: one split edge at 0, two at 0 and 1.
-    first = np.where(count == 1, split.argmax(axis=1), np.where(count == 2, (split.argmin(axis=1) + 1) % 3, 0))
-    order, rows = (first[:, None] + np.arange(3)) % 3, np.arange(len(parents))[:, None]
-    nodes, places = (
-        _with_middles(corners[parents[:, None], order]),
-        places[rows, np.concatenate([order, 3 + order], axis=1)],
-    )
+    any_split = any_of_three(split)
+    same, parents = np.flatnonzero(~any_split), np.flatnonzero(any_split)
+    count, order = split_edges_first(split[parents])
+    nodes = _with_middles(corners[parents[:, None], order])
+    places = places[parents[:, None], np.concatenate([order, 3 + order], axis=1)]
     from_2 = lengths(places[:, 3] - places[:, 2]) < lengths(places[:, 4] - places[:, 0])
     case = np.select([count < 2, count == 3, from_2], [count, 4, 3], 2)
-    made = [(np.flatnonzero(case == kind), codes) for kind, all_of in enumerate(_SPLITS) for codes in all_of]
+    made = split_picks(case, SPLITS)
     return (
         len(same),
         np.concatenate([same, *(parents[pick] for pick, _ in made)]),

@@ -63,20 +63,23 @@ class Level:
 
 
 def build_levels(
-    rest: np.ndarray, faces: np.ndarray, scale: np.ndarray, crease_deg: float, max_edge_m: float, max_faces: int
+    rest: np.ndarray, faces: np.ndarray, scale: np.ndarray, crease_deg: float, max_faces: int
 ) -> tuple[list[Level], list[Csr], list[Csr]]:
     """Uniform levels where they are needed, and the matrices that make each level's new vertices from all before."""
     sharp = sharp_edges(rest, faces, crease_deg)
     mesh = topology(faces, len(rest), sharp)
     everything = np.arange(len(mesh.faces))
-    level = _level(
-        LevelMesh(
-            topology=mesh, corners=crease_corners(rest, sharp, crease_deg), ids=np.arange(len(rest)), crease=mesh.sharp,
-            parent=everything, base=everything, points=rest, scale=scale,
-        ),
-        np.ones((scale.shape[1] - 1, len(mesh.faces)), bool),
-        max_edge_m,
-    )  # fmt: skip
+    coarse = LevelMesh(
+        topology=mesh,
+        corners=crease_corners(rest, sharp, crease_deg),
+        ids=np.arange(len(rest)),
+        crease=mesh.sharp,
+        parent=everything,
+        base=everything,
+        points=rest,
+        scale=scale,
+    )
+    level = _level(coarse, np.ones((scale.shape[1] - 1, len(mesh.faces)), bool))
     levels, steps, linear_steps, count = [level], [], [], len(rest)
     while level.split.any():
         inside = _grow(level.mesh.topology, np.any(level.red, axis=0), HALO_RINGS)
@@ -91,12 +94,12 @@ def build_levels(
         needed = 4 * int(level.red.sum(axis=1).max())
         if needed > max_faces:
             raise too_many_faces(needed, max_faces)
-        level = _next_level(level, inside, max_edge_m)
+        level = _next_level(level, inside)
         levels.append(level)
     return levels, steps, linear_steps
 
 
-def _level(mesh: LevelMesh, wanted: np.ndarray, max_edge_m: float) -> Level:
+def _level(mesh: LevelMesh, wanted: np.ndarray) -> Level:
     """A level with the midpoints of the faces `wanted` for any limit, (B, F), and the edges and faces that these split."""
     topology, points = mesh.topology, mesh.points
     asked = np.any(wanted, axis=0)
@@ -106,21 +109,18 @@ def _level(mesh: LevelMesh, wanted: np.ndarray, max_edge_m: float) -> Level:
     length2 = ((b - a) ** 2).sum(axis=1)
     nearness, *limits = mesh.scale[topology.edges].mean(axis=1).T
     marks = [
-        _mark(topology, limit * (8 * depth + length2 * nearness), length2, faces, max_edge_m)
+        _mark(topology, limit * (8 * depth + length2 * nearness), faces)
         for limit, faces in zip(limits, wanted, strict=True)
     ]
     split, red = (np.stack(each) for each in zip(*marks, strict=True))
     return Level(mesh=mesh, middle=middle, split=split, red=red)
 
 
-def _mark(
-    mesh: Topology, sagitta: np.ndarray, length2: np.ndarray, wanted: np.ndarray, max_edge_m: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _mark(mesh: Topology, sagitta: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Edges to be split (E,) and faces to be quartered (F,) for what is `wanted`; `sagitta` in units of the limit."""
     facet = sagitta[mesh.face_edges].mean(axis=1)
-    split = _edges_of(mesh, wanted & (facet > 1)) & (sagitta > 1) | _edges_of(mesh, wanted) & (length2 > max_edge_m**2)
-    far = _edges_of(mesh, wanted) & (length2 > 4 * max_edge_m**2)
-    red = (wanted & ((facet > 4) | any_of_three(far[mesh.face_edges]))) | all_of_three(split[mesh.face_edges])
+    split = _edges_of(mesh, wanted & (facet > 1)) & (sagitta > 1)
+    red = (wanted & (facet > 4)) | all_of_three(split[mesh.face_edges])
     return split, red
 
 
@@ -152,7 +152,7 @@ def _edges_of(mesh: Topology, chosen: np.ndarray) -> np.ndarray:
     return edges
 
 
-def _next_level(level: Level, inside: np.ndarray, max_edge_m: float) -> Level:
+def _next_level(level: Level, inside: np.ndarray) -> Level:
     """The children of the faces `inside`."""
     mesh = level.mesh.topology
     here = np.flatnonzero(inside)
@@ -179,7 +179,7 @@ def _next_level(level: Level, inside: np.ndarray, max_edge_m: float) -> Level:
         points=np.concatenate([level.mesh.points[kept], level.middle[cut] @ level.mesh.points]),
         scale=np.concatenate([level.mesh.scale[kept], level.mesh.scale[mesh.edges[cut]].mean(axis=1)]),
     )
-    return _level(children, np.repeat(level.red[:, here], 4, axis=1), max_edge_m)
+    return _level(children, np.repeat(level.red[:, here], 4, axis=1))
 
 
 def _grow(mesh: Topology, chosen: np.ndarray, rings: int) -> np.ndarray:

@@ -23,19 +23,17 @@ MAX_ROWS = 500_000
 """Vertices, and faces, of a file: as many as a whole scene may have."""
 MAX_PROPERTIES = 20
 MAX_HEADER_BYTES = 64_000
-TYPES = {
-    "char": "b", "int8": "b", "uchar": "B", "uint8": "B", "short": "h", "int16": "h", "ushort": "H", "uint16": "H",
-    "int": "i", "int32": "i", "uint": "I", "uint32": "I", "float": "f", "float32": "f", "double": "d", "float64": "d",
-}  # fmt: skip
+_NAMES = "char int8 uchar uint8 short int16 ushort uint16 int int32 uint uint32 float float32 double float64"
+TYPES = dict(zip(_NAMES.split(), "bbBBhhHHiiIIffdd", strict=True))
 """Scalar types of PLY, as codes of `struct`."""
 FLOATS = "fd"
 ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 CORNERS = ("vertex_indices", "vertex_index")
 
 
-def read_mesh(path: Path, *, limit: int = MAX_MESH_BYTES) -> Mesh:
-    """The mesh in a PLY or OBJ file of at most `limit` bytes; coordinates are rounded to float32, as ray tracers do."""
-    return parsed_mesh(read_bytes(path, limit=limit, noun="mesh file"), path)
+def read_mesh(path: Path) -> Mesh:
+    """The mesh in a PLY or OBJ file of at most `MAX_MESH_BYTES`; coordinates are rounded to float32, as ray tracers do."""
+    return parsed_mesh(read_bytes(path, limit=MAX_MESH_BYTES, noun="mesh file"), path)
 
 
 def parsed_mesh(data: bytes, path: Path) -> Mesh:

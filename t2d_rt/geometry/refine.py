@@ -19,7 +19,6 @@ whose vertices visibility is sampled is split at the midpoints of its edges, and
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -39,7 +38,18 @@ from t2d_rt.geometry.levels import (
     edge_depths,
     renamed_columns,
 )
-from t2d_rt.geometry.subdivide import Csr, crease_corners, midpoints, sharp_edges, split_in_four, topology
+from t2d_rt.geometry.subdivide import (
+    SPLITS,
+    Csr,
+    crease_corners,
+    in_children,
+    midpoints,
+    sharp_edges,
+    split_edges_first,
+    split_in_four,
+    split_picks,
+    topology,
+)
 from t2d_rt.geometry.vectors import edge_cross, lengths, unit
 
 
@@ -74,23 +84,11 @@ class FinalFaces:
     """Weights of those edges' offsets in the mean depth below the surface, (N, 3)."""
 
 
-_GREEN: dict[int, tuple[tuple[int, int, int], ...]] = {
-    0: ((0, 1, 2),),
-    1: ((0, 3, 2), (3, 1, 2)),
-    2: ((3, 1, 4), (0, 3, 4), (0, 4, 2)),
-    3: ((3, 1, 4), (3, 4, 2), (0, 3, 2)),
-}
-"""Triangles by code: corners 0, 1, 2, midpoints 3 of edge 01, 4 of 12. Case 2: diagonal from 0; case 3: from 2."""
-
-
 def final_faces(level: Level, tree: np.ndarray) -> FinalFaces:
     """Faces that stay, closed towards finer neighbours: one split edge makes two faces, two make three."""
     chosen = np.flatnonzero(tree & ~level.red)
     sides = level.split[level.mesh.topology.face_edges[chosen]]
-    case = sides.sum(axis=1)
-    # rotate each face's corners so that its split edges come first: one split edge at 0, two at 0 and 1
-    first = np.where(case == 1, sides.argmax(axis=1), np.where(case == 2, (sides.argmin(axis=1) + 1) % 3, 0))
-    order = (first[:, None] + np.arange(3)) % 3
+    case, order = split_edges_first(sides)
     faces = np.take_along_axis(level.mesh.topology.faces[chosen], order, axis=1)
     edges = np.take_along_axis(level.mesh.topology.face_edges[chosen], order, axis=1)
     a, b, c = (level.mesh.points[faces[:, j]] for j in range(3))
@@ -98,7 +96,7 @@ def final_faces(level: Level, tree: np.ndarray) -> FinalFaces:
     case = np.where((case == 2) & from_2, 3, case)
     middles = level.middle_ids[edges] if len(level.middle_ids) else np.full_like(edges, -1)
     six = np.concatenate([level.mesh.ids[faces], middles], axis=1)
-    picks = [(np.flatnonzero(case == kind), np.array(codes)) for kind, triples in _GREEN.items() for codes in triples]
+    picks = split_picks(case, SPLITS[:-1])  # faces of which all edges are split are red
     which = np.concatenate([pick for pick, _ in picks])
     return FinalFaces(
         np.concatenate([six[pick][:, codes] for pick, codes in picks]),
@@ -213,21 +211,14 @@ class Refinement:
         count, nodes = len(faces), self.operator.shape[0]
         # The middles of the edges lie off the chords by o; a triangle lies below the surface by a third of the sum of its o.
         thirds = np.repeat([1 / 3, -1 / 3], 3)
-        depth = sparse.csr_matrix(
-            (
-                np.tile(thirds, count),
-                np.concatenate([self.middles, self.faces], axis=1).ravel(),
-                6 * np.arange(count + 1),
-            ),
-            shape=(count, nodes),
-        )
+        offsets = np.concatenate([self.middles, self.faces], axis=1).ravel()
+        depth = sparse.csr_matrix((np.tile(thirds, count), offsets, 6 * np.arange(count + 1)), shape=(count, nodes))
         area = np.repeat(lengths(edge_cross(self.at(vertices)[self.faces])), 3)
         fraction = area / np.bincount(faces.ravel(), weights=area)[faces.ravel()]
         mean = sparse.csr_matrix((fraction, (faces.ravel(), np.repeat(np.arange(count), 3))), shape=(len(used), count))
-        return replace(
-            self, operator=self.operator[used] + mean @ (depth @ self.operator), linear=self.linear[used],
-            faces=faces.astype(np.int32), middles=None, key=None,
-        )  # fmt: skip
+        operator = self.operator[used] + mean @ (depth @ self.operator)
+        flat = faces.astype(np.int32)
+        return replace(self, operator=operator, linear=self.linear[used], faces=flat, middles=None, key=None)
 
     def controlled(self, vertices: np.ndarray) -> np.ndarray:
         """Control points (..., V, 3) of the coarse mesh's vertices (..., V, 3)."""
@@ -242,42 +233,6 @@ class Refinement:
         return np.asarray(self.operator @ self.controlled(vertices))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tessellation:
-    """How facets are laid on a surface, whatever their phase."""
-
-    max_edge_m: float = math.inf
-    """Greatest length of an edge [m], for surfaces over which something else than the phase varies."""
-    displace: bool = True
-    """Vertices are moved outward, so that facets lie on the surface in the mean."""
-
-
-ON_THE_SURFACE = Tessellation()
-
-
-def refine(
-    rest: np.ndarray,
-    faces: np.ndarray,
-    *,
-    wavenumber: float,
-    range_m: float | np.ndarray,
-    sagitta_rad: float | np.ndarray,
-    crease_deg: float = 45.0,
-    tessellation: Tessellation = ON_THE_SURFACE,
-    max_faces: int = 2_000_000,
-) -> Refinement:
-    """Refine a mesh (V, 3), (F, 3) until facets have a phase sagitta of at most `sagitta_rad`.
-
-    `wavenumber` k = 2 pi / lambda [rad/m]; `range_m` the least range R and `sagitta_rad` the limit s, each one number or
-    one per vertex (V,). `crease_deg` as in `MovingMesh`.
-    """
-    (refinement,) = refinements(
-        rest, faces, wavenumber=wavenumber, range_m=range_m, sagittas_rad=[sagitta_rad], crease_deg=crease_deg,
-        tessellation=tessellation, max_faces=max_faces,
-    )  # fmt: skip
-    return refinement
-
-
 def refinements(
     rest: np.ndarray,
     faces: np.ndarray,
@@ -286,17 +241,23 @@ def refinements(
     range_m: float | np.ndarray,
     sagittas_rad: Sequence[float | np.ndarray],
     crease_deg: float = 45.0,
-    tessellation: Tessellation = ON_THE_SURFACE,
+    displace: bool = True,
     max_faces: int = 2_000_000,
 ) -> list[Refinement]:
-    """What `refine` gives for each limit alone; most of the work is the surface itself, which is the same for all of them."""
+    """A mesh (V, 3), (F, 3), refined until its facets have a phase sagitta of at most each of some limits.
+
+    `wavenumber` k = 2 pi / lambda [rad/m]; `range_m` the least range R and each of `sagittas_rad` a limit s, one number or one per
+    vertex (V,). `crease_deg` as in `MovingMesh`. Without `displace` vertices stay on the butterfly surface; with it they are moved
+    outward, so that facets lie on it in the mean. Each result is the one that its limit alone would give: most of the work is the
+    surface itself, which is the same for all of them. An InputError tells what is not positive, or that more than `max_faces` are
+    needed.
+    """
     rest, faces = np.asarray(rest, dtype=np.float64), np.asarray(faces)
-    longest_m = tessellation.max_edge_m
-    scale = _scale(rest, wavenumber, range_m, sagittas_rad, longest_m)
-    levels, steps, linear_steps = build_levels(rest, faces, scale, crease_deg, longest_m, max_faces)
+    scale = _scale(rest, wavenumber, range_m, sagittas_rad)
+    levels, steps, linear_steps = build_levels(rest, faces, scale, crease_deg, max_faces)
     operator, linear = _stack(steps, len(rest)), _stack(linear_steps, len(rest))
     alone = ([replace(each, split=each.split[i], red=each.red[i]) for each in levels] for i in range(len(sagittas_rad)))
-    return [_refined(own, rest, operator, linear, tessellation.displace) for own in alone]
+    return [_refined(own, rest, operator, linear, displace) for own in alone]
 
 
 def _refined(levels: list[Level], rest: np.ndarray, operator: Csr, linear: Csr, displace: bool) -> Refinement:
@@ -310,9 +271,11 @@ def _refined(levels: list[Level], rest: np.ndarray, operator: Csr, linear: Csr, 
     if displace:
         rows = rows + displacement(levels, parts, rows @ rest, used, fine, operator.shape[0]) @ operator
     return Refinement(
-        operator=rows, faces=fine.astype(np.int32), linear=linear[used],
+        operator=rows,
+        faces=fine.astype(np.int32),
         base_face=np.concatenate([part.base for part in parts]).astype(np.int32),
-    )  # fmt: skip
+        linear=linear[used],
+    )
 
 
 def curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float = 45.0) -> np.ndarray:
@@ -329,33 +292,24 @@ def _curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float) -> np.nda
     mesh = topology(faces, len(rest), sharp)
     ends = rest[mesh.edges]
     offset = midpoints(mesh, crease_corners(rest, sharp, crease_deg), rest) @ rest - ends.mean(axis=1)
-    bend = (
-        8
-        * edge_depths(mesh, offset, rest, np.ones(len(mesh.faces), bool))
-        / ((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)
-    )
+    depth = edge_depths(mesh, offset, rest, np.ones(len(mesh.faces), bool))
+    bend = 8 * depth / ((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)
     found = np.bincount(mesh.edges.ravel(), weights=np.repeat(bend, 2), minlength=len(rest)) / mesh.valence
     found.setflags(write=False)
     return np.asarray(found)
 
 
-def _scale(
-    rest: np.ndarray, wavenumber: float, range_m: object, sagittas_rad: Sequence[object], max_edge_m: float
-) -> np.ndarray:
+def _scale(rest: np.ndarray, wavenumber: float, range_m: object, sagittas_rad: Sequence[object]) -> np.ndarray:
     """Columns 1/R and, for each limit, 2 k / (6 s) per vertex, (V, 1 + B)."""
     if rest.ndim != 2 or rest.shape[1] != 3 or not np.isfinite(rest).all():
         raise InputError(f"rest must hold finite positions of shape (vertex, 3), got shape {rest.shape}")
-    for name, value in (
-        ("wavenumber", wavenumber), ("range_m", range_m), *(("sagitta_rad", limit) for limit in sagittas_rad),
-        ("max_edge_m", max_edge_m),
-    ):  # fmt: skip
+    limits = [("sagitta_rad", limit) for limit in sagittas_rad]
+    for name, value in (("wavenumber", wavenumber), ("range_m", range_m), *limits):
         array = np.asarray(value, dtype=np.float64)
         if array.shape not in ((), (len(rest),)) or not (array > 0).all():
             raise InputError(f"{name} must be positive, one number or one per vertex ({len(rest)},), got {value}")
-    columns = (
-        1 / np.asarray(range_m, float),
-        *(2 * wavenumber / (6 * np.asarray(limit, float)) for limit in sagittas_rad),
-    )
+    finenesses = [2 * wavenumber / (6 * np.asarray(limit, float)) for limit in sagittas_rad]
+    columns = [1 / np.asarray(range_m, float), *finenesses]
     return np.stack([np.broadcast_to(column, (len(rest),)) for column in columns], axis=1)
 
 
@@ -404,12 +358,6 @@ class SubdividedMesh:
         corners = faces[face]
         weights = np.asarray(fine.linear[np.repeat(rows, 3), corners.ravel()]).reshape(-1, 3)
         for _ in range(self.level):
-            corner = weights.argmax(axis=1)
-            inner = weights.max(axis=1) < 0.5
-            face = 4 * face + np.where(inner, 3, corner)
-            # A child's vertices: a corner and the two middles beside it, or the middles of edges 01, 12 and 20.
-            outer = 2 * weights
-            outer[rows, corner] -= 1
-            weights = np.where(inner[:, None], 1 - 2 * weights[:, [2, 0, 1]], outer)
+            face, weights = in_children(face, weights)
         entries = weights.astype(np.float32).ravel(), (np.repeat(rows, 3), self.faces[face].ravel())
         return sparse.csr_array(entries, shape=(len(rows), self.operator.shape[0]))

@@ -8,13 +8,14 @@ edge: the point beyond it is replaced by the reflection u + v - x of the point b
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from t2d_rt.core.errors import InputError
-from t2d_rt.geometry.vectors import edge_cross
+from t2d_rt.geometry.vectors import edge_cross, lengths
 
 Csr = Any
 """scipy.sparse.csr_matrix; scipy is loaded when first used."""
@@ -57,20 +58,6 @@ class Topology:
         return np.bincount(self.edges[self.sharp].ravel(), minlength=self.vertex_count)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Subdivision:
-    """One level of uniform subdivision; new vertex V0 + e is the midpoint of edge e."""
-
-    operator: Csr
-    """Child vertices = operator @ vertices, (V1, V0)."""
-    faces: np.ndarray
-    """Children 4 f .. 4 f + 3 of face f: three corners, then the middle, (4 F, 3)."""
-    sharp: np.ndarray
-    """Sharp edges of the child, (S, 2)."""
-    corners: np.ndarray
-    """Corners of its sharp curves, bool (V1,)."""
-
-
 def sharp_edges(vertices: np.ndarray, faces: np.ndarray, crease_deg: float) -> np.ndarray:
     """Edges (S, 2) whose faces differ in direction by more than `crease_deg`, and those that do not join two faces."""
     vertices = np.asarray(vertices, dtype=np.float64)
@@ -101,12 +88,7 @@ def crease_corners(vertices: np.ndarray, sharp: np.ndarray, crease_deg: float) -
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Unit normals (F, 3); zero for a face without area."""
     normal = edge_cross(vertices.take(faces, axis=0))
-    return normal / np.maximum(_length(normal), 1e-300)[:, None]
-
-
-def _length(vectors: np.ndarray) -> np.ndarray:
-    """Lengths (N,) of vectors (N, 3)."""
-    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+    return normal / np.maximum(lengths(normal), 1e-300)[:, None]
 
 
 def topology(faces: np.ndarray, vertex_count: int, sharp: np.ndarray | None = None) -> Topology:
@@ -118,11 +100,7 @@ def topology(faces: np.ndarray, vertex_count: int, sharp: np.ndarray | None = No
         raise InputError(f"faces must name vertices 0..{vertex_count - 1}, got {faces.min()}..{faces.max()}")
     tail, head = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     keys = np.minimum(tail, head) * vertex_count + np.maximum(tail, head)
-    order = np.argsort(keys)
-    new = np.diff(keys[order], prepend=-1) > 0
-    first = np.flatnonzero(new)
-    unique, inverse = keys[order[first]], np.empty_like(keys)
-    inverse[order] = np.cumsum(new) - 1
+    unique, order, first, inverse = distinct(keys)
     one, two = order[first], order[np.minimum(first + 1, len(order) - 1)]
     joined = (np.diff(first, append=len(keys)) == 2) & (tail[one] == head[two])
     if sharp is not None and len(sharp):
@@ -131,37 +109,27 @@ def topology(faces: np.ndarray, vertex_count: int, sharp: np.ndarray | None = No
     twin = np.full(len(keys), -1)
     twin[one[joined]], twin[two[joined]] = two[joined], one[joined]
     return Topology(
-        faces=faces, vertex_count=vertex_count, edges=np.stack([unique // vertex_count, unique % vertex_count], axis=1),
-        face_edges=inverse.reshape(-1, 3), twin=twin, sharp=~joined,
-    )  # fmt: skip
+        faces=faces,
+        vertex_count=vertex_count,
+        edges=np.stack([unique // vertex_count, unique % vertex_count], axis=1),
+        face_edges=inverse.reshape(-1, 3),
+        twin=twin,
+        sharp=~joined,
+    )
 
 
-def subdivide(
-    faces: np.ndarray,
-    vertex_count: int,
-    sharp: np.ndarray,
-    corners: np.ndarray | None = None,
-    rest: np.ndarray | None = None,
-) -> Subdivision:
-    """Split every face in four on the butterfly surface.
+def distinct(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Values (N,) once each and in order, (D,); the order (N,) that sorts them all and where in it each one's equals begin, (D,);
+    the place of each value among the distinct ones, (N,).
 
-    `sharp` (S, 2) edges, `corners` (V,) bool of their curves, `rest` (V, 3) the pose for which weights are corrected.
+    `np.unique` sorts stably, which takes several times as long; here equal values may come in any order.
     """
-    from scipy import sparse
-
-    corners = np.zeros(vertex_count, bool) if corners is None else corners
-    mesh = topology(faces, vertex_count, sharp)
-    kept = mesh.edges[mesh.sharp]
-    middle = vertex_count + np.flatnonzero(mesh.sharp)
-    operator = sparse.vstack(
-        [sparse.identity(vertex_count, format="csr"), midpoints(mesh, corners, rest)], format="csr"
-    )
-    return Subdivision(
-        operator=operator,
-        faces=split_in_four(mesh.faces, vertex_count + mesh.face_edges),
-        sharp=np.concatenate([np.stack([kept[:, 0], middle], axis=1), np.stack([middle, kept[:, 1]], axis=1)]),
-        corners=np.concatenate([corners, np.zeros(len(mesh.edges), bool)]),
-    )
+    order = np.argsort(values)
+    ordered = values[order]
+    new = np.diff(ordered, prepend=ordered[:1] - 1) > 0
+    starts, inverse = np.flatnonzero(new), np.empty_like(order)
+    inverse[order] = np.cumsum(new) - 1
+    return ordered[starts], order, starts, inverse
 
 
 def too_many_faces(needed: int, most: int) -> InputError:
@@ -176,6 +144,48 @@ def split_in_four(faces: np.ndarray, middle: np.ndarray) -> np.ndarray:
     """Children (4 F, 3) of faces (F, 3) with edge midpoints (F, 3): corners 0, 1, 2, then the middle."""
     six = np.concatenate([faces, middle], axis=1)
     return six[:, [0, 3, 5, 3, 1, 4, 5, 4, 2, 3, 4, 5]].reshape(-1, 3)
+
+
+SPLITS = (
+    ((0, 1, 2),),
+    ((0, 3, 2), (3, 1, 2)),
+    ((3, 1, 4), (0, 3, 4), (0, 4, 2)),
+    ((3, 1, 4), (3, 4, 2), (0, 3, 2)),
+    ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
+)
+"""Triangles that a face falls into, by how many of its edges are split: none, one, two (with the diagonal from corner 0, or from
+corner 2) or three. Corners 0, 1, 2, middles 3 of edge 01, 4 of 12, 5 of 20."""
+
+
+def split_edges_first(split: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How many edges of each face are split, (N,) of (N, 3), and the order (N, 3) of its corners, and so of its edges, in which
+    these come first: one at 0, two at 0 and 1."""
+    count = split[:, 0].astype(np.int8) + split[:, 1] + split[:, 2]
+    first = np.where(count == 1, split.argmax(axis=1), np.where(count == 2, (split.argmin(axis=1) + 1) % 3, 0))
+    return count, (first[:, None] + np.arange(3)) % 3
+
+
+def split_picks(case: np.ndarray, splits: Sequence[Sequence[tuple[int, ...]]]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """For each triangle of each case, which faces (M,) have one, and its codes (3,); `case` (N,) are numbers of `splits`."""
+    return [(np.flatnonzero(case == kind), np.array(codes)) for kind, all_of in enumerate(splits) for codes in all_of]
+
+
+def in_children(face: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Faces (N,) and barycentric weights (N, 3) of places among the children, 4 f .. 4 f + 3 of face f (`split_in_four`)."""
+    rows, (corner, greatest) = np.arange(len(face)), greatest_of_three(weights)
+    inner = greatest < 0.5
+    outer = 2 * weights
+    outer[rows, corner] -= 1
+    # The middle child's corners are the middles of edges 01, 12 and 20.
+    return 4 * face + np.where(inner, 3, corner), np.where(inner[:, None], 1 - 2 * weights[:, [2, 0, 1]], outer)
+
+
+def greatest_of_three(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which of three weights (N, 3) is the greatest, the first of equal ones, and its value, (N,) each; `argmax` takes ten times
+    as long on so short an axis."""
+    one = np.where(weights[:, 1] > weights[:, 0], 1, 0)
+    value = np.maximum(weights[:, 0], weights[:, 1])
+    return np.where(weights[:, 2] > value, 2, one), np.maximum(value, weights[:, 2])
 
 
 def midpoints(
@@ -252,7 +262,7 @@ def _least_change(terms: np.ndarray, defect: np.ndarray) -> np.ndarray:
 def _tame(matrix: Csr, mesh: Topology, rest: np.ndarray, rows: np.ndarray) -> None:
     """Take the chord's middle, in place, where a row's stencil (on slivers) throws the midpoint far off."""
     a, b = (rest.take(mesh.edges[rows, j], axis=0) for j in range(2))
-    offset, length = _length(matrix[rows] @ rest - (a + b) / 2), _length(b - a)
+    offset, length = lengths(matrix[rows] @ rest - (a + b) / 2), lengths(b - a)
     for row in rows[offset > _FAR * length]:  # rare
         entry = slice(matrix.indptr[row], matrix.indptr[row + 1])
         matrix.data[entry] = np.where(np.isin(matrix.indices[entry], mesh.edges[row]), 0.5, 0.0)
@@ -313,9 +323,8 @@ def _curve_stencils(mesh: Topology, corners: np.ndarray, rows: np.ndarray) -> En
     outer_b = np.where(both, -1 / 16, np.where(one & has_b, -1 / 8, 0.0))
     inner_a = np.where(both, 9 / 16, np.where(one, np.where(has_a, 3 / 4, 3 / 8), 1 / 2))
     inner_b = np.where(both, 9 / 16, np.where(one, np.where(has_b, 3 / 4, 3 / 8), 1 / 2))
-    return (
-        np.tile(rows, 4), np.concatenate([a, b, before, after]), np.concatenate([inner_a, inner_b, outer_a, outer_b])
-    )  # fmt: skip
+    weights = np.concatenate([inner_a, inner_b, outer_a, outer_b])
+    return np.tile(rows, 4), np.concatenate([a, b, before, after]), weights
 
 
 def _eight_point_stencils(mesh: Topology, half: np.ndarray) -> Entries:
@@ -328,15 +337,9 @@ def _eight_point_stencils(mesh: Topology, half: np.ndarray) -> Entries:
     rows4 = np.tile(rows, 4)
     open_ = mesh.twin[wings] >= 0
     shut = wings[~open_]
-    columns = np.concatenate(
-        [
-            *ends,
-            tail[previous_half(mesh.twin[wings[open_]])],
-            tail[shut],
-            tail[next_half(shut)],
-            tail[previous_half(shut)],
-        ]
-    )
+    beyond = tail[previous_half(mesh.twin[wings[open_]])]
+    ghost = [tail[shut], tail[next_half(shut)], tail[previous_half(shut)]]
+    columns = np.concatenate([*ends, beyond, *ghost])
     count, ghosts = len(half), len(shut)
     weights = np.repeat(
         [1 / 2, 1 / 8, -1 / 16, 1 / 16], [2 * count, 2 * count, 4 * count - ghosts + 2 * ghosts, ghosts]

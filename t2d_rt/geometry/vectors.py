@@ -1,4 +1,4 @@
-"""Vectors of three components: products, unit vectors, and what the edges of triangles span."""
+"""Vectors of three components: products, unit vectors, what the edges of triangles span, and whether a point lies inside a mesh."""
 
 from __future__ import annotations
 
@@ -53,3 +53,15 @@ def edge_cross(corners: np.ndarray) -> np.ndarray:
     a = corners[..., 0, :]
     one, two = corners[..., 1, :] - a, corners[..., 2, :] - a
     return np.stack(cross(np.moveaxis(one, -1, 0), np.moveaxis(two, -1, 0)), axis=-1)
+
+
+def winding(corners: np.ndarray) -> np.ndarray:
+    """Winding numbers (...) of triangles (..., F, 3, 3) about the origin: 1 inside a closed mesh, 0 outside.
+
+    Source: the triangles' solid angles, Van Oosterom & Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125.
+    """
+    a, b, c = np.moveaxis(corners, -2, 0)
+    la, lb, lc = (np.linalg.norm(v, axis=-1) for v in (a, b, c))
+    triple = np.sum(a * np.cross(b, c), axis=-1)
+    rest = la * lb * lc + np.sum(a * b, -1) * lc + np.sum(b * c, -1) * la + np.sum(c * a, -1) * lb
+    return np.asarray(2 * np.arctan2(triple, rest).sum(axis=-1) / (4 * np.pi))

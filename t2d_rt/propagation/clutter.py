@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from t2d_rt.core.backend import Backend, aligned
+from t2d_rt.core.backend import Backend
 from t2d_rt.core.memory import LastUsed
 from t2d_rt.propagation.edges import bundle, disc
 from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.materials import resolved
 from t2d_rt.propagation.mirrors import Mirrors, sphere
-from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.propagation.occluders import FACES_PER_SCENE
 from t2d_rt.propagation.paths import find_paths
+from t2d_rt.propagation.rays import mitsuba, rays, side_by_side
 from t2d_rt.propagation.surroundings import polarization
-from t2d_rt.propagation.visibility import faded, side_by_side
+from t2d_rt.propagation.visibility import faded
 from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, Radar, Scene, StaticPath
 from t2d_rt.types.path_fields import reflection
 
@@ -39,25 +40,25 @@ def static_paths(scene: Scene, radar: Radar, *, order: int, backend: Backend) ->
 
     Those of the last scenes and radars are kept: the search takes a second in a furnished room.
     """
-    departing, across = (polarization(radar, angle) for angle in (radar.tx_polarization_deg, radar.rx_polarization_deg))
-    places = radar.tx_position_m, radar.rx_position_m
-    key = (
-        scene.content, order, radar.mid_frequency_hz, backend.name,
-        *(np.asarray(each, float).tobytes() for each in (*places, departing, across)),
-    )  # fmt: skip
+    tx, rx = radar.tx_position_m, radar.rx_position_m
+    out, back = (polarization(radar, angle) for angle in (radar.tx_polarization_deg, radar.rx_polarization_deg))
+    at = [np.asarray(each, float).tobytes() for each in (tx, rx, out, back)]
+    key = scene.content, order, radar.mid_frequency_hz, backend.name, *at
+    return _kept.get(key, partial(_searched, scene, radar, order, backend, out, back))
 
-    def searched() -> tuple[StaticPath, ...]:
-        found = find_paths(
-            Mirrors.of(scene, backend, places[0]), places[0], departing, radar.mid_frequency_hz, order=order,
-            probes_m=(places[1] + ASIDE_M)[None],
-        )  # fmt: skip
-        return tuple(_path(path, places[1], across) for path in found.paths if path.order)
 
-    return _kept.get(key, searched)
+def _searched(
+    scene: Scene, radar: Radar, order: int, backend: Backend, out: np.ndarray, back: np.ndarray
+) -> tuple[StaticPath, ...]:
+    """The paths of `static_paths`, for the polarisations (3,) of the transmitters and of the receivers."""
+    tx, rx = radar.tx_position_m, radar.rx_position_m
+    mirrors, beside = Mirrors.of(scene, backend, tx), (rx + ASIDE_M)[None]
+    found = find_paths(mirrors, tx, out, radar.mid_frequency_hz, order=order, probes_m=beside)
+    return tuple(_path(path, rx, back) for path in found.paths if path.order)
 
 
 def forget() -> None:
-    """Drops the searches that are kept."""
+    """Drops the searches for static paths that are kept."""
     _kept.forget()
 
 
@@ -166,15 +167,11 @@ class Shadows:
 
     def _stopped(self, vertices: np.ndarray, instant: np.ndarray, piece: np.ndarray) -> np.ndarray:
         """Which rays of pieces (R,) of bundles meet the bodies (K, V, 3) at their instant (R,), bool (R, rays)."""
-        mi = self._mitsuba
         reach = 2.2 * max(float(np.abs(each).max()) for each in (vertices, self._starts, self._stops))
-        shift = side_by_side(len(vertices), reach)
         faces = self._faces + np.arange(len(vertices))[:, None, None] * vertices.shape[1]
-        bodies = mitsuba_mesh(mi, (vertices + shift).reshape(-1, 3), faces.reshape(-1, 3))
+        bodies, shift = side_by_side(self._mitsuba, vertices, faces, reach)
         path = self._stops[piece] - self._starts[piece]
         length = np.linalg.norm(path, axis=2)
         direction = path / np.maximum(length, 1e-12)[..., None]
-        origin = self._starts[piece] + shift[instant]
-        ray = mi.Ray3f(mi.Point3f(*columns(mi, origin)), mi.Vector3f(*columns(mi, direction)))
-        ray.maxt = mi.Float(aligned(length, np.float32))
-        return np.asarray(traceable(mi, bodies).ray_test(ray).numpy().reshape(length.shape))
+        found = bodies.ray_test(rays(self._mitsuba, self._starts[piece] + shift[instant], direction, length))
+        return np.asarray(found.numpy().reshape(length.shape))

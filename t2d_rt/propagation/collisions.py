@@ -26,8 +26,12 @@ PARTS = 12
 INSTANTS_AT_ONCE, VERTICES_AT_ONCE = 50, 2_500_000
 """Of a mesh, for memory: as many instants, or fewer where it has many vertices."""
 MIDDLE = (
-    ("left_knee", "right_knee", "left_ankle", "right_ankle"), ("left_knee", "right_knee"), ("pelvis",), ("spine3",), ("head",),
-)  # fmt: skip
+    ("left_knee", "right_knee", "left_ankle", "right_ankle"),
+    ("left_knee", "right_knee"),
+    ("pelvis",),
+    ("spine3",),
+    ("head",),
+)
 """Joints that a person's middle runs by, from between the shins to the head; arms and feet may touch what they like."""
 KNEES = 1
 ENCLOSED = 2 / 3
@@ -184,9 +188,8 @@ def middles(target: Motion | MovingMesh | Ellipsoids, times_s: np.ndarray) -> np
     """Points that stand for a target (K, P, 3) m: a person's middle, the middles of a mesh's parts, ellipsoids' centres."""
     if isinstance(target, Motion):
         joints = target.joints
-        line = np.stack(
-            [joints[:, [CANONICAL_JOINTS.index(n) for n in names]].mean(axis=1) for names in MIDDLE], axis=1
-        )
+        numbers = [[CANONICAL_JOINTS.index(name) for name in names] for names in MIDDLE]
+        line = np.stack([joints[:, some].mean(axis=1) for some in numbers], axis=1)
         frame = np.clip(times_s * target.rate_hz, 0, len(line) - 1)
         before = np.minimum(frame.astype(int), len(line) - 2)
         fraction = (frame - before)[:, None, None]
@@ -215,7 +218,7 @@ def _parts(rest: np.ndarray) -> np.ndarray:
 
 
 def first_crossing(
-    mirrors: Mirrors, lines_m: np.ndarray, times_s: np.ndarray, least_upright: float = 0.0
+    mirrors: Mirrors, lines_m: np.ndarray, times_s: np.ndarray, least_upright: float
 ) -> tuple[float, np.ndarray, str] | None:
     """When and where any of lines from point to point (L, N, 3), whose times are (L, N), first goes through a surface whose normal
     is that upright, and its name."""

@@ -117,10 +117,7 @@ class Edges:
             np.array([mirror.normal for mirror in mirrors.each]),
             np.array([mirror.offset_m for mirror in mirrors.each]),
             np.array([[each.min(axis=0) for each in along], [each.max(axis=0) for each in along]]),
-            [
-                np.concatenate([_outline(part.triangles) for part in (mirror, *mirror.covers)])
-                for mirror in mirrors.each
-            ],
+            [np.concatenate([_outline(part.triangles) for part in (each, *each.covers)]) for each in mirrors.each],
         )
 
     def fraction(self, path: OneWayPath, points: np.ndarray) -> np.ndarray:
@@ -141,9 +138,8 @@ class Edges:
         fraction = np.zeros(len(points), np.float32)
         for places in (FEW, MANY):
             if asked.any():
-                some = np.stack([self.mirrors.local(stop[asked]) for stop in stops]).astype(
-                    np.float32
-                )  # a wavelength is 4 mm
+                # In float32: a wavelength is 4 mm.
+                some = np.stack([self.mirrors.local(stop[asked]) for stop in stops]).astype(np.float32)
                 fraction[asked] = self._free_rays(some, near[:, asked], rims[:, asked], places, path.elements.mirror)
             asked = (fraction > 0) & (fraction < 1)
         return fraction
@@ -246,9 +242,8 @@ class Edges:
         """Which pieces between places (part, piece + 1, C, 3), that wide (part, piece + 1, C), may touch any of the mirrors `asked`
         for (part, C, M): bool (part, piece, C)."""
         touching = np.repeat(asked[:, None], places.shape[1] - 1, axis=1)
-        for number, (direction, least, most) in enumerate(
-            zip(DIRECTIONS, *self.spans_m.transpose(0, 2, 1), strict=True)
-        ):
+        spans = zip(DIRECTIONS, *self.spans_m.transpose(0, 2, 1), strict=True)
+        for number, (direction, least, most) in enumerate(spans):
             along = places @ direction
             low, high = along - reach, along + reach
             low, high = np.minimum(low[:, :-1], low[:, 1:]), np.maximum(high[:, :-1], high[:, 1:])

@@ -12,7 +12,7 @@ from typing import Any
 from t2d_rt.core.backend import select
 from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError
-from t2d_rt.propagation.mitsuba import imported
+from t2d_rt.propagation.rays import imported
 from t2d_rt.types import Material
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -34,6 +34,8 @@ class MeanVisibility:
         self._backend = backend
         self._every = max(1, len(mesh.rest) // POINTS)
         self._views: dict[Hashable, tuple[np.ndarray, Unblocked | None]] = {}
+        self._functions: dict[tuple[Hashable, int], Unblocked] = {}
+        """What `over` has given: scatterers that need the same fraction hold the same object."""
         self._known: dict[Hashable, tuple[np.ndarray, np.ndarray]] = {}
         """Of one path, and of two that share the blockage by the scene, (K,)."""
 
@@ -41,16 +43,15 @@ class MeanVisibility:
         """Its function of times [s] (K,), (K, V), from a viewpoint of that name; the fraction `unblocked` by the scene counts for
         `path_count` one-way paths, 1 or 2."""
         self._views.setdefault(where, (viewpoint_m, unblocked))
-        return _OfOnePlace(self, where, path_count)
+        return self._functions.setdefault((where, path_count), partial(self.at, where, path_count))
 
     def at(self, where: Hashable, path_count: int, times_s: np.ndarray) -> np.ndarray:
         """Visibility from a viewpoint at times [s] (K,), (K, V)."""
         if where not in self._known:
             self._find()
         values = self._known[where][path_count - 1][:, None]
-        return np.broadcast_to(
-            faded(times_s, self._samples_s, lambda numbers: values[numbers]), (len(times_s), len(self._mesh.rest))
-        )
+        found = faded(times_s, self._samples_s, values.__getitem__)
+        return np.broadcast_to(found, (len(times_s), len(self._mesh.rest)))
 
     def _find(self) -> None:
         """From all viewpoints that are not known yet."""
@@ -75,10 +76,8 @@ class MeanVisibility:
             times_s = self._samples_s[some]
             points = self._mesh.at(times_s)[:, :: self._every]
             parts = np.any([each[some] for each in near.values()], axis=0)[:, self._occluders.mark_of_face]
-            scene = Surroundings(
-                self._occluders, self._occluders.at(times_s).vertices, [place for place, _ in views.values()], self._backend,
-                parts=parts,
-            )  # fmt: skip
+            vertices, places = self._occluders.at(times_s).vertices, [place for place, _ in views.values()]
+            scene = Surroundings(self._occluders, vertices, places, self._backend, parts=parts)
             for where, (place, _) in views.items():
                 if near[where][some].any():
                     visible = scene.visible(place, points, np.zeros_like(points))
@@ -96,18 +95,6 @@ class MeanVisibility:
         beside = np.sqrt(np.maximum(np.einsum("kvi,kvi->kv", from_here, from_here) - along**2, 0))
         wide = radius * np.clip(along / np.maximum(length - radius, 1e-9), 0, 1) + reach
         return np.asarray((beside < wide) & (along > -reach) & (along < length + radius + reach))
-
-
-@dataclass(frozen=True, slots=True)
-class _OfOnePlace:
-    """Mean visibility from one viewpoint, as a function of times."""
-
-    of: MeanVisibility
-    where: Hashable
-    path_count: int
-
-    def __call__(self, times_s: np.ndarray) -> np.ndarray:
-        return self.of.at(self.where, self.path_count, times_s)
 
 
 def poses(mesh: MovingMesh, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

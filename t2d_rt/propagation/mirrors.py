@@ -16,7 +16,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import LastUsed, blocks
 from t2d_rt.geometry import winding
 from t2d_rt.geometry.vectors import edge_cross
-from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
+from t2d_rt.propagation.rays import columns, mitsuba, mitsuba_mesh, rays, traceable
 from t2d_rt.types import Scene
 from t2d_rt.types.scene import ROOM_PLANES
 
@@ -177,20 +177,25 @@ class Mirrors:
     def _searched(self, place_m: np.ndarray, order: int, transmissions: int, loss_db: np.ndarray) -> list[Chain]:
         """The chains of `chains`, by rays in all directions."""
         mi = mitsuba(self.backend)
-        directions = sphere(RAYS)
-        origin, direction = np.broadcast_to(self.local(place_m), directions.shape), directions
-        waiting = [
-            _Rays(
-                mi.Point3f(*columns(mi, origin)), mi.Vector3f(*columns(mi, direction)), mi.Bool(True),
-                mi.Float(MOST_LOSS_DB), np.zeros(RAYS, np.int64), [()], order, transmissions,
-            )
-        ]  # fmt: skip
+        direction = sphere(RAYS)
+        origin = np.broadcast_to(self.local(place_m), direction.shape)
+        first = _Rays(
+            origin=mi.Point3f(*columns(mi, origin)),
+            direction=mi.Vector3f(*columns(mi, direction)),
+            inside=mi.Bool(True),
+            bearable_db=mi.Float(MOST_LOSS_DB),
+            path=np.zeros(RAYS, np.int64),
+            chains=[()],
+            reflections=order,
+            passages=transmissions,
+        )
+        waiting = [first]
         found: list[Chain] = []
         while waiting:
-            rays = waiting.pop()
-            found += rays.chains
-            if rays.reflections or rays.passages:
-                waiting += self._onward(rays, loss_db)
+            here = waiting.pop()
+            found += here.chains
+            if here.reflections or here.passages:
+                waiting += self._onward(here, loss_db)
         return sorted(found, key=len)
 
     def parted(self, chains: Sequence[Chain]) -> tuple[Mirrors, list[Chain]]:
@@ -220,31 +225,31 @@ class Mirrors:
                         waiting.append(swapped)
         return replace(self, each=each), sorted(found, key=len)
 
-    def _onward(self, rays: _Rays, loss_db: np.ndarray) -> list[_Rays]:
+    def _onward(self, here: _Rays, loss_db: np.ndarray) -> list[_Rays]:
         """Rays after the next mirror: those reflected and those let through."""
         import drjit as dr
 
         mi = mitsuba(self.backend)
         normals = mi.Float(aligned(np.array([mirror.normal for mirror in self.each]), np.float32))
         of_face = mi.UInt32(aligned(self.of_face, np.uint32))
-        hit = self.traced.ray_intersect_preliminary(mi.Ray3f(rays.origin, rays.direction), active=rays.inside)
-        inside = rays.inside & hit.is_valid()
+        hit = self.traced.ray_intersect_preliminary(mi.Ray3f(here.origin, here.direction), active=here.inside)
+        inside = here.inside & hit.is_valid()
         mirror = dr.gather(mi.UInt32, of_face, hit.prim_index, inside)
         normal = dr.gather(mi.Vector3f, normals, mirror, inside)
-        cosine = dr.dot(rays.direction, normal)
-        place, off = rays.origin + dr.select(inside, hit.t, 0) * rays.direction, SKIN_M * dr.sign(cosine) * normal
+        cosine = dr.dot(here.direction, normal)
+        place, off = here.origin + dr.select(inside, hit.t, 0) * here.direction, SKIN_M * dr.sign(cosine) * normal
         dr.eval(place, off, mirror, inside)
         met, found = mirror.numpy(), []
-        if rays.reflections:
-            ahead = rays.direction - 2 * cosine * normal
+        if here.reflections:
+            ahead = here.direction - 2 * cosine * normal
             dr.eval(ahead)
-            on = replace(rays, origin=place - off, direction=ahead, inside=inside, reflections=rays.reflections - 1)
+            on = replace(here, origin=place - off, direction=ahead, inside=inside, reflections=here.reflections - 1)
             found.append(on.over(met, through=False))
-        if rays.passages:
-            bearable = rays.bearable_db - dr.gather(mi.Float, mi.Float(aligned(loss_db, np.float32)), mirror, inside)
+        if here.passages:
+            bearable = here.bearable_db - dr.gather(mi.Float, mi.Float(aligned(loss_db, np.float32)), mirror, inside)
             passing = inside & (bearable >= 0)
             dr.eval(bearable, passing)
-            on = replace(rays, origin=place + off, inside=passing, bearable_db=bearable, passages=rays.passages - 1)
+            on = replace(here, origin=place + off, inside=passing, bearable_db=bearable, passages=here.passages - 1)
             found.append(on.over(met, through=True))
         return [each for each in found if each.chains]
 
@@ -258,11 +263,8 @@ class Mirrors:
         self, origin_m: np.ndarray, direction: np.ndarray, length_m: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """The same from places that are `local`."""
-        mi = mitsuba(self.backend)
-        ray = mi.Ray3f(mi.Point3f(*columns(mi, origin_m)), mi.Vector3f(*columns(mi, direction)))
-        if length_m is not None:
-            ray.maxt = mi.Float(aligned(np.maximum(length_m, 0), np.float32))
-        hit = self.traced.ray_intersect_preliminary(ray)
+        length_m = None if length_m is None else np.maximum(length_m, 0)
+        hit = self.traced.ray_intersect_preliminary(rays(mitsuba(self.backend), origin_m, direction, length_m))
         distance = hit.t.numpy().reshape(origin_m.shape[:-1])
         number = hit.prim_index.numpy().reshape(distance.shape)
         return distance, self.of_face[np.where(np.isfinite(distance), number, 0)]
@@ -293,18 +295,15 @@ class Mirrors:
 
     def free(self, start_m: np.ndarray, stop_m: np.ndarray) -> np.ndarray:
         """Whether segments between points (..., 3) and points (..., 3) are free, bool (...), but for what they lie on."""
-        mi = mitsuba(self.backend)
         start, stop = np.broadcast_arrays(self.local(start_m), self.local(stop_m))
         if not start.size:  # Dr.Jit aborts the process over rays that are none
             return np.ones(start.shape[:-1], bool)
         offset = (stop - start).reshape(-1, 3)
         length = np.linalg.norm(offset, axis=1)
         direction = offset / np.maximum(length, 1e-12)[:, None]
-        ray = mi.Ray3f(
-            mi.Point3f(*columns(mi, start.reshape(-1, 3) + SKIN_M * direction)), mi.Vector3f(*columns(mi, direction))
-        )
-        ray.maxt = mi.Float(aligned(np.maximum(length - 2 * SKIN_M, 0), np.float32))
-        return ~self.traced.ray_test(ray).numpy().reshape(start.shape[:-1])
+        begin, length = start.reshape(-1, 3) + SKIN_M * direction, np.maximum(length - 2 * SKIN_M, 0)
+        met = self.traced.ray_test(rays(mitsuba(self.backend), begin, direction, length))
+        return ~met.numpy().reshape(start.shape[:-1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -389,5 +388,5 @@ def sphere(count: int) -> np.ndarray:
 
 
 def forget() -> None:
-    """Drops the searches that are kept."""
+    """Drops the searches for chains that are kept."""
     _kept.forget()

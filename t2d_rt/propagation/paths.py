@@ -94,10 +94,15 @@ def _path_set(
     image_m, mirror_matrix, shift_m = (np.array(each) for each in zip(*unfoldings, strict=True))
     names = [f"{mirror.name}{mark}" for mark in ("", " (through)") for mirror in mirrors.each]
     return PathSet(
-        antenna_m=place, polarization=polarization, mask=mask, elements=elements,
+        antenna_m=place,
+        polarization=polarization,
         chains=tuple(tuple(names[k if k >= 0 else len(mirrors.each) + ~k] for k in chain) for chain in chains),
-        image_m=image_m, mirror_matrix=mirror_matrix, shift_m=shift_m,
-    )  # fmt: skip
+        mask=mask,
+        elements=elements,
+        image_m=image_m,
+        mirror_matrix=mirror_matrix,
+        shift_m=shift_m,
+    )
 
 
 def _elements(mirrors: Mirrors, materials: Sequence[Material], met: np.ndarray) -> Elements:

@@ -1,13 +1,74 @@
-"""Rays between the targets at one instant: what they meet first, and whether they are free."""
+"""Rays by Mitsuba, in the variant of a backend: its meshes, scenes and rays from NumPy's arrays."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from t2d_rt.core.backend import Backend, aligned
-from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
+
+
+def imported() -> Any:
+    """Mitsuba, looking for plugins and data in its own folder before all others.
+
+    By itself it looks in the working directory first, and a plugin is a program that runs when it is loaded.
+    """
+    import mitsuba as mi
+
+    home = str(Path(mi.__file__).parent)
+    resolver = mi.file_resolver()  # type: ignore[operator]
+    if str(next(iter(resolver), None)) != home:
+        resolver.prepend(home)
+    return mi
+
+
+def mitsuba(backend: Backend) -> Any:
+    """Mitsuba in the variant of a backend."""
+    mi = imported()
+    if mi.variant() != backend.mitsuba_variant:
+        mi.set_variant(backend.mitsuba_variant)
+    return mi
+
+
+def mitsuba_mesh(mi: Any, vertices: np.ndarray, faces: np.ndarray | None = None) -> Any:
+    """A mesh of vertices (V, 3) m; by default every three are a triangle."""
+    faces = np.arange(len(vertices)) if faces is None else faces
+    mesh = mi.Mesh("mesh", len(vertices), faces.size // 3)
+    values = mi.traverse(mesh)
+    values["vertex_positions"] = mi.Float(vertices.ravel().astype(np.float32))
+    values["faces"] = mi.UInt32(faces.ravel().astype(np.uint32))
+    values.update()
+    return mesh
+
+
+def traceable(mi: Any, mesh: Any) -> Any:
+    """A scene of one mesh that lets no ray through between its triangles: Embree's usual test may, where one runs on to an edge."""
+    return mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh})
+
+
+def columns(mi: Any, points: np.ndarray) -> list[Any]:
+    """x, y, z of points (..., 3)."""
+    return [mi.Float(aligned(points[..., axis], np.float32)) for axis in range(3)]
+
+
+def rays(mi: Any, origins: np.ndarray, directions: np.ndarray, length: np.ndarray | None = None) -> Any:
+    """Rays from (..., 3) in directions (..., 3), as far as their length (...) where one is given."""
+    found = mi.Ray3f(mi.Point3f(*columns(mi, origins)), mi.Vector3f(*columns(mi, directions)))
+    if length is not None:
+        found.maxt = mi.Float(aligned(length, np.float32))
+    return found
+
+
+def side_by_side(mi: Any, vertices: np.ndarray, faces: np.ndarray, reach_m: float) -> tuple[Any, np.ndarray]:
+    """Meshes at up to 64 instants in one scene, none within the reach of another, and how far each is shifted, (K, 1, 3) m.
+
+    Vertices are (K, V, 3) m; faces (..., 3) number those of all instants as one list.
+    """
+    cell = np.stack(np.unravel_index(np.arange(len(vertices)), (4, 4, 4)), axis=1)
+    shift = cell[:, None, :] * reach_m
+    return traceable(mi, mitsuba_mesh(mi, (vertices + shift).reshape(-1, 3), faces)), shift
 
 
 class Hits(NamedTuple):
@@ -35,7 +96,7 @@ class Rays:
             return Hits(np.zeros(0, np.int64), np.zeros((0, 3)))
         import drjit as dr
 
-        found = self._scene.ray_intersect_preliminary(self._ray(origins, directions))
+        found = self._scene.ray_intersect_preliminary(rays(self._mitsuba, origins - self._middle, directions))
         met = found.is_valid()
         u, v = (dr.select(met, getattr(found.prim_uv, axis), 0) for axis in "xy")
         dr.eval(met, u, v, found.prim_index)  # at once; else each would trace the rays again
@@ -49,10 +110,5 @@ class Rays:
             return np.zeros(0, bool)
         path = ends - origins
         length = np.linalg.norm(path, axis=1)
-        ray = self._ray(origins, path / length[:, None])
-        ray.maxt = self._mitsuba.Float(aligned(length, np.float32))
-        return np.asarray(~self._scene.ray_test(ray).numpy())
-
-    def _ray(self, origins: np.ndarray, directions: np.ndarray) -> Any:
-        mi = self._mitsuba
-        return mi.Ray3f(mi.Point3f(*columns(mi, origins - self._middle)), mi.Vector3f(*columns(mi, directions)))
+        towards = rays(self._mitsuba, origins - self._middle, path / length[:, None], length)
+        return np.asarray(~self._scene.ray_test(towards).numpy())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
 
 import numpy as np
 
@@ -59,19 +59,18 @@ def radar_paths(
     """One-way paths of up to `order` reflections and `transmissions` slabs between the radar and any of points (Q, 3) m."""
     mirrors = Mirrors.of(scene, backend, radar.tx_position_m)
     _check_inside(scene, mirrors, radar, probes_m, through=transmissions > 0)
-    found = []
-    for place, angle_deg in (
-        (radar.tx_position_m, radar.tx_polarization_deg),
-        (radar.rx_position_m, radar.rx_polarization_deg),
-    ):
-        found.append((place, polarization(radar, angle_deg)))
-    (tx, tx_across), (rx, rx_across) = found
-    common: dict[str, Any] = {"order": order, "transmissions": transmissions, "probes_m": probes_m}
-    out = find_paths(mirrors, tx, tx_across, radar.mid_frequency_hz, **common)
-    if np.array_equal(tx, rx) and np.array_equal(tx_across, rx_across):
-        return RadarPaths(out, out, one_antenna=True)
-    back = find_paths(mirrors, rx, rx_across, radar.mid_frequency_hz, **common)
-    return RadarPaths(out, back, one_antenna=False)
+    search = partial(
+        find_paths,
+        mirrors,
+        frequency_hz=radar.mid_frequency_hz,
+        order=order,
+        transmissions=transmissions,
+        probes_m=probes_m,
+    )
+    tx = radar.tx_position_m, polarization(radar, radar.tx_polarization_deg)
+    rx = radar.rx_position_m, polarization(radar, radar.rx_polarization_deg)
+    out, one_antenna = search(*tx), np.array_equal(tx, rx)
+    return RadarPaths(out, out if one_antenna else search(*rx), one_antenna)
 
 
 def polarization(radar: Radar, angle_deg: float) -> np.ndarray:
@@ -116,31 +115,17 @@ class Blockage:
     @classmethod
     def to_vertices(cls, mesh: MovingMesh, vertices: np.ndarray, samples_s: np.ndarray) -> Blockage:
         """Of some vertices of a mesh."""
-        return cls(
-            lambda times_s: np.concatenate(
-                [mesh.at(some)[:, vertices, None] for some in blocks(times_s, len(mesh.rest))]
-            ),
-            samples_s,
-            mesh,
-        )
+        return cls(partial(_vertices_at, mesh, vertices), samples_s, mesh)
 
     @classmethod
     def to_centres(cls, ellipsoids: Ellipsoids, samples_s: np.ndarray) -> Blockage:
         """Of ellipsoids' centres alone."""
-        return cls(lambda times_s: ellipsoids.at(times_s)[0][:, :, None], samples_s)
+        return cls(partial(_centres_at, ellipsoids), samples_s)
 
     @classmethod
     def to_ellipsoids(cls, ellipsoids: Ellipsoids, samples_s: np.ndarray) -> Blockage:
         """Of ellipsoids: their centres and far ends; across them, the field fades over about their width."""
-        number = np.arange(len(ellipsoids.semi_axes_m))
-        longest = ellipsoids.semi_axes_m.argmax(axis=1)
-
-        def points_at(times_s: np.ndarray) -> np.ndarray:
-            centres, axes = ellipsoids.at(times_s)
-            end = axes[:, number, :, longest].swapaxes(0, 1) * ellipsoids.semi_axes_m.max(axis=1)[:, None]
-            return np.stack([centres, centres + end, centres - end], axis=2)
-
-        return cls(points_at, samples_s)
+        return cls(partial(_centres_and_ends_at, ellipsoids), samples_s)
 
     def over(self, path: OneWayPath, scene: SceneBlockage, *, in_the_mean: bool = False) -> Unblocked:
         """Unblocked fractions; `in_the_mean`: their mean over the N."""
@@ -151,6 +136,24 @@ class Blockage:
         return Unblocked(
             self._samples_s, fraction if self._pose is None else fraction[self._pose], self._points.shape[1]
         )
+
+
+def _vertices_at(mesh: MovingMesh, vertices: np.ndarray, times_s: np.ndarray) -> np.ndarray:
+    """Some vertices (K, N, 1, 3) of a mesh."""
+    return np.concatenate([mesh.at(some)[:, vertices, None] for some in blocks(times_s, len(mesh.rest))])
+
+
+def _centres_at(ellipsoids: Ellipsoids, times_s: np.ndarray) -> np.ndarray:
+    """Centres (K, N, 1, 3) of ellipsoids."""
+    return ellipsoids.points_at(times_s)[:, :, None]
+
+
+def _centres_and_ends_at(ellipsoids: Ellipsoids, times_s: np.ndarray) -> np.ndarray:
+    """Centres and far ends (K, N, 3, 3) of ellipsoids."""
+    number, longest = np.arange(len(ellipsoids.semi_axes_m)), ellipsoids.semi_axes_m.argmax(axis=1)
+    centres, axes = ellipsoids.at(times_s)
+    end = axes[:, number, :, longest].swapaxes(0, 1) * ellipsoids.semi_axes_m.max(axis=1)[:, None]
+    return np.stack([centres, centres + end, centres - end], axis=2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,5 +169,5 @@ class Unblocked:
 
     def __call__(self, times_s: np.ndarray) -> np.ndarray:
         """(K, N) at times [s] (K,)."""
-        found = faded(times_s, self.samples_s, lambda numbers: self.known[numbers])
+        found = faded(times_s, self.samples_s, self.known.__getitem__)
         return np.broadcast_to(found, (len(times_s), self.count))

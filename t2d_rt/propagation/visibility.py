@@ -7,7 +7,7 @@ change would be a click across the spectrogram.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -17,12 +17,12 @@ import numpy as np
 
 from t2d_rt.core.backend import Backend, aligned, one_thread_at_a_time
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
-from t2d_rt.propagation.mitsuba import mitsuba, mitsuba_mesh, traceable
 from t2d_rt.propagation.occluders import Occluders, Posed, incidence, vertex_normals
+from t2d_rt.propagation.rays import columns, mitsuba, side_by_side
 from t2d_rt.types import MovingMesh
 
-# Rays start this far off the surface, so that the triangles they start from do not stop them.
 LIFT_M = 2e-3
+"""Rays start this far off the surface, so that the triangles they start from do not stop them."""
 FEW_PLACES = 4
 """From more viewpoints than that, images in a room's walls, about all faces of a body are seen."""
 
@@ -139,11 +139,9 @@ class Occlusion:
         """Whether it was asked for before that, or has been since."""
 
     @classmethod
-    def alone(
-        cls, meshes: Occluders, viewpoint_m: np.ndarray, *, samples_s: np.ndarray, backend: Backend, solid: bool = True
-    ) -> Occlusion:  # fmt: skip
+    def alone(cls, meshes: Occluders, viewpoint_m: np.ndarray, *, samples_s: np.ndarray, backend: Backend) -> Occlusion:
         """From the only viewpoint, sampled at these times [s]."""
-        return cls(Viewpoints(meshes, samples_s, backend), viewpoint_m, solid=solid)
+        return cls(Viewpoints(meshes, samples_s, backend), viewpoint_m)
 
     def visibility(self, times_s: np.ndarray, path_count: int = 1) -> list[np.ndarray]:
         """Fractions in 0..1 at times [s] (K,), one float32 array (K, V) for each mesh: its vertices, those of its subdivision
@@ -169,11 +167,6 @@ class Occlusion:
                 self.viewpoints.sample(chunk)
             found.append(self.fractions(self.chunks[chunk], path_count)[place])
         return np.stack(found)
-
-    def traced(self, times_s: np.ndarray) -> np.ndarray:
-        """Visibility at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
-        at = self._meshes.at(times_s)
-        return self.fractions(self.sampled(at, self.viewpoints.scene(at)), 1)
 
     def sampled(self, at: Posed, scene: Surroundings | None) -> VisibilitySamples:
         """Visibility at the instants of meshes that stand in a scene."""
@@ -257,15 +250,14 @@ class ExactVisibility:
     def _obstacles(self, times_s: np.ndarray) -> list[_Obstacles]:
         """Occluders at each of these times: facets and diffuse points ask for the same ones."""
         if self._last[0] != times_s.tobytes():
-            posed = self._occluders.at(times_s)
-            parts = zip(posed.vertices, posed.facing([self._viewpoint]), strict=True)
-            self._last = times_s.tobytes(), [self._obstacles_of(*each) for each in parts]
+            posed, found = self._occluders.at(times_s), []
+            for vertices, facing in zip(posed.vertices, posed.facing([self._viewpoint]), strict=True):
+                from_here = (vertices - self._viewpoint)[None]
+                reach = 2.2 * float(np.abs(from_here).max())
+                scene = side_by_side(self._mitsuba, from_here, self._occluders.faces[facing], reach)
+                found.append(_Obstacles(self._mitsuba, *scene, self._viewpoint))
+            self._last = times_s.tobytes(), found
         return self._last[1]
-
-    def _obstacles_of(self, vertices: np.ndarray, facing: np.ndarray) -> _Obstacles:
-        """The meshes at vertices (V, 3) and which of their faces face the viewpoint (F,), as rays to it meet them."""
-        seen_from = (vertices - self._viewpoint)[None]
-        return _Obstacles.of(self._mitsuba, seen_from, self._occluders.faces[facing], self._viewpoint)
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,14 +270,6 @@ class _Obstacles:
     """Where the viewpoint lies in the scene, beside the meshes of each instant (K, 1, 3)."""
     viewpoint_m: np.ndarray
 
-    @classmethod
-    def of(cls, mi: Any, vertices: np.ndarray, faces: np.ndarray, viewpoint_m: np.ndarray) -> _Obstacles:
-        """Of vertices (K, V, 3) m, seen from the viewpoint, and faces (F, 3) of all instants, which number them as one list."""
-        reach = 2.2 * float(np.abs(vertices).max())
-        shift = side_by_side(len(vertices), reach)
-        mesh = mitsuba_mesh(mi, (vertices + shift).reshape(-1, 3), faces)
-        return cls(mi, traceable(mi, mesh), shift, viewpoint_m)
-
     @one_thread_at_a_time
     def leave_visible(self, points: np.ndarray, normals: np.ndarray, some: np.ndarray) -> np.ndarray:
         """Whether the segment from some of points (K, Q, 3) of given normals to the viewpoint is free, bool (K, Q)."""
@@ -296,12 +280,9 @@ class _Obstacles:
             return found
         mi = self.mitsuba
 
-        def vectors(components: Iterable[np.ndarray]) -> Any:
-            return mi.Vector3f(*(mi.Float(aligned(each, np.float32)) for each in components))
-
-        from_here = vectors(points[..., axis][some] - self.viewpoint_m[axis] for axis in range(3))
-        normal = vectors(normals[..., axis][some] for axis in range(3))
-        shifts = vectors(self.shift_m[:, 0].T)
+        from_here = mi.Vector3f(*columns(mi, points[some] - self.viewpoint_m))
+        normal = mi.Vector3f(*columns(mi, normals[some]))
+        shifts = mi.Vector3f(*columns(mi, self.shift_m[:, 0]))
         shift = dr.gather(mi.Vector3f, shifts, mi.UInt32(aligned(np.nonzero(some)[0], np.uint32)))
         origin = from_here + LIFT_M * (normal - dr.normalize(from_here))
         distance = dr.norm(origin)
@@ -328,10 +309,8 @@ class Surroundings:
         faces = faces if parts is None else faces[parts]
         self._middle = vertices.reshape(-1, 3).mean(axis=0)
         reach = 2.2 * max(float(np.abs(each - self._middle).max()) for each in (vertices, *places_m))
-        self._shift = side_by_side(len(vertices), reach)
         self._mitsuba = mitsuba(backend)
-        mesh = mitsuba_mesh(self._mitsuba, (vertices - self._middle + self._shift).reshape(-1, 3), faces.reshape(-1, 3))
-        self._scene = traceable(self._mitsuba, mesh)
+        self._scene, self._shift = side_by_side(self._mitsuba, vertices - self._middle, faces, reach)
 
     def visible(
         self, place_m: np.ndarray, points: np.ndarray, normals: np.ndarray, some: np.ndarray | None = None
@@ -341,8 +320,3 @@ class Surroundings:
         some = np.ones(points.shape[:2], bool) if some is None else some
         obstacles = _Obstacles(self._mitsuba, self._scene, self._shift + (place_m - self._middle), place_m)
         return obstacles.leave_visible(points, normals, some)
-
-
-def side_by_side(instants: int, reach_m: float) -> np.ndarray:
-    """Shifts of the meshes at each of up to 64 instants, so that none reaches another, (K, 1, 3) m."""
-    return np.asarray(np.stack(np.unravel_index(np.arange(instants), (4, 4, 4)), axis=1)[:, None, :] * reach_m)

@@ -109,10 +109,9 @@ def buckets(
     if apart is not None:
         bucket += span * apart[which]
     occupied, rank = _ranked(bucket)
-    members = Members.of(
-        np.concatenate([number for _, number, _ in parts]), rank, echo[which],
-        shape=((len(delay) - 1) * slots, len(occupied)), per=slots, size=delay.shape[1],
-    )  # fmt: skip
+    slot_number = np.concatenate([number for _, number, _ in parts])
+    shape = (len(delay) - 1) * slots, len(occupied)
+    members = Members.of(slot_number, rank, echo[which], shape=shape, per=slots, size=delay.shape[1])
     return Buckets(origin_s, (occupied % span + 0.5) * width * math.pi, occupied // span, members)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from t2d_rt.core.backend import Backend, aligned_empty, one_thread_at_a_time
 from t2d_rt.radar.buckets import Buckets
 from t2d_rt.radar.interpolants import hermite
-from t2d_rt.radar.sweep import Instants, Sweep, chebyshev, rotated, sin_cos
+from t2d_rt.radar.sweep import Instants, Sweep, chebyshev, cubic_at, moved, rotated, sin_cos, summed, times_phasor
 from t2d_rt.radar.windows import Window
 
 
@@ -117,15 +117,7 @@ def phases(
     mid, ramp, origin, per_s = (
         dr.opaque(Real, float(x)) for x in (sweep.mid_hz, sweep.slope, origin_s, sweep.theta_per_s)
     )
-
-    def cycles(delays: np.ndarray, slopes: np.ndarray, indices: list[Any]) -> tuple[list[Any], Any]:
-        """Phase at both frames and its slopes there, and the delay at the first."""
-        flat = [Real(np.ascontiguousarray(a).ravel()) for a in (delays, slopes)]
-        taus, rates = ([dr.gather(Real, values, index) for index in indices] for values in flat)
-        phase = [mid * tau - 0.5 * ramp * tau * tau for tau in taus]
-        return phase + [(mid - ramp * tau) * rate for tau, rate in zip(taus, rates, strict=True)], taus[0]
-
-    ends, first = cycles(delay, delay_slope, [here, here + echoes])
+    ends, first = _cycles(delay, delay_slope, [here, here + echoes], mid, ramp, Real)
     if references is None:
         cubic: Any = hermite(*ends)
         cubic = (cubic[0] - dr.floor(cubic[0]), *cubic[1:])
@@ -133,12 +125,27 @@ def phases(
     else:
         count = dr.opaque(UInt32, references.delay.shape[1])
         place = dr.gather(UInt32, UInt32(references.of.astype(np.uint32)), echo) + interval * count
-        others, other = cycles(references.delay, references.delay_slope, [place, place + count])
+        others, other = _cycles(references.delay, references.delay_slope, [place, place + count], mid, ramp, Real)
         cubic = hermite(*(end - other for end, other in zip(ends, others, strict=True)))
         first -= other
     tables = dr.ravel(backend.arrays.Array4f(*map(Float32, cubic))), Float32(first * per_s)
     dr.eval(tables)
     return tables
+
+
+def _cycles(
+    delay: np.ndarray, delay_slope: np.ndarray, frames: list[Any], mid: Any, ramp: Any, Real: Any
+) -> tuple[list[Any], Any]:
+    """Phase f_mid tau - S tau^2 / 2 [cycles] at both frames and its slopes there, and the delay at the first, on the device.
+
+    `frames` are their places among the delays, `mid` and `ramp` are f_mid and S.
+    """
+    import drjit as dr
+
+    flat = [Real(np.ascontiguousarray(values).ravel()) for values in (delay, delay_slope)]
+    taus, rates = ([dr.gather(Real, values, place) for place in frames] for values in flat)
+    phase = [mid * tau - 0.5 * ramp * tau * tau for tau in taus]
+    return phase + [(mid - ramp * tau) * rate for tau, rate in zip(taus, rates, strict=True)], taus[0]
 
 
 @one_thread_at_a_time
@@ -176,50 +183,37 @@ def _echo_interval(delay: np.ndarray, backend: Backend) -> tuple[Any, Any, Any]:
 def chebyshev_coefficients(
     buckets: Buckets, table: tuple[Any, Any], fields: list[Any], instants: Instants, backend: Backend
 ) -> np.ndarray:
-    """Chebyshev coefficients of every bucket over the sweep, complex64 (bucket, instant, TERMS).
+    """Chebyshev coefficients of every bucket over the sweep, complex64 (instant, bucket, TERMS).
 
     `table` is that of `phases`, with the buckets' origin, `fields` those of `amplitudes`.
     """
     import drjit as dr
 
-    Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
-    members = buckets.members
-    slot = members.slot(instants.position)
-    batching = _Batches.of(slot)
-    # All that changes from window to window comes in as arrays: a number in the code would compile a new kernel.
-    lanes = _Lanes.of(buckets, instants, slot, batching, backend)
-    stride = dr.opaque(UInt32, lanes.parts)
-    echoes = UInt32(members.members.astype(np.uint32))
-    intervals = dr.opaque(UInt32, (len(members.starts) - 1) // members.bins // members.slots_per_interval)
-    per_cycle, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in instants.per_cycle)
+    slot = buckets.members.slot(instants.position)
+    batching = Batches.of(slot)
+    lanes = Lanes.of(buckets, table, instants, batching, backend)
 
     def add(i: Any, sums: list[list[Any]]) -> tuple[Any, list[list[Any]]]:
-        member = dr.gather(UInt32, echoes, i) * intervals + lanes.interval
-        parts = [dr.gather(Packet, values, member) for values in fields]
-        cubic = dr.gather(Packet, table[0], member)
-        theta_start = dr.gather(Float32, table[1], member) - lanes.centre
+        _, place, cubic, theta_start = lanes.read(i)
+        parts = [dr.gather(backend.arrays.Array4f, values, place) for values in fields]
         new = []
         for time, acc in zip(lanes.u, sums, strict=True):
-            travelled = time * (cubic[1] + time * (cubic[2] + time * cubic[3]))
-            rate = cubic[1] + time * (2 * cubic[2] + time * (3 * cubic[3]))
-            theta = theta_start + travelled * per_cycle + rate * per_rate
-            new.append(_added(acc, parts, time, cubic[0] + travelled, theta, eps_per_rate * rate))
-        return i + stride, new
+            travelled, rate = moved(cubic, time)
+            theta = theta_start + travelled * lanes.per_cycle + rate * lanes.per_rate
+            new.append(_added(acc, parts, time, cubic[0] + travelled, theta, lanes.eps_per_rate * rate))
+        return i + lanes.step, new
 
     count = TERMS + SLOPE_TERMS if len(fields) > 2 else TERMS
-    zeros = [[(dr.zeros(Float32, dr.width(lanes.begin)),) * 2 for _ in range(count)] for _ in range(batching.unroll)]
+    zeros = [[(dr.zeros(backend.Float32, dr.width(lanes.begin)),) * 2 for _ in range(count)] for _ in lanes.u]
     _, sums = dr.while_loop(
         state=(lanes.begin, zeros), cond=lambda i, sums: i < lanes.end, body=add, labels=("i", "sums"), mode="symbolic"
     )
     if lanes.parts > 1:
         dr.eval(sums)  # all at once; else each part's sum would run the loop again
         sums = [[tuple(dr.block_sum(part, lanes.parts) for part in pair) for pair in acc] for acc in sums]
-    values = backend.arrays.ArrayXf([part for acc in sums for pair in _with_slope(acc) for part in pair])
-    summed = dr.zeros(Float32, members.bins * batching.batches * len(values))
-    # One scatter: each further one into the same array would run the loop again.
-    dr.scatter(summed, values, lanes.place)
-    by_batch = summed.numpy().view(np.complex64).reshape(members.bins, batching.batches, batching.unroll, TERMS)
-    return by_batch[:, batching.batch, np.arange(len(slot)) - batching.instant[batching.batch]]
+    values = [part for acc in sums for pair in _with_slope(acc) for part in pair]
+    by_batch = lanes.scattered(values, backend).reshape(batching.batches, -1, batching.unroll, TERMS)
+    return by_batch[batching.batch, :, np.arange(len(slot)) - batching.instant[batching.batch]]
 
 
 def terms_over(x: np.ndarray) -> np.ndarray:
@@ -241,103 +235,145 @@ def fields_at(
     places: np.ndarray,
     backend: Backend,
 ) -> np.ndarray:
-    """Fields of every bucket at `places` of the sweep, pairs +x, -x, complex64 (bucket, instant, place).
+    """Fields of every bucket at `places` of the sweep, pairs +x, -x, complex64 (instant, bucket, place).
 
     The same sum by another expansion: more work for each echo, less for what comes after where few echoes lie in wide buckets.
     """
     import drjit as dr
 
-    Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
-    members = buckets.members
-    slot = members.slot(instants.position)
-    lanes = _Lanes.of(buckets, instants, slot, _Batches.single(len(slot)), backend)
-    stride, echoes = dr.opaque(UInt32, lanes.parts), UInt32(members.members.astype(np.uint32))
-    intervals = dr.opaque(UInt32, (len(members.starts) - 1) // members.bins // members.slots_per_interval)
-    per_cycle, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in instants.per_cycle)
+    lanes = Lanes.of(buckets, table, instants, Batches.single(len(instants)), backend)
     (u,), x = lanes.u, places[::2].tolist()
 
-    def add(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
-        member = dr.gather(UInt32, echoes, i) * intervals + lanes.interval
-        parts = [dr.gather(Packet, values, member) for values in fields]
-        cubic = dr.gather(Packet, table[0], member)
-        travelled = u * (cubic[1] + u * (cubic[2] + u * cubic[3]))
-        rate = cubic[1] + u * (2 * cubic[2] + u * (3 * cubic[3]))
-        theta = dr.gather(Float32, table[1], member) - lanes.centre + travelled * per_cycle + rate * per_rate
-        eps = eps_per_rate * rate
+    def values_of(i: Any) -> list[Any]:
+        _, place, cubic, theta = lanes.read(i)
+        parts = [dr.gather(backend.arrays.Array4f, values, place) for values in fields]
+        travelled, rate = moved(cubic, u)
+        theta = theta + travelled * lanes.per_cycle + rate * lanes.per_rate
+        eps = lanes.eps_per_rate * rate
         sin, cos = sin_cos(cubic[0] + travelled + eps * (0.25 / math.pi))
-        numbers = [
-            each
-            for real, imag in zip(parts[::2], parts[1::2], strict=True)
-            for each in _times_phasor(real, imag, u, sin, cos)
-        ]
+        numbers = times_phasor([cubic_at(part, u) for part in parts], sin, cos)
         slopes = numbers[2:] or [0.0, 0.0]
         values = [a + place * b for place in places.tolist() for a, b in zip(numbers[:2], slopes, strict=True)]
-        out = rotated(values, theta, x, bend=eps)
-        return i + stride, [total + value for total, value in zip(sums, out, strict=True)]
+        return rotated(values, theta, x, bend=eps)
 
-    zeros = [dr.zeros(Float32, dr.width(lanes.begin)) for _ in range(2 * len(places))]
-    _, sums = dr.while_loop(
-        state=(lanes.begin, zeros), cond=lambda i, sums: i < lanes.end, body=add, labels=("i", "sums"), mode="symbolic"
-    )
+    sums = summed(backend.Float32, (lanes.begin, lanes.end), lanes.step, 2 * len(places), values_of)
     if lanes.parts > 1:
         dr.eval(sums)  # all at once; else each part's sum would run the loop again
         sums = [dr.block_sum(each, lanes.parts) for each in sums]
-    values = backend.arrays.ArrayXf(sums)
-    summed = dr.zeros(Float32, members.bins * len(slot) * len(values))
-    dr.scatter(summed, values, lanes.place)
-    return np.asarray(summed.numpy().view(np.complex64).reshape(members.bins, len(slot), len(places)))
+    return lanes.scattered(sums, backend).reshape(len(instants), -1, len(places))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Lanes:
-    """Lanes of a kernel, on the device: one for each bucket and batch of instants at which the bucket holds any echo, or
-    several, which divide its echoes, where these are few for all the lanes of a device."""
+class Lanes:
+    """Lanes of a kernel over buckets, on the device: one for each bucket and batch of instants at which the bucket holds any
+    member, an echo or a group; or several, which divide its members, where these are few for all the lanes of a device.
+
+    All that changes from window to window comes in as arrays: a number in the code would compile a new kernel.
+    """
 
     parts: int
     """Lanes of a bucket and batch."""
     begin: Any
-    """First echo of a lane among the members."""
+    """First of a lane's members."""
     end: Any
     """One after the bucket's last."""
+    step: Any
+    """From one of a lane's members to the next: `parts`."""
+    members: Any
+    """Numbers of the echoes or groups, bucket by bucket."""
+    table: tuple[Any, Any]
+    """Their phases, as `phases` gives them."""
+    packet: Any
+    """Type of four numbers that are read together."""
     interval: Any
     """Frame interval that the batch lies in."""
+    intervals: Any
+    """How many a member has in the table."""
+    instant: Any
+    """First instant of the batch."""
     u: list[Any]
-    """Where in it each instant of the batch lies, 0..1."""
+    """Where in the interval each instant of the batch lies, 0..1."""
     centre: Any
     """theta of the bucket's middle."""
     place: Any
     """Number of the result, one for all parts."""
+    results: int
+    per_cycle: Any
+    """`Instants.per_cycle` on the device: theta per cycle; theta and eps per cycle per frame."""
+    per_rate: Any
+    eps_per_rate: Any
 
     @classmethod
-    def of(cls, buckets: Buckets, instants: Instants, slot: np.ndarray, batching: _Batches, backend: Backend) -> _Lanes:
-        """For instants in the given time slots."""
+    def of(
+        cls,
+        buckets: Buckets,
+        table: tuple[Any, Any],
+        instants: Instants,
+        batching: Batches,
+        backend: Backend,
+        most_parts: int = MOST_PARTS,
+    ) -> Lanes:
+        """For the instants of some batches."""
         import drjit as dr
 
-        Float32, members = backend.Float32, buckets.members
+        Float32, UInt32, members = backend.Float32, backend.UInt32, buckets.members
+        slot = members.slot(instants.position)
         row = np.arange(members.bins)[:, None] + slot[batching.instant] * members.bins
         size = members.starts[row + 1] - members.starts[row]
         bin_number, batch = np.nonzero(size)
         row, instant = row[bin_number, batch], batching.instant[batch]
-        parts = MOST_PARTS
+        parts = most_parts
         while parts > 1 and len(row) * parts > ENOUGH_LANES:
             parts //= 2
         first = backend.lanes(np.repeat(instant, parts))
         interval = slot // members.slots_per_interval
         times = instants.position + 1 - interval
         times = Float32(np.append(times, np.zeros(batching.unroll)).astype(np.float32))
+        per_cycle, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in instants.per_cycle)
         return cls(
             parts=parts,
             begin=backend.lanes(members.starts[row][:, None] + np.arange(parts)),
             end=backend.lanes(np.repeat(members.starts[row + 1], parts)),
+            step=dr.opaque(UInt32, parts),
+            members=backend.lanes(members.members),
+            table=table,
+            packet=backend.arrays.Array4f,
             interval=backend.lanes(np.repeat(interval[instant], parts)),
+            intervals=dr.opaque(UInt32, (len(members.starts) - 1) // members.bins // members.slots_per_interval),
+            instant=first,
             u=[dr.gather(Float32, times, first + k) for k in range(batching.unroll)],
             centre=backend.lanes(np.repeat(buckets.centres[bin_number], parts), Float32),
-            place=backend.lanes(bin_number * batching.batches + batch),
+            place=backend.lanes(batch * members.bins + bin_number),
+            results=members.bins * batching.batches,
+            per_cycle=per_cycle,
+            per_rate=per_rate,
+            eps_per_rate=eps_per_rate,
         )
+
+    def read(self, i: Any) -> tuple[Any, Any, Any, Any]:
+        """Of the i-th member: its number, its place in tables by (member, interval), the cubic of its phase [cycles], and theta at
+        the interval's start, counted from the bucket's middle."""
+        import drjit as dr
+
+        member = dr.gather(type(self.members), self.members, i)
+        place = member * self.intervals + self.interval
+        cubics, thetas = self.table
+        cubic = dr.gather(self.packet, cubics, place)
+        return member, place, cubic, dr.gather(type(thetas), thetas, place) - self.centre
+
+    def scattered(self, sums: list[Any], backend: Backend) -> np.ndarray:
+        """Sums of real and imaginary parts as complex64 numbers, zeros for results that no lane has; flat, batch by batch, and
+        bucket by bucket in each."""
+        import drjit as dr
+
+        out = dr.zeros(backend.Float32, self.results * len(sums))
+        # One scatter: each further one into the same array would run the loop again.
+        dr.scatter(out, backend.arrays.ArrayXf(sums), self.place)
+        return np.asarray(out.numpy()).view(np.complex64)
 
 
 @dataclass(frozen=True, slots=True)
-class _Batches:
+class Batches:
     """Batches of instants: each is `unroll` instants of one time slot, for which a lane reads an echo once."""
 
     instant: np.ndarray
@@ -348,15 +384,16 @@ class _Batches:
 
     @property
     def batches(self) -> int:
+        """How many there are."""
         return len(self.instant)
 
     @classmethod
-    def single(cls, count: int) -> _Batches:
+    def single(cls, count: int) -> Batches:
         """Each of one instant."""
         return cls(np.arange(count), 1, np.arange(count))
 
     @classmethod
-    def of(cls, slot: np.ndarray) -> _Batches:
+    def of(cls, slot: np.ndarray) -> Batches:
         """For the slot of each instant, ascending (instant,)."""
         bounds = np.flatnonzero(np.diff(slot, prepend=-1, append=slot[-1] + 1))
         sizes = np.diff(bounds)
@@ -385,7 +422,7 @@ def _added(acc: list[Any], parts: list[Any], u: Any, cycles: Any, theta: Any, ep
 
 def _times_phasor(real: Any, imag: Any, u: Any, sin: Any, cos: Any) -> tuple[Any, Any]:
     """A complex cubic at u, times exp(j phase)."""
-    re, im = (c[0] + u * (c[1] + u * (c[2] + u * c[3])) for c in (real, imag))
+    re, im = cubic_at(real, u), cubic_at(imag, u)
     return re * cos - im * sin, re * sin + im * cos
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from t2d_rt.core.constants import SPEED_OF_LIGHT
-from t2d_rt.radar.band import filtered
 from t2d_rt.radar.interpolants import central_slopes, hermite, spline_slopes
+from t2d_rt.radar.sweep import cubic_at
+from t2d_rt.radar.windows import filtered
 from t2d_rt.types import EchoArrays, Echoes, Radar, stream
 from t2d_rt.types.scatterer import Scatterer
 
@@ -105,23 +106,22 @@ def _pair(echoes: Echoes, radar: Radar, starts: np.ndarray, tx: int, rx: int, sa
     fast_time = radar.sample_times_s[samples]
     delay_s = echoes.delay_s + _seen_from(echoes, radar, tx, rx)
     slopes = np.zeros_like(echoes.amplitude) if echoes.slope is None else echoes.slope
-    tau_slopes = spline_slopes(frames) @ delay_s
-    a_slopes = central_slopes(echoes.amplitude.astype(np.complex128))
-    s_slopes = central_slopes(slopes.astype(np.complex128))
+    interpolated = (
+        (delay_s, spline_slopes(frames) @ delay_s),
+        (echoes.amplitude, central_slopes(echoes.amplitude.astype(np.complex128))),
+        (slopes, central_slopes(slopes.astype(np.complex128))),
+    )
     cube = np.empty((len(starts), len(fast_time)), np.complex128)
     for row, start in enumerate(starts):
         for sample, t in enumerate(fast_time):
             position = (start + t) / step
             i = min(int(position), frames - 2)
-            u = position - i
-
-            def at(values: np.ndarray, derivative: np.ndarray, i: int = i, u: float = u) -> np.ndarray:
-                c = hermite(values[i], values[i + 1], derivative[i], derivative[i + 1])
-                return c[0] + u * (c[1] + u * (c[2] + u * c[3]))
-
-            tau = at(delay_s, tau_slopes)
+            tau, amplitude, slope = (
+                cubic_at(hermite(values[i], values[i + 1], derivative[i], derivative[i + 1]), position - i)
+                for values, derivative in interpolated
+            )
             frequency = radar.carrier_hz + radar.slope_hz_per_s * t
-            amplitude = at(echoes.amplitude, a_slopes) + at(slopes, s_slopes) * (frequency - radar.mid_frequency_hz)
+            amplitude = amplitude + slope * (frequency - radar.mid_frequency_hz)
             cycles = frequency * tau - 0.5 * radar.slope_hz_per_s * tau**2
             cube[row, sample] = np.sum(amplitude * np.exp(2j * np.pi * (cycles % 1.0)))
     return cube

@@ -16,7 +16,7 @@ from t2d_rt.radar.buckets import Members
 from t2d_rt.radar.coefficients import AmplitudeFrames, References, phases
 from t2d_rt.radar.groups import Level
 from t2d_rt.radar.interpolants import hermite
-from t2d_rt.radar.sweep import Sweep, nodes, rotated, sin_cos, times_phasor
+from t2d_rt.radar.sweep import Sweep, cubic_at, moved, nodes, rotated, sin_cos, summed, times_phasor
 from t2d_rt.radar.windows import Window
 
 
@@ -48,14 +48,7 @@ def leaves(window: Window, level: Level, sweep: Sweep, backend: Backend) -> Leav
     """The echoes of the first level's groups."""
     intervals, count = window.delay.shape[0] - 1, window.delay.shape[1]
     interval, echo = window.lit
-    members = Members.of(
-        interval,
-        level.group[echo],
-        echo,
-        shape=(intervals, len(level)),
-        per=1,
-        size=count,
-    )
+    members = Members.of(interval, level.group[echo], echo, shape=(intervals, len(level)), per=1, size=count)
     references = References(level.group, level.delay, level.delay_slope)
     phase = phases(window.delay, window.delay_slope, sweep, references, 0.0, backend)
     return Leaves(members, AmplitudeFrames.of(window, sweep, backend), phase)
@@ -88,7 +81,7 @@ def smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend
     pairs = math.prod(len(end) for end in leaves.ends)
     ends = [_ExtraPhases(end, group, interval, sweep, window, backend) for end in leaves.ends if end.table is not None]
 
-    def add(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
+    def values_of(i: Any) -> list[Any]:
         echo = dr.gather(UInt32, echoes, i)
         member = echo * width + interval
         parts = leaves.fields.cubics(echo, interval)
@@ -103,24 +96,15 @@ def smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend
             u = beyond + k / level.rate
             at_nodes = _at_nodes(parts, u, level.nodes)
             for cubic, start in of_pairs:
-                travelled = u * (cubic[1] + u * (cubic[2] + u * cubic[3]))
-                rate = cubic[1] + u * (2 * cubic[2] + u * (3 * cubic[3]))
-                phase = cubic[0] + travelled
-                sin, cos = sin_cos(phase)
-                out += rotated(
-                    times_phasor(at_nodes, sin, cos), start + travelled * per_cycle + rate * per_rate, x, small=True
-                )
-        return i + 1, [total + value for total, value in zip(sums, out, strict=True)]
+                travelled, rate = moved(cubic, u)
+                sin, cos = sin_cos(cubic[0] + travelled)
+                theta = start + travelled * per_cycle + rate * per_rate
+                out += rotated(times_phasor(at_nodes, sin, cos), theta, x, small=True)
+        return out
 
     numbers = 2 * level.nodes
-    zeros = [dr.zeros(Float32, dr.width(lane)) for _ in range(level.rate * pairs * numbers)]
-    _, sums = dr.while_loop(
-        state=(dr.gather(UInt32, starts, row), zeros),
-        cond=lambda i, sums: i < dr.gather(UInt32, starts, row + 1),
-        body=add,
-        labels=("i", "sums"),
-        mode="symbolic",
-    )
+    ends_of_row = dr.gather(UInt32, starts, row), dr.gather(UInt32, starts, row + 1)
+    sums = summed(Float32, ends_of_row, 1, level.rate * pairs * numbers, values_of)
     by_pair = np.reshape(np.arange(len(sums)), (level.rate, pairs, numbers)).swapaxes(0, 1).reshape(pairs, -1)
     values: Any = [dr.ravel(backend.arrays.ArrayXf([sums[k] for k in each])) for each in by_pair.tolist()]
     dr.eval(values)  # all at once; else each pair's would run the loop again
@@ -131,7 +115,7 @@ def smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend
 
 def _at_nodes(parts: list[Any], u: Any, count: int) -> list[Any]:
     """An echo's amplitude at u, cubics of its parts in the frame step, at nodes of the sweep: real and imaginary parts in turn."""
-    values = [c[0] + u * (c[1] + u * (c[2] + u * c[3])) for c in parts]
+    values = [cubic_at(part, u) for part in parts]
     slopes = values[2:] or [0.0, 0.0]
     return [
         value + node * slope for node in nodes(count).tolist() for value, slope in zip(values[:2], slopes, strict=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -18,10 +18,23 @@ import numpy as np
 from t2d_rt.core.backend import Backend, one_thread_at_a_time
 from t2d_rt.radar.array_delays import ArrayDelays
 from t2d_rt.radar.buckets import Buckets
+from t2d_rt.radar.coefficients import Batches, Lanes
 from t2d_rt.radar.groups import Level
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.leaves import Factors, Leaves, smallest
-from t2d_rt.radar.sweep import Instants, Sweep, nodes, read, rotated, sin_cos, spread_to, times_phasor
+from t2d_rt.radar.sweep import (
+    Instants,
+    Sweep,
+    cubic_at,
+    moved,
+    nodes,
+    read,
+    rotated,
+    sin_cos,
+    spread_to,
+    summed,
+    times_phasor,
+)
 from t2d_rt.radar.windows import Window
 
 
@@ -75,7 +88,7 @@ def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: fl
     spread = spread_to(below.nodes, nodes(level.nodes))
     x = [float(v) for v in nodes(level.nodes)[::2]]
 
-    def add(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
+    def values_of(i: Any) -> list[Any]:
         child = dr.gather(UInt32, children, i)
         cubic = dr.gather(Packet, delta, row + child)
         frames = [read(inner.values, child * samples + index + k, below.nodes, Packet) for k in range(6)]
@@ -85,21 +98,13 @@ def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: fl
         ]
         out = []
         for time, values in zip(u, (frames[2], middle), strict=True):
-            cycles = cubic[0] + time * (cubic[1] + time * (cubic[2] + time * cubic[3]))
-            rate = cubic[1] + time * (2 * cubic[2] + time * (3 * cubic[3]))
+            cycles, (_, rate) = cubic_at(cubic, time), moved(cubic, time)
             sin, cos = sin_cos(cycles)
             out += rotated(spread(times_phasor(values, sin, cos)), cycles * per_cycle + rate * per_rate, x)
-        return i + 1, [total + value for total, value in zip(sums, out, strict=True)]
+        return out
 
-    zeros = [dr.zeros(Float32, dr.width(lane)) for _ in range(4 * level.nodes)]
-    end = dr.gather(UInt32, bounds, group + 1)
-    _, sums = dr.while_loop(
-        state=(dr.gather(UInt32, bounds, group), zeros),
-        cond=lambda i, sums: i < end,
-        body=add,
-        labels=("i", "sums"),
-        mode="symbolic",
-    )
+    ends = dr.gather(UInt32, bounds, group), dr.gather(UInt32, bounds, group + 1)
+    sums = summed(Float32, ends, 1, 4 * level.nodes, values_of)
     out = dr.ravel(backend.arrays.ArrayXf(sums))
     dr.eval(out)
     return Factors(out, 2 * steps, 2 * (inner.first + 2))
@@ -130,106 +135,48 @@ def at_instants(
     """
     import drjit as dr
 
-    Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
-    lanes = _Lanes.of(inner, level, buckets, instants, backend)
-    table = backend.lanes(buckets.members.members)
-    intervals = dr.opaque(UInt32, len(level.delay) - 1)
-    samples, skipped = dr.opaque(UInt32, inner.samples), dr.opaque(UInt32, first)
-    per_cycle, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in instants.per_cycle)
-    spread, u, count = spread_to(level.nodes, places), lanes.u, len(places)
-    x = places[::2].tolist()
+    Packet, count, x = backend.arrays.Array4f, len(places), places[::2].tolist()
+    lanes = Lanes.of(buckets, phase, instants, Batches.single(len(instants)), backend, most_parts=1)
+    sample, weights = _interpolation(inner, level, instants.position)
+    of_lane = dr.gather(backend.UInt32, backend.lanes(sample - 1), lanes.instant)
+    of_four = dr.gather(Packet, backend.lanes(weights, backend.Float32), lanes.instant)
+    samples, skipped = dr.opaque(backend.UInt32, inner.samples), dr.opaque(backend.UInt32, first)
+    (u,), spread = lanes.u, spread_to(level.nodes, places)
 
-    def add(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
-        group = dr.gather(UInt32, table, i)
-        member = group * intervals + lanes.interval
-        cubic = dr.gather(Packet, phase[0], member)
-        theta = dr.gather(Float32, phase[1], member) - lanes.centre
-        frames = [
-            read(inner.values, (skipped + group) * samples + lanes.sample + k, level.nodes, Packet) for k in range(4)
-        ]
-        values = [sum(w * v for w, v in zip(lanes.weights, parts, strict=True)) for parts in zip(*frames, strict=True)]
-        travelled = u * (cubic[1] + u * (cubic[2] + u * cubic[3]))
-        rate = cubic[1] + u * (2 * cubic[2] + u * (3 * cubic[3]))
-        eps = rate * eps_per_rate
+    def values_of(i: Any) -> list[Any]:
+        group, _, cubic, theta = lanes.read(i)
+        own = (skipped + group) * samples + of_lane
+        frames = [read(inner.values, own + k, level.nodes, Packet) for k in range(4)]
+        values = [sum(w * v for w, v in zip(of_four, parts, strict=True)) for parts in zip(*frames, strict=True)]
+        travelled, rate = moved(cubic, u)
+        eps = rate * lanes.eps_per_rate
         sin, cos = sin_cos(cubic[0] + travelled + eps * (0.25 / math.pi))
-        theta = theta + travelled * per_cycle + rate * per_rate
-        out = rotated(spread(times_phasor(values, sin, cos)), theta, x, bend=eps)
-        return i + 1, [total + value for total, value in zip(sums, out, strict=True)]
+        theta = theta + travelled * lanes.per_cycle + rate * lanes.per_rate
+        return rotated(spread(times_phasor(values, sin, cos)), theta, x, bend=eps)
 
-    zeros = [dr.zeros(Float32, dr.width(lanes.begin)) for _ in range(2 * count)]
-    _, sums = dr.while_loop(
-        state=(lanes.begin, zeros), cond=lambda i, sums: i < lanes.end, body=add, labels=("i", "sums"), mode="symbolic"
-    )
-    out = dr.zeros(Float32, len(instants) * buckets.members.bins * 2 * count)
-    dr.scatter(out, backend.arrays.ArrayXf(sums), lanes.place)
-    return np.asarray(out.numpy()).view(np.complex64).reshape(len(instants), buckets.members.bins, count)
+    sums = summed(backend.Float32, (lanes.begin, lanes.end), lanes.step, 2 * count, values_of)
+    return lanes.scattered(sums, backend).reshape(len(instants), -1, count)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Lanes:
-    """Lanes of the kernel of `at_instants`, on the device: one for each bucket and instant at which the bucket holds any group."""
-
-    begin: Any
-    """First of the bucket's members at that instant."""
-    end: Any
-    """One after the last."""
-    interval: Any
-    """Frame interval that the instant lies in."""
-    u: Any
-    """Where in it, 0..1."""
-    sample: Any
-    """First of the four samples of a factor that are interpolated."""
-    weights: Any
-    """Of these four."""
-    centre: Any
-    """theta of the bucket's middle."""
-    place: Any
-    """Number of the result."""
-
-    @classmethod
-    def of(cls, inner: Factors, level: Level, buckets: Buckets, instants: Instants, backend: Backend) -> _Lanes:
-        """For the factors of a level's groups."""
-        import drjit as dr
-
-        Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
-        members, position = buckets.members, instants.position
-        slot = members.slot(position)
-        row = slot * members.bins + np.arange(members.bins)[:, None]
-        bucket, instant = np.nonzero(members.starts[row + 1] > members.starts[row])
-        row = row[bucket, instant]
-        place = position * level.rate - inner.first
-        sample = np.clip(np.floor(place).astype(np.int64), 1, inner.samples - 3)
-        p = place - sample
-        # The cubic through the samples at -1, 0, 1, 2.
-        weights = [
-            -p * (p - 1) * (p - 2) / 6,
-            (p + 1) * (p - 1) * (p - 2) / 2,
-            -(p + 1) * p * (p - 2) / 2,
-            (p + 1) * p * (p - 1) / 6,
-        ]
-        interval = slot // members.slots_per_interval
-        of_lane = backend.lanes(instant)
-
-        def per_instant(values: np.ndarray, kind: Any) -> Any:
-            return dr.gather(kind, backend.lanes(values, kind), of_lane)
-
-        return cls(
-            begin=backend.lanes(members.starts[row]),
-            end=backend.lanes(members.starts[row + 1]),
-            interval=per_instant(interval, UInt32),
-            u=per_instant(position + 1 - interval, Float32),
-            sample=per_instant(sample - 1, UInt32),
-            weights=dr.gather(Packet, Float32(np.stack(weights, axis=1).astype(np.float32).ravel()), of_lane),
-            centre=backend.lanes(buckets.centres[bucket], Float32),
-            place=backend.lanes(instant * members.bins + bucket),
-        )
+def _interpolation(inner: Factors, level: Level, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The second of the four samples of a factor between which each instant lies, (instant,), and the weights of the four, those of
+    the cubic through samples at -1, 0, 1, 2, (instant, 4)."""
+    place = position * level.rate - inner.first
+    sample = np.clip(np.floor(place).astype(np.int64), 1, inner.samples - 3)
+    p = place - sample
+    weights = [
+        -p * (p - 1) * (p - 2) / 6,
+        (p + 1) * (p - 1) * (p - 2) / 2,
+        -(p + 1) * p * (p - 2) / 2,
+        (p + 1) * p * (p - 1) / 6,
+    ]
+    return sample, np.stack(weights, axis=1)
 
 
 def _relative(below: Level, level: Level, sweep: Sweep) -> np.ndarray:
     """Phase of each group against its parent's [cycles], cubics in the frame step, float32 (n + 2, K, 4)."""
     above, above_slope = level.delay[:, level.group], level.delay_slope[:, level.group]
     cycles = (sweep.mid_hz - 0.5 * sweep.slope * (below.delay + above)) * (below.delay - above)
-    rate = (sweep.mid_hz - sweep.slope * below.delay) * below.delay_slope - (
-        sweep.mid_hz - sweep.slope * above
-    ) * above_slope
+    own_rate = (sweep.mid_hz - sweep.slope * below.delay) * below.delay_slope
+    rate = own_rate - (sweep.mid_hz - sweep.slope * above) * above_slope
     return np.stack(hermite(cycles[:-1], cycles[1:], rate[:-1], rate[1:]), axis=-1).astype(np.float32)

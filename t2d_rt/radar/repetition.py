@@ -50,10 +50,8 @@ def repetition(
         periods += 1
     step_s = periods * period_s / rows
     first = math.ceil(END_FRAMES / frame_rate_hz / step_s)
-    found = Repetition(
-        period_s=period_s, span_s=span_s, first=first, rows=rows, periods=periods,
-        radar=radar.replace(prf_hz=radar.loop_chirps / step_s, chirps_per_frame=None, frame_interval_s=None),
-    )  # fmt: skip
+    timed = radar.replace(prf_hz=radar.loop_chirps / step_s, chirps_per_frame=None, frame_interval_s=None)
+    found = Repetition(period_s=period_s, span_s=span_s, radar=timed, first=first, rows=rows, periods=periods)
     # Transmitters told apart by Doppler change their phase from one row of the record to the next.
     worth = span_s[1] - span_s[0] > LEAST_GAIN * duration_s(found, frame_rate_hz) and radar.multiplexing != "ddm"
     return found if worth and 8.0 * OVERSAMPLING * rows * radar.antennas * radar.samples < TABLE_BYTES else None

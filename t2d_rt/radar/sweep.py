@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -124,12 +124,21 @@ def sin_cos(cycles: Any, *, within_half: bool = False) -> tuple[Any, Any]:
 @cache
 def _polynomials() -> tuple[list[float], list[float]]:
     """sin(2 pi t)/t and cos(2 pi t) in powers of t^2, |t| <= 1/2, lowest first: through Chebyshev points."""
+    return _in_powers(_sine_over_t, 5), _in_powers(_cosine, 6)
 
-    def powers(values: Callable[[np.ndarray], np.ndarray], degree: int) -> list[float]:
-        fitted = np.polynomial.Chebyshev.interpolate(lambda z: values(np.sqrt(z)), degree, domain=[0, 0.25])
-        return fitted.convert(kind=np.polynomial.Polynomial).coef.tolist()
 
-    return powers(lambda t: 2 * math.pi * np.sinc(2 * t), 5), powers(lambda t: np.cos(2 * math.pi * t), 6)
+def _in_powers(values: Callable[[np.ndarray], np.ndarray], degree: int) -> list[float]:
+    """Coefficients, lowest first, of the polynomial through a function of z = t^2 at Chebyshev points of 0..1/4."""
+    fitted = np.polynomial.Chebyshev.interpolate(values, degree, domain=[0, 0.25])
+    return fitted.convert(kind=np.polynomial.Polynomial).coef.tolist()
+
+
+def _sine_over_t(z: np.ndarray) -> np.ndarray:
+    return np.asarray(2 * math.pi * np.sinc(2 * np.sqrt(z)))
+
+
+def _cosine(z: np.ndarray) -> np.ndarray:
+    return np.asarray(np.cos(2 * math.pi * np.sqrt(z)))
 
 
 def _horner(coefficients: list[float], z: Any) -> Any:
@@ -139,6 +148,32 @@ def _horner(coefficients: list[float], z: Any) -> Any:
     for coefficient in coefficients[-3::-1]:
         total = dr.fma(total, z, coefficient)
     return total
+
+
+def cubic_at(cubic: Any, u: Any) -> Any:
+    """c0 + c1 u + c2 u^2 + c3 u^3."""
+    return cubic[0] + u * (cubic[1] + u * (cubic[2] + u * cubic[3]))
+
+
+def moved(cubic: Any, u: Any) -> tuple[Any, Any]:
+    """How far a cubic has come at u from its value at 0, and its derivative there."""
+    return u * (cubic[1] + u * (cubic[2] + u * cubic[3])), cubic[1] + u * (2 * cubic[2] + u * (3 * cubic[3]))
+
+
+def summed(kind: Any, ends: tuple[Any, Any], step: Any, count: int, values: Callable[[Any], list[Any]]) -> list[Any]:
+    """Sums of `count` numbers of a type `kind` in each lane of a kernel: of `values(i)` for i = begin, begin + step, ... < end,
+    which are its `ends`."""
+    import drjit as dr
+
+    def body(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
+        return i + step, [total + value for total, value in zip(sums, values(i), strict=True)]
+
+    begin, end = ends
+    zeros = [dr.zeros(kind, dr.width(begin)) for _ in range(count)]
+    _, found = dr.while_loop(
+        state=(begin, zeros), cond=lambda i, sums: i < end, body=body, labels=("i", "sums"), mode="symbolic"
+    )
+    return found
 
 
 def read(values: Any, sample: Any, count: int, packet: Any) -> list[Any]:
@@ -164,20 +199,21 @@ def spread_to(inner: int, outer: np.ndarray) -> Callable[[list[Any]], list[Any]]
     # Nodes come in pairs +-x: even and odd parts apart halve the work.
     matrix = interpolation(inner, outer)[::2]
     even, odd = ((matrix[:, ::2] + sign * matrix[:, 1::2]) / 2 for sign in (1, -1))
+    return partial(_spread, even, odd)
 
-    def spread(values: list[Any]) -> list[Any]:
-        out = []
-        pairs = [values[k : k + 4] for k in range(0, len(values), 4)]
-        for row_even, row_odd in zip(even, odd, strict=True):
-            sums = [
-                sum(float(w) * (pair[part] + sign * pair[part + 2]) for w, pair in zip(row, pairs, strict=True))
-                for part in (0, 1)
-                for row, sign in ((row_even, 1), (row_odd, -1))
-            ]
-            out += [sums[0] + sums[1], sums[2] + sums[3], sums[0] - sums[1], sums[2] - sums[3]]
-        return out
 
-    return spread
+def _spread(even: np.ndarray, odd: np.ndarray, values: list[Any]) -> list[Any]:
+    """Values at pairs of outer nodes from those at pairs of inner ones, by matrices (outer pair, inner pair) of both parts."""
+    out = []
+    pairs = [values[k : k + 4] for k in range(0, len(values), 4)]
+    for row_even, row_odd in zip(even, odd, strict=True):
+        sums = [
+            sum(float(w) * (pair[part] + sign * pair[part + 2]) for w, pair in zip(row, pairs, strict=True))
+            for part in (0, 1)
+            for row, sign in ((row_even, 1), (row_odd, -1))
+        ]
+        out += [sums[0] + sums[1], sums[2] + sums[3], sums[0] - sums[1], sums[2] - sums[3]]
+    return out
 
 
 def rotated(values: list[Any], theta: Any, x: list[float], *, bend: Any = None, small: bool = False) -> list[Any]:

@@ -29,7 +29,6 @@ from t2d_rt.core.factored_cubes import Product, ProductRows, together
 from t2d_rt.core.memory import Budget, reused
 from t2d_rt.core.prefetch import prefetched
 from t2d_rt.radar.array_delays import array_delays, ends
-from t2d_rt.radar.band import filtered
 from t2d_rt.radar.buckets import SLOT_BINS, Buckets, buckets
 from t2d_rt.radar.coefficients import TERMS, amplitudes, chebyshev_coefficients, fields_at, phases, terms_over
 from t2d_rt.radar.groups import Level, bucket_bins, bucket_theta, by_part, levels
@@ -37,7 +36,7 @@ from t2d_rt.radar.leaves import Factors, leaves
 from t2d_rt.radar.multilevel import at_antennas, at_instants, factors
 from t2d_rt.radar.prolate import band_nodes, band_weights
 from t2d_rt.radar.sweep import Instants, Sweep
-from t2d_rt.radar.windows import Delay, Window, Windows, block_end
+from t2d_rt.radar.windows import Delay, Window, Windows, block_end, filtered
 from t2d_rt.types import EchoArrays, Echoes, Radar, stream
 from t2d_rt.types.scatterer import EchoParts, Scatterer
 
@@ -76,8 +75,8 @@ def synthesize(
 
     A large one is a `DiskCube`: its products are on disk, and samples are made of them where they are read.
 
-    Motion within a chirp is included, echoes from beyond the range axis are not (`band`). The direct sum of the same echoes
-    (`direct.direct_sum`) is met within `tolerance_db` of NMSE.
+    Motion within a chirp is included, echoes from beyond the range axis are not (`windows.filtered`). The direct sum of the same
+    echoes (`direct.direct_sum`) is met within `tolerance_db` of NMSE.
     `read_frames` is about how many frames of echoes are held at once, by default as many as fit a fixed amount of memory; it does
     not change the result. `onto`: a cube of the same shape that the samples are added to and that is returned. `memory`: what
     may be taken; unused memory is given back between windows. `progress` is called with the fraction done, 0..1.
@@ -358,7 +357,7 @@ def _sum_echoes(window: Window, instants: Instants, parts: int, backend: Backend
     else:
         limit, weights = math.pi / 4, terms_over(sweep.x)
         terms = chebyshev_coefficients(found, table, fields, instants, backend)
-    return _apart(terms.transpose(1, 0, 2), found, parts, (weights, sweep, limit))
+    return _apart(terms, found, parts, (weights, sweep, limit))
 
 
 def _sum_groups(

@@ -1,4 +1,4 @@
-"""Blocks of echoes cut into windows: the frames that one piece of the sum needs, whatever the size of a block."""
+"""What the sum is given: echoes behind the IF filter, in windows, the frames that one piece of it needs whatever a block's size."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 
 from t2d_rt.core.memory import reused_empty
 from t2d_rt.radar.interpolants import spline_slopes
-from t2d_rt.types import EchoArrays
+from t2d_rt.types import EchoArrays, Radar
 
 INTERVALS = 32
 """Frame intervals of a window: how echoes are grouped is decided anew for each, so it must not depend on what is read at once."""
-# A spline's end conditions fade by 0.268 per frame: 1e-7 after 12 frames.
 HALO_FRAMES = 12
-# Echoes x frames of a block, 24 bytes each.
+"""A spline's end conditions fade by 0.268 per frame: 1e-7 after 12 frames."""
 READ_ECHO_FRAMES = 2_000_000
-# Vertices x frames that these are made from, 16 bytes each.
+"""Echoes x frames of a block, 24 bytes each."""
 READ_VERTEX_FRAMES = 8_000_000
-# Blocks of very large meshes have at least so many frames.
+"""Vertices x frames that these are made from, 16 bytes each."""
 LEAST_FRAMES = 4
+"""Blocks of very large meshes have at least so many frames."""
 
 Delay = tuple[np.ndarray, np.ndarray]
 """[s] and its slope [s per frame], both (n + 3, N)."""
@@ -93,6 +93,19 @@ class Windows:
             self._held = [part for part in self._held if part[0] + len(part[1].delay_s) > low]
             self._start = stop
             yield _window(self._held, low, high, start, stop, self._frames, self.step_s, self._part)
+
+
+def filtered(echoes: EchoArrays, radar: Radar) -> EchoArrays:
+    """Echoes behind the IF filter, ideal from 0 to the sample rate: those whose beat frequency S tau lies beyond are silent.
+
+    The filter falls over the last range bin, so that echoes that move out of range fade, as they leave bin after bin.
+    """
+    last_s = radar.sample_rate_hz / radar.slope_hz_per_s
+    if not echoes.delay_s.size or echoes.delay_s.max() <= last_s - 1 / radar.bandwidth_hz:
+        return echoes
+    gain = np.clip((last_s - echoes.delay_s) * radar.bandwidth_hz, 0, 1).astype(np.float32)
+    slope = None if echoes.slope is None else echoes.slope * gain
+    return echoes._replace(amplitude=echoes.amplitude * gain, slope=slope)
 
 
 def block_end(

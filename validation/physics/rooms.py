@@ -15,8 +15,8 @@ from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.resources import resource
 from t2d_rt.propagation.images import existing, vertices
 from t2d_rt.propagation.mirrors import Mirrors
-from t2d_rt.propagation.mitsuba import mitsuba
 from t2d_rt.propagation.paths import FoundPaths, find_paths
+from t2d_rt.propagation.rays import mitsuba
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.types import OneWayPath, Radar
 from t2d_rt.types.path_fields import field_over

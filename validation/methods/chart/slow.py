@@ -13,7 +13,7 @@ import numpy as np
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.core.backend import select
 from t2d_rt.core.constants import SPEED_OF_LIGHT
-from t2d_rt.propagation.mitsuba import mitsuba, mitsuba_mesh
+from t2d_rt.propagation.rays import mitsuba, mitsuba_mesh
 from t2d_rt.types import Radar
 from validation.methods.chart.measure import SAMPLES, Case, Point
 from validation.methods.chart.methods import SUMMED

@@ -9,8 +9,8 @@ from scipy.signal.windows import blackmanharris
 
 import t2d_rt as t2d
 from t2d_rt.core.backend import select
-from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.propagation.occluders import Occluders
+from t2d_rt.propagation.rays import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.propagation.visibility import Occlusion
 from t2d_rt.scattering.phase_integral import divided_difference
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar
@@ -116,9 +116,9 @@ def grazing(radar: Radar) -> Case:
     ray = mi.Ray3f(mi.Point3f(*columns(mi, ball.rest + RAY_LIFT_M * towards)), mi.Vector3f(*columns(mi, towards)))
     ray.maxt = mi.Float((distance - RAY_LIFT_M).astype(np.float32))
     stopped = traceable(mi, mitsuba_mesh(mi, proxy, faces)).ray_test(ray).numpy()
-    sampled = Occlusion.alone(
-        Occluders([ball]), radar.tx_position_m, samples_s=np.zeros(2), backend=select("auto")
-    ).traced(np.zeros(1))[0]
+    samples_s = np.zeros(2)
+    view = Occlusion.alone(Occluders([ball]), radar.tx_position_m, samples_s=samples_s, backend=select("auto"))
+    sampled = view.visibility(samples_s[:1])[0][0]
     return Case(
         name="grazing rays, lit vertices of a sphere said to be occluded",
         failing=f"{RAY_LIFT_M * 1e3:g} mm off the surface, through a proxy of {len(faces)} faces",

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 import t2d_rt as t2d
 from t2d_rt.core.backend import select
 from t2d_rt.propagation.mirrors import Mirrors
-from t2d_rt.propagation.mitsuba import mitsuba
 from t2d_rt.propagation.paths import find_paths
+from t2d_rt.propagation.rays import mitsuba
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.scene import Room

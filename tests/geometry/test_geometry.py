@@ -16,19 +16,18 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.geometry import (
     Refinement,
     SubdividedMesh,
-    Tessellation,
     crease_corners,
     curvature,
     levels,
-    refine,
     refinements,
     sharp_edges,
-    subdivide,
+    topology,
     winding,
 )
+from t2d_rt.geometry.subdivide import midpoints, split_in_four
 
 WAVENUMBER = 1613.8
-NO_EDGES = np.zeros((0, 2), int)
+WAVE = {"wavenumber": WAVENUMBER, "range_m": 10.0}
 FIVE = [(0.25 + np.cos(2 * np.pi * j / 5) + 0.5 * np.cos(4 * np.pi * j / 5)) / 5 for j in range(5)]
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
 SQUARE_FACES = np.array([[0, 1, 2], [0, 2, 3]])
@@ -54,27 +53,27 @@ def edge_counts(faces: np.ndarray) -> np.ndarray:
 
 
 def refined(rest: np.ndarray, faces: np.ndarray, sagitta_rad: float | np.ndarray, **options: object) -> Refinement:
-    return refine(rest, faces, wavenumber=WAVENUMBER, sagitta_rad=sagitta_rad, **{"range_m": 10.0, **options})  # type: ignore[arg-type]
+    (found,) = refinements(rest, faces, **{**WAVE, "sagittas_rad": [sagitta_rad], **options})  # type: ignore[arg-type]
+    return found
 
 
 # --- subdivision ---------------------------------------------------------------------------------------------------
 
 
 def twice(vertices: np.ndarray, faces: np.ndarray, corrected: bool) -> np.ndarray:
-    sharp, corners = NO_EDGES, np.zeros(len(vertices), bool)
     for _ in range(2):
-        step = subdivide(faces, len(vertices), sharp, corners, vertices if corrected else None)
-        vertices, faces, sharp, corners = step.operator @ vertices, step.faces, step.sharp, step.corners
+        mesh = topology(faces, len(vertices))
+        middles = midpoints(mesh, np.zeros(len(vertices), bool), vertices if corrected else None) @ vertices
+        faces = split_in_four(mesh.faces, len(vertices) + mesh.face_edges)
+        vertices = np.concatenate([vertices, middles])
     return vertices
 
 
 def test_regular_butterfly_weights() -> None:
     grid = np.arange(49).reshape(7, 7)
     a, b, c, d = (g.ravel() for g in (grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]))
-    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-    step = subdivide(faces, 49, NO_EDGES)
-    edge = (step.operator[:, [24, 25]] == 0.5).sum(axis=1)
-    row = step.operator[[int(np.flatnonzero(np.asarray(edge).ravel() == 2)[0])]]
+    mesh = topology(np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]), 49)
+    row = midpoints(mesh, np.zeros(49, bool))[np.flatnonzero((mesh.edges == (24, 25)).all(axis=1))]
     assert sorted(row.data) == [-1 / 16] * 4 + [1 / 8] * 2 + [1 / 2] * 2
 
 
@@ -85,7 +84,7 @@ def test_special_vertex_weights(valence: int, weights: list[float]) -> None:
     # a fan: the rim is a boundary, so the centre's stencil alone decides
     ring = np.arange(valence)
     faces = np.stack([np.zeros_like(ring), 1 + ring, 1 + np.roll(ring, -1)], axis=1)
-    operator = subdivide(faces, 1 + valence, NO_EDGES).operator.toarray()
+    operator = midpoints(topology(faces, 1 + valence), np.zeros(1 + valence, bool)).toarray()
     rows = operator[np.isclose(operator[:, 0], 3 / 4)]
     assert len(rows) == valence
     row = rows[rows[:, 1].argmax()]
@@ -94,13 +93,11 @@ def test_special_vertex_weights(valence: int, weights: list[float]) -> None:
 
 
 def test_children_are_numbered_by_parent_and_keep_orientation() -> None:
-    vertices, faces = icosphere(1)
-    step = subdivide(faces, len(vertices), NO_EDGES)
-    assert (step.faces.reshape(-1, 4, 3)[:, [0, 1, 2], [0, 1, 2]] == faces).all()
-    fine = step.operator @ vertices
-    normal = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
-    a, b, c = (fine[step.faces[:, k]] for k in range(3))
-    assert ((np.cross(b - a, c - a) * np.repeat(normal, 4, axis=0)).sum(axis=1) > 0).all()
+    _, faces = icosphere(1)
+    children = split_in_four(faces, 100 + topology(faces, faces.max() + 1).face_edges).reshape(-1, 4, 3)
+    assert (children[:, [0, 1, 2], [0, 1, 2]] == faces).all()
+    # Each middle follows the corner before it; the fourth child has all three in that order.
+    assert (children[:, [0, 1, 2], [1, 2, 0]] == children[:, 3, [0, 1, 2]]).all()
 
 
 def test_sphere_radius_after_two_levels() -> None:
@@ -116,9 +113,9 @@ def test_open_curve_is_a_four_point_curve_and_stops_at_corners() -> None:
     disc = np.concatenate([np.zeros((1, 3)), np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)])
     fan = np.stack([np.zeros(32, int), 1 + np.arange(32), 1 + np.roll(np.arange(32), -1)], axis=1)
     rim = sharp_edges(disc, fan, 45.0)
-    step = subdivide(fan, len(disc), rim, crease_corners(disc, rim, 45.0))
-    new = np.linalg.norm((step.operator @ disc)[step.sharp.ravel()], axis=1)
-    assert np.abs(new - 1).max() < 1e-4  # 3/128 h^4 = 3.5e-5 at h = 0.196
+    mesh = topology(fan, len(disc), rim)
+    middles = midpoints(mesh, crease_corners(disc, rim, 45.0)) @ disc
+    assert np.abs(np.linalg.norm(middles[mesh.sharp], axis=1) - 1).max() < 1e-4  # 3/128 h^4 = 3.5e-5 at h = 0.196
     assert crease_corners(SQUARE, sharp_edges(SQUARE, SQUARE_FACES, 45.0), 45.0).all()
 
 
@@ -134,7 +131,7 @@ def test_edge_of_three_faces_is_sharp() -> None:
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1]], dtype=float)
     faces = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])
     assert [0, 1] in sharp_edges(vertices, faces, 180.0).tolist()
-    fine = subdivide(faces, 5, NO_EDGES).operator @ vertices
+    fine = midpoints(topology(faces, 5), np.zeros(5, bool)) @ vertices
     assert np.abs(fine[:, 1] * fine[:, 2]).max() == 0  # each leaf stays in its plane
 
 
@@ -144,7 +141,7 @@ def test_edge_of_three_faces_is_sharp() -> None:
 @pytest.mark.parametrize("sagitta_rad", [0.4, 0.1])
 def test_refined_sphere_is_a_sphere(sagitta_rad: float) -> None:
     rest, faces = icosphere(3, 0.15)
-    result = refined(rest, faces, sagitta_rad, tessellation=Tessellation(displace=False))
+    result = refined(rest, faces, sagitta_rad, displace=False)
     radius = np.linalg.norm(result.operator @ rest, axis=1)
     assert np.abs(radius - 0.15).max() < 2e-5
     assert radius.std() < 3e-6
@@ -153,7 +150,7 @@ def test_refined_sphere_is_a_sphere(sagitta_rad: float) -> None:
 
 def test_facets_keep_to_the_limit() -> None:
     rest, faces = icosphere(3, 0.15)
-    fine = refined(rest, faces, 0.4, tessellation=Tessellation(displace=False))
+    fine = refined(rest, faces, 0.4, displace=False)
     corners = (fine.operator @ rest)[fine.faces]
     sagitta = 2 * WAVENUMBER * (0.15 - np.linalg.norm(corners.mean(axis=1), axis=1))
     assert 0.1 < sagitta.mean() < sagitta.max() < 0.45  # the 1/R term leaves it just under 0.4; 10 % for the surface
@@ -169,7 +166,7 @@ def test_displaced_facets_lie_on_the_surface_in_the_mean(axes: tuple[float, floa
     true = 4 / 3 * np.pi * np.prod(axes)
     errors = []
     for displace in (False, True):
-        result = refined(rest, faces, limit, tessellation=Tessellation(displace=displace))
+        result = refined(rest, faces, limit, displace=displace)
         errors.append(volume(result.operator @ rest, result.faces) / true - 1)
     assert errors[0] < -5e-4
     assert abs(errors[1]) < 0.02 * abs(errors[0])
@@ -187,7 +184,7 @@ def test_displacement_converges_with_the_fourth_power() -> None:
 
 def test_uneven_sphere_stays_smooth() -> None:
     rest, faces = uneven_sphere(642, 0.15, 0.15)
-    result = refined(rest, faces, 0.2, tessellation=Tessellation(displace=False))
+    result = refined(rest, faces, 0.2, displace=False)
     fine = result.operator @ rest
     assert np.abs(np.linalg.norm(fine, axis=1) - 0.15).max() < 5e-5
     mesh = trimesh.Trimesh(fine, result.faces, process=False)
@@ -221,7 +218,7 @@ def test_plate_stays_a_plate_and_is_cut_for_the_near_field(side: float, sagitta_
 
 def test_cylinder_keeps_straight_generators_and_flat_caps() -> None:
     mesh = trimesh.creation.cylinder(radius=0.1, height=0.5, sections=32)
-    result = refined(mesh.vertices, mesh.faces, 0.1, range_m=5.0, tessellation=Tessellation(displace=False))
+    result = refined(mesh.vertices, mesh.faces, 0.1, range_m=5.0, displace=False)
     fine = result.operator @ mesh.vertices
     side = np.abs(fine[:, 2]) < 0.2499
     caps = np.linalg.norm(fine[:, :2], axis=1) < 0.09
@@ -230,13 +227,6 @@ def test_cylinder_keeps_straight_generators_and_flat_caps() -> None:
     assert not (caps & side).any()
     assert (edge_counts(result.faces) == 2).all()
     assert len(result.faces) < 20_000  # facets grow long along the generators
-
-
-def test_edges_are_bounded_on_request() -> None:
-    rest, faces = icosphere(1)
-    result = refined(rest, faces, 1e9, tessellation=Tessellation(max_edge_m=0.1, displace=False))
-    corners = (result.operator @ rest)[result.faces]
-    assert np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max() <= 0.1 * 1.05
 
 
 @pytest.mark.slow
@@ -279,9 +269,7 @@ def test_rigid_motion_commutes(seed: int) -> None:
 def test_all_refinements_sample_one_surface() -> None:
     rest, faces = icosphere(2, 0.15)
     rest = rest * (0.5, 1.0, 1.7)
-    coarse, fine = (
-        refined(rest, faces, s, tessellation=Tessellation(displace=False)).operator @ rest for s in (0.8, 0.05)
-    )
+    coarse, fine = (refined(rest, faces, s, displace=False).operator @ rest for s in (0.8, 0.05))
     rows = {tuple(row) for row in np.round(fine, 9)}
     assert all(tuple(row) in rows for row in np.round(coarse, 9))
 
@@ -300,19 +288,15 @@ def test_building_only_what_is_needed_changes_nothing(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("max_edge_m", [np.inf, 0.02])
-def test_refined_together_is_refined_alone(max_edge_m: float) -> None:
+def test_refined_together_is_refined_alone() -> None:
     """Limits of which now one, now the other is finer, on a smooth mesh and one with edges."""
-    tessellation = Tessellation(max_edge_m=max_edge_m)
     box = trimesh.creation.box((0.2, 0.15, 0.1)).subdivide()
     for rest, faces in (uneven_sphere(642, 0.15, 0.15), (np.array(box.vertices), np.array(box.faces))):
         here = rest[:, 0] > 0.03
         limits = [np.where(here, 0.02, 5.0), np.where(here, 5.0, 0.1), 1.0]
-        together = refinements(
-            rest, faces, wavenumber=WAVENUMBER, range_m=1.0, sagittas_rad=limits, tessellation=tessellation
-        )
+        together = refinements(rest, faces, wavenumber=WAVENUMBER, range_m=1.0, sagittas_rad=limits)
         for limit, one in zip(limits, together, strict=True):
-            alone = refined(rest, faces, limit, range_m=1.0, tessellation=tessellation)
+            alone = refined(rest, faces, limit, range_m=1.0)
             assert len(one.faces) > 1.5 * len(faces)
             assert np.array_equal(one.faces, alone.faces)
             assert np.array_equal(one.base_face, alone.base_face)
@@ -334,9 +318,8 @@ def test_linear_fields_and_base_faces_follow_the_coarse_faces() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"sagitta_rad": 0.0}, "sagitta_rad must be positive"),
+        ({"sagittas_rad": [0.0]}, "sagitta_rad must be positive"),
         ({"range_m": np.ones(3)}, "range_m must be positive, one number or one per vertex"),
-        ({"tessellation": Tessellation(max_edge_m=-1.0)}, "max_edge_m must be positive"),
         ({"max_faces": 1000}, "more than .* faces, the limit is 1000; ask for a looser"),
         ({"rest": SQUARE[:, :2]}, r"finite positions of shape \(vertex, 3\)"),
         ({"rest": SQUARE * np.nan}, "finite positions"),
@@ -345,9 +328,9 @@ def test_linear_fields_and_base_faces_follow_the_coarse_faces() -> None:
     ],
 )
 def test_bad_input(change: dict[str, object], message: str) -> None:
-    given_ = {"rest": SQUARE, "faces": SQUARE_FACES, "wavenumber": WAVENUMBER, "range_m": 1.0, "sagitta_rad": 0.1}
+    given_ = {"rest": SQUARE, "faces": SQUARE_FACES, "wavenumber": WAVENUMBER, "range_m": 1.0, "sagittas_rad": [0.1]}
     with pytest.raises(InputError, match=message):
-        refine(**{**given_, **change})  # type: ignore[arg-type]
+        refinements(**{**given_, **change})  # type: ignore[arg-type]
 
 
 # --- curvature ------------------------------------------------------------------------------------------------------
@@ -415,7 +398,7 @@ def test_curvature_does_not_depend_on_place_and_scales_with_size() -> None:
 @pytest.mark.parametrize("times", [1, 2])
 def test_subdivided_edges_move_nothing_and_hold_finer_fields(times: int) -> None:
     vertices, faces = uneven_sphere(60, 0.1, 0.3)
-    fine = refine(vertices, faces, wavenumber=WAVENUMBER, range_m=3, sagitta_rad=0.5)
+    fine = refined(vertices, faces, 0.5, range_m=3)
     subdivided = SubdividedMesh.of(faces, len(vertices), times)
     carried = subdivided.to(fine, faces)
     assert len(subdivided.faces) == 4**times * len(faces)
