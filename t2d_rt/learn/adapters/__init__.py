@@ -32,6 +32,9 @@ def read_real(path: str | Path, adapter: str, options: AdapterOptions | None = N
     chosen = ADAPTERS[adapter]
     maps, files = chosen.read(source, options or AdapterOptions())
     return RealMaps(
-        maps=maps.checked_for_training(), adapter=chosen.name, licence=chosen.licence, sha256=content_hash(source, files),
+        maps=maps.checked_for_training(),
+        adapter=chosen.name,
+        licence=chosen.licence,
+        sha256=content_hash(source, files),
         files=len(files),
-    )  # fmt: skip
+    )

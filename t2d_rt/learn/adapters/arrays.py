@@ -6,6 +6,7 @@ groups `group_NAME` (sample,) of texts.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,12 +23,16 @@ GROUP = "group_"
 
 def read_npz(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[Path]]:
     """Maps of an .npz file."""
+    return _maps(path, npz_arrays(path), options), [path]
+
+
+def npz_arrays(path: Path, only: Collection[str] | None = None) -> dict[str, np.ndarray]:
+    """The arrays of an .npz file by name, all of them or only some; none is unpickled."""
     try:
         with np.load(path, allow_pickle=False) as file:
-            found = {name: file[name] for name in file.files}
+            return {name: file[name] for name in file.files if only is None or name in only}
     except Exception as error:  # NumPy and zipfile raise what they like of a damaged file
         raise InputError(f"cannot read {path}: {error or type(error).__name__}; give an .npz file of arrays") from None
-    return _maps(path, found, options), [path]
 
 
 def read_hdf5(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[Path]]:
@@ -72,14 +77,12 @@ def _maps(path: Path, found: dict[str, np.ndarray], options: AdapterOptions) -> 
     for name, each in groups.items():
         if each.shape != (len(levels),):
             raise InputError(f"{path}: {GROUP}{name} must name each of {len(levels)} samples, got shape {each.shape}")
-    pieces = [
-        Piece(
-            10.0 ** (levels[place] / 10.0), label, f"{path.name} {place}",
-            {"event": f"{path.name} {place}"} | {name: str(each[place]) for name, each in groups.items()},
-        )
-        for place, label in enumerate(labels)
-        if class_of(label, options) is not None
-    ]  # fmt: skip
+    pieces = []
+    for place, label in enumerate(labels):
+        if class_of(label, options) is not None:
+            name = f"{path.name} {place}"
+            told = {kind: str(each[place]) for kind, each in groups.items()}
+            pieces.append(Piece(10.0 ** (levels[place] / 10.0), label, name, {"event": name} | told))
     return maps_from(pieces, options, path, labels)
 
 
@@ -99,11 +102,6 @@ def _greatest_speed(path: Path, value: np.ndarray, count: int) -> float:
     return float(0.5 * (velocity[-1] - velocity[0] + cells.mean()))
 
 
-NPZ = Adapter(
-    name="npz", about="An .npz file of levels and labels.", licence="Terms of the data are those of whoever recorded it.",
-    read=read_npz,
-)  # fmt: skip
-HDF5 = Adapter(
-    name="hdf5", about="An HDF5 file of levels and labels.", licence="Terms of the data are those of whoever recorded it.",
-    read=read_hdf5,
-)  # fmt: skip
+LICENCE = "Terms of the data are those of whoever recorded it."
+NPZ = Adapter(name="npz", about="An .npz file of levels and labels.", licence=LICENCE, read=read_npz)
+HDF5 = Adapter(name="hdf5", about="An HDF5 file of levels and labels.", licence=LICENCE, read=read_hdf5)

@@ -25,12 +25,10 @@ def read_pictures(path: Path, options: AdapterOptions, *, colours: str) -> tuple
     labels = [each.parent.name for each in files]
     pieces = []
     for each, label in zip(files, labels, strict=True):
-        if class_of(label, options) is None:
-            continue
-        fraction = _fractions(each, colours)[::-1]
-        power = 10.0 ** ((fraction - 1.0) * options.dynamic_range_db / 10.0)
-        name = each.relative_to(path).as_posix()
-        pieces.append(Piece(power, label, name, {"event": name}))
+        if class_of(label, options) is not None:
+            power = 10.0 ** ((_fractions(each, colours)[::-1] - 1.0) * options.dynamic_range_db / 10.0)
+            name = each.relative_to(path).as_posix()
+            pieces.append(Piece(power, label, name, {"event": name}))
     return maps_from(pieces, options, path, labels), files
 
 
@@ -104,14 +102,13 @@ def read_point_clouds(path: Path, options: AdapterOptions) -> tuple[LabelledMaps
         for number in range(int((time_s[-1] - time_s[0]) / options.duration_s)):
             first = time_s[0] + number * options.duration_s
             inside = (time_s >= first) & (time_s < first + options.duration_s)
+            ends = (-options.speed_mps, options.speed_mps), (0.0, options.duration_s)
             cells, _, _ = np.histogram2d(
-                speed[inside], time_s[inside] - first, bins=options.size, weights=power[inside],
-                range=((-options.speed_mps, options.speed_mps), (0.0, options.duration_s)),
-            )  # fmt: skip
-            if not cells.any():
-                continue
-            name = f"{each.relative_to(path).as_posix()} {number}"
-            pieces.append(Piece(cells + EMPTY_CELL, label, name, {"event": each.relative_to(path).as_posix()}))
+                speed[inside], time_s[inside] - first, bins=options.size, weights=power[inside], range=ends
+            )
+            if cells.any():
+                event = each.relative_to(path).as_posix()
+                pieces.append(Piece(cells + EMPTY_CELL, label, f"{event} {number}", {"event": event}))
     if short:
         warn(
             f"{short} of {len(files)} files of {path} are shorter than a map of {options.duration_s:g} s and give none; "

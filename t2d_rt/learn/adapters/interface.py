@@ -128,11 +128,14 @@ def maps_from(pieces: list[Piece], options: AdapterOptions, path: Path, all_labe
     numbers = [classes.index(str(class_of(each.label, options))) for each in pieces]
     kinds = sorted({kind for each in pieces for kind in each.groups})
     return LabelledMaps(
-        levels=np.stack(levels), labels=np.array(numbers), classes=classes,
+        levels=np.stack(levels),
+        labels=np.array(numbers),
+        classes=classes,
         groups={kind: np.array([each.groups[kind] for each in pieces]) for kind in kinds},
-        velocity_mps=axis((-options.speed_mps, options.speed_mps), options.size[0]), duration_s=options.duration_s,
+        velocity_mps=axis((-options.speed_mps, options.speed_mps), options.size[0]),
+        duration_s=options.duration_s,
         names=tuple(each.name for each in pieces),
-    )  # fmt: skip
+    )
 
 
 def files_below(path: Path, endings: tuple[str, ...], noun: str) -> list[Path]:
@@ -140,10 +143,8 @@ def files_below(path: Path, endings: tuple[str, ...], noun: str) -> list[Path]:
     folder = file_path(f"the folder of {noun}", path)
     if not folder.is_dir():
         raise InputError(f"{folder} is no folder; give the folder that holds one folder for each class of {noun}")
-    found: list[Path] = []
-    for each in sorted(folder.rglob("*")):
-        if each.suffix.lower() in endings and not each.name.startswith(".") and each.is_file():
-            found.append(each)
+    some = (each for each in sorted(folder.rglob("*")) if each.suffix.lower() in endings)
+    found = [each for each in some if not each.name.startswith(".") and each.is_file()]
     if not found:
         raise InputError(f"{folder} holds no {' or '.join(endings)} files; give the folder of {noun}")
     if len(found) > MAX_FILES:

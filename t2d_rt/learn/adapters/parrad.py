@@ -14,6 +14,7 @@ The file holds for each radar a map of (row, Doppler bin), a row every 0.09 s, b
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -21,6 +22,7 @@ import numpy as np
 
 from t2d_rt.core.checks import array
 from t2d_rt.core.errors import InputError
+from t2d_rt.learn.adapters.arrays import npz_arrays
 from t2d_rt.learn.adapters.interface import Adapter, AdapterOptions, class_names, class_of
 from t2d_rt.learn.maps import LabelledMaps, check_varied
 
@@ -42,10 +44,16 @@ DETECTION_DB = 1.25
 """Mean level over ranges above the noise that counts as moving power."""
 
 FIVE = {
-    "walk to bed": "walk", "walk to room": "walk", "walk to chair": "walk", "sit down on bed": "sit down",
-    "sit down on chair": "sit down", "stand up from bed": "stand up", "stand up from chair": "stand up",
-    "fall on floor of room": "fall", "stand up from floor of room": "get up",
-}  # fmt: skip
+    "walk to bed": "walk",
+    "walk to room": "walk",
+    "walk to chair": "walk",
+    "sit down on bed": "sit down",
+    "sit down on chair": "sit down",
+    "stand up from bed": "stand up",
+    "stand up from chair": "stand up",
+    "fall on floor of room": "fall",
+    "stand up from floor of room": "get up",
+}
 """Class of each command, five classes."""
 FOUR = {label: "sit or stand" if name in ("sit down", "stand up") else name for label, name in FIVE.items()}
 """Four classes: sitting down and standing up are one."""
@@ -56,30 +64,32 @@ def read_parrad(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list
 
     Size, speeds and duration of the options are left aside: maps are (128, 56), of the radar's own bins and rows.
     """
-    chosen = options if options.classes is not None else AdapterOptions(classes=FIVE)
+    if options.classes is None:
+        options = replace(options, classes=FIVE)
     found = _loaded(path)
     labels = [str(each) for each in found["labels"]]
-    classes = class_names(labels, chosen, path)
+    classes = class_names(labels, options, path)
     floors = {radar: _above_floor(found[radar]) for radar in RADARS}
     begins = aligned(found["starts"], found["stops"], floors)
-    levels, numbers, events, radars, names = [], [], [], [], []
-    for number, label in enumerate(labels):
-        name = class_of(label, chosen)
-        if name is None:
-            continue
-        for radar in RADARS:
-            piece = floors[radar][begins[number] : begins[number] + ROWS].T
-            levels.append(np.maximum(piece - piece.max(), -options.dynamic_range_db))
-            check_varied(levels[-1], f"{path}: {radar} in event {number}")
-            numbers.append(classes.index(name))
-            events.append(f"event {number}")
-            radars.append(radar)
-            names.append(f"{number} {radar} {label}")
+    chosen = [(event, label) for event, label in enumerate(labels) if class_of(label, options) is not None]
+    each_map = [(event, label, radar) for event, label in chosen for radar in RADARS]
+    levels = []
+    for event, _, radar in each_map:
+        piece = floors[radar][begins[event] : begins[event] + ROWS].T
+        levels.append(np.maximum(piece - piece.max(), -options.dynamic_range_db))
+        check_varied(levels[-1], f"{path}: {radar} in event {event}")
     maps = LabelledMaps(
-        levels=np.stack(levels), labels=np.array(numbers), classes=classes,
-        groups={"event": np.array(events), "radar": np.array(radars)}, velocity_mps=(np.arange(BINS) - ZERO_BIN) * BIN_MPS,
-        duration_s=ROWS * ROW_S, names=tuple(names),
-    )  # fmt: skip
+        levels=np.stack(levels),
+        labels=np.array([classes.index(str(class_of(label, options))) for _, label, _ in each_map]),
+        classes=classes,
+        groups={
+            "event": np.array([f"event {event}" for event, _, _ in each_map]),
+            "radar": np.array([radar for _, _, radar in each_map]),
+        },
+        velocity_mps=(np.arange(BINS) - ZERO_BIN) * BIN_MPS,
+        duration_s=ROWS * ROW_S,
+        names=tuple(f"{event} {radar} {label}" for event, label, radar in each_map),
+    )
     return maps, [path]
 
 
@@ -120,18 +130,12 @@ def _above_floor(values: np.ndarray) -> np.ndarray:
 
 
 def _loaded(path: Path) -> dict[str, np.ndarray]:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            found = {name: file[name] for name in (*RADARS, "starts", "stops", "labels")}
-    except KeyError as error:
-        lacks = str(error.args[0]).split(" ")[0]
-        raise InputError(
-            f"{path} is no PARrad file: it lacks {lacks}; it needs wr14, wr68, starts, stops and labels"
-        ) from None
-    except Exception as error:  # NumPy and zipfile raise what they like of a damaged file
-        raise InputError(
-            f"cannot read PARrad file {path}: {error or type(error).__name__}; give an .npz file"
-        ) from None
+    """Maps of both radars (row, bin), and the commands, all of them checked."""
+    needed = (*RADARS, "starts", "stops", "labels")
+    found = npz_arrays(path, needed)
+    for name in needed:
+        if name not in found:
+            raise InputError(f"{path} is no PARrad file: it lacks {name}; it needs {', '.join(needed)}")
     for radar in RADARS:
         found[radar] = array(
             f"{radar} of {path}", found[radar], ("row", BINS), limit=1e6, hint="give the recording as it was published"

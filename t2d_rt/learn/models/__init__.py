@@ -1,9 +1,153 @@
-"""Networks that classify spectrograms, one file each; a new file is a new model.
+"""Networks that classify spectrograms, by name; and parameters and operations of a network, counted as it runs.
 
-Each file has ABOUT, a `ModelCard`, and `build(classes, size, channels)`, which gives a torch module from maps
-(N, channels, speed, time), 1 at the greatest cell and 0 at the end of the dynamic range, to scores (N, classes).
+A network is its card and a call that makes it untrained: from maps (N, channels, speed, time), 1 at the greatest cell and 0 at the
+end of the dynamic range, to scores (N, classes). Those of other packages are modules with ABOUT, a `ModelCard`, and
+`build(classes, size, channels)` (docs/extend.md).
 """
 
-from t2d_rt.learn.models.registry import Count, ModelCard, Printed, build, card, count, model_names
+from __future__ import annotations
 
-__all__ = ["Count", "ModelCard", "Printed", "build", "card", "count", "model_names"]
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from t2d_rt.core.checks import integer, unknown_name
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.plugins import loaded, plugins
+from t2d_rt.learn.maps import checked_size
+from t2d_rt.learn.pytorch import require_learning
+
+if TYPE_CHECKING:
+    from torch import nn
+
+OWN = {
+    "conv1d-alstm-fcn": "recurrent.CONV1D_ALSTM_FCN",
+    "conv1d-lstm": "recurrent.CONV1D_LSTM",
+    "crnn": "recurrent.CRNN",
+    "envelope": "envelope.ENVELOPE",
+    "resnet18": "pictures.RESNET_18",
+    "streaming": "streaming.STREAMING",
+    "vgg-7": "pictures.VGG_7",
+    "vit-tiny": "pictures.VIT_TINY",
+}
+"""Module and value of each network, which loads PyTorch."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Printed:
+    """What Table III of Text2Doppler prints of a model; the headers of its last two columns are exchanged there."""
+
+    simple: float
+    """Accuracy on Simple [%]."""
+    hard: float
+    """Accuracy on Hard [%]."""
+    gflops: float
+    """Multiplications with their additions [1e9]."""
+    mparams: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelCard:
+    """What a model is."""
+
+    title: str
+    source: str
+    """Where its structure is from."""
+    least_size: int = 16
+    """Cells of speed and of time at least."""
+    usual_size: int = 64
+    """Cells of speed and of time that `t2d-rt train` takes."""
+    counted_at: tuple[int, int, int] = (3, 224, 224)
+    """Channels, speed and time at which it is counted beside the table."""
+    printed: Printed | None = None
+    note: str = ""
+    """Why its figures differ from the printed ones, where they do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Network:
+    """A model by its card, and how it is made."""
+
+    about: ModelCard
+    build: Callable[[int, tuple[int, int], int], nn.Module]
+    """From classes, cells (speed, time) and channels."""
+
+
+def model_names() -> list[str]:
+    """Names of the models, those of other packages included."""
+    return sorted([*OWN, *plugins("models", OWN)])
+
+
+def card(name: str) -> ModelCard:
+    """What a model is, by its name."""
+    return _network(name).about
+
+
+def build(name: str, classes: int, size: tuple[int, int] = (64, 64), channels: int = 1) -> nn.Module:
+    """An untrained model of so many classes, for maps of so many cells of speed and time.
+
+    Raises InputError for an unknown name, for maps that are too small, and where PyTorch is not installed.
+    """
+    network, wanted = _network(name), checked_size(size)
+    integer("classes", classes, 2, 10_000)
+    least = network.about.least_size
+    if min(wanted) < least:
+        raise InputError(
+            f"{name} needs maps of {least} x {least} cells or more, got {wanted[0]} x {wanted[1]}; resize them"
+        )
+    return network.build(classes, wanted, integer("channels", channels, 1, 16))
+
+
+def _network(name: str) -> Network:
+    others = plugins("models", OWN)
+    wanted = str(name).lower().replace("_", "-")
+    if wanted not in OWN and wanted not in others:
+        raise unknown_name("model", name, model_names())
+    require_learning()
+    if wanted in OWN:
+        module, value = OWN[wanted].split(".")
+        own: Network = getattr(import_module(f"t2d_rt.learn.models.{module}"), value)
+        return own
+    found = loaded(others[wanted])
+    if not isinstance(getattr(found, "ABOUT", None), ModelCard) or not callable(getattr(found, "build", None)):
+        raise InputError(
+            f"the model {wanted} of another package must have ABOUT, a ModelCard, and build; see docs/extend.md"
+        )
+    return Network(found.ABOUT, found.build)
+
+
+@dataclass(frozen=True, slots=True)
+class Count:
+    """What a network has and does for one map."""
+
+    parameters: int
+    gflops: float
+    """Multiplications with their additions [1e9], of convolutions, matrix products and recurrent layers; the tables of such
+    networks print these as GFLOPs."""
+    attention_gflops: float
+    """Those of the products of attention among them; some counters add these twice."""
+
+
+def count(network: nn.Module, size: tuple[int, int, int]) -> Count:
+    """Counts of a network at an input of channels, speed and time."""
+    require_learning()
+    import warnings
+
+    import torch
+    from torch.utils.flop_counter import FlopCounterMode
+
+    before = network.training
+    network.eval()
+    # Without oneDNN an LSTM runs as matrix products, which are counted; with it as one operation, which is not.
+    with_onednn = not any(isinstance(each, torch.nn.LSTM) for each in network.modules())
+    with warnings.catch_warnings(), torch.no_grad(), FlopCounterMode(display=False) as counter:
+        # PyTorch warns so when oneDNN is switched, on any machine without Intel's GPU.
+        warnings.filterwarnings("ignore", message="TF32 acceleration")
+        with torch.backends.mkldnn.flags(enabled=with_onednn):
+            network(torch.zeros(1, *size))
+    network.train(before)
+    found = {str(kind): value for kind, value in counter.get_flop_counts()["Global"].items()}
+    attention = sum(value for kind, value in found.items() if "bmm" in kind or "attention" in kind)
+    parameters = sum(each.numel() for each in network.parameters())
+    return Count(parameters, sum(found.values()) / 2e9, attention / 2e9)

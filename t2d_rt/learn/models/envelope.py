@@ -10,15 +10,8 @@ from torch import Tensor, nn
 
 from t2d_rt.core.errors import InputError
 from t2d_rt.learn.features import band_features, check_steps, features
-from t2d_rt.learn.models.registry import ModelCard
+from t2d_rt.learn.models import ModelCard, Network
 
-ABOUT = ModelCard(
-    title="envelope",
-    source="of this project: features as radar work has them since Kim and Ling (2009), a perceptron of one hidden layer",
-    usual_size=128,
-    counted_at=(1, 128, 128),
-    note="Features are no layers: they are not counted, nor are gradients taken through them.",
-)
 WIDTH = 512
 DROPPED_FEATURES, DROPPED = 0.2, 0.5
 FARTHEST = 4.0
@@ -50,9 +43,13 @@ class Envelope(nn.Module):
         count = channels * len(self._features(np.linspace(-RANGE_DB, 0.0, size[0] * size[1]).reshape(size)))
         self.scaled = nn.BatchNorm1d(count, affine=False, momentum=None)
         self.layers = nn.Sequential(
-            nn.Dropout(DROPPED_FEATURES), nn.Linear(count, WIDTH), nn.BatchNorm1d(WIDTH), nn.ReLU(),
-            nn.Dropout(DROPPED), nn.Linear(WIDTH, classes),
-        )  # fmt: skip
+            nn.Dropout(DROPPED_FEATURES),
+            nn.Linear(count, WIDTH),
+            nn.BatchNorm1d(WIDTH),
+            nn.ReLU(),
+            nn.Dropout(DROPPED),
+            nn.Linear(WIDTH, classes),
+        )
 
     def set_axes(self, velocity_mps: np.ndarray, duration_s: float) -> None:
         """Speeds of the rows [m/s] and what a map covers [s], which are kept with the weights.
@@ -95,6 +92,13 @@ class Envelope(nn.Module):
         return np.nan_to_num(np.array([*found.values()], dtype=np.float32))
 
 
-def build(classes: int, size: tuple[int, int], channels: int) -> nn.Module:
-    """The untrained network for maps of this size."""
-    return Envelope(classes, size, channels)
+ENVELOPE = Network(
+    ModelCard(
+        title="envelope",
+        source="of this project: features as radar work has them since Kim and Ling (2009), a perceptron of one hidden layer",
+        usual_size=128,
+        counted_at=(1, 128, 128),
+        note="Features are no layers: they are not counted, nor are gradients taken through them.",
+    ),
+    Envelope,
+)

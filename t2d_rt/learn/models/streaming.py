@@ -1,4 +1,7 @@
-"""A small causal network for a radar that runs on: it takes one column of a spectrogram at a time and tells the class so far."""
+"""A small causal network for a radar that runs on: it takes one column of a spectrogram at a time and tells the class so far.
+
+Maps may have any duration.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from t2d_rt.learn.models.registry import ModelCard
+from t2d_rt.learn.models import ModelCard, Network
 
-ABOUT = ModelCard(
-    title="streaming",
-    source="of this project: dilated causal convolutions (van den Oord et al. 2016) and a GRU (Cho et al. 2014)",
-    counted_at=(1, 64, 64),
-)
 WIDTH, TAPS, DILATIONS = 64, 3, (1, 2, 4)
 
 
@@ -36,13 +34,17 @@ class StreamState:
 class Streaming(nn.Module):
     """Speeds of a column to 64 features, convolutions over the past, a GRU; mean and greatest of its outputs make the scores."""
 
-    def __init__(self, classes: int, speeds: int, channels: int) -> None:
+    def __init__(self, classes: int, size: tuple[int, int], channels: int) -> None:
         super().__init__()
         self.column = nn.Sequential(
-            nn.Conv2d(channels, 8, (5, 1), stride=(2, 1), padding=(2, 0)), nn.BatchNorm2d(8), nn.ReLU(),
-            nn.Conv2d(8, 16, (5, 1), stride=(2, 1), padding=(2, 0)), nn.BatchNorm2d(16), nn.ReLU(),
-        )  # fmt: skip
-        self.mixed = nn.Sequential(nn.Conv1d(16 * (-(-speeds // 4)), WIDTH, 1), nn.BatchNorm1d(WIDTH), nn.ReLU())
+            nn.Conv2d(channels, 8, (5, 1), stride=(2, 1), padding=(2, 0)),
+            nn.BatchNorm2d(8),
+            nn.ReLU(),
+            nn.Conv2d(8, 16, (5, 1), stride=(2, 1), padding=(2, 0)),
+            nn.BatchNorm2d(16),
+            nn.ReLU(),
+        )
+        self.mixed = nn.Sequential(nn.Conv1d(16 * (-(-size[0] // 4)), WIDTH, 1), nn.BatchNorm1d(WIDTH), nn.ReLU())
         self.causal = nn.ModuleList(nn.Conv1d(WIDTH, WIDTH, TAPS, dilation=each) for each in DILATIONS)
         self.norms = nn.ModuleList(nn.BatchNorm1d(WIDTH) for _ in DILATIONS)
         self.recurrent = nn.GRU(WIDTH, WIDTH, batch_first=True)
@@ -56,11 +58,13 @@ class Streaming(nn.Module):
     def begun(self, count: int, like: Tensor | None = None) -> StreamState:
         """The state before the first column of so many maps."""
         base = self.head.weight if like is None else like
-        before = tuple(base.new_zeros(count, WIDTH, (TAPS - 1) * each) for each in DILATIONS)
         return StreamState(
-            before, base.new_zeros(1, count, WIDTH), base.new_zeros(count, WIDTH),
-            base.new_full((count, WIDTH), -torch.inf), 0,
-        )  # fmt: skip
+            before=tuple(base.new_zeros(count, WIDTH, (TAPS - 1) * each) for each in DILATIONS),
+            hidden=base.new_zeros(1, count, WIDTH),
+            total=base.new_zeros(count, WIDTH),
+            greatest=base.new_full((count, WIDTH), -torch.inf),
+            count=0,
+        )
 
     def step(self, columns: Tensor, state: StreamState) -> tuple[Tensor, StreamState]:
         """Scores after one or more further columns (N, channels, speed, T), and the state there."""
@@ -78,6 +82,11 @@ class Streaming(nn.Module):
         return scores, StreamState(tuple(before), hidden, total, greatest, count)
 
 
-def build(classes: int, size: tuple[int, int], channels: int) -> nn.Module:
-    """The network; it takes maps of any duration."""
-    return Streaming(classes, size[0], channels)
+STREAMING = Network(
+    ModelCard(
+        title="streaming",
+        source="of this project: dilated causal convolutions (van den Oord et al. 2016) and a GRU (Cho et al. 2014)",
+        counted_at=(1, 64, 64),
+    ),
+    Streaming,
+)
