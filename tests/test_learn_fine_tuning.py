@@ -11,7 +11,7 @@ import torch
 from learn_maps import SPEEDS, TIMES, two_radars
 from t2d_rt.core.errors import InputError
 from t2d_rt.learn import fine_tuning
-from t2d_rt.learn.fine_tuning import STRATEGIES, EventNet, Events, SkipTuned, fine_tune, labels_of, pretrain
+from t2d_rt.learn.fine_tuning import STRATEGIES, EventNet, Events, Top, fine_tune, labels_of, pretrain
 from t2d_rt.learn.scores import macro_f1
 
 
@@ -50,7 +50,7 @@ def test_a_skip_connection_begins_as_the_pretrained_network() -> None:
     inputs = torch.rand(2, 2, 64, TIMES)
     with torch.no_grad():
         encoded = net.encoded(inputs)
-        assert torch.equal(SkipTuned(net)(encoded), net(inputs))
+        assert torch.equal(Top(net.penultimate, net.head, beside=True)(encoded), net(inputs))
     # The order of the radars does not matter: one encoder, features averaged.
     with torch.no_grad():
         assert torch.allclose(net(inputs.flip(1)), net(inputs), atol=1e-6)

@@ -28,7 +28,7 @@ def test_sizes_are_those_of_table_iii(name: str) -> None:
     assert about.printed is not None
     parameters, gflops = found.parameters / 1e6, found.gflops
     if name == "vit-tiny":  # the two differences that its note tells
-        from t2d_rt.learn.models.vit_tiny import IDLE_PARAMETERS
+        from t2d_rt.learn.models.pictures import IDLE_PARAMETERS
 
         assert parameters == pytest.approx(5.52, abs=0.01)
         parameters += IDLE_PARAMETERS / 1e6
@@ -46,7 +46,7 @@ def test_operations_of_a_layer_in_closed_form() -> None:
     assert found.gflops * 1e9 == pytest.approx(convolution + recurrent)
 
 
-def test_every_file_of_the_folder_is_a_model() -> None:
+def test_all_networks_are_built_by_name() -> None:
     assert tuple(model_names()) == NETWORKS
     for name in NETWORKS:
         scores = build(name, 3, (48, 48)).eval()(torch.zeros(2, 1, 48, 48))

@@ -57,9 +57,12 @@ def record_of(recording: Recording, name: str, processing: Mapping[str, Any]) ->
     options = {"mti": MTI, **recording.processing, **processing}
     image = spectrogram(recording.cube, recording.radar, **options)
     return BackgroundRecord.of(
-        name, image.power, Grid.of_columns(image.velocity_mps, image.time_s), carrier_hz=recording.radar.carrier_hz,
+        name,
+        image.power,
+        Grid.of_columns(image.velocity_mps, image.time_s),
+        carrier_hz=recording.radar.carrier_hz,
         calibrated=recording.experiment is not None,
-    )  # fmt: skip
+    )
 
 
 def _record(
@@ -111,9 +114,15 @@ def empty_room(seed: int, *, duration_s: float = 5.0, radar: Radar | None = None
     movers = movers_of(scene, rng)
     targets = [each.mesh(0, duration_s) for each in movers] or [_static(duration_s)]
     found = simulate(
-        targets, radar=radar, scene=scene, reflections=0, collisions="ignore", accuracy=ACCURACY, seed=seed,
+        targets,
+        radar=radar,
+        scene=scene,
+        reflections=0,
+        collisions="ignore",
+        accuracy=ACCURACY,
+        seed=seed,
         measure_error=False,
-    )  # fmt: skip
+    )
     cube = np.asarray(found.cube) + receiver_noise(found.cube.shape, radar, rng)
     settings = {**found.settings, "movers": [each.model_dump(mode="json") for each in movers]}
     return Recording(cube, radar, settings=settings, versions=found.versions)

@@ -34,9 +34,19 @@ FORMATS: tuple[Format, ...] = get_args(Format)
 ALL = "all"
 """Name of the one side of a data set that is not split."""
 LABELS = (
-    "file", "index", "class", "label", "condition", "description", "sentence", "seed", "distance_m", "angle_deg", "snr_db",
+    "file",
+    "index",
+    "class",
+    "label",
+    "condition",
+    "description",
+    "sentence",
+    "seed",
+    "distance_m",
+    "angle_deg",
+    "snr_db",
     "passed",
-)  # fmt: skip
+)
 """Columns of labels.csv, before those of the picture's axes and levels."""
 
 
@@ -169,9 +179,11 @@ def _write_npz(dataset: Dataset, path: Path, positions: np.ndarray, products: Se
     """PATH.npz with arrays by product, and PATH.jsonl with the records."""
     records = [dataset.records[place] for place in positions]
     small: dict[str, Any] = {
-        "label": dataset.labels[positions], "classes": np.array(dataset.classes), "index": dataset.indices[positions],
+        "label": dataset.labels[positions],
+        "classes": np.array(dataset.classes),
+        "index": dataset.indices[positions],
         "sentence": np.array([each["sentence"] for each in records]),
-    }  # fmt: skip
+    }
     if "truth" in products:
         small["truth_columns"] = np.array(TRUTH_COLUMNS)
     for product in products:

@@ -384,11 +384,14 @@ class _Run:
         names = [f"{shard_name(number)}.{kind}" for number in sorted(self._counts) for kind in ("npz", "jsonl")]
         samples, failed = (sum(each[place] for each in self._counts.values()) for place in (0, 1))
         found = {
-            "recipe": self._recipe.name, "recipe_hash": self._recipe.hash, "versions": versions(), "inputs": self._inputs,
+            "recipe": self._recipe.name,
+            "recipe_hash": self._recipe.hash,
+            "versions": versions(),
+            "inputs": self._inputs,
             "samples": samples,
             "failed": failed,
             "files": {name: self._files[name] for name in names},
-        }  # fmt: skip
+        }
         write_whole(self._folder / MANIFEST, (json.dumps(found, indent=1) + "\n").encode())
 
     def write_log(self) -> None:

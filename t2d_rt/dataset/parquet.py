@@ -25,10 +25,21 @@ GROUP, GROUP_BYTES = 64, 64_000_000
 """Samples of a row group, which readers take into memory at once, and their bytes as far as one sample has no more."""
 
 COLUMNS = {
-    "index": "int64", "label": "class", "condition": "string", "description": "int64", "sentence": "string", "provider": "string",
-    "body": "string", "seed": "int64", "distance_m": "float64", "angle_deg": "float64", "duration_s": "float64",
-    "snr_db": "float64", "error_db": "float64", "passed": "bool",
-}  # fmt: skip
+    "index": "int64",
+    "label": "class",
+    "condition": "string",
+    "description": "int64",
+    "sentence": "string",
+    "provider": "string",
+    "body": "string",
+    "seed": "int64",
+    "distance_m": "float64",
+    "angle_deg": "float64",
+    "duration_s": "float64",
+    "snr_db": "float64",
+    "error_db": "float64",
+    "passed": "bool",
+}
 """What is told of each sample beside its arrays, and as what."""
 RECORD = "record"
 """The column that holds the whole record as JSON."""

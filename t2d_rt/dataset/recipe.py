@@ -254,8 +254,11 @@ def _meshes(scene: Path) -> list[Path]:
 
 
 LIMITS = {
-    "angles_deg": (-360.0, 360.0), "heights_m": (0.05, 10.0), "distances_m": (0.5, 100.0), "gait_factors": (0.25, 4.0),
-}  # fmt: skip
+    "angles_deg": (-360.0, 360.0),
+    "heights_m": (0.05, 10.0),
+    "distances_m": (0.5, 100.0),
+    "gait_factors": (0.25, 4.0),
+}
 """Of the ranges that a recipe draws from."""
 
 

@@ -145,9 +145,14 @@ def _starts(motion: Motion, length_s: float) -> list[float]:
 def provenance(found: SampleMotion) -> Mapping[str, object]:
     """What a record tells of it."""
     return {
-        "passed": found.passed, "reasons": list(found.reasons), "attempts": found.attempts, "made_s": round(found.made_s, 6),
-        "start_s": found.source.start_s, "held_s": found.source.hold_s, "sources": list(found.origin),
-    }  # fmt: skip
+        "passed": found.passed,
+        "reasons": list(found.reasons),
+        "attempts": found.attempts,
+        "made_s": round(found.made_s, 6),
+        "start_s": found.source.start_s,
+        "held_s": found.source.hold_s,
+        "sources": list(found.origin),
+    }
 
 
 TRIES = 60
@@ -290,18 +295,28 @@ def interferer(beside: Beside, recipe: Recipe, number: int) -> Mover | MotionTex
         place = between(2.5, 4.0), side * between(0.8, 1.4), 0.0
         animal: Literal["dog", "cat"] = "dog" if rng.random() < 0.5 else "cat"
         return Pet(
-            animal=animal, position_m=place, heading_deg=between(0, 360), speed_mps=between(0.4, 0.9),
+            animal=animal,
+            position_m=place,
+            heading_deg=between(0, 360),
+            speed_mps=between(0.4, 0.9),
             turn_radius_m=CIRCLE_RADIUS_M[animal],
-        )  # fmt: skip
+        )
     if beside == "person":
         walks = reserved_walks(recipe)
         walk = walks[int(rng.integers(len(walks)))]
         body, stature_m = drawn_person(walk.subject, rng)
         return MotionText(
-            text=walk.sentence, seed=integer_seed(recipe.seeds(number, "second person")), body=body, stature_m=round(stature_m, 4),
-            duration_s=recipe.duration_s, distance_m=between(2.5, 4.5), angle_deg=between(-180, 180),
-            aside_m=side * between(1.2, 1.8), hold_s=recipe.duration_s, stop_s=recipe.duration_s,
-        )  # fmt: skip
+            text=walk.sentence,
+            seed=integer_seed(recipe.seeds(number, "second person")),
+            body=body,
+            stature_m=round(stature_m, 4),
+            duration_s=recipe.duration_s,
+            distance_m=between(2.5, 4.5),
+            angle_deg=between(-180, 180),
+            aside_m=side * between(1.2, 1.8),
+            hold_s=recipe.duration_s,
+            stop_s=recipe.duration_s,
+        )
     return None
 
 
@@ -351,9 +366,13 @@ def cell_of(recipe: Recipe, index: int) -> Cell:
         rng = np.random.default_rng(recipe.seeds(number, "condition"))
         chosen = int(rng.choice(len(weights), p=weights / weights.sum()))
     return Cell(
-        index=index, activity=recipe.classes[class_number], description=description, repetition=repetition, number=number,
+        index=index,
+        activity=recipe.classes[class_number],
+        description=description,
+        repetition=repetition,
+        number=number,
         condition=recipe.conditions[chosen],
-    )  # fmt: skip
+    )
 
 
 def description_of(recipe: Recipe, cell: Cell) -> Description:
@@ -373,16 +392,25 @@ def sample(recipe: Recipe, index: int) -> Sample:
     )
     beside = interferer(condition.beside, recipe, cell.number)
     experiment = Experiment(
-        targets=(source,) if beside is None else (source, beside), radar=radar, scene=condition.scene,
-        reflections=condition.reflections, clutter=condition.clutter, method=condition.method,
-        body=source.body or "adult", seed=integer_seed(recipe.seeds(index, "diffuse points and noise")),
+        targets=(source,) if beside is None else (source, beside),
+        radar=radar,
+        scene=condition.scene,
+        reflections=condition.reflections,
+        clutter=condition.clutter,
+        method=condition.method,
+        body=source.body or "adult",
+        seed=integer_seed(recipe.seeds(index, "diffuse points and noise")),
         noise=recipe.noise,
-    )  # fmt: skip
+    )
     chance = float(np.random.default_rng(recipe.seeds(index, "error")).random())
     return Sample(
-        cell=cell, description=description_of(recipe, cell), cut=found, place=place, experiment=experiment,
+        cell=cell,
+        description=description_of(recipe, cell),
+        cut=found,
+        place=place,
+        experiment=experiment,
         measured=chance < recipe.error_fraction,
-    )  # fmt: skip
+    )
 
 
 def _raised(radar: Radar, height_m: float) -> Radar:

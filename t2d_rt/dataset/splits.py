@@ -71,9 +71,11 @@ class Split:
     def to_json(self) -> str:
         """Text that `read_split` takes."""
         values = {
-            "apart": list(self.apart), "sides": {name: list(each) for name, each in self.sides.items()},
-            "left_out": list(self.left_out), "shared": dict(self.shared),
-        }  # fmt: skip
+            "apart": list(self.apart),
+            "sides": {name: list(each) for name, each in self.sides.items()},
+            "left_out": list(self.left_out),
+            "shared": dict(self.shared),
+        }
         return json.dumps(values) + "\n"
 
 
@@ -108,8 +110,10 @@ def traits(record: Mapping[str, Any], apart: Collection[Kind]) -> frozenset[tupl
     second = record.get("second_person")  # whose sentences are no sample's label
     seeds = [record["seed"], *([] if second is None else [second["seed"]])]
     found: dict[Kind, Iterable[str]] = {
-        "description": (str(record["sentence"]),), "clip": source_clips(record), "seed": map(str, seeds),
-    }  # fmt: skip
+        "description": (str(record["sentence"]),),
+        "clip": source_clips(record),
+        "seed": map(str, seeds),
+    }
     return frozenset((kind, value) for kind in apart for value in found[kind])
 
 

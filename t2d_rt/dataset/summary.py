@@ -115,7 +115,9 @@ def summarise(dataset: Dataset | str | Path) -> Summary:
     source = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     records = source.records
     return Summary(
-        name=source.recipe.name, samples=len(source), wanted=source.recipe.samples,
+        name=source.recipe.name,
+        samples=len(source),
+        wanted=source.recipe.samples,
         failures=tuple(str(each["failure"]) for each in source.failed),
         classes=tuple(_class(source, number) for number in range(len(source.classes))),
         conditions=dict(Counter(str(each["condition"]) for each in records)),
@@ -123,7 +125,7 @@ def summarise(dataset: Dataset | str | Path) -> Summary:
         clips=len(frozenset[str]().union(*(source_clips(each) for each in records))),
         groups=tuple(sorted(map(len, grouped(records, KINDS)), reverse=True)),
         seconds_left=_seconds_left(source),
-    )  # fmt: skip
+    )
 
 
 def _class(dataset: Dataset, number: int) -> ClassSummary:
@@ -136,12 +138,16 @@ def _class(dataset: Dataset, number: int) -> ClassSummary:
         else np.zeros((0, 2))
     ).reshape(-1, 2)
     return ClassSummary(
-        name=dataset.classes[number], samples=len(records), descriptions=len({each["sentence"] for each in records}),
+        name=dataset.classes[number],
+        samples=len(records),
+        descriptions=len({each["sentence"] for each in records}),
         passed=sum(bool(each["passed"]) for each in records),
         reason=reasons.most_common(1)[0][0] if reasons else None,
-        made_s=_known(records, "made_s"), snr_db=_known(records, "snr_db"),
-        lower_mps=extents[:, 0], upper_mps=extents[:, 1],
-    )  # fmt: skip
+        made_s=_known(records, "made_s"),
+        snr_db=_known(records, "snr_db"),
+        lower_mps=extents[:, 0],
+        upper_mps=extents[:, 1],
+    )
 
 
 def extent(dataset: Dataset, position: int) -> tuple[float, float]:
@@ -320,6 +326,15 @@ def _boxes(axes: Axes, values: list[np.ndarray], colour: str) -> None:
     """Quartiles as a box, 5 and 95 % as whiskers."""
     style = {"color": colour}
     axes.boxplot(
-        values, positions=np.arange(len(values)), orientation="horizontal", whis=(5, 95), widths=0.55, showfliers=False,
-        boxprops=style, whiskerprops=style, capprops=style, medianprops={"color": "black"}, manage_ticks=False,
-    )  # fmt: skip
+        values,
+        positions=np.arange(len(values)),
+        orientation="horizontal",
+        whis=(5, 95),
+        widths=0.55,
+        showfliers=False,
+        boxprops=style,
+        whiskerprops=style,
+        capprops=style,
+        medianprops={"color": "black"},
+        manage_ticks=False,
+    )

@@ -57,9 +57,13 @@ def view(recording: Recording, recipe: Recipe, index: int) -> View | None:
         details["background"] = settings
     if recipe.masks is not None:
         occluded = occlude(
-            power, time_s, recipe.masks, seed=integer_seed(recipe.seeds(index, "masks")),
-            fill="zeros" if added is None else "background", background_power=added,
-        )  # fmt: skip
+            power,
+            time_s,
+            recipe.masks,
+            seed=integer_seed(recipe.seeds(index, "masks")),
+            fill="zeros" if added is None else "background",
+            background_power=added,
+        )
         if added is None and occluded.columns.all():
             raise InputError(
                 "occluded windows cover the whole record and there is no background to show; give the recipe a background, or "
@@ -141,10 +145,15 @@ def _made(recipe: Recipe, plans: Plans, index: int) -> Made:
     cell = cell_of(recipe, index)
     wanted = description_of(recipe, cell)
     record: dict[str, Any] = {
-        "index": index, "class": cell.activity, "description": cell.description, "repetition": cell.repetition,
-        "motion": cell.number, "condition": cell.condition.name, "sentence": wanted.sentence,
+        "index": index,
+        "class": cell.activity,
+        "description": cell.description,
+        "repetition": cell.repetition,
+        "motion": cell.number,
+        "condition": cell.condition.name,
+        "sentence": wanted.sentence,
         "slots": wanted.model_dump(mode="json", by_alias=True, exclude={"sentence", "activity"}, exclude_none=True),
-    }  # fmt: skip
+    }
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", T2DWarning)
         try:
@@ -171,11 +180,20 @@ def _described(found: Sample) -> dict[str, Any]:
     """What a record tells of a sample before it is simulated."""
     source, place = found.cut.source, found.place
     return {
-        "provider": source.provider, "body": found.experiment.body, "stature_m": source.stature_m, "seed": source.seed,
-        "gait_factor": source.gait_factor, "angle_deg": place.angle_deg, "distance_m": place.distance_m,
-        "aside_m": place.aside_m, "height_m": place.height_m, "overlap_m": place.overlap_m,
-        **provenance(found.cut), "second_person": _second_person(found), "experiment": found.experiment.hash,
-    }  # fmt: skip
+        "provider": source.provider,
+        "body": found.experiment.body,
+        "stature_m": source.stature_m,
+        "seed": source.seed,
+        "gait_factor": source.gait_factor,
+        "angle_deg": place.angle_deg,
+        "distance_m": place.distance_m,
+        "aside_m": place.aside_m,
+        "height_m": place.height_m,
+        "overlap_m": place.overlap_m,
+        **provenance(found.cut),
+        "second_person": _second_person(found),
+        "experiment": found.experiment.hash,
+    }
 
 
 def _second_person(found: Sample) -> dict[str, Any] | None:

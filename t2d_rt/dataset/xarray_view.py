@@ -55,9 +55,10 @@ def xarray_view(dataset: Dataset, product: Product) -> xr.Dataset:
     for name in OF_RECORDS:
         coordinates[name] = "sample", np.array([_plain(each[name]) for each in dataset.records])
     coordinates["peak_db"] = (
-        "sample", np.array([each["peak_db"] for each in told]),
+        "sample",
+        np.array([each["peak_db"] for each in told]),
         {"units": "dB re 1 W", "long_name": "greatest cell"},
-    )  # fmt: skip
+    )
     renamed = list(dims)
     for place, (name, count) in enumerate(zip(dims, levels.shape[1:], strict=True)):
         if name in UNITS:
@@ -71,9 +72,10 @@ def xarray_view(dataset: Dataset, product: Product) -> xr.Dataset:
     data = indexing.LazilyIndexedArray(levels)
     about = {"units": "dB", "long_name": "power relative to the greatest cell"}
     return xr.Dataset(
-        {product: (("sample", *renamed), data, about)}, coords=coordinates,
+        {product: (("sample", *renamed), data, about)},
+        coords=coordinates,
         attrs={"recipe": dataset.recipe.name, "recipe_hash": dataset.recipe.hash, "classes": list(dataset.classes)},
-    )  # fmt: skip
+    )
 
 
 def _plain(value: Any) -> Any:

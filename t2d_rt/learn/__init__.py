@@ -42,13 +42,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-STUDIES = "benchmark", "fidelity", "gap", "transfer", "twins"
-"""Modules that were here, and are studies now."""
-
-
 def __getattr__(name: str) -> Any:
-    if name in STUDIES:
-        raise ImportError(f"t2d_rt.learn.{name} is validation.studies.{name} now, in a clone of t2d-rt")
     if name not in _HOME:
         raise AttributeError(f"module 't2d_rt.learn' has no attribute '{name}'")
     return public(getattr(import_module(_HOME[name]), name))

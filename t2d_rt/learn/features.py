@@ -53,9 +53,12 @@ def features(levels_db: np.ndarray, velocity_mps: np.ndarray, duration_s: float)
     mean = (power * velocity[:, None]).sum(axis=0) / total
     spread = np.sqrt((power * (velocity[:, None] - mean) ** 2).sum(axis=0) / total)
     lines = {
-        "torso": found.torso_mps, "mean": mean, "spread": spread, "bandwidth": found.upper_mps - found.lower_mps,
+        "torso": found.torso_mps,
+        "mean": mean,
+        "spread": spread,
+        "bandwidth": found.upper_mps - found.lower_mps,
         "asymmetry": found.upper_mps + found.lower_mps,
-    }  # fmt: skip
+    }
     step_s = duration_s / levels.shape[1]
     return {
         **_speeds(found.upper_mps, -found.lower_mps, lines),
@@ -74,10 +77,13 @@ def _speeds(upper: np.ndarray, lower: np.ndarray, lines: dict[str, np.ndarray]) 
     """Percentiles of the envelope's lines, and how they compare."""
     bandwidth, torso = lines["bandwidth"], np.abs(lines["torso"])
     spans = {
-        "outer": (np.maximum(upper, lower), (25, 50, 75, 95, 100)), "bandwidth": (bandwidth, (10, 50, 90)),
-        "torso": (torso, (25, 50, 75, 95)), "mean": (np.abs(lines["mean"]), (50, 95)), "spread": (lines["spread"], (10, 50, 90)),
+        "outer": (np.maximum(upper, lower), (25, 50, 75, 95, 100)),
+        "bandwidth": (bandwidth, (10, 50, 90)),
+        "torso": (torso, (25, 50, 75, 95)),
+        "mean": (np.abs(lines["mean"]), (50, 95)),
+        "spread": (lines["spread"], (10, 50, 90)),
         "both sides": (np.minimum(upper, lower), (50, 95)),
-    }  # fmt: skip
+    }
     found = {
         f"{name} {level}": _log(np.percentile(line, level))
         for name, (line, levels) in spans.items()
@@ -87,13 +93,18 @@ def _speeds(upper: np.ndarray, lower: np.ndarray, lines: dict[str, np.ndarray]) 
     middle = bandwidth.mean() + 0.1
     last = len(bandwidth) // 5
     return found | {
-        "net": _log(abs(lines["torso"].mean())), "range of the torso": _log(np.ptp(lines["torso"])),
-        "one way": float(max(mean_signs)), "other way": float(min(mean_signs)),
-        "asymmetry": abs(lines["asymmetry"].mean()) / middle, "burst": bandwidth.std() / middle,
-        "peak": _log(bandwidth.max() / middle), "active": float(np.mean(bandwidth > 0.6)), "busy": float(np.mean(bandwidth > 1.5)),
+        "net": _log(abs(lines["torso"].mean())),
+        "range of the torso": _log(np.ptp(lines["torso"])),
+        "one way": float(max(mean_signs)),
+        "other way": float(min(mean_signs)),
+        "asymmetry": abs(lines["asymmetry"].mean()) / middle,
+        "burst": bandwidth.std() / middle,
+        "peak": _log(bandwidth.max() / middle),
+        "active": float(np.mean(bandwidth > 0.6)),
+        "busy": float(np.mean(bandwidth > 1.5)),
         "end": _log(bandwidth[-last:].mean() / middle),
         "limbs": _log((np.percentile(bandwidth, 75) + 0.1) / (np.percentile(torso, 75) + 0.1)),
-    }  # fmt: skip
+    }
 
 
 def _profile(above: np.ndarray, power: np.ndarray, velocity: np.ndarray) -> dict[str, float]:
@@ -200,10 +211,14 @@ def activity_features(levels_db: np.ndarray, velocity_mps: np.ndarray, duration_
     step_s = duration_s / levels_db.shape[1]
     level = _smooth(lines.level, 5)
     return {
-        **_bursts(level, step_s), **_peak(lines, step_s), **_changes(lines, step_s), **_line_speeds(lines, np.abs(velocity_mps)),
+        **_bursts(level, step_s),
+        **_peak(lines, step_s),
+        **_changes(lines, step_s),
+        **_line_speeds(lines, np.abs(velocity_mps)),
         **_cadence({"width": lines.upper - lines.lower, "middle": lines.middle, "level": level}, step_s),
-        "contrast": lines.contrast_db / 10, "occupied": _log(lines.occupied, 0.005),
-    }  # fmt: skip
+        "contrast": lines.contrast_db / 10,
+        "occupied": _log(lines.occupied, 0.005),
+    }
 
 
 def _smooth(line: np.ndarray, width: int) -> np.ndarray:
@@ -228,9 +243,12 @@ def _bursts(level: np.ndarray, step_s: float) -> dict[str, float]:
     lengths = np.flatnonzero(change == -1) - np.flatnonzero(change == 1)
     longest = lengths.max() if len(lengths) else 0
     return {
-        "centre of the power": centre, "spread of the power": spread, "time of high power": float(high.mean()),
-        "bursts": _log(len(lengths)), "longest burst": _log(longest * step_s),
-    }  # fmt: skip
+        "centre of the power": centre,
+        "spread of the power": spread,
+        "time of high power": float(high.mean()),
+        "bursts": _log(len(lengths)),
+        "longest burst": _log(longest * step_s),
+    }
 
 
 def _peak(lines: Lines, step_s: float) -> dict[str, float]:
@@ -241,11 +259,12 @@ def _peak(lines: Lines, step_s: float) -> dict[str, float]:
     before, after = fraction[: max(fastest - away, 1)], fraction[fastest + away :]
     whole = fraction.mean() + 1e-12
     return {
-        "centre of the speed": centre, "spread of the speed": _log(spread, 0.02),
+        "centre of the speed": centre,
+        "spread of the speed": _log(spread, 0.02),
         "evenness of the speed": float(-(fraction * np.log(fraction + 1e-12)).sum()),
         "before the fastest": _log(before.mean() / whole, 0.05),
         "after the fastest": _log(after.mean() / whole if len(after) else 0.0, 0.05),
-    }  # fmt: skip
+    }
 
 
 def _changes(lines: Lines, step_s: float) -> dict[str, float]:
@@ -256,10 +275,11 @@ def _changes(lines: Lines, step_s: float) -> dict[str, float]:
     of_width = np.abs(np.gradient(_smooth(width, 3), step_s))
     return {
         "turns": _log(int((np.diff(sides) != 0).sum()), 1.0),
-        "acceleration 95": _log(np.percentile(of_mean, 95)), "acceleration 50": _log(np.percentile(of_mean, 50)),
+        "acceleration 95": _log(np.percentile(of_mean, 95)),
+        "acceleration 50": _log(np.percentile(of_mean, 50)),
         "acceleration of the limbs": _log(np.percentile(of_width, 90) / (np.percentile(width, 90) + 0.1)),
         "greatest mean": _log(np.percentile(np.abs(mean), 95)),
-    }  # fmt: skip
+    }
 
 
 def _line_speeds(lines: Lines, speed: np.ndarray) -> dict[str, float]:
@@ -289,9 +309,11 @@ def _cadence(lines: dict[str, np.ndarray], step_s: float) -> dict[str, float]:
         fraction = spectrum / (spectrum.sum() + 1e-12)
         strongest = int(np.argmax(fraction))
         found |= {
-            f"mean rate of the {name}": float((fraction * rates).sum()), f"rate of the {name}": float(rates[strongest]),
-            f"rhythm of the {name}": float(np.log(fraction[strongest] + 1e-3)), f"steps of the {name}": _log(float(steps.std())),
-        }  # fmt: skip
+            f"mean rate of the {name}": float((fraction * rates).sum()),
+            f"rate of the {name}": float(rates[strongest]),
+            f"rhythm of the {name}": float(np.log(fraction[strongest] + 1e-3)),
+            f"steps of the {name}": _log(float(steps.std())),
+        }
     return found
 
 
@@ -328,12 +350,15 @@ def band_features(levels_db: np.ndarray, velocity_mps: np.ndarray, duration_s: f
     coming, going = (_bands(each, speed, EDGES_MPS) for each in sides)
     both = decibel(10.0 ** (coming / 10.0) + 10.0 ** (going / 10.0))
     return {
-        **_levels("both sides", both), **_levels("weaker side", np.minimum(coming, going)),
+        **_levels("both sides", both),
+        **_levels("weaker side", np.minimum(coming, going)),
         **_numbered("one-sided", np.abs((coming - going).mean(axis=1))),
         **_numbered("difference of sides", np.abs(coming - going).mean(axis=1)),
-        **_likeness(both, step_s), **_band_modulation(sides, speed, step_s), **_body(above, velocity_mps, step_s),
+        **_likeness(both, step_s),
+        **_band_modulation(sides, speed, step_s),
+        **_body(above, velocity_mps, step_s),
         **_activity(both),
-    }  # fmt: skip
+    }
 
 
 def _above_noise(levels_db: np.ndarray, velocity_mps: np.ndarray) -> np.ndarray:
@@ -402,9 +427,12 @@ def _body(above: np.ndarray, velocity_mps: np.ndarray, step_s: float) -> dict[st
     ahead = track if last >= 0 else -track
     return {
         **_numbered("modulation of the mean speed", np.log(_spectrum(mean, step_s) + 0.002)),
-        "track": abs(last), "span of the track": float(np.ptp(track)), "beyond the end": float(ahead.max() - ahead[-1]),
-        "behind the start": float(-min(ahead.min(), 0.0)), "length of the track": float(np.abs(np.diff(track)).sum()),
-    }  # fmt: skip
+        "track": abs(last),
+        "span of the track": float(np.ptp(track)),
+        "beyond the end": float(ahead.max() - ahead[-1]),
+        "behind the start": float(-min(ahead.min(), 0.0)),
+        "length of the track": float(np.abs(np.diff(track)).sum()),
+    }
 
 
 def _activity(bands: np.ndarray) -> dict[str, float]:

@@ -78,9 +78,12 @@ def reliability_figure(scores: Scores, *, title: str) -> Figure:
     for confidence, right, count in used:
         ax.text(100 * confidence, min(100 * right + 1.5, 96), f"{count:.0f}", ha="center", fontsize=8)
     ax.set(
-        xlim=(0, 104), ylim=(0, 104), xlabel="confidence [%]", ylabel="accuracy [%]",
+        xlim=(0, 104),
+        ylim=(0, 104),
+        xlabel="confidence [%]",
+        ylabel="accuracy [%]",
         title=f"calibration error {100 * scores.calibration_error:.0f} points; numbers are samples",
-    )  # fmt: skip
+    )
     ax.title.set_fontsize(9)
     ax.legend(loc="upper left")
     figure.suptitle(title)

@@ -5,7 +5,7 @@ An event is what all radars of a room see of one motion. The four strategies dif
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 
@@ -79,9 +79,14 @@ class Events:
         if np.any(labels != labels[:, :1]):
             raise InputError("an event has maps of two classes; give each event one class")
         return cls(
-            levels=maps.levels[table], labels=labels[:, 0], classes=maps.classes, names=events, radars=radars,
-            velocity_mps=maps.velocity_mps, duration_s=maps.duration_s,
-        )  # fmt: skip
+            levels=maps.levels[table],
+            labels=labels[:, 0],
+            classes=maps.classes,
+            names=events,
+            radars=radars,
+            velocity_mps=maps.velocity_mps,
+            duration_s=maps.duration_s,
+        )
 
     def seen_by(self, radar: str) -> Events:
         """The maps of one radar alone."""
@@ -152,25 +157,28 @@ class EventNet(nn.Module):
         return self.head(torch.relu(self.penultimate(self.encoded(inputs))).mean(dim=1))
 
 
-class SkipTuned(nn.Module):
-    """Tuned layers on top of the frozen penultimate one, which a skip connection passes on beside them, and a tuned head.
+class Top(nn.Module):
+    """Penultimate layer and head of a network over what its convolutions told, with layers beside that a skip connection passes.
 
-    It begins as the pre-trained network: the last of the tuned layers has weights of zero. (A tuned layer that is added before the
-    nonlinearity would be the same as to tune the penultimate layer itself.)
+    Layers beside begin without effect: the last of them has weights of zero. (A layer that is added before the nonlinearity would
+    be the same as to tune the penultimate layer itself.)
     """
 
-    def __init__(self, net: EventNet) -> None:
+    def __init__(self, penultimate: nn.Linear, head: nn.Linear, *, beside: bool = False) -> None:
         super().__init__()
-        self.frozen = net.penultimate
-        self.tuned = nn.Sequential(nn.Linear(FEATURES, FEATURES), nn.ReLU(), nn.Linear(FEATURES, FEATURES))
-        nn.init.zeros_(self.tuned[2].weight)
-        nn.init.zeros_(self.tuned[2].bias)
-        self.head = net.head
+        self.penultimate, self.beside = penultimate, None
+        if beside:
+            self.beside = nn.Sequential(nn.Linear(FEATURES, FEATURES), nn.ReLU(), nn.Linear(FEATURES, FEATURES))
+            nn.init.zeros_(self.beside[2].weight)
+            nn.init.zeros_(self.beside[2].bias)
+        self.head = head
 
     def forward(self, encoded: Tensor) -> Tensor:
         """Scores (B, K) of what the encoder told, (B, V, F)."""
-        features = torch.relu(self.frozen(encoded))
-        return self.head((features + self.tuned(features)).mean(dim=1))
+        features = torch.relu(self.penultimate(encoded))
+        if self.beside is not None:
+            features = features + self.beside(features)
+        return self.head(features.mean(dim=1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -280,47 +288,29 @@ class OverEncoder(nn.Module):
         return scores
 
 
-def _frozen(parameters: Iterable[nn.Parameter]) -> None:
-    for each in parameters:
-        each.requires_grad_(False)
-
-
-def _over_encoder(net: EventNet, layers: nn.Module, train: Events, seed: int) -> nn.Module:
-    """Tunes layers over features that are computed once."""
+def _over_encoder(net: EventNet, layers: Top, train: Events, seed: int) -> nn.Module:
+    """Tunes layers over features that are computed once: the convolutions stay as they are."""
     with torch.no_grad():
         known = net.encoded(torch.from_numpy(train.inputs))
     return OverEncoder(net, fitted(layers, known, torch.from_numpy(train.labels), HEADS, seed, augment=False))
 
 
-class _Top(nn.Module):
-    """Penultimate layer and head of a network."""
-
-    def __init__(self, net: EventNet, *, new_head: bool, frozen: bool) -> None:
-        super().__init__()
-        self.penultimate = net.penultimate
-        self.head = nn.Linear(net.head.in_features, net.head.out_features) if new_head else net.head
-        if frozen:
-            _frozen(self.penultimate.parameters())
-
-    def forward(self, encoded: Tensor) -> Tensor:
-        return self.head(torch.relu(self.penultimate(encoded)).mean(dim=1))
-
-
 def _linear_probing(net: EventNet, train: Events, seed: int) -> nn.Module:
     """A new head over frozen features."""
-    return _over_encoder(net, _Top(net, new_head=True, frozen=True), train, seed)
+    net.penultimate.requires_grad_(False)
+    new_head = nn.Linear(net.head.in_features, net.head.out_features)
+    return _over_encoder(net, Top(net.penultimate, new_head), train, seed)
 
 
 def _last_layer(net: EventNet, train: Events, seed: int) -> nn.Module:
     """Penultimate layer and head go on learning, the convolutions are frozen."""
-    return _over_encoder(net, _Top(net, new_head=False, frozen=False), train, seed)
+    return _over_encoder(net, Top(net.penultimate, net.head), train, seed)
 
 
 def _skip_connection(net: EventNet, train: Events, seed: int) -> nn.Module:
     """Two new layers and the head learn; a skip connection passes the frozen penultimate features on beside them."""
-    layers = SkipTuned(net)
-    _frozen(layers.frozen.parameters())
-    return _over_encoder(net, layers, train, seed)
+    net.penultimate.requires_grad_(False)
+    return _over_encoder(net, Top(net.penultimate, net.head, beside=True), train, seed)
 
 
 def _full(net: EventNet, train: Events, seed: int) -> nn.Module:

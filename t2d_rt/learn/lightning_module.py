@@ -28,9 +28,16 @@ class Batches:
     """Shuffled batches of an epoch; a last one of a single sample, of which no variance can be taken, joins the one before."""
 
     def __init__(
-        self, maps: LabelledMaps, batch: int, dynamic_range_db: float, *, seed: int, epoch: int,
-        augmenter: Augmenter | None = None, shuffled: bool = True,
-    ) -> None:  # fmt: skip
+        self,
+        maps: LabelledMaps,
+        batch: int,
+        dynamic_range_db: float,
+        *,
+        seed: int,
+        epoch: int,
+        augmenter: Augmenter | None = None,
+        shuffled: bool = True,
+    ) -> None:
         self._maps, self._range_db, self._augmenter = maps, dynamic_range_db, augmenter
         self._seed, self._epoch = seed, epoch
         rng = np.random.default_rng([seed, epoch, 0])
@@ -67,9 +74,15 @@ class Training(LightningModule):  # type: ignore[misc]
     """One epoch after the other; after each the state is kept, so that a stopped run goes on where it was."""
 
     def __init__(
-        self, network: nn.Module, maps: tuple[LabelledMaps, LabelledMaps], options: TrainOptions, dynamic_range_db: float, *,
-        keep_at: Path | None = None, progress: Callable[[float], None] | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        network: nn.Module,
+        maps: tuple[LabelledMaps, LabelledMaps],
+        options: TrainOptions,
+        dynamic_range_db: float,
+        *,
+        keep_at: Path | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> None:
         super().__init__()
         self.network, self.options, self.dynamic_range_db = network, options, dynamic_range_db
         self._train, self._val = maps
@@ -96,9 +109,13 @@ class Training(LightningModule):  # type: ignore[misc]
     def train_dataloader(self) -> Batches:
         """The batches of the epoch that begins."""
         return Batches(
-            self._train, self.options.batch, self.dynamic_range_db, seed=self.options.seed, epoch=self.current_epoch,
+            self._train,
+            self.options.batch,
+            self.dynamic_range_db,
+            seed=self.options.seed,
+            epoch=self.current_epoch,
             augmenter=self._augmenter,
-        )  # fmt: skip
+        )
 
     def val_dataloader(self) -> Batches:
         """All of the validation, unchanged."""

@@ -113,10 +113,12 @@ class LabelledMaps:
         if chosen.min() < 0 or chosen.max() >= len(self):
             raise InputError(f"indices must lie in 0..{len(self) - 1}, got {chosen.min()}..{chosen.max()}")
         return replace(
-            self, levels=self.levels[chosen], labels=self.labels[chosen],
+            self,
+            levels=self.levels[chosen],
+            labels=self.labels[chosen],
             groups={name: each[chosen] for name, each in self.groups.items()},
             names=tuple(self.names[place] for place in chosen),
-        )  # fmt: skip
+        )
 
     def resized(self, size: tuple[int, int]) -> LabelledMaps:
         """Maps of another size: powers are averaged over what a cell covers, 0 dB is their greatest cell again."""
@@ -141,17 +143,23 @@ class LabelledMaps:
         every = (self, *others)
         kinds = sorted(frozenset[str]().union(*(each.groups for each in every)))
         return replace(
-            self, levels=np.concatenate([each.levels for each in every]),
+            self,
+            levels=np.concatenate([each.levels for each in every]),
             labels=np.concatenate([each.labels for each in every]),
-            groups={kind: np.concatenate([_group(each, kind, part) for part, each in enumerate(every)]) for kind in kinds},
+            groups={
+                kind: np.concatenate([_group(each, kind, part) for part, each in enumerate(every)]) for kind in kinds
+            },
             names=tuple(name for each in every for name in each.names),
-        )  # fmt: skip
+        )
 
 
 def maps_of(
-    dataset: Dataset, product: str = "spectrogram", size: tuple[int, int] = SIZE, dynamic_range_db: float = DYNAMIC_RANGE_DB,
+    dataset: Dataset,
+    product: str = "spectrogram",
+    size: tuple[int, int] = SIZE,
+    dynamic_range_db: float = DYNAMIC_RANGE_DB,
     speeds_mps: tuple[float, float] | None = None,
-) -> LabelledMaps:  # fmt: skip
+) -> LabelledMaps:
     """The maps of a data set, in the order of its records.
 
     product: "spectrogram".
@@ -191,10 +199,14 @@ def maps_of(
             f"the maps of {dataset.path} cover {durations.min():.3g} to {durations.max():.3g} s; give all samples one duration"
         )
     return LabelledMaps(
-        levels=np.stack(levels), labels=dataset.labels, classes=dataset.classes, groups=groups_of(dataset.records),
-        velocity_mps=axis((lowest, highest), wanted[0]), duration_s=float(durations[0]),
+        levels=np.stack(levels),
+        labels=dataset.labels,
+        classes=dataset.classes,
+        groups=groups_of(dataset.records),
+        velocity_mps=axis((lowest, highest), wanted[0]),
+        duration_s=float(durations[0]),
         names=tuple(str(each) for each in dataset.indices),
-    ).checked_for_training()  # fmt: skip
+    ).checked_for_training()
 
 
 def shared_speeds(*datasets: Dataset) -> tuple[float, float]:
@@ -219,8 +231,9 @@ def groups_of(records: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
         clips[members] = f"clips {number}"
     return {
         "description": np.array([str(each["sentence"]) for each in records]),
-        "seed": np.array([str(each["seed"]) for each in records]), "clip": clips,
-    }  # fmt: skip
+        "seed": np.array([str(each["seed"]) for each in records]),
+        "clip": clips,
+    }
 
 
 def relative_levels(

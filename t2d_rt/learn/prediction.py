@@ -102,7 +102,7 @@ class Prediction:
 
 def predict(
     model: SavedModel | Ensemble, recording: Recording, *, step_s: float | None = None, least_s: float | None = None
-) -> Prediction:  # fmt: skip
+) -> Prediction:
     """The classes of a recording over sliding windows, each as long as the maps of the training.
 
     step_s: from one window to the next, a two-hundredth of a window or more; a tenth by default.
@@ -120,9 +120,13 @@ def predict(
             "longer"
         )
     return Prediction(
-        classes=model.card.classes, starts_s=starts_s, duration_s=model.card.duration_s,
-        probabilities=whole.mean_of(maps), mti=_mti(model.card), least_s=least_s,
-    )  # fmt: skip
+        classes=model.card.classes,
+        starts_s=starts_s,
+        duration_s=model.card.duration_s,
+        probabilities=whole.mean_of(maps),
+        mti=_mti(model.card),
+        least_s=least_s,
+    )
 
 
 def windows_of(model: Ensemble, recording: Recording, step_s: float) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -232,9 +236,11 @@ def _piece(recording: Recording, start_s: float, duration_s: float, length_s: fl
     stop = int(np.searchsorted(begins, begins[first] + duration_s + beyond_s - half_s))
     stop = min(-(-(stop - first) // burst) * burst + first, len(begins))
     return Recording(
-        np.asarray(recording.cube[first:stop]), recording.radar, settings=recording.settings,
+        np.asarray(recording.cube[first:stop]),
+        recording.radar,
+        settings=recording.settings,
         processing={**recording.processing, "mti": "mean"},
-    )  # fmt: skip
+    )
 
 
 def _mti(card: Card) -> Literal["mean", "none"]:

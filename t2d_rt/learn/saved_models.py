@@ -5,18 +5,20 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
 
-from t2d_rt.core.checks import file_path, interval, positive, shown
+from t2d_rt.core.checks import file_path, positive, shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_bytes
 from t2d_rt.learn.maps import LabelledMaps, checked_classes, checked_size
 from t2d_rt.learn.models import build
 from t2d_rt.learn.pytorch import require_learning
+from t2d_rt.types.fields import Count, Fields, Number
 
 if TYPE_CHECKING:
     from torch import nn
@@ -29,43 +31,62 @@ PICKLES = b"PK", b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05"
 BATCH = 64
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Card:
-    """What a trained network is for: the axes of its maps and its classes."""
+Seconds = Annotated[Number, Field(gt=0)]
+
+
+class Card(Fields):
+    """What a trained network is for: the axes of its maps and its classes. A file may tell more, which is left aside."""
+
+    noun: ClassVar[str] = "card"
+    model_config = ConfigDict(extra="ignore")
 
     model: str
-    classes: tuple[str, ...]
-    size: tuple[int, int]
-    velocity_mps: tuple[float, float]
+    classes: Annotated[tuple[str, ...], AfterValidator(checked_classes)]
+    size: Annotated[tuple[int, int], BeforeValidator(checked_size)]
+    velocity_mps: tuple[Number, Number]
     """Centres of the first and last cell of speed."""
-    duration_s: float
-    dynamic_range_db: float
-    seed: int
-    about: Mapping[str, Any] = field(default_factory=dict)
+    duration_s: Seconds
+    dynamic_range_db: Annotated[Number, Field(gt=0, le=200)]
+    seed: Count
+    about: dict[str, Any] = {}
     """How it was trained."""
+
+    @model_validator(mode="after")
+    def _usable(self) -> Self:
+        """Refuses speeds that do not rise, and an account of the training that cannot be what it is used for."""
+        if not self.velocity_mps[0] < self.velocity_mps[1]:
+            raise InputError("velocity_mps must rise")
+        for each in self.about.get("carriers_hz", []):
+            positive("carriers_hz", each, unit="Hz")
+        if self.about.get("mti", "mean") not in (None, "mean", "none"):
+            raise InputError(f"mti must be mean or none, got {shown(self.about['mti'])}")
+        if not all(isinstance(each, str) for each in self.about.get("descriptions", [])):
+            raise InputError("descriptions must be texts")
+        return self
 
     @classmethod
     def of(
         cls, model: str, maps: LabelledMaps, dynamic_range_db: float, *, seed: int, about: Mapping[str, Any]
     ) -> Card:
         """The card of a network for such maps."""
-        ends = float(maps.velocity_mps[0]), float(maps.velocity_mps[-1])
         return cls(
-            model=model, classes=maps.classes, size=maps.size, velocity_mps=ends, duration_s=maps.duration_s,
-            dynamic_range_db=dynamic_range_db, seed=seed, about=dict(about),
-        )  # fmt: skip
+            model=model,
+            classes=maps.classes,
+            size=maps.size,
+            velocity_mps=(float(maps.velocity_mps[0]), float(maps.velocity_mps[-1])),
+            duration_s=maps.duration_s,
+            dynamic_range_db=dynamic_range_db,
+            seed=seed,
+            about=about,
+        )
 
     def with_about(self, **more: Any) -> Card:
         """The same card that tells more."""
-        return replace(self, about={**self.about, **more})
+        return self.model_copy(update={"about": {**self.about, **more}})
 
     def to_plain(self) -> dict[str, Any]:
         """As JSON has it."""
-        return {
-            "format": FORMAT, "model": self.model, "classes": list(self.classes), "size": list(self.size),
-            "velocity_mps": list(self.velocity_mps), "duration_s": self.duration_s,
-            "dynamic_range_db": self.dynamic_range_db, "seed": self.seed, "about": dict(self.about),
-        }  # fmt: skip
+        return {"format": FORMAT, **dict(self)}
 
     @property
     def speeds_mps(self) -> tuple[float, float]:
@@ -127,11 +148,13 @@ class Ensemble:
         first = self.members[0].card
         for each in self.members[1:]:
             card = each.card
+            treatment = first.about.get("mti", "mean"), card.about.get("mti", "mean")
             for what, one, other in (
-                ("classes", first.classes, card.classes), ("speeds", first.speeds_mps, card.speeds_mps),
+                ("classes", first.classes, card.classes),
+                ("speeds", first.speeds_mps, card.speeds_mps),
                 ("duration", first.duration_s, card.duration_s),
-                ("treatment of static echoes", first.about.get("mti", "mean"), card.about.get("mti", "mean")),
-            ):  # fmt: skip
+                ("treatment of static echoes", *treatment),
+            ):
                 if one != other:
                     raise InputError(
                         f"networks that are averaged must be trained on maps alike, got {what} {one} and {other}; train them on "
@@ -197,31 +220,11 @@ def _read_card(path: Path) -> tuple[Card, str]:
         told = json.loads(read_bytes(path, limit=50_000_000, noun="card of a model"))
         if told["format"] != FORMAT:
             raise InputError(f"it is of format {told['format']!r}, this program reads {FORMAT!r}")
-        card = Card(
-            model=str(told["model"]), classes=checked_classes(tuple(told["classes"])), size=checked_size(list(told["size"])),
-            velocity_mps=interval("velocity_mps", told["velocity_mps"], unit="m/s"),
-            duration_s=positive("duration_s", told["duration_s"], unit="s"),
-            dynamic_range_db=positive("dynamic_range_db", told["dynamic_range_db"], 200, unit="dB"), seed=int(told["seed"]),
-            about=_about(told["about"]),
-        )  # fmt: skip
-        if not card.velocity_mps[0] < card.velocity_mps[1]:
-            raise InputError("velocity_mps must rise")
-        return card, str(told["weights_sha256"])
+        return Card.model_validate(told), str(told["weights_sha256"])
     except KeyError as error:
         raise InputError(f"{path} is no card of a model (it lacks {error}); train it again") from None
-    except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+    except (ValueError, TypeError, RecursionError) as error:
         raise InputError(f"{path} is no card of a model ({error}); train it again") from None
-
-
-def _about(given: Any) -> dict[str, Any]:
-    """What a card tells of the training, as far as it is used."""
-    about = dict(given)
-    about["carriers_hz"] = [positive("carriers_hz", each, unit="Hz") for each in about.get("carriers_hz", [])]
-    if about.get("mti", "mean") not in (None, "mean", "none"):
-        raise InputError(f"mti must be mean or none, got {shown(about['mti'])}")
-    if not all(isinstance(each, str) for each in about.get("descriptions", [])):
-        raise InputError("descriptions must be texts")
-    return about
 
 
 def refuse_pickle(path: Path) -> None:
@@ -243,8 +246,7 @@ def read_state(path: Path, network: nn.Module) -> dict[str, Any]:
         found = torch.load(path, map_location="cpu", weights_only=True)
         kept = found["t2d_rt"]
         complete = isinstance(kept["history"], list) and {"best", "plateau"} <= kept.keys() and "state_dict" in found
-        complete = complete and len(found["optimizer_states"]) == 1
-        if not complete:
+        if not complete or len(found["optimizer_states"]) != 1:
             raise ValueError("it lacks a part")
         if not all(np.isfinite([row[name] for name in ("val_loss", "train_loss")]).all() for row in kept["history"]):
             raise ValueError("its losses are no numbers")

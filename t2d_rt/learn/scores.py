@@ -58,6 +58,9 @@ def scores_of(probabilities: np.ndarray, labels: np.ndarray) -> Scores:
     reliability = np.array(rows)
     error = (np.abs(reliability[:, 0] - reliability[:, 1]) * reliability[:, 2]).sum() / len(labels)
     return Scores(
-        accuracy=float(np.mean(told == labels)), macro_f1=float(macro_f1(labels, told, count)), confusion=confusion,
-        calibration_error=float(error), reliability=reliability,
-    )  # fmt: skip
+        accuracy=float(np.mean(told == labels)),
+        macro_f1=float(macro_f1(labels, told, count)),
+        confusion=confusion,
+        calibration_error=float(error),
+        reliability=reliability,
+    )

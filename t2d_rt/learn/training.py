@@ -152,9 +152,13 @@ def _begun(output: str | Path | None, card: Card, train: LabelledMaps, val: Labe
 
 
 def _fitted(
-    network: nn.Module, maps: tuple[LabelledMaps, LabelledMaps], options: TrainOptions, dynamic_range_db: float,
-    folder: Path | None, progress: Progress | None,
-) -> tuple[list[dict[str, float]], float | None]:  # fmt: skip
+    network: nn.Module,
+    maps: tuple[LabelledMaps, LabelledMaps],
+    options: TrainOptions,
+    dynamic_range_db: float,
+    folder: Path | None,
+    progress: Progress | None,
+) -> tuple[list[dict[str, float]], float | None]:
     """Trains it in place; what the epochs were like, and how long one took [s], None where all were done before."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of Lightning, on loggers and workers that are not used
@@ -173,10 +177,17 @@ def _fitted(
             module.on_load_checkpoint(kept)
         if first < options.epochs and not module.stopped:
             trainer = Trainer(
-                max_epochs=options.epochs, accelerator=options.device, devices=1, logger=False, enable_checkpointing=False,
-                enable_progress_bar=False, enable_model_summary=False, num_sanity_val_steps=0,
-                reload_dataloaders_every_n_epochs=1, barebones=False,
-            )  # fmt: skip
+                max_epochs=options.epochs,
+                accelerator=options.device,
+                devices=1,
+                logger=False,
+                enable_checkpointing=False,
+                enable_progress_bar=False,
+                enable_model_summary=False,
+                num_sanity_val_steps=0,
+                reload_dataloaders_every_n_epochs=1,
+                barebones=False,
+            )
             try:
                 _run(trainer, module, None if kept is None else str(keep_at))
             except Exception as error:  # Lightning raises what it likes of a state that another has written

@@ -69,9 +69,14 @@ class Occluded:
 
 
 def occlude(
-    spectrogram_power: Any, time_s: Any, mask: OcclusionMask, *, seed: int, fill: Fill = "background",
+    spectrogram_power: Any,
+    time_s: Any,
+    mask: OcclusionMask,
+    *,
+    seed: int,
+    fill: Fill = "background",
     background_power: Any = None,
-) -> Occluded:  # fmt: skip
+) -> Occluded:
     """Replaces the columns whose centres lie in random windows, by those of a background or by zeros.
 
     spectrogram_power: [W], (velocity, time).

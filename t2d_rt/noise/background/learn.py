@@ -19,9 +19,15 @@ LEAST_STEPS = 14
 
 
 def learn_background(
-    records: list[BackgroundRecord], *, codes: int = 32, heads: int = 4, codec_steps: int = 800, prior_steps: int = 400,
-    seed: int = 0, progress: Callable[[float], None] | None = None,
-) -> BackgroundModel:  # fmt: skip
+    records: list[BackgroundRecord],
+    *,
+    codes: int = 32,
+    heads: int = 4,
+    codec_steps: int = 800,
+    prior_steps: int = 400,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> BackgroundModel:
     """A background model of records that all have the same axes.
 
     codes: entries of each code book; more than the data fill are no use (`t2d-rt background evaluate` tells their perplexity).
@@ -49,9 +55,10 @@ def learn_background(
     from t2d_rt.noise.background.training import Training, train
 
     training = Training(
-        codec_steps=integer("codec_steps", codec_steps, 1), prior_steps=integer("prior_steps", prior_steps, 1),
+        codec_steps=integer("codec_steps", codec_steps, 1),
+        prior_steps=integer("prior_steps", prior_steps, 1),
         seed=integer("seed", seed),
-    )  # fmt: skip
+    )
     return train(records, architecture, training, progress)
 
 

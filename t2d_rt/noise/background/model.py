@@ -142,9 +142,16 @@ class BackgroundModel:
 
     @classmethod
     def of(
-        cls, architecture: Architecture, arrays: Mapping[str, np.ndarray], grid: Grid, *, levels_db: Any, carrier_hz: Any,
-        calibrated: Any, about: Mapping[str, Any],
-    ) -> BackgroundModel:  # fmt: skip
+        cls,
+        architecture: Architecture,
+        arrays: Mapping[str, np.ndarray],
+        grid: Grid,
+        *,
+        levels_db: Any,
+        carrier_hz: Any,
+        calibrated: Any,
+        about: Mapping[str, Any],
+    ) -> BackgroundModel:
         """A checked model."""
         for name, size in _sizes(architecture).items():
             if name not in arrays or arrays[name].shape != size:
@@ -156,10 +163,14 @@ class BackgroundModel:
         if not levels or len(grid.velocity_mps) != architecture.bins:
             raise InputError("a background model must have the levels of its records and a speed for each Doppler bin")
         return cls(
-            architecture=architecture, arrays=arrays, grid=grid, levels_db=levels,
-            carrier_hz=positive("carrier_hz", carrier_hz, 1e15, unit="Hz"), calibrated=flag("calibrated", calibrated),
+            architecture=architecture,
+            arrays=arrays,
+            grid=grid,
+            levels_db=levels,
+            carrier_hz=positive("carrier_hz", carrier_hz, 1e15, unit="Hz"),
+            calibrated=flag("calibrated", calibrated),
             about=dict(about),
-        )  # fmt: skip
+        )
 
     def __repr__(self) -> str:
         size = self.architecture
@@ -278,10 +289,14 @@ def _read(path: Path) -> BackgroundModel:
         architecture = Architecture.of(told["architecture"])
         speeds = told["first_velocity_mps"] + told["bin_mps"] * np.arange(architecture.bins)
         return BackgroundModel.of(
-            architecture, {name: array(name, each).astype(np.float32) for name, each in arrays.items()},
-            Grid.of(speeds, told["time_step_s"]), levels_db=told["levels_db"], carrier_hz=told["carrier_hz"],
-            calibrated=told["calibrated"], about=told["about"],
-        )  # fmt: skip
+            architecture,
+            {name: array(name, each).astype(np.float32) for name, each in arrays.items()},
+            Grid.of(speeds, told["time_step_s"]),
+            levels_db=told["levels_db"],
+            carrier_hz=told["carrier_hz"],
+            calibrated=told["calibrated"],
+            about=told["about"],
+        )
     except Exception as error:  # a damaged file may hold anything
         raise InputError(
             f"{path} is a background model that cannot be read ({error}); fetch it again, or train it again"

@@ -225,15 +225,24 @@ def train(
         "prior_nats": round(loss, 4),
     }
     model = BackgroundModel.of(
-        architecture, plain, grid, levels_db=[round(each.level_db, 3) for each in records],
-        carrier_hz=records[0].carrier_hz, calibrated=all(each.calibrated for each in records), about=about,
-    )  # fmt: skip
+        architecture,
+        plain,
+        grid,
+        levels_db=[round(each.level_db, 3) for each in records],
+        carrier_hz=records[0].carrier_hz,
+        calibrated=all(each.calibrated for each in records),
+        about=about,
+    )
     return _calibrated(model, levels)
 
 
 def _codec(
-    levels: list[np.ndarray], architecture: Architecture, training: Training, rng: np.random.Generator, progress: Progress | None
-) -> Codec:  # fmt: skip
+    levels: list[np.ndarray],
+    architecture: Architecture,
+    training: Training,
+    rng: np.random.Generator,
+    progress: Progress | None,
+) -> Codec:
     padded = [_padded(each, architecture) for each in levels]
     codec = Codec(architecture, torch.from_numpy(_profile(padded)))
     optimizer = torch.optim.Adam(codec.parameters(), lr=RATE)
@@ -261,8 +270,12 @@ def _codec(
 
 
 def _prior(
-    codes: list[np.ndarray], architecture: Architecture, training: Training, rng: np.random.Generator, progress: Progress | None
-) -> tuple[Prior, float]:  # fmt: skip
+    codes: list[np.ndarray],
+    architecture: Architecture,
+    training: Training,
+    rng: np.random.Generator,
+    progress: Progress | None,
+) -> tuple[Prior, float]:
     """The prior that is best on the codes that it was not trained on, and its surprise there [nat per code]."""
     used, kept = split_codes(codes, training.validation)
     prior = Prior(architecture)

@@ -75,10 +75,13 @@ class _Receiver:
         if receiver.dc_offset_dbm is not None:
             self.offsets = dc_offsets(radar, receiver.dc_offset_dbm, draws)
         self._stages = Stages(
-            draws=draws, thermal_w=power_w, imbalance=receiver.iq_imbalance, adc=receiver.adc,
+            draws=draws,
+            thermal_w=power_w,
+            imbalance=receiver.iq_imbalance,
+            adc=receiver.adc,
             flicker=self._flicker.filter if self._flicker else None,
             flicker_w=self._flicker.power_w if self._flicker else 0.0,
-        )  # fmt: skip
+        )
 
     def received(self, block: np.ndarray, first_row: int, reference: np.ndarray) -> Received:
         """A block of rows, from the first one of a group on, after all effects."""

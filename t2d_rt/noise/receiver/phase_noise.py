@@ -307,8 +307,11 @@ def lags(samples: np.ndarray, greatest: int) -> np.ndarray:
     before = [read((packets * size - lag) // size)[(count - lag) % size] for lag in range(1, greatest + 1)]
     zeros = [dr.zeros(Float32, width) for _ in range(2 * greatest + 1)]
     _, _, sums = dr.while_loop(
-        state=(dr.zeros(UInt32, width), before, zeros), cond=lambda n, before, sums: n < packets, body=step,
-        labels=("n", "before", "sums"), mode="symbolic",
-    )  # fmt: skip
+        state=(dr.zeros(UInt32, width), before, zeros),
+        cond=lambda n, before, sums: n < packets,
+        body=step,
+        labels=("n", "before", "sums"),
+        mode="symbolic",
+    )
     dr.eval(sums)
     return np.stack([each.numpy() for each in sums], axis=1).reshape(rows, antennas, -1)

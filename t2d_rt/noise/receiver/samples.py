@@ -58,9 +58,14 @@ class Received:
 
 @one_thread_at_a_time
 def through(
-    stages: Stages, first_row: int, clean: np.ndarray, changed: np.ndarray, constants: np.ndarray, offsets: np.ndarray,
+    stages: Stages,
+    first_row: int,
+    clean: np.ndarray,
+    changed: np.ndarray,
+    constants: np.ndarray,
+    offsets: np.ndarray,
     reference: np.ndarray,
-) -> Received:  # fmt: skip
+) -> Received:
     """Samples of rows from the first on (row, antenna, sample), complex64, after the stages; a row is the same bits whatever others
     there are.
 
@@ -104,15 +109,23 @@ def through(
     state = work.beginning(place)
     zeros = [dr.zeros(backend.Float32, rows * antennas) for _ in range(6)]
     _, _, sums = dr.while_loop(
-        state=(dr.zeros(UInt32, rows * antennas), state, zeros), cond=lambda i, state, sums: i < packets, body=step,
-        labels=("i", "state", "sums"), mode="symbolic",
-    )  # fmt: skip
+        state=(dr.zeros(UInt32, rows * antennas), state, zeros),
+        cond=lambda i, state, sums: i < packets,
+        body=step,
+        labels=("i", "state", "sums"),
+        mode="symbolic",
+    )
     dr.eval(out, sums)
     clean_w, added_w, peak, clipped, input_w, lost = (np.array(each.numpy()).reshape(rows, antennas) for each in sums)
     return Received(
-        samples=np.asarray(out.numpy()).view(np.complex64).reshape(clean.shape), clean_w=clean_w, added_w=added_w,
-        peak=peak, clipped=clipped, input_w=input_w, lost=lost,
-    )  # fmt: skip
+        samples=np.asarray(out.numpy()).view(np.complex64).reshape(clean.shape),
+        clean_w=clean_w,
+        added_w=added_w,
+        peak=peak,
+        clipped=clipped,
+        input_w=input_w,
+        lost=lost,
+    )
 
 
 class _Work:
