@@ -48,7 +48,7 @@ class Card(Fields):
     duration_s: Seconds
     dynamic_range_db: Annotated[Number, Field(gt=0, le=200)]
     seed: Count
-    about: dict[str, Any] = {}
+    about: dict[str, Any] = Field(default_factory=dict)
     """How it was trained."""
 
     @model_validator(mode="after")
