@@ -69,10 +69,9 @@ class ShardReader:
         for number in numbers(folder):
             self._check(folder / SHARDS / f"{shard_name(number)}.jsonl")
             shard = Shard.of(folder, number, recipe)
-            for record in shard.records:
-                (failed if record["row"] is None else records).append(record)
-                if record["row"] is not None:
-                    shards.append(shard)
+            records += shard.good
+            shards += [shard] * len(shard.good)
+            failed += [each for each in shard.records if each["row"] is None]
         self.records, self.failed = tuple(records), tuple(failed)
         self._shards = tuple(shards)
         self._kept = LastUsed[np.ndarray](most_bytes, array_bytes)

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -57,12 +58,12 @@ RETRIES = 2
 def scheduler_named(name: str | None, workers: int) -> Scheduler:
     """The processes of this machine for None; "local:N" or the address of a scheduler for a cluster of dask."""
     if name is None:
-        return here if workers == 1 else lambda tasks: on_this_machine(tasks, workers)
+        return here if workers == 1 else partial(on_this_machine, workers=workers)
     kind, _, rest = name.partition(":")
     if kind == "local" and rest.isdecimal() and int(rest) > 0:
-        return lambda tasks: on_a_cluster(tasks, None, int(rest))
+        return partial(on_a_cluster, address=None, workers=int(rest))
     if ADDRESS.fullmatch(name):
-        return lambda tasks: on_a_cluster(tasks, name, 0)
+        return partial(on_a_cluster, address=name, workers=0)
     raise InputError(f"scheduler must be local:N or an address as tcp://host:8786, got {name!r}")
 
 

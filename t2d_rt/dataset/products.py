@@ -221,16 +221,28 @@ def resized(power: np.ndarray, size: tuple[int, int], rows: tuple[float, float] 
     """
     if not -ROUNDING < rows[0] < rows[1] < 1.0 + ROUNDING:
         raise InputError(f"rows must rise within 0..1, got {rows}; cut to speeds that the map covers")
-    before, after = _averaging(power.shape[0], size[0], *rows), _averaging(power.shape[1], size[1])
+    first, last = rows
+    before = averaging(_parts(power.shape[0]), first + (last - first) * _parts(size[0]))
+    after = averaging(_parts(power.shape[1]), _parts(size[1]))
     return np.asarray(before @ power @ after.T)
 
 
-def _averaging(count: int, wanted: int, first: float = 0.0, last: float = 1.0) -> np.ndarray:
-    """Weights (wanted, count) of old cells in each new one; each row adds up to 1."""
-    old, new = np.arange(count + 1) / count, first + (last - first) * (np.arange(wanted + 1) / wanted)
+def _parts(count: int) -> np.ndarray:
+    """Edges of so many equal cells of 0..1."""
+    return np.arange(count + 1) / count
+
+
+def averaging(old: np.ndarray, new: np.ndarray) -> np.ndarray:
+    """Weights (new, old) of old cells in each new one, by the edges of both: how much of the new cell each covers, 1 in all.
+
+    A new cell beyond the ends of the old axis has the weight of the nearest old one.
+    """
     overlap = np.minimum(new[1:, None], old[None, 1:]) - np.maximum(new[:-1, None], old[None, :-1])
     weights = np.maximum(overlap, 0.0)
-    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
+    total = weights.sum(axis=1, keepdims=True)
+    away = 0.5 * (old[1:] + old[:-1]) - 0.5 * (new[1:] + new[:-1])[:, None]
+    nearest = np.eye(len(old) - 1)[np.abs(away).argmin(axis=1)]
+    return np.where(total > 0, weights / np.maximum(total, 1e-300), nearest)
 
 
 def edges(centres: np.ndarray) -> list[float]:

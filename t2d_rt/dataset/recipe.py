@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
 
 from t2d_rt.core.checks import unknown_name
 from t2d_rt.core.errors import InputError
@@ -41,6 +41,12 @@ def _plain_name(value: str) -> str:
     return value
 
 
+def _named_radar(value: Any) -> Any:
+    """The fields of a preset that is given by its name."""
+    return Radar.preset(value) if isinstance(value, str) else value
+
+
+NamedRadar = Annotated[Radar, BeforeValidator(_named_radar)]
 Name = Annotated[str, AfterValidator(_plain_name)]
 Many = Annotated[Count, Field(ge=1, le=1_000_000)]
 
@@ -57,7 +63,7 @@ class Condition(Fields):
     """"free_space", a room by name, or the path of an XML file."""
     method: Method = "mesh"
     """Scattering model of the bodies: "mesh" or "ellipsoid"."""
-    radar: Radar | None = None
+    radar: NamedRadar | None = None
     """Its fields or the name of a preset, in place of the recipe's radar."""
     beside: Beside = "none"
     """What moves beside the person: a "fan", a "curtain", a "pet" or a second "person", placed by chance, or "none"."""
@@ -71,16 +77,6 @@ class Condition(Fields):
     """How finely it is modelled; with a tolerance the fields that are set in it stay."""
     weight: Annotated[Number, Field(gt=0, le=1e6)] = 1.0
     """How often it is drawn, relative to the others."""
-
-    @field_validator("radar", mode="before")
-    @classmethod
-    def _named_radar(cls, value: Any) -> Any:
-        return named_radar(value)
-
-
-def named_radar(value: Any) -> Any:
-    """The fields of a preset that is given by its name."""
-    return Radar.preset(value) if isinstance(value, str) else value
 
 
 class Recipe(Fields):
@@ -119,7 +115,7 @@ class Recipe(Fields):
     """Standard deviation of the logarithm of each step's own tempo."""
     attempts: Annotated[Count, Field(ge=1, le=20)] = 3
     """Motions of other seeds that are made until one passes the filter; where none does, the first one is taken."""
-    radar: Radar
+    radar: NamedRadar
     """Its fields, or the name of a preset."""
     noise: Literal["none", "receiver"] | Receiver = "receiver"
     """What the receiver adds: "receiver" is typical of each radar's band, "none" nothing, or the fields of a receiver."""
@@ -143,11 +139,6 @@ class Recipe(Fields):
     """Samples that one file holds."""
     seed: Annotated[Count, Field(ge=0)] = 0
     """Seed of everything that is drawn."""
-
-    @field_validator("radar", mode="before")
-    @classmethod
-    def _named_radar(cls, value: Any) -> Any:
-        return named_radar(value)
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -232,13 +223,17 @@ class Recipe(Fields):
 
     def _beside(self, folder: Path) -> Recipe:
         """With whole paths of scenes and models that are files, which are found from the folder of the recipe."""
-
-        def whole(name: str, ending: str) -> str:
-            return str((folder / name).resolve()) if name.lower().endswith(ending) else name
-
-        conditions = tuple(each.model_copy(update={"scene": whole(each.scene, ".xml")}) for each in self.conditions)
-        background = None if self.background is None else whole(self.background, ".safetensors")
+        scenes = [_whole(folder, each.scene, ".xml") for each in self.conditions]
+        conditions = tuple(
+            each.model_copy(update={"scene": scene}) for each, scene in zip(self.conditions, scenes, strict=True)
+        )
+        background = None if self.background is None else _whole(folder, self.background, ".safetensors")
         return self.model_copy(update={"conditions": conditions, "background": background})
+
+
+def _whole(folder: Path, name: str, ending: str) -> str:
+    """The whole path of a file of that ending, from a folder; other names as they are."""
+    return str((folder / name).resolve()) if name.lower().endswith(ending) else name
 
 
 def _meshes(scene: Path) -> list[Path]:

@@ -171,8 +171,8 @@ WIDTH_M = 1.5
 class Place:
     """Where a motion starts."""
 
-    distance_m: float
     angle_deg: float
+    distance_m: float
     aside_m: float
     height_m: float
     """Of the radar."""
@@ -277,14 +277,16 @@ def reserved_walks(recipe: Recipe) -> tuple[Description, ...]:
         count *= 2
 
 
+def _between(rng: np.random.Generator, low: float, high: float) -> float:
+    """A length or an angle, to a thousandth."""
+    return round(float(rng.uniform(low, high)), 3)
+
+
 def interferer(beside: Beside, recipe: Recipe, number: int) -> Mover | MotionText | None:
     """What moves beside the person of a motion's number, in the world of a radar at (0, 0) m that looks along +x."""
     rng = np.random.default_rng(recipe.seeds(number, f"beside {beside}"))
     side = float(rng.choice([-1.0, 1.0]))
-
-    def between(low: float, high: float) -> float:
-        return round(float(rng.uniform(low, high)), 3)
-
+    between = functools.partial(_between, rng)
     if beside == "fan":
         place = between(2.5, 4.5), side * between(1.0, 1.8), between(0.8, 1.3)
         return TableFan(position_m=place, heading_deg=180.0 + between(-40, 40), rpm=between(200, 400))

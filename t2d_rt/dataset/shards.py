@@ -342,6 +342,11 @@ class Shard:
     """One for each sample, those that failed among them."""
     recipe: Recipe
 
+    @property
+    def good(self) -> list[dict[str, Any]]:
+        """Records of the samples that did not fail."""
+        return [each for each in self.records if each["row"] is not None]
+
     @classmethod
     def of(cls, folder: Path, number: int, recipe: Recipe) -> Shard:
         """A shard of a folder by its number."""
@@ -349,16 +354,17 @@ class Shard:
         try:
             lines = read_bytes(path, limit=MOST_BYTES, noun="file of records").splitlines()
             records = tuple(read_record(recipe, line) for line in lines)
-            rows = [each["row"] for each in records if each["row"] is not None]
+            found = cls(path.with_suffix(".npz"), records, recipe)
+            rows = [each["row"] for each in found.good]
             if rows != [*range(len(rows))] or len({each["index"] for each in records}) < len(records):
                 raise InputError("a sample is there twice, or a row is missing")
         except (InputError, KeyError) as error:
             raise damaged(path, error) from None
-        return cls(path.with_suffix(".npz"), records, recipe)
+        return found
 
     def rows(self, name: str) -> np.ndarray:
         """The array of a product of one size, (samples that did not fail, ...), or of their indices by the name `index`."""
-        good = [each for each in self.records if each["row"] is not None]
+        good = self.good
         if name == "index" or not good:
             dtype, shape = np.dtype(np.int64), tuple[int | None, ...]()
         else:
@@ -379,14 +385,11 @@ class Shard:
 
     def samples(self) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
         """Record and arrays by product of each sample that did not fail."""
-        good = [each for each in self.records if each["row"] is not None]
-        names = self.recipe.products.kept if good else ()
+        names = self.recipe.products.kept if self.good else ()
         whole = {name: self.rows(name) for name in names if name not in RAGGED}
-        for record in good:
-            yield (
-                record,
-                {name: whole[name][record["row"]] if name in whole else self.array(record, name) for name in names},
-            )
+        for record in self.good:
+            ragged = {name: self.array(record, name) for name in names if name in RAGGED}
+            yield record, {**{name: rows[record["row"]] for name, rows in whole.items()}, **ragged}
 
 
 def spooled(folder: Path, recipe: Recipe) -> Iterator[Made]:
@@ -461,7 +464,7 @@ def shard_faults(folder: Path, shard_number: int, recipe: Recipe) -> Iterator[st
     except InputError as error:
         yield str(error)
         return
-    if indices != [each["index"] for each in shard.records if each["row"] is not None]:
+    if indices != [each["index"] for each in shard.good]:
         yield f"{shard.path} holds other samples than its records tell"
 
 

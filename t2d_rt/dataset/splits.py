@@ -22,6 +22,8 @@ from types import MappingProxyType
 from typing import Any, Literal, get_args
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from t2d_rt.core.checks import choice, flag, integer, number, shown, unknown_name
 from t2d_rt.core.errors import InputError
@@ -263,22 +265,20 @@ def _labels(records: Records) -> np.ndarray:
 
 
 def grouped(records: Records, kinds: Collection[Kind]) -> list[list[int]]:
-    """Positions of the samples of each connected component."""
-    parent = list(range(len(records)))
-
-    def root(place: int) -> int:
-        while parent[place] != place:
-            parent[place] = parent[parent[place]]
-            place = parent[place]
-        return place
-
-    first: dict[tuple[Kind, str], int] = {}
-    for place, record in enumerate(records):
-        for each in traits(record, kinds):
-            parent[root(place)] = root(first.setdefault(each, place))
+    """Positions of the samples of each group: those that share a trait, directly or by way of others."""
+    number: dict[tuple[Kind, str], int] = {}
+    links = [
+        (place, len(records) + number.setdefault(each, len(number)))
+        for place, record in enumerate(records)
+        for each in traits(record, kinds)
+    ]
+    # A graph of samples and traits, which its edges join; its components are found in the order of their first samples.
+    count = len(records) + len(number)
+    ends = np.array(links, dtype=np.int64).reshape(-1, 2)
+    _, component = connected_components(coo_array((np.ones(len(ends)), ends.T), shape=(count, count)), directed=False)
     groups: dict[int, list[int]] = defaultdict(list)
-    for place in range(len(records)):
-        groups[root(place)].append(place)
+    for place, group in enumerate(component[: len(records)].tolist()):
+        groups[group].append(place)
     return list(groups.values())
 
 

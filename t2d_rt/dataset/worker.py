@@ -11,6 +11,7 @@ import json
 import time
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -178,18 +179,14 @@ def _made(recipe: Recipe, plans: Plans, index: int) -> Made:
 
 def _described(found: Sample) -> dict[str, Any]:
     """What a record tells of a sample before it is simulated."""
-    source, place = found.cut.source, found.place
+    source = found.cut.source
     return {
         "provider": source.provider,
         "body": found.experiment.body,
         "stature_m": source.stature_m,
         "seed": source.seed,
         "gait_factor": source.gait_factor,
-        "angle_deg": place.angle_deg,
-        "distance_m": place.distance_m,
-        "aside_m": place.aside_m,
-        "height_m": place.height_m,
-        "overlap_m": place.overlap_m,
+        **asdict(found.place),
         **provenance(found.cut),
         "second_person": _second_person(found),
         "experiment": found.experiment.hash,

@@ -11,6 +11,7 @@ import numpy as np
 
 from t2d_rt.core.checks import number
 from t2d_rt.core.errors import InputError, warn
+from t2d_rt.dataset.products import averaging
 from t2d_rt.learn.maps import check_varied, relative_levels
 from t2d_rt.learn.saved_models import Card, Ensemble, SavedModel
 from t2d_rt.learn.segmental_viterbi import likeliest_course, nearest
@@ -156,7 +157,7 @@ def windows_of(model: Ensemble, recording: Recording, step_s: float) -> tuple[np
         for kind, each in kinds.items():
             cells = np.linspace(begin_s, begin_s + each.duration_s, each.size[1] + 1)
             new = _edges(each.axis_mps)
-            power = _weights(columns.speeds, new) @ columns.power @ _weights(columns.times, cells).T
+            power = averaging(columns.speeds, new) @ columns.power @ averaging(columns.times, cells).T
             maps[kind].append(relative_levels(power, each.size, each.dynamic_range_db))
             check_varied(maps[kind][-1], f"the window of the recording from {start + whole.times[0]:.3g} s")
     stacked = {kind: np.stack(each) for kind, each in maps.items()}
@@ -264,12 +265,3 @@ def _edges(centres: np.ndarray) -> np.ndarray:
     middles = 0.5 * (centres[1:] + centres[:-1])
     first, last = centres[0] - (middles[0] - centres[0]), centres[-1] + (centres[-1] - middles[-1])
     return np.concatenate([[first], middles, [last]])
-
-
-def _weights(old: np.ndarray, new: np.ndarray) -> np.ndarray:
-    """Weights (new, old) of old cells in each new one, by edges; cells at the ends of the axis may reach a little beyond it."""
-    overlap = np.minimum(new[1:, None], old[None, 1:]) - np.maximum(new[:-1, None], old[None, :-1])
-    weights = np.maximum(overlap, 0.0)
-    total = weights.sum(axis=1, keepdims=True)
-    closest = nearest(0.5 * (old[1:] + old[:-1]), 0.5 * (new[1:] + new[:-1]))
-    return np.where(total > 0, weights / np.maximum(total, 1e-300), np.eye(len(old) - 1)[closest])

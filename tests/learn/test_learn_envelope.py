@@ -119,7 +119,7 @@ def test_an_ensemble_has_the_mean_of_the_probabilities(trained: tuple[SavedModel
     found = Ensemble((model, even)).probabilities(test.levels)
     np.testing.assert_allclose(found, 0.5 * (model.probabilities(test.levels) + 1 / 3), atol=1e-6)
     with pytest.raises(InputError, match=r"must be trained on maps alike, got duration 5\.0 and 4\.0"):
-        Ensemble((model, SavedModel(replace(model.card, duration_s=4.0), model.network)))
+        Ensemble((model, SavedModel(model.card.model_copy(update={"duration_s": 4.0}), model.network)))
     with pytest.raises(InputError, match="needs a trained network or more"):
         Ensemble(())
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -52,7 +51,7 @@ def test_a_recording_as_long_as_a_window_is_one_window(
     model: SavedModel, recording: Recording, shorter: float
 ) -> None:  # fmt: skip
     """But for rounding; two windows so close together were 1e15 instants, more than any memory holds."""
-    card = replace(model.card, duration_s=model.card.duration_s * (1 - shorter))
+    card = model.card.model_copy(update={"duration_s": model.card.duration_s * (1 - shorter)})
     found = predict(Even(card, model.network), recording)
     assert found.starts_s.shape == (1,)
     assert len(found.course()[0]) == 1
@@ -68,7 +67,7 @@ def test_an_activity_that_lasts_longer_than_the_recording_is_refused(model: Save
 
 def test_each_network_tells_of_its_band(model: SavedModel, recording: Recording) -> None:
     here, there = (
-        Even(replace(model.card, about={"carriers_hz": [carrier]}), model.network)
+        Even(model.card.model_copy(update={"about": {"carriers_hz": [carrier]}}), model.network)
         for carrier in (RADAR.carrier_hz, 24e9)
     )
     predict(Ensemble((here, here)), recording)

@@ -202,7 +202,9 @@ def test_a_recording_is_brought_to_the_axes_of_the_training(
     trained: tuple[SavedModel, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     radar = Radar.preset("table2-uniform")
-    model = SavedModel(replace(trained[0].card, velocity_mps=(-1.0, 1.0), duration_s=1.0), trained[0].network)
+    model = SavedModel(
+        trained[0].card.model_copy(update={"velocity_mps": (-1.0, 1.0), "duration_s": 1.0}), trained[0].network
+    )
     chirps = int(2.2 * radar.prf_hz)
     times = np.arange(chirps) / radar.prf_hz
     speed = np.where(times < 1.1, 0.3, 0.8)
@@ -230,7 +232,7 @@ def test_a_recording_is_brought_to_the_axes_of_the_training(
     for each in (Recording(later, radar), Recording(recording.cube[:part], radar)):
         predict(Spy(model.card, model.network), each, step_s=0.25)
         np.testing.assert_allclose(seen[-1][0], seen[0][0], atol=0.2)  # pieces may differ by less than a hop
-    kept = SavedModel(replace(model.card, about={"mti": "none"}), model.network)
+    kept = SavedModel(model.card.model_copy(update={"about": {"mti": "none"}}), model.network)
     still = Recording(recording.cube[:] + np.complex64(30), radar)  # a strong static echo
     shown: list[Any] = []
     monkeypatch.setattr(Recording, "plot", lambda self, *_, **__: shown.append(self.processing["mti"]))
