@@ -9,7 +9,8 @@ from pydantic import ConfigDict, Field
 
 from t2d_rt.dataset.products import resized
 from t2d_rt.noise.background import load_background
-from t2d_rt.noise.masks import OcclusionMask
+from t2d_rt.noise.background.model import between
+from t2d_rt.noise.masks import OcclusionMask, covered
 from t2d_rt.types.fields import Count, Fields, Number
 
 BANK = 16
@@ -113,9 +114,8 @@ class Augmenter:
         count = levels.shape[1]
         middles = (np.arange(count) + 0.5) * self._duration_s / count
         windows = masks.draw(self._duration_s, seed=int(rng.integers(2**31)))
-        within = ((middles[:, None] >= windows[:, 0]) & (middles[:, None] < windows[:, 1])).any(axis=1)
         filled = np.full_like(levels, self._floor_db) if background is None else 10.0 * np.log10(background + 1e-30)
-        return np.where(within, filled, levels)
+        return np.where(covered(middles, windows), filled, levels)
 
 
 def _shifted(levels: np.ndarray, by: int) -> np.ndarray:
@@ -142,6 +142,4 @@ def _stretched(levels: np.ndarray, factor: float) -> np.ndarray:
     """All speeds multiplied by a factor; what comes in from beyond the axis is its end."""
     count = len(levels)
     at = np.clip((np.arange(count) - 0.5 * (count - 1)) / factor + 0.5 * (count - 1), 0, count - 1)
-    low = np.minimum(at.astype(int), count - 2)
-    weight = (at - low)[:, None].astype(np.float32)
-    return np.asarray(levels[low] * (1 - weight) + levels[low + 1] * weight)
+    return between(levels, at, 0)

@@ -95,12 +95,16 @@ def occlude(
     if len(times) < 2 or np.diff(times).min() <= 0:
         raise InputError("time_s must hold two instants or more, ascending")
     windows = mask.draw(float(times[-1] + (times[-1] - times[-2]) / 2), seed=seed)
-    within = (times[:, None] >= windows[:, 0]) & (times[:, None] < windows[:, 1])
-    columns = np.asarray(within.any(axis=1))
+    columns = covered(times, windows)
     filled = np.zeros_like(power)
     if fill == "background":
         filled = _power("background_power", background_power, power.shape)
     return Occluded(power=np.where(columns, filled, power), windows_s=windows, columns=columns)
+
+
+def covered(times_s: np.ndarray, windows_s: np.ndarray) -> np.ndarray:
+    """Which of the times (T,) lie in a window of `OcclusionMask.draw`, bool (T,)."""
+    return np.asarray(((times_s[:, None] >= windows_s[:, 0]) & (times_s[:, None] < windows_s[:, 1])).any(axis=1))
 
 
 def _power(name: str, values: Any, shape: tuple[int | str, ...]) -> np.ndarray:

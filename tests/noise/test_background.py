@@ -468,9 +468,9 @@ def test_sampling_needs_no_torch() -> None:
 
 
 def test_architecture_sizes() -> None:
-    size = Architecture.of({"bins": 100, "time_halvings": 2})
+    size = Architecture(bins=100, time_halvings=2)
     assert size.padded_bins >= 100
     assert size.rows * 2**size.doppler_halvings == size.padded_bins
     assert np.prod([times for *_, times in size.stages]) == size.columns == 4
     with pytest.raises(InputError, match="take fewer time_halvings"):
-        Architecture.of({"bins": 16, "time_halvings": 3})
+        Architecture(bins=16, time_halvings=3)

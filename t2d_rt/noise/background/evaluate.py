@@ -9,7 +9,7 @@ import numpy as np
 
 from t2d_rt.core.constants import decibel
 from t2d_rt.core.errors import InputError
-from t2d_rt.noise.background.model import BackgroundModel
+from t2d_rt.noise.background.model import BackgroundModel, Codes
 from t2d_rt.noise.background.records import BackgroundRecord, common_grid
 
 PATCH_COLUMNS = 32
@@ -71,9 +71,10 @@ def evaluation(
         )
     levels = [each.relative_db for each in recorded]
     found: dict[str, tuple[Distances, float | None]] = {}
-    for name, codes in (("prior", "prior"), ("uniform codes", "uniform")):
+    drawn: dict[str, Codes] = {"prior": "prior", "uniform codes": "uniform"}
+    for name, codes in drawn.items():
         some = [
-            model.columns(each.shape[1], seed=seed + number, codes="prior" if codes == "prior" else "uniform")
+            model.columns(each.shape[1], seed=seed + number, codes=codes)
             for number, each in enumerate(levels * SAMPLES)
         ]
         used = perplexity(np.concatenate([each.codes for each in some]), model.architecture.codes)
@@ -180,11 +181,14 @@ def _regression(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     given = np.c_[x, np.ones(len(x))]
     sign = 2 * y - 1
     balance = np.where(y > 0, 0.5 / np.mean(y), 0.5 / np.mean(1 - y))
+    start = np.zeros(given.shape[1])
+    found = minimize(_loss, start, (given, sign, balance), jac=True, method="L-BFGS-B", options={"maxiter": 300})
+    return np.asarray(found.x)
 
-    def loss(weights: np.ndarray) -> tuple[float, np.ndarray]:
-        margin = sign * (given @ weights)
-        value = np.sum(balance * np.logaddexp(0, -margin)) + RIDGE / 2 * np.sum(weights[:-1] ** 2)
-        slope = -given.T @ (balance * sign * np.exp(-np.logaddexp(0, margin))) + RIDGE * np.r_[weights[:-1], 0]
-        return float(value), slope
 
-    return np.asarray(minimize(loss, np.zeros(given.shape[1]), jac=True, method="L-BFGS-B", options={"maxiter": 300}).x)
+def _loss(weights: np.ndarray, given: np.ndarray, sign: np.ndarray, balance: np.ndarray) -> tuple[float, np.ndarray]:
+    """Loss of the regression and its gradient."""
+    margin = sign * (given @ weights)
+    value = np.sum(balance * np.logaddexp(0, -margin)) + RIDGE / 2 * np.sum(weights[:-1] ** 2)
+    slope = -given.T @ (balance * sign * np.exp(-np.logaddexp(0, margin))) + RIDGE * np.r_[weights[:-1], 0]
+    return float(value), slope

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from t2d_rt.core.checks import integer
 from t2d_rt.core.errors import InputError, install
@@ -38,12 +37,10 @@ def learn_background(
     if not records:
         raise InputError("a background is learned from one recording or more, got none")
     grid = common_grid(records)
-    values: dict[str, Any] = {"bins": len(grid.velocity_mps), "codes": codes, "heads": heads}
     halvings = 0
     while halvings < MOST_HALVINGS and grid.time_step_s * 2 ** (halvings + 1) <= STEP_S:
         halvings += 1
-    values["time_halvings"] = max(1, halvings)
-    architecture = Architecture.of(values)
+    architecture = Architecture(bins=len(grid.velocity_mps), codes=codes, heads=heads, time_halvings=max(1, halvings))
     least = (LEAST_STEPS + 2 * HALO) * architecture.columns
     for each in records:
         if each.power.shape[1] < least:

@@ -96,18 +96,18 @@ def resampled(
     """
     at = np.arange(columns) * wanted.time_step_s / own.time_step_s
     speeds = np.clip((wanted.velocity_mps - own.velocity_mps[0]) / own.bin_mps, 0, len(mean) - 1)
-    both = np.stack([_between(_between(each, at, 1), speeds, 0) for each in (mean, looks)])
+    both = np.stack([between(between(each, at, 1), speeds, 0) for each in (mean, looks)])
     steps = np.arange(time.shape[1]) * wanted.time_step_s / own.time_step_s
     ending = np.pad(time, ((0, 0), (0, 1)))  # beyond the lags that are kept there is no correlation
-    lags = _between(_between(ending, np.minimum(steps, time.shape[1]), 1), speeds, 0)
+    lags = between(between(ending, np.minimum(steps, time.shape[1]), 1), speeds, 0)
     bins = np.interp(
         np.arange(len(doppler)) * wanted.bin_mps / own.bin_mps, np.arange(len(doppler)), doppler, right=0.0
     )
     return both[0], both[1], lags, bins
 
 
-def _between(values: np.ndarray, at: np.ndarray, axis: int) -> np.ndarray:
-    """Values between those of an axis."""
+def between(values: np.ndarray, at: np.ndarray, axis: int) -> np.ndarray:
+    """Values at places, in cells, between those of an axis, interpolated linearly."""
     low = np.clip(np.floor(at).astype(int), 0, values.shape[axis] - 2)
     weight = (at - low).astype(np.float32)
     weight = weight[:, None] if axis == 0 else weight
@@ -179,7 +179,7 @@ class BackgroundModel:
     @property
     def digest(self) -> str:
         """A text that is the same for models of the same arrays and axes."""
-        found = hashlib.sha256(f"{self.architecture} {self.grid} {self.levels_db} {self.calibrated}".encode())
+        found = hashlib.sha256(f"{self.architecture!r} {self.grid} {self.levels_db} {self.calibrated}".encode())
         for name in sorted(self.arrays):
             found.update(np.ascontiguousarray(self.arrays[name]).tobytes())
         return found.hexdigest()[:32]
@@ -234,7 +234,7 @@ class BackgroundModel:
 
         told = {
             "version": VERSION,
-            "architecture": self.architecture.described(),
+            "architecture": self.architecture.model_dump(),
             "first_velocity_mps": float(self.grid.velocity_mps[0]),
             "bin_mps": self.grid.bin_mps,
             "time_step_s": self.grid.time_step_s,
@@ -286,7 +286,7 @@ def _read(path: Path) -> BackgroundModel:
         told, arrays = json.loads(metadata[FORMAT]), load(data)
         if told["version"] != VERSION:
             raise InputError(f"it is of version {shown(told['version'])}, this program reads version {VERSION}")
-        architecture = Architecture.of(told["architecture"])
+        architecture = Architecture.model_validate(told["architecture"])
         speeds = told["first_velocity_mps"] + told["bin_mps"] * np.arange(architecture.bins)
         return BackgroundModel.of(
             architecture,

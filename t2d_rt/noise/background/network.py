@@ -7,67 +7,59 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
 from functools import cache
-from typing import Any
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 
-from t2d_rt.core.checks import integer, options
 from t2d_rt.core.errors import InputError
+from t2d_rt.types.fields import Count, Fields
 
 KEPT_ROWS = 6
 """Rows of the coarsest maps, at least: fewer would not tell an approaching from a receding interferer."""
 HALO = 3
 """Steps on either side that the decoder's convolutions reach over, for 2 residual blocks and any stages."""
-LARGEST = 4096
-"""Of any size: what exceeds it was damaged."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Architecture:
+Size = Annotated[Count, Field(ge=1, le=4096)]
+"""What exceeds it was damaged."""
+
+
+class Architecture(Fields):
     """Code books of `codes` entries for the `heads` parts of a latent vector, one vector for each step of `columns` columns."""
 
-    bins: int
+    noun: ClassVar[str] = "architecture"
+
+    bins: Size
     """Doppler bins of the spectrograms."""
-    time_halvings: int = 3
+    time_halvings: Size = 3
     """A step is 2^time_halvings columns."""
-    heads: int = 4
+    heads: Size = 4
     """Codes in a step, each of its own code book."""
-    codes: int = 32
+    codes: Size = 32
     """Entries of each code book."""
-    code_size: int = 16
+    code_size: Size = 16
     """Numbers in an entry."""
-    channels: int = 64
+    channels: Size = 64
     """Of the coarsest maps."""
-    residual: int = 32
+    residual: Size = 32
     """Of the middle of a residual block (van den Oord et al. 2017)."""
-    blocks: int = field(default=2)
+    blocks: Annotated[Size, Field(le=2)] = 2
     """Residual blocks."""
-    hidden: int = 192
+    hidden: Size = 192
     """State of the prior over time."""
-    mixed: int = 64
+    mixed: Size = 64
     """Units of the prior within a step."""
 
-    @classmethod
-    def of(cls, values: Any) -> Architecture:
-        """Checked sizes, from a file's mapping."""
-        names = [each.name for each in fields(cls)]
-        found = cls(
-            **{key: integer(key, value, 1, LARGEST) for key, value in options("architecture", values, names).items()}
-        )
-        if found.time_halvings > found.doppler_halvings:
+    @model_validator(mode="after")
+    def _halved_alike(self) -> Self:
+        if self.time_halvings > self.doppler_halvings:
             raise InputError(
-                f"{found.bins} Doppler bins are halved {found.doppler_halvings} times and columns {found.time_halvings} times; "
+                f"{self.bins} Doppler bins are halved {self.doppler_halvings} times and columns {self.time_halvings} times; "
                 "take fewer time_halvings"
             )
-        if found.blocks > 2:
-            raise InputError(f"blocks must be 1 or 2, got {found.blocks}")
-        return found
-
-    def described(self) -> dict[str, int]:
-        """Sizes as a mapping."""
-        return asdict(self)
+        return self
 
     @property
     def columns(self) -> int:

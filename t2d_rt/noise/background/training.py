@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -246,7 +247,7 @@ def _codec(
     padded = [_padded(each, architecture) for each in levels]
     codec = Codec(architecture, torch.from_numpy(_profile(padded)))
     optimizer = torch.optim.Adam(codec.parameters(), lr=RATE)
-    schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, _falling(training.codec_steps))
+    schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, partial(_rate_factor, steps=training.codec_steps))
     width = (TILE_STEPS + 2 * HALO) * architecture.columns
     edge = HALO * architecture.columns
     first = int(UNQUANTIZED * training.codec_steps)
@@ -280,7 +281,7 @@ def _prior(
     used, kept = split_codes(codes, training.validation)
     prior = Prior(architecture)
     optimizer = torch.optim.Adam(prior.parameters(), lr=RATE, weight_decay=1e-5)
-    schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, _falling(training.prior_steps))
+    schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, partial(_rate_factor, steps=training.prior_steps))
     length = min(len(each) for each in used)
     best, best_loss = {name: each.clone() for name, each in prior.state_dict().items()}, np.inf
     for step in range(training.prior_steps):
@@ -391,8 +392,9 @@ def _stretches(codes: list[np.ndarray], length: int, rng: np.random.Generator) -
     return np.stack([codes[k][start : start + length] for k, start in zip(which, starts, strict=True)])
 
 
-def _falling(steps: int) -> Callable[[int], float]:
-    return lambda step: min(1.0, (step + 1) / WARM_STEPS) * 0.5 * (1 + float(np.cos(np.pi * min(1.0, step / steps))))
+def _rate_factor(step: int, steps: int) -> float:
+    """Of the learning rate: it rises over the first steps and falls to nothing by half a cosine."""
+    return min(1.0, (step + 1) / WARM_STEPS) * 0.5 * (1 + float(np.cos(np.pi * min(1.0, step / steps))))
 
 
 def _stepped(optimizer: torch.optim.Optimizer, schedule: torch.optim.lr_scheduler.LambdaLR, loss: Tensor) -> None:

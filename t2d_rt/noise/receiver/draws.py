@@ -93,15 +93,32 @@ def complex_normal(backend: Backend, radius: Any, angle: Any) -> tuple[Any, Any]
 def _polynomials() -> tuple[list[float], list[float], list[float]]:
     """ln(1 + z)/z for -1/4 < z < 1/2, and sin(2 pi t)/t and cos(2 pi t) in powers of t^2 for |t| < 1/2, lowest power first."""
 
-    def powers(values: Callable[[np.ndarray], np.ndarray], degree: int, domain: tuple[float, float]) -> list[float]:
-        fitted = np.polynomial.Chebyshev.interpolate(values, degree, domain=list(domain))
-        return fitted.convert(kind=np.polynomial.Polynomial).coef.tolist()
-
     return (
-        powers(lambda z: np.log1p(z) / np.where(z == 0, 1, z) + (z == 0), 6, (-0.25, 0.5)),
-        powers(lambda square: 2 * math.pi * np.sinc(2 * np.sqrt(square)), 4, (0, 0.25)),
-        powers(lambda square: np.cos(2 * math.pi * np.sqrt(square)), 5, (0, 0.25)),
+        _in_powers(_logarithm_over, 6, (-0.25, 0.5)),
+        _in_powers(_sine_over, 4, (0, 0.25)),
+        _in_powers(_cosine_of_root, 5, (0, 0.25)),
     )
+
+
+def _in_powers(values: Callable[[np.ndarray], np.ndarray], degree: int, domain: tuple[float, float]) -> list[float]:
+    """Coefficients of the polynomial that meets a function at the Chebyshev points of a domain, lowest power first."""
+    fitted = np.polynomial.Chebyshev.interpolate(values, degree, domain=list(domain))
+    return fitted.convert(kind=np.polynomial.Polynomial).coef.tolist()
+
+
+def _logarithm_over(z: np.ndarray) -> np.ndarray:
+    """ln(1 + z) / z, 1 at 0."""
+    return np.asarray(np.log1p(z) / np.where(z == 0, 1, z) + (z == 0))
+
+
+def _sine_over(square: np.ndarray) -> np.ndarray:
+    """sin(2 pi t) / t of t^2."""
+    return np.asarray(2 * math.pi * np.sinc(2 * np.sqrt(square)))
+
+
+def _cosine_of_root(square: np.ndarray) -> np.ndarray:
+    """cos(2 pi t) of t^2."""
+    return np.asarray(np.cos(2 * math.pi * np.sqrt(square)))
 
 
 def _horner(coefficients: list[float], z: Any) -> Any:

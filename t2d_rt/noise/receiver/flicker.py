@@ -52,31 +52,33 @@ def filter_of(samples: int) -> Filter:
     count = max(FEWEST_POLES, math.ceil(math.log2(samples) / 2))
     near_half = 0.5 - np.geomspace(1e-3, 0.2, FREQUENCIES // 8)
     frequency = np.unique(np.concatenate([np.geomspace(lowest, 0.5, FREQUENCIES), near_half]))
-    cosine = np.cos(2 * np.pi * frequency)[:, None]
-
-    def roots(fitted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Poles and zeros: ever farther from 1, and one pair near -1 that holds the slope up to half a cycle."""
-        falling, pair = np.exp(-np.exp(fitted[1:-2])), np.tanh(fitted[-2:])
-        return np.append(falling[:count], pair[0]), np.append(falling[count:], pair[1])
-
-    def error(fitted: np.ndarray) -> np.ndarray:
-        """ln of the density over 1 / f."""
-        poles, zeros = (np.log(1 - 2 * each * cosine + each**2).sum(axis=1) for each in roots(fitted))
-        return np.asarray(fitted[0] + zeros - poles + np.log(frequency))
-
     first = np.geomspace(1.2 * lowest, 0.3, count)
     start = np.concatenate(
         [[0.0], np.log(2 * np.pi * first), np.log(2 * np.pi * np.sqrt(first[1:] * first[:-1])), [-0.3, -0.5]]
     )
-    start[0] -= error(start).mean()
+    start[0] -= _error(start, frequency).mean()
     # Rounded: the last bits of a fit are not those of the next machine.
-    found = np.round(least_squares(error, start, method="lm").x, 6)
-    poles, zeros = roots(found)
+    found = np.round(least_squares(_error, start, method="lm", args=(frequency,)).x, 6)
+    poles, zeros = _roots(found)
     # Partial fractions: there is one zero less than there are poles.
     apart = poles[:, None] - poles + np.eye(len(poles))
     gains = math.exp(found[0] / 2) * (poles[:, None] - zeros).prod(axis=1) / apart.prod(axis=1)
     covariance = np.outer(gains, gains) / (1 - np.outer(poles, poles))
     return Filter(poles, gains, np.linalg.cholesky(covariance))
+
+
+def _roots(fitted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Poles and one zero less: ever farther from 1, and one pair near -1 that holds the slope up to half a cycle."""
+    falling, pair = np.exp(-np.exp(fitted[1:-2])), np.tanh(fitted[-2:])
+    count = (len(falling) + 1) // 2
+    return np.append(falling[:count], pair[0]), np.append(falling[count:], pair[1])
+
+
+def _error(fitted: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+    """ln of the filter's density over 1 / f, at frequencies [cycles per sample]."""
+    cosine = np.cos(2 * np.pi * frequency)[:, None]
+    poles, zeros = (np.log(1 - 2 * each * cosine + each**2).sum(axis=1) for each in _roots(fitted))
+    return np.asarray(fitted[0] + zeros - poles + np.log(frequency))
 
 
 @dataclass(frozen=True, slots=True)
