@@ -42,7 +42,12 @@ __all__ = [
 ]  # fmt: skip
 
 
+STUDIES = "benchmark", "fidelity", "gap", "transfer", "twins"
+"""Modules that were here, and are studies now."""
+
+
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
-        raise AttributeError(f"module 't2d_rt.learn' has no attribute '{name}'")
+        moved = f"; it is validation.studies.{name} now, in a clone of t2d-rt" if name in STUDIES else ""
+        raise AttributeError(f"module 't2d_rt.learn' has no attribute '{name}'{moved}")
     return public(getattr(import_module(_HOME[name]), name))
