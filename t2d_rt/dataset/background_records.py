@@ -52,17 +52,12 @@ def background_records(
     return [_record(each, dict(processing or {}), lanes, iq, conjugate) for each in files]
 
 
-def record_of(recording: Recording, name: str, processing: Mapping[str, Any]) -> BackgroundRecord:
-    """The spectrogram of a recording as a record; powers are in W where the recording was simulated."""
+def record_of(recording: Recording, name: str, processing: Mapping[str, Any], *, calibrated: bool) -> BackgroundRecord:
+    """The spectrogram of a recording as a record; powers are in W where it is calibrated."""
     options = {"mti": MTI, **recording.processing, **processing}
     image = spectrogram(recording.cube, recording.radar, **options)
-    return BackgroundRecord.of(
-        name,
-        image.power,
-        Grid.of_columns(image.velocity_mps, image.time_s),
-        carrier_hz=recording.radar.carrier_hz,
-        calibrated=recording.experiment is not None,
-    )
+    grid = Grid.of_columns(image.velocity_mps, image.time_s)
+    return BackgroundRecord.of(name, image.power, grid, carrier_hz=recording.radar.carrier_hz, calibrated=calibrated)
 
 
 def _record(
@@ -72,7 +67,8 @@ def _record(
     if ending == ".npz":
         return BackgroundRecord.load(path)
     if ending == ".zarr":
-        return record_of(load_recording(path), path.stem, processing)
+        recording = load_recording(path)
+        return record_of(recording, path.stem, processing, calibrated=recording.experiment is not None)
     own, common = path.with_suffix(".yaml"), path.with_name(RADAR_FILE)
     radar = own if own.is_file() else common
     if not radar.is_file():
@@ -80,7 +76,7 @@ def _record(
             f"{path} holds samples only, and there is neither {own.name} nor {RADAR_FILE} with its radar; write one"
         )
     recording = load_recording(path, radar, lanes=lanes if ending == ".bin" else None, iq=iq, conjugate=conjugate)
-    return record_of(recording, path.stem, processing)
+    return record_of(recording, path.stem, processing, calibrated=False)
 
 
 ROOMS = "living_room", "bedroom", "hospital_room", "corridor", "empty_room"
@@ -91,18 +87,12 @@ FLICKER_CORNER_HZ = 50e3
 """Frequency at which the receiver's 1/f noise equals its thermal noise; an assumption, receivers differ by decades."""
 ACCURACY = {"occlusion": False, "clutter_occlusion": False, "sagitta_scale": 3.0}
 """Coarse: a background is told by its powers, not by its phases."""
-PROCESSING: dict[str, Any] = {"mti": "mean"}
-"""Of the spectrogram: windows as by default; the mean over the record takes away the static clutter."""
 
 
 def empty_room_record(seed: int, *, duration_s: float = 5.0, radar: Radar | None = None) -> BackgroundRecord:
     """The spectrogram of an empty room, `table2` by default; room, movers and noise follow from the seed."""
     recording = empty_room(seed, duration_s=duration_s, radar=radar)
-    image = spectrogram(recording.cube, recording.radar, **PROCESSING)
-    grid = Grid.of_columns(image.velocity_mps, image.time_s)
-    return BackgroundRecord.of(
-        f"room_{seed:04d}", image.power, grid, carrier_hz=recording.radar.carrier_hz, calibrated=True
-    )
+    return record_of(recording, f"room_{seed:04d}", {}, calibrated=True)
 
 
 def empty_room(seed: int, *, duration_s: float = 5.0, radar: Radar | None = None) -> Recording:

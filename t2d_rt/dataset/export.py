@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import json
 import zipfile
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from string import Template
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -23,14 +24,15 @@ from t2d_rt.dataset.splits import Split, check_split
 from t2d_rt.recording.truth import TRUTH_COLUMNS
 
 if TYPE_CHECKING:
-    from t2d_rt.dataset.dataset import Dataset, Product
     from t2d_rt.dataset.products import SpectrogramProduct
-    from t2d_rt.dataset.splits import Split
+    from t2d_rt.dataset.recipe import Recipe
 
 
 Format = Literal["parquet", "png", "npz"]
 FORMATS: tuple[Format, ...] = get_args(Format)
 
+CARD = Path(__file__).with_name("data_card.md")
+"""Text of a data card, with $ where figures go."""
 ALL = "all"
 """Name of the one side of a data set that is not split."""
 LABELS = (
@@ -193,7 +195,7 @@ def _write_npz(dataset: Dataset, path: Path, positions: np.ndarray, products: Se
                 small[f"{product}_{name}"] = np.array(edges)
     with zipfile.ZipFile(path.with_name(f"{path.name}.npz"), "w", zipfile.ZIP_DEFLATED, allowZip64=True) as archive:
         for name, array in small.items():
-            _member(archive, name, _array(array))
+            _write_array(archive, name, array)
         for product in products:
             _write_product(archive, dataset, positions, product)
     lines = "".join(f"{json.dumps(each)}\n" for each in records)
@@ -202,34 +204,29 @@ def _write_npz(dataset: Dataset, path: Path, positions: np.ndarray, products: Se
 
 def _write_product(archive: zipfile.ZipFile, dataset: Dataset, positions: np.ndarray, product: Product) -> None:
     """One array (sample, ...), sample by sample; of what differs in size an array for each sample, PRODUCT_INDEX."""
-
-    def stacked(file: Any) -> None:
-        first = dataset.array(int(positions[0]), product)
-        about = {
-            "descr": np.lib.format.dtype_to_descr(first.dtype),
-            "fortran_order": False,
-            "shape": (len(positions), *first.shape),
-        }
+    if product in RAGGED:
+        for place in positions:
+            name = f"{product}_{dataset.records[place]['index']}"
+            _write_array(archive, name, dataset.array(int(place), product))
+        return
+    first = dataset.array(int(positions[0]), product)
+    about = {
+        "descr": np.lib.format.dtype_to_descr(first.dtype),
+        "fortran_order": False,
+        "shape": (len(positions), *first.shape),
+    }
+    with archive.open(f"{product}.npy", "w", force_zip64=True) as file:
         np.lib.format.write_array_header_2_0(file, about)
         for place in positions:
             file.write(np.ascontiguousarray(dataset.array(int(place), product)).data)
 
-    if product not in RAGGED:
-        _member(archive, product, stacked)
-        return
-    for place in positions:
-        name = f"{product}_{dataset.records[place]['index']}"
-        _member(archive, name, _array(dataset.array(int(place), product)))
 
-
-def _member(archive: zipfile.ZipFile, name: str, write: Callable[[Any], None]) -> None:
+def _write_array(archive: zipfile.ZipFile, name: str, array: np.ndarray) -> None:
     with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
-        write(file)
+        np.lib.format.write_array(file, array, allow_pickle=False)
 
 
-def _array(array: np.ndarray) -> Callable[[Any], None]:
-    """Writes an array to a file."""
-    return lambda file: np.lib.format.write_array(file, array, allow_pickle=False)
+# --- Data card ---
 
 
 def data_card(
@@ -248,20 +245,21 @@ def data_card(
             }
         ],
     }
-    parts = [
-        f"---\n{yaml.safe_dump(front, sort_keys=False)}---\n",
-        f"# {recipe.name}\n",
-        f"{recipe.about}\n" if recipe.about else "",
-        "Simulated FMCW radar recordings of human motion, made by t2d-rt from descriptions in words; none of it was measured. The "
-        f"file recipe.yaml makes the same samples again (hash {recipe.hash}, t2d-rt {versions()['t2d-rt']}).\n",
-        _counts(dataset, sides),
-        _splitting(split),
-        _radar(dataset),
-        _arrays(dataset, products),
-        _quality(dataset),
-        _reading(next(iter(sides)), products[0]),
-    ]
-    return "\n".join(part for part in parts if part)
+    about = f"{recipe.about}\n\n" if recipe.about else ""
+    return Template(CARD.read_text(encoding="utf-8")).substitute(
+        front=yaml.safe_dump(front, sort_keys=False),
+        name=recipe.name,
+        about=about,
+        hash=recipe.hash,
+        version=versions()["t2d-rt"],
+        counts=_counts(dataset, sides),
+        splitting=_splitting(split),
+        radars=_radars(dataset.recipe),
+        arrays="\n".join(_array_line(dataset, each) for each in products),
+        quality=_quality(dataset),
+        side=next(iter(sides)),
+        product=products[0],
+    )
 
 
 def _size(count: int) -> str:
@@ -272,55 +270,54 @@ def _size(count: int) -> str:
 
 
 def _counts(dataset: Dataset, sides: Mapping[str, np.ndarray]) -> str:
-    labels = dataset.labels
-    head = f"| label | class | {' | '.join(sides)} |\n|---|---|{'---|' * len(sides)}\n"
-    rows = (
-        f"| {number} | {name} | " + " | ".join(f"{np.sum(labels[each] == number)}" for each in sides.values()) + " |"
-        for number, name in enumerate(dataset.classes)
-    )
-    return "## Samples\n\n" + head + "\n".join(rows) + "\n"
+    """A table of the samples of each class on each side."""
+    rows = [["label", "class", *sides], ["---"] * (2 + len(sides))]
+    for number, name in enumerate(dataset.classes):
+        rows.append([str(number), name, *(f"{np.sum(dataset.labels[each] == number)}" for each in sides.values())])
+    return _table(rows)
+
+
+def _table(rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown; the second row is that of dashes."""
+    lines = [f"|{'|'.join(row)}|" if row[0] == "---" else f"| {' | '.join(row)} |" for row in rows]
+    return "\n".join(lines)
 
 
 def _splitting(split: Split | None) -> str:
     if split is None:
-        return "The samples are not split; `t2d-rt dataset split` does so without leaks.\n"
-    text = f"No {', '.join(split.apart[:-1])}{' or ' if len(split.apart) > 1 else ''}{split.apart[-1]} is on two sides."
+        return "The samples are not split; `t2d-rt dataset split` does so without leaks."
+    *first, last = split.apart
+    text = f"No {', '.join(first)}{' or ' if first else ''}{last} is on two sides."
     text += "".join(f" {count} {kind}s are on two sides." for kind, count in split.shared.items())
-    return text + (f" {len(split.left_out)} samples were left out for it.\n" if split.left_out else "\n")
+    return text + (f" {len(split.left_out)} samples were left out for it." if split.left_out else "")
 
 
-def _radar(dataset: Dataset) -> str:
-    recipe = dataset.recipe
-    radars = {each.name: each.radar or recipe.radar for each in recipe.conditions}
-    head = "## Radar and scene\n\n| condition | scene | model | carrier [GHz] | bandwidth [GHz] | speeds [m/s] | range bin [cm] |\n"
-    rows = []
-    for each in recipe.conditions:
-        radar = radars[each.name]
-        rows.append(
-            f"| {each.name} | {each.scene} | {each.method} | {radar.mid_frequency_hz / 1e9:.2f} | {radar.bandwidth_hz / 1e9:.2f} | "
-            f"+-{radar.max_speed_mps:.2f} | {100 * radar.range_resolution_m:.2f} |"
-        )
-    return head + "|---|---|---|---|---|---|---|\n" + "\n".join(rows) + "\n"
-
-
-def _arrays(dataset: Dataset, products: Sequence[Product]) -> str:
-    lines = ["## Columns\n"]
-    for product in products:
-        array, told = dataset.array(0, product), dataset.records[0]["products"][product]
-        axes = ", ".join(
-            f"{name.rpartition('_')[0]} {told[name][0]:.4g} to {told[name][1]:.4g} {unit}"
-            for name, unit in UNITS.items()
-            if name in told
-        )
-        lines.append(f"- `{product}`: {array.dtype}, {_meaning(dataset, product)}{f'; {axes}' if axes else ''}")
-    lines += [
-        "- `label`: number of the class; `sentence`: what the person does; `description`: its number in the class",
-        "- `seed`, `provider`, `body`, `distance_m`, `angle_deg` (of the motion against the line to the radar), `condition`",
-        "- `snr_db`: what moves in the echoes over all noise of an ADC sample; `error_db`: error of the field, where measured",
-        "- `passed`: whether the filter of motions takes the motion for one of its class",
-        "- `record`: all of this and the origin of the motion, as JSON; of a map its `peak_db` [dB re 1 W] and edges of axes",
+def _radars(recipe: Recipe) -> str:
+    """A table of the conditions."""
+    rows: list[Sequence[str]] = [
+        ["condition", "scene", "model", "carrier [GHz]", "bandwidth [GHz]", "speeds [m/s]", "range bin [cm]"],
+        ["---"] * 7,
     ]
-    return "\n".join(lines) + "\n"
+    for each in recipe.conditions:
+        radar = each.radar or recipe.radar
+        figures = (
+            f"{radar.mid_frequency_hz / 1e9:.2f}",
+            f"{radar.bandwidth_hz / 1e9:.2f}",
+            f"+-{radar.max_speed_mps:.2f}",
+        )
+        rows.append([each.name, each.scene, each.method, *figures, f"{100 * radar.range_resolution_m:.2f}"])
+    return _table(rows)
+
+
+def _array_line(dataset: Dataset, product: Product) -> str:
+    """Type, meaning and axes of a product."""
+    array, told = dataset.array(0, product), dataset.records[0]["products"][product]
+    axes = ", ".join(
+        f"{name.rpartition('_')[0]} {told[name][0]:.4g} to {told[name][1]:.4g} {unit}"
+        for name, unit in UNITS.items()
+        if name in told
+    )
+    return f"- `{product}`: {array.dtype}, {_meaning(dataset, product)}{f'; {axes}' if axes else ''}"
 
 
 def _meaning(dataset: Dataset, product: Product) -> str:
@@ -357,12 +354,4 @@ def _quality(dataset: Dataset) -> str:
         lines.append(
             f"- measured error of the field {np.median(errors):.1f} dB (median of {len(errors)}), {errors.max():.1f} dB at most"
         )
-    return "## Quality\n\n" + "\n".join(lines) + "\n"
-
-
-def _reading(side: str, product: str) -> str:
-    return (
-        "## Reading\n\n```python\nfrom datasets import load_dataset\n\n"
-        'data = load_dataset("FOLDER").with_format("numpy")  # where this file lies\n'
-        f'sample = data["{side}"][0]\nsample["{product}"], sample["label"]\n```\n'
-    )
+    return "\n".join(lines)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -131,46 +131,30 @@ def pyarrow() -> tuple[Any, Any]:
     )
 
 
-def features(dataset: Dataset, products: Sequence[Product]) -> dict[str, dict[str, Any]]:
-    """The columns as Hugging Face's `datasets` describes them."""
-    found: dict[str, dict[str, Any]] = {}
-    for name, kind in COLUMNS.items():
-        found[name] = (
-            {"names": list(dataset.classes), "_type": "ClassLabel"}
-            if kind == "class"
-            else {"dtype": kind, "_type": "Value"}
-        )
-    for product in products:
-        array = _real(dataset.array(0, product))
-        # Only the first dimension may differ from sample to sample.
-        shape = [None if product in RAGGED else array.shape[0], *array.shape[1:]]
-        found[product] = {"shape": shape, "dtype": str(array.dtype), "_type": f"Array{array.ndim}D"}
-    found[RECORD] = {"dtype": "string", "_type": "Value"}
-    return found
-
-
 def _schema(pa: Any, dataset: Dataset, products: Sequence[Product]) -> Any:
-    told = features(dataset, products)
+    """The columns as Arrow has them, and in the metadata as Hugging Face's `datasets` describes them."""
+    told: dict[str, dict[str, Any]] = {}
     fields = []
-    for name, each in told.items():
-        if each["_type"] == "ClassLabel":
-            kind = pa.int64()
-        elif each["_type"] == "Value":
-            kind = {"bool": pa.bool_(), "string": pa.string(), "int64": pa.int64(), "float64": pa.float64()}[
-                each["dtype"]
-            ]
+    for name, kind in [*COLUMNS.items(), *((product, "array") for product in products), (RECORD, "string")]:
+        if kind == "class":
+            told[name] = {"names": list(dataset.classes), "_type": "ClassLabel"}
+            fields.append(pa.field(name, "int64"))
+        elif kind != "array":
+            told[name] = {"dtype": kind, "_type": "Value"}
+            fields.append(pa.field(name, kind))
         else:
-            kind = pa.from_numpy_dtype(np.dtype(each["dtype"]))
-            for _ in each["shape"]:
-                kind = pa.list_(kind)
-        about = None
-        if each["_type"].startswith("Array"):
-            shape = each["shape"]
-            about = {
+            array = _real(dataset.array(0, cast("Product", name)))
+            # Only the first dimension may differ from sample to sample.
+            shape = [None if name in RAGGED else array.shape[0], *array.shape[1:]]
+            told[name] = {"shape": shape, "dtype": str(array.dtype), "_type": f"Array{array.ndim}D"}
+            nested = pa.from_numpy_dtype(array.dtype)
+            for _ in shape:
+                nested = pa.list_(nested)
+            extension = {
                 "ARROW:extension:name": EXTENSION.format(len(shape)),
-                "ARROW:extension:metadata": json.dumps([shape, each["dtype"]]),
+                "ARROW:extension:metadata": json.dumps([shape, str(array.dtype)]),
             }
-        fields.append(pa.field(name, kind, metadata=about))
+            fields.append(pa.field(name, nested, metadata=extension))
     return pa.schema(fields, metadata={"huggingface": json.dumps({"info": {"features": told}})})
 
 

@@ -178,17 +178,9 @@ def maps_of(
             f"{dataset.path} keeps {stored.dynamic_range_db:g} dB below the greatest cell (uint8), got a dynamic range of "
             f"{range_db:g} dB; take as much at most"
         )
-    for record in dataset.records:
-        if record["class"] not in dataset.classes:
-            raise InputError(
-                f"sample {record['index']} of {dataset.path} is of class {shown(record['class'])}, which its recipe does not have; "
-                "put back the recipe that it was made of"
-            )
     levels, (lowest, highest) = [], shared_speeds(dataset) if speeds_mps is None else speeds_mps
     for place, record in enumerate(dataset.records):
         values = dataset.values(place, kind)
-        if not np.isfinite(values).all():
-            raise InputError(f"the spectrogram of sample {record['index']} has NaN or infinite cells; make it anew")
         first, last = record["products"][kind]["velocity_mps"]
         rows = (lowest - first) / (last - first), (highest - first) / (last - first)
         levels.append(relative_levels(10.0 ** (values.astype(np.float64) / 10.0), wanted, range_db, rows))
