@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
@@ -82,7 +83,7 @@ class ShardReader:
         if product in RAGGED:
             self._check(shard.path)
             return shard.array(record, product)
-        return np.array(self._kept.get((shard.path, product), lambda: self._rows(shard, product))[record["row"]])
+        return np.array(self._kept.get((shard.path, product), partial(self._rows, shard, product))[record["row"]])
 
     def _rows(self, shard: Shard, product: str) -> np.ndarray:
         self._check(shard.path)
@@ -104,6 +105,9 @@ class Dataset:
 
         path: what `make_dataset` wrote, finished or not, or `export_dataset` as parquet.
         cached_mb: memory for the shards read last [MB]; reading in random order is fast where all of them fit.
+
+        Raises InputError where the folder is no data set or holds no finished sample, and where a file is not as it was written.
+        Arrays are checked when they are read, not here.
         """
         self.path = dataset_folder(path)
         self.recipe = Recipe.read(self.path / RECIPE)
@@ -153,7 +157,10 @@ class Dataset:
         return tuple(self.recipe.products.kept)
 
     def positions(self, indices: Sequence[int] | np.ndarray) -> np.ndarray:
-        """Where samples of these indices stand here, (M,)."""
+        """Where samples of these indices stand here, (M,); an index is that in the recipe, a position that among finished samples.
+
+        Raises InputError for an index of which there is no finished sample.
+        """
         places = {int(index): place for place, index in enumerate(self.indices)}
         lacking = [int(each) for each in indices if int(each) not in places]
         if lacking:
@@ -163,7 +170,10 @@ class Dataset:
         return np.array([places[int(each)] for each in indices], dtype=np.int64)
 
     def array(self, position: int, product: Product) -> np.ndarray:
-        """A sample's array as it is stored."""
+        """A sample's array as it is stored, of the type and shape that the recipe's product has; `values` tells what it means.
+
+        Raises InputError for a product that is not kept, and for a file that is damaged or not of this recipe.
+        """
         return self._reader.array(position, self.checked(product))
 
     def values(self, position: int, product: Product) -> np.ndarray:
@@ -184,7 +194,10 @@ class Dataset:
 
 
 def decoded(array: np.ndarray, product: str, products: Products, record: dict[str, Any]) -> np.ndarray:
-    """What an array stands for: levels [dB] of a map, float32, complex samples of the ADC [sqrt(W)]; the others as they are."""
+    """What an array stands for: levels [dB] of a map, float32, complex samples of the ADC [sqrt(W)]; the others as they are.
+
+    A map of "uint8" holds 255 (1 + level / dynamic range), so that what lay below the dynamic range comes back at its end.
+    """
     kept = products.kept[product]
     if product == "adc":
         if kept.dtype == "complex64":

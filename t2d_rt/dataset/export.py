@@ -6,6 +6,7 @@ import csv
 import json
 import zipfile
 from collections.abc import Collection, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -91,7 +92,7 @@ def export_dataset(
         raise InputError(f"{target} is a file and an export is a folder; choose another name")
     _check_apart(source.path, target)
     check_place(target, overwrite=overwrite)
-    with replacing(target, lambda: check_taken(target, overwrite=overwrite)) as new:
+    with replacing(target, partial(check_taken, target, overwrite=overwrite)) as new:
         new.mkdir()
         (new / RECIPE).write_bytes((source.path / RECIPE).read_bytes())
         if to == "parquet":

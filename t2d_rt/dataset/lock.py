@@ -1,4 +1,8 @@
-"""One run at a time in a folder."""
+"""One run at a time in a folder.
+
+The lock is the kernel's (flock), which ends with the process, however that ends. Some network file systems have none, and none
+reaches to another machine: there the file's text, process and machine, tells who works in the folder.
+"""
 
 from __future__ import annotations
 

@@ -186,6 +186,10 @@ def make_dataset(
     scheduler: "local:N" or the address of a scheduler of dask.distributed, in place of them.
     threads: threads of each worker; all cores are shared out by default.
     progress: called with the fraction done, 0..1.
+
+    The files are the same bytes whatever the workers, the order in which they finish and the stops between; only `log` differs.
+    Raises InputError where the folder is that of another recipe or of another run, where a file is damaged or cannot be written,
+    where a worker is lost, and once more than 5 % of the samples have failed.
     """
     begin = time.perf_counter()
     target = file_path("the folder of a data set", folder)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -92,7 +93,7 @@ class ParquetReader:
     def array(self, position: int, product: str) -> np.ndarray:
         """A sample's array as it was in its shard."""
         path, group, row = self._places[position]
-        array = np.array(self._kept.get((path, group, product), lambda: _read_arrays(path, group, product))[row])
+        array = np.array(self._kept.get((path, group, product), partial(_read_arrays, path, group, product))[row])
         try:
             check_array(array, *array_of(self._recipe, self.records[position], product), product)
         except InputError as error:

@@ -62,7 +62,10 @@ class _Map(_Product):
     greatest cell of most maps; "none" keeps them."""
 
     def encoded(self, power: np.ndarray) -> tuple[np.ndarray, float]:
-        """Powers [W] as they are written, and the greatest one [dB re 1 W]."""
+        """Powers [W] as they are written, and the greatest one [dB re 1 W], which is lost in levels relative to it.
+
+        1e-300 W and a relative 1e-300 keep the logarithm finite where a record holds nothing at all.
+        """
         greatest = max(float(power.max()), 1e-300)
         level = np.maximum(10.0 * np.log10(np.maximum(power / greatest, 1e-300)), FLOOR_DB)
         if self.dtype == "float16":
@@ -71,7 +74,10 @@ class _Map(_Product):
         return np.rint(255.0 * shown).astype(np.uint8), 10.0 * math.log10(greatest)
 
     def rows(self, velocity_mps: np.ndarray) -> slice:
-        """Rows within the greatest speed, of speeds in ascending order."""
+        """Rows within the greatest speed, of speeds in ascending order.
+
+        Raises InputError where fewer than two are left, of which no axis can be told.
+        """
         if self.speed_mps is None:
             return slice(None)
         first, last = np.searchsorted(velocity_mps, [-self.speed_mps, self.speed_mps], side="left")
@@ -216,6 +222,8 @@ def record_length_s(recording: Recording) -> float:
 
 def resized(power: np.ndarray, size: tuple[int, int], rows: tuple[float, float] = (0.0, 1.0)) -> np.ndarray:
     """A map (A, B) as one of another size: each new cell is the mean over the area that it covers.
+
+    The mean of powers is what a radar of coarser cells would show; levels in dB must be turned into powers before.
 
     rows: where the new map begins and ends, in parts of the old one's first axis.
     """

@@ -184,7 +184,10 @@ class Recipe(Fields):
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:32]
 
     def seeds(self, number: int, purpose: str) -> np.random.SeedSequence:
-        """The seeds of one purpose, as "view", of a motion or sample by its number."""
+        """The seeds of one purpose, as "view", of a motion or sample by its number.
+
+        The hash of the recipe is among them, so that data sets of two recipes of one seed have nothing in common.
+        """
         words = [int(self.hash[at : at + 8], 16) for at in range(0, len(self.hash), 8)]
         return np.random.SeedSequence([self.seed, *words, number, *purpose.encode()])
 

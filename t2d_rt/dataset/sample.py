@@ -62,7 +62,11 @@ def descriptions(activity: Activity, count: int, seed: int) -> tuple[Description
 
 @functools.lru_cache(maxsize=16)
 def sample_motion(recipe: Recipe, activity: Activity, description: int, number: int) -> SampleMotion:
-    """The motion of a number: the first one that passes the filter within the recipe's attempts, or the first that can be made."""
+    """The motion of a number: the first one that passes the filter within the recipe's attempts, or the first that can be made.
+
+    Motions that do not pass are kept, with the verdict in their record: to drop them would leave out just what the filter does not
+    know of. Raises T2DError where none of the attempts can be made.
+    """
     wanted = descriptions(activity, recipe.descriptions_per_class, recipe.seed)[description]
     first: SampleMotion | None = None
     failure: T2DError | None = None
@@ -133,7 +137,7 @@ def _cut(source: MotionText, motion: Motion, reasons: tuple[str, ...], attempts:
 
 
 def _starts(motion: Motion, length_s: float) -> list[float]:
-    """First instants of the pieces of a motion [s], the liveliest first."""
+    """First instants of the pieces of a motion [s], the liveliest first: those of the greatest sum of squared joint steps."""
     squares = np.sum(np.diff(motion.joints, axis=0) ** 2, axis=(1, 2))
     total = np.concatenate([[0.0], np.cumsum(squares)])
     starts = np.arange(0.0, motion.duration_s - length_s + 1e-9, STEP_S)
@@ -241,6 +245,7 @@ def surroundings(scene: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     surfaces = load_scene(scene).surfaces
     corners = np.array([(each.vertices.min(axis=0), each.vertices.max(axis=0)) for each in surfaces])
     low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
+    # The boxes are those of the walls' axes: furniture that stands askew takes more room here than it does.
     # A wall, a door or a window is flat and lies in the shell of the room; all that stands within it is furniture.
     shell = np.any((corners[:, 1] <= low + 0.05) | (corners[:, 0] >= high - 0.05), axis=1)
     stands = ~shell & (corners[:, 1, 2] > LOW_M)
@@ -383,7 +388,12 @@ def description_of(recipe: Recipe, cell: Cell) -> Description:
 
 
 def sample(recipe: Recipe, index: int) -> Sample:
-    """A sample by its index; its motion is made on the way, to know how long it is and where it has room."""
+    """A sample by its index; its motion is made on the way, to know how long it is and where it has room.
+
+    Each thing that is drawn has a stream of its own, seeded by the recipe's hash, a number and a word. So a sample is the same
+    whichever others are made, and the conditions of one motion differ in nothing but the condition.
+    Raises InputError for an index beyond the recipe, and T2DError where no motion of the description can be made.
+    """
     cell = cell_of(recipe, index)
     found = sample_motion(recipe, cell.activity, cell.description, cell.number)
     condition = cell.condition

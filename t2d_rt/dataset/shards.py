@@ -59,7 +59,10 @@ def shard_name(number: int) -> str:
 
 
 def packed(made: Sequence[Made]) -> tuple[bytes, bytes]:
-    """Content of the archive and of the records of a shard."""
+    """Content of the archive and of the records of a shard.
+
+    Samples that failed have a record and no arrays; `row` tells where the others stand in the arrays that are stacked.
+    """
     arrays: dict[str, np.ndarray] = {}
     good = [each for each in made if each.arrays]
     for name in sorted({name for each in good for name in each.arrays}):
@@ -74,7 +77,7 @@ def packed(made: Sequence[Made]) -> tuple[bytes, bytes]:
 
 
 def archive(arrays: Mapping[str, np.ndarray]) -> bytes:
-    """Arrays as an .npz file that is the same for the same arrays."""
+    """Arrays as an .npz file that is the same for the same arrays; `numpy.savez` writes the time of day into it."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as file:
         for name, array in sorted(arrays.items()):
@@ -275,7 +278,7 @@ def _check_product(recipe: Recipe, name: str, told: Mapping[str, Any]) -> None:
 
 
 def array_of(recipe: Recipe, record: Mapping[str, Any], name: str) -> tuple[np.dtype[Any], Sizes]:
-    """Type and shape of a sample's array."""
+    """Type and shape of a sample's array, as they follow from the recipe and its condition; None is a length that may differ."""
     kept = recipe.products.kept[name]
     if name == "points":
         return np.dtype(np.float32), (None, len(POINT_COLUMNS))
@@ -469,7 +472,11 @@ def shard_faults(folder: Path, shard_number: int, recipe: Recipe) -> Iterator[st
 
 
 def check_dataset(path: str | Path) -> list[str]:
-    """What is wrong with a data set's folder, a sentence each; nothing where all is sound."""
+    """What is wrong with a data set's folder, a sentence each; nothing where all is sound.
+
+    All files are read: their checksums are compared with the manifest, their content with the recipe.
+    Raises InputError where the folder is no data set or its recipe or manifest cannot be read.
+    """
     folder = dataset_folder(path)
     recipe = Recipe.read(folder / RECIPE)
     manifest = read_manifest(folder)

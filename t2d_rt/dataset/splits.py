@@ -132,6 +132,8 @@ def split(
     fractions: of train, val and test (or of train and test, where there are two), or by names of your own; they add up to 1.
     apart: what is on one side only.
     leave_out: leaves out samples that would put one clip on two sides, in place of joining all that share clips to one group.
+
+    Raises InputError where a side would lack a class, or be off by more than a tenth of the samples.
     """
     wanted = _fractions(fractions)
     kinds = _kinds(apart)
@@ -145,7 +147,11 @@ def split(
 def folds(
     records: Records, count: int = 5, *, apart: Collection[str] = KINDS, leave_out: bool = False, seed: int = 0
 ) -> tuple[Split, ...]:
-    """`count` splits into train and test; a sample is in the test of one of them, but for one that is left out there and then."""
+    """`count` splits into train and test, for cross-validation.
+
+    A sample is in the test of one of them, but for one that is left out there and then. Options are those of `split`, and so is
+    what is refused.
+    """
     integer("count", count, 2, 1000)
     kinds = _kinds(apart)
     wanted = {f"fold {number}": 1.0 / count for number in range(1, count + 1)}
@@ -429,7 +435,11 @@ def clip_sides(
 
 
 def _climbed(holds: np.ndarray, sums: np.ndarray, fractions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Side of each clip, (C,)."""
+    """Side of each clip, (C,), by coordinate ascent from several random beginnings: exact division is NP-hard.
+
+    holds: which clips (C) a pattern of clips has, (P, C).
+    sums: samples of each class with that pattern, and all of them, (P, K + 1).
+    """
     unit = np.eye(len(fractions), dtype=np.int64)
     totals = sums.sum(axis=0)
     best: tuple[float, np.ndarray] | None = None

@@ -34,7 +34,11 @@ from t2d_rt.types import Accuracy
 
 
 def view(recording: Recording, recipe: Recipe, index: int) -> View | None:
-    """The spectrogram of a sample by its index; None where the recipe keeps none."""
+    """The spectrogram of a sample by its index, with its background and its occluded windows; None where the recipe keeps none.
+
+    A background is added as power, in which echoes and noise add up in the mean (`add_background`).
+    Raises InputError where occluded windows leave nothing of the record.
+    """
     kept = recipe.products.spectrogram
     if kept is None:
         return None

@@ -1,4 +1,7 @@
-"""Augmentations of spectrograms on the fly: background, masks, shifts, Doppler jitter, gain, what comes before or after."""
+"""Augmentations of spectrograms on the fly: background, masks, shifts, Doppler jitter, gain, what comes before or after.
+
+They change maps as another record of the same activity would differ: by its beginning, its view, its level and its surroundings.
+"""
 
 from __future__ import annotations
 

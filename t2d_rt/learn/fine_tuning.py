@@ -256,6 +256,8 @@ def fine_tune(strategy: str, known: EventNet | None, train: Events, *, seed: int
 
     strategy: one of `STRATEGIES`: "linear probing", "last layer", "skip connection" or "full fine-tuning".
     known: a network of the same classes that learned from simulation (`pretrain`); None begins with random weights.
+
+    Raises InputError for another strategy, and for a network of another number of classes.
     """
     tune = STRATEGIES[choice("strategy", strategy, tuple(STRATEGIES))]
     classes = len(train.classes)

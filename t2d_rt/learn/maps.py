@@ -166,6 +166,8 @@ def maps_of(
     size: cells of speed and of time.
     dynamic_range_db: levels are clipped so far below each map's greatest cell.
     speeds_mps: outer edges of the lowest and the highest cell, within `shared_speeds(dataset)`, which are taken by default.
+
+    Raises InputError where samples show different speeds or durations, where a map shows nothing, and where a class has no sample.
     """
     instance("dataset", dataset, Dataset, "a Dataset", hint="Dataset(folder) reads one")
     if product != "spectrogram":

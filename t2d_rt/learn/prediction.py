@@ -108,6 +108,9 @@ def predict(
 
     step_s: from one window to the next, a two-hundredth of a window or more; a tenth by default.
     least_s: what an activity lasts at least; 0.8 of a window by default, and 0 takes each window for itself.
+
+    Raises InputError where the recording is shorter than half a window or shows other speeds than the training; warns of another
+    carrier, and of a recording that is shorter than a window.
     """
     duration_s = model.card.duration_s
     step_s = duration_s / STEPS if step_s is None else number("step_s", step_s, duration_s / MOST_STEPS, 1e4, unit="s")

@@ -109,7 +109,10 @@ class SavedModel:
     network: nn.Module
 
     def probabilities(self, levels: np.ndarray) -> np.ndarray:
-        """Of each class, (N, K), of maps (N, speed, time) [dB below the greatest cell of each]."""
+        """Of each class, (N, K), of maps (N, speed, time) [dB below the greatest cell of each].
+
+        Raises InputError for maps of other cells than those of the training, for NaN, and where the weights give NaN.
+        """
         import torch
 
         from t2d_rt.learn.lightning_module import as_input
@@ -190,7 +193,10 @@ def write_model(folder: Path, saved: SavedModel) -> None:
 
 
 def load_model(path: str | Path) -> SavedModel:
-    """A trained network by the folder that training wrote."""
+    """A trained network by the folder that training wrote.
+
+    Raises InputError where the folder holds none, where a file is a pickle, and where card and weights do not belong together.
+    """
     folder = file_path("the folder of a model", path)
     refuse_pickle(folder)
     if not (folder / WEIGHTS).is_file() or not (folder / CARD).is_file():

@@ -39,7 +39,11 @@ def macro_f1(truth: np.ndarray, predicted: np.ndarray, classes: int) -> np.ndarr
 
 
 def scores_of(probabilities: np.ndarray, labels: np.ndarray) -> Scores:
-    """Scores of probabilities (N, K) and labels (N,)."""
+    """Scores of probabilities (N, K) and labels (N,).
+
+    The calibration error is the mean over the samples of |confidence - accuracy| in their bin of confidence.
+    Raises InputError for NaN.
+    """
     if not np.isfinite(probabilities).all():
         raise InputError("probabilities must be finite, got NaN or infinite ones; look at the model's weights")
     count = probabilities.shape[1]

@@ -95,6 +95,9 @@ def train_model(
 
     output: folder to write to. A run that was stopped there goes on; one of another model, data or options is refused.
     about: what else the card tells, as the hash of the recipe.
+
+    Raises InputError where a class has no sample, where maps of training and validation have other axes, where the folder holds
+    another training, and where the loss is no longer finite.
     """
     require_learning()
     import torch

@@ -83,6 +83,8 @@ def occlude(
     time_s: centres of the columns [s]; the recording lasts from 0 to half a step after the last.
     background_power: [W], of the same shape, for the fill "background": the one that was added to the spectrogram, so that its
         level and what moves in it go on through the window.
+
+    Raises InputError for powers below 0, for times that do not ascend, and for a fill without what it fills with.
     """
     power = _power("spectrogram_power", spectrogram_power, ("velocity", "time"))
     times = array("time_s", time_s, (power.shape[1],), unit="s")

@@ -33,6 +33,8 @@ def learn_background(
     heads: code books, each for a part of what happens in a step.
     codec_steps, prior_steps: steps of Adam.
     seed: of the weights and of the order of the data.
+
+    Raises InputError where records differ in their axes, where one is too short, and where PyTorch is not installed.
     """
     if not records:
         raise InputError("a background is learned from one recording or more, got none")

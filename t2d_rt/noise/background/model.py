@@ -250,7 +250,10 @@ class BackgroundModel:
 
 
 def load_background(source: str | Path = DEFAULT) -> BackgroundModel:
-    """A background model by its file (.safetensors); "default" is the one that ships."""
+    """A background model by its file (.safetensors); "default" is the one that ships.
+
+    Raises InputError where the file is no such model, is damaged, or is a pickle, which is never read.
+    """
     name = checked_name(source)
     if name == DEFAULT:
         return _shipped()

@@ -175,6 +175,8 @@ UNQUANTIZED, FIRST_BATCHES = 0.3, 16
 encoder's vectors hardly differ, and code books that begin with them end with one code in use."""
 DROPOUT = 0.2
 CHECK_EVERY = 25
+VALIDATION = 0.15
+"""Fraction of the records, or of each record's end where there are few, by which the prior is chosen."""
 SAMPLES = 96
 """By which the profile is set, each as long as a record."""
 Progress = Callable[[float], None]
@@ -187,20 +189,16 @@ class Training:
     codec_steps: int = 800
     prior_steps: int = 400
     seed: int = 0
-    validation: float = 0.15
-    """Fraction of the records, or of each record's end where there are few, by which the prior is chosen."""
-    threads: int = 1
-    """Of torch; sums come out alike on any machine with one."""
 
 
 def train(
     records: list[BackgroundRecord], architecture: Architecture, training: Training, progress: Progress | None = None
 ) -> BackgroundModel:
-    """A model of these records; the same one for the same seed and number of threads on one machine."""
+    """A model of these records; the same one for the same seed on one machine."""
     grid = common_grid(records)
     before = torch.get_num_threads()
     state = torch.random.get_rng_state()
-    torch.set_num_threads(training.threads)
+    torch.set_num_threads(1)  # sums come out alike on any machine
     torch.manual_seed(training.seed)
     rng = np.random.default_rng(training.seed)
     try:
@@ -278,7 +276,7 @@ def _prior(
     progress: Progress | None,
 ) -> tuple[Prior, float]:
     """The prior that is best on the codes that it was not trained on, and its surprise there [nat per code]."""
-    used, kept = split_codes(codes, training.validation)
+    used, kept = split_codes(codes)
     prior = Prior(architecture)
     optimizer = torch.optim.Adam(prior.parameters(), lr=RATE, weight_decay=1e-5)
     schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, partial(_rate_factor, steps=training.prior_steps))
@@ -308,12 +306,12 @@ def _surprise_of_codes(prior: Prior, codes: Tensor, dropout: float) -> Tensor:
     return nn.functional.cross_entropy(prior(codes, dropout).flatten(0, 2), codes.flatten())
 
 
-def split_codes(codes: list[np.ndarray], fraction: float) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def split_codes(codes: list[np.ndarray]) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Codes to train on and to choose by: whole records where there are eight or more, else the end of each."""
     if len(codes) >= 8:
-        kept = max(1, round(fraction * len(codes)))
+        kept = max(1, round(VALIDATION * len(codes)))
         return codes[:-kept], codes[-kept:]
-    cuts = [max(1, round((1 - fraction) * len(each))) for each in codes]
+    cuts = [max(1, round((1 - VALIDATION) * len(each))) for each in codes]
     pairs = list(zip(codes, cuts, strict=True))
     return [each[:cut] for each, cut in pairs], [each[cut:] for each, cut in pairs if cut < len(each)]
 
