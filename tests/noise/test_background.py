@@ -277,7 +277,7 @@ def test_damaged_models_are_refused_in_a_sentence(model: BackgroundModel, tmp_pa
             {n: a for n, a in arrays.items() if n != "speckle.time"}, told
         ),
         "must be finite": save({**arrays, "codebook": np.full((2, 8, 16), np.nan, np.float32)}, told),
-        "codes must be an integer": save(arrays, {key: model_text.replace('"codes": 8', '"codes": -8')}),
+        "architecture key codes: got -8": save(arrays, {key: model_text.replace('"codes": 8', '"codes": -8')}),
     }
     for sentence, data in broken.items():
         path.write_bytes(data)
