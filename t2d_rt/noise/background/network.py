@@ -53,7 +53,7 @@ class Architecture(Fields):
     """Units of the prior within a step."""
 
     @model_validator(mode="after")
-    def _halved_alike(self) -> Self:
+    def _consistent(self) -> Self:
         if self.time_halvings > self.doppler_halvings:
             raise InputError(
                 f"{self.bins} Doppler bins are halved {self.doppler_halvings} times and columns {self.time_halvings} times; "
