@@ -15,7 +15,7 @@ from t2d_rt.core.prefetch import prefetched
 from t2d_rt.core.progress import shown_progress, split_progress
 from t2d_rt.core.versions import versions
 from t2d_rt.experiment.experiment import Experiment
-from t2d_rt.experiment.setup import Setup, set_up
+from t2d_rt.experiment.setup import Setup, set_up, set_up_stored
 from t2d_rt.pipeline.path_pairs import Clutter
 from t2d_rt.pipeline.prepare import Prepared, blocks, plugin_finders, prepare
 from t2d_rt.pipeline.targets import TargetLike
@@ -97,14 +97,14 @@ def simulate(
     memory_gb: most memory that the run may take [GB]; it works in blocks to stay below, and what needs more is refused beforehand.
     progress: True shows a bar, or a line now and then in a log; a function is called with the fraction done, 0..1.
     """
-    physics = {
-        "reflections": reflections, "transmissions": transmissions, "bounces": bounces, "clutter": clutter,
-        "collisions": collisions, "method": method, "seed": seed, "noise": noise, "body": body, "material": material,
-        "phase_from": phase_from, "only_paths": only_paths, "without_paths": without_paths,
-    }  # fmt: skip
+    experiment = Experiment.without_targets(
+        radar, reflections=reflections, transmissions=transmissions, bounces=bounces, clutter=clutter, collisions=collisions,
+        method=method, seed=seed, noise=noise, body=body, material=material, phase_from=phase_from, only_paths=only_paths,
+        without_paths=without_paths,
+    )  # fmt: skip
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, method)
     with one_blas_thread:  # no decorator, which would stand between a warning and the user's line
-        setup = set_up(target, radar, scene, physics, device=device, memory_gb=memory_gb)
+        setup = set_up(target, scene, experiment, device=device, memory_gb=memory_gb)
         return recorded(setup, wanted, device, progress)
 
 
@@ -118,8 +118,7 @@ def run(
     experiment, inputs, accuracy, known = again(experiment, accuracy, tolerance_db)
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, experiment.method)
     with one_blas_thread:
-        targets, scene = experiment.targets_from(inputs), experiment.scene_from(inputs)
-        setup = set_up(targets, experiment.radar, scene, experiment.physics, device=device, memory_gb=memory_gb)
+        setup = set_up_stored(experiment, inputs, device=device, memory_gb=memory_gb)
         recording = recorded(setup, wanted, device, progress)
     recording.settings |= {**known, **recording.settings}
     return recording

@@ -17,15 +17,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from t2d_rt.accuracy import Wanted
 from t2d_rt.core.atomic_write import check_place, replacing
-from t2d_rt.core.backend import Device
+from t2d_rt.core.backend import Device, one_blas_thread
 from t2d_rt.core.checks import file_path, instance, positive, shown
 from t2d_rt.core.errors import InputError
-from t2d_rt.core.progress import ProgressBar
+from t2d_rt.core.progress import ProgressBar, shown_progress
 from t2d_rt.core.stored_arrays import Inputs, Store
 from t2d_rt.core.versions import versions
 from t2d_rt.experiment.experiment import Experiment
-from t2d_rt.experiment.sources import sources_of, stored_scene
+from t2d_rt.experiment.setup import set_up_stored
 from t2d_rt.pipeline.targets import placed
 from t2d_rt.plots.canvas import Style, blank_figure, checked_width, drawable, peak_db
 from t2d_rt.plots.figures import VELOCITY_LABEL, draw_map
@@ -35,7 +36,7 @@ from t2d_rt.recording.compare import compare, field_difference_db, figures, same
 from t2d_rt.recording.recording import Recording
 from t2d_rt.scene.movers import kind_names, mover
 from t2d_rt.signal.doppler import check_names, check_processing
-from t2d_rt.simulate import simulate
+from t2d_rt.simulate import recorded
 from t2d_rt.types import Accuracy, Motion
 
 if TYPE_CHECKING:
@@ -203,11 +204,10 @@ def _same_samples(one: Point, other: Point) -> bool:
 
 def _simulated(point: Point, inputs: Inputs, device: Device, progress: Any) -> Recording:
     """The recording of one point, as `simulate` makes it."""
-    of = point.experiment
-    return simulate(
-        of.targets_from(inputs), radar=of.radar, scene=of.scene_from(inputs), **of.physics, accuracy=point.accuracy,
-        tolerance_db=point.tolerance_db, device=device, progress=progress,
-    )  # fmt: skip
+    wanted = Wanted.of(point.accuracy, point.tolerance_db)
+    with one_blas_thread:
+        setup = set_up_stored(point.experiment, inputs, device=device)
+        return recorded(setup, wanted, device, shown_progress(progress, point.label))
 
 
 def _points(experiment: Experiment, vary: Any, given: Mapping[str, Any]) -> list[Point]:
@@ -326,10 +326,7 @@ def _key(point: Point, inputs: Inputs) -> str:
         scene = None if named == "free_space" else load_scene(named, frequency_hz=of.radar.mid_frequency_hz)
     else:
         scene = named
-    whole = Experiment(
-        targets=sources_of(targets, store), radar=of.radar, scene=stored_scene(scene, store), **of.physics
-    )
-    told = [whole.hash, point.accuracy, point.tolerance_db, point.signal, versions()]
+    told = [of.stored_with(targets, scene, store).hash, point.accuracy, point.tolerance_db, point.signal, versions()]
     return hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()[:32]
 
 

@@ -134,9 +134,8 @@ def test_the_table_is_that_of_sionnas_solver() -> None:
         sphere = t2d.Ellipsoids(
             np.full((1, 3), 0.05), np.tile(point, (3, 1, 1)), np.linspace(0, 0.02, 3), material="pec"
         )
-        physics = t2d.Experiment(targets=[{"kind": "fan", "position_m": (3, 0, 1)}], radar=radar).physics
         paths = path_table(
-            set_up([sphere], radar, "living_room", physics, device="auto", memory_gb=2.0).model,
+            set_up([sphere], "living_room", t2d.Experiment.without_targets(radar)).model,
             t2d.Accuracy(),
             np.zeros(1),
         ).isel(target=0, time_s=0)
@@ -239,10 +238,9 @@ def test_a_segment_is_visible_as_far_as_nothing_stands_before_it(in_room: t2d.Re
     motion = t2d.place(t2d.trim(walk(), 0, 0.1), distance_m=3.0)
     shade = box(bounds=[[1.5, -1.0, 0.0], [1.51, 1.0, 0.92]])
     screen = static_mesh(np.array(shade.vertices), np.array(shade.faces), 0.1, name="screen")
-    physics = in_room.experiment.physics | {"method": "mesh"}  # type: ignore[union-attr]
     free, hidden = (
         truth_table(
-            set_up(targets, "ci4r", "free_space", physics, device="auto", memory_gb=2.0).model, t2d.Accuracy(), np.array([0.05])
+            set_up(targets, "free_space", t2d.Experiment.without_targets("ci4r")).model, t2d.Accuracy(), np.array([0.05])
         ).isel(time_s=0, person=0)
         for targets in ([motion], [motion, screen])
     )  # fmt: skip

@@ -83,12 +83,8 @@ def test_a_scatterer_of_ones_own_takes_one_line(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize("method", ["ellipsoid", "mesh"])
 def test_each_echo_tells_where_it_comes_from(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prepare, "SCATTERERS", (*prepare.SCATTERERS, pelvis))
-    physics = {name: each.default for name, each in Experiment.model_fields.items()} | {
-        "method": method,
-        "collisions": "ignore",
-    }
-    del physics["targets"], physics["radar"], physics["scene"]
-    room = set_up([walk()], RADAR, "empty_room", physics, device="auto", memory_gb=2.0).model
+    experiment = Experiment.without_targets(RADAR, method=method, collisions="ignore")
+    room = set_up([walk()], "empty_room", experiment).model
     prepared = prepare.prepare(room, Accuracy(), "specular")
     labels = EchoLabels.joined(part.labels for part in prepared.parts)
     assert sum(part.echoes for part in prepared.parts) == len(labels.target) == len(labels.path)

@@ -13,10 +13,13 @@ from t2d_rt.accuracy.plans import Plan
 from t2d_rt.accuracy.wanted import Wanted, chosen
 from t2d_rt.core.backend import recent_yardstick_s
 from t2d_rt.core.errors import InputError
-from t2d_rt.core.memory import LIMIT_GB, after_call
+from t2d_rt.core.memory import after_call
 from t2d_rt.experiment.experiment import Experiment
-from t2d_rt.experiment.setup import set_up
+from t2d_rt.experiment.setup import set_up, set_up_stored
 from t2d_rt.pipeline.targets import TargetLike
+
+MACHINE = "device", "memory_gb"
+"""Options of the machine, which `set_up` takes."""
 
 
 def plan(
@@ -30,30 +33,22 @@ def plan(
 
     The plan's `accuracy` serves similar recordings, too: `simulate(other, accuracy=plan.accuracy)`.
     """
-    physics = {
-        name: field.default for name, field in Experiment.model_fields.items() if name not in ("targets", "radar")
-    }
-    known = physics | {
-        "radar": None, "accuracy": None, "tolerance_db": None, "measure_error": None, "device": "auto", "memory_gb": LIMIT_GB,
-        "progress": None,
-    }  # fmt: skip
+    physics = [name for name in Experiment.model_fields if name not in ("targets", "radar")]
+    known = [*physics, "radar", "accuracy", "tolerance_db", "measure_error", *MACHINE, "progress"]
     unknown = [name for name in options if name not in known]
     if unknown:
         raise InputError(f"unknown option {unknown[0]!r} of plan; choose from {', '.join(known)}")
-    targets: Any = target
-    if isinstance(target, Experiment):
-        fixed = [name for name in options if name in physics or name == "radar"]
-        if fixed:
-            raise InputError(f"option {fixed[0]} is part of the experiment; change it there")
-        targets = target.targets_from({})
-        known |= {**target.physics, "radar": target.radar, "scene": target.scene_from({})}
-    given = known | options
-    wanted = Wanted.of(given["accuracy"], tolerance_db, given["measure_error"])
-    physics = {name: given[name] for name in physics if name != "scene"}
+    machine = {name: options.pop(name) for name in MACHINE if name in options}
+    wanted = Wanted.of(options.pop("accuracy", None), tolerance_db, options.pop("measure_error", None))
+    options.pop("progress", None)
     begin = time.perf_counter()
-    setup = set_up(
-        targets, given["radar"], given["scene"], physics, device=given["device"], memory_gb=given["memory_gb"]
-    )
+    if isinstance(target, Experiment):
+        if options:
+            raise InputError(f"option {next(iter(options))} is part of the experiment; change it there")
+        setup = set_up_stored(target, {}, **machine)
+    else:
+        scene = options.pop("scene", "free_space")
+        setup = set_up(target, scene, Experiment.without_targets(**options), **machine)
     ready = time.perf_counter()
     found = chosen(setup.model, wanted)
     took = time.perf_counter()

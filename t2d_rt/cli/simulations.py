@@ -233,16 +233,15 @@ def _model_of(job: Job) -> tuple[Model, Accuracy]:
     from dataclasses import replace
 
     from t2d_rt.accuracy.wanted import Wanted, chosen
-    from t2d_rt.core.memory import LIMIT_GB
     from t2d_rt.experiment.experiment import Experiment
-    from t2d_rt.experiment.setup import set_up, set_up_again
+    from t2d_rt.experiment.setup import set_up_again, set_up_stored
 
-    machine: Any = {"device": "auto", "memory_gb": LIMIT_GB, **job.run}
+    machine: Any = dict(job.run)
     tolerance_db, made, given = machine.pop("tolerance_db", None), job.experiment, job.accuracy
     if isinstance(made, Experiment):
         wanted = Wanted.of(given, tolerance_db)
         with reports_said():
-            setup = set_up(made.targets_from({}), made.radar, made.scene_from({}), made.physics, **machine)
+            setup = set_up_stored(made, {}, **machine)
     else:
         kept = made.accuracy if tolerance_db is None else None
         wanted = Wanted.of(kept.replace(**given) if kept else given, tolerance_db)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator
 
+from t2d_rt.core.checks import instance
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_yaml
-from t2d_rt.core.stored_arrays import Inputs, named_arrays
+from t2d_rt.core.stored_arrays import Inputs, Store, named_arrays
 from t2d_rt.experiment.catalog import noise_named, radar_named
 from t2d_rt.experiment.sources import (
     Plain,
@@ -22,6 +23,8 @@ from t2d_rt.experiment.sources import (
     Substance,
     Unknown,
     found_beside,
+    sources_of,
+    stored_scene,
     target_from,
     with_others,
 )
@@ -46,6 +49,9 @@ class Experiment(Plain):
     written: ClassVar[Mapping[str, str]] = {
         "targets": "a list of mappings with a kind, as in [{kind: file, file: walk}]",
         "scene": "a name, a path, or a mapping, as in {file: street.xml, materials: {brick: concrete}}",
+        "material": "a name or a Material",
+        "only_paths": "a list of names of path pairs, as in [direct]",
+        "without_paths": "a list of names of path pairs, as in [direct]",
     }
 
     targets: Annotated[tuple[Source, ...], Field(min_length=1, max_length=1000)]
@@ -96,10 +102,19 @@ class Experiment(Plain):
     def _named_noise(cls, value: Any, info: ValidationInfo) -> Any:
         return noise_named(value, info.data["radar"]) if "radar" in info.data else "none"  # whose error is told
 
-    @property
-    def physics(self) -> dict[str, Any]:
-        """Fields beside targets, radar and scene."""
-        return {name: value for name, value in self if name not in ("targets", "radar", "scene")}
+    @classmethod
+    def without_targets(cls, radar: Radar | str | Path | None = None, **fields: Any) -> Experiment:
+        """The fields beside targets and scene, which are objects that `set_up` is given and puts into it (`stored_with`).
+
+        radar: a `Radar`, a preset's name or a .yaml file; the `table2` preset by default.
+        """
+        known = Radar.preset("table2") if radar is None else radar_named(radar)
+        instance("radar", known, Radar, "a Radar", hint="Radar.preset(name) makes one of a preset's name")
+        return cls.from_options(targets=[Unknown(description="a target that is not stored yet")], radar=known, **fields)
+
+    def stored_with(self, targets: Sequence[TargetLike], scene: Scene | None, store: Store) -> Experiment:
+        """The same experiment of these targets in this scene, whose arrays go into the store."""
+        return self.model_copy(update={"targets": sources_of(targets, store), "scene": stored_scene(scene, store)})
 
     @property
     def hash(self) -> str:

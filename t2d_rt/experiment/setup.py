@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.core.backend import one_blas_thread, select
-from t2d_rt.core.checks import choice, integer, shown, text
+from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError, T2DWarning, warn
 from t2d_rt.core.memory import LIMIT_GB, Budget
 from t2d_rt.core.stored_arrays import Inputs, Store
-from t2d_rt.experiment.catalog import noise_named, radar_named, target_named
+from t2d_rt.experiment.catalog import target_named
 from t2d_rt.experiment.experiment import Experiment
-from t2d_rt.experiment.sources import sources_of, stored_scene
 from t2d_rt.motion import placement
 from t2d_rt.motion.jumps import jumps, told, told_before
 from t2d_rt.noise.receiver import check_receiver
@@ -72,37 +71,34 @@ class Setup:
 
 
 def set_up(
-    target: Any, radar: Any, scene: Any, physics: Mapping[str, Any], *, device: str, memory_gb: float
-) -> Setup:  # fmt: skip
-    """The setup of a target or several, in a scene; `physics` are the other fields of an `Experiment`; all are checked."""
-    memory = Budget.of(memory_gb)
-    # Names first: a motion takes longer to read.
-    radar = radar_named(radar)
-    radar = Radar.preset("table2") if radar is None else radar
-    if not isinstance(radar, Radar):
-        raise InputError(f"radar must be a Radar, got {shown(radar)}; Radar.preset(name) makes one of a preset's name")
-    whole = _scene_of(scene, radar)
+    target: Any, scene: Any, experiment: Experiment, *, device: str = "auto", memory_gb: float = LIMIT_GB
+) -> Setup:
+    """The setup of a target or several, in a scene, which take the place of those that the experiment names; all are checked."""
+    memory, radar = Budget.of(memory_gb), experiment.radar
+    whole = _scene_of(scene, radar)  # before the targets: a motion takes longer to read
     target = target_named(target)
     targets = [target] if isinstance(target, TargetLike) else target
-    _check(targets, physics)
+    if not isinstance(targets, Sequence) or not targets or not all(isinstance(each, TargetLike) for each in targets):
+        raise InputError(
+            f"target must be a Motion, a MovingMesh, Ellipsoids, a mover or a list of them, got {shown(targets)}; "
+            "load_motion reads a file"
+        )
+    if experiment.material is not None:
+        checked_material(experiment.material)
     scene = None if whole is None else within_reach(whole, radar)
-    noise = noise_named(physics["noise"], radar)
-    if isinstance(noise, Receiver):
-        check_receiver(radar, noise)
-    physics = {**physics, "noise": noise}
+    if isinstance(experiment.noise, Receiver):
+        check_receiver(radar, experiment.noise)
     targets = [_placed(each, radar) if isinstance(each, Motion) else each for each in targets]
     backend = select(device)
-    method, body, material = physics["method"], physics["body"], physics["material"]
-    modelled = targets_of(targets, method, body, material, radar)
+    modelled = targets_of(targets, experiment.method, experiment.body, experiment.material, radar)
     geometries = [each.geometry for each in modelled]
     span_s = shared_time(geometries)
     _tell_of_cuts(targets, geometries, span_s[1])
-    transmissions = physics["transmissions"]
     if scene is not None:
         moving = [placed(t, radar) if isinstance(t, Motion) else s for t, s in zip(targets, geometries, strict=True)]
         span_s = checked_time(
-            physics["collisions"], scene, moving, [geometry.name for geometry in geometries], radar, span_s,
-            outside=transmissions > 0, backend=backend,
+            experiment.collisions, scene, moving, [geometry.name for geometry in geometries], radar, span_s,
+            outside=experiment.transmissions > 0, backend=backend,
         )  # fmt: skip
     for geometry in geometries:
         if isinstance(geometry, MovingMesh):
@@ -117,21 +113,26 @@ def set_up(
             geometries,
             radar,
             span_s,
-            order=physics["reflections"],
-            transmissions=transmissions,
+            order=experiment.reflections,
+            transmissions=experiment.transmissions,
             backend=backend,
         )
-    paths_on = switched_on(ranked, physics["only_paths"], physics["without_paths"])
+    paths_on = switched_on(ranked, experiment.only_paths, experiment.without_paths)
     model = Model(
-        radar, modelled, span_s, scene, ranked, blockage, method=method, material=material, body=body,
-        phase_from=physics["phase_from"], seed=int(physics["seed"]), backend=backend, memory=memory,
-        bounces=int(physics["bounces"]), paths_on=paths_on,
+        radar, modelled, span_s, scene, ranked, blockage, method=experiment.method, material=experiment.material,
+        body=experiment.body, phase_from=experiment.phase_from, seed=experiment.seed, backend=backend, memory=memory,
+        bounces=experiment.bounces, paths_on=paths_on,
     )  # fmt: skip
     store = Store({})
-    experiment = Experiment(
-        targets=sources_of(targets, store), radar=radar, scene=stored_scene(whole, store), **physics
-    )
-    return Setup(experiment, store.inputs, model)
+    return Setup(experiment.stored_with(targets, whole, store), store.inputs, model)
+
+
+def set_up_stored(
+    experiment: Experiment, inputs: Inputs, *, device: str = "auto", memory_gb: float = LIMIT_GB
+) -> Setup:
+    """The setup of an experiment with the targets and the scene that it names itself, their arrays among the inputs."""
+    targets, scene = experiment.targets_from(inputs), experiment.scene_from(inputs)
+    return set_up(targets, scene, experiment, device=device, memory_gb=memory_gb)
 
 
 def set_up_again(
@@ -143,8 +144,7 @@ def set_up_again(
     experiment = repeatable(experiment)
     with warnings.catch_warnings(), one_blas_thread:
         warnings.simplefilter("ignore", T2DWarning)
-        targets, scene = experiment.targets_from(inputs), experiment.scene_from(inputs)
-        return set_up(targets, experiment.radar, scene, experiment.physics, device=device, memory_gb=memory_gb)
+        return set_up_stored(experiment, inputs, device=device, memory_gb=memory_gb)
 
 
 def repeatable(experiment: Experiment | None) -> Experiment:
@@ -247,30 +247,3 @@ def _check_outside_ellipsoids(geometry: Ellipsoids, radar: Radar, times_s: np.nd
                 f"the radar at ({where}) m is inside {geometry.names[index]} at {times_s[frame]:.3g} s; place the target farther "
                 "away (distance_m) or move the radar"
             )
-
-
-def _check(targets: Any, physics: Mapping[str, Any]) -> None:
-    if not isinstance(targets, Sequence) or not targets or not all(isinstance(each, TargetLike) for each in targets):
-        raise InputError(
-            f"target must be a Motion, a MovingMesh, Ellipsoids, a mover or a list of them, got {shown(targets)}; "
-            "load_motion reads a file"
-        )
-    choice("method", physics["method"], ("mesh", "ellipsoid"))
-    choice("phase_from", physics["phase_from"], ("specular", "centre"))
-    integer("seed", physics["seed"])
-    integer("reflections", physics["reflections"], 0, 4, hint="2 suits rooms")
-    integer("transmissions", physics["transmissions"], 0, 4, hint="2 sees behind a partition")
-    integer("bounces", physics["bounces"], 1, 3, hint="1 is a single one, 2 suits bodies")
-    choice("clutter", physics["clutter"], ("specular", "diffuse", "none"))
-    choice("collisions", physics["collisions"], ("warn", "stop", "ignore"))
-    text("body", physics["body"])
-    for name in ("only_paths", "without_paths"):
-        names, needed = physics[name], name == "only_paths"
-        if names is None and needed:
-            continue
-        if not isinstance(names, (list, tuple)) or not all(isinstance(each, str) for each in names):
-            raise InputError(f"{name} must be a list of names of path pairs, got {shown(names)}; ['direct'] is one")
-        if needed and not names:
-            raise InputError("only_paths must name a path pair, got none; leave it out to have all")
-    if physics["material"] is not None:
-        checked_material(physics["material"])

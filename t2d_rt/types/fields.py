@@ -57,6 +57,16 @@ class Fields(BaseModel):
             raise InputError(_sentence(error, type(self))) from None
 
     @classmethod
+    def from_options(cls, **values: Any) -> Self:
+        """A model of options of a function; a sentence about a wrong one has the option's name alone."""
+        try:
+            return cls(**values)
+        except InputError as error:
+            if not isinstance(error.__context__, ValidationError):
+                raise
+            raise InputError(_sentence(error.__context__, cls, options=True)) from None
+
+    @classmethod
     def model_validate(cls, obj: Any, **options: Any) -> Self:
         """A model from a mapping of field names and values; an InputError where it is wrong."""
         if isinstance(obj, Mapping) and not all(isinstance(key, str) for key in obj):
@@ -91,7 +101,7 @@ def _article(model: type[Fields]) -> str:
     return f"{'an' if model.noun[0] in 'aeiou' else 'a'} {model.noun}"
 
 
-def _sentence(error: ValidationError, model: type[Fields]) -> str:
+def _sentence(error: ValidationError, model: type[Fields], *, options: bool = False) -> str:
     """One sentence for the first thing that pydantic found wrong."""
     # A key that there is none of is misspelt more often than another one is missing.
     errors = error.errors(include_url=False)
@@ -107,10 +117,13 @@ def _sentence(error: ValidationError, model: type[Fields]) -> str:
         return f"{_article(model)} must be a mapping of field names and values, got {given}"
     if first["type"] == "union_tag_invalid":
         return f"{model.noun} key {key}: {_unknown_kind(first['ctx'])}{more}"
+    name = key if options else f"{model.noun} key {key}"
     if key in model.written and first["type"].endswith(("_type", "union_tag_not_found")):
+        if options:
+            return f"{key} must be {model.written[key]}, got {given}{more}"
         return f"{model.noun} key {key}: got {given}, write it as {model.written[key]}{more}"
     if first["type"] == "too_short" and not first["input"]:
-        return f"{model.noun} key {key} is empty; give at least one{more}"
+        return f"{name} is empty; give at least one{more}"
     if first["type"] == "extra_forbidden":
         close = difflib.get_close_matches(key, model.model_fields, n=1)
         hint = f"did you mean {close[0]}?" if close else f"valid keys are {', '.join(model.model_fields)}"
@@ -121,6 +134,8 @@ def _sentence(error: ValidationError, model: type[Fields]) -> str:
         several = ", or a list of such" if key.endswith("offsets_m") else ""
         return f"{model.noun} key {key} must be three numbers x, y, z{several}, got {given}{more}"
     expected = first["msg"].removeprefix("Value error, ").removeprefix("Input ")
+    if options:
+        return f"{key} must {expected.removeprefix('should ')}, got {given}{more}"
     units = ", in SI units" if key.endswith(("_m", "_s", "_hz", "_mps", "_w")) else ""
     return f"{model.noun} key {key}: got {given}, {expected}; correct it{units}{more}"
 

@@ -9,12 +9,12 @@ import numpy as np
 
 import t2d_rt as t2d
 from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import set_up
 from t2d_rt.geometry.vectors import lengths
 from t2d_rt.pipeline.echo_model import Model
 from t2d_rt.types import Accuracy, MovingMesh
 from validation.bench.measure import Case, targets_of_case, timed
-from validation.bench.stages import physics_of
 from validation.report import Check, Section
 
 SHORT_S = 2.0
@@ -76,7 +76,7 @@ def peers() -> Section:
 def _seconds(method: str, radar: t2d.Radar) -> tuple[int, float, float]:
     """Number of points, and the seconds that a record takes the usual way and ours."""
     (motion,) = targets_of_case(Case(name=method, method=method, duration_s=SECONDS))
-    stage = set_up(motion, radar, "free_space", physics_of(method), device="auto", memory_gb=2.0)
+    stage = set_up(motion, "free_space", Experiment.without_targets(radar, method=method))
     times = radar.chirp_times_s(SECONDS)
     some = times[:: len(times) // TIMED_CHIRPS[method]][: TIMED_CHIRPS[method]]
     points = _points(stage.model, some)

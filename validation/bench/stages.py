@@ -33,10 +33,6 @@ PIECE_BYTES, ECHO_BYTES = 5e8, 24
 """Echoes are held in pieces of the record of about that size, so many bytes for each at a frame."""
 LEAST_FRAMES = 4
 """A piece has at least so many surface frames."""
-PHYSICS = (
-    "reflections", "transmissions", "bounces", "clutter", "collisions", "method", "seed", "body", "material", "phase_from", "noise",
-    "only_paths", "without_paths",
-)  # fmt: skip
 
 
 class Stopwatch:
@@ -92,18 +88,13 @@ def stage_seconds(
     return clock.spent, done
 
 
-def physics_of(method: str) -> dict[str, Any]:
-    """The other options of a simulation by that method, as they are by default."""
-    return {name: Experiment.model_fields[name].default for name in PHYSICS} | {"method": method}
-
-
 def _set_up(
     clock: Stopwatch, target: Motion | MovingMesh, radar: Radar, *, scene: str, method: str
 ) -> tuple[Model, Any]:
     """The model, and which static echoes it has; what checks and placement take is the rest."""
-    physics = physics_of(method)
+    experiment = Experiment.without_targets(radar, method=method)
     start = time.perf_counter()
-    stage = set_up(target, radar, scene, physics, device="auto", memory_gb=2.0)
+    stage = set_up(target, scene, experiment)
     whole = time.perf_counter() - start
     model = stage.model
     with clock(MOTION):
@@ -111,11 +102,11 @@ def _set_up(
     if model.scene is not None:
         with clock(PATHS):
             find_path_pairs(
-                model.scene, model.geometries, radar, model.span_s, order=physics["reflections"],
-                transmissions=physics["transmissions"], backend=model.backend,
+                model.scene, model.geometries, radar, model.span_s, order=experiment.reflections,
+                transmissions=experiment.transmissions, backend=model.backend,
             )  # fmt: skip
     clock.spent[REST] = max(0.0, whole - clock.spent[MOTION] - clock.spent[PATHS])
-    return model, physics["clutter"]
+    return model, experiment.clutter
 
 
 def _making_s(model: Model, accuracy: Accuracy) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from t2d_rt.core.memory import LIMIT_GB
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import set_up
 from t2d_rt.pipeline.echo_model import Model
@@ -12,11 +11,5 @@ from t2d_rt.pipeline.echo_model import Model
 
 def modelled(target: Any, scene: str = "free_space", **physics: Any) -> Model:
     """The model of a target at hand, as `simulate` has it."""
-    options = {
-        name: each.default
-        for name, each in Experiment.model_fields.items()
-        if name not in ("targets", "radar", "scene")
-    }
-    radar = physics.pop("radar", None)
-    options |= {"clutter": "none", "collisions": "ignore", **physics}
-    return set_up(target, radar, scene, options, device="auto", memory_gb=LIMIT_GB).model
+    options = {"clutter": "none", "collisions": "ignore", **physics}
+    return set_up(target, scene, Experiment.without_targets(**options)).model

@@ -191,9 +191,7 @@ def _stability(walk: Motion) -> tuple[float, float, float, float]:
     """Differences of the walk's second bounce from itself, relative to it [dB]: interpolated and at twice the surface rate; between
     sample times and traced there; with tubes half as wide, of the field and of the power."""
     radar, accuracy = Radar.preset("table2"), Accuracy()
-    physics = {name: Experiment.model_fields[name].default for name in Experiment.model_fields}
-    physics = {name: value for name, value in physics.items() if name not in ("targets", "radar", "scene")}
-    model: Model = set_up(walk, radar, "free_space", physics | {"bounces": 2}, device="auto", memory_gb=2.0).model
+    model: Model = set_up(walk, "free_space", Experiment.without_targets(radar, bounces=2)).model
     (rate_hz,) = model.rates_hz(accuracy)
     fine = scatterers_of(model, accuracy.replace(surface_rate_hz=2 * rate_hz))[-1].gather()
     true = _field(fine, radar)

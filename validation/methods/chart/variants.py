@@ -20,7 +20,6 @@ from t2d_rt.scattering.phase_integral import Ops, Parts
 from t2d_rt.scattering.refinement import refined
 from t2d_rt.simulate import recorded
 from t2d_rt.types import Ellipsoids, MovingMesh
-from validation.bench.stages import PHYSICS
 from validation.methods.chart.measure import FLAT, MEMORY_GB, Case
 
 REFINED, INTEGRALS = "t2d_rt.scattering.mesh.refined", "t2d_rt.scattering.facets.divided_differences"
@@ -60,12 +59,11 @@ def flat(
 def _by(case: Case, **others: Any) -> Recording:
     """The default setting, some functions and classes of the simulation replaced by `others`."""
     settings = case.settings()
-    physics = {name: Experiment.model_fields[name].default for name in PHYSICS} | settings
-    radar, scene = physics.pop("radar"), physics.pop("scene")
+    scene = settings.pop("scene")
     with ExitStack() as replaced:
         for name, other in others.items():
             replaced.enter_context(patch(name, other))
-        setup = set_up(case.motion, radar, scene, physics, device="auto", memory_gb=MEMORY_GB)
+        setup = set_up(case.motion, scene, Experiment.without_targets(**settings), memory_gb=MEMORY_GB)
         return recorded(setup, Wanted.of(None, None), "auto", None)
 
 
