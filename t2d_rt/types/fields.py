@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import re
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Self
 
@@ -135,7 +136,8 @@ def _sentence(error: ValidationError, model: type[Fields], *, options: bool = Fa
         return f"{model.noun} key {key} must be three numbers x, y, z{several}, got {given}{more}"
     expected = first["msg"].removeprefix("Value error, ").removeprefix("Input ")
     if options:
-        return f"{key} must {expected.removeprefix('should ')}, got {given}{more}"
+        what = re.split(", (?:got|unable) ", expected.removeprefix("should "))[0]
+        return f"{key} must {what}, got {given}{more}"
     units = ", in SI units" if key.endswith(("_m", "_s", "_hz", "_mps", "_w")) else ""
     return f"{model.noun} key {key}: got {given}, {expected}; correct it{units}{more}"
 
