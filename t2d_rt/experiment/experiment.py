@@ -117,6 +117,11 @@ class Experiment(Plain):
         return self.model_copy(update={"targets": sources_of(targets, store), "scene": stored_scene(scene, store)})
 
     @property
+    def physics(self) -> dict[str, Any]:
+        """Fields beside targets, radar and scene, as options of `simulate`."""
+        return {name: value for name, value in self if name not in ("targets", "radar", "scene")}
+
+    @property
     def hash(self) -> str:
         """Hash of its content: the same for equal experiments, and without noise and path names that of older versions, which had
         none."""

@@ -135,11 +135,11 @@ def _sentence(error: ValidationError, model: type[Fields], *, options: bool = Fa
         several = ", or a list of such" if key.endswith("offsets_m") else ""
         return f"{model.noun} key {key} must be three numbers x, y, z{several}, got {given}{more}"
     expected = first["msg"].removeprefix("Value error, ").removeprefix("Input ")
-    if options:
+    if options and expected.startswith("should "):
         what = re.split(", (?:got|unable) ", expected.removeprefix("should "))[0]
         return f"{key} must {what}, got {given}{more}"
     units = ", in SI units" if key.endswith(("_m", "_s", "_hz", "_mps", "_w")) else ""
-    return f"{model.noun} key {key}: got {given}, {expected}; correct it{units}{more}"
+    return f"{name}: got {given}, {expected}; correct it{units}{more}"
 
 
 def _unknown_kind(context: Mapping[str, Any]) -> str:
