@@ -16,6 +16,7 @@ from t2d_rt.core.progress import shown_progress, split_progress
 from t2d_rt.core.versions import versions
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import Setup, set_up, set_up_stored
+from t2d_rt.pipeline.parts import PartCubes, Split, checked_split
 from t2d_rt.pipeline.path_pairs import Clutter
 from t2d_rt.pipeline.prepare import Prepared, blocks, plugin_finders, prepare
 from t2d_rt.pipeline.targets import TargetLike
@@ -53,6 +54,7 @@ def simulate(
     only_paths: Sequence[str] | None = None,
     without_paths: Sequence[str] = (),
     measure_error: bool | None = None,
+    split: Split | None = None,
     device: Device = "auto",
     memory_gb: float = LIMIT_GB,
     progress: Progress | bool | None = None,
@@ -93,6 +95,7 @@ def simulate(
         recordings of the parts add up to that of the whole; clutter and noise are in each of them.
     without_paths: names of path pairs that have no echoes.
     measure_error: whether `Recording.error_db` is measured, at a few random chirps; by default where a tolerance is given.
+    split: the recording's `parts`, which add up to it: by "segment" of the bodies, "path" pair, "target" or number of "bounce"s.
     device: "cpu", "gpu" (a CUDA device), or "auto" for a CUDA device where there is one and the CPU elsewhere.
     memory_gb: most memory that the run may take [GB]; it works in blocks to stay below, and what needs more is refused beforehand.
     progress: True shows a bar, or a line now and then in a log; a function is called with the fraction done, 0..1.
@@ -105,13 +108,13 @@ def simulate(
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, method)
     with one_blas_thread:  # no decorator, which would stand between a warning and the user's line
         setup = set_up(target, scene, experiment, device=device, memory_gb=memory_gb)
-        return recorded(setup, wanted, device, progress)
+        return recorded(setup, wanted, device, progress, split)
 
 
 def run(
     experiment: Experiment | Recording, accuracy: Accuracy | Mapping[str, Any] | None = None, *,
-    tolerance_db: float | None = None, measure_error: bool | None = None, device: Device = "auto", memory_gb: float = LIMIT_GB,
-    progress: Progress | bool | None = None,
+    tolerance_db: float | None = None, measure_error: bool | None = None, split: Split | None = None, device: Device = "auto",
+    memory_gb: float = LIMIT_GB, progress: Progress | bool | None = None,
 ) -> Recording:  # fmt: skip
     """The recording of an experiment, whose file names are relative to the working directory; or that of a recording again.
     It keeps its own accuracy unless another one is given: the same samples, bit for bit, on the same machine."""
@@ -119,13 +122,16 @@ def run(
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, experiment.method)
     with one_blas_thread:
         setup = set_up_stored(experiment, inputs, device=device, memory_gb=memory_gb)
-        recording = recorded(setup, wanted, device, progress)
+        recording = recorded(setup, wanted, device, progress, split)
     recording.settings |= {**known, **recording.settings}
     return recording
 
 
-def recorded(setup: Setup, wanted: Wanted, device: Device, progress: Progress | None) -> Recording:
+def recorded(
+    setup: Setup, wanted: Wanted, device: Device, progress: Progress | None, split: Split | None = None
+) -> Recording:
     """The recording of an experiment that is set up."""
+    checked_split(split)
     if wanted.measured and setup.model.paths_on is not None:
         raise InputError(
             "the error of a recording is that of all paths; give measure_error=False beside only_paths and without_paths"
@@ -134,7 +140,8 @@ def recorded(setup: Setup, wanted: Wanted, device: Device, progress: Progress | 
     model, accuracy = plan.model, plan.accuracy
     prepared = prepare(model, accuracy, setup.experiment.clutter)
     needed_bytes = check_memory(prepared, measured=wanted.measured)
-    cube = summed(prepared, device, progress)
+    parts = PartCubes(split, model)
+    cube = summed(prepared, device, progress, parts)
     settings = setup.described(model, accuracy) | prepared.counts | plan.described(needed_bytes)
     settings |= {"scatterers": sorted(added)} if (added := plugin_finders()) else {}
     static = prepared.static
@@ -145,37 +152,21 @@ def recorded(setup: Setup, wanted: Wanted, device: Device, progress: Progress | 
     after_call()
     return Recording(
         cube, model.radar, experiment=setup.experiment, accuracy=accuracy, inputs=setup.inputs, settings=settings,
-        versions=versions(),
+        versions=versions(), parts=parts.cubes,
     )  # fmt: skip
 
 
-def summed(prepared: Prepared, device: Device, progress: Progress | None) -> Cube:
-    """The ADC cube of all echoes."""
-    cube, radar, memory = None, prepared.model.radar, prepared.model.memory
-    error_db, parts = prepared.synthesis_error_db, prepared.parts
+def summed(prepared: Prepared, device: Device, progress: Progress | None, into: PartCubes | None = None) -> Cube:
+    """The ADC cube of all echoes; what each part of them returns goes `into` a cube of its own."""
+    into = into or PartCubes(None, prepared.model)
+    cube, radar, parts = None, prepared.model.radar, prepared.parts
+    always = {"tolerance_db": prepared.synthesis_error_db, "device": device, "memory": prepared.model.memory}
     for part, told in zip(parts, split_progress(progress, len(parts)), strict=True):
+        options: dict[str, Any] = always | {"onto": cube, "progress": told, "parts": into.of(part)}
         if part.repeats is not None:
-            cube = add_repeated(
-                part,
-                radar,
-                tolerance_db=error_db,
-                device=device,
-                memory=memory,
-                onto=cube,
-                progress=told,
-                parts=prepared.audible(part),
-            )
+            cube = add_repeated(part, radar, **options)
             continue
-        with Synthesis(
-            part.times_s,
-            radar,
-            tolerance_db=error_db,
-            device=device,
-            memory=memory,
-            onto=cube,
-            progress=told,
-            parts=prepared.audible(part),
-        ) as synthesis:
+        with Synthesis(part.times_s, radar, **options) as synthesis:
             for block, echoes in prefetched(blocks_of_echoes(part)):
                 synthesis.add(block.first, echoes)
         cube = synthesis.cube

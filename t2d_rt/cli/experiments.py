@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from t2d_rt.scene import Mover
     from t2d_rt.types import Radar
 
-RUN = "tolerance_db", "measure_error", "device", "memory_gb"
+RUN = "tolerance_db", "measure_error", "split", "device", "memory_gb"
 """Options beside an experiment that go to `run` by their names."""
 SIMPLER = {
     "scene": str, "material": str | None, "noise": str | dict[str, Any], "only_paths": list[str] | None,
@@ -122,10 +122,10 @@ def _listed(kind: Any) -> Any:
 
 
 Asked = Annotated[Given, experiment]
-OfPaths = Annotated[Given, partial(experiment, skip=("noise", "measure_error"))]
-OfPlan = Annotated[Given, partial(experiment, skip=("measure_error",))]
-OfCompare = Annotated[Given, partial(experiment, skip=("method", "tolerance_db", "measure_error"))]
-OfSweep = Annotated[Given, partial(experiment, skip=("measure_error", "memory_gb"))]
+OfPaths = Annotated[Given, partial(experiment, skip=("noise", "measure_error", "split"))]
+OfPlan = Annotated[Given, partial(experiment, skip=("measure_error", "split"))]
+OfCompare = Annotated[Given, partial(experiment, skip=("method", "tolerance_db", "measure_error", "split"))]
+OfSweep = Annotated[Given, partial(experiment, skip=("measure_error", "split", "memory_gb"))]
 OfScene = Annotated[Given, radar]
 SceneMaterial = Annotated[Given, scene_material]
 

@@ -5,7 +5,7 @@ Of a large cube the coefficients are kept in place of the samples: for a body be
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from threading import Lock
 from typing import Any
@@ -211,6 +211,64 @@ class ProductRows:
             block[first - low : last - low] = inside
             piece.put(block)
             inside[:] = block[first - low : last - low]
+
+    @classmethod
+    def sum_of(cls, each: Sequence[ProductRows]) -> ProductRows:
+        """Rows that are the sums of those of cubes of one shape."""
+        found = cls(each[0].shape)
+        for rows in each:
+            moved = found._file.size
+            for block in rows._file.blocks():
+                found._file.append(np.frombuffer(block, np.uint8))
+            for layer in rows._layers:
+                found.begin()
+                for stored in layer.within(0, found.shape[0]):
+                    found._layers[-1].add(replace(stored, offset=stored.offset + moved))
+        found.end()
+        return found
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All that it takes to make the rows again (`from_arrays`), as plain arrays for a file."""
+        every = [(number, each) for number, layer in enumerate(self._layers) for each in layer.within(0, self.shape[0])]
+        matrices: dict[bytes, tuple[int, Piece]] = {}
+        table = []
+        for number, each in every:
+            piece, matrix = each.piece, -1
+            if piece.weights is not None:
+                key = piece.weights.tobytes() + piece.x.tobytes()
+                matrix, _ = matrices.setdefault(key, (len(matrices), piece))
+            phases = 0 if piece.phase is None else len(piece.phase)
+            row = number, each.start, each.stop, each.antenna, each.offset, piece.coefficients.shape[1], matrix
+            table.append([*row, len(piece.theta), phases])
+        found = {
+            "shape": np.array(self.shape), "layers": np.array(len(self._layers)),
+            "table": np.array(table, np.int64).reshape(-1, 9), "band": np.array([each.piece.band for _, each in every]),
+            "theta": np.concatenate([np.zeros(0), *(each.piece.theta for _, each in every)]),
+            "phase": np.concatenate([np.zeros(0, DTYPE), *(each.piece.phase for _, each in every if each.piece.phase is not None)]),
+            "coefficients": self._file.read(0, (self._file.size // DTYPE.itemsize,)),
+        }  # fmt: skip
+        for matrix, piece in matrices.values():
+            assert piece.weights is not None  # such pieces have no matrix
+            found |= {f"weights{matrix}": piece.weights, f"x{matrix}": piece.x}
+        return found
+
+    @classmethod
+    def from_arrays(cls, given: Mapping[str, np.ndarray]) -> ProductRows:
+        """The rows that `arrays` described."""
+        arrays = {name: given[name] for name in given}
+        found = cls(tuple(arrays["shape"].tolist()))
+        found._file.append(arrays["coefficients"])
+        found._layers = [_Layer() for _ in range(int(arrays["layers"]))]
+        buckets, phases = 0, 0
+        for row, band in zip(arrays["table"].tolist(), arrays["band"].tolist(), strict=True):
+            layer, start, stop, antenna, offset, width, matrix, count, many = row
+            theta, phase = arrays["theta"][buckets : buckets + count], arrays["phase"][phases : phases + many]
+            buckets, phases = buckets + count, phases + many
+            weights, x = (None, np.zeros(0)) if matrix < 0 else (arrays[f"weights{matrix}"], arrays[f"x{matrix}"])
+            piece = Piece(np.empty((0, width), DTYPE), theta, weights, x, phase if many else None, band)
+            found._layers[layer].add(_Stored(start, stop, antenna, offset, piece))
+        found.end()
+        return found
 
     def append(self, block: bytes) -> None:
         """The next bytes of the file, for `pickle` and `copy`; a full disk shows at reading, for an error here hangs a pool."""

@@ -30,7 +30,7 @@ from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.scattering.streams import Resampled, batches
 from t2d_rt.types import Accuracy, Ellipsoids, MovingMesh, PathPair, PathTier
-from t2d_rt.types.scatterer import EchoParts, FrameBlock, Scatterer
+from t2d_rt.types.scatterer import FrameBlock, Scatterer
 
 OCCLUDER_SAGITTA_SCALE = 2.0
 """Sagitta scale of facets that occlude others, where visibility is traced from every facet's vertices: below -45 dB."""
@@ -61,14 +61,6 @@ class Prepared:
             each for each in every if each.repeats is not None
         ]
 
-    def audible(self, part: Scatterer) -> EchoParts | None:
-        """Echoes of path pairs that are switched off are silent; None where none are. Several bounces are on the direct one."""
-        on = self.model.paths_on
-        if on is None:
-            return None
-        labels = part.labels
-        return EchoParts(np.where((labels.bounces == 0) | np.isin(labels.path.astype(str), sorted(on)), 0, -1))
-
     @property
     def synthesis_error_db(self) -> float:
         """Greatest error of the sum."""
@@ -81,8 +73,8 @@ def prepare(model: Model, accuracy: Accuracy, clutter: Clutter) -> Prepared:
     pairs = model.pairs(accuracy)
     if pairs is not None and not pairs.switched_on:
         raise InputError(
-            "only_paths and without_paths leave path pairs alone that are too weak to be modelled; name others, or model weaker "
-            "ones (accuracy.dynamic_range_db, a lower tolerance)"
+            "only_paths and without_paths leave path pairs alone that are too weak to be modelled; name others, or model "
+            "weaker ones (accuracy.dynamic_range_db, a lower tolerance)"
         )
     static, counts = model.clutter(clutter, accuracy)
     return Prepared(

@@ -11,10 +11,12 @@ from t2d_rt.plots.figures import (
     plot_scene,
     plot_spectrogram,
 )
+from t2d_rt.plots.parts import plot_parts
 
 __all__ = [
     "VELOCITY_LABEL",
     "plot_comparison",
+    "plot_parts",
     "plot_point_cloud",
     "plot_range_angle",
     "plot_range_doppler",

@@ -14,7 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from t2d_rt.core.constants import SPEED_OF_LIGHT
-from t2d_rt.core.cubes import Cube, CubeAdder, new_cube
+from t2d_rt.core.cubes import Cube, CubeAdder, DiskCube, new_cube
+from t2d_rt.core.factored_cubes import ProductRows
 from t2d_rt.core.memory import Budget
 from t2d_rt.radar.synthesize import Progress, synthesize
 from t2d_rt.types import Radar
@@ -80,7 +81,8 @@ def add_repeated(
     progress: Progress | None = None,
     parts: EchoParts | None = None,
 ) -> Cube:
-    """The ADC cube of a record whose echoes repeat, added to another one or by itself; `parts` says which of them are silent."""
+    """The ADC cube of a record whose echoes repeat, added to another one or by itself. What each of the `parts` returns is added to
+    its cube, if it has one."""
     table = source.repeats
     assert table is not None
     starts_s = radar.chirp_times_s(table.span_s[1] - table.span_s[0])
@@ -89,8 +91,18 @@ def add_repeated(
         for first in range(0, len(starts_s), ROWS_AT_ONCE):
             rows = min(ROWS_AT_ONCE, len(starts_s) - first)
             onto[first : first + rows] = np.zeros((rows, radar.antennas, radar.samples), np.complex64)
-    found = _summed(source, table, parts, tolerance_db=tolerance_db, device=device, memory=memory)
-    dense = _oversampled(found)
+    whole, some = _summed(source, table, parts, tolerance_db=tolerance_db, device=device, memory=memory)
+    for each, cube in zip(some, parts.cubes if parts else (), strict=True):
+        _add(each, table, radar, cube)
+    _add(whole, table, radar, onto)
+    if progress is not None:
+        progress(1.0)
+    return onto
+
+
+def _add(found: np.ndarray, table: Repetition, radar: Radar, onto: Cube) -> None:
+    """Adds every chirp of the record, read from the steps of a period (step, antenna, sample), to a cube."""
+    starts_s, dense = radar.chirp_times_s(table.span_s[1] - table.span_s[0]), _oversampled(found)
     # Chirps of the table and of the record begin at times of their own after the starts of their rows.
     late_s = radar.antenna_delays_s - table.radar.antenna_delays_s - table.first * table.step_s
     with CubeAdder(onto) as adder:
@@ -104,9 +116,6 @@ def add_repeated(
             for antenna, each_s in enumerate(late_s.tolist()):
                 position = (some + each_s) / table.period_s % 1 * dense.shape[1]
                 out[:, antenna] = _at(dense[antenna], position, gain)
-    if progress is not None:
-        progress(1.0)
-    return onto
 
 
 def _summed(
@@ -117,18 +126,31 @@ def _summed(
     tolerance_db: float,
     device: str,
     memory: Budget,
-) -> np.ndarray:
-    """What chirps record that begin at equal steps of a period, complex64 (step, antenna, sample)."""
-    cube: Cube | None = None
-    first = 0
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """What chirps record that begin at equal steps of a period, complex64 (step, antenna, sample), and each part of it."""
+    whole: Cube | None = None
+    first, shape = (
+        0,
+        (
+            len(table.radar.chirp_times_s(source.times_s[-1] - source.times_s[0])),
+            table.radar.antennas,
+            table.radar.samples,
+        ),
+    )
+    of_parts = [DiskCube(ProductRows(shape)) for _ in (parts.cubes if parts else ())]
     for each in source.parts:
-        own = None if parts is None else parts[first : first + each.echoes]
+        own = None if parts is None else EchoParts(parts.number[first : first + each.echoes], of_parts)
         first += each.echoes
-        cube = synthesize(
-            replace(each, repeats=None), table.radar, tolerance_db=tolerance_db, device=device, onto=cube, memory=memory,
+        whole = synthesize(
+            replace(each, repeats=None), table.radar, tolerance_db=tolerance_db, device=device, onto=whole, memory=memory,
             parts=own,
         )  # fmt: skip
-    assert cube is not None
+    assert whole is not None
+    return _by_angle(whole, table), [_by_angle(each, table) for each in of_parts]
+
+
+def _by_angle(cube: Cube, table: Repetition) -> np.ndarray:
+    """The table's rows in the order of the angles at which their chirps begin."""
     rows = np.asarray(cube[table.first : table.first + table.rows])
     found = np.empty_like(rows)
     found[np.arange(table.rows) * table.periods % table.rows] = rows

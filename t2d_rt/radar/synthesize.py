@@ -80,7 +80,7 @@ def synthesize(
     `read_frames` is about how many frames of echoes are held at once, by default as many as fit a fixed amount of memory; it does
     not change the result. `onto`: a cube of the same shape that the samples are added to and that is returned. `memory`: what
     may be taken; unused memory is given back between windows. `progress` is called with the fraction done, 0..1.
-    `parts`: which echoes are silent.
+    `parts`: which echoes belong to which part of the whole, or are silent.
     """
     checks.instance("radar", radar, Radar, "a Radar", hint="Radar.preset('table2') makes one")
     assert getattr(echoes, "repeats", None) is None, "echoes that repeat are summed by add_repeated"
@@ -117,15 +117,16 @@ class Synthesis:
 
     def __init__(
         self, times_s: np.ndarray, radar: Radar, *, tolerance_db: float, device: str, memory: Budget, onto: Cube | None = None,
-        progress: Progress | None = None, parts: EchoParts | None = None, onto_parts: Sequence[DiskCube] = (),
+        progress: Progress | None = None, parts: EchoParts | None = None,
     ) -> None:  # fmt: skip
-        """As `synthesize`, for echoes at surface frames `times_s` (T,); what each of the `parts` returns is added to a cube of its
-        own, if there are such."""
+        """As `synthesize`, for echoes at surface frames `times_s` (T,)."""
         self._radar, self._memory, self._progress = radar, memory, progress
         self._sweep, self._tolerance, self._backend = Sweep.of(radar), 10 ** (tolerance_db / 20), select(device)
         self._windows = Windows(times_s, None if parts is None else parts.number)
         self._parts = 1 if parts is None else parts.count
-        self._of_parts = [_Products(each.rows) for each in onto_parts if isinstance(each.rows, ProductRows)]
+        self._of_parts = [
+            _Products(each.rows) for each in (parts.cubes if parts else ()) if isinstance(each.rows, ProductRows)
+        ]
         starts_s = radar.chirp_times_s(float(times_s[-1] - times_s[0]))
         self._mid_times_s, self._last = starts_s + radar.mid_time_s, len(times_s) - 1
         shape = len(starts_s), radar.antennas, radar.samples

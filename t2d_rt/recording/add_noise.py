@@ -43,6 +43,7 @@ def add_noise(
     return Recording(
         cube, recording.radar, experiment=experiment, accuracy=recording.accuracy, inputs=recording.inputs,
         settings=recording.settings | levels, versions=recording.versions, processing=recording.processing,
+        parts=recording.parts.cubes,
     )  # fmt: skip
 
 

@@ -29,6 +29,7 @@ from t2d_rt.core.cubes import Cube, DiskCube, is_large, row_blocks
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.stored_arrays import Inputs, packed, unpacked
 from t2d_rt.experiment.experiment import Experiment
+from t2d_rt.recording.parts import read_parts, write_parts
 from t2d_rt.types import Accuracy, Radar
 
 if TYPE_CHECKING:
@@ -43,7 +44,11 @@ UNMARKED_FORMATS = ("1", "2")
 ARRAYS = (NAME, "spectrogram", "chirp_time_s", "sample_time_s", "velocity_mps", "time_s")
 INPUTS = "inputs"
 """Folder of the arrays that the experiment names."""
-FILES = re.compile(rf"zarr\.json|{INPUTS}/[0-9a-f]{{32}}\.npz|({'|'.join(ARRAYS)})/(zarr\.json|c(/\d+)*)")
+PARTS = "parts"
+"""Folder of the parts that a recording was split into."""
+FILES = re.compile(
+    rf"zarr\.json|{INPUTS}/[0-9a-f]{{32}}\.npz|{PARTS}/\d+\.npz|({'|'.join(ARRAYS)})/(zarr\.json|c(/\d+)*)"
+)
 """Files that a result's folder holds, by their paths within it."""
 LARGEST_METADATA_BYTES = 64 * 2**20
 """Greatest size of a result's zarr.json, which holds its settings."""
@@ -61,11 +66,19 @@ class Saved:
     settings: Mapping[str, Any]
     processing: Mapping[str, Any]
     versions: Mapping[str, str]
+    parts: Mapping[str, DiskCube]
 
 
-def write_folder(folder: Path, cube: Cube, labelled: xr.Dataset, adc: Mapping[str, str], inputs: Inputs) -> None:
-    """A new folder of the cube, the `labelled` spectrogram and axes with all attributes, and the inputs; `adc` are the cube's own
-    attributes."""
+def write_folder(
+    folder: Path,
+    cube: Cube,
+    labelled: xr.Dataset,
+    adc: Mapping[str, str],
+    inputs: Inputs,
+    parts: Mapping[str, DiskCube],
+) -> None:
+    """A new folder of the cube, the `labelled` spectrogram and axes with all attributes, the inputs and the parts; `adc` are the
+    cube's own attributes."""
     samples, digest = new_array(folder, cube.shape), hashlib.sha256()
     for rows, block in row_blocks(cube):
         samples[rows] = block
@@ -79,6 +92,8 @@ def write_folder(folder: Path, cube: Cube, labelled: xr.Dataset, adc: Mapping[st
         (folder / INPUTS).mkdir()
     for name, arrays in inputs.items():
         (folder / INPUTS / f"{name}.npz").write_bytes(packed(arrays))
+    if parts:
+        write_parts(folder / PARTS, parts)
     metadata = _metadata(folder)
     metadata["attributes"]["checksum"] = _checksum(folder, metadata)
     (folder / "zarr.json").write_text(json.dumps(metadata, indent=2), encoding="utf-8")
@@ -118,6 +133,7 @@ def _read(source: Path) -> Saved:
             experiment=None if experiment is None else Experiment.model_validate(experiment),
             accuracy=None if accuracy is None else Accuracy.model_validate(accuracy),
             inputs={file.stem: unpacked(file) for file in sorted((source / INPUTS).glob("*.npz"))},
+            parts=read_parts(source / PARTS),
             **attributes,
         )
         if rows.sha256 != _sha256(saved.cube):

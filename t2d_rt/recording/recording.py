@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
@@ -41,6 +41,7 @@ from t2d_rt.recording.maps import (
     labelled,
     labelled_map,
 )
+from t2d_rt.recording.parts import GROUPS, Parts
 from t2d_rt.recording.path_table import checked_times, path_table
 from t2d_rt.recording.truth import prefixed, truth_table
 from t2d_rt.signal import point_cloud, range_doppler, range_profile, spectrogram
@@ -126,6 +127,7 @@ class Recording:
         settings: Mapping[str, Any] | None = None,
         versions: Mapping[str, str] | None = None,
         processing: Mapping[str, Any] | None = None,
+        parts: Mapping[str, DiskCube] | None = None,
     ) -> None:
         instance("radar", radar, Radar, "a Radar", hint="Radar.preset('table2') makes one")
         if not isinstance(cube, DiskCube):
@@ -152,6 +154,8 @@ class Recording:
         self.versions = dict(versions or {})
         self.processing = dict(processing or {})
         check_names(self.processing)
+        self.parts = Parts(self, parts or {})
+        """What each segment, path pair, target or number of bounces returned, if it was simulated with `split`."""
         self._spectrogram: xr.DataArray | None = None
 
     def __repr__(self) -> str:
@@ -279,10 +283,20 @@ class Recording:
         processing = {**self.processing, **{name: plain(value) for name, value in changes.items()}}
         changed = Recording(
             self.cube, self.radar, experiment=self.experiment, accuracy=self.accuracy, inputs=self.inputs, settings=self.settings,
-            versions=self.versions, processing=processing,
+            versions=self.versions, processing=processing, parts=self.parts.cubes,
         )  # fmt: skip
         check_processing(self.radar, len(self.cube), changed.processing)
         return changed
+
+    def of_part(self, name: str, cube: DiskCube) -> Recording:
+        """A part of this recording, with its processing; without an experiment, which makes the whole."""
+        known: dict[str, Any] = {key: self.settings[key] for key in ("method", "scene") if key in self.settings}
+        processing = {**self.processing, "mti": self._mti}
+        return Recording(cube, self.radar, settings={**known, "part": name}, processing=processing)
+
+    def strongest(self, velocity_mps: float, time_s: float) -> xr.Dataset:
+        """The parts that make a cell of the spectrogram, strongest first, and how much: see `Parts.strongest`."""
+        return self.parts.strongest(velocity_mps, time_s)
 
     def with_background(
         self, model: str | Path = "default", *, seed: int = 0, level_db: float | None = None
@@ -394,6 +408,23 @@ class Recording:
         found, plot = self.point_cloud(), cast(Any, plot_point_cloud)
         return plot(found.xyz_m, found.speed_mps, ax=ax, title=title, **style)
 
+    def plot_parts(
+        self, title: str | None = None, *, groups: Mapping[str, Sequence[str]] | None = None, ax: Axes | None = None,
+        **style: Unpack[StyleOptions],
+    ) -> Figure | Axes:  # fmt: skip
+        """The spectrogram coloured by its `parts`: hue by the strongest in a cell, lightness by the level; options as of `plot`.
+
+        groups: parts that are one together, by their new names; by default the segments of a body are put together by limbs.
+        """
+        from t2d_rt.plots import plot_parts
+
+        parts = self.parts.grouped(GROUPS if groups is None else groups)
+        levels, whole = parts.spectrogram, self.spectrogram
+        return plot_parts(
+            whole.velocity_mps.values, whole.time_s.values, whole.values, parts_db=levels.values, names=list(parts), ax=ax,
+            title=title, **style,
+        )  # fmt: skip
+
     def save(self, path: str | Path, *, overwrite: bool = False, figure: Figure | None = None) -> None:
         """Write adc and spectrogram with all attributes to a zarr folder; a failure leaves things as they were.
 
@@ -426,7 +457,7 @@ class Recording:
         labelled, adc = self._labelled_spectrogram(), self.adc
         labelled.attrs = self.attributes
         own = {"units": adc.attrs["units"], "coordinates": " ".join(map(str, adc.coords))}
-        write_folder(folder, self.cube, labelled, own, self.inputs)
+        write_folder(folder, self.cube, labelled, own, self.inputs, self.parts.cubes)
 
     def _labelled_spectrogram(self) -> xr.Dataset:
         """The spectrogram, whose attributes are its units alone, with the axes of the samples."""

@@ -78,7 +78,7 @@ class EllipsoidScatterer(Scatterer):
     def labels(self) -> EchoLabels:
         count = len(self.ellipsoids.semi_axes_m)
         return EchoLabels.joined(
-            EchoLabels.of(count, target=self.target, part=np.arange(count), path=view.name) for view in self.views
+            EchoLabels.of(count, target=self.target, ellipsoid=np.arange(count), path=view.name) for view in self.views
         )
 
     @override

@@ -124,7 +124,7 @@ class MeshScatterer(Scatterer):
         patches = self.model.patches
         face = patches.base_face[patches.starts[:-1]]
         return EchoLabels.joined(
-            EchoLabels.of(len(each.patches), target=self.target, part=face[each.patches], path=each.view.name)
+            EchoLabels.of(len(each.patches), target=self.target, face=face[each.patches], path=each.view.name)
             for each in self.selections
         )
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 from typing_extensions import override
 
 from t2d_rt.core.checks import array, call, check_shape, instance, integer
+from t2d_rt.core.cubes import DiskCube
 from t2d_rt.types.echoes import EchoArrays, Echoes, Repetition
 from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.mesh import MovingMesh
@@ -45,26 +46,36 @@ class EchoLabels:
 
     target: np.ndarray
     """Number of the target, (N,); -1 is the static scene, or ray tubes between several surfaces."""
-    part: np.ndarray
-    """Number of the face of its mesh, or of its ellipsoid, (N,); -1 is none of them."""
+    face: np.ndarray
+    """Number of the face of the target's mesh, (N,); -1 is none."""
+    ellipsoid: np.ndarray
+    """Number of its ellipsoid, (N,); -1 is none."""
     path: np.ndarray
     """Name of the path pair, (N,)."""
     bounces: np.ndarray
     """Number of bounces off targets, (N,)."""
 
     @classmethod
-    def of(cls, count: int, *, target: Any = -1, part: Any = -1, path: Any = "direct", bounces: Any = 1) -> EchoLabels:
+    def of(
+        cls,
+        count: int,
+        *,
+        target: Any = -1,
+        face: Any = -1,
+        ellipsoid: Any = -1,
+        path: Any = "direct",
+        bounces: Any = 1,
+    ) -> EchoLabels:
         """For so many echoes; each value is one for all of them or (N,)."""
-        numbers = [np.broadcast_to(each, count).astype(np.int32) for each in (target, part, bounces)]
-        names = np.broadcast_to(np.asarray(path, object), count)
-        return cls(target=numbers[0], part=numbers[1], path=names, bounces=numbers[2])
+        given = {"target": target, "face": face, "ellipsoid": ellipsoid, "bounces": bounces}
+        numbers = {name: np.broadcast_to(each, count).astype(np.int32) for name, each in given.items()}
+        return cls(path=np.broadcast_to(np.asarray(path, object), count), **numbers)
 
     @classmethod
     def joined(cls, each: Iterable[EchoLabels]) -> EchoLabels:
         """Those of different echoes, one after the other."""
         some = list(each)
-        names = ("target", "part", "path", "bounces")
-        return cls(**{name: np.concatenate([getattr(one, name) for one in some]) for name in names})
+        return cls(**{each.name: np.concatenate([getattr(one, each.name) for one in some]) for each in fields(cls)})
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,14 +84,13 @@ class EchoParts:
 
     number: np.ndarray
     """Of the part, (N,); -1 is none of them: the echo is grouped with the others but is silent."""
-    count: int = 1
+    cubes: Sequence[DiskCube] = ()
+    """What each part returns is added to one of these; without them all that is not silent is one part."""
 
-    def only(self, part: int) -> EchoParts:
-        """With all others silent."""
-        return EchoParts(np.where(self.number == part, 0, -1))
-
-    def __getitem__(self, some: slice) -> EchoParts:
-        return EchoParts(self.number[some], self.count)
+    @property
+    def count(self) -> int:
+        """How many parts there are."""
+        return max(1, len(self.cubes))
 
 
 Poses = Mapping[int, Any]

@@ -1,0 +1,154 @@
+"""The parts of a recording: what each segment, path pair, target or number of bounces returned, and which of them make a cell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from typing_extensions import override
+
+from t2d_rt.core.checks import number, shown
+from t2d_rt.core.cubes import DiskCube
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.factored_cubes import ProductRows
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from t2d_rt.recording.recording import Recording
+
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    "head": ("head", "neck"),
+    "trunk": ("chest", "abdomen", "pelvis"),
+    "arms": tuple(f"{side}_{name}" for side in ("left", "right") for name in ("upper_arm", "forearm", "hand")),
+    **{f"{name}s": (f"left_{name}", f"right_{name}") for name in ("thigh", "shank")},
+    "feet": ("left_foot", "right_foot"),
+}
+"""Limbs, by which the segments of a body are put together in pictures."""
+
+
+class Parts(Mapping[str, "Recording"]):
+    """The parts of a recording by name, each a recording without the receiver's noise; they add up to the echoes of the whole.
+
+    Samples of a part are made when they are read. Maps of the parts are stacked along an axis `part`.
+    """
+
+    def __init__(self, whole: Recording, cubes: Mapping[str, DiskCube]) -> None:
+        self._whole, self._cubes = whole, dict(cubes)
+        self._spectrogram: xr.DataArray | None = None
+
+    @override
+    def __getitem__(self, name: str) -> Recording:
+        if name not in self._cubes:
+            raise KeyError(f"there is no part {name!r}; there are {', '.join(self._cubes) or 'none'}")
+        return self._whole.of_part(name, self._cubes[name])
+
+    @override
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._cubes)
+
+    @override
+    def __len__(self) -> int:
+        return len(self._cubes)
+
+    def __repr__(self) -> str:
+        return f"Parts({', '.join(self._cubes) or 'none: simulate with split='})"
+
+    @property
+    def cubes(self) -> dict[str, DiskCube]:
+        """ADC cubes by the parts' names."""
+        return dict(self._cubes)
+
+    def grouped(self, groups: Mapping[str, Sequence[str]] = GROUPS) -> Parts:
+        """Several parts as one, summed before any map is made; those in no group stay alone, groups without any are left out.
+
+        groups: names of the new parts, and of those that each holds; by default the limbs of a body.
+        """
+        found: dict[str, DiskCube] = {}
+        taken: set[str] = set()
+        for name, members in groups.items():
+            mine = [each for each in self._cubes if each in members]
+            if mine:
+                found[name] = _sum([self._cubes[each] for each in mine])
+                taken.update(mine)
+        rest = {name: cube for name, cube in self._cubes.items() if name not in taken}
+        if twice := sorted(found.keys() & rest.keys()):
+            raise InputError(f"groups has {twice[0]!r} for a name, which another part has; choose another one")
+        return Parts(self._whole, {**found, **rest})
+
+    @property
+    def spectrogram(self) -> xr.DataArray:
+        """Spectrograms of the parts, power [dB re 1 W] (part, velocity_mps, time_s), as the whole's is made."""
+        if self._spectrogram is None:
+            self._spectrogram = self._stacked([each.spectrogram for each in self.values()])
+        return self._spectrogram
+
+    def range_doppler_at(self, time_s: float | None = None, *, interval_s: float | None = None) -> xr.DataArray:
+        """Range-Doppler maps of the parts, power [dB re 1 W] (part, velocity_mps, range_m); options as of `Recording`."""
+        return self._stacked([each.range_doppler_at(time_s, interval_s=interval_s) for each in self.values()])
+
+    def range_angle(
+        self, time_s: float | None = None, *, interval_s: float | None = None, **options: Any
+    ) -> xr.DataArray:
+        """Range-azimuth maps of the parts, power [dB re 1 W] (part, range_m, azimuth_rad); options as of `Recording`."""
+        return self._stacked([each.range_angle(time_s, interval_s=interval_s, **options) for each in self.values()])
+
+    def strongest(self, velocity_mps: float, time_s: float) -> xr.Dataset:
+        """What makes a cell of the spectrogram: the parts, strongest first, with `level_db` [dB re 1 W] of each in the nearest cell
+        and `relative_db` [dB] to that of the whole there.
+
+        Parts interfere: one may be stronger than the whole, whose level is the attribute `level_db`.
+        """
+        import xarray as xr
+
+        own, whole = self.spectrogram, self._whole.spectrogram
+        speeds, times = own.velocity_mps.values, own.time_s.values
+        for name, value, axis in (("velocity_mps", velocity_mps, speeds), ("time_s", time_s, times)):
+            half = abs(axis[1] - axis[0]) / 2 if len(axis) > 1 else np.inf
+            low, high = axis.min() - half, axis.max() + half
+            if not low <= number(name, value) <= high:
+                raise InputError(f"{name} must lie on the spectrogram, {low:.4g}..{high:.4g}, got {shown(value)}")
+        place = {
+            "velocity_mps": int(np.abs(speeds - velocity_mps).argmin()),
+            "time_s": int(np.abs(times - time_s).argmin()),
+        }
+        level, total = own.isel(place), float(whole.isel(place))
+        found = xr.Dataset({"level_db": level, "relative_db": level - total}).sortby("level_db", ascending=False)
+        found.level_db.attrs, found.relative_db.attrs = {"units": "dB re 1 W"}, {"units": "dB"}
+        return found.assign_attrs(level_db=total)
+
+    def _stacked(self, maps: Sequence[xr.DataArray]) -> xr.DataArray:
+        import xarray as xr
+
+        if not maps:
+            raise InputError("the recording has no parts; simulate with split='segment', 'path', 'target' or 'bounce'")
+        names = xr.DataArray(list(self), dims="part", name="part")
+        return xr.concat(maps, dim=names, combine_attrs="override").rename(f"{maps[0].name}_of_parts")
+
+
+def _sum(cubes: Sequence[DiskCube]) -> DiskCube:
+    return cubes[0] if len(cubes) == 1 else DiskCube(ProductRows.sum_of([_rows(each) for each in cubes]))
+
+
+def _rows(cube: DiskCube) -> ProductRows:
+    assert isinstance(cube.rows, ProductRows), "parts are made of products"
+    return cube.rows
+
+
+def write_parts(folder: Path, cubes: Mapping[str, DiskCube]) -> None:
+    """One .npz file for each part: its products, from which its samples are made."""
+    folder.mkdir()
+    for place, (name, cube) in enumerate(cubes.items()):
+        arrays: dict[str, Any] = {"name": np.array(name), **_rows(cube).arrays()}
+        np.savez(folder / f"{place}.npz", **arrays)
+
+
+def read_parts(folder: Path) -> dict[str, DiskCube]:
+    """What `write_parts` wrote."""
+    found: dict[str, DiskCube] = {}
+    for path in sorted(folder.glob("*.npz"), key=lambda each: int(each.stem)):
+        with np.load(path, allow_pickle=False) as file:
+            found[str(file["name"])] = DiskCube(ProductRows.from_arrays(file))
+    return found

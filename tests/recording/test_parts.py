@@ -1,0 +1,163 @@
+"""Parts of a recording: they add up to the whole, move as their limbs do, are kept in the folder, and explain a cell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import t2d_rt as t2d
+from builders import ball, slow_after, small_room, walk
+from measures import nmse_db
+from t2d_rt.cli import main
+from t2d_rt.core.errors import InputError
+from t2d_rt.plots import plot_parts
+
+RADAR = t2d.Radar.preset("table2", samples=64, prf_hz=6000.0)
+ARRAY = t2d.Radar.preset("ci4r", samples=64, prf_hz=3000.0, rx_offsets_m=[[0.0, 0.002, 0.0], [0.0, -0.002, 0.0]])
+
+
+def piece(start_s: float = 1.0, stop_s: float = 1.3) -> t2d.Motion:
+    return t2d.place(t2d.trim(walk(), start_s, stop_s), distance_m=3.0)
+
+
+def total(recording: t2d.Recording) -> np.ndarray:
+    return np.sum([np.asarray(each, np.complex128) for each in recording.parts.cubes.values()], axis=0)
+
+
+CASES: dict[str, Any] = {
+    "a body by segment": ("segment", piece, {}, 17),
+    "two balls by target, an array": (
+        "target", lambda: [ball((3.0, 0.0, 1.0)), ball((3.5, 0.8, 1.2), (1.0, 0.0, 0.0))], {"radar": ARRAY}, 2,
+    ),
+    "ellipsoids in a room by path": ("path", piece, {"method": "ellipsoid", "scene": small_room()}, 9),
+    "a body in a room by segment": ("segment", piece, {"scene": small_room()}, 18),
+    "a rotor by piece": ("segment", lambda: t2d.TableFan(position_m=(2.5, 0.0, 1.0), rpm=300).mesh(0, 1.0), {}, 4),
+    "two bounces": ("bounce", lambda: [ball((3.0, 0.0, 1.0)), ball((3.1, 0.5, 1.0))], {"bounces": 2}, 2),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", slow_after(4, list(CASES)))
+def test_parts_add_up_to_what_is_recorded_without_them(case: str) -> None:
+    split, make, options, count = CASES[case]
+    options = {"radar": RADAR, "collisions": "ignore", **options}
+    plain, found = t2d.simulate(make(), **options), t2d.simulate(make(), split=split, **options)
+    assert len(found.parts) >= count
+    assert nmse_db(found.cube, plain.cube) < -120
+    assert nmse_db(total(found), plain.cube) < -120
+    assert not plain.parts
+
+
+@pytest.fixture(scope="module")
+def by_segment() -> t2d.Recording:
+    return t2d.simulate(piece(0.8, 2.0), radar="table2", split="segment")
+
+
+def test_the_part_that_makes_a_cell_moves_at_its_speed(by_segment: t2d.Recording) -> None:
+    """40 strong cells, drawn at random: some joint of the segment said to dominate has the cell's speed then."""
+    image = by_segment.spectrogram
+    strong = np.argwhere((image.values > image.values.max() - 35) & (np.abs(image.velocity_mps.values) > 0.5)[:, None])
+    cells = strong[np.random.default_rng(1).permutation(len(strong))[:40]]
+    times_s = image.time_s.values[cells[:, 1]]
+    ends = {
+        "head": ("head", "head_top"), "neck": ("neck", "head"), "chest": ("spine2", "neck"), "abdomen": ("spine1", "spine2"),
+        "pelvis": ("pelvis", "spine1"), "upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist"),
+        "hand": ("wrist", "hand"),
+        "thigh": ("hip", "knee"), "shank": ("knee", "ankle"), "foot": ("ankle", "toe"),
+    }  # fmt: skip
+    agreed = 0
+    for velocity_mps, time_s in zip(image.velocity_mps.values[cells[:, 0]], times_s, strict=True):
+        name = str(by_segment.strongest(velocity_mps, time_s).part.values[0])
+        side = next((f"{each}_" for each in ("left", "right") if name.startswith(each)), "")
+        near = by_segment.truth_at(np.clip(time_s + np.array([-0.02, -0.01, 0.01, 0.02]), 0, 1.19))
+        places = near.joints_m.isel(person=0)
+        joints = [side + end for end in ends[name.removeprefix(side)]]
+        joints = [joint for joint in joints if joint in places.joint.values]
+        range_m = np.linalg.norm(places.sel(joint=joints).values, axis=-1)
+        speeds = -np.diff(range_m, axis=0) / np.diff(near.time_s.values)[:, None]
+        agreed += speeds.min() - 0.4 < velocity_mps < speeds.max() + 0.4
+    assert agreed >= 38
+
+
+def test_shares_of_a_cell(by_segment: t2d.Recording) -> None:
+    found = by_segment.strongest(0.9, 0.6)
+    assert found.level_db.values.tolist() == sorted(found.level_db.values, reverse=True)
+    assert found.sizes["part"] == 17
+    name = str(found.part.values[0])
+    alone = by_segment.parts[name].spectrogram.sel(velocity_mps=0.9, time_s=0.6, method="nearest")
+    assert float(alone) == pytest.approx(float(found.level_db[0]), abs=1e-4)
+    whole = by_segment.spectrogram.sel(velocity_mps=0.9, time_s=0.6, method="nearest")
+    assert found.attrs["level_db"] == pytest.approx(float(whole), abs=1e-4)
+    assert float(found.relative_db[0]) == pytest.approx(float(alone - whole), abs=1e-4)
+
+
+def test_limbs_are_sums_of_their_segments(by_segment: t2d.Recording) -> None:
+    limbs = by_segment.parts.grouped()
+    assert set(limbs) == {"head", "trunk", "arms", "thighs", "shanks", "feet"}
+    feet = sum(np.asarray(by_segment.parts.cubes[f"{side}_foot"], np.complex128) for side in ("left", "right"))
+    assert nmse_db(np.asarray(limbs.cubes["feet"]), feet) < -120
+    assert limbs.spectrogram.dims == ("part", "velocity_mps", "time_s")
+    with pytest.raises(InputError, match="groups has 'chest' for a name, which another part has"):
+        by_segment.parts.grouped({"chest": ["head"]})
+
+
+def test_parts_are_kept_with_the_recording(by_segment: t2d.Recording, tmp_path: Path) -> None:
+    by_segment.save(tmp_path / "walk.zarr")
+    again = t2d.Recording.load(tmp_path / "walk.zarr")
+    assert list(again.parts) == list(by_segment.parts)
+    for name, cube in by_segment.parts.cubes.items():
+        assert np.array_equal(np.asarray(again.parts.cubes[name]), np.asarray(cube))
+    noisy = t2d.add_noise(again)
+    assert list(noisy.parts) == list(again.parts)
+    assert list(noisy.processed(mti="mean").parts) == list(again.parts)
+
+
+def test_the_picture_names_the_limbs(by_segment: t2d.Recording) -> None:
+    figure = by_segment.plot_parts("walk")
+    (axes,) = figure.axes
+    assert {each.get_text() for each in axes.get_legend().get_texts()} == {
+        "head",
+        "trunk",
+        "arms",
+        "thighs",
+        "shanks",
+        "feet",
+    }
+    assert axes.get_ylabel().startswith("Radial velocity [m/s]")
+    many = by_segment.plot_parts(groups={}).axes[0].get_legend().get_texts()
+    assert many[-1].get_text() == "10 others"
+
+
+def test_the_hue_is_that_of_the_strongest_part() -> None:
+    speed, time = np.linspace(-1, 1, 3), np.linspace(0, 1, 4)
+    parts = np.full((2, 3, 4), -90.0)
+    parts[0, 0], parts[1, 2] = 0.0, -6.0
+    picture = plot_parts(speed, time, parts.max(axis=0), parts_db=parts, names=["slow", "fast"]).axes[0].images[0]
+    shown = np.asarray(picture.get_array())
+    assert np.argmax(shown[0, 0]) == 2  # sky blue is that of the stronger part
+    assert np.argmax(shown[2, 0]) == 0  # orange
+    assert not shown[1].any()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        (lambda found: found.strongest(99.0, 0.5), r"velocity_mps must lie on the spectrogram, -?\d"),
+        (lambda found: found.strongest(0.5, -1.0), "time_s must lie on the spectrogram"),
+        (lambda found: found.processed().parts.grouped({}).strongest("fast", 0.5), "velocity_mps must be a number"),
+        (lambda _: t2d.simulate(ball((3.0, 0.0, 1.0)), split="limb"), "split must be one of segment, path, target, bounce, got"),
+        (lambda found: found.parts["head"].strongest(0.0, 0.0), "the recording has no parts; simulate with split="),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_explained_is_told(by_segment: t2d.Recording, wrong: Any, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        wrong(by_segment)
+
+
+def test_the_command_line_splits(tmp_path: Path) -> None:
+    out = tmp_path / "walk.zarr"
+    options = ["--start-s", "1", "--stop-s", "1.2", "--method", "ellipsoid", "--split", "segment"]
+    main(["simulate", "walk", *options, "-o", str(out)])
+    assert len(t2d.Recording.load(out).parts) == 17
