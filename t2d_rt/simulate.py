@@ -106,6 +106,7 @@ def simulate(
         without_paths=without_paths,
     )  # fmt: skip
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, method)
+    checked_split(split)
     with one_blas_thread:  # no decorator, which would stand between a warning and the user's line
         setup = set_up(target, scene, experiment, device=device, memory_gb=memory_gb)
         return recorded(setup, wanted, device, progress, split)
@@ -120,6 +121,7 @@ def run(
     It keeps its own accuracy unless another one is given: the same samples, bit for bit, on the same machine."""
     experiment, inputs, accuracy, known = again(experiment, accuracy, tolerance_db)
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, experiment.method)
+    checked_split(split)
     with one_blas_thread:
         setup = set_up_stored(experiment, inputs, device=device, memory_gb=memory_gb)
         recording = recorded(setup, wanted, device, progress, split)
@@ -131,7 +133,6 @@ def recorded(
     setup: Setup, wanted: Wanted, device: Device, progress: Progress | None, split: Split | None = None
 ) -> Recording:
     """The recording of an experiment that is set up."""
-    checked_split(split)
     if wanted.measured and setup.model.paths_on is not None:
         raise InputError(
             "the error of a recording is that of all paths; give measure_error=False beside only_paths and without_paths"
