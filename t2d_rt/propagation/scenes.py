@@ -243,9 +243,8 @@ def _lookat(step: Element) -> np.ndarray:
     return matrix
 
 
-PICTURE = frozenset({
-    "integrator", "sensor", "emitter", "film", "sampler", "rfilter", "texture", "medium", "phase", "volume", "spectrum", "rgb",
-})  # fmt: skip
+_PICTURE = "integrator sensor emitter film sampler rfilter texture medium phase volume spectrum rgb"
+PICTURE = frozenset(_PICTURE.split())
 """Elements that only a picture needs: left out unread."""
 NORMALS = frozenset({"face_normals", "flip_normals", "flip_tex_coords"})
 """Switches of a shape that change neither its place nor its form; surfaces reflect from both sides."""

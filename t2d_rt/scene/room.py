@@ -20,9 +20,15 @@ from t2d_rt.types.fields import Coordinate, Fields, Number
 Side = Literal["+x", "-x", "+y", "-y"]
 SIDES: tuple[Side, ...] = ("+x", "-x", "+y", "-y")
 THICKNESS_M = {
-    "wood": 0.02, "chipboard": 0.018, "plasterboard": 0.0125, "glass": 0.006, "metal": 0.001, "ceiling_board": 0.015,
-    "floorboard": 0.02, "concrete": 0.2,
-}  # fmt: skip
+    "wood": 0.02,
+    "chipboard": 0.018,
+    "plasterboard": 0.0125,
+    "glass": 0.006,
+    "metal": 0.001,
+    "ceiling_board": 0.015,
+    "floorboard": 0.02,
+    "concrete": 0.2,
+}
 """Thickness [m] of what furniture is made of, and of walls without a thickness of their own."""
 Length = Annotated[Number, Field(gt=0, le=50)]
 _FREE_M = 1e-6
@@ -110,8 +116,8 @@ class Room(Fields):
         low, high = self._box()
         corners = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
         surfaces = [
-            _plate("floor", [(*corner, low[2]) for corner in corners], self.floor),
-            _plate("ceiling", [(*corner, high[2]) for corner in corners[::-1]], self.ceiling),
+            _plates("floor", [[(*corner, low[2]) for corner in corners]], self.floor),
+            _plates("ceiling", [[(*corner, high[2]) for corner in corners[::-1]]], self.ceiling),
         ]
         for side in SIDES:
             surfaces += self._wall(side, low, high)
@@ -136,13 +142,10 @@ class Room(Fields):
         ]
         self._check_openings(side, holes, spans, low[along], high[along], high[2])
 
-        def point(s: float, z: float) -> tuple[float, float, float]:
-            return (place, s, z) if axis == 0 else (s, place, z)
-
         cuts = sorted({low[along], high[along], *(edge for span in spans for edge in span[:2])})
         levels = sorted({0.0, high[2], *(edge for span in spans for edge in span[2:])})
         plates = [
-            [point(s0, z0), point(s1, z0), point(s1, z1), point(s0, z1)]
+            _upright(axis, place, (s0, s1, z0, z1))
             for s0, s1 in pairwise(cuts)
             for z0, z1 in pairwise(levels)
             if not any(
@@ -153,10 +156,9 @@ class Room(Fields):
         # Seen from inside, counter-clockwise.
         flipped = side in ("+x", "-y")
         surfaces = [_plates(f"wall{side}", plates, self.walls, flipped)]
-        for opening, (a, b, c, d) in zip(holes, spans, strict=True):
+        for opening, span in zip(holes, spans, strict=True):
             if opening.slab is not None:
-                filling = [point(a, c), point(b, c), point(b, d), point(a, d)]
-                surfaces.append(_plates(opening.name, [filling], opening.slab, flipped))
+                surfaces.append(_plates(opening.name, [_upright(axis, place, span)], opening.slab, flipped))
         return surfaces
 
     def _check_openings(
@@ -209,11 +211,14 @@ def furniture(kind: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return found
 
 
-def _plate(name: str, corners: list[tuple[float, float, float]], slab: Slab) -> Surface:
-    return _plates(name, [corners], slab, flipped=False)
+def _upright(axis: int, place: float, span: tuple[float, ...]) -> list[tuple[float, float, float]]:
+    """Corners of a rectangle in the plane where x (axis 0) or y (axis 1) is `place`; `span`: from, to along the other and in z."""
+    first, last, low, high = span
+    corners = [(first, low), (last, low), (last, high), (first, high)]
+    return [(place, along, z) if axis == 0 else (along, place, z) for along, z in corners]
 
 
-def _plates(name: str, plates: list[list[tuple[float, float, float]]], slab: Slab, flipped: bool) -> Surface:
+def _plates(name: str, plates: list[list[tuple[float, float, float]]], slab: Slab, flipped: bool = False) -> Surface:
     """Rectangles of four corners each, as two triangles each; `flipped` the other way round."""
     vertices = np.array(plates, float).reshape(-1, 3)
     faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * k for k in range(len(plates))])

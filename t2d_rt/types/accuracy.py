@@ -51,14 +51,25 @@ class PathTier(Fields):
 DEFAULT_TIERS = (
     PathTier(level_db=-6.0),
     PathTier(
-        level_db=-25.0, sagitta_scale=4.0, greatest_sagitta_rad=3.5, patch_span_scale=2.0, patch_phase_scale=4.0,
+        level_db=-25.0,
+        sagitta_scale=4.0,
+        greatest_sagitta_rad=3.5,
+        patch_span_scale=2.0,
+        patch_phase_scale=4.0,
         visibility="shared",
     ),
     PathTier(
-        level_db=EVERY_PATH_DB, scatterer="ellipsoids", sagitta_scale=8.0, greatest_sagitta_rad=6.0, patch_span_scale=4.0,
-        patch_phase_scale=8.0, visibility="blockage", diffuse_points=250, decimation=2,
+        level_db=EVERY_PATH_DB,
+        scatterer="ellipsoids",
+        sagitta_scale=8.0,
+        greatest_sagitta_rad=6.0,
+        patch_span_scale=4.0,
+        patch_phase_scale=8.0,
+        visibility="blockage",
+        diffuse_points=250,
+        decimation=2,
     ),
-)  # fmt: skip
+)
 """Dominant, secondary and minor paths."""
 ELLIPSOID_TIERS = tuple(tier.model_copy(update={"scatterer": "ellipsoids"}) for tier in DEFAULT_TIERS)
 """The same with ellipsoids in place of bodies over all of them: what a tolerance of a few decibels asks for."""

@@ -15,9 +15,13 @@ from t2d_rt.types.radar import Radar
 LARGEST = 1e30
 """Larger numbers are refused as infinite: single precision ends at 3.4e38."""
 KINDS: dict[str, Any] = {
-    "times_s": float, "delay_s": float, "amplitude": np.complex64, "slope": np.complex64, "departure_m": np.float32,
+    "times_s": float,
+    "delay_s": float,
+    "amplitude": np.complex64,
+    "slope": np.complex64,
+    "departure_m": np.float32,
     "arrival_m": np.float32,
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,10 +56,9 @@ class Echoes:
         frames = len(self.times_s)
         if self.delay_s.ndim != 2 or self.delay_s.shape[0] != frames:
             raise InputError(f"delay_s must have shape ({frames}, scatterer), got {self.delay_s.shape}")
-        if self.amplitude.shape != self.delay_s.shape:
-            raise InputError(f"amplitude must have the delay's shape {self.delay_s.shape}, got {self.amplitude.shape}")
-        if self.slope is not None and self.slope.shape != self.delay_s.shape:
-            raise InputError(f"slope must have the delay's shape {self.delay_s.shape}, got {self.slope.shape}")
+        for name in ("amplitude", "slope"):
+            if (values := getattr(self, name)) is not None and values.shape != self.delay_s.shape:
+                raise InputError(f"{name} must have the delay's shape {self.delay_s.shape}, got {values.shape}")
         for name in ("departure_m", "arrival_m"):
             if (points := getattr(self, name)) is not None and points.shape != (*self.delay_s.shape, 3):
                 raise InputError(f"{name} must have shape {(*self.delay_s.shape, 3)}, got {points.shape}")

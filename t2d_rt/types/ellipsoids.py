@@ -12,8 +12,8 @@ import numpy as np
 from t2d_rt.core.checks import LARGEST_M, array, call, shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.types.material import Material, checked_material
-from t2d_rt.types.mesh import Made, Solid, Track, set_fields
-from t2d_rt.types.splines import checked_times, spline, within
+from t2d_rt.types.mesh import Made, Solid, Track
+from t2d_rt.types.splines import checked_times, set_fields, spline, within
 
 PoseTrack = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Centres [m] (K, N, 3) and unit axes (K, N, 3, 3), in columns, at times [s] (K,)."""
@@ -104,13 +104,8 @@ class Ellipsoids:
             raise InputError(f"names must be a list of one text for each ellipsoid, got {shown(names)}")
         if len(names) != len(semi_axes_m):
             raise InputError(f"{len(semi_axes_m)} ellipsoids need as many names, got {len(names)}")
-        set_fields(
-            self,
-            semi_axes_m=semi_axes_m,
-            times_s=times_s,
-            material=checked_material(material),
-            names=tuple(names),
-        )
+        material = checked_material(material)
+        set_fields(self, semi_axes_m=semi_axes_m, times_s=times_s, material=material, names=tuple(names))
 
     @property
     def duration_s(self) -> float:

@@ -38,18 +38,13 @@ class Material:
             too_large = isinstance(value, int) and abs(value) > GREATEST  # for a float
             if isinstance(value, bool) or not isinstance(value, Real) or too_large:
                 raise InputError(f"material {self.name}: {field} must be a number, got {shown(value)}; {hint}")
-        if not self.relative_permittivity >= 1:
-            raise InputError(
-                f"material {self.name}: relative_permittivity must be 1 or more, got {self.relative_permittivity}"
-            )
-        if not 0 <= self.conductivity_s_per_m < math.inf:
-            raise InputError(
-                f"material {self.name}: conductivity_s_per_m must be 0 or more and finite, got {self.conductivity_s_per_m}"
-            )
-        if not 0 <= self.scattering_coefficient <= 1:
-            raise InputError(
-                f"material {self.name}: scattering_coefficient must lie in 0..1, got {self.scattering_coefficient}"
-            )
+        for field, fits, expected in (
+            ("relative_permittivity", self.relative_permittivity >= 1, "be 1 or more"),
+            ("conductivity_s_per_m", 0 <= self.conductivity_s_per_m < math.inf, "be 0 or more and finite"),
+            ("scattering_coefficient", 0 <= self.scattering_coefficient <= 1, "lie in 0..1"),
+        ):
+            if not fits:
+                raise InputError(f"material {self.name}: {field} must {expected}, got {getattr(self, field)}")
 
     def permittivity(self, frequency_hz: float) -> complex:
         """Complex relative permittivity eps' - j sigma/(omega eps0), e^{+j omega t} convention."""

@@ -12,7 +12,7 @@ from t2d_rt.core.checks import LARGEST_M, array, call, check_shape, flag, number
 from t2d_rt.core.errors import InputError, warn
 from t2d_rt.geometry.vectors import edge_cross
 from t2d_rt.types.material import Material, checked_material
-from t2d_rt.types.splines import checked_times, spline, within
+from t2d_rt.types.splines import checked_times, set_fields, spline, within
 
 if TYPE_CHECKING:
     import trimesh
@@ -137,9 +137,8 @@ class MovingMesh:
             _check_period(track, times_s, len(rest), period_s, name)
         if refined_as is not None:
             refined_as = array("refined_as", refined_as, rest.shape, limit=LARGEST_M, unit="m")
-        set_fields(
-            mesh, name=name, times_s=times_s, track=track, made=made, period_s=period_s, refined_as=refined_as
-        )  # fmt: skip
+        more = {"track": track, "made": made, "period_s": period_s, "refined_as": refined_as}
+        set_fields(mesh, name=name, times_s=times_s, **more)
         return mesh
 
     def _fill(
@@ -157,10 +156,8 @@ class MovingMesh:
         _check_side(rest[faces], name)
         hint = f"one number or one per vertex ({len(rest)},), {SAGITTA_RAD[0]:g}..{SAGITTA_RAD[1]:g} rad"
         sagitta = array(f"sagitta_rad of {name}", sagitta_rad, hint=hint)
-        if (
-            sagitta.shape not in ((), (len(rest),))
-            or not SAGITTA_RAD[0] <= sagitta.min() <= sagitta.max() <= SAGITTA_RAD[1]
-        ):
+        fits = sagitta.shape in ((), (len(rest),))
+        if not fits or not SAGITTA_RAD[0] <= sagitta.min() <= sagitta.max() <= SAGITTA_RAD[1]:
             raise InputError(f"sagitta_rad of {name} must be positive, {hint}, got {shown(sagitta_rad)}")
         set_fields(
             self,
@@ -219,12 +216,6 @@ class MovingMesh:
         return f"MovingMesh({self.name}: {len(self.rest)} vertices, {len(self.faces)} faces, {self.duration_s:.3g} s, {material})"
 
 
-def set_fields(value: Any, **fields: Any) -> None:
-    """Sets fields of a frozen value while it is made."""
-    for name, each in fields.items():
-        object.__setattr__(value, name, each)
-
-
 def _positions(track: Track, times_s: np.ndarray, count: int | None, name: str) -> np.ndarray:
     """What a track gives at these times (K, count, 3), checked: a user's may give anything."""
     found = track(times_s)
@@ -270,15 +261,16 @@ def _check_faces(faces: np.ndarray, vertex_count: int, name: str, curved: bool) 
         )
     start, end = faces.astype(np.int64), np.roll(faces, -1, axis=1).astype(np.int64)
     _, counts = np.unique(np.minimum(start, end) * vertex_count + np.maximum(start, end), return_counts=True)
-    if curved and not (counts == 2).all():
+    alone = np.count_nonzero(counts != 2)
+    if alone and curved:
         raise InputError(
-            f"{name} must be watertight to have curved facets, got {np.count_nonzero(counts != 2)} of {len(counts)} edges that do "
-            "not join two faces; merge its vertices (trimesh: merge_vertices), or leave curved out"
+            f"{name} must be watertight to have curved facets, got {alone} of {len(counts)} edges that do not join two faces; "
+            "merge its vertices (trimesh: merge_vertices), or leave curved out"
         )
-    if not (counts == 2).all():
+    if alone:
         warn(
-            f"{name} is not watertight ({np.count_nonzero(counts != 2)} of {len(counts)} edges do not join two faces): "
-            "it reflects only from its front side (if its triangles do not share vertices, merge them: trimesh merge_vertices)"
+            f"{name} is not watertight ({alone} of {len(counts)} edges do not join two faces): it reflects only from its front "
+            "side (if its triangles do not share vertices, merge them: trimesh merge_vertices)"
         )
     directed = np.sort((start * vertex_count + end).ravel())  # much quicker than np.unique
     if (directed[1:] == directed[:-1]).any():
@@ -291,8 +283,7 @@ def _check_side(corners: np.ndarray, name: str) -> None:
     """Refuses a closed mesh (F, 3, 3) whose faces look inward."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     closed = np.allclose(edge_cross(corners).sum(axis=0), 0, atol=1e-9 * np.abs(corners).max() ** 2)
-    volume = (
-        float(np.einsum("fi,fi->", a - corners.mean(axis=(0, 1)), np.cross(b, c) - np.cross(a, c) - np.cross(b, a))) / 6
-    )
+    across = np.cross(b, c) - np.cross(a, c) - np.cross(b, a)
+    volume = float(np.einsum("fi,fi->", a - corners.mean(axis=(0, 1)), across)) / 6
     if closed and volume < -1e-9 * np.abs(corners).max() ** 3:
         raise InputError(f"{name} is inside out: its triangles run clockwise seen from outside; give faces[:, ::-1]")

@@ -11,6 +11,7 @@ import numpy as np
 from t2d_rt.core.checks import LARGEST_M, array, flag, instance, number, numeric, shown, text
 from t2d_rt.core.errors import InputError, html_table
 from t2d_rt.geometry.vectors import norms
+from t2d_rt.types.splines import set_fields
 
 CANONICAL_JOINTS: tuple[str, ...] = (
     "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle", "right_ankle",
@@ -22,9 +23,12 @@ CANONICAL_JOINTS: tuple[str, ...] = (
 CANONICAL_PARENTS: tuple[int, ...] = (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19)
 
 OPTIONAL_JOINTS: dict[str, str] = {
-    "head_top": "head", "left_hand": "left_wrist", "right_hand": "right_wrist", "left_toe": "left_foot",
+    "head_top": "head",
+    "left_hand": "left_wrist",
+    "right_hand": "right_wrist",
+    "left_toe": "left_foot",
     "right_toe": "right_foot",
-}  # fmt: skip
+}
 """Ends that a file may or may not have, with their parents; they follow the 22 in this order."""
 
 RATES_HZ = 1e-3, 1e5
@@ -82,13 +86,18 @@ class Motion:
             )
         if self.placed is not None:
             flag("placed", self.placed)
-        values = {
-            "joints": joints, "rotations": rotations, "names": names, "parents": parents, "rate_hz": checked_rate(self.rate_hz),
-            "report": text("report", self.report), "origin": tuple(text("origin", each) for each in _listed(self.origin)),
-            "activities": _activities(self.activities),
-        }  # fmt: skip
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+        origin = cast(Sequence[Any], instance("origin", self.origin, (list, tuple), "a list of texts"))
+        set_fields(
+            self,
+            joints=joints,
+            rotations=rotations,
+            names=names,
+            parents=parents,
+            rate_hz=checked_rate(self.rate_hz),
+            report=text("report", self.report),
+            origin=tuple(text("origin", each) for each in origin),
+            activities=_activities(self.activities),
+        )
 
     def __repr__(self) -> str:
         return (
@@ -97,9 +106,8 @@ class Motion:
         )
 
     def _repr_html_(self) -> str:
-        low, high = (
-            ", ".join(f"{x:.2f}" for x in corner) for corner in (self.joints.min((0, 1)), self.joints.max((0, 1)))
-        )
+        corners = self.joints.min((0, 1)), self.joints.max((0, 1))
+        low, high = (", ".join(f"{x:.2f}" for x in corner) for corner in corners)
         rows = [
             ("frames", f"{len(self.joints)} at {self.rate_hz:g} Hz"),
             ("duration", f"{self.duration_s:.2f} s"),
@@ -147,10 +155,6 @@ def _activities(given: Any) -> tuple[tuple[str, float], ...]:
     if begins_s != sorted(set(begins_s)):
         raise InputError(f"activities must begin one after the other, {hint}, got {shown(given)}")
     return found
-
-
-def _listed(origin: Any) -> Sequence[Any]:
-    return cast(Sequence[Any], instance("origin", origin, (list, tuple), "a list of texts"))
 
 
 def checked_motion(motion: Any) -> Motion:

@@ -34,7 +34,7 @@ def reflection(material: Material, thickness_m: float, cosine: np.ndarray, frequ
 
 
 def transmission(material: Material, thickness_m: float, cosine: np.ndarray, frequency_hz: float) -> Polarized:
-    """T_TE and T_TM, from face to face."""
+    """Transmission coefficients T_TE and T_TM of such a slab from face to face, complex (...)."""
     if math.isinf(material.relative_permittivity):
         return np.zeros(np.shape(cosine), complex), np.zeros(np.shape(cosine), complex)
     singles, once = _waves(material, thickness_m, cosine, frequency_hz)

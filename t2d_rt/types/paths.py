@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,20 @@ PathKey = tuple[tuple[str, ...], bytes]
 """A chain of mirrors, and the image of the antenna in them."""
 
 
+class _Compared:
+    """A dataclass whose values are equal where all of their fields are, arrays element by element."""
+
+    __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other):
+            return False
+        pairs = ((getattr(self, each.name), getattr(other, each.name)) for each in fields(self))  # type: ignore[arg-type]
+        return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b for a, b in pairs)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Elements:
+class Elements(_Compared):
     """Mirrors and slabs that paths meet, from the antenna on: arrays (n,) for one path, (P, L) for P paths of up to L elements."""
 
     mirror: np.ndarray
@@ -45,12 +57,9 @@ class Elements:
         """Those at an index of the arrays' leading axes."""
         return Elements(**{each.name: getattr(self, each.name)[index] for each in fields(self)})
 
-    def __eq__(self, other: object) -> bool:
-        return _same(self, other)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class OneWayPath:
+class OneWayPath(_Compared):
     """The path over a chain of plane reflectors and through slabs, as if it came straight from the antenna's image.
 
     From the antenna, a target at x appears at `mirror_matrix @ x + shift_m`, as far from the antenna as x is from the image.
@@ -79,9 +88,14 @@ class OneWayPath:
     def line_of_sight(cls, antenna_m: np.ndarray, polarization: np.ndarray) -> OneWayPath:
         """The path over no mirrors."""
         return cls(
-            chain=(), antenna_m=antenna_m, polarization=polarization, elements=Elements.none(), image_m=antenna_m,
-            mirror_matrix=np.eye(3), shift_m=np.zeros(3),
-        )  # fmt: skip
+            chain=(),
+            antenna_m=antenna_m,
+            polarization=polarization,
+            elements=Elements.none(),
+            image_m=antenna_m,
+            mirror_matrix=np.eye(3),
+            shift_m=np.zeros(3),
+        )
 
     @property
     def key(self) -> PathKey:
@@ -102,15 +116,12 @@ class OneWayPath:
         """Apparent positions of points (..., 3) as seen from the antenna [m]."""
         return points @ self.mirror_matrix.T + self.shift_m
 
-    def __eq__(self, other: object) -> bool:
-        return _same(self, other)
-
     def __hash__(self) -> int:
         return hash(self.key)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PathSet:
+class PathSet(_Compared):
     """The P one-way paths between an antenna and its targets, of up to L elements, as padded arrays.
 
     Functions evaluate it: `path_fields.field_over`, and in `propagation` `images.vertices`, `images.existing` and
@@ -138,12 +149,19 @@ class PathSet:
         return len(self.chains)
 
     def __getitem__(self, number: int) -> OneWayPath:
-        elements = self.elements.taken((number, slice(len(self.chains[number]))))
+        chain = self.chains[number]
+        elements = self.elements.taken((number, slice(len(chain))))
         return OneWayPath(
-            chain=self.chains[number], antenna_m=self.antenna_m, polarization=self.polarization, elements=elements,
-            image_m=self.image_m[number], mirror_matrix=self.mirror_matrix[number], shift_m=self.shift_m[number],
-            transmissions=int(np.count_nonzero(elements.through)), delay_s=sum(elements.delay_s.tolist()),
-        )  # fmt: skip
+            chain=chain,
+            antenna_m=self.antenna_m,
+            polarization=self.polarization,
+            elements=elements,
+            image_m=self.image_m[number],
+            mirror_matrix=self.mirror_matrix[number],
+            shift_m=self.shift_m[number],
+            transmissions=int(np.count_nonzero(elements.through)),
+            delay_s=sum(elements.delay_s.tolist()),
+        )
 
     def __iter__(self) -> Iterator[OneWayPath]:
         return (self[number] for number in range(len(self)))
@@ -152,9 +170,8 @@ class PathSet:
         """Some of the paths, by their numbers or a mask, padded no more than these need."""
         numbers = np.arange(len(self))[numbers]
         longest = int(self.mask[numbers].sum(axis=1).max(initial=0))
-        return PathSet(
-            antenna_m=self.antenna_m,
-            polarization=self.polarization,
+        return replace(
+            self,
             chains=tuple(self.chains[number] for number in numbers.tolist()),
             mask=self.mask[numbers, :longest],
             elements=self.elements.taken((numbers, slice(longest))),
@@ -162,9 +179,6 @@ class PathSet:
             mirror_matrix=self.mirror_matrix[numbers],
             shift_m=self.shift_m[numbers],
         )
-
-    def __eq__(self, other: object) -> bool:
-        return _same(self, other)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -198,7 +212,7 @@ class PathPair:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StaticPath:
+class StaticPath(_Compared):
     """A path from the transmitters' centre over mirrors to the receivers'."""
 
     path: OneWayPath
@@ -224,14 +238,3 @@ class StaticPath:
     def name(self) -> str:
         """For people: "wall+y > floor"."""
         return self.path.name
-
-    def __eq__(self, other: object) -> bool:
-        return _same(self, other)
-
-
-def _same(one: Any, other: Any) -> bool:
-    """Whether two values are of one class and have equal fields, arrays element by element."""
-    if type(one) is not type(other):
-        return False
-    pairs = ((getattr(one, each.name), getattr(other, each.name)) for each in fields(one))
-    return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b for a, b in pairs)

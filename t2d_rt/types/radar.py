@@ -23,7 +23,7 @@ from t2d_rt.core.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K, SPEED_OF_L
 from t2d_rt.core.errors import InputError, html_table
 from t2d_rt.core.files import read_yaml
 from t2d_rt.core.plugins import loaded, plugins
-from t2d_rt.types.antennas import Isotropic, Pattern, axes_along, one_view, polarization_product
+from t2d_rt.types.antennas import ONE_VIEW_M, Isotropic, Pattern, axes_along, polarization_product
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
 
 
@@ -71,95 +71,6 @@ def read_radar(path: str | Path) -> dict[str, Any]:
 
 MOST_CHIRPS = 10**8
 """Of a record (three hours of `table2`): their times must fit memory."""
-
-
-def check_timing(radar: Radar) -> None:
-    """Refuses sweeps longer than the chirp interval, and bursts longer than their interval or of unfinished loops."""
-    interval = 1 / radar.prf_hz
-    if radar.sweep_time_s > interval * (1 + 1e-9):
-        raise InputError(
-            f"sampling window of {radar.sweep_time_s * 1e6:.6g} us ({radar.samples} samples at "
-            f"{radar.sample_rate_hz:.6g} Hz) is longer than the chirp interval of {interval * 1e6:.6g} us; "
-            f"lower prf_hz to {math.floor(1 / radar.sweep_time_s * 1e3) / 1e3:.10g} or take fewer samples"
-        )
-    if (radar.chirps_per_frame is None) != (radar.frame_interval_s is None):
-        raise InputError(
-            f"bursts need both chirps_per_frame and frame_interval_s, got {radar.chirps_per_frame} and "
-            f"{radar.frame_interval_s}; give both, or neither for continuous chirps"
-        )
-    if radar.chirps_per_frame is not None and radar.frame_interval_s is not None:
-        burst = radar.chirps_per_frame * interval
-        if burst > radar.frame_interval_s * (1 + 1e-9):
-            raise InputError(
-                f"burst of {radar.chirps_per_frame} chirps lasts {burst * 1e3:.6g} ms, longer than its frame of "
-                f"{radar.frame_interval_s * 1e3:.6g} ms; raise frame_interval_s or prf_hz, or take fewer chirps"
-            )
-        shared = radar.sharing_transmitters
-        if radar.chirps_per_frame % shared:
-            raise InputError(
-                f"bursts of {radar.chirps_per_frame} chirps do not give {shared} transmitters equally many each; set "
-                f"chirps_per_frame to a multiple of {shared}"
-            )
-
-
-def chirp_starts(radar: Radar, chirps: int) -> np.ndarray:
-    """First ADC samples of the first `chirps` rows of the cube [s], (chirps,)."""
-    chirp = np.arange(integer("chirps", chirps, 0, MOST_CHIRPS, hint="cut the record"))
-    if radar.loops_per_frame is None or radar.frame_interval_s is None:
-        return chirp * radar.loop_chirps / radar.prf_hz
-    frame, within = np.divmod(chirp, radar.loops_per_frame)
-    return frame * radar.frame_interval_s + within * radar.loop_chirps / radar.prf_hz
-
-
-def chirp_times(radar: Radar, duration_s: float) -> np.ndarray:
-    """First ADC samples of all rows of the cube whose samples lie within `duration_s` [s], (chirps,)."""
-    duration_s = positive("duration_s", duration_s, unit="s")
-    window = (radar.samples - 1) / radar.sample_rate_hz
-    if radar.chirps_per_frame is None or radar.frame_interval_s is None:
-        name, group, period = (
-            "chirp" if radar.sharing_transmitters == 1 else "loop",
-            radar.sharing_transmitters,
-            radar.sharing_transmitters / radar.prf_hz,
-        )
-    else:
-        name, group, period = "burst", radar.chirps_per_frame, radar.frame_interval_s
-    last = window + (group - 1) * radar.chirp_interval_s  # last sample of a group, from its start
-    # The slack keeps a chirp that ends with the record on paper but not in the last digit.
-    groups = math.floor((duration_s - last) / period + 1e-9) + 1
-    if groups < 1:
-        raise InputError(f"duration of {duration_s:.6g} s holds no whole {name}; it must be at least {last:.6g} s")
-    return chirp_starts(radar, groups * group // radar.loop_chirps)
-
-
-def one_line(radar: Radar) -> str:
-    """Carrier, sweep, rates and limits on one line."""
-    antennas = f"{len(radar.tx_offsets_m)} x {len(radar.rx_offsets_m)} antennas"
-    return (
-        f"Radar({radar.carrier_hz / 1e9:.4g} GHz, sweep {radar.bandwidth_hz / 1e9:.3g} GHz in {radar.samples} samples, PRF "
-        f"{radar.prf_hz / 1e3:.4g} kHz, {antennas}, range bin {100 * radar.range_resolution_m:.3g} cm up to "
-        f"{radar.max_range_m:.3g} m, +-{radar.max_speed_mps:.3g} m/s)"
-    )
-
-
-def described(radar: Radar) -> list[tuple[str, str]]:
-    """Names and texts of its main figures."""
-    place, ahead = (", ".join(f"{x:.3g}" for x in vector) for vector in (radar.position_m, radar.boresight))
-    chirps = "continuous chirps"
-    if radar.chirps_per_frame is not None and radar.frame_interval_s is not None:
-        chirps = f"bursts of {radar.chirps_per_frame} chirps every {1e3 * radar.frame_interval_s:.4g} ms"
-    return [
-        ("carrier, mid-sweep", f"{radar.carrier_hz / 1e9:.4f} GHz, {radar.mid_frequency_hz / 1e9:.4f} GHz"),
-        ("bandwidth", f"{radar.bandwidth_hz / 1e9:.4f} GHz"),
-        ("samples", f"{radar.samples} at {radar.sample_rate_hz / 1e6:.4g} MHz, {radar.sweep_time_s * 1e6:.4g} us"),
-        ("range bin, farthest range", f"{100 * radar.range_resolution_m:.2f} cm, {radar.max_range_m:.2f} m"),
-        ("PRF", f"{radar.prf_hz:.6g} Hz, {chirps}"),
-        ("unambiguous speed", f"+-{radar.max_speed_mps:.2f} m/s"),
-        ("antennas", f"{len(radar.tx_offsets_m)} x {len(radar.rx_offsets_m)} (tx x rx), {radar.multiplexing}"),
-        ("power, gains", f"{radar.tx_power_dbm:g} dBm, {radar.tx_gain_dbi:g} and {radar.rx_gain_dbi:g} dBi"),
-        ("place, boresight", f"({place}) m, ({ahead})"),
-    ]
-
-
 MOST_BINS = 2**26
 """Of an axis, which must fit memory."""
 
@@ -230,19 +141,67 @@ class Radar(Fields):
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
-        check_timing(self)
+        self._check_timing()
         if math.hypot(*self.boresight) < 1e-9:
             raise InputError(f"boresight must be a direction, got {self.boresight}; (1, 0, 0) points along x")
         return self
 
+    def _check_timing(self) -> None:
+        """Refuses sweeps longer than the chirp interval, and bursts longer than their interval or of unfinished loops."""
+        interval = 1 / self.prf_hz
+        if self.sweep_time_s > interval * (1 + 1e-9):
+            raise InputError(
+                f"sampling window of {self.sweep_time_s * 1e6:.6g} us ({self.samples} samples at "
+                f"{self.sample_rate_hz:.6g} Hz) is longer than the chirp interval of {interval * 1e6:.6g} us; "
+                f"lower prf_hz to {math.floor(1 / self.sweep_time_s * 1e3) / 1e3:.10g} or take fewer samples"
+            )
+        if (self.chirps_per_frame is None) != (self.frame_interval_s is None):
+            raise InputError(
+                f"bursts need both chirps_per_frame and frame_interval_s, got {self.chirps_per_frame} and "
+                f"{self.frame_interval_s}; give both, or neither for continuous chirps"
+            )
+        if self.chirps_per_frame is None or self.frame_interval_s is None:
+            return
+        burst, shared = self.chirps_per_frame * interval, self.sharing_transmitters
+        if burst > self.frame_interval_s * (1 + 1e-9):
+            raise InputError(
+                f"burst of {self.chirps_per_frame} chirps lasts {burst * 1e3:.6g} ms, longer than its frame of "
+                f"{self.frame_interval_s * 1e3:.6g} ms; raise frame_interval_s or prf_hz, or take fewer chirps"
+            )
+        if self.chirps_per_frame % shared:
+            raise InputError(
+                f"bursts of {self.chirps_per_frame} chirps do not give {shared} transmitters equally many each; set "
+                f"chirps_per_frame to a multiple of {shared}"
+            )
+
     def __repr__(self) -> str:
-        return one_line(self)
+        antennas = f"{len(self.tx_offsets_m)} x {len(self.rx_offsets_m)} antennas"
+        return (
+            f"Radar({self.carrier_hz / 1e9:.4g} GHz, sweep {self.bandwidth_hz / 1e9:.3g} GHz in {self.samples} samples, PRF "
+            f"{self.prf_hz / 1e3:.4g} kHz, {antennas}, range bin {100 * self.range_resolution_m:.3g} cm up to "
+            f"{self.max_range_m:.3g} m, +-{self.max_speed_mps:.3g} m/s)"
+        )
 
     def __str__(self) -> str:
-        return one_line(self)
+        return repr(self)
 
     def _repr_html_(self) -> str:
-        return html_table("Radar", described(self))
+        place, ahead = (", ".join(f"{x:.3g}" for x in vector) for vector in (self.position_m, self.boresight))
+        chirps = "continuous chirps"
+        if self.chirps_per_frame is not None and self.frame_interval_s is not None:
+            chirps = f"bursts of {self.chirps_per_frame} chirps every {1e3 * self.frame_interval_s:.4g} ms"
+        rows = [
+            ("carrier, mid-sweep", f"{self.carrier_hz / 1e9:.4f} GHz, {self.mid_frequency_hz / 1e9:.4f} GHz"),
+            ("bandwidth", f"{self.bandwidth_hz / 1e9:.4f} GHz"),
+            ("samples", f"{self.samples} at {self.sample_rate_hz / 1e6:.4g} MHz, {self.sweep_time_s * 1e6:.4g} us"),
+            ("range bin, farthest range", f"{100 * self.range_resolution_m:.2f} cm, {self.max_range_m:.2f} m"),
+            ("PRF", f"{self.prf_hz:.6g} Hz, {chirps}"),
+            ("unambiguous speed", f"+-{self.max_speed_mps:.2f} m/s"),
+            ("antennas", f"{len(self.tx_offsets_m)} x {len(self.rx_offsets_m)} (tx x rx), {self.multiplexing}"),
+            ("power, gains", f"{self.tx_power_dbm:g} dBm, {self.tx_gain_dbi:g} and {self.rx_gain_dbi:g} dBi"),
+            ("place, boresight", f"({place}) m, ({ahead})"),
+        ]
+        return html_table("Radar", rows)
 
     # --- reading, writing, changing ---
 
@@ -381,12 +340,27 @@ class Radar(Fields):
 
     def chirp_starts_s(self, chirps: int) -> np.ndarray:
         """First ADC samples of the first `chirps` rows of the cube [s], (chirps,): with "tdm", of loops."""
-        return chirp_starts(self, chirps)
+        chirp = np.arange(integer("chirps", chirps, 0, MOST_CHIRPS, hint="cut the record"))
+        if self.loops_per_frame is None or self.frame_interval_s is None:
+            return chirp * self.loop_chirps / self.prf_hz
+        frame, within = np.divmod(chirp, self.loops_per_frame)
+        return frame * self.frame_interval_s + within * self.loop_chirps / self.prf_hz
 
     def chirp_times_s(self, duration_s: float) -> np.ndarray:
         """First ADC samples of all rows of the cube whose samples lie within `duration_s` [s], (chirps,); whole loops
         of the transmitters, and of bursts the whole ones."""
-        return chirp_times(self, duration_s)
+        duration_s = positive("duration_s", duration_s, unit="s")
+        window = (self.samples - 1) / self.sample_rate_hz
+        group, name = self.sharing_transmitters, "chirp" if self.sharing_transmitters == 1 else "loop"
+        period = group / self.prf_hz
+        if self.chirps_per_frame is not None and self.frame_interval_s is not None:
+            group, name, period = self.chirps_per_frame, "burst", self.frame_interval_s
+        last = window + (group - 1) * self.chirp_interval_s  # last sample of a group, from its start
+        # The slack keeps a chirp that ends with the record on paper but not in the last digit.
+        groups = math.floor((duration_s - last) / period + 1e-9) + 1
+        if groups < 1:
+            raise InputError(f"duration of {duration_s:.6g} s holds no whole {name}; it must be at least {last:.6g} s")
+        return self.chirp_starts_s(groups * group // self.loop_chirps)
 
     # --- link budget ---
 
@@ -445,7 +419,8 @@ class Radar(Fields):
     def views_m(self) -> list[np.ndarray]:
         """Positions in the world from which visibility is sampled [m], (3,) each: the centres of the transmitters and of the
         receivers, or the midpoint between them where they are within `ONE_VIEW_M`. Delays always use the true positions."""
-        return one_view(self.tx_position_m, self.rx_position_m)
+        tx_m, rx_m = self.tx_position_m, self.rx_position_m
+        return [tx_m, rx_m] if np.linalg.norm(tx_m - rx_m) > ONE_VIEW_M else [(tx_m + rx_m) / 2]
 
     # --- antennas ---
 

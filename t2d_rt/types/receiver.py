@@ -246,10 +246,14 @@ class Receiver(_Part):
     def effects(self) -> list[str]:
         """Names of the effects that are on."""
         on = {
-            "thermal noise": self.temperature_k, "1/f noise": self.flicker_corner_hz, "phase noise": self.phase_noise,
-            "interference": self.interferers or None, "IQ imbalance": self.iq_imbalance, "DC offset": self.dc_offset_dbm,
+            "thermal noise": self.temperature_k,
+            "1/f noise": self.flicker_corner_hz,
+            "phase noise": self.phase_noise,
+            "interference": self.interferers or None,
+            "IQ imbalance": self.iq_imbalance,
+            "DC offset": self.dc_offset_dbm,
             "ADC": self.adc,
-        }  # fmt: skip
+        }
         return [name for name, value in on.items() if value is not None]
 
 

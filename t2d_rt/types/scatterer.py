@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -178,14 +179,13 @@ def stream(echoes: Echoes | Scatterer) -> Scatterer:
     instance("echoes", echoes, (Echoes, Scatterer), "Echoes or an EchoStream")
     if isinstance(echoes, Scatterer):
         return echoes
-    whole = echoes
+    return EchoStream(times_s=echoes.times_s, frames=partial(_frames_of, echoes), echoes=echoes.delay_s.shape[1])
 
-    def frames(start: int, stop: int) -> EchoArrays:
-        part = slice(start, stop)
-        fields = (getattr(whole, name) for name in EchoArrays._fields)
-        return EchoArrays(*(None if field is None else field[part] for field in fields))  # type: ignore[arg-type]
 
-    return EchoStream(times_s=whole.times_s, frames=frames, echoes=whole.delay_s.shape[1])
+def _frames_of(echoes: Echoes, start: int, stop: int) -> EchoArrays:
+    """Echoes at frames start..stop - 1."""
+    values = (getattr(echoes, name) for name in EchoArrays._fields)
+    return EchoArrays(*(None if each is None else each[start:stop] for each in values))  # type: ignore[arg-type]
 
 
 def pose(scatterers: Iterable[Scatterer], block: FrameBlock) -> Poses:

@@ -11,6 +11,7 @@ from t2d_rt.core.checks import numeric, shown
 from t2d_rt.core.errors import InputError, html_table
 from t2d_rt.geometry.vectors import edge_cross
 from t2d_rt.types.material import Material
+from t2d_rt.types.splines import set_fields
 
 LARGEST_M = 3_000.0
 """Town quarters are smaller; what exceeds it was meant in other units."""
@@ -40,14 +41,12 @@ class Surface:
     def __post_init__(self) -> None:
         _check_name(self.name, "surface")
         vertices, faces = (numeric(f"{name} of {self.name}", getattr(self, name)) for name in ("vertices", "faces"))
+        expected = f"vertices of {self.name} must be finite and of shape (vertex, 3)"
         if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "fiu":
-            raise InputError(f"vertices of {self.name} must be finite and of shape (vertex, 3), got {_form(vertices)}")
+            raise InputError(f"{expected}, got {_form(vertices)}")
         vertices = vertices.astype(np.float64)
         if not np.isfinite(vertices).all():
-            raise InputError(
-                f"vertices of {self.name} must be finite and of shape (vertex, 3), "
-                f"got {np.count_nonzero(~np.isfinite(vertices))} NaN or infinite values"
-            )
+            raise InputError(f"{expected}, got {np.count_nonzero(~np.isfinite(vertices))} NaN or infinite values")
         if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or faces.dtype.kind not in "iu":
             raise InputError(f"faces of {self.name} must be integers of shape (face, 3), got {_form(faces)}")
         if faces.min() < 0 or faces.max() >= len(vertices):
@@ -69,8 +68,7 @@ class Surface:
         thickness = self.thickness_m
         if isinstance(thickness, bool) or not isinstance(thickness, int | float | np.number) or not 0 < thickness <= 2:
             raise InputError(f"thickness_m of {self.name} must lie in 0..2 m, got {shown(thickness)}")
-        object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "faces", faces)
+        set_fields(self, vertices=vertices, faces=faces)
 
 
 def _check_name(name: object, noun: str) -> None:
@@ -102,7 +100,7 @@ class Scene:
         _check_name(self.name, "scene")
         if not isinstance(self.surfaces, tuple | list) or not all(isinstance(each, Surface) for each in self.surfaces):
             raise InputError(f"surfaces of scene {self.name} must be Surface objects, got {shown(self.surfaces)}")
-        object.__setattr__(self, "surfaces", tuple(self.surfaces))
+        set_fields(self, surfaces=tuple(self.surfaces))
         twice = [name for name, count in Counter(surface.name for surface in self.surfaces).items() if count > 1]
         if twice:
             raise InputError(
@@ -112,11 +110,10 @@ class Scene:
             raise InputError(
                 f"scene {self.name} holds nothing that reflects; add walls or furniture, or take free_space"
             )
-        triangles = sum(len(surface.faces) for surface in self.surfaces)
-        if len(self.surfaces) > MAX_SURFACES or triangles > MAX_TRIANGLES:
+        if len(self.surfaces) > MAX_SURFACES or self._triangles > MAX_TRIANGLES:
             raise InputError(
-                f"scene {self.name} has {len(self.surfaces)} surfaces and {triangles} triangles, more than {MAX_SURFACES} and "
-                f"{MAX_TRIANGLES}; cut out what lies around the radar"
+                f"scene {self.name} has {len(self.surfaces)} surfaces and {self._triangles} triangles, more than {MAX_SURFACES} "
+                f"and {MAX_TRIANGLES}; cut out what lies around the radar"
             )
         low, high = self.bounds_m
         if not (high - low).max() <= LARGEST_M:
@@ -130,16 +127,12 @@ class Scene:
 
     def _repr_html_(self) -> str:
         low, high = (", ".join(f"{x:.4g}" for x in corner) for corner in self.bounds_m)
-        materials = Counter(
-            each.material if isinstance(each.material, str) else each.material.name for each in self.surfaces
-        )
+        names = (each.material if isinstance(each.material, str) else each.material.name for each in self.surfaces)
+        materials, listed = Counter(names), ", ".join(each.name for each in self.surfaces)
         rows = [
             ("size", self._extent),
             ("corners", f"({low}) to ({high}) m"),
-            (
-                "surfaces",
-                f"{len(self.surfaces)} of {self._triangles} triangles: {', '.join(each.name for each in self.surfaces)}",
-            ),
+            ("surfaces", f"{len(self.surfaces)} of {self._triangles} triangles: {listed}"),
             ("materials", ", ".join(f"{name} ({count})" for name, count in materials.items())),
         ]
         return html_table(f"Scene {self.name}", rows)

@@ -1,4 +1,4 @@
-"""Times at which a moving target is known, and how what is given then goes on between them."""
+"""Times at which a moving target is known, how what is given then goes on between them; fields of frozen values."""
 
 from __future__ import annotations
 
@@ -67,3 +67,9 @@ def within(asked_s: np.ndarray, known_s: np.ndarray, name: str) -> np.ndarray:
             f"{asked_s.max():.6g} s; give a longer motion or a shorter duration"
         )
     return np.clip(asked_s, known_s[0], known_s[-1])
+
+
+def set_fields(value: Any, **fields: Any) -> None:
+    """Sets fields of a frozen value while it is made."""
+    for name, each in fields.items():
+        object.__setattr__(value, name, each)

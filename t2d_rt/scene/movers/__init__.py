@@ -33,8 +33,12 @@ class OwnMover(Fields, ABC):
 
 Mover = TableFan | CeilingFan | Curtain | Door | Pet | OwnMover
 KINDS: dict[str, type[Mover]] = {
-    "fan": TableFan, "ceiling_fan": CeilingFan, "curtain": Curtain, "door": Door, "pet": Pet,
-}  # fmt: skip
+    "fan": TableFan,
+    "ceiling_fan": CeilingFan,
+    "curtain": Curtain,
+    "door": Door,
+    "pet": Pet,
+}
 
 __all__ = ["KINDS", "CeilingFan", "Curtain", "Door", "Mover", "OwnMover", "Pet", "TableFan", "mover", "parsed"]
 

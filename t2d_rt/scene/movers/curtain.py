@@ -90,6 +90,4 @@ class Curtain(Fields):
             moved[..., 0] += np.concatenate([swing, swing[..., ::-1]], axis=2).reshape(len(times_s), -1)
             return moved @ rotation.T + self.position_m
 
-        return moving(
-            self, track, faces, start_s, stop_s, material=self.material, sagitta_rad=SAGITTA_RAD, name=self.noun
-        )
+        return moving(self, track, faces, (start_s, stop_s), sagitta_rad=SAGITTA_RAD, name=self.noun)

@@ -73,4 +73,4 @@ class Door(Fields):
             angle = np.radians(self.heading_deg + self.angle_deg * self.opening(times_s))
             return np.einsum("kij,vj->kvi", about_z(angle), leaf) + self.position_m
 
-        return moving(self, track, faces, start_s, stop_s, material=self.material, name=self.noun)
+        return moving(self, track, faces, (start_s, stop_s), name=self.noun)

@@ -17,7 +17,7 @@ from t2d_rt.scene.movers.solids import (
     about_x,
     about_y,
     about_z,
-    ball_profile,
+    ball,
     check_size,
     check_speed,
     moving,
@@ -31,8 +31,8 @@ Rpm = Annotated[Number, Field(ge=-12_000, le=12_000)]
 Blades = Annotated[Count, Field(ge=1, le=12)]
 Pitch = Annotated[Number, Field(ge=0, le=80)]
 
-HUB_POINTS = 24
-"""Points around the hub."""
+HUB_RINGS, HUB_POINTS = 7, 24
+"""Of points around the hub, and points of each."""
 FACET_M = 0.008
 """About the size of a blade's triangles: their phases may not part by much from one surface frame to the next."""
 HUB, CHORD = 0.22, 0.55
@@ -86,7 +86,7 @@ class TableFan(Fields):
             head = about_z(np.radians(self.heading_deg + swing)) @ tilt
             return _rotated(rotor, head @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
 
-        return moving(self, track, faces, start_s, stop_s, material=self.material, name=self.noun)
+        return moving(self, track, faces, (start_s, stop_s), name=self.noun)
 
 
 class CeilingFan(Fields):
@@ -128,7 +128,7 @@ class CeilingFan(Fields):
         def track(times_s: np.ndarray) -> np.ndarray:
             return _rotated(rotor, down @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
 
-        return moving(self, track, faces, start_s, stop_s, material=self.material, name=self.noun)
+        return moving(self, track, faces, (start_s, stop_s), name=self.noun)
 
 
 def _period_s(rpm: float) -> float | None:
@@ -151,12 +151,8 @@ def _rotor(
     blades: int, radius_m: float, chord_m: float, thickness_m: float, pitch_deg: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (V, 3) m and faces (F, 3) of hub and blades that rotate about +x, the direction in which they blow."""
-    hub_m = HUB * radius_m
-    height, width = ball_profile(7)
-    angle = 2 * math.pi * np.arange(HUB_POINTS) / HUB_POINTS
-    ring = np.stack([0 * angle, np.cos(angle), np.sin(angle)], axis=1)
-    hub = hub_m * (width[:, None, None] * ring + 0.6 * height[:, None, None] * np.array([1.0, 0.0, 0.0]))
-    parts = [(hub.reshape(-1, 3), skin_faces(len(height), HUB_POINTS))]
+    hub_m, (hub, hub_faces) = HUB * radius_m, ball(HUB_RINGS, HUB_POINTS)
+    parts = [(hub_m * (hub * [0.6, 1.0, 1.0]), hub_faces)]
     blade, faces = _blade(0.8 * hub_m, radius_m, chord_m, thickness_m, pitch_deg)
     parts += [(blade @ about_x(2 * math.pi * k / blades).T, faces) for k in range(blades)]
     return together(parts)

@@ -16,8 +16,10 @@ from t2d_rt.scene.movers.solids import (
     Substance,
     about_y,
     about_z,
+    ball,
     ball_profile,
     moving,
+    ring_of,
     skin_faces,
     together,
 )
@@ -129,10 +131,10 @@ class Pet(Fields):
     def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
         """The skin between two times."""
         _, faces = self._skin(np.zeros(1))
-        return moving(
-            self, lambda times_s: self._skin(times_s)[0], faces, start_s, stop_s, material=self.material, sagitta_rad=SAGITTA_RAD,
-            name=self.animal,
-        )  # fmt: skip
+        return moving(self, self._vertices, faces, (start_s, stop_s), sagitta_rad=SAGITTA_RAD, name=self.animal)
+
+    def _vertices(self, times_s: np.ndarray) -> np.ndarray:
+        return self._skin(times_s)[0]
 
     def _ground(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Middle of the trunk on the floor (K, 3) and heading [rad] (K,)."""
@@ -234,12 +236,8 @@ def _leg(hip: np.ndarray, ankle: np.ndarray, left: np.ndarray, h: float, radius:
 
 def _ball(middle: np.ndarray, frame: np.ndarray, semi_axes_m: np.ndarray) -> Part:
     """An ellipsoid about points (K, 3), axes in the columns of frames (K, 3, 3)."""
-    height, width = ball_profile(RINGS)
-    angle = 2 * math.pi * np.arange(PER_RING) / PER_RING
-    ring = np.stack([0 * angle, np.cos(angle), np.sin(angle)], axis=1)
-    unit = width[:, None, None] * ring + height[:, None, None] * np.array([1.0, 0, 0])
-    points = np.einsum("kij,vj->kvi", frame, unit.reshape(-1, 3) * semi_axes_m)
-    return middle[:, None] + points, skin_faces(RINGS, PER_RING)
+    unit, faces = ball(RINGS, PER_RING)
+    return middle[:, None] + np.einsum("kij,vj->kvi", frame, unit * semi_axes_m), faces
 
 
 def _capsule(start: np.ndarray, stop: np.ndarray, left: np.ndarray, first_m: float, last_m: float) -> Part:
@@ -250,13 +248,10 @@ def _capsule(start: np.ndarray, stop: np.ndarray, left: np.ndarray, first_m: flo
     up = np.cross(axis, left)
     up /= np.linalg.norm(up, axis=1, keepdims=True)
     frame = np.stack([axis, np.cross(up, axis), up], axis=2)
-    angle = 2 * math.pi * np.arange(PER_RING) / PER_RING
     half = len(height) // 2
     radius = np.repeat([first_m, last_m], half)
     x = (radius * height)[None] + np.where(np.arange(len(height)) < half, 0, length[:, None])
-    y, z = (
-        np.broadcast_to((radius * width)[:, None] * wave, (len(x), len(height), PER_RING))
-        for wave in (np.cos(angle), np.sin(angle))
-    )
-    local = np.stack([np.broadcast_to(x[..., None], y.shape), y, z], axis=-1).reshape(len(x), -1, 3)
+    local = np.repeat((radius * width)[None, :, None, None] * ring_of(PER_RING), len(x), axis=0)
+    local[..., 0] = x[..., None]
+    local = local.reshape(len(x), -1, 3)
     return start[:, None] + np.einsum("kij,kvj->kvi", frame, local), skin_faces(len(height), PER_RING)

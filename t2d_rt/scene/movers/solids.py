@@ -51,21 +51,26 @@ def check_speed(speed_mps: float, noun: str, remedy: str) -> None:
 
 
 def moving(
-    mover: Any, track: Track, faces: np.ndarray, start_s: float, stop_s: float, *, material: Substance, name: str,
-    sagitta_rad: float = 0.07,
-) -> MovingMesh:  # fmt: skip
-    """A mover's mesh between two times [s]; fans have a `rotation_period_s`."""
+    mover: Any, track: Track, faces: np.ndarray, span_s: tuple[float, float], *, name: str, sagitta_rad: float = 0.07
+) -> MovingMesh:
+    """A mover's mesh between two times [s], of the mover's own `material`; fans have a `rotation_period_s`."""
+    start_s, stop_s = span_s
+    material: Substance = mover.material
     number("start_s", start_s, unit="s"), number("stop_s", stop_s, unit="s")
     if not start_s < stop_s:
         raise InputError(f"a mover's mesh needs finite start_s < stop_s, got {start_s} and {stop_s}")
     substance = MATERIALS.get(material, material) if isinstance(material, str) else material
-    times_s = np.array([start_s, stop_s], float)
     start_s, stop_s = float(start_s), float(stop_s)
     return MovingMesh.from_track(
-        MoverTrack(mover, start_s, stop_s, track), faces, times_s, material=substance, sagitta_rad=sagitta_rad, name=name,
+        MoverTrack(mover, start_s, stop_s, track),
+        faces,
+        np.array([start_s, stop_s]),
+        material=substance,
+        sagitta_rad=sagitta_rad,
+        name=name,
         made=Made("mover", {"mover": mover, "start_s": start_s, "stop_s": stop_s}),
         period_s=getattr(mover, "rotation_period_s", None),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +133,19 @@ def together(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray
     first = np.cumsum([0, *(vertices.shape[-2] for vertices, _ in parts)])
     faces = [faces + start for (_, faces), start in zip(parts, first, strict=False)]
     return np.concatenate([vertices for vertices, _ in parts], axis=-2), np.concatenate(faces)
+
+
+def ring_of(points: int) -> np.ndarray:
+    """Points (P, 3) of the unit circle about x, counter-clockwise seen from +x."""
+    angle = 2 * math.pi * np.arange(points) / points
+    return np.stack([0 * angle, np.cos(angle), np.sin(angle)], axis=1)
+
+
+def ball(rings: int, per_ring: int) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (V, 3) and faces (F, 3) of the unit sphere, in rings about x."""
+    height, width = ball_profile(rings)
+    points = width[:, None, None] * ring_of(per_ring) + height[:, None, None] * np.array([1.0, 0.0, 0.0])
+    return points.reshape(-1, 3), skin_faces(rings, per_ring)
 
 
 def about_z(angle_rad: np.ndarray | float) -> np.ndarray:
