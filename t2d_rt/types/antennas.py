@@ -151,6 +151,11 @@ def _cell(name: str, values_deg: np.ndarray, axis_deg: tuple[float, ...]) -> tup
     return index, np.clip(fraction, 0, 1)
 
 
+def one_view(tx_m: np.ndarray, rx_m: np.ndarray) -> list[np.ndarray]:
+    """Both positions, or the midpoint between them where they are within `ONE_VIEW_M`."""
+    return [tx_m, rx_m] if np.linalg.norm(tx_m - rx_m) > ONE_VIEW_M else [(tx_m + rx_m) / 2]
+
+
 @lru_cache(maxsize=64)
 def axes_along(boresight: tuple[float, float, float]) -> np.ndarray:
     """Unit vectors boresight, left, up, rows of (3, 3), not to be changed."""

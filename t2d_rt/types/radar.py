@@ -23,7 +23,7 @@ from t2d_rt.core.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K, SPEED_OF_L
 from t2d_rt.core.errors import InputError, html_table
 from t2d_rt.core.files import read_yaml
 from t2d_rt.core.plugins import loaded, plugins
-from t2d_rt.types.antennas import ONE_VIEW_M, Isotropic, Pattern, axes_along, polarization_product
+from t2d_rt.types.antennas import Isotropic, Pattern, axes_along, one_view, polarization_product
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
 
 
@@ -419,8 +419,7 @@ class Radar(Fields):
     def views_m(self) -> list[np.ndarray]:
         """Positions in the world from which visibility is sampled [m], (3,) each: the centres of the transmitters and of the
         receivers, or the midpoint between them where they are within `ONE_VIEW_M`. Delays always use the true positions."""
-        tx_m, rx_m = self.tx_position_m, self.rx_position_m
-        return [tx_m, rx_m] if np.linalg.norm(tx_m - rx_m) > ONE_VIEW_M else [(tx_m + rx_m) / 2]
+        return one_view(self.tx_position_m, self.rx_position_m)
 
     # --- antennas ---
 

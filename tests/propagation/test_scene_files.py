@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from builders import REF, WALL, shape, walk
+from builders import REF, ROOT, WALL, shape, walk
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.core.resources import resource
 from t2d_rt.propagation import scenes
@@ -41,7 +41,7 @@ def checksum(scene: str) -> str:
 
 def checksum_from(folder: Path, scene: str) -> str:
     """The same, of a process of its own in that working directory."""
-    here = os.pathsep.join([str(Path(__file__).parent), str(Path(__file__).parents[1])])
+    here = os.pathsep.join(map(str, (Path(__file__).parent, ROOT / "tests", ROOT)))
     done = subprocess.run(
         [sys.executable, "-c", f"import test_scene_files; print(test_scene_files.checksum({scene!r}))"],
         cwd=folder, env={**os.environ, "PYTHONPATH": here}, capture_output=True, text=True, timeout=120,
