@@ -159,6 +159,7 @@ def _levels(faces: bytes, vertex_count: int) -> list[_Level]:
 
 
 def _closed(faces: np.ndarray, vertex_count: int) -> Topology:
+    """The topology of a mesh each of whose edges joins two faces; an InputError for any other."""
     mesh = topology(faces, vertex_count)
     if mesh.sharp.any():
         raise InputError(
@@ -358,6 +359,7 @@ class _Nodes:
         return operator, linear
 
     def _add(self, ids: np.ndarray, face: np.ndarray, place: np.ndarray) -> None:
+        """Evaluates new nodes, of ids (N,), at places (N, 3) in faces (N,), and keeps the ids sorted for `numbers`."""
         from scipy import sparse
 
         surface, weights = self._surface, place / PARTS

@@ -23,9 +23,12 @@ HALO_RINGS = 4
 """Rings of faces subdivided around the red ones: the grading adds up to 3, and stencils reach 1 further."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LevelMesh:
-    """The part of a uniform butterfly level that is built. `ids` count over all levels."""
+@dataclass(slots=True, kw_only=True)
+class Level:
+    """The part of a uniform butterfly level that is built, and what is split of it. `ids` count over all levels.
+
+    While levels are built for B limits together, `split` and `red` have one row for each.
+    """
 
     topology: Topology
     corners: np.ndarray
@@ -42,21 +45,11 @@ class LevelMesh:
     """Rest positions, (V, 3)."""
     scale: np.ndarray
     """Per vertex: 1/R, and 2 k / (6 s) for each limit, (V, 1 + B)."""
-
-
-@dataclass(slots=True, kw_only=True)
-class Level:
-    """A uniform butterfly level, and what is split of it.
-
-    While levels are built for B limits together, `split` and `red` have one row for each.
-    """
-
-    mesh: LevelMesh
-    middle: Csr
+    middle: Csr = None
     """Butterfly midpoints, (E, V); rows are empty until they are asked for (`complete`)."""
-    split: np.ndarray
+    split: np.ndarray = field(default_factory=partial(np.empty, 0, bool))
     """Edges to be split, (B, E) or (E,)."""
-    red: np.ndarray
+    red: np.ndarray = field(default_factory=partial(np.empty, 0, bool))
     """Faces to be split in four, (B, F) or (F,)."""
     middle_ids: np.ndarray = field(default_factory=partial(np.empty, 0, np.int64))
     """Id of each edge's midpoint, -1 where none is made, (E,)."""
@@ -69,7 +62,7 @@ def build_levels(
     sharp = sharp_edges(rest, faces, crease_deg)
     mesh = topology(faces, len(rest), sharp)
     everything = np.arange(len(mesh.faces))
-    coarse = LevelMesh(
+    level = Level(
         topology=mesh,
         corners=crease_corners(rest, sharp, crease_deg),
         ids=np.arange(len(rest)),
@@ -79,15 +72,15 @@ def build_levels(
         points=rest,
         scale=scale,
     )
-    level = _level(coarse, np.ones((scale.shape[1] - 1, len(mesh.faces)), bool))
+    _mark(level, np.ones((scale.shape[1] - 1, len(mesh.faces)), bool))
     levels, steps, linear_steps, count = [level], [], [], len(rest)
     while level.split.any():
-        inside = _grow(level.mesh.topology, np.any(level.red, axis=0), HALO_RINGS)
-        made = np.any(level.split, axis=0) | _edges_of(level.mesh.topology, inside)
+        inside = _grow(level.topology, np.any(level.red, axis=0), HALO_RINGS)
+        made = np.any(level.split, axis=0) | _edges_of(level.topology, inside)
         complete(level, made)
         level.middle_ids = np.where(made, count + np.cumsum(made) - 1, -1)
-        steps.append(renamed_columns(level.middle[made], level.mesh.ids, count))
-        linear_steps.append(renamed_columns(chords(level.mesh.topology)[made], level.mesh.ids, count))
+        steps.append(renamed_columns(level.middle[made], level.ids, count))
+        linear_steps.append(renamed_columns(chords(level.topology)[made], level.ids, count))
         count += int(np.count_nonzero(made))
         if not level.red.any():
             break
@@ -99,24 +92,21 @@ def build_levels(
     return levels, steps, linear_steps
 
 
-def _level(mesh: LevelMesh, wanted: np.ndarray) -> Level:
-    """A level with the midpoints of the faces `wanted` for any limit, (B, F), and the edges and faces that these split."""
-    topology, points = mesh.topology, mesh.points
+def _mark(level: Level, wanted: np.ndarray) -> None:
+    """Finds the midpoints of the faces `wanted` for any limit, (B, F), and the edges and faces that these split."""
+    topology, points = level.topology, level.points
     asked = np.any(wanted, axis=0)
-    middle = midpoints(topology, mesh.corners, points, _edges_of(topology, asked))
+    level.middle = midpoints(topology, level.corners, points, _edges_of(topology, asked))
     a, b = (points.take(topology.edges[:, j], axis=0) for j in range(2))
-    depth = edge_depths(topology, middle @ points - (a + b) / 2, points, asked)
+    depth = edge_depths(topology, level.middle @ points - (a + b) / 2, points, asked)
     length2 = ((b - a) ** 2).sum(axis=1)
-    nearness, *limits = mesh.scale[topology.edges].mean(axis=1).T
-    marks = [
-        _mark(topology, limit * (8 * depth + length2 * nearness), faces)
-        for limit, faces in zip(limits, wanted, strict=True)
-    ]
-    split, red = (np.stack(each) for each in zip(*marks, strict=True))
-    return Level(mesh=mesh, middle=middle, split=split, red=red)
+    nearness, *limits = level.scale[topology.edges].mean(axis=1).T
+    curved = 8 * depth + length2 * nearness
+    marks = [_split(topology, limit * curved, faces) for limit, faces in zip(limits, wanted, strict=True)]
+    level.split, level.red = (np.stack(each) for each in zip(*marks, strict=True))
 
 
-def _mark(mesh: Topology, sagitta: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _split(mesh: Topology, sagitta: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Edges to be split (E,) and faces to be quartered (F,) for what is `wanted`; `sagitta` in units of the limit."""
     facet = sagitta[mesh.face_edges].mean(axis=1)
     split = _edges_of(mesh, wanted & (facet > 1)) & (sagitta > 1)
@@ -128,7 +118,7 @@ def complete(level: Level, needed: np.ndarray) -> None:
     """Adds what is missing of the midpoints of the `needed` edges, bool (E,): most of those in the halo stay unused."""
     missing = needed & (np.diff(level.middle.indptr) == 0)
     if missing.any():
-        level.middle = level.middle + midpoints(level.mesh.topology, level.mesh.corners, level.mesh.points, missing)
+        level.middle = level.middle + midpoints(level.topology, level.corners, level.points, missing)
 
 
 def edge_depths(mesh: Topology, offset: np.ndarray, points: np.ndarray, wanted: np.ndarray) -> np.ndarray:
@@ -154,7 +144,7 @@ def _edges_of(mesh: Topology, chosen: np.ndarray) -> np.ndarray:
 
 def _next_level(level: Level, inside: np.ndarray) -> Level:
     """The children of the faces `inside`."""
-    mesh = level.mesh.topology
+    mesh = level.topology
     here = np.flatnonzero(inside)
     kept = np.flatnonzero(np.bincount(mesh.faces[here].ravel()))
     cut = np.flatnonzero(_edges_of(mesh, inside))
@@ -162,24 +152,25 @@ def _next_level(level: Level, inside: np.ndarray) -> Level:
     vertex[kept] = np.arange(len(kept))
     middle = np.full(len(mesh.edges), -1)
     middle[cut] = len(kept) + np.arange(len(cut))
-    creased = cut[level.mesh.crease[cut]]
+    creased = cut[level.crease[cut]]
     ends, mid = vertex[mesh.edges[creased]], middle[creased]
     sharp = np.concatenate([np.stack([ends[:, 0], mid], axis=1), np.stack([mid, ends[:, 1]], axis=1)])
     count = len(kept) + len(cut)
     child = topology(split_in_four(vertex[mesh.faces[here]], middle[mesh.face_edges[here]]), count, sharp)
     edges = child.edges[:, 0] * count + child.edges[:, 1]
     low, high = sharp.min(axis=1), sharp.max(axis=1)
-    children = LevelMesh(
+    children = Level(
         topology=child,
-        corners=np.concatenate([level.mesh.corners[kept], np.zeros(len(cut), bool)]),
-        ids=np.concatenate([level.mesh.ids[kept], level.middle_ids[cut]]),
+        corners=np.concatenate([level.corners[kept], np.zeros(len(cut), bool)]),
+        ids=np.concatenate([level.ids[kept], level.middle_ids[cut]]),
         crease=np.isin(edges, low * count + high),
         parent=np.repeat(here, 4),
-        base=np.repeat(level.mesh.base[here], 4),
-        points=np.concatenate([level.mesh.points[kept], level.middle[cut] @ level.mesh.points]),
-        scale=np.concatenate([level.mesh.scale[kept], level.mesh.scale[mesh.edges[cut]].mean(axis=1)]),
+        base=np.repeat(level.base[here], 4),
+        points=np.concatenate([level.points[kept], level.middle[cut] @ level.points]),
+        scale=np.concatenate([level.scale[kept], level.scale[mesh.edges[cut]].mean(axis=1)]),
     )
-    return _level(children, np.repeat(level.red[:, here], 4, axis=1))
+    _mark(children, np.repeat(level.red[:, here], 4, axis=1))
+    return children
 
 
 def _grow(mesh: Topology, chosen: np.ndarray, rings: int) -> np.ndarray:

@@ -49,6 +49,8 @@ def parsed_mesh(data: bytes, path: Path) -> Mesh:
 
 
 def _checked(points: np.ndarray | Sequence[Sequence[float]], polygons: Sequence[Sequence[int]]) -> Mesh:
+    """Vertices and triangles of polygons, each cut into a fan around its first corner; refuses what is not finite or names no
+    vertex."""
     if not len(points) or not polygons:
         raise InputError("holds no face" if len(points) else "holds no vertex")
     with np.errstate(over="ignore"):  # what does not fit float32 is found to be infinite below
@@ -73,6 +75,8 @@ def _check_count(count: int, noun: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Property:
+    """A column of a PLY element: a scalar, or a list whose length stands before it."""
+
     name: str
     kind: str
     count_kind: str = ""
@@ -81,6 +85,8 @@ class _Property:
 
 @dataclass(frozen=True, slots=True)
 class _Element:
+    """A table of a PLY file: so many rows of these properties."""
+
     name: str
     count: int
     properties: list[_Property] = field(default_factory=list)

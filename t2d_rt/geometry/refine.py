@@ -57,18 +57,18 @@ def grade(levels: list[Level]) -> None:
     """Neighbours differ by at most one level: who touches a split edge of level k has a red parent in level k - 1."""
     for k in range(len(levels) - 1, -1, -1):
         level = levels[k]
-        level.split[level.mesh.topology.face_edges[level.red]] = True
-        sides = level.split[level.mesh.topology.face_edges]
+        level.split[level.topology.face_edges[level.red]] = True
+        sides = level.split[level.topology.face_edges]
         level.red |= all_of_three(sides)
         if k:
-            levels[k - 1].red[level.mesh.parent[any_of_three(sides)]] = True
+            levels[k - 1].red[level.parent[any_of_three(sides)]] = True
 
 
 def tree_masks(levels: list[Level]) -> Iterator[np.ndarray]:
     """Faces of each level that exist in the refined mesh, red or leaf."""
-    yield np.ones(len(levels[0].mesh.topology.faces), bool)
+    yield np.ones(len(levels[0].topology.faces), bool)
     for coarse, fine in pairwise(levels):
-        yield coarse.red[fine.mesh.parent]
+        yield coarse.red[fine.parent]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,20 +87,20 @@ class FinalFaces:
 def final_faces(level: Level, tree: np.ndarray) -> FinalFaces:
     """Faces that stay, closed towards finer neighbours: one split edge makes two faces, two make three."""
     chosen = np.flatnonzero(tree & ~level.red)
-    sides = level.split[level.mesh.topology.face_edges[chosen]]
+    sides = level.split[level.topology.face_edges[chosen]]
     case, order = split_edges_first(sides)
-    faces = np.take_along_axis(level.mesh.topology.faces[chosen], order, axis=1)
-    edges = np.take_along_axis(level.mesh.topology.face_edges[chosen], order, axis=1)
-    a, b, c = (level.mesh.points[faces[:, j]] for j in range(3))
+    faces = np.take_along_axis(level.topology.faces[chosen], order, axis=1)
+    edges = np.take_along_axis(level.topology.face_edges[chosen], order, axis=1)
+    a, b, c = (level.points[faces[:, j]] for j in range(3))
     from_2 = np.linalg.norm((a + b) / 2 - c, axis=1) < np.linalg.norm((b + c) / 2 - a, axis=1)
     case = np.where((case == 2) & from_2, 3, case)
     middles = level.middle_ids[edges] if len(level.middle_ids) else np.full_like(edges, -1)
-    six = np.concatenate([level.mesh.ids[faces], middles], axis=1)
+    six = np.concatenate([level.ids[faces], middles], axis=1)
     picks = split_picks(case, SPLITS[:-1])  # faces of which all edges are split are red
     which = np.concatenate([pick for pick, _ in picks])
     return FinalFaces(
         np.concatenate([six[pick][:, codes] for pick, codes in picks]),
-        level.mesh.base[chosen][which],
+        level.base[chosen][which],
         edges[which],
         np.concatenate([np.repeat(_depth_weights(codes)[None], len(pick), axis=0) for pick, codes in picks]),
     )
@@ -130,9 +130,9 @@ def displacement(
 
     crease = np.zeros(total, bool)
     for level in levels:
-        crease[level.mesh.ids[level.mesh.topology.edges[level.mesh.crease]]] = True
+        crease[level.ids[level.topology.edges[level.crease]]] = True
         if len(level.middle_ids):
-            made = level.middle_ids[level.mesh.crease]
+            made = level.middle_ids[level.crease]
             crease[made[made >= 0]] = True
     area = np.linalg.norm(edge_cross(points[fine]), axis=1)
     area_of_vertex = np.bincount(fine.ravel(), weights=np.repeat(area, 3), minlength=len(used))
@@ -144,19 +144,17 @@ def displacement(
         count = len(part.faces)
         depth = sparse.csr_matrix(
             (part.weights.ravel(), part.edges.ravel(), np.arange(count + 1) * 3),
-            shape=(count, len(level.mesh.topology.edges)),
+            shape=(count, len(level.topology.edges)),
         )
         corners = fine[mine].ravel()
         mean = sparse.csr_matrix(
             (weight[corners] * np.repeat(area[mine], 3), (corners, np.repeat(np.arange(count), 3))),
             shape=(len(used), count),
         )
-        edges = np.zeros(len(level.mesh.topology.edges), bool)
+        edges = np.zeros(len(level.topology.edges), bool)
         edges[part.edges] = True
         complete(level, edges)
-        move = move + renamed_columns(
-            mean @ depth @ (level.middle - chords(level.mesh.topology)), level.mesh.ids, total
-        )
+        move = move + renamed_columns(mean @ depth @ (level.middle - chords(level.topology)), level.ids, total)
     # sums follow the order of storage, and what one limit gives must not depend on others by as much as a bit
     move.sort_indices()
     return move
@@ -288,6 +286,7 @@ def curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float = 45.0) -> 
 
 
 def _curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float) -> np.ndarray:
+    """The curvature of `curvature`: kappa = 8 d / L^2 of each edge, d the depth of its midpoint below the butterfly surface."""
     sharp = sharp_edges(rest, faces, crease_deg)
     mesh = topology(faces, len(rest), sharp)
     ends = rest[mesh.edges]

@@ -349,6 +349,8 @@ def _eight_point_stencils(mesh: Topology, half: np.ndarray) -> Entries:
 
 @dataclass(frozen=True, slots=True)
 class _Rings:
+    """Entries of the matrix of midpoints, and the half-edges (R,) that they are for."""
+
     start: np.ndarray
     rows: np.ndarray
     columns: np.ndarray

@@ -72,6 +72,7 @@ def hash_uniform(seed: int, *keys: np.ndarray | int) -> np.ndarray:
 
 
 def _splitmix64(state: np.ndarray) -> np.ndarray:
+    """One step of splitmix64, whose output passes for random however regular the states are."""
     with np.errstate(over="ignore"):  # arithmetic modulo 2^64 is meant
         z = state + np.uint64(0x9E3779B97F4A7C15)
         z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

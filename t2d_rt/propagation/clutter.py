@@ -63,6 +63,7 @@ def forget() -> None:
 
 
 def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray) -> StaticPath:
+    """A one-way path from the transmitters, ended at the receivers (3,), whose polarisation is `across` (3,)."""
     beside = receivers + ASIDE_M
     stops = vertices(path, beside)
     ahead = stops[-1] - stops[-2]

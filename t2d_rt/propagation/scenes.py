@@ -43,7 +43,7 @@ class _BoundedTree(TreeBuilder):
         self._file, self._depth = file, 0
 
     def start(self, tag: str, attrs: dict[str, str], /) -> Element:
-        """An element begins."""
+        """Counts an element that begins, and how deep it lies."""
         self._depth += 1
         self._file.elements += 1
         if self._depth > MAX_DEPTH or self._file.elements > MAX_ELEMENTS:
@@ -53,7 +53,7 @@ class _BoundedTree(TreeBuilder):
         return super().start(tag, attrs)
 
     def end(self, tag: str, /) -> Element:
-        """An element is at its end."""
+        """Goes back by a level where an element ends."""
         self._depth -= 1
         return super().end(tag)
 
@@ -94,6 +94,7 @@ class SceneFile:
         return list(self._read(self.path))
 
     def _read(self, path: Path) -> Iterator[Element]:
+        """The elements of one file, those of the files that it includes in their place."""
         root = self._tree(read_bytes(path, limit=MAX_XML_BYTES, noun="scene file"))
         if root.tag != "scene":
             raise InputError(
@@ -123,6 +124,7 @@ class SceneFile:
             raise InputError(f"it is not XML ({error}); give a Mitsuba XML file") from None
 
     def _define(self, name: str, value: str) -> None:
+        """Takes a <default>, whose value $name stands for from here on."""
         if not name or len(value) > MAX_VALUE or len(self.parameters) >= MAX_PARAMETERS:
             raise InputError(
                 f"it has a <default> without a name, of more than {MAX_VALUE} characters, or more than {MAX_PARAMETERS} of them; "
@@ -138,6 +140,7 @@ class SceneFile:
                     each.set(key, self._filled(value))
 
     def _filled(self, value: str) -> str:
+        """A text with values in the place of $parameters, long names first: one may begin like another."""
         for name in sorted(self.parameters, key=len, reverse=True):
             value = value.replace(f"${name}", self.parameters[name]) if len(value) <= MAX_VALUE else value
         if "$" in value or len(value) > MAX_VALUE:
@@ -222,6 +225,7 @@ def _rotate(step: Element) -> np.ndarray:
 
 
 def _matrix(step: Element) -> np.ndarray:
+    """The matrix given, of 3 x 3 or 4 x 4 numbers, row by row."""
     values = np.array(numbers(step.get("value"), 9, 16))
     if len(values) == 16:
         return values.reshape(4, 4)
@@ -308,6 +312,7 @@ class Shapes:
             raise InputError(f"shape {shown(name)}: {error}") from None
 
     def _mesh(self, kind: str, filename: Element | None) -> Mesh:
+        """Vertices and triangles of a shape of a kind, from its file, before it is moved."""
         if kind == "cube" and filename is None:
             return CUBE
         if kind not in FILES:
@@ -322,6 +327,7 @@ class Shapes:
         return parsed_mesh(data, path)
 
     def _bsdf(self, shape: Element) -> Element:
+        """The only material of a shape, its own or the one that it refers to."""
         found = list(shape.findall("bsdf"))
         for reference in shape.findall("ref"):
             if reference.get("id") not in self.materials:
@@ -445,6 +451,7 @@ def load_scene(
 
 
 def _path(source: str | Path) -> Path:
+    """The file of a scene that is named or given by its path; an InputError tells what there is."""
     path = file_path("scene", source)
     if isinstance(source, str) and source in scene_names():
         return resource("scenes", source) / f"{source}.xml"
@@ -463,6 +470,7 @@ def _path(source: str | Path) -> Path:
 
 
 def _surfaces(file: SceneFile, substitutes: Mapping[str, str | Material], frequency_hz: float | None) -> list[Surface]:
+    """All surfaces of a file: its shapes with their materials; aliases stand for materials that come before or after."""
     shapes: list[Element] = []
     materials: dict[str, Element] = {}
     aliases: list[tuple[str, str]] = []

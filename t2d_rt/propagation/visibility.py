@@ -75,7 +75,7 @@ class Viewpoints:
         return [one for one in (found() for found in self._each) if one is not None]
 
     def add(self, viewpoint: Occlusion) -> None:
-        """One more."""
+        """Takes a place along in each scene from now on, for as long as something else holds it."""
         self._each.append(ref(viewpoint))
 
     def traced(self, some: Sequence[Occlusion], times_s: np.ndarray) -> list[np.ndarray]:
@@ -156,6 +156,7 @@ class Occlusion:
         return last[1]
 
     def _at_samples(self, numbers: np.ndarray, path_count: int) -> np.ndarray:
+        """Visibility at sample times of these numbers, ascending, chunk by chunk; chunks that no longer count are dropped."""
         # Blocks of frames go on in time, and all chunks of one are asked for from each place in turn.
         every = self.viewpoints.at_once
         self.viewpoints.drop_but(range(int(numbers.min()) // every, int(numbers.max()) // every + 1))
@@ -183,6 +184,7 @@ class Occlusion:
         return sampled.fractions[path_count]
 
     def _beyond(self, sampled: VisibilitySamples, unblocked: np.ndarray) -> np.ndarray:
+        """What is visible times what is unblocked, float32 (K, all vertices), with vertices beyond the horizon filled in."""
         if sampled.front is None or sampled.visible is None:
             return unblocked
         front, visibility = sampled.front, sampled.visible * unblocked

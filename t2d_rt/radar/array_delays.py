@@ -94,6 +94,7 @@ def array_delays(pair: tuple[End, End], means: list[Any], backend: Backend) -> t
 
 
 def _of_end(end: End, means: list[Any], table: tuple[Any, Any] | None) -> ArrayDelays:
+    """Delays of one end's antennas for the groups of each level, whose mean points follow from those of the level below."""
     of_levels, apparent = [], end.apparent
     for mean in means:
         apparent = None if apparent is None else apparent.mean(mean)
@@ -102,6 +103,7 @@ def _of_end(end: End, means: list[Any], table: tuple[Any, Any] | None) -> ArrayD
 
 
 def _table(apparent: ApparentPositions | None, backend: Backend) -> tuple[Any, Any] | None:
+    """Points and steps of echoes as kernels read them: four numbers at once, of which the last is unused."""
     if apparent is None:
         return None
     tables = []

@@ -27,7 +27,7 @@ def cubic(frames: list[Any], scale: Any | None) -> list[Any]:
 
 @dataclass(frozen=True, slots=True)
 class AmplitudeFrames:
-    """Amplitudes at the frames, as kernels read them that make the cubics of `amplitudes` themselves."""
+    """Amplitudes at the frames, as kernels read them, which make cubics between the frames themselves."""
 
     parts: list[tuple[Any, Any | None]]
     """Flat float32 (echo, frame, 2) on the device and the factor on the cubics, of the amplitude and of its slope."""
@@ -52,7 +52,8 @@ class AmplitudeFrames:
         return cls(parts, dr.opaque(backend.UInt32, len(window.amplitude)), backend.arrays.Array2f)
 
     def cubics(self, echo: Any, interval: Any) -> list[list[Any]]:
-        """As `amplitudes` has them, of echoes in an interval."""
+        """Of echoes in an interval: the amplitude's real and imaginary part, and those of its slope over half the sweep where there
+        is one."""
         import drjit as dr
 
         place = echo * self.frames + interval
@@ -148,27 +149,6 @@ def _cycles(
     return phase + [(mid - ramp * tau) * rate for tau, rate in zip(taus, rates, strict=True)], taus[0]
 
 
-@one_thread_at_a_time
-def amplitudes(window: Window, sweep: Sweep, backend: Backend) -> list[Any]:
-    """Flat float32 tables of cubics for every (echo, interval): the amplitude's real and imaginary part, and those of its slope
-    over half the sweep where there is one."""
-    import drjit as dr
-
-    Float32 = backend.Float32
-    echo, interval, echoes = _echo_interval(window.delay, backend)
-    half_band = dr.opaque(Float32, sweep.slope * sweep.half_time_s)
-    tables = []
-    for values, scale in ((window.amplitude, None), (window.sweep, half_band)):
-        if values is None:
-            continue
-        parts = Float32(values.view(np.float32).ravel())
-        for part in range(2):
-            frames = [dr.gather(Float32, parts, 2 * ((interval + k) * echoes + echo) + part) for k in range(4)]
-            tables.append(dr.ravel(backend.arrays.Array4f(*cubic(frames, scale))))
-    dr.eval(tables)
-    return tables
-
-
 def _echo_interval(delay: np.ndarray, backend: Backend) -> tuple[Any, Any, Any]:
     """Echo and interval of every lane for delays (n + 3, L), and L."""
     import drjit as dr
@@ -181,11 +161,11 @@ def _echo_interval(delay: np.ndarray, backend: Backend) -> tuple[Any, Any, Any]:
 
 @one_thread_at_a_time
 def chebyshev_coefficients(
-    buckets: Buckets, table: tuple[Any, Any], fields: list[Any], instants: Instants, backend: Backend
+    buckets: Buckets, table: tuple[Any, Any], fields: AmplitudeFrames, instants: Instants, backend: Backend
 ) -> np.ndarray:
     """Chebyshev coefficients of every bucket over the sweep, complex64 (instant, bucket, TERMS).
 
-    `table` is that of `phases`, with the buckets' origin, `fields` those of `amplitudes`.
+    `table` is that of `phases`, with the buckets' origin, `fields` the echoes' amplitudes.
     """
     import drjit as dr
 
@@ -194,8 +174,8 @@ def chebyshev_coefficients(
     lanes = Lanes.of(buckets, table, instants, batching, backend)
 
     def add(i: Any, sums: list[list[Any]]) -> tuple[Any, list[list[Any]]]:
-        _, place, cubic, theta_start = lanes.read(i)
-        parts = [dr.gather(backend.arrays.Array4f, values, place) for values in fields]
+        echo, cubic, theta_start = lanes.read(i)
+        parts = fields.cubics(echo, lanes.interval)
         new = []
         for time, acc in zip(lanes.u, sums, strict=True):
             travelled, rate = moved(cubic, time)
@@ -203,7 +183,7 @@ def chebyshev_coefficients(
             new.append(_added(acc, parts, time, cubic[0] + travelled, theta, lanes.eps_per_rate * rate))
         return i + lanes.step, new
 
-    count = TERMS + SLOPE_TERMS if len(fields) > 2 else TERMS
+    count = TERMS + SLOPE_TERMS if len(fields.parts) > 1 else TERMS
     zeros = [[(dr.zeros(backend.Float32, dr.width(lanes.begin)),) * 2 for _ in range(count)] for _ in lanes.u]
     _, sums = dr.while_loop(
         state=(lanes.begin, zeros), cond=lambda i, sums: i < lanes.end, body=add, labels=("i", "sums"), mode="symbolic"
@@ -230,7 +210,7 @@ def _terms_over(places: bytes) -> np.ndarray:
 def fields_at(
     buckets: Buckets,
     table: tuple[Any, Any],
-    fields: list[Any],
+    fields: AmplitudeFrames,
     instants: Instants,
     places: np.ndarray,
     backend: Backend,
@@ -245,8 +225,8 @@ def fields_at(
     (u,), x = lanes.u, places[::2].tolist()
 
     def values_of(i: Any) -> list[Any]:
-        _, place, cubic, theta = lanes.read(i)
-        parts = [dr.gather(backend.arrays.Array4f, values, place) for values in fields]
+        echo, cubic, theta = lanes.read(i)
+        parts = fields.cubics(echo, lanes.interval)
         travelled, rate = moved(cubic, u)
         theta = theta + travelled * lanes.per_cycle + rate * lanes.per_rate
         eps = lanes.eps_per_rate * rate
@@ -350,16 +330,16 @@ class Lanes:
             eps_per_rate=eps_per_rate,
         )
 
-    def read(self, i: Any) -> tuple[Any, Any, Any, Any]:
-        """Of the i-th member: its number, its place in tables by (member, interval), the cubic of its phase [cycles], and theta at
-        the interval's start, counted from the bucket's middle."""
+    def read(self, i: Any) -> tuple[Any, Any, Any]:
+        """Of the i-th member: its number, the cubic of its phase [cycles], and theta at the interval's start, counted from the
+        bucket's middle."""
         import drjit as dr
 
         member = dr.gather(type(self.members), self.members, i)
         place = member * self.intervals + self.interval
         cubics, thetas = self.table
         cubic = dr.gather(self.packet, cubics, place)
-        return member, place, cubic, dr.gather(type(thetas), thetas, place) - self.centre
+        return member, cubic, dr.gather(type(thetas), thetas, place) - self.centre
 
     def scattered(self, sums: list[Any], backend: Backend) -> np.ndarray:
         """Sums of real and imaginary parts as complex64 numbers, zeros for results that no lane has; flat, batch by batch, and

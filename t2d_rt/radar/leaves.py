@@ -37,7 +37,7 @@ class Leaves:
 
     members: Members
     fields: AmplitudeFrames
-    """Amplitudes at the frames: a lane reads an echo's once, so that tables of their cubics would cost more than they save."""
+    """Amplitudes of the echoes at the frames."""
     phase: tuple[Any, Any]
     """Tables of `phases`, relative to the groups."""
     ends: tuple[ArrayDelays, ...] = ()

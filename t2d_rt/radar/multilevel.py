@@ -144,7 +144,7 @@ def at_instants(
     (u,), spread = lanes.u, spread_to(level.nodes, places)
 
     def values_of(i: Any) -> list[Any]:
-        group, _, cubic, theta = lanes.read(i)
+        group, cubic, theta = lanes.read(i)
         own = (skipped + group) * samples + of_lane
         frames = [read(inner.values, own + k, level.nodes, Packet) for k in range(4)]
         values = [sum(w * v for w, v in zip(of_four, parts, strict=True)) for parts in zip(*frames, strict=True)]

@@ -45,6 +45,7 @@ def band_weights(theta: float, tolerance: float, x: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=16)
 def _interpolation(theta: float, tolerance: float, places: bytes) -> np.ndarray:
+    """The matrix of `band_weights`, kept by the bytes of the places."""
     x = np.frombuffer(places)
     nodes = band_nodes(theta, tolerance)
     series = _wave_functions(theta, len(nodes))[:, : len(nodes)]

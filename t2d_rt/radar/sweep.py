@@ -142,6 +142,7 @@ def _cosine(z: np.ndarray) -> np.ndarray:
 
 
 def _horner(coefficients: list[float], z: Any) -> Any:
+    """A polynomial of at least two coefficients, lowest first, by fused multiply-adds."""
     import drjit as dr
 
     total = dr.fma(z, coefficients[-1], coefficients[-2])

@@ -30,7 +30,7 @@ from t2d_rt.core.memory import Budget, reused
 from t2d_rt.core.prefetch import prefetched
 from t2d_rt.radar.array_delays import array_delays, ends
 from t2d_rt.radar.buckets import SLOT_BINS, Buckets, buckets
-from t2d_rt.radar.coefficients import TERMS, amplitudes, chebyshev_coefficients, fields_at, phases, terms_over
+from t2d_rt.radar.coefficients import TERMS, AmplitudeFrames, chebyshev_coefficients, fields_at, phases, terms_over
 from t2d_rt.radar.groups import Level, bucket_bins, bucket_theta, by_part, levels
 from t2d_rt.radar.leaves import Factors, leaves
 from t2d_rt.radar.multilevel import at_antennas, at_instants, factors
@@ -350,7 +350,7 @@ def _sum_echoes(window: Window, instants: Instants, parts: int, backend: Backend
     apart = None if parts == 1 or window.part is None else window.part[echo]
     found = buckets((window.delay, window.delay_slope), interval, echo, instants, width, apart=apart)
     table = phases(window.delay, window.delay_slope, sweep, None, found.origin_s, backend)
-    fields = amplitudes(window, sweep, backend)
+    fields = AmplitudeFrames.of(window, sweep, backend)
     if wide:
         limit = math.pi * (WIDE_BUCKET_BINS + SLOT_BINS) / 2
         weights = band_weights(limit, WIDE_ERROR, sweep.x)

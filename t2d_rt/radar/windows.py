@@ -135,6 +135,7 @@ def _window(
     step_s: float,
     part: np.ndarray | None,
 ) -> Window:
+    """The window of intervals start..stop, from frames low..high of the blocks held; the record has `total` frames."""
     near = max(0, start - 2), min(total, stop + 3)
     live = np.flatnonzero(np.any([np.any(part.amplitude, axis=0) for part in _rows(held, *near)], axis=0))
 
@@ -154,6 +155,7 @@ def _window(
         return _lengthened(taken(field, *near, before, after), before, after)
 
     def framed(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values at the window's frames and their slopes there, one frame more beyond an end of the record, on a straight line."""
         matrix = spline_slopes(len(values))[keep].astype(values.dtype)
         slope = np.matmul(matrix, values, out=reused_empty((len(matrix), values.shape[1]), values.dtype))
         values = values[keep]

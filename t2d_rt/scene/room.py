@@ -131,6 +131,8 @@ class Room(Fields):
         return low, low + self.size_m
 
     def _wall(self, side: Side, low: np.ndarray, high: np.ndarray) -> list[Surface]:
+        """A wall cut into rectangles around its openings, and what fills these; edges of openings go on as cuts over the whole
+        wall, so that no two rectangles meet within an edge."""
         axis = "xy".index(side[1])
         place = (high if side[0] == "+" else low)[axis]
         along = 1 - axis
@@ -164,6 +166,7 @@ class Room(Fields):
     def _check_openings(
         self, side: Side, holes: list[Opening], spans: Sequence[tuple[float, ...]], low: float, high: float, top: float
     ) -> None:
+        """Refuses openings that reach beyond their wall, from `low` to `high` along it and up to `top`, or overlap."""
         for number, (opening, (a, b, c, d)) in enumerate(zip(holes, spans, strict=True)):
             if a < low - _FREE_M or b > high + _FREE_M or c < 0 or d > top + _FREE_M:
                 raise InputError(
@@ -175,6 +178,7 @@ class Room(Fields):
                     raise InputError(f"{opening.name} and {other.name} overlap in wall {side}; move one of them")
 
     def _placed(self, piece: Piece, low: np.ndarray, high: np.ndarray) -> list[Surface]:
+        """The surfaces of a piece of furniture in its place, one for each material."""
         name = piece.name or piece.kind
         angle = math.radians(piece.heading_deg)
         rotation = np.array([[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]])

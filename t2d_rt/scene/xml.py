@@ -44,6 +44,7 @@ def save_scene(scene: Scene, folder: str | Path) -> Path:
 
 
 def _check_replaceable(folder: Path) -> None:
+    """Refuses a folder that holds anything but a scene of `save_scene`."""
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         return
     files = [path for path in folder.rglob("*") if not path.is_dir()] if folder.is_dir() else []
@@ -61,6 +62,7 @@ def _beginning(file: Path) -> str:
 
 
 def _write(scene: Scene, folder: Path) -> None:
+    """The XML file and the meshes of a scene, in a new folder."""
     (folder / "meshes").mkdir(parents=True)
     root = ElementTree.Element("scene", version="2.1.0")
     root.append(ElementTree.Comment(MARK))
@@ -83,6 +85,7 @@ def _write(scene: Scene, folder: Path) -> None:
 
 
 def _material(surface: Surface) -> str:
+    """The id of a surface's material in the file: its ITU name and its thickness in micrometres."""
     if not isinstance(surface.material, str):
         raise InputError(
             f"{surface.name} has a material of its own ({surface.material.name}), which a scene file cannot hold; use an ITU name"

@@ -38,18 +38,6 @@ __all__ = [
     "stream",
 ]
 
-for _each in (
-    Accuracy,
-    EchoStream,
-    Echoes,
-    Ellipsoids,
-    Material,
-    Motion,
-    MovingMesh,
-    PathTier,
-    Radar,
-    Receiver,
-    Scene,
-    Surface,
-):
+for _each in (Accuracy, EchoStream, Echoes, Ellipsoids, Material, Motion, MovingMesh, PathTier, Radar, Receiver, Scene):
     public(_each)
+public(Surface)

@@ -70,7 +70,7 @@ class Echoes:
 
     @property
     def rate_hz(self) -> float:
-        """Surface rate [Hz]."""
+        """Surface rate: frames per second [Hz]."""
         return (len(self.times_s) - 1) / float(self.times_s[-1] - self.times_s[0])
 
 

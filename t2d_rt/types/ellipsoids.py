@@ -90,6 +90,7 @@ class Ellipsoids:
     def _fill(
         self, semi_axes_m: np.ndarray, times_s: np.ndarray, material: str | Material, names: Sequence[str] | None
     ) -> None:
+        """Checks and sets the fields that both ways of making ellipsoids have in common."""
         times_s = checked_times(times_s)
         semi_axes_m = array("semi_axes_m", semi_axes_m, ("ellipsoid", 3), limit=LARGEST_SEMI_AXIS_M, unit="m").copy()
         if not len(semi_axes_m):
@@ -167,6 +168,7 @@ def _without_rotation(place: Track, axes: np.ndarray, times_s: np.ndarray) -> tu
 
 
 def _rotating(place: Track, quaternions: Track, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centres and axes from splines of centres (K, N, 3) and of quaternions, which SciPy normalises."""
     from scipy.spatial.transform import Rotation
 
     centres = place(times_s)

@@ -91,6 +91,7 @@ class Fields(BaseModel):
 
 
 def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object's members as a dictionary; a ValueError where a key comes twice, of which `json` would keep the last."""
     found = dict(pairs)
     if len(found) < len(pairs):
         twice = next(key for number, (key, _) in enumerate(pairs) if key in dict(pairs[:number]))

@@ -151,6 +151,7 @@ class MovingMesh:
         sagitta_rad: float | np.ndarray,
         curved: bool,
     ) -> None:
+        """Checks and sets the fields that both ways of making a mesh have in common."""
         faces = numeric(f"faces of {name}", faces)
         _check_faces(faces, len(rest), name, curved)
         _check_side(rest[faces], name)
@@ -247,6 +248,7 @@ def _check_period(track: Track, times_s: np.ndarray, count: int, period_s: float
 
 
 def _check_faces(faces: np.ndarray, vertex_count: int, name: str, curved: bool) -> None:
+    """Refuses faces that do not fit the vertices; warns where they leave edges open or are turned either way."""
     if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
         raise InputError(f"faces of {name} must have shape (face, 3) with at least one face, got {faces.shape}")
     if not np.issubdtype(faces.dtype, np.integer):

@@ -175,6 +175,7 @@ def _names(value: Any) -> tuple[str, ...]:
 
 
 def _parents(value: Any) -> tuple[int, ...]:
+    """Parents of joints, checked: each one's comes before it, so that a chain can be followed in one pass."""
     found = numeric("parents", value)
     if found.ndim != 1 or not np.issubdtype(found.dtype, np.integer):
         raise InputError(f"parents must be a list of joint numbers, got {shown(value)}")

@@ -230,6 +230,7 @@ class Receiver(_Part):
         return self._density_w(radar, self.temperature_k or REFERENCE_TEMPERATURE_K)
 
     def _density_w(self, radar: Radar, temperature_k: float) -> float:
+        """Density of receiver noise k (T + (F - 1) 290 K) Gif at a temperature of the antenna [W/Hz]."""
         if radar.noise_figure_db < 0:
             raise InputError(
                 f"noise_figure_db of a receiver with noise must be 0 or more, got {radar.noise_figure_db:g}; correct the radar"

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material, skin_permittivity
 from t2d_rt.core.errors import InputError
 from t2d_rt.propagation.materials import _sionna_table, itu_material, itu_names
 from t2d_rt.types import PEC, Material
+from t2d_rt.types.path_fields import reflection
 
 CARRIER_HZ = 77e9
 
@@ -67,7 +69,6 @@ def test_frequency_must_be_positive(frequency_hz: float) -> None:
         itu_material("glass", frequency_hz)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "reflected_db"),
     [("concrete", -8.1), ("glass", -7.3), ("plasterboard", -12.2), ("wood", -15.3), ("metal", 0.0)],
@@ -75,6 +76,8 @@ def test_frequency_must_be_positive(frequency_hz: float) -> None:
 def test_itu_reflection_at_77_ghz(name: str, reflected_db: float) -> None:
     material = itu_material(name, CARRIER_HZ)
     assert 10 * math.log10(_reflected(material)) == pytest.approx(reflected_db, abs=0.05)
+    through, _ = reflection(material, 2.0, np.array(1.0), CARRIER_HZ)  # of a slab that swallows what enters it
+    assert abs(through) ** 2 == pytest.approx(_reflected(material), rel=1e-3)
     assert itu_material(f"itu_{name}", CARRIER_HZ) == material
 
 

@@ -137,6 +137,7 @@ def _period_s(rpm: float) -> float | None:
 
 
 def _check_rotor(fan: TableFan | CeilingFan, chord_m: float) -> None:
+    """Refuses a fan of too many vertices, or whose tips move faster than sound."""
     rows, columns = _grid(0.8 * HUB * fan.radius_m, fan.radius_m, chord_m)
     check_size(2 * fan.blades * rows * columns, fan.noun, "lower radius_m or give fewer blades")
     speed_mps = 2 * math.pi * fan.radius_m * abs(fan.rpm) / 60

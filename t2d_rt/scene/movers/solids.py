@@ -164,6 +164,7 @@ def about_x(angle_rad: np.ndarray | float) -> np.ndarray:
 
 
 def _rotation(angle_rad: np.ndarray | float, first: int, second: int) -> np.ndarray:
+    """Rotations (..., 3, 3) that turn the first axis towards the second."""
     angle = np.asarray(angle_rad, float)
     rotation = np.zeros((*angle.shape, 3, 3))
     rotation[..., 3 - first - second, 3 - first - second] = 1
