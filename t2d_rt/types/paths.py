@@ -79,10 +79,6 @@ class OneWayPath(_Compared):
     """(3, 3), orthogonal; its determinant is -1 for an odd number of mirrors."""
     shift_m: np.ndarray
     """(3,)."""
-    transmissions: int = 0
-    """Number of slabs on the path."""
-    delay_s: float = 0.0
-    """Delay that these add [s]."""
 
     @classmethod
     def line_of_sight(cls, antenna_m: np.ndarray, polarization: np.ndarray) -> OneWayPath:
@@ -101,6 +97,16 @@ class OneWayPath(_Compared):
     def key(self) -> PathKey:
         """The same for one-way paths over the same chain to the same antenna; antennas apart have paths of their own."""
         return self.chain, self.image_m.tobytes()
+
+    @property
+    def transmissions(self) -> int:
+        """Number of slabs on the path."""
+        return int(np.count_nonzero(self.elements.through))
+
+    @property
+    def delay_s(self) -> float:
+        """Delay that these add [s]."""
+        return float(sum(self.elements.delay_s.tolist()))
 
     @property
     def order(self) -> int:
@@ -150,17 +156,14 @@ class PathSet(_Compared):
 
     def __getitem__(self, number: int) -> OneWayPath:
         chain = self.chains[number]
-        elements = self.elements.taken((number, slice(len(chain))))
         return OneWayPath(
             chain=chain,
             antenna_m=self.antenna_m,
             polarization=self.polarization,
-            elements=elements,
+            elements=self.elements.taken((number, slice(len(chain)))),
             image_m=self.image_m[number],
             mirror_matrix=self.mirror_matrix[number],
             shift_m=self.shift_m[number],
-            transmissions=int(np.count_nonzero(elements.through)),
-            delay_s=sum(elements.delay_s.tolist()),
         )
 
     def __iter__(self) -> Iterator[OneWayPath]:
@@ -223,11 +226,6 @@ class StaticPath(_Compared):
     """Apparent position of the receivers as seen from the transmitters, (3,)."""
     taken: np.ndarray
     """Unit vector of the receivers' polarisation across the path where it arrives, (3,)."""
-
-    @property
-    def chain(self) -> tuple[str, ...]:
-        """Names of the mirrors from the transmitters on."""
-        return self.path.chain
 
     @property
     def arrival_m(self) -> np.ndarray:

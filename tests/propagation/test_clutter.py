@@ -57,7 +57,7 @@ def test_a_conductor_is_a_mirror() -> None:
     """Friis over twice the distance; with gain and IF gain in the budget, as read from the cube."""
     radar, distance = Radar.preset("table2", tx_gain_dbi=11.0, if_gain_db=3.0), 3.0
     paths = found(ahead(distance), radar=radar)
-    assert [path.chain for path in paths] == [("ahead",)]
+    assert [path.path.chain for path in paths] == [("ahead",)]
     level_db = 12 + 11 + 9 + 3 - 30 + 20 * math.log10(radar.wavelength_m / (4 * math.pi * 2 * distance))
     assert 10 * math.log10(power_w(paths, radar)) == pytest.approx(level_db, abs=1e-4)
 
@@ -132,9 +132,9 @@ def test_a_corner_has_as_many_paths_as_images() -> None:
     )
     lengths = sorted(float(np.linalg.norm(path.arrival_m - [0, 0, 1])) for path in paths)
     assert lengths == pytest.approx(expected, abs=1e-12)
-    assert sorted(len(set(path.chain)) for path in paths) == [1, 1, 1, 2, 2, 2, 3]
+    assert sorted(len(set(path.path.chain)) for path in paths) == [1, 1, 1, 2, 2, 2, 3]
     # Two mirrors that the polarisation lies along do not turn it.
-    dihedral = next(path for path in paths if sorted(path.chain) == ["x", "y"])
+    dihedral = next(path for path in paths if sorted(path.path.chain) == ["x", "y"])
     assert received(dihedral, np.array([77.87e9]))[0] == pytest.approx(1, abs=1e-6)
 
 
@@ -144,7 +144,7 @@ def test_an_edge_that_sticks_out_sends_nothing_back() -> None:
 
 def test_between_two_walls_both_paths_round_count() -> None:
     behind = plate("behind", [(-1, -5, -4), (-1, 5, -4), (-1, 5, 6), (-1, -5, 6)], PEC)
-    chains = [path.chain for path in found(ahead(3.0), behind)]
+    chains = [path.path.chain for path in found(ahead(3.0), behind)]
     one, other = ("ahead", "behind"), ("behind", "ahead")
     assert sorted(chains) == sorted([one[:1], other[:1], one, other, (*one, "ahead"), (*other, "behind")])
 
