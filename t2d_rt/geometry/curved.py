@@ -316,6 +316,7 @@ class _Surface:
         first, second = place[:, 0].copy(), np.where(count, 0, place[:, 1])
         on_vertex = np.flatnonzero(count == 2)
         # The corner is the one part that is not zero.
+        # Where one weight is zero the place lies on an edge, where two are, on a vertex: both belong to several faces.
         owner[on_vertex] = mesh.faces[face[on_vertex], 2 - 2 * ~zeros[on_vertex, 0] - ~zeros[on_vertex, 1]]
         first[on_vertex] = 0
         on_edge = np.flatnonzero(count == 1)

@@ -75,6 +75,7 @@ def build_levels(
     _mark(level, np.ones((scale.shape[1] - 1, len(mesh.faces)), bool))
     levels, steps, linear_steps, count = [level], [], [], len(rest)
     while level.split.any():
+        # Midpoints within the halo are made although nothing of it is split: stencils of the next level reach into it.
         inside = _grow(level.topology, np.any(level.red, axis=0), HALO_RINGS)
         made = np.any(level.split, axis=0) | _edges_of(level.topology, inside)
         complete(level, made)
@@ -100,6 +101,7 @@ def _mark(level: Level, wanted: np.ndarray) -> None:
     a, b = (points.take(topology.edges[:, j], axis=0) for j in range(2))
     depth = edge_depths(topology, level.middle @ points - (a + b) / 2, points, asked)
     length2 = ((b - a) ** 2).sum(axis=1)
+    # q = 2 k / 6 (8 d + L^2 / R), as `refine` has it with kappa L^2 = 8 d.
     nearness, *limits = level.scale[topology.edges].mean(axis=1).T
     curved = 8 * depth + length2 * nearness
     marks = [_split(topology, limit * curved, faces) for limit, faces in zip(limits, wanted, strict=True)]
@@ -108,6 +110,7 @@ def _mark(level: Level, wanted: np.ndarray) -> None:
 
 def _split(mesh: Topology, sagitta: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Edges to be split (E,) and faces to be quartered (F,) for what is `wanted`; `sagitta` in units of the limit."""
+    # Halving the edges of a face divides its sagitta by 4: at more than 4 a face needs another level whatever its edges do.
     facet = sagitta[mesh.face_edges].mean(axis=1)
     split = _edges_of(mesh, wanted & (facet > 1)) & (sagitta > 1)
     red = (wanted & (facet > 4)) | all_of_three(split[mesh.face_edges])

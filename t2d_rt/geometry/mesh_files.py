@@ -120,6 +120,7 @@ def _ply(data: bytes) -> tuple[np.ndarray, list[list[int]]]:
 
 def _ply_header(data: bytes) -> tuple[str, list[_Element], int]:
     """Byte order (empty for ASCII), the elements vertex and face, and where their values begin."""
+    # The lazy group takes the shortest header, for "end_header" may stand in the values, too.
     header = re.match(rb"ply[ \t]*\r?\n(.*?\n)??end_header[ \t]*\r?\n", data[:MAX_HEADER_BYTES], re.DOTALL)
     if header is None:
         raise InputError("is not a PLY file: it has no header from 'ply' to 'end_header'")

@@ -55,6 +55,7 @@ from t2d_rt.geometry.vectors import edge_cross, lengths, unit
 
 def grade(levels: list[Level]) -> None:
     """Neighbours differ by at most one level: who touches a split edge of level k has a red parent in level k - 1."""
+    # From the finest level down, so that what one level asks of the level before it is known when that one is looked at.
     for k in range(len(levels) - 1, -1, -1):
         level = levels[k]
         level.split[level.topology.face_edges[level.red]] = True
@@ -137,6 +138,7 @@ def displacement(
     area = np.linalg.norm(edge_cross(points[fine]), axis=1)
     area_of_vertex = np.bincount(fine.ravel(), weights=np.repeat(area, 3), minlength=len(used))
     weight = np.where(crease[used], 0.0, 1 / np.maximum(area_of_vertex, 1e-300))
+    # Offsets of midpoints (level.middle - chords) times weights are facets' depths; the area-weighted mean makes moves of these.
     move = sparse.csr_matrix((len(used), total))
     stops = np.cumsum([len(part.faces) for part in parts])
     for level, part, stop in zip(levels, parts, stops, strict=True):

@@ -92,7 +92,12 @@ def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def topology(faces: np.ndarray, vertex_count: int, sharp: np.ndarray | None = None) -> Topology:
-    """Edges and half-edges of triangles (F, 3); `sharp` (S, 2) names edges that are kept sharp."""
+    """Edges and half-edges of triangles (F, 3); `sharp` (S, 2) names edges that are kept sharp.
+
+    An edge is named by one number, smaller vertex x V + greater vertex, so that equal edges are found by sorting. Two half-edges of
+    one edge are twins where they run in opposite directions; where they run alike, one of the faces is turned over, and the edge
+    is sharp.
+    """
     faces = np.asarray(faces, dtype=np.int64)
     if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
         raise InputError(f"faces must have shape (face, 3) with at least one face, got {faces.shape}")
@@ -308,6 +313,7 @@ def previous_half(half: np.ndarray) -> np.ndarray:
 
 def _curve_stencils(mesh: Topology, corners: np.ndarray, rows: np.ndarray) -> Entries:
     """Four-point rule (-1, 9, 9, -1)/16 along sharp curves, a parabola (3, 6, -1)/8 beside a corner, else the chord."""
+    # A curve runs through a vertex where just two sharp edges meet, unless they meet at a corner.
     through = (mesh.sharp_valence == 2) & ~corners
     neighbours = np.zeros(mesh.vertex_count, dtype=np.int64)
     a, b = mesh.edges[mesh.sharp].T
@@ -335,6 +341,7 @@ def _eight_point_stencils(mesh: Topology, half: np.ndarray) -> Entries:
     ends = [tail[half], tail[twin], tail[previous_half(half)], tail[previous_half(twin)]]
     wings = np.concatenate([next_half(half), previous_half(half), next_half(twin), previous_half(twin)])
     rows4 = np.tile(rows, 4)
+    # Where nothing lies beyond a wing, u + v - x stands for the vertex there: weights -1/16 for u and v, +1/16 for x.
     open_ = mesh.twin[wings] >= 0
     shut = wings[~open_]
     beyond = tail[previous_half(mesh.twin[wings[open_]])]

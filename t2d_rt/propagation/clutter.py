@@ -89,6 +89,7 @@ def rough_points(mirrors: Mirrors, radar: Radar) -> tuple[np.ndarray, np.ndarray
     Each stands for as much of the surface as the transmitters see in an equal fraction of all directions.
     """
     tx, rx = radar.tx_position_m, radar.rx_position_m
+    # A ray in each direction stands for a solid angle Omega = 4 pi / DIRECTIONS, and so for Omega R^2 / cos_i of the surface.
     direction = sphere(DIRECTIONS)
     distance, mirror = mirrors.first(np.broadcast_to(tx, direction.shape), direction)
     met = np.isfinite(distance)

@@ -196,6 +196,7 @@ def middles(target: Motion | MovingMesh | Ellipsoids, times_s: np.ndarray) -> np
         return np.asarray((1 - fraction) * line[before] + fraction * line[before + 1])
     if isinstance(target, Ellipsoids):
         return target.at(times_s)[0]
+    # A mesh has no joints: the middles of parts of it move as smoothly as these, and none of them lies on its surface.
     part = _parts(target.rest)
     members = [np.flatnonzero(part == number) for number in range(part.max() + 1)]
     found = []

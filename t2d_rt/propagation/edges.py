@@ -204,10 +204,13 @@ class Edges:
         (good, found), chain = unfolded_vertices(path, centres), path.elements.mirror
         stops = np.stack(found)
         middle, fraction, radius = zone(stops, self.wavelength_m, _pieces(chain))
-        wide = fraction * (CELL_M * np.sqrt(3) / 2)  # a ball around the cell, seen from the antenna's image
+        # Points of the cell lie in a ball around its centre. Seen from the antenna's image, paths to them lie within a cone, whose
+        # radius grows with the fraction of the path that is done; the rays of each fill the zone's radius beyond that.
+        wide = fraction * (CELL_M * np.sqrt(3) / 2)
         dark, rims = np.zeros(len(centres), bool), np.zeros((len(chain), len(centres)), bool)
         for k, number in enumerate(chain):
             mirror, ahead = self.mirrors.each[number], stops[k + 1] - stops[k]
+            # On a plane that is met at a slant, a cone's cross-section is as much longer.
             aslant = np.linalg.norm(ahead, axis=1) / np.maximum(np.abs(ahead @ mirror.normal), 1e-9)
             for at in ((k, -1), (k + 1, 0)):
                 wide[at] *= aslant

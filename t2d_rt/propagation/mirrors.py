@@ -201,6 +201,7 @@ class Mirrors:
     def parted(self, chains: Sequence[Chain]) -> tuple[Mirrors, list[Chain]]:
         """The same with no place of a plane in two of the mirrors that the chains meet, so that none reflects twice: the first one
         has it; and the chains, with one over each of the others for those over any that overlap."""
+        # k and ~k name the same mirror; the greater of the two is its number.
         met = sorted({max(k, ~k) for chain in chains for k in chain})
         each = list(self.each)
         overlapping: dict[int, list[int]] = {}
@@ -213,6 +214,7 @@ class Mirrors:
             for k in before:
                 overlapping.setdefault(number, []).append(k)
                 overlapping.setdefault(k, []).append(number)
+        # A ray that met the one of two overlapping mirrors might as well have met the other: chains over both are tried.
         found = dict.fromkeys(chains)
         waiting = list(chains) if overlapping else []
         while waiting:
@@ -354,6 +356,7 @@ def _piece_of(triangles: np.ndarray) -> np.ndarray:
 
 def _plane_of(triangles: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Number of the plane of each triangle (F, 3, 3), whichever side its normal (F, 3) points to."""
+    # The sign is that of the greatest component; the small numbers decide between equal ones, whatever rounding does to these.
     axis = np.argmax(np.abs(normal) + [3e-6, 2e-6, 1e-6], axis=1)
     normal = normal * np.sign(np.take_along_axis(normal, axis[:, None], axis=1))
     offset = np.einsum("fi,fi->f", normal, triangles[:, 0])

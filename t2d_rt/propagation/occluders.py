@@ -46,6 +46,7 @@ class Posed:
         """Which faces occlude from these places outside of the meshes, bool (K, F): of closed parts whose faces look outward only
         those that face one of them, for a ray that leaves a body crosses one of these."""
         corner, area = self._corner_and_area
+        # Six times the volume of each part, from the tetrahedra over its faces: negative where it is turned inside out.
         middle = corner.mean(axis=1, keepdims=True)
         volumes = self.meshes.parts @ dot(corner - middle, area)
         found = ~self.meshes.closed[:, None] | (self.meshes.parts.T @ volumes <= 0)
@@ -260,6 +261,7 @@ def _marks(rest: Sequence[np.ndarray], operators: Sequence[Any]) -> tuple[np.nda
     numbers, carried = [], []
     offset = 0
     for points, operator in zip(rest, operators, strict=True):
+        # The first vertex that is free becomes a mark and takes all within reach; the next one is the first that is left.
         near = cKDTree(points).query_ball_point(points, MARK_M)
         free, mine = np.ones(len(points), bool), []
         for vertex, neighbours in enumerate(near):

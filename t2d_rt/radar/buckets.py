@@ -97,6 +97,7 @@ def buckets(
             f"{step_s * 1e3:.3g} ms later, and at most {MOST_SLOTS * slot_s * SPEED_OF_LIGHT / 2:.3g} m can be followed; remove "
             "the jump from the target, raise surface_rate_hz, or give echoes of your own in seconds of delay"
         )
+    # An echo changes its bucket from slot to slot at most, by where it is in the middle of the slot.
     slots = max(1, math.ceil(travel))
     origin_s = float(min(before.min(), after.min())) - width_s
     parts = []

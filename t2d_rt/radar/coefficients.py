@@ -375,6 +375,7 @@ class Batches:
     @classmethod
     def of(cls, slot: np.ndarray) -> Batches:
         """For the slot of each instant, ascending (instant,)."""
+        # A batch lies within one slot, at all instants of which the members are the same; a slot's last batch may not be full.
         bounds = np.flatnonzero(np.diff(slot, prepend=-1, append=slot[-1] + 1))
         sizes = np.diff(bounds)
         unroll = min(UNROLLS, key=lambda unroll: np.sum(-(-sizes // unroll)) * (READ_WORK + unroll))

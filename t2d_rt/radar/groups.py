@@ -79,6 +79,7 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: 
     low = high = np.concatenate([cycles, bins])
     here, delay, slope = low.shape[1], window.delay, window.delay_slope
     work, spent = [here * rate * WORK_ECHO], 0.0
+    # work[k]: that of k levels and of a sum over the groups of the last one at every chirp; the least decides how many there are.
     while samples <= rate:
         points = nodes_for(0.8 * math.pi * width, tolerance)
         spent += here * samples * (WORK_NODE * points if found else WORK_ECHO)

@@ -26,6 +26,7 @@ def band_nodes(theta: float, tolerance: float) -> np.ndarray:
     t, x = np.linspace(0, theta, CHECKED), np.linspace(0, 1, CHECKED)
     least = 2 * max(1, math.ceil(theta / math.pi))
     series = _wave_functions(theta, least + 2 * TRIES)
+    # Zeros lie closer near the ends, about as Chebyshev nodes do; of a symmetric set only the positive ones are looked for.
     grid = np.cos(np.linspace(0, math.pi / 2, PER_NODE * series.shape[1]))
     on_grid, at_x = (legvander(places, series.shape[0] - 1) @ series for places in (grid, x))
     for count in range(least, least + 2 * TRIES, 2):

@@ -158,6 +158,7 @@ def _interpolated(times_s: np.ndarray, centres: np.ndarray, axes: np.ndarray) ->
     from scipy.spatial.transform import Rotation
 
     quaternions = Rotation.from_matrix(axes.reshape(-1, 3, 3)).as_quat().reshape(*axes.shape[:2], 4)
+    # q and -q are one rotation: of both the one that continues the frame before is taken, for the spline to be short.
     flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(-1) < 0, -1.0, 1.0), axis=0)
     quaternions[1:] *= flips[..., None]
     return partial(_rotating, place, spline(times_s, quaternions))

@@ -232,6 +232,7 @@ def _positions(track: Track, times_s: np.ndarray, count: int | None, name: str) 
 
 def _check_period(track: Track, times_s: np.ndarray, count: int, period_s: float, name: str) -> None:
     """Refuses a track that is elsewhere, anywhere in its record, than at the same place of its first period."""
+    # Instants are random within equal parts of the record: no track can keep to a period at even ones alone.
     parts = np.linspace(0, times_s[-1] - times_s[0], PERIOD_PROBES + 1)
     since = parts[:-1] + np.random.default_rng(0).random(PERIOD_PROBES) * np.diff(parts)
     since = np.append(since[since >= period_s], parts[-1])
@@ -284,6 +285,7 @@ def _check_faces(faces: np.ndarray, vertex_count: int, name: str, curved: bool) 
 def _check_side(corners: np.ndarray, name: str) -> None:
     """Refuses a closed mesh (F, 3, 3) whose faces look inward."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    # Areas of a closed mesh, as vectors, add up to nothing; its volume is that of the tetrahedra over its faces.
     closed = np.allclose(edge_cross(corners).sum(axis=0), 0, atol=1e-9 * np.abs(corners).max() ** 2)
     across = np.cross(b, c) - np.cross(a, c) - np.cross(b, a)
     volume = float(np.einsum("fi,fi->", a - corners.mean(axis=(0, 1)), across)) / 6

@@ -125,6 +125,7 @@ def _after(
     """
     normal = element.normal
     cosine = ahead @ normal
+    # A slab lets the wave through without bending it: what refraction does within it is in the coefficient.
     onward = ahead if element.through else ahead - 2 * cosine[..., None] * normal
     across = _cross(ahead, normal)
     length = np.sqrt(np.einsum("...i,...i->...", across, across))[..., None]

@@ -77,6 +77,7 @@ class Curtain(Fields):
         frequency = zeros / 2 * math.sqrt(STANDARD_GRAVITY / self.height_m)
         mode_shapes = j0(zeros * np.sqrt(up)[:, None]) * self.draught_m / np.arange(1, MODES + 1) ** 2
         mode_shapes[-1] = 0  # at the rail, where a zero is one to rounding only
+        # Each mode is a wave that runs along the curtain, one way or the other.
         rng = np.random.default_rng(self.seed)
         phase, direction = rng.uniform(0, 2 * math.pi, MODES), rng.choice([-1, 1], MODES)
         wave = direction * 2 * math.pi * aside[:, None] / self.wavelength_m + phase
