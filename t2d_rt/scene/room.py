@@ -146,6 +146,7 @@ class Room(Fields):
 
         cuts = sorted({low[along], high[along], *(edge for span in spans for edge in span[:2])})
         levels = sorted({0.0, high[2], *(edge for span in spans for edge in span[2:])})
+        # A wall is cut along all edges of its openings; the plates that lie within an opening are left out.
         plates = [
             _upright(axis, place, (s0, s1, z0, z1))
             for s0, s1 in pairwise(cuts)

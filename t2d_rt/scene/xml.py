@@ -32,6 +32,7 @@ def save_scene(scene: Scene, folder: str | Path) -> Path:
     target = file_path("folder", folder).resolve()
     if not scene.name or Path(scene.name).name != scene.name:
         raise InputError(f"scene name {scene.name!r} cannot be the name of a file; give one without slashes")
+    # A folder that was left by a run that was killed is settled first: it holds the old scene or the new one, whole.
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         settle(target)

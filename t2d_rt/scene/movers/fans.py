@@ -79,6 +79,7 @@ class TableFan(Fields):
     def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
         """The blades and the hub between two times."""
         rotor, faces = _rotor(self.blades, self.radius_m, CHORD * self.radius_m, 0.003, self.pitch_deg)
+        # From the rotor's own axis x: it spins, is tilted up, and swings about the vertical.
         tilt = about_y(-math.radians(self.elevation_deg))
 
         def track(times_s: np.ndarray) -> np.ndarray:

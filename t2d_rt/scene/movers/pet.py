@@ -149,6 +149,7 @@ class Pet(Fields):
 
     def _foothold(self, stride: np.ndarray, touchdown: float, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Place (K, 3) and heading (K,) of a paw on the floor in its n-th stride: below the hip in the middle of the stance."""
+        # Leg and foothold are then as far apart when the paw touches down as when it is lifted.
         middle = (stride + touchdown + DUTY_FACTOR / 2) / self.stride_hz
         there, heading = self._ground(middle)
         return there + about_z(heading) @ hip, heading
@@ -167,6 +168,7 @@ class Pet(Fields):
 
     def _skin(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Vertices (K, V, 3) m and faces (F, 3)."""
+        # Trunk and head ride on the ground track; a leg joins its hip to a paw that keeps to its footholds, so that none slides.
         build, h = BUILDS[self.animal], self.hip_m
         phase = 2 * math.pi * self.stride_hz * times_s
         ground, heading = self._ground(times_s)
@@ -242,6 +244,7 @@ def _ball(middle: np.ndarray, frame: np.ndarray, semi_axes_m: np.ndarray) -> Par
 
 def _capsule(start: np.ndarray, stop: np.ndarray, left: np.ndarray, first_m: float, last_m: float) -> Part:
     """A tapered rod between points (K, 3) with half balls at its ends."""
+    # Rings of a ball, of which the upper half is moved up by the length, and the radius goes from the first to the last.
     height, width = ball_profile(RINGS - 1)
     length = np.linalg.norm(stop - start, axis=1)
     axis = (stop - start) / length[:, None]

@@ -75,7 +75,10 @@ def moving(
 
 @dataclass(frozen=True, slots=True)
 class MoverTrack:
-    """Vertices of a mover's mesh as a function of time, pickled as the mover that makes them."""
+    """Vertices of a mover's mesh as a function of time, pickled as the mover that makes them.
+
+    The function itself is a closure, which cannot be pickled; the mover's fields are all that it follows from.
+    """
 
     mover: Any
     start_s: float
@@ -104,6 +107,7 @@ def skin_faces(rings: int, per_ring: int) -> np.ndarray:
     there = np.roll(here, -1)
     start = per_ring * np.arange(rings - 1)[:, None]
     a, b = start + here, start + there
+    # Each cell between two rings is cut along the diagonal from a point to the next point of the ring above.
     sides = np.stack([np.stack([a, b, b + per_ring], -1), np.stack([a, b + per_ring, a + per_ring], -1)]).reshape(-1, 3)
     left = np.arange(per_ring // 2 - 1)
     right = per_ring - 1 - left
