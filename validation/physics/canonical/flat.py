@@ -111,7 +111,7 @@ def room_corner(radar: Radar, walls: int) -> dict[str, object]:
     away *= CORNER_RANGE_M / np.linalg.norm(away)
     surfaces = tuple(_wall(radar.tx_position_m + away, axis) for axis in range(walls))
     found = static_paths(Scene(name="corner", surfaces=surfaces), radar, order=walls, backend=select("auto"))
-    paths = [path for path in found if len(path.chain) == walls]
+    paths = [path for path in found if len(path.path.chain) == walls]
     cube = synthesize(mirror_echoes(paths, radar, times_s=np.linspace(0, 0.02, 5)), radar)
     power = float(np.mean(np.abs(cube[:]) ** 2))
     return row_of(
