@@ -25,7 +25,7 @@ from t2d_rt.types import MovingMesh, Radar, Scene
 ENDINGS = ".npz", ".zarr", ".npy", ".bin"
 RADAR_FILE = "radar.yaml"
 MTI = "mean"
-"""Of recordings that say nothing else: an unfiltered one shows little but its static clutter."""
+"""The filter of recordings that name none: an unfiltered one shows little but its static clutter."""
 
 
 def background_records(

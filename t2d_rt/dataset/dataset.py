@@ -42,7 +42,7 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
 }
 """Axes of each product's values."""
 TIME_AXIS = {"spectrogram": 1, "range_doppler": 0, "points": 0, "adc": 0, "truth": 0}
-"""Which of them goes with time."""
+"""The axis of each product that runs over time, or over what comes in time."""
 
 CACHED_MB = 256.0
 """Arrays that are kept: 8000 spectrograms of 128 x 128 cells."""

@@ -52,7 +52,7 @@ Scheduler = Callable[[Sequence[Task]], Iterator[list[Made]]]
 
 ADDRESS = re.compile(r"(tcp|tls)://([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]):[0-9]{1,5}")
 RETRIES = 2
-"""Times that a call is repeated whose worker was lost."""
+"""How often a call is repeated whose worker was lost."""
 
 
 def scheduler_named(name: str | None, workers: int) -> Scheduler:
@@ -80,13 +80,13 @@ def cores() -> int:
 
 
 def here(tasks: Sequence[Task]) -> Iterator[list[Made]]:
-    """In this process, one after another."""
+    """Makes the samples in this process, one after another."""
     for task in tasks:
         yield make_samples(*task)
 
 
 def on_this_machine(tasks: Sequence[Task], workers: int) -> Iterator[list[Made]]:
-    """In processes of this machine."""
+    """Makes the samples in processes of this machine; a worker that is lost ends the run in one sentence."""
     from joblib import Parallel, delayed, parallel_config
     from joblib.externals.loky import BrokenProcessPool
 
@@ -116,7 +116,7 @@ def _silent(name: str) -> Iterator[None]:
 
 
 def on_a_cluster(tasks: Sequence[Task], address: str | None, workers: int) -> Iterator[list[Made]]:
-    """On a cluster of dask: one that runs at an address, or one of so many processes of this machine."""
+    """Makes the samples on a cluster of dask: one that runs at an address, or one of so many processes of this machine."""
     try:
         from distributed import CancelledError, Client, KilledWorker, LocalCluster, as_completed
         from distributed.comm import CommClosedError
@@ -163,7 +163,7 @@ class Outcome:
     samples: int
     """Asked for, and there."""
     made: int
-    """Of these, in this run."""
+    """How many of these this run has made."""
     failures: tuple[tuple[int, str], ...]
     """Index and reason of samples that failed."""
     seconds: float

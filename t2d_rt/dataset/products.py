@@ -21,7 +21,7 @@ FLOOR_DB = -200.0
 """Least level that is written, relative to the greatest one: a noise-free recording has cells of any smallness."""
 
 ROUNDING = 1e-6
-"""By which the part of a map that another one covers may be off."""
+"""How far the part of a map that another one covers may reach beyond 0..1: the edges of axes are rounded to 1e-9."""
 
 Size = Annotated[Count, Field(ge=2, le=4096)]
 MapDtype = Literal["float16", "uint8"]

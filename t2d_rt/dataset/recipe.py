@@ -257,7 +257,7 @@ LIMITS = {
     "distances_m": (0.5, 100.0),
     "gait_factors": (0.25, 4.0),
 }
-"""Of the ranges that a recipe draws from."""
+"""Least and greatest value that each of the ranges of a recipe may reach."""
 
 
 def integer_seed(sequence: np.random.SeedSequence) -> int:

@@ -179,7 +179,7 @@ class Place:
     distance_m: float
     aside_m: float
     height_m: float
-    """Of the radar."""
+    """Height of the radar [m]; distance, angle and offset are those of the motion's start."""
     overlap_m: float
     """How far the motion goes into walls, furniture or the surroundings of the radar at most."""
 
@@ -259,7 +259,7 @@ RESERVED_SEED = 1 << 40
 """Added to a recipe's seed for the descriptions that no sample of a class has."""
 
 CIRCLE_RADIUS_M = {"dog": 1.0, "cat": 0.6}
-"""Of the circles that pets walk in."""
+"""Radius of the circles that pets walk in."""
 
 
 @functools.lru_cache(maxsize=4)
@@ -334,11 +334,11 @@ class Cell:
     index: int
     activity: Activity
     description: int
-    """Of the class's descriptions."""
+    """Number of the description among those of the class."""
     repetition: int
-    """Of the description's motions."""
+    """Number of the motion among those of the description."""
     number: int
-    """Of the motion."""
+    """Number of the motion in the recipe; all that is drawn for the motion is seeded by it."""
     condition: Condition
 
 

@@ -38,7 +38,7 @@ PART = ".part"
 BLOCK = 2**20
 """Bytes that are read at once of a file that is only compared."""
 TIME = 1980, 1, 1, 0, 0, 0
-"""Of files in an archive: the same bytes whenever it is written."""
+"""Date of the files in an archive, so that the same arrays are the same bytes whenever they are written."""
 RAGGED = frozenset({"points", "adc", "truth"})
 """Products whose arrays differ in size from sample to sample: each has an array of its own."""
 
@@ -173,7 +173,7 @@ def sha256(data: bytes) -> str:
 
 
 def file_sha256(path: Path) -> str:
-    """The same of a file, which is not taken into memory."""
+    """Checksum of a file, which is read block by block: one of ADC samples may have gigabytes."""
     digest = hashlib.sha256()
     with regular_file(path, noun="shard") as file:
         while block := file.read(BLOCK):
@@ -194,12 +194,12 @@ def damaged(path: Path, why: object) -> InputError:
 
 
 Sizes = tuple[int | None, ...]
-"""Of an array; None is any length."""
+"""Shape that an array must have; None is a length that may differ."""
 
 MAPS = {"spectrogram": ("velocity_mps", "time_s"), "range_doppler": ("velocity_mps", "range_m")}
 """Axes of maps, of which records tell the ends."""
 LARGEST_BYTES = 4e9
-"""Of an array, unpacked: a packed one may be a thousandth of that."""
+"""Largest array that is unpacked: packed it may have a thousandth of that, and a stranger's file may ask for any memory."""
 LEAST_ABOVE_DB = 1e-3
 """Rounding of the greatest cell, which is at 0 dB."""
 
@@ -328,11 +328,11 @@ def read_array(path: Path, member: str, dtype: np.dtype[Any], shape: Sizes) -> n
 
 RECIPE, PLANS, MANIFEST = "recipe.yaml", "plans.json", "manifest.json"
 UNITS = {"velocity_mps": "m/s", "time_s": "s", "range_m": "m"}
-"""Of the axes of maps."""
+"""Units of the axes of maps."""
 FILE = re.compile(r"[0-9]{5,9}\.(npz|jsonl)")
 """Names of a shard's files."""
 MOST_BYTES = 500_000_000
-"""Of a manifest, or of a shard's records."""
+"""Largest manifest, and largest file of records, that is read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -340,7 +340,7 @@ class Shard:
     """One shard: its records, and its arrays by product, both as the recipe has them."""
 
     path: Path
-    """Of the arrays."""
+    """File of the arrays; that of the records has the same name and ends in .jsonl."""
     records: tuple[dict[str, Any], ...]
     """One for each sample, those that failed among them."""
     recipe: Recipe

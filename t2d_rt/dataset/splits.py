@@ -47,7 +47,7 @@ MOST_AWAY = 0.1
 """The share of all samples by which a side may differ from what was asked for."""
 
 MOST_BYTES = 200_000_000
-"""Of a file of indices."""
+"""Largest file of a split that is read."""
 
 Records = Sequence[Mapping[str, Any]]
 
@@ -325,7 +325,7 @@ SPLITS = "file", "description", "clip"
 """By file, samples of one description stand on all sides, as in the code of Text2Doppler; by description no sentence and no motion
 is on two; by clip no recording is either, and samples that would join two sides are left out."""
 TRAINING_FRACTIONS = 0.5, 0.25, 0.25
-"""Of train, val and test: four descriptions of a class can be divided so."""
+"""Fractions of train, val and test for training: four descriptions of a class can be divided so."""
 
 
 def sides_of(

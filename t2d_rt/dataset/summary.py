@@ -51,7 +51,7 @@ class ClassSummary:
     made_s: np.ndarray
     """Lengths of the motions before they were cut or held [s]."""
     snr_db: np.ndarray
-    """Of those whose noise is known."""
+    """Signal-to-noise ratios of the samples whose noise is known [dB]."""
     lower_mps: np.ndarray
     """Least speed in each of the first `MEASURED` spectrograms [m/s]; none where there are no spectrograms."""
     upper_mps: np.ndarray
@@ -77,7 +77,7 @@ class Summary:
     groups: tuple[int, ...]
     """Samples of each group that has a description, clip or seed in common, the largest first."""
     seconds_left: float | None
-    """Of the run that goes on, to the end of its recipe; None where none does, or it has only begun."""
+    """Time that the run in this folder needs to the end of its recipe; None where there is no run, or it has only begun."""
 
     def __str__(self) -> str:
         lines = [f"{self.name}: {self.samples} of {self.wanted} samples, {len(self.failures)} failed"]

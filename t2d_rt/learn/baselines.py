@@ -14,7 +14,7 @@ from t2d_rt.learn.pytorch import require_learning
 __all__ = ["baseline_probabilities", "feature_table"]
 
 SHRINKAGE = 0.3
-"""Of the covariance within classes towards a multiple of the unit matrix: there are more features than samples of a class."""
+"""Weight of a multiple of the unit matrix in the covariance within classes, which fewer samples than features do not determine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,13 +22,13 @@ class Centroids:
     """Mean features of each class, in a metric in which samples of one class scatter alike in all directions."""
 
     mean: np.ndarray
-    """Of each feature, (F,)."""
+    """Mean of each feature, (F,)."""
     scale: np.ndarray
     """Standard deviation of each feature, (F,)."""
     whitening: np.ndarray
     """Factor of the inverse covariance within classes, (F, F)."""
     centroids: np.ndarray
-    """In that metric, (K, F)."""
+    """Mean of each class in the metric of the whitening, (K, F)."""
 
     @classmethod
     def of(cls, values: np.ndarray, labels: np.ndarray, *, shrinkage: float = SHRINKAGE) -> Centroids:
@@ -54,7 +54,7 @@ class Centroids:
         return np.asarray(((placed[:, None] - self.centroids) ** 2).sum(axis=-1))
 
     def probabilities(self, values: np.ndarray) -> np.ndarray:
-        """Of each class, (N, K), where classes scatter about their centroids alike and normally."""
+        """Probability of each class, (N, K), where classes scatter about their centroids alike and normally."""
         logits = -0.5 * self.distances(values)
         likelihood = np.exp(logits - logits.max(axis=1, keepdims=True))
         return np.asarray(likelihood / likelihood.sum(axis=1, keepdims=True))

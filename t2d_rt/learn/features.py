@@ -30,7 +30,7 @@ PERIODS_S = (0.25, 1.4)
 SLOW_S = 1.2
 """What changes over a longer time is no step."""
 SHORTEST_S, WIDEST_S = 1.2, 0.7
-"""Of a map and of its cells: less does not hold a period of the slowest steps, wider ones do not tell them."""
+"""Shortest map and widest cell of time: a shorter map does not hold a period of the slowest steps, wider cells hide them."""
 
 
 def check_steps(noun: str, columns: int, duration_s: float) -> None:
@@ -148,9 +148,9 @@ LINES_SMOOTHED = 3
 LINES_FAR = 0.6
 """Speeds beyond this part of the greatest one hold noise alone in most maps."""
 LINES_MARGIN_DB = 1.0
-"""Of the threshold above the level that one in a hundred cells of noise exceeds."""
+"""Distance of the threshold from the level that one in a hundred cells of noise exceeds."""
 PARTS = 0.03, 0.5, 0.97
-"""Of the power above the threshold, below the lower line, the middle and the upper line."""
+"""Parts of the power above the threshold that lie below the lower line, the middle and the upper line."""
 LINES_LEVELS = 10, 30, 50, 70, 90, 98
 """Percentiles at which lines are told."""
 BEYOND = 1.5, 2.2, 3.2
@@ -175,15 +175,15 @@ class Lines:
     level: np.ndarray
     """Power above the floor, relative to it [dB]."""
     power: np.ndarray
-    """Of the cells above the threshold, the floor's taken off, (speed, T)."""
+    """Power of the cells above the threshold less that of the floor, 0 elsewhere, (speed, T)."""
     occupied: float
     """Fraction of the cells above the threshold."""
     contrast_db: float
-    """Between the strong cells and the floor."""
+    """Level of the strong cells (99.5 %) above the floor [dB]."""
 
     @classmethod
     def of(cls, levels_db: np.ndarray, velocity_mps: np.ndarray) -> Lines:
-        """Of a spectrogram (speed, time) [dB]."""
+        """The lines of a spectrogram (speed, time) [dB]."""
         from scipy.ndimage import uniform_filter
 
         power = uniform_filter(10.0 ** (levels_db.astype(np.float64) / 10), LINES_SMOOTHED, mode="nearest")
@@ -298,7 +298,7 @@ def _line_speeds(lines: Lines, speed: np.ndarray) -> dict[str, float]:
 
 
 def _cadence(lines: dict[str, np.ndarray], step_s: float) -> dict[str, float]:
-    """Of each line, less its drift: the mean rate of what is periodic, the strongest rate and its fraction, and the deviation."""
+    """Of each line less its drift: mean rate of what is periodic, strongest rate and its fraction, standard deviation."""
     found: dict[str, float] = {}
     for name, line in lines.items():
         count = len(line)
@@ -324,15 +324,15 @@ BANDS_FAR = 0.7
 BANDS_MARGIN_DB, BANDS_RANGE_DB = 2.0, 40.0
 """Levels count from so far above the median of the noise, over so many decibels."""
 EDGES_MPS = (0.08, 0.24, 0.4, 0.55, 0.7, 0.85, 1.0, 1.2, 1.4, 1.65, 1.9, 2.2, 2.6, 3.0, 3.5, 4.2, 5.0, 6.2)
-"""Of the bands whose levels are told; a man walks with a torso of 1 to 1.5 m/s and feet of three times that."""
+"""Edges of the bands whose levels are told; a man walks with a torso of 1 to 1.5 m/s and feet of three times that."""
 WIDE_MPS = (0.3, 0.6, 1.0, 1.5, 2.2, 3.2, 4.5, 6.5)
-"""Of the bands whose modulation is told."""
+"""Edges of the bands whose modulation is told."""
 RATES_HZ = (0.1, 0.3, 0.5, 0.75, 1.0, 1.3, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0, 9.0)
 """Edges of bands of modulation, from a single movement to jerks."""
 BANDS_LEVELS = 15, 40, 65, 85, 97
 """Percentiles over time."""
 LAGS_S = 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4
-"""At which a band is compared with itself."""
+"""Times after which a band is compared with itself [s]."""
 SLOW_BANDS = 6
 """Bands of the torso; the others are of limbs."""
 ACTIVE_DB = 6.0

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDTH_OF_LETTER = 0.0105
-"""Of the names above a prediction, as a part of the axis."""
+"""Width of a letter in the names above a prediction, as a part of the axis; names that do not fit are left out."""
 
 
 def curves_figure(history: Sequence[dict[str, float]], *, title: str) -> Figure:

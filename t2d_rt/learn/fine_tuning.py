@@ -36,7 +36,7 @@ DECAY = 1e-3
 CHANNELS = 12, 24, 32
 SPEEDS_KEPT = 4
 FEATURES = 48
-"""Of the penultimate layer."""
+"""Features that the penultimate layer gives."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -192,7 +192,7 @@ class Schedule:
 PRETRAINING = Schedule(30, 2e-3)
 TUNING = Schedule(40, 1e-3)
 HEADS = Schedule(120, 5e-3)
-"""Of layers over features that are computed once."""
+"""Schedule of layers over features that are computed once, which learn faster than whole networks."""
 
 
 def seeded(seed: int) -> None:

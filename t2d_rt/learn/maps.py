@@ -18,12 +18,12 @@ from t2d_rt.dataset.splits import grouped
 SIZE = 64, 64
 """Cells of speed and of time by default."""
 DYNAMIC_RANGE_DB = 60.0
-"""As the authors of Text2Doppler have it."""
+"""Dynamic range of the maps, as the authors of Text2Doppler have it."""
 LEAST_SHARED = 0.95
 """Part of the span from the lowest to the highest speed of any map that all maps of a data set must cover."""
 LARGEST = 4096
 LEAST_SPAN_DB = 1e-3
-"""Between least and greatest level of a map that shows anything; rounding makes less [dB]."""
+"""Least difference between the levels of a map that shows anything; rounding alone makes less [dB]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +42,7 @@ class LabelledMaps:
     duration_s: float
     """Time that a map covers."""
     names: tuple[str, ...]
-    """Of the samples."""
+    """A name for each sample, by which it is found again."""
 
     def __post_init__(self) -> None:
         levels = array("levels", self.levels, ("sample", "speed", "time"), hint="remove damaged samples first")

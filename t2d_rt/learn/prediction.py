@@ -20,15 +20,15 @@ from t2d_rt.recording.recording import Recording
 STEPS, MOST_STEPS = 10, 200
 """Windows that begin within the duration of one, by default and at most."""
 LEAST_COVERED = 0.5
-"""Of a window: what a recording has at least; what it lacks is filled with its floor."""
+"""The part of a window that a recording covers at least; the rest of the window is filled with the recording's floor."""
 FLOOR = 0.1
-"""Of the columns of a recording: those of least power, whose greatest is the floor at a speed."""
+"""The quantile of a recording's columns that is its floor at each speed: somebody moves in most of them, but not at all speeds."""
 MOST_INSTANTS = 20
-"""Of the course within the duration of a window."""
+"""Most instants of a course within the duration of a window; the search takes a time that grows with their square."""
 LEAST = 0.8
-"""Of a window: what an activity lasts at least, by default."""
+"""The part of a window that an activity lasts at least, by default."""
 APART = 1e-3
-"""Of a step: windows that begin closer together are one, as where a recording is as long as a window but for rounding."""
+"""The part of a step by which windows begin apart at least: a recording as long as a window, but for rounding, makes one window."""
 BAND = 0.1
 """Relative difference of carriers from which a recording counts as of another band."""
 
@@ -41,9 +41,9 @@ class Prediction:
     starts_s: np.ndarray
     """Where each window begins, (W,)."""
     duration_s: float
-    """Of a window."""
+    """Duration of a window [s]."""
     probabilities: np.ndarray
-    """Of each class in each window, (W, K)."""
+    """Probability of each class in each window, (W, K)."""
     mti: Literal["mean", "none"] = "mean"
     """How static echoes were taken away, as for the training."""
     least_s: float = 0.0

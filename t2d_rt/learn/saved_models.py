@@ -85,7 +85,7 @@ class Card(Fields):
         return self.model_copy(update={"about": {**self.about, **more}})
 
     def to_plain(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """The card as it is written as JSON."""
         return {"format": FORMAT, **dict(self)}
 
     @property
@@ -166,7 +166,7 @@ class Ensemble:
 
     @property
     def card(self) -> Card:
-        """That of the first network."""
+        """The card of the first network, whose classes, speeds and duration are those of all."""
         return self.members[0].card
 
     def probabilities(self, levels: np.ndarray) -> np.ndarray:
@@ -174,7 +174,7 @@ class Ensemble:
         return self.mean_of([levels] * len(self.members))
 
     def mean_of(self, maps: Sequence[np.ndarray]) -> np.ndarray:
-        """The same of maps of each network's own cells and dynamic range."""
+        """Means over the networks, (N, K), of maps of each network's own cells and dynamic range, one array for each network."""
         each = [member.probabilities(levels) for member, levels in zip(self.members, maps, strict=True)]
         return np.asarray(np.mean(each, axis=0))
 

@@ -9,7 +9,7 @@ import numpy as np
 from t2d_rt.core.errors import InputError
 
 BINS = 10
-"""Of confidence, in a reliability diagram."""
+"""Bins of confidence in a reliability diagram."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,7 +24,7 @@ class Scores:
     calibration_error: float
     """Expected difference between confidence and accuracy (Guo et al. 2017), ten bins."""
     reliability: np.ndarray
-    """Of each bin of confidence: mean confidence, accuracy, samples, (10, 3)."""
+    """Mean confidence, accuracy and number of samples of each bin of confidence, (10, 3)."""
 
 
 def macro_f1(truth: np.ndarray, predicted: np.ndarray, classes: int) -> np.ndarray:

@@ -75,7 +75,7 @@ PNG = Adapter(
 
 POINT_FIELD = re.compile(r"^\s*(point_id|velocity|intensity|secs|nsecs):\s*(\S+)", re.MULTILINE)
 LONGEST_S = 86_400.0
-"""That the stamps of one file may span; a wrong one would make millions of empty windows."""
+"""Longest time that the stamps of one file may span; a wrong stamp would make millions of empty windows."""
 EMPTY_CELL = 1e-6
 """Power of a cell without points, relative to a point of 0 dB: no logarithm of zero."""
 

@@ -16,7 +16,7 @@ from t2d_rt.dataset.products import axis
 from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, SIZE, LabelledMaps, check_varied, checked_size, relative_levels
 
 MAX_BYTES = 2_000_000_000
-"""Of one file of real data."""
+"""Largest file of real data that is read."""
 MAX_FILES = 100_000
 
 
@@ -61,7 +61,7 @@ class RealMaps:
     adapter: str
     licence: str
     sha256: str
-    """Of names and content of all files that were read."""
+    """Hash of names and content of all files that were read."""
     files: int
 
     def __str__(self) -> str:

@@ -28,7 +28,7 @@ from t2d_rt.learn.maps import LabelledMaps, check_varied
 
 RADARS = "wr14", "wr68"
 RANGE_CELLS = 64
-"""Over which decibels are summed."""
+"""Range cells over which the file sums decibels."""
 ROW_S = 0.09
 BINS, ZERO_BIN = 128, 64
 BIN_MPS = 0.10
@@ -36,9 +36,9 @@ BIN_MPS = 0.10
 NOTCH_BINS = 3
 """Bins on both sides of zero that static echoes fill: the Hann window's main lobe and its skirts."""
 EARLIEST_ROW, LATEST_ROW = 11, 34
-"""Between which after the command a motion begins: 1 and 3 s."""
+"""Rows after a command between which its motion begins: 1 and 3 s."""
 ROWS = 56
-"""Of a map: 5.04 s."""
+"""Rows of a map: 5.04 s."""
 SMOOTHED_ROWS = 9
 DETECTION_DB = 1.25
 """Mean level over ranges above the noise that counts as moving power."""

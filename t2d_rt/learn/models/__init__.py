@@ -126,7 +126,7 @@ class Count:
     """Multiplications with their additions [1e9], of convolutions, matrix products and recurrent layers; the tables of such
     networks print these as GFLOPs."""
     attention_gflops: float
-    """Those of the products of attention among them; some counters add these twice."""
+    """Operations of the products of attention among them; some counters add these twice."""
 
 
 def count(network: nn.Module, size: tuple[int, int, int]) -> Count:

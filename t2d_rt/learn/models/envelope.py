@@ -23,7 +23,7 @@ HELD = 50_000
 _kept: dict[bytes, np.ndarray] = {}
 """Features by a hash of the map and its axes."""
 CELLS = 1.5
-"""By which the fastest speeds approaching and receding may differ: an even number of Doppler bins has one more of one side."""
+"""Cells by which the fastest speeds of both signs may differ: an even number of Doppler bins has one more of one sign."""
 AXIS = 9.8598, 5.0
 """Greatest speed [m/s] and duration [s] where no training has set them."""
 

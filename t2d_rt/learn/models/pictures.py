@@ -59,7 +59,7 @@ RESNET_18 = Network(
 COARSE = 128
 """Cells of a map from which on a token of ViT-Tiny covers 16 x 16 of them, below 8 x 8, so that there are 64 tokens or more."""
 IDLE_PARAMETERS = 12 * (4 * 192 * 192 + 192)
-"""Of cross-attention in the twelve layers of ViT-Tiny: queries, keys, values and output."""
+"""Parameters of cross-attention in the twelve layers of ViT-Tiny, which MONAI 1.4 had: queries, keys, values and output."""
 
 
 class VitTiny(nn.Module):

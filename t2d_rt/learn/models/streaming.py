@@ -22,7 +22,7 @@ class StreamState:
     before: tuple[Tensor, ...]
     """Inputs of each convolution over time, (N, WIDTH, (TAPS - 1) x dilation)."""
     hidden: Tensor
-    """Of the GRU, (1, N, WIDTH)."""
+    """State of the GRU, (1, N, WIDTH)."""
     total: Tensor
     """Sum of its outputs, (N, WIDTH)."""
     greatest: Tensor

@@ -43,7 +43,10 @@ class Distances:
 
 
 def distances(recorded: Sequence[np.ndarray], sampled: Sequence[np.ndarray]) -> Distances:
-    """Of two sets of spectrograms, each [dB] (velocity, time) relative to the noise floor, of two records or more."""
+    """How far two sets of spectrograms are apart, each [dB] (velocity, time) relative to the noise floor.
+
+    Raises InputError where a set has fewer than two, or one is shorter than a patch.
+    """
     for name, some in (("recorded", recorded), ("sampled", sampled)):
         if len(some) < 2 or min(each.shape[1] for each in some) < PATCH_COLUMNS:
             raise InputError(
@@ -133,7 +136,7 @@ def _banded(records: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def _autocorrelation(records: Sequence[np.ndarray], lags: int) -> np.ndarray:
-    """Of the levels about their mean over all records, mean over the bins of a band, (band, lag)."""
+    """Autocorrelation in time of the levels about their mean over all records, mean over the bins of a band, (band, lag)."""
     mean = np.mean([each.mean(axis=1) for each in records], axis=0)[:, None]
     found = np.zeros((len(mean), lags))
     for each in records:
@@ -163,7 +166,7 @@ def two_sample_accuracy(first: Sequence[np.ndarray], second: Sequence[np.ndarray
 
 
 def _features(record: np.ndarray) -> np.ndarray:
-    """Of each patch: mean, spread and correlation from column to column of the levels in each Doppler band, (patch, feature)."""
+    """Features of each patch, (patch, feature): mean, spread and correlation between columns of the levels in each Doppler band."""
     rows = []
     for band in np.array_split(_patches(record), min(BANDS, len(record))):
         mean = band.mean(axis=(0, 2))

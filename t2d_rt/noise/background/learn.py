@@ -14,7 +14,7 @@ STEP_S = 0.05
 """Duration of a step of the codes at most, but for records whose columns are farther apart: a fan's blades take as long."""
 MOST_HALVINGS = 5
 LEAST_STEPS = 14
-"""Of each record: a tile, and something to learn about what follows it."""
+"""Steps that each record has at least: a tile, and something to learn about what follows it."""
 
 
 def learn_background(

@@ -197,7 +197,7 @@ class BackgroundModel:
         return self.columns(max(1, round(duration_s / grid.time_step_s)), seed=seed, grid=grid, codes=codes)
 
     def columns(self, count: int, *, seed: int = 0, grid: Grid | None = None, codes: Codes = "prior") -> Background:
-        """The same for a number of columns."""
+        """A background of so many columns; options are those of `sample`."""
         grid = self.grid if grid is None else grid
         number("seconds of background", integer("columns of background", count, 1) * grid.time_step_s, 0, LONGEST_S)
         choice("codes", codes, ("prior", "uniform"))

@@ -42,9 +42,9 @@ class Architecture(Fields):
     code_size: Size = 16
     """Numbers in an entry."""
     channels: Size = 64
-    """Of the coarsest maps."""
+    """Channels of the coarsest maps."""
     residual: Size = 32
-    """Of the middle of a residual block (van den Oord et al. 2017)."""
+    """Channels in the middle of a residual block (van den Oord et al. 2017)."""
     blocks: Annotated[Size, Field(le=2)] = 2
     """Residual blocks."""
     hidden: Size = 192

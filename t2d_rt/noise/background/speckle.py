@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 ORDER = 8
-"""Of the autoregressive filter over the columns: overlapping windows correlate over fewer."""
+"""Order of the autoregressive filter over the columns; overlapping windows correlate over fewer columns than that."""
 LAGS, BINS = 16, 4
 """Lags in time and in Doppler at which correlation is kept."""
 WARM_UP = 64
@@ -20,7 +20,7 @@ WARM_UP = 64
 LEAST_RATIO = 1e-3
 """Least power of a cell relative to its mean."""
 RIDGE = 1e-3
-"""On the correlation at lag 0."""
+"""Added to the correlation at lag 0, so that the equations of the filter can be solved."""
 
 
 def speckle(normal: np.ndarray, looks: np.ndarray) -> np.ndarray:

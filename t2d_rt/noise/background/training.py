@@ -18,7 +18,7 @@ from t2d_rt.noise.background.records import BackgroundRecord, common_grid
 from t2d_rt.noise.background.speckle import correlations, normal_scores
 
 DECAY, COMMITMENT = 0.99, 0.25
-"""Of the code books' moving averages, and weight of the commitment loss, as the authors of Text2Doppler have them."""
+"""Decay of the code books' moving averages, and weight of the commitment loss, as the authors of Text2Doppler have them."""
 OF_VARIANCE = 0.1
 """Part of the variance's gradient that reaches the maps before the last layer."""
 DEAD = 0.5
@@ -178,7 +178,7 @@ CHECK_EVERY = 25
 VALIDATION = 0.15
 """Fraction of the records, or of each record's end where there are few, by which the prior is chosen."""
 SAMPLES = 96
-"""By which the profile is set, each as long as a record."""
+"""Samples, each as long as a record, by which the profile is set."""
 Progress = Callable[[float], None]
 
 
@@ -391,7 +391,7 @@ def _stretches(codes: list[np.ndarray], length: int, rng: np.random.Generator) -
 
 
 def _rate_factor(step: int, steps: int) -> float:
-    """Of the learning rate: it rises over the first steps and falls to nothing by half a cosine."""
+    """Factor on the learning rate: it rises over the first steps and falls to nothing by half a cosine."""
     return min(1.0, (step + 1) / WARM_STEPS) * 0.5 * (1 + float(np.cos(np.pi * min(1.0, step / steps))))
 
 

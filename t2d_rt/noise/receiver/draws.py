@@ -51,7 +51,7 @@ class Draws:
 
 
 MULTIPLIER, INCREMENT = 1664525, 1013904223
-"""Of the linear congruential generator of Press et al. (Numerical Recipes, 1992)."""
+"""Constants of the linear congruential generator of Press et al. (Numerical Recipes, 1992)."""
 
 
 def hashed(words: list[Any]) -> list[Any]:

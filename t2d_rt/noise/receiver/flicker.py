@@ -18,11 +18,11 @@ from t2d_rt.noise.receiver.processes import Slow, TimeSlots
 from t2d_rt.types import Radar
 
 FEWEST_POLES, MOST_SAMPLES = 3, 100_000
-"""The latter of a chirp: with more, the fit of the filter fails by 2 dB."""
+"""Poles of the filter at least, and samples of a chirp at most: with more, the fit of the filter fails by 2 dB."""
 FREQUENCIES = 160
-"""At which the filter is fitted."""
+"""Frequencies at which the filter is fitted."""
 OVERLAP = 2
-"""Times the lowest frequency of the filter up to which noise is that of the chirps, as far as the filter lacks it."""
+"""Up to so many times the lowest frequency of the filter, what the filter lacks is made up by noise from chirp to chirp."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Filter:
     """Lower triangle (pole, pole) that makes independent numbers of power 1 the stationary state before the first sample."""
 
     def density(self, frequency: np.ndarray) -> np.ndarray:
-        """Of the filter's noise, over frequency [cycles per sample] (K,): |sum c_i / (1 - p_i e^(-2 pi j f))|^2."""
+        """Density of the filter's noise over frequency [cycles per sample] (K,): |sum c_i / (1 - p_i e^(-2 pi j f))|^2."""
         delay = np.exp(-2j * np.pi * frequency)[:, None]
         return np.asarray(np.abs((self.gains / (1 - self.poles * delay)).sum(axis=1)) ** 2)
 
@@ -107,7 +107,7 @@ class Flicker:
         self.filter = filter_of(radar.samples)
         rate = radar.sample_rate_hz
         self.power_w = density_w * corner_hz
-        """Of the filter's noise over that of `filter` [W]: a density over f [Hz] of 1 / f is one over f / rate, times the rate."""
+        """Factor on the power of the filter's noise [W]: a density over f [Hz] of 1 / f is one over f / rate, times the rate."""
 
         self._slots = TimeSlots(radar)
         limit_hz = OVERLAP * rate / (4 * radar.samples)

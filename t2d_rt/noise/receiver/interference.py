@@ -85,7 +85,7 @@ class Interference:
         return slice(first, last + 1), filtered_chirp(times + at_start_hz / slope, slope, rate)
 
     def _phase(self, chirp: int) -> complex:
-        """Of the other radar's chirp against this one's: it depends on its oscillator and on nothing that is known here."""
+        """Phase factor of the other radar's chirp against this one's; it is drawn, since the other oscillator is not known."""
         part = chirp // PHASES
         if part not in self._phases:
             if len(self._phases) > 2:

@@ -70,7 +70,7 @@ class ReceiverLevels:
     """What is added to each sample, (antenna,)."""
     clean: Power = field(init=False)
     added: Power = field(init=False)
-    """Of the samples after the receiver less those before it and the offsets."""
+    """Power of the samples after the receiver less those before it and the offsets."""
     clipped: int = 0
     peak: float = 0.0
     """Greatest |I| or |Q| before the converters [sqrt(W)]."""
@@ -102,7 +102,7 @@ class ReceiverLevels:
         self.clipped += int(received.clipped.sum(dtype=np.float64))
 
     def described(self) -> dict[str, Any]:
-        """For a recording's settings."""
+        """Levels by the names that a recording's settings have for them; those that are not known are left out."""
         found: dict[str, Any] = {"noise": ", ".join(self.receiver.effects) or "none"}
         floor_w = self.receiver.noise_floor_w(self.radar)
         if floor_w > 0:

@@ -27,7 +27,7 @@ Oscillator = Mask | Leeson
 INTERPOLATION = 1e-3
 """Greatest error of the interpolation over delay, in power over that of the phase noise left at that delay."""
 LEAST_SAMPLES = 16
-"""Of a chirp, for the range bins to tell delays apart."""
+"""Samples that a chirp has at least, for the range bins to tell delays apart."""
 MOST_NODES, MOST_WEIGHTS = 128, 20_000_000
 """Delays at which phase noise may be worked out, and these times the samples of a chirp."""
 RETURN = 1 / 8
@@ -68,9 +68,9 @@ class _Design:
     """Greatest density of the residual phase noise of each range bin over its beat or Doppler frequency, times the sample rate: the
     level of the white noise that lies nowhere below it, relative to the echo's power; (sample,)."""
     bound: np.ndarray
-    """See `bounding`."""
+    """Coefficients of a sum of cosines that bounds `greatest` from above, as `bounding` finds them."""
     rate: Slow
-    """Of 2 pi f phi, from chirp to chirp; nothing is drawn from it."""
+    """Process of the frequency noise 2 pi f phi from chirp to chirp; a recording draws from a copy with its own seed."""
 
     @classmethod
     def of(cls, radar: Radar, oscillator: Oscillator) -> _Design:

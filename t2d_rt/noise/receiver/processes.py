@@ -65,7 +65,7 @@ Density = Callable[[np.ndarray], np.ndarray]
 SEGMENT = 4096
 """Chirps of a segment; slower noise than that is left out."""
 FOLDED = 4
-"""Times the PRF up to which a spectrum is folded bin by bin; beyond, it is taken to be smooth over the PRF."""
+"""A spectrum is folded bin by bin up to so many times the PRF; beyond, it is taken to be smooth over the PRF."""
 OVERSAMPLED = 8
 """Frequencies at which a density is averaged over a bin."""
 
@@ -142,7 +142,7 @@ class Fast:
 
     @property
     def length(self) -> int:
-        """Of the FFT."""
+        """Points of the FFT."""
         return 2 * self.samples
 
     @property
