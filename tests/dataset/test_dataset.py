@@ -24,7 +24,17 @@ import t2d_rt as t2d
 from builders import remember_samples, within
 from t2d_rt.cli import main
 from t2d_rt.core.errors import InputError
-from t2d_rt.dataset import Dataset, Recipe, check_dataset, export_dataset, make_dataset, read_shards, shards, worker
+from t2d_rt.dataset import (
+    Dataset,
+    Recipe,
+    check_dataset,
+    export_dataset,
+    make_dataset,
+    making,
+    read_shards,
+    shards,
+    worker,
+)
 from t2d_rt.dataset.lock import LOCK, locked
 from t2d_rt.dataset.making import on_a_cluster
 from t2d_rt.dataset.shards import Made
@@ -55,6 +65,12 @@ def tiny(**changes: Any) -> Recipe:
     import yaml
 
     return Recipe(**{"name": "tiny", **yaml.safe_load(TINY), **changes})
+
+
+def words(folder: Path, *options: str) -> list[str]:
+    """Of the command that makes the data set of a recipe's file."""
+    (folder / "tiny.yaml").write_text(TINY)
+    return ["dataset", str(folder / "tiny.yaml"), "-o", str(folder / "out"), *options]
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -163,9 +179,8 @@ def test_a_smaller_run_is_completed_by_a_larger_one(made: Path, tmp_path: Path) 
 
 @pytest.mark.slow
 def test_a_killed_run_goes_on_where_it_stopped(made: Path, tmp_path: Path) -> None:
-    recipe, out = tmp_path / "tiny.yaml", tmp_path / "out"
-    recipe.write_text(TINY)
-    command = [sys.executable, "-m", "t2d_rt.cli", "dataset", str(recipe), "-o", str(out), "--workers", "1"]
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "t2d_rt.cli", *words(tmp_path, "--workers", "1")]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         end = time.monotonic() + 60
         while not (out / "shards/00000.jsonl").exists() and time.monotonic() < end:
@@ -182,9 +197,7 @@ def test_what_is_finished_when_a_run_stops_is_not_made_again(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
     """Below one shard, too; the files are the same in the end, whatever the stopped run has left."""
-    recipe, out = tmp_path / "tiny.yaml", tmp_path / "out"
-    recipe.write_text(TINY)
-    make = worker.make_sample
+    out, make = tmp_path / "out", worker.make_sample
 
     def stopped(of: Recipe, plans: Any, index: int) -> Made:
         if index == 2:
@@ -192,8 +205,7 @@ def test_what_is_finished_when_a_run_stops_is_not_made_again(
         return make(of, plans, index)
 
     monkeypatch.setattr(worker, "make_sample", stopped)
-    command = ["dataset", str(recipe), "-o", str(out), "--workers", "1"]
-    assert main(command) == 130
+    assert main(words(tmp_path, "--workers", "1")) == 130
     assert f"stopped; 2 of 4 samples are finished and stay in {out}" in capsys.readouterr().err
     assert sorted(each.name for each in (out / "spool").iterdir()) == ["0.jsonl", "0.npz", "1.jsonl", "1.npz"]
     assert check_dataset(out) == []
@@ -211,9 +223,7 @@ def test_what_is_finished_when_a_run_stops_is_not_made_again(
 
 @pytest.mark.slow
 def test_a_lost_worker_is_one_sentence(tmp_path: Path) -> None:
-    recipe, out = tmp_path / "tiny.yaml", tmp_path / "out"
-    recipe.write_text(TINY)
-    command = [sys.executable, "-m", "t2d_rt.cli", "dataset", str(recipe), "-o", str(out), "--workers", "2"]
+    command = [sys.executable, "-m", "t2d_rt.cli", *words(tmp_path, "--workers", "2")]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
         assert within(60, lambda: any(b"LokyProcess" in command_of(pid) for pid in descendants(process.pid)))
         for pid in descendants(process.pid):
@@ -243,9 +253,8 @@ def test_workers_end_with_the_main_process(tmp_path: Path, workers: list[str], h
     """That one alone is killed, while its workers start or work; a run after it takes over the folder."""
     if "--scheduler" in workers:
         pytest.importorskip("distributed")
-    recipe, out = tmp_path / "tiny.yaml", tmp_path / "out"
-    recipe.write_text(TINY)
-    command = [sys.executable, "-m", "t2d_rt.cli", "dataset", str(recipe), "-o", str(out), *workers]
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "t2d_rt.cli", *words(tmp_path, *workers)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         # A tracker of resources and two workers.
         assert within(60, lambda: len(descendants(process.pid)) >= 3)
@@ -278,20 +287,22 @@ def descendants(pid: int) -> set[int]:
     return found
 
 
-def test_samples_that_fail_are_recorded(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Any) -> None:
-    from t2d_rt.dataset import worker
-
+def fail(monkeypatch: pytest.MonkeyPatch, indices: set[int]) -> None:
+    """Samples of these indices cannot be made."""
     real = worker.sample
 
     def some_fail(recipe: Recipe, index: int) -> Any:
-        if index == 1:
+        if index in indices:
             raise InputError("the person stayed at home")
         return real(recipe, index)
 
     monkeypatch.setattr(worker, "sample", some_fail)
-    recipe = tmp_path / "tiny.yaml"
-    recipe.write_text(TINY)
-    assert main(["dataset", str(recipe), "-o", str(tmp_path / "out"), "--workers", "1"]) == 3
+
+
+def test_samples_that_fail_are_recorded(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Any) -> None:
+    fail(monkeypatch, {1})
+    command = words(tmp_path, "--workers", "1")
+    assert main(command) == 3
     out, err = capsys.readouterr()
     assert "sample 1 failed: the person stayed at home" in err
     assert "4 samples" in out
@@ -300,23 +311,12 @@ def test_samples_that_fail_are_recorded(monkeypatch: pytest.MonkeyPatch, tmp_pat
     assert [each["row"] for each in records] == [0, None, 1, 0]
     assert [record["index"] for shard in read_shards(tmp_path / "out") for record, _ in shard.samples()] == [0, 2, 3]
     assert check_dataset(tmp_path / "out") == []
-    assert (
-        main(["dataset", str(recipe), "-o", str(tmp_path / "out"), "--workers", "1"]) == 3
-    )  # what is there tells, too
+    assert main(command) == 3  # what is there tells, too
 
 
 @pytest.mark.slow
 def test_failures_of_a_larger_run_do_not_stop_a_smaller_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from t2d_rt.dataset import making, worker
-
-    real = worker.sample
-
-    def some_fail(recipe: Recipe, index: int) -> Any:
-        if index >= 2:
-            raise InputError("the person stayed at home")
-        return real(recipe, index)
-
-    monkeypatch.setattr(worker, "sample", some_fail)
+    fail(monkeypatch, {2, 3})
     monkeypatch.setattr(making, "MOST_FAILED", 0.5)
     assert len(make_dataset(tiny(), tmp_path / "out", workers=1).failures) == 2
     assert make_dataset(tiny(), tmp_path / "out", workers=1, limit=2).failures == ()

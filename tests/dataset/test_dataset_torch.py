@@ -12,6 +12,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import Dataset, export_dataset, split
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed (extra [learn])")
+from t2d_rt.dataset import TorchDataset  # noqa: E402 - loads PyTorch
 
 
 @pytest.fixture(scope="module")
@@ -20,8 +21,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_tensors_are_the_values_and_labels(folder: Path) -> None:
-    from t2d_rt.dataset import TorchDataset
-
     dataset = Dataset(folder)
     found = TorchDataset(folder, indices=[11, 0, 5])
     assert len(found) == 3
@@ -37,8 +36,6 @@ def test_tensors_are_the_values_and_labels(folder: Path) -> None:
 
 def test_from_recipe_over_shards_and_parquet_to_tensors(folder: Path, tmp_path: Path) -> None:
     pytest.importorskip("pyarrow", reason="pyarrow is not installed (extra [export])")
-    from t2d_rt.dataset import TorchDataset
-
     sides = split(Dataset(folder).records, (0.5, 0.5))
     exported = export_dataset(folder, tmp_path / "parquet", "parquet", split=sides)
     for product in Dataset(folder).products:
@@ -52,8 +49,6 @@ def test_from_recipe_over_shards_and_parquet_to_tensors(folder: Path, tmp_path: 
 
 @pytest.mark.slow
 def test_workers_read_for_themselves(folder: Path) -> None:
-    from t2d_rt.dataset import TorchDataset
-
     found = TorchDataset(folder, dynamic_range_db=40)
     found[0]  # what is kept here goes to no worker
     loader = torch.utils.data.DataLoader(found, batch_size=4, num_workers=1, multiprocessing_context="spawn")
@@ -63,8 +58,6 @@ def test_workers_read_for_themselves(folder: Path) -> None:
 
 
 def test_levels_are_scaled(folder: Path) -> None:
-    from t2d_rt.dataset import TorchDataset
-
     levels, scaled = TorchDataset(folder)[2][0], TorchDataset(folder, dynamic_range_db=40)[2][0]
     torch.testing.assert_close(scaled, (1 + levels / 40).clamp(0, 1))
     assert scaled.max() == 1
@@ -79,8 +72,6 @@ def test_levels_are_scaled(folder: Path) -> None:
     ],
 )  # fmt: skip
 def test_samples_are_cut_and_padded(folder: Path, product: str, length: int, expected: tuple[int, ...]) -> None:
-    from t2d_rt.dataset import TorchDataset
-
     whole, fitted = TorchDataset(folder, product)[3][0], TorchDataset(folder, product, length=length)[3][0]
     assert tuple(fitted.shape) == expected
     if product == "points" and length == 2:
@@ -95,8 +86,6 @@ def test_samples_are_cut_and_padded(folder: Path, product: str, length: int, exp
 
 
 def test_wrong_options_are_refused(folder: Path, tmp_path: Path) -> None:
-    from t2d_rt.dataset import TorchDataset
-
     with pytest.raises(InputError, match="dynamic_range_db is of spectrogram and range_doppler, got product 'adc'"):
         TorchDataset(folder, "adc", dynamic_range_db=40)
     with pytest.raises(InputError, match="the data set holds 40 dB and dynamic_range_db asks for 60 dB"):
@@ -109,6 +98,4 @@ def test_wrong_options_are_refused(folder: Path, tmp_path: Path) -> None:
 
 
 def test_transforms_are_applied(folder: Path) -> None:
-    from t2d_rt.dataset import TorchDataset
-
     assert TorchDataset(folder, transform=lambda tensor: tensor[None] * 2)[0][0].shape == (1, 16, 24)

@@ -19,9 +19,7 @@ from t2d_rt.learn.models import build
 torch = pytest.importorskip("torch", reason="PyTorch is not installed (extra [learn])")
 
 SLIDING = Augment(follow=0.3, mirror=0.5, variants=2)
-OPTIONS = TrainOptions(
-    epochs=6, batch=16, rate=3e-3, schedule="cosine", smoothing=0.1, decay=0.05, augment=SLIDING
-)  # fmt: skip
+OPTIONS = TrainOptions(epochs=6, batch=16, rate=3e-3, schedule="cosine", smoothing=0.1, decay=0.05, augment=SLIDING)
 
 
 @pytest.fixture(scope="module")
@@ -43,23 +41,6 @@ def test_it_learns_and_its_axes_are_kept_with_the_weights(trained: tuple[SavedMo
     assert float(network.duration_s) == test.duration_s
     network.set_axes(1.7 * test.velocity_mps, test.duration_s)  # the same maps of a faster radar
     assert np.abs(read.probabilities(test.levels) - found).max() > 0.1
-
-
-@pytest.mark.slow
-def test_a_stopped_training_goes_on_to_the_same_bits(trained: tuple[SavedModel, Path], tmp_path: Path) -> None:
-    class Killed(Exception):
-        pass
-
-    def stopping(fraction: float) -> None:
-        if fraction >= 0.5:
-            raise Killed
-
-    with pytest.raises(Killed):
-        train_model("envelope", ridges(60), ridges(12, seed=1), OPTIONS, output=tmp_path, progress=stopping)
-    went_on = train_model("envelope", ridges(60), ridges(12, seed=1), OPTIONS, output=tmp_path)
-    assert went_on.card.about["history"] == trained[0].card.about["history"]
-    for one, other in zip(went_on.network.state_dict().values(), trained[0].network.state_dict().values(), strict=True):
-        assert torch.equal(one, other)
 
 
 def test_features_are_found_once_for_each_map() -> None:
@@ -142,9 +123,7 @@ def test_loaded_weights_bring_axes_of_their_own(trained: tuple[SavedModel, Path]
         ({"velocity_mps": np.linspace(-2, 8, 32)}, r"the same speeds approaching and receding, got -2 to 8 m/s"),
     ],
 )
-def test_maps_without_steps_or_of_one_side_are_refused(
-    changes: dict[str, Any], sentence: str, tmp_path: Path
-) -> None:  # fmt: skip
+def test_maps_without_steps_or_of_one_side_are_refused(changes: dict[str, Any], sentence: str, tmp_path: Path) -> None:
     one, other = (replace(ridges(12, seed=seed), **changes) for seed in (0, 1))
     with pytest.raises(InputError, match=sentence):
         train_model("envelope", one, other, TrainOptions(epochs=1, batch=4), output=tmp_path / "mine")

@@ -38,8 +38,13 @@ OPTIONS = TrainOptions(epochs=1, batch=8)
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("model") / "made"
-    train_model("streaming", ridges(12), ridges(6, seed=1), OPTIONS, output=made)
+    trained(made)
     return made
+
+
+def trained(output: Path, progress: Any = None, **options: Any) -> SavedModel:
+    chosen = OPTIONS.model_copy(update=options)
+    return train_model("streaming", ridges(12), ridges(6, seed=1), chosen, output=output, progress=progress)
 
 
 def changed(folder: Path, target: Path, **values: Any) -> Path:
@@ -71,9 +76,7 @@ def test_a_card_that_does_not_hold(folder: Path, tmp_path: Path, values: dict[st
 
 def test_weights_of_another_training_are_refused(folder: Path, tmp_path: Path) -> None:
     target = changed(folder, tmp_path / "copy")
-    train_model(
-        "streaming", ridges(12), ridges(6, seed=1), OPTIONS.model_copy(update={"seed": 1}), output=tmp_path / "other"
-    )
+    trained(tmp_path / "other", seed=1)
     shutil.copy(tmp_path / "other" / WEIGHTS, target)
     with pytest.raises(InputError, match=r"is not the file that .* was written with"):
         load_model(target)
@@ -84,40 +87,38 @@ def test_a_state_that_was_cut_short_is_refused(folder: Path, tmp_path: Path, cut
     target = changed(folder, tmp_path / "copy")
     (target / STATE).write_bytes((target / STATE).read_bytes()[:cut])
     with pytest.raises(InputError, match="is no state of a training that can be read safely"):
-        train_model("streaming", ridges(12), ridges(6, seed=1), OPTIONS, output=target)
+        trained(target)
 
 
 def test_a_state_without_weights_is_refused(folder: Path, tmp_path: Path) -> None:
     target = changed(folder, tmp_path / "copy")
     torch.save({"t2d_rt": {"history": []}}, target / STATE)
     with pytest.raises(InputError, match="it lacks a part"):
-        train_model("streaming", ridges(12), ridges(6, seed=1), OPTIONS, output=target)
+        trained(target)
 
 
 def test_a_folder_takes_one_training_at_a_time(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     with locked(tmp_path / "mine"), pytest.raises(InputError, match="is being written by process"):
-        train_model("streaming", ridges(12), ridges(6, seed=1), OPTIONS, output=tmp_path / "mine")
+        trained(tmp_path / "mine")
     (tmp_path / "file").write_text("")
     for place in (tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(InputError, match="cannot make the folder"):
-            train_model("streaming", ridges(12), ridges(6, seed=1), OPTIONS, output=place)
+            trained(place)
 
 
 def test_a_training_without_an_epoch_does_not_take_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
     monkeypatch.setattr("torch.backends.mps.is_available", lambda: False)
     with pytest.raises(InputError, match="PyTorch finds none here; take device cpu"):
-        train_model(
-            "streaming", ridges(12), ridges(6), OPTIONS.model_copy(update={"device": "gpu"}), output=tmp_path / "gpu"
-        )
+        trained(tmp_path / "gpu", device="gpu")
     assert not (tmp_path / "gpu").exists()
     with monkeypatch.context() as patch:
         patch.setattr("torch.nn.functional.cross_entropy", lambda scores, _, **__: scores.sum() * float("nan"))
         with pytest.raises(InputError, match=r"no longer finite in epoch 1, at a rate of 0\.001; lower"):
-            train_model("streaming", ridges(12), ridges(6), OPTIONS, output=tmp_path / "mine")
+            trained(tmp_path / "mine")
     assert {each.name for each in (tmp_path / "mine").iterdir()} == {"training.txt"}
-    train_model("streaming", ridges(12), ridges(6), TrainOptions(epochs=1, batch=6), output=tmp_path / "mine")
+    trained(tmp_path / "mine", batch=6)
     assert (tmp_path / "mine" / WEIGHTS).exists()
 
 
@@ -290,9 +291,8 @@ def test_broken_weights_are_not_scored(folder: Path) -> None:
 )
 def test_a_state_of_others_is_one_sentence(tmp_path: Path, harm: str) -> None:
     mine = tmp_path / "mine"
-    train_model("streaming", ridges(12), ridges(6, seed=1), OPTIONS.model_copy(update={"epochs": 1}), output=mine)
+    trained(mine)
     state = torch.load(mine / STATE, weights_only=True)
-    more = OPTIONS.model_copy(update={"epochs": 2})
     if harm == "another network":
         state["t2d_rt"]["best"] = {"head.weight": torch.zeros(2)}
     elif harm == "no losses":
@@ -305,10 +305,10 @@ def test_a_state_of_others_is_one_sentence(tmp_path: Path, harm: str) -> None:
         state["optimizer_states"][0]["param_groups"] = [{"lr": "x", "params": [0]}]
     other = tmp_path / "other"
     with pytest.raises(KeyboardInterrupt):  # the folder of a training that was stopped
-        train_model("streaming", ridges(12), ridges(6, seed=1), more, output=other, progress=interrupt)
+        trained(other, progress=interrupt, epochs=2)
     torch.save(None if harm == "null" else state, other / STATE)
     with pytest.raises(InputError, match="is no state of a training"):
-        train_model("streaming", ridges(12), ridges(6, seed=1), more, output=other)
+        trained(other, epochs=2)
 
 
 def interrupt(_: float) -> None:
@@ -332,12 +332,9 @@ def test_learning_without_torch_names_the_extra(
 
 
 def test_an_interrupt_in_training_stays_one(tmp_path: Path) -> None:
-    def stop(_: float) -> None:
-        raise KeyboardInterrupt
-
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt):
-        train_model("streaming", ridges(12), ridges(6), TrainOptions(epochs=2), output=tmp_path / "mine", progress=stop)
+        trained(tmp_path / "mine", progress=interrupt, epochs=2)
     assert signal.getsignal(signal.SIGINT) is before
     assert {each.name for each in (tmp_path / "mine").iterdir()} == {"training.txt", STATE}
 

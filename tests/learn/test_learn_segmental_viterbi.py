@@ -59,14 +59,18 @@ def test_no_course_is_likelier(windows: int, per_window: int, classes: int, leas
         np.testing.assert_array_equal(found, course)
 
 
+def told(probabilities: np.ndarray, starts_s: np.ndarray, duration_s: float, least_s: float) -> Prediction:
+    classes = tuple(map(str, range(probabilities.shape[1])))
+    return Prediction(
+        classes=classes, starts_s=starts_s, duration_s=duration_s, probabilities=probabilities, least_s=least_s
+    )
+
+
 def prediction(least_s: float) -> Prediction:
     """Windows of 4 s each second, of 12 s: the first class, then the second but for one window in which the third is likelier."""
     probabilities = np.array([[0.8, 0.1, 0.1]] * 4 + [[0.1, 0.8, 0.1]] * 5)
     probabilities[6] = 0.1, 0.4, 0.5
-    return Prediction(
-        classes=("walk", "sit", "fall"), starts_s=np.arange(9.0), duration_s=4.0, probabilities=probabilities,
-        least_s=least_s,
-    )  # fmt: skip
+    return told(probabilities, np.arange(9.0), 4.0, least_s)
 
 
 def test_what_is_shorter_than_the_least_is_no_activity() -> None:
@@ -89,10 +93,7 @@ def test_windows_over_changes_do_not_outvote_the_one_that_sees_an_activity_alone
             probabilities[beside, [number, 3]] = 0.4
         probabilities[window] = 0.1
         probabilities[window, number] = 0.7
-    found = Prediction(
-        classes=("walk", "sit", "jump", "fall"), starts_s=0.5 * np.arange(21), duration_s=5.0, probabilities=probabilities,
-        least_s=5.0,
-    )  # fmt: skip
+    found = told(probabilities, 0.5 * np.arange(21), 5.0, 5.0)
     assert found.pieces() == [(0.0, 5.0, 0), (5.0, 10.0, 1), (10.0, 15.0, 2)]
     assert {each[2] for each in replace(found, least_s=0.0).pieces()} == {0, 1, 2, 3}
 
@@ -101,9 +102,7 @@ def test_windows_over_changes_do_not_outvote_the_one_that_sees_an_activity_alone
 def test_one_stray_window_makes_no_activity(rest: float, stray: float) -> None:
     probabilities = np.tile([rest, 1 - rest], (41, 1))
     probabilities[20] = 1 - stray, stray
-    found = Prediction(
-        classes=("walk", "fall"), starts_s=0.4 * np.arange(41), duration_s=4.0, probabilities=probabilities, least_s=3.2
-    )  # fmt: skip
+    found = told(probabilities, 0.4 * np.arange(41), 4.0, 3.2)
     assert found.pieces() == [(0.0, 20.0, 0)]
     assert len(replace(found, least_s=0.0).pieces()) == 3
 
@@ -114,9 +113,7 @@ def test_stray_windows_are_fewer_in_the_course_than_by_themselves() -> None:
     course, alone = [], []
     for _ in range(40):
         probabilities = np.where(rng.random(200)[:, None] < 0.05, [0.1, 0.9], [0.9, 0.1])
-        found = Prediction(
-            classes=("walk", "fall"), starts_s=0.4 * np.arange(200), duration_s=4.0, probabilities=probabilities, least_s=3.2
-        )  # fmt: skip
+        found = told(probabilities, 0.4 * np.arange(200), 4.0, 3.2)
         course.append(found.course()[1].mean())
         alone.append(replace(found, least_s=0.0).course()[1].mean())
     assert np.mean(course) < 0.2 * np.mean(alone)
@@ -127,52 +124,39 @@ def test_windows_far_apart_are_all_told(least_s: float) -> None:
     """Windows of 2 s every 5 s, one of which tells a fall."""
     probabilities = np.tile([0.9, 0.1], (9, 1))
     probabilities[4] = 0.05, 0.95
-    found = Prediction(
-        classes=("walk", "fall"), starts_s=5.0 * np.arange(9), duration_s=2.0, probabilities=probabilities, least_s=least_s
-    )  # fmt: skip
+    found = told(probabilities, 5.0 * np.arange(9), 2.0, least_s)
     np.testing.assert_array_equal(found.at(found.middles_s), [0, 0, 0, 0, 1, 0, 0, 0, 0])
 
 
 def test_probabilities_that_are_none_are_refused() -> None:
     with pytest.raises(InputError, match=r"probabilities must be finite, got \[nan, 0.5\] in window 1"):
-        Prediction(
-            classes=("walk", "fall"), starts_s=np.arange(3.0), duration_s=2.0,
-            probabilities=np.array([[0.5, 0.5], [np.nan, 0.5], [0.5, 0.5]]),
-        ).course()  # fmt: skip
+        told(np.array([[0.5, 0.5], [np.nan, 0.5], [0.5, 0.5]]), np.arange(3.0), 2.0, 0.0).course()
 
 
 def test_long_activities_are_put_together() -> None:
     """Each longer than what the search looks for at once; in between one that is as short as may be."""
     probabilities = np.tile([0.8, 0.2], (200, 1))
     probabilities[96:105] = 0.1, 0.9
-    found = Prediction(
-        classes=("walk", "fall"), starts_s=0.5 * np.arange(200), duration_s=5.0, probabilities=probabilities, least_s=4.0
-    )  # fmt: skip
+    found = told(probabilities, 0.5 * np.arange(200), 5.0, 4.0)
     (_, first_s, walk), (_, second_s, fall), (_, last_s, again) = found.pieces()
     assert (walk, fall, again, last_s) == (0, 1, 0, 104.5)
     assert (first_s, second_s) == pytest.approx((48.0, 57.0), abs=2.5)
 
 
 def test_two_windows_half_a_second_apart_have_instants_as_far_apart() -> None:
-    found = Prediction(
-        classes=("walk", "sit"), starts_s=np.array([0.0, 0.5]), duration_s=5.0, probabilities=np.full((2, 2), 0.5), least_s=4.0
-    )  # fmt: skip
+    found = told(np.full((2, 2), 0.5), np.array([0.0, 0.5]), 5.0, 4.0)
     np.testing.assert_allclose(found.course()[0], 0.25 + 0.5 * np.arange(11))
 
 
 def test_one_window_is_one_activity() -> None:
-    found = Prediction(
-        classes=("walk", "sit"), starts_s=np.array([0.5]), duration_s=4.0, probabilities=np.array([[0.3, 0.7]]), least_s=3.0
-    )  # fmt: skip
+    found = told(np.array([[0.3, 0.7]]), np.array([0.5]), 4.0, 3.0)
     assert found.pieces() == [(0.5, 4.5, 1)]
 
 
 def test_an_activity_lasts_for_the_least_or_more_where_steps_are_wide() -> None:
     """Steps of 3 s and a least duration of 4 s: two instants, not the nearest number of them, which is one."""
     probabilities = np.array([[0.9, 0.1], [0.9, 0.1], [0.2, 0.8], [0.9, 0.1], [0.9, 0.1]])
-    found = Prediction(
-        classes=("walk", "fall"), starts_s=3.0 * np.arange(5), duration_s=3.0, probabilities=probabilities, least_s=4.0
-    )  # fmt: skip
+    found = told(probabilities, 3.0 * np.arange(5), 3.0, 4.0)
     assert found.pieces() == [(0.0, 15.0, 0)]
     assert len(replace(found, least_s=3.0).pieces()) == 3
 
@@ -180,19 +164,14 @@ def test_an_activity_lasts_for_the_least_or_more_where_steps_are_wide() -> None:
 @pytest.mark.parametrize("least_s", [0.0, 0.1, 0.8, 2.5])
 def test_what_tells_nothing_is_one_activity(least_s: float) -> None:
     """Even probabilities, as of a network that knows nothing: a tie of all courses; steps that the recording is no multiple of."""
-    found = Prediction(
-        classes=("walk", "fall"), starts_s=np.array([0.0, 0.3, 0.6, 0.9, 1.13]), duration_s=1.37,
-        probabilities=np.full((5, 2), 0.5), least_s=least_s,
-    )  # fmt: skip
+    found = told(np.full((5, 2), 0.5), np.array([0.0, 0.3, 0.6, 0.9, 1.13]), 1.37, least_s)
     assert found.pieces() == [(0.0, 2.5, 0)]
 
 
 def test_each_activity_has_its_likeliest_class_of_however_many() -> None:
     probabilities = np.full((3, 150), 1 / 150)
     probabilities[[0, 1, 2], [7, 3, 7]] *= 1.1
-    found = Prediction(
-        classes=tuple(map(str, range(150))), starts_s=np.arange(3.0), duration_s=1.0, probabilities=probabilities, least_s=0.0
-    )  # fmt: skip
+    found = told(probabilities, np.arange(3.0), 1.0, 0.0)
     np.testing.assert_array_equal(found.course()[1], [7, 3, 7])
     np.testing.assert_array_equal(replace(found, least_s=1.0).course()[1], [7, 3, 7])
     np.testing.assert_array_equal(replace(found, least_s=2.0).course()[1], [7, 7, 7])

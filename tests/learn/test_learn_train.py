@@ -85,6 +85,9 @@ def test_it_learns_and_what_is_read_is_what_was_written(trained: tuple[SavedMode
     np.testing.assert_array_equal(read.probabilities(test.levels), found)
     assert read.card.classes == CLASSES
     np.testing.assert_allclose(read.card.axis_mps, test.velocity_mps)
+    told = json.loads((folder / CARD).read_text())
+    assert (told["model"], told["classes"], told["seed"]) == ("streaming", list(CLASSES), 0)
+    assert len(told["about"]["history"]) == told["about"]["epochs"] <= 4
 
 
 def test_pickles_and_damaged_files_are_refused(trained: tuple[SavedModel, Path], tmp_path: Path) -> None:
@@ -246,11 +249,3 @@ def test_a_recording_is_brought_to_the_axes_of_the_training(
         predict(model, Recording(cube[: chirps // 4].astype(np.complex64), radar))
     with pytest.raises(InputError, match="higher chirp rate"):
         predict(trained[0], recording)
-
-
-def test_a_card_is_plain_json(trained: tuple[SavedModel, Path]) -> None:
-    told = json.loads((trained[1] / CARD).read_text())
-    assert told["model"] == "streaming"
-    assert told["classes"] == list(CLASSES)
-    assert told["seed"] == 0
-    assert len(told["about"]["history"]) == told["about"]["epochs"] <= 4
