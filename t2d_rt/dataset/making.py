@@ -55,23 +55,19 @@ RETRIES = 2
 """How often a call is repeated whose worker was lost."""
 
 
-def scheduler_named(name: str | None, workers: int) -> Scheduler:
-    """The processes of this machine for None; "local:N" or the address of a scheduler for a cluster of dask."""
+def scheduler_named(name: str | None, workers: int) -> tuple[Scheduler, int]:
+    """What does the work, and how many processes of this machine share its cores: none where the work is done elsewhere.
+
+    name: None for `workers` processes of this machine, "local:N" or an address for a cluster of dask.
+    """
     if name is None:
-        return here if workers == 1 else partial(on_this_machine, workers=workers)
+        return here if workers == 1 else partial(on_this_machine, workers=workers), workers
     kind, _, rest = name.partition(":")
     if kind == "local" and rest.isdecimal() and int(rest) > 0:
-        return partial(on_a_cluster, address=None, workers=int(rest))
+        return partial(on_a_cluster, address=None, workers=int(rest)), int(rest)
     if ADDRESS.fullmatch(name):
-        return partial(on_a_cluster, address=name, workers=0)
+        return partial(on_a_cluster, address=name, workers=0), 0
     raise InputError(f"scheduler must be local:N or an address as tcp://host:8786, got {name!r}")
-
-
-def threads_of(name: str | None, workers: int) -> int:
-    """Threads of each worker, so that all of them together take the cores of this machine."""
-    if name is None or name.startswith("local:"):
-        return max(1, cores() // (workers if name is None else int(name.partition(":")[2])))
-    return 1
 
 
 def cores() -> int:
@@ -195,8 +191,9 @@ def make_dataset(
     target = file_path("the folder of a data set", folder)
     count = recipe.samples if limit is None else min(integer("limit", limit, 1), recipe.samples)
     workers = cores() if workers is None else integer("workers", workers, 1, 1024)
-    take_up = scheduler_named(scheduler, workers)
-    threads = threads_of(scheduler, workers) if threads is None else integer("threads", threads, 1, 1024)
+    take_up, sharing = scheduler_named(scheduler, workers)
+    own = max(1, cores() // sharing) if sharing else 1
+    threads = own if threads is None else integer("threads", threads, 1, 1024)
     _prepare(target, recipe)
     with locked(target):
         sweep(target)
