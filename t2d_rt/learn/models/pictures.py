@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from monai.networks.nets import ViT, resnet18
 from torch import Tensor, nn
 
 from t2d_rt.core.errors import InputError
@@ -36,6 +35,8 @@ VGG_7 = Network(
 
 def resnet_18(classes: int, size: tuple[int, int], channels: int) -> nn.Module:
     """ResNet-18 with a stem of 7 x 7 at a stride of 2."""
+    from monai.networks.nets import resnet18  # takes seconds to load, for which VGG-7 does not wait
+
     network: nn.Module = resnet18(
         spatial_dims=2,
         n_input_channels=channels,
@@ -69,6 +70,8 @@ class VitTiny(nn.Module):
     """
 
     def __init__(self, classes: int, size: tuple[int, int], channels: int) -> None:
+        from monai.networks.nets import ViT
+
         super().__init__()
         patch = 16 if min(size) >= COARSE else 8
         if size[0] % patch or size[1] % patch:
