@@ -63,6 +63,7 @@ def record_of(recording: Recording, name: str, processing: Mapping[str, Any], *,
 def _record(
     path: Path, processing: dict[str, Any], lanes: int | None, iq: str, conjugate: bool | None
 ) -> BackgroundRecord:
+    """The record of one file: as it is, or by the spectrogram of a recording."""
     ending = path.suffix.lower()
     if ending == ".npz":
         return BackgroundRecord.load(path)
@@ -151,6 +152,7 @@ def _static(duration_s: float) -> MovingMesh:
 
 
 def _mover(kind: str, bounds: np.ndarray, rng: np.random.Generator) -> Mover:
+    """A mover at a place drawn within the room's corners [m], (2, 3); the order of the draws is part of the result."""
     (_, low_y, _), (far_x, high_y, top) = bounds
     y = float(rng.uniform(0.7 * low_y, 0.7 * high_y))
     seed = int(rng.integers(2**31))

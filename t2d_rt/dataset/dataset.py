@@ -86,6 +86,7 @@ class ShardReader:
         return np.array(self._kept.get((shard.path, product), partial(self._rows, shard, product))[record["row"]])
 
     def _rows(self, shard: Shard, product: str) -> np.ndarray:
+        """The stacked array of a product in a shard, whose file is checked first."""
         self._check(shard.path)
         return shard.rows(product)
 

@@ -118,6 +118,7 @@ def _check_apart(source: Path, target: Path) -> None:
 
 
 def _products(dataset: Dataset, to: Format, products: Collection[str] | None) -> tuple[Product, ...]:
+    """The products that are exported, each once; pictures are made of spectrograms alone."""
     wanted = ("spectrogram",) if to == "png" else dataset.products
     given = wanted if products is None else tuple(products)
     for each in given:
@@ -264,6 +265,7 @@ def data_card(
 
 
 def _size(count: int) -> str:
+    """The category of size that Hugging Face has for so many samples."""
     for limit, words in ((1000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M")):
         if count < limit:
             return words
@@ -285,6 +287,7 @@ def _table(rows: Sequence[Sequence[str]]) -> str:
 
 
 def _splitting(split: Split | None) -> str:
+    """What is held apart, what is on two sides all the same, and what was left out for it."""
     if split is None:
         return "The samples are not split; `t2d-rt dataset split` does so without leaks."
     *first, last = split.apart
@@ -322,6 +325,7 @@ def _array_line(dataset: Dataset, product: Product) -> str:
 
 
 def _meaning(dataset: Dataset, product: Product) -> str:
+    """Axes, units and scale of a product, in words."""
     kept: Any = dataset.recipe.products.kept[product]
     if product == "adc":
         return "(chirp, antenna, sample) of the ADC in sqrt(W), real and imaginary part last" + (
@@ -343,6 +347,7 @@ def _meaning(dataset: Dataset, product: Product) -> str:
 
 
 def _quality(dataset: Dataset) -> str:
+    """Verdicts of the filter, SNR and field errors over all samples, as a list in Markdown."""
     snr = np.array([each["snr_db"] for each in dataset.records if each["snr_db"] is not None])
     errors = np.array([each["error_db"] for each in dataset.records if each["error_db"] is not None])
     passed = np.mean([each["passed"] for each in dataset.records])

@@ -84,6 +84,7 @@ def in_use(folder: Path) -> bool:
 
 
 def _holder(file: int) -> dict[str, object]:
+    """What a lock's file tells of who holds it; nothing where it is empty or damaged."""
     try:
         found = json.loads(os.pread(file, 1000, 0) or b"{}")
     except (ValueError, RecursionError):
@@ -92,6 +93,7 @@ def _holder(file: int) -> dict[str, object]:
 
 
 def _alive(pid: object) -> bool:
+    """Whether a process of this machine runs; one of another user does, though it cannot be signalled."""
     try:
         os.kill(int(str(pid)), 0)
     except (ValueError, ProcessLookupError):

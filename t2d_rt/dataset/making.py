@@ -299,6 +299,7 @@ class _Run:
                     self._take(found)
 
     def _indices(self, number: int) -> list[int]:
+        """Indices of the samples of a shard, as far as they are asked for."""
         size = self._recipe.samples_per_shard
         return list(range(number * size, min((number + 1) * size, self._count)))
 
@@ -343,6 +344,7 @@ class _Run:
                 )
 
     def _count_records(self, number: int, records: Sequence[dict[str, Any]]) -> None:
+        """Notes how many samples a shard has, and how many of them failed, for the manifest."""
         self._counts[number] = len(records), sum(each["failure"] is not None for each in records)
 
     def add(self, made: Sequence[Made]) -> None:
@@ -373,6 +375,7 @@ class _Run:
             self._progress(min(1.0, self.done / self._count))
 
     def _note_failures(self, made: Sequence[Made]) -> None:
+        """Notes which samples failed; stops the run where they are too many to be chance."""
         self.failures += [(each.record["index"], each.record["failure"]) for each in made if each.record["failure"]]
         if len(self.failures) > max(1.0, MOST_FAILED * self._count):
             index, reason = self.failures[-1]

@@ -113,6 +113,7 @@ def _opened(pq: Any, path: Path) -> Iterator[Any]:
 
 
 def _read_arrays(path: Path, group: int, product: str) -> list[np.ndarray]:
+    """The arrays of a product in one row group, of the type and shape that Hugging Face's metadata tells."""
     _, pq = pyarrow()
     with _opened(pq, path) as file:
         feature = json.loads(file.schema_arrow.metadata[b"huggingface"])["info"]["features"][product]
@@ -160,6 +161,7 @@ def _schema(pa: Any, dataset: Dataset, products: Sequence[Product]) -> Any:
 
 
 def _table(pa: Any, dataset: Dataset, positions: np.ndarray, products: Sequence[Product], schema: Any) -> Any:
+    """Samples as a table of the schema."""
     records = [dataset.records[place] for place in positions]
     columns: dict[str, Any] = {}
     for name in COLUMNS:
@@ -199,6 +201,7 @@ def _real(array: np.ndarray) -> np.ndarray:
 
 
 def _complex(array: np.ndarray, product: str) -> np.ndarray:
+    """Samples of the ADC that were exported as real and imaginary part, as complex numbers again."""
     if product == "adc" and array.dtype == np.float32:
         return np.ascontiguousarray(array).view(np.complex64)[..., 0]
     return array

@@ -142,6 +142,7 @@ class Recipe(Fields):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
+        """Refuses fields that are sound by themselves and contradict one another or what ships."""
         for name, (low, high) in LIMITS.items():
             least, greatest = getattr(self, name)
             if not low <= least <= greatest <= high:

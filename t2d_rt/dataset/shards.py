@@ -153,6 +153,7 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def _sync(folder: Path) -> None:
+    """Writes a folder's entries to disk: a file that was renamed is in its place after a power cut only then."""
     with contextlib.suppress(OSError):  # a file system that syncs no folders
         place = os.open(folder, os.O_RDONLY)
         try:
@@ -255,6 +256,7 @@ def _check_numbers(record: Mapping[str, Any]) -> None:
 
 
 def _check_text(record: Mapping[str, Any], name: str, *due: str) -> None:
+    """Refuses what is no text, or none of those that the recipe allows."""
     value = text(name, record.get(name))
     if due and value not in due:
         raise InputError(f"{name} must be {' or '.join(due)}, got {shown(value)}")
@@ -302,6 +304,7 @@ def check_array(array: np.ndarray, dtype: np.dtype[Any], shape: Sizes, name: str
 
 
 def _check_kind(given: np.dtype[Any], sizes: tuple[int, ...], dtype: np.dtype[Any], shape: Sizes, name: str) -> None:
+    """Refuses an array of another type or shape; None in the shape is any length."""
     fits = len(sizes) == len(shape) and all(due in (None, size) for due, size in zip(shape, sizes, strict=True))
     if given != dtype or not fits:
         due = ", ".join("any" if each is None else str(each) for each in shape)
@@ -379,6 +382,7 @@ class Shard:
         return self._read(f"{name}_{record['index']}", name, *array_of(self.recipe, record, name))
 
     def _read(self, member: str, name: str, dtype: np.dtype[Any], shape: Sizes) -> np.ndarray:
+        """An array of the archive, checked; whatever is wrong with it is told as damage of this shard."""
         try:
             found = read_array(self.path, member, dtype, shape)
             check_array(found, dtype, shape, name)

@@ -168,6 +168,7 @@ def folds(
 def _checked_split(
     records: Records, sides: Mapping[str, np.ndarray], kinds: tuple[Kind, ...], left: np.ndarray
 ) -> Split:
+    """A split of these masks (N,) by side, searched for leaks before it is given; left: what was left out, (N,)."""
     indices = np.array([int(each["index"]) for each in records])
     found = {name: tuple(sorted(indices[mask].tolist())) for name, mask in sides.items()}
     check_split(records, found, apart=kinds)
@@ -219,6 +220,7 @@ def check_split(records: Records, sides: Mapping[str, Iterable[int]], *, apart: 
 
 
 def _fractions(fractions: Any) -> dict[str, float]:
+    """Fractions by the names of their sides."""
     if isinstance(fractions, Mapping):
         named = {str(name): fractions[name] for name in fractions}
     elif isinstance(fractions, (list, tuple)) and len(fractions) in (2, 3):
@@ -236,6 +238,7 @@ def _fractions(fractions: Any) -> dict[str, float]:
 
 
 def _kinds(apart: Any) -> tuple[Kind, ...]:
+    """The kinds that are held apart, in the order of `KINDS`."""
     given = [apart] if isinstance(apart, str) else list(apart)
     for each in given:
         if each not in KINDS:
@@ -267,6 +270,7 @@ def _sides(
 
 
 def _labels(records: Records) -> np.ndarray:
+    """Number of the class of each record, in the order of their names, (N,)."""
     return np.unique([str(each["class"]) for each in records], return_inverse=True)[1]
 
 

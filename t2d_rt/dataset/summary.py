@@ -129,6 +129,7 @@ def summarise(dataset: Dataset | str | Path) -> Summary:
 
 
 def _class(dataset: Dataset, number: int) -> ClassSummary:
+    """What there is of the class of a number."""
     positions = np.flatnonzero(dataset.labels == number)
     records = [dataset.records[place] for place in positions]
     reasons = Counter(each["reasons"][0] for each in records if each["reasons"])
@@ -158,6 +159,7 @@ def extent(dataset: Dataset, position: int) -> tuple[float, float]:
 
 
 def _known(records: Sequence[dict[str, Any]], name: str) -> np.ndarray:
+    """A figure of the records that have it."""
     return np.array([each[name] for each in records if each[name] is not None], dtype=np.float64)
 
 
@@ -173,18 +175,21 @@ def _seconds_left(dataset: Dataset) -> float | None:
 
 
 def _row(found: ClassSummary) -> tuple[str, ...]:
+    """A row of the table."""
     passed = f"{found.passed / found.samples:.0%}" if found.samples else "-"
     figures = (_spread(each) for each in (found.made_s, found.snr_db, found.lower_mps, found.upper_mps))
     return found.name, f"{found.samples}", f"{found.descriptions}", passed, *figures
 
 
 def _spread(values: np.ndarray) -> str:
+    """The percentiles 5, 50 and 95."""
     if not len(values):
         return "-"
     return " ".join(f"{each:.1f}" for each in np.percentile(values, (5, 50, 95)))
 
 
 def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Lines of a table: the first column to the left, the others to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(
@@ -195,6 +200,7 @@ def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
 
 
 def _time(seconds: float) -> str:
+    """A time in seconds, minutes or hours, whichever is short."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
@@ -274,6 +280,7 @@ def _levels(dataset: Dataset, place: int) -> np.ndarray:
 
 
 def _draw(axes: Axes, dataset: Dataset, place: int, levels_db: np.ndarray, limits_db: tuple[float, float]) -> Any:
+    """Draws a sample into its axes; what `imshow` drew."""
     told = dataset.records[place]["products"]["spectrogram"]
     extent = (*told["time_s"], *told["velocity_mps"])
     low, high = limits_db

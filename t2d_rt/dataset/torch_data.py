@@ -78,6 +78,7 @@ class TorchDataset(MapDataset):  # type: ignore[misc, type-arg]
         return self.dataset.records[int(self.positions[number])]
 
     def _within(self, range_db: float) -> float:
+        """A dynamic range that the data set holds: below that of "uint8" there is nothing left."""
         kept = self.dataset.recipe.products.kept[self.product]
         if kept.dtype == "uint8" and range_db > kept.dynamic_range_db:
             raise InputError(

@@ -80,6 +80,7 @@ def view(recording: Recording, recipe: Recipe, index: int) -> View | None:
 
 
 def _power(level_db: np.ndarray) -> np.ndarray:
+    """Powers [W] of levels [dB re 1 W], in double precision."""
     return np.asarray(10.0 ** (level_db.astype(np.float64) / 10.0))
 
 
@@ -134,6 +135,7 @@ def _settle() -> None:
 
 @functools.lru_cache(maxsize=2)
 def _recipe(text: str) -> Recipe:
+    """A recipe by its text; a worker gets the same one with each call."""
     return Recipe.model_validate_json(text)
 
 
@@ -147,6 +149,7 @@ def make_sample(recipe: Recipe, plans: Plans, index: int) -> Made:
 
 
 def _made(recipe: Recipe, plans: Plans, index: int) -> Made:
+    """The work of `make_sample`: motion, simulation, products, and the record that tells of them."""
     cell = cell_of(recipe, index)
     wanted = description_of(recipe, cell)
     record: dict[str, Any] = {

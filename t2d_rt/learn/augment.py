@@ -114,6 +114,7 @@ class Augmenter:
     def _masked(
         self, levels: np.ndarray, background: np.ndarray | None, masks: OcclusionMask, rng: np.random.Generator
     ) -> np.ndarray:
+        """Levels whose columns in random windows show the background, or the least level where there is none."""
         count = levels.shape[1]
         middles = (np.arange(count) + 0.5) * self._duration_s / count
         windows = masks.draw(self._duration_s, seed=int(rng.integers(2**31)))

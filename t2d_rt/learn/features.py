@@ -70,6 +70,7 @@ def features(levels_db: np.ndarray, velocity_mps: np.ndarray, duration_s: float)
 
 
 def _log(value: float, least: float = 0.1) -> float:
+    """The logarithm of a figure and a least one: figures span decades, and classifiers compare them by their differences."""
     return float(np.log(max(value, 0.0) + least))
 
 
@@ -222,6 +223,7 @@ def activity_features(levels_db: np.ndarray, velocity_mps: np.ndarray, duration_
 
 
 def _smooth(line: np.ndarray, width: int) -> np.ndarray:
+    """Means over so many columns."""
     from scipy.ndimage import uniform_filter1d
 
     return np.asarray(uniform_filter1d(line, max(1, width)))
@@ -384,10 +386,12 @@ def _bands(side: np.ndarray, speed: np.ndarray, edges: tuple[float, ...]) -> np.
 
 
 def _numbered(name: str, values: np.ndarray) -> dict[str, float]:
+    """Features by a name and a number."""
     return {f"{name} {number}": float(value) for number, value in enumerate(np.ravel(values))}
 
 
 def _levels(name: str, bands: np.ndarray) -> dict[str, float]:
+    """Percentiles over time of the level of each band."""
     return _numbered(f"levels of {name}", np.percentile(bands, BANDS_LEVELS, axis=1))
 
 
@@ -413,6 +417,7 @@ def _spectrum(lines: np.ndarray, step_s: float) -> np.ndarray:
 
 
 def _band_modulation(sides: tuple[np.ndarray, np.ndarray], speed: np.ndarray, step_s: float) -> dict[str, float]:
+    """Modulation of the mean of both sides, in wide bands of speed: which side it is does not matter."""
     bands = np.mean([_bands(each, speed, WIDE_MPS) for each in sides], axis=0)
     return _numbered("modulation", np.log(_spectrum(bands, step_s) + 0.05))
 
@@ -436,6 +441,7 @@ def _body(above: np.ndarray, velocity_mps: np.ndarray, step_s: float) -> dict[st
 
 
 def _activity(bands: np.ndarray) -> dict[str, float]:
+    """How long and how often a band of the limbs is well above the noise."""
     active = bands[3:].max(axis=0) > ACTIVE_DB
     return {
         "time of activity": float(active.mean()),

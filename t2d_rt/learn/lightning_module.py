@@ -151,6 +151,7 @@ class Training(LightningModule):  # type: ignore[misc]
         self._loss(batch, "val")
 
     def _loss(self, batch: tuple[Tensor, Tensor], side: str) -> Tensor:
+        """Loss of a batch; that, accuracy and F1 are summed up for the epoch."""
         maps, labels = batch
         scores = self.network(maps)
         smoothing = self.options.smoothing if side == "train" else 0.0

@@ -285,6 +285,7 @@ def checked_classes(classes: Any) -> tuple[str, ...]:
 
 
 def _group(maps: LabelledMaps, kind: str, part: int) -> np.ndarray:
+    """The groups of one kind; where there are none, each sample is a group of its own."""
     if kind in maps.groups:
         return maps.groups[kind]
     return np.array([f"{name} of part {part}" for name in maps.names])

@@ -205,6 +205,7 @@ class _Columns:
 
     @classmethod
     def of(cls, recording: Recording) -> _Columns:
+        """A recording's spectrogram as powers, with the edges of its cells."""
         image = recording.spectrogram
         if min(image.shape) < 2:
             raise InputError(

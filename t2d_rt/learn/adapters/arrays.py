@@ -54,6 +54,7 @@ def _array(stored: Any) -> np.ndarray:
 
 
 def _maps(path: Path, found: dict[str, np.ndarray], options: AdapterOptions) -> LabelledMaps:
+    """Maps of arrays by name, which are checked first."""
     for name in ("levels", "labels"):
         if name not in found:
             raise InputError(

@@ -100,6 +100,7 @@ def build(name: str, classes: int, size: tuple[int, int] = (64, 64), channels: i
 
 
 def _network(name: str) -> Network:
+    """A network by its name, of t2d-rt or of another package."""
     others = plugins("models", OWN)
     wanted = str(name).lower().replace("_", "-")
     if wanted not in OWN and wanted not in others:

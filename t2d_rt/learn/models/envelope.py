@@ -75,6 +75,7 @@ class Envelope(nn.Module):
         return scores
 
     def _known(self, levels: np.ndarray) -> np.ndarray:
+        """Features of a map, which are kept by a hash of the map and its axes: in training each map comes in every epoch."""
         axes = self.velocity_mps.cpu().numpy().tobytes() + self.duration_s.cpu().numpy().tobytes()
         key = hashlib.blake2b(axes + levels.tobytes(), digest_size=16).digest()
         found = _kept.get(key)

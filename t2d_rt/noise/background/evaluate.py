@@ -108,11 +108,13 @@ def _profile(records: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _profiles_distance(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:
+    """Distance of the distributions of a bin's mean level in patches."""
     one, other = (np.concatenate([_patches(each).mean(axis=2) for each in some], axis=1) for some in (first, second))
     return _mean_wasserstein(list(one), list(other))
 
 
 def _levels_distance(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:
+    """Distance of the distributions of the cells' levels in each Doppler band."""
     return _mean_wasserstein(_banded(first), _banded(second))
 
 

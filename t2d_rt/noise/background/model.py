@@ -271,6 +271,7 @@ def _shipped() -> BackgroundModel:
 
 
 def _read(path: Path) -> BackgroundModel:
+    """A model by its file; the header is looked at first, so that what is no such file is told as what it is."""
     data = read_bytes(path, limit=LARGEST_BYTES, noun="background model")
     try:
         metadata = _metadata(data)

@@ -54,6 +54,7 @@ class Architecture(Fields):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
+        """Refuses columns that are halved more often than Doppler bins: the stages halve both together."""
         if self.time_halvings > self.doppler_halvings:
             raise InputError(
                 f"{self.bins} Doppler bins are halved {self.doppler_halvings} times and columns {self.time_halvings} times; "

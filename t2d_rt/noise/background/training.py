@@ -242,6 +242,7 @@ def _codec(
     rng: np.random.Generator,
     progress: Progress | None,
 ) -> Codec:
+    """Encoder, code books and decoder, trained on random tiles of the records."""
     padded = [_padded(each, architecture) for each in levels]
     codec = Codec(architecture, torch.from_numpy(_profile(padded)))
     optimizer = torch.optim.Adam(codec.parameters(), lr=RATE)
@@ -372,6 +373,7 @@ def _profile(padded: list[np.ndarray]) -> np.ndarray:
 
 
 def _padded(levels: np.ndarray, architecture: Architecture) -> np.ndarray:
+    """Levels with as many Doppler bins as the networks take; the last bin is repeated."""
     return np.pad(levels, ((0, architecture.padded_bins - architecture.bins), (0, 0)), mode="edge")
 
 
@@ -396,6 +398,7 @@ def _rate_factor(step: int, steps: int) -> float:
 
 
 def _stepped(optimizer: torch.optim.Optimizer, schedule: torch.optim.lr_scheduler.LambdaLR, loss: Tensor) -> None:
+    """One step of the optimizer and of its learning rate."""
     optimizer.zero_grad()
     loss.backward()
     optimizer.step()

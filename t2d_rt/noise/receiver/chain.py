@@ -107,6 +107,7 @@ def _warn_of_angles(radar: Radar, receiver: Receiver) -> None:
 
 
 def _first_effects(radar: Radar, receiver: Receiver, draws: Draws, thermal_w: float) -> Iterator[Effect]:
+    """What comes before the stages of each sample: phase noise of the oscillator, then the interferers in their order."""
     if receiver.phase_noise is not None:
         yield PhaseNoise(radar, receiver.phase_noise, draws, thermal_w=thermal_w)
     for number, other in enumerate(receiver.interferers):

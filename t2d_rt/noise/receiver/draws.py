@@ -47,6 +47,7 @@ class Draws:
         return int.from_bytes(found[:4], "little"), int.from_bytes(found[4:8], "little")
 
     def _digest(self, name: str, number: int) -> bytes:
+        """Hash of seed, effect and number; streams of different hashes have nothing in common."""
         return hashlib.sha256(f"{self.seed}/{name}/{number}".encode()).digest()
 
 
@@ -122,6 +123,7 @@ def _cosine_of_root(square: np.ndarray) -> np.ndarray:
 
 
 def _horner(coefficients: list[float], z: Any) -> Any:
+    """A polynomial of these coefficients, lowest power first."""
     import drjit as dr
 
     total = dr.fma(z, coefficients[-1], coefficients[-2])

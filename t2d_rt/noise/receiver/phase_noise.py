@@ -74,6 +74,7 @@ class _Design:
 
     @classmethod
     def of(cls, radar: Radar, oscillator: Oscillator) -> _Design:
+        """The design for a radar and its oscillator; raises InputError where chirps have too few samples to be sorted by range."""
         if radar.samples < LEAST_SAMPLES:
             raise InputError(
                 f"phase noise is sorted by range, for which chirps need {LEAST_SAMPLES} samples or more, got {radar.samples}; take "

@@ -105,6 +105,7 @@ class Slow:
         return found
 
     def _segment(self, number: int) -> np.ndarray:
+        """The numbers of a segment, (SEGMENT,); three segments are kept, which blocks of rows in order need."""
         if number not in self._kept:
             if len(self._kept) > 2:
                 del self._kept[min(self._kept)]

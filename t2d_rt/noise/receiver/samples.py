@@ -234,4 +234,5 @@ class _Work:
 
 
 def _power(parts: Any) -> Any:
+    """Sum of squares."""
     return sum(part * part for part in parts)
