@@ -126,7 +126,7 @@ def _mean_wasserstein(first: Sequence[np.ndarray], second: Sequence[np.ndarray])
 
 
 def _patches(record: np.ndarray) -> np.ndarray:
-    """(velocity, patch, column)."""
+    """A record cut into patches of `PATCH_COLUMNS` columns, (velocity, patch, column); what is left at its end is left out."""
     count = record.shape[1] // PATCH_COLUMNS
     return record[:, : count * PATCH_COLUMNS].reshape(len(record), count, PATCH_COLUMNS)
 

@@ -152,7 +152,7 @@ class BackgroundModel:
         calibrated: Any,
         about: Mapping[str, Any],
     ) -> BackgroundModel:
-        """A checked model."""
+        """A model; raises InputError where arrays lack, have another shape or are not finite, and where axes do not fit them."""
         for name, size in _sizes(architecture).items():
             if name not in arrays or arrays[name].shape != size:
                 found = arrays[name].shape if name in arrays else "nothing"

@@ -34,7 +34,7 @@ class Grid:
 
     @classmethod
     def of(cls, velocity_mps: Any, time_step_s: Any) -> Grid:
-        """Checked axes."""
+        """Axes of speeds (velocity,) [m/s] and a step [s]; raises InputError where speeds do not ascend by equal steps."""
         speeds = array("velocity_mps", velocity_mps, ("velocity",), unit="m/s")
         steps = np.diff(speeds)
         if len(speeds) < 2 or steps.min() <= 0 or np.ptp(steps) > SAME * steps.mean():
@@ -90,7 +90,7 @@ class BackgroundRecord:
 
     @classmethod
     def of(cls, name: str, power: Any, grid: Grid, *, carrier_hz: Any, calibrated: Any) -> BackgroundRecord:
-        """A checked record."""
+        """A record of powers (velocity, time); raises InputError for negative or no power, and where axes and powers differ."""
         power = array("power of a background", power, (len(grid.velocity_mps), "time"), limit=1e60)
         if power.shape[1] < 2 or power.min() < 0 or not power.any():
             raise InputError(

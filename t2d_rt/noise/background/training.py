@@ -26,7 +26,7 @@ DEAD = 0.5
 
 
 class Residual(nn.Module):
-    """x + conv1x1(relu(conv3x3(relu(x))))."""
+    """A residual block, x + conv1x1(relu(conv3x3(relu(x)))) (van den Oord et al. 2017)."""
 
     def __init__(self, channels: int, middle: int) -> None:
         super().__init__()
@@ -55,7 +55,7 @@ class Encoder(nn.Module):
         self.gather = nn.Linear(architecture.channels * architecture.rows, architecture.latent)
 
     def forward(self, levels: Tensor) -> Tensor:
-        """Latent vectors."""
+        """Latent vectors (batch, step, latent) of levels (batch, padded bins, columns)."""
         maps = functional.relu(self.layers(levels[:, None]))
         return self.gather(maps.flatten(1, 2).transpose(1, 2))
 
@@ -303,7 +303,7 @@ def _prior(
 
 
 def _surprise_of_codes(prior: Prior, codes: Tensor, dropout: float) -> Tensor:
-    """Per code [nat]."""
+    """Mean surprise of the prior at a code, its cross entropy [nat per code]."""
     return nn.functional.cross_entropy(prior(codes, dropout).flatten(0, 2), codes.flatten())
 
 

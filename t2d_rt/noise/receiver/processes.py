@@ -32,7 +32,7 @@ class TimeSlots:
 
     @property
     def channels(self) -> int:
-        """Receive channels."""
+        """Receive channels, each with noise of its own."""
         return self.radar.antennas // self.per_row
 
     @property

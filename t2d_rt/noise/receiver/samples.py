@@ -234,5 +234,5 @@ class _Work:
 
 
 def _power(parts: Any) -> Any:
-    """Sum of squares."""
+    """Power of a complex number by its parts: the sum of their squares."""
     return sum(part * part for part in parts)
