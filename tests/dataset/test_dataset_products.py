@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from t2d_rt.core.errors import T2DWarning
-from t2d_rt.dataset.products import Products, RangeDopplerProduct, SpectrogramProduct, axis, record_length_s
+from t2d_rt.dataset.products import (
+    Products,
+    RangeDopplerProduct,
+    SpectrogramProduct,
+    averaging,
+    axis,
+    record_length_s,
+    resized,
+)
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.worker import view
 from t2d_rt.recording.maps import background, background_settings
@@ -78,3 +86,15 @@ def test_a_background_beside_receiver_noise_is_warned_of() -> None:
     with pytest.warns(T2DWarning, match="noise floor of its own"):
         background_settings("default", noisy=True)
     background_settings("default", noisy=True, level_db=-160.0)
+
+
+def test_cells_are_means_over_what_they_cover() -> None:
+    """Thirds by hand, the power of the whole, and a part of the speeds. Mutation: weights of what overlaps at all."""
+    thirds = averaging(np.linspace(0, 1, 4), np.linspace(0, 1, 3))
+    np.testing.assert_allclose(thirds, [[2 / 3, 1 / 3, 0], [0, 1 / 3, 2 / 3]])
+    np.testing.assert_array_equal(averaging(np.array([0.0, 1.0, 2.0]), np.array([2.0, 3.0])), [[0, 1]])  # the nearest
+    power = np.random.default_rng(0).random((7, 10))
+    assert resized(power, (3, 4)).mean() == pytest.approx(power.mean())
+    np.testing.assert_allclose(
+        resized(power, (2, 10), (1 / 7, 5 / 7)), [power[1:3].mean(axis=0), power[3:5].mean(axis=0)]
+    )
