@@ -129,22 +129,21 @@ def _summed(
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """What chirps record that begin at equal steps of a period, complex64 (step, antenna, sample), and each part of it."""
     whole: Cube | None = None
-    first, shape = (
-        0,
-        (
-            len(table.radar.chirp_times_s(source.times_s[-1] - source.times_s[0])),
-            table.radar.antennas,
-            table.radar.samples,
-        ),
-    )
+    first, rows = 0, len(table.radar.chirp_times_s(source.times_s[-1] - source.times_s[0]))
+    shape = rows, table.radar.antennas, table.radar.samples
     of_parts = [DiskCube(ProductRows(shape)) for _ in (parts.cubes if parts else ())]
     for each in source.parts:
         own = None if parts is None else EchoParts(parts.number[first : first + each.echoes], of_parts)
         first += each.echoes
         whole = synthesize(
-            replace(each, repeats=None), table.radar, tolerance_db=tolerance_db, device=device, onto=whole, memory=memory,
+            replace(each, repeats=None),
+            table.radar,
+            tolerance_db=tolerance_db,
+            device=device,
+            onto=whole,
+            memory=memory,
             parts=own,
-        )  # fmt: skip
+        )
     assert whole is not None
     return _by_angle(whole, table), [_by_angle(each, table) for each in of_parts]
 

@@ -92,9 +92,15 @@ def synthesize(
     source = stream(echoes)
     memory = Budget.of() if memory is None else checks.instance("memory", memory, Budget, "a Budget")
     with Synthesis(
-        source.times_s, radar, tolerance_db=tolerance_db, device=device, onto=onto, memory=memory, progress=progress,
+        source.times_s,
+        radar,
+        tolerance_db=tolerance_db,
+        device=device,
+        onto=onto,
+        memory=memory,
+        progress=progress,
         parts=parts,
-    ) as synthesis:  # fmt: skip
+    ) as synthesis:
         for first, arrays in prefetched(_read(source, read_frames)):
             synthesis.add(first, arrays)
     return synthesis.cube
@@ -116,9 +122,17 @@ class Synthesis:
     """The sum of blocks of echoes, which come in order, as an ADC cube; a context, which is left when all have come."""
 
     def __init__(
-        self, times_s: np.ndarray, radar: Radar, *, tolerance_db: float, device: str, memory: Budget, onto: Cube | None = None,
-        progress: Progress | None = None, parts: EchoParts | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        times_s: np.ndarray,
+        radar: Radar,
+        *,
+        tolerance_db: float,
+        device: str,
+        memory: Budget,
+        onto: Cube | None = None,
+        progress: Progress | None = None,
+        parts: EchoParts | None = None,
+    ) -> None:
         """As `synthesize`, for echoes at surface frames `times_s` (T,)."""
         self._radar, self._memory, self._progress = radar, memory, progress
         self._sweep, self._tolerance, self._backend = Sweep.of(radar), 10 ** (tolerance_db / 20), select(device)
@@ -308,11 +322,10 @@ def _sums(
         inner = factors(window, deep, own_here, sweep, backend)
         for number, tx in enumerate(some_tx):
             top = deep[-1].part(number, len(some_tx))
+            wanted = len(some_rx), parts, part_of
             for chirps in _chirp_blocks(len(position), window):
-                found = _sum_groups(
-                    top, inner, number * len(top), count, (len(some_rx), parts, part_of), instants[tx][chirps], tolerance,
-                    backend,
-                )  # fmt: skip
+                here = instants[tx][chirps]
+                found = _sum_groups(top, inner, number * len(top), count, wanted, here, tolerance, backend)
                 of_rx = (found[first : first + parts] for first in range(0, len(found), parts))
                 yield from ((tx, rx, chirps, products) for rx, products in zip(some_rx, of_rx, strict=True))
 
@@ -362,9 +375,15 @@ def _sum_echoes(window: Window, instants: Instants, parts: int, backend: Backend
 
 
 def _sum_groups(
-    top: Level, inner: Factors, first: int, count: int, wanted: tuple[int, int, np.ndarray], instants: Instants,
-    tolerance: float, backend: Backend,
-) -> list[Product]:  # fmt: skip
+    top: Level,
+    inner: Factors,
+    first: int,
+    count: int,
+    wanted: tuple[int, int, np.ndarray],
+    instants: Instants,
+    tolerance: float,
+    backend: Backend,
+) -> list[Product]:
     """The same group by group, for each of the pairs of antennas whose groups `top` holds, and of the parts, in turn; their factors
     are those of `inner` from `first` on. `wanted`: how many pairs and parts there are, and the part of each group of a pair, of
     which there are `count` before they are told apart."""
