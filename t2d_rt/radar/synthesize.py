@@ -324,8 +324,8 @@ def _sums(
             top = deep[-1].part(number, len(some_tx))
             wanted = len(some_rx), parts, part_of
             for chirps in _chirp_blocks(len(position), window):
-                here = instants[tx][chirps]
-                found = _sum_groups(top, inner, number * len(top), count, wanted, here, tolerance, backend)
+                some = instants[tx][chirps]
+                found = _sum_groups(top, inner, number * len(top), count, wanted, some, tolerance, backend)
                 of_rx = (found[first : first + parts] for first in range(0, len(found), parts))
                 yield from ((tx, rx, chirps, products) for rx, products in zip(some_rx, of_rx, strict=True))
 
