@@ -13,7 +13,6 @@ from t2d_rt.core.checks import flag, integer, number, shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.slots import FALL_TYPES, FallType
 from t2d_rt.motion.generate.falls.humanoid import (
-    FRICTION,
     PARENTS,
     RATE_HZ,
     SIDES,
@@ -254,7 +253,8 @@ class Disturbance:
 
     feet: tuple[str, ...] = ()
     """Bodies whose friction is lost ("lfoot")."""
-    friction: float = FRICTION
+    friction: float = 0.0
+    """What is left of it."""
     slippery_s: float = 1.0
     """Until the feet have left the slippery spot."""
     caught: str = ""
@@ -338,7 +338,7 @@ def simulate(
         if impact >= 0 and frame - max(lively, impact) > RESTED_S * RATE_HZ:
             break
         if frame == round(disturbance.slippery_s * RATE_HZ):
-            _rub(body, disturbance.feet, FRICTION)
+            _rub(body, disturbance.feet, float(model.geom_friction[body.floor, 0]))
         _act(model, data, course, frame, lying)
         phase = min(frame / RATE_HZ / disturbance.push_s, 1.0)
         data.xfrc_applied[chest, :3] = np.sin(np.pi * phase) * np.array(disturbance.push_n)
