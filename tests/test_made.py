@@ -14,8 +14,9 @@ from t2d_rt.motion.check import check_motion, detect_fall
 from t2d_rt.motion.contacts import runs, soles
 from t2d_rt.motion.descriptions.slots import Activity, Step
 from t2d_rt.motion.generate.made import Made, make
+from t2d_rt.motion.generate.made.act import CHANNELS, progress, stance
 from t2d_rt.motion.generate.made.hands import Anatomy
-from t2d_rt.motion.generate.made.score import Score, minimum_jerk, progress
+from t2d_rt.motion.interpolate import minimum_jerk
 from t2d_rt.motion.kinematics import INDEX, Skeleton, motion_of, skeleton_of
 from t2d_rt.types.motion import Motion
 
@@ -298,14 +299,11 @@ def test_minimum_jerk_moves_add_up() -> None:
     t = np.linspace(0, 1, 101)
     peak = float(np.gradient(minimum_jerk(t), t).max())
     assert peak == pytest.approx(1.875, rel=2e-3)  # of a movement of unit length in unit time (Flash and Hogan 1985)
-    score = Score(values={"z": 1.0})
-    score.move(0.0, 1.0, z=0.5)
-    score.move(0.5, 1.0, z=0.8)
-    z = score.sampled(np.array([0.0, 0.5, 1.0, 2.0]))[:, 2]
-    assert z[0] == 1.0
-    assert z[1] == pytest.approx(0.75)
-    assert z[2] == pytest.approx(0.5 + 0.3 * 0.5)
-    assert z[3] == pytest.approx(0.8)
+    act = stance(Anatomy(SKELETON), np.random.default_rng(0), handed="right", step=Step(action="sit"), waits=0.0)
+    act.move(0.0, 1.0, twist=-0.5)
+    act.move(0.5, 1.0, twist=-0.2)
+    twist = act.sampled(np.array([0.0, 0.5, 1.0, 2.0]))[:, CHANNELS.index("twist")]
+    np.testing.assert_allclose(twist, [0.0, -0.25, -0.5 + 0.3 * 0.5, -0.2], atol=1e-12)
     assert progress(np.array([3.0]), 0.0, 1.0)[0] == 1.0
 
 

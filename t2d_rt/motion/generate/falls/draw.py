@@ -9,8 +9,9 @@ import numpy as np
 from t2d_rt.motion.generate.falls.humanoid import RATE_HZ, SIDES, Humanoid
 from t2d_rt.motion.generate.falls.simulation import (
     DAMPING_PER_STIFFNESS,
+    HEADINGS,
     JOINTS,
-    REGIONS,
+    REGION,
     Course,
     Disturbance,
     Fading,
@@ -33,7 +34,6 @@ AHEAD_S = 0.2
 class Draw:
     """One candidate of a fall."""
 
-    heading: Heading
     strength: float
     reaction: Reaction
     tones: dict[str, Fading]
@@ -47,13 +47,10 @@ def heading_of(plan: FallPlan, rng: np.random.Generator) -> Heading:
     """The direction asked for, or one of those that the type mostly has."""
     if plan.direction is not None:
         return plan.direction
-    chances: dict[str, dict[Heading, float]] = {
-        "slip": {"back": 1.0},
-        "trip": {"forward": 1.0},
-        "collapse": {"forward": 0.35, "back": 0.25, "left": 0.2, "right": 0.2},
-    }
-    found = chances[plan.type]
-    return list(found)[int(rng.choice(len(found), p=list(found.values())))]
+    if plan.type == "collapse":
+        return HEADINGS[int(rng.choice(len(HEADINGS), p=[0.35, 0.25, 0.2, 0.2]))]
+    rng.choice(1, p=[1.0])  # each type draws once
+    return "back" if plan.type == "slip" else "forward"
 
 
 def draw(
@@ -71,71 +68,62 @@ def draw(
     """
     strength = float(rng.uniform(0.3, 0.8)) if plan.strength is None else plan.strength
     return Draw(
-        heading=heading, strength=strength, reaction=_reaction(plan, heading, foot, rng),
+        strength=strength,
+        reaction=_reaction(plan, heading, foot, rng),
         tones=_tones(plan, heading, strength, rng),
-        disturbance=_disturbance(plan, heading, foot, facing, rng, strength=strength, more=1 + insistence),
-        limp=float(rng.uniform(0.7, 1.3)), brace_s=float(rng.uniform(0.15, 0.35)),
-    )  # fmt: skip
+        disturbance=_disturbance(plan, heading, foot, facing, rng, strength, 1 + insistence),
+        limp=float(rng.uniform(0.7, 1.3)),
+        brace_s=float(rng.uniform(0.15, 0.35)),
+    )
 
 
 def _reaction(plan: FallPlan, heading: Heading, foot: str, rng: np.random.Generator) -> Reaction:
-    other = SIDES[1 - SIDES.index(foot)]
-
-    def legs(hips: tuple[float, float], knees: tuple[float, float]) -> dict[str, float]:
-        """Flexion of the leg that slips or is caught, and of the other one."""
-        sides = zip((foot, other), hips, knees, strict=True)
-        return {key: value for side, hip, knee in sides for key, value in (
-            (f"{side}_hip x", float(rng.normal(-hip, 0.12))), (f"{side}_knee x", float(abs(rng.normal(knee, 0.15)))))}  # fmt: skip
-
-    def trunk(axis: str, neck: float, spine: float) -> dict[str, float]:
-        found = {f"{joint} {axis}": neck * float(rng.normal(1, 0.2)) for joint in ("neck", "head")}
-        return found | {f"spine{i} {axis}": float(rng.normal(spine, 0.04)) for i in (1, 2, 3)}
-
     away = 1.0 if heading == "left" else -1.0
+    # Angles of neck and spine about an axis; of hips and knees, of the leg that slips or is caught and of the other one.
     if plan.type == "slip":
         # The knees bend and the body sits down behind the feet.
-        pose = trunk("x", 0.45, -0.05) | legs((0.1, 1.2), (1.0, 1.9))
+        axis, neck, spine, hips, knees = "x", 0.45, -0.05, (0.1, 1.2), (1.0, 1.9)
     elif plan.type == "collapse":
         # The knees buckle and the body sinks upon them.
-        pose = trunk("x", 0.3, 0.12) | legs((0.8, 0.8), (1.8, 1.8))
+        axis, neck, spine, hips, knees = "x", 0.3, 0.12, (0.8, 0.8), (1.8, 1.8)
     elif heading == "forward":
-        pose = trunk("x", -0.25, -0.04) | legs((0.0, 0.5), (1.2, 1.2))
+        axis, neck, spine, hips, knees = "x", -0.25, -0.04, (0.0, 0.5), (1.2, 1.2)
     else:
-        pose = trunk("z", 0.2 * away, 0.06 * away) | legs((0.4, 0.3), (0.5, 0.8))
-    pose |= {
-        f"{side}_{joint} {axis}": 0.0
-        for side in SIDES
-        for joint, axis in (("ankle", "x"), ("ankle", "z"), ("foot", "x"))
-    }
+        axis, neck, spine, hips, knees = "z", 0.2 * away, 0.06 * away, (0.4, 0.3), (0.5, 0.8)
+    pose = {f"{joint} {axis}": neck * float(rng.normal(1, 0.2)) for joint in ("neck", "head")}
+    pose |= {f"spine{i} {axis}": float(rng.normal(spine, 0.04)) for i in (1, 2, 3)}
+    for side, hip, knee in zip((foot, SIDES[1 - SIDES.index(foot)]), hips, knees, strict=True):
+        pose[f"{side}_hip x"] = float(rng.normal(-hip, 0.12))
+        pose[f"{side}_knee x"] = float(abs(rng.normal(knee, 0.15)))
+    pose |= {f"{side}_{hinge}": 0.0 for side in SIDES for hinge in ("ankle x", "ankle z", "foot x")}
     return Reaction(
-        heading=heading, delay_s=float(rng.uniform(0.1, 0.2)), within_s=float(rng.uniform(0.25, 0.4)),
-        # Who faints does not reach for the floor.
-        arms=plan.protective_arms and plan.type != "collapse", pose=pose,
+        heading=heading,
+        delay_s=float(rng.uniform(0.1, 0.2)),
+        within_s=float(rng.uniform(0.25, 0.4)),
+        arms=plan.protective_arms and plan.type != "collapse",  # who faints does not reach for the floor
+        pose=pose,
         reach=(float(rng.normal(0, 0.12)), float(rng.normal(0, 0.12))),
         elbow_rad=float(rng.uniform(0.35, 0.9)),
-    )  # fmt: skip
+    )
 
 
 def _tones(plan: FallPlan, heading: Heading, strength: float, rng: np.random.Generator) -> dict[str, Fading]:
-    region = {joint: name for name, joints in REGIONS.items() for joint in joints}
     found = {}
     for joint in JOINTS:
-        part = region[joint]
+        part = REGION[joint]
         if plan.type == "collapse":
             # Knees and hips give way first, and not together.
             floor = {"leg": 0.4, "trunk": 0.5, "arm": 0.06, "neck": 0.7}[part] * (1.6 - strength)
             late = 0.12 if heading in SIDES and joint.startswith("right" if heading == "left" else "left") else 0.0
             delay = {"leg": 0.0, "trunk": 0.15, "arm": 0.1, "neck": 0.2}[part] + late + float(rng.uniform(0, 0.15))
             within = float(rng.uniform(0.5, 0.9)) * (1.4 - 0.7 * strength)
-        elif plan.type == "slip" and part == "leg":
-            # Legs that are pulled up and brake the fall, so far as they reach the floor.
-            floor = 1.5 - 0.7 * strength
-            delay = float(rng.uniform(0.1, 0.25))
-            within = float(rng.uniform(0.25, 0.4))
         else:
+            # Of a slip, legs that are pulled up and brake the fall, so far as they reach the floor.
+            braking = plan.type == "slip" and part == "leg"
             floor = {"leg": 1.2, "trunk": 0.9, "arm": 0.35, "neck": 1.0}[part] * (1.5 - strength)
+            floor = 1.5 - 0.7 * strength if braking else floor
             delay = float(rng.uniform(0.1, 0.25))
-            within = float(rng.uniform(0.3, 0.6))
+            within = float(rng.uniform(0.25, 0.4) if braking else rng.uniform(0.3, 0.6))
         found[joint] = Fading(delay_s=delay, within_s=within, floor=floor)
     return found
 
@@ -146,7 +134,6 @@ def _disturbance(
     foot: str,
     facing: np.ndarray,
     rng: np.random.Generator,
-    *,
     strength: float,
     more: float,
 ) -> Disturbance:
@@ -156,15 +143,16 @@ def _disturbance(
         # The braking force of the foot's first contact, and the jerk with which the trunk is thrown back: 0.4 m/s or so.
         push = float(rng.uniform(95, 130)) + 30.0 * strength
         return Disturbance(
-            feet=tuple(f"{side}{part}" for side in "lr" for part in ("foot", "toes")),
-            friction=float(rng.uniform(0.04, 0.1)), slippery_s=float(rng.uniform(0.3, 0.5)),
-            push_n=(*(push * more * ahead), 0.0), push_s=float(rng.uniform(0.25, 0.4)),
-        )  # fmt: skip
+            feet=("lfoot", "ltoes", "rfoot", "rtoes"),
+            friction=float(rng.uniform(0.04, 0.1)),
+            slippery_s=float(rng.uniform(0.3, 0.5)),
+            push_n=(*(push * more * ahead), 0.0),
+            push_s=float(rng.uniform(0.25, 0.4)),
+        )
     if plan.type == "trip":
         push = 80.0 if heading in SIDES else 0.0
-        return Disturbance(
-            caught=f"{foot[0]}foot", caught_s=0.12 + 0.16 * strength, push_n=(*(push * more * ahead), 0.0)
-        )
+        push_n = (*(push * more * ahead), 0.0)
+        return Disturbance(caught=f"{foot[0]}foot", caught_s=0.12 + 0.16 * strength, push_n=push_n)
     # The last step brakes the walk as it gives way.
     sway = 0.0 if heading == "forward" else float(rng.uniform(30, 60)) * more
     brake = 0.0 if plan.direction == "forward" else float(rng.uniform(40, 80))
@@ -183,7 +171,7 @@ def course(body: Humanoid, drawn: Draw, reference: np.ndarray, frames: int) -> C
     ahead_s = DAMPING_PER_STIFFNESS * (1 - minimum_jerk(times / AHEAD_S))[:, None]
     targets = targets + ahead_s * RATE_HZ * np.gradient(targets, axis=0)
     tones = hinge_tones(body, {joint: fading.at(times) for joint, fading in drawn.tones.items()})
-    limp = {joint: np.array([drawn.limp * LIMP[part]]) for part, joints in REGIONS.items() for joint in joints}
+    limp = {joint: np.array([drawn.limp * LIMP[part]]) for joint, part in REGION.items()}
     relaxed = lead[:1].copy()
     relaxed[:, 7:] = 0.0
     for side in SIDES:

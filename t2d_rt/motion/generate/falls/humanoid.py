@@ -123,15 +123,16 @@ def _trunk(at: dict[str, np.ndarray], own: dict[str, np.ndarray]) -> dict[str, n
 
 def _limbs(side: str, at: dict[str, np.ndarray], own: dict[str, np.ndarray], found: dict[str, np.ndarray]) -> None:
     # Where the hinge cannot be seen in a straight limb, x is that of the trunk turned along with the limb from its rest direction.
-    rest = {"pelvis": np.array([0.0, -1.0, 0.0]), "spine3": np.array([1.0 if side == "left" else -1.0, 0.0, 0.0])}
-    for trunk, names in (("pelvis", ("hip", "knee", "ankle")), ("spine3", ("shoulder", "elbow", "wrist"))):
+    # The palm faces down where the arm is held out: its elbow flexes forward and up.
+    out = 1.0 if side == "left" else -1.0
+    for trunk, names, bone, hinge in (
+        ("pelvis", ("hip", "knee", "ankle"), np.array([0.0, -1.0, 0.0]), np.array([1.0, 0.0, 0.0])),
+        ("spine3", ("shoulder", "elbow", "wrist"), np.array([out, 0.0, 0.0]), out * np.array([0.0, -0.866, 0.5])),
+    ):
         a, b, c = (f"{side}_{name}" for name in names)
         bend = np.cross(unit(at[b] - at[a]), unit(at[c] - at[b]))
         bend *= np.linalg.norm(bend, axis=1, keepdims=True)
         parent = own[trunk] @ found[trunk]
-        hinge, bone = np.array([1.0, 0.0, 0.0]), rest[trunk]
-        if trunk == "spine3":  # the palm faces down where the arm is held out: its elbow flexes forward and up
-            hinge = np.array([0.0, -0.866, 0.5]) if side == "left" else np.array([0.0, 0.866, -0.5])
         for name, along in ((a, at[b] - at[a]), (b, at[c] - at[b])):
             untwisted = np.einsum("tij,j->ti", swing(parent @ bone, along) @ parent, hinge)
             found[name] = frame(
@@ -206,21 +207,15 @@ def coordinates(body: Humanoid, root_m: np.ndarray, segments: np.ndarray) -> np.
 
 def hinge_angles(body: Humanoid, name: str, relative: np.ndarray) -> np.ndarray:
     """Angles (T, hinges) of a joint whose segment has the orientations `relative` (T, 3, 3) in its parent's frame."""
-    axes = body.axes[name]
-    order = axes + "".join(axis for axis in "ZYX" if axis not in axes)
-    angles = euler(body.rest[name].T @ relative, order)[:, : len(axes)]
-    if len(axes) == 2:
-        # Axes that a joint lacks come last in the order they were split in; of two hinges the outer ones count alike.
-        angles = euler(body.rest[name].T @ relative, _middle_missing(axes))[:, [0, 2]]
-    elif len(axes) == 1:
-        m = body.rest[name].T @ relative
+    axes, m = body.axes[name], body.rest[name].T @ relative
+    if len(axes) == 3:
+        angles = euler(m, axes)
+    elif len(axes) == 2:  # the axis that the joint lacks goes between them, so that both hinges count alike
+        (lacking,) = set("ZYX") - set(axes)
+        angles = euler(m, axes[0] + lacking + axes[1])[:, [0, 2]]
+    else:  # a knee, an elbow or the toes: about x
         angles = np.arctan2(m[:, 2, 1] - m[:, 1, 2], m[:, 1, 1] + m[:, 2, 2])[:, None]
     return np.unwrap(angles, axis=0)
-
-
-def _middle_missing(axes: str) -> str:
-    (lacking,) = set("ZYX") - set(axes)
-    return axes[0] + lacking + axes[1]
 
 
 def euler(matrix: np.ndarray, axes: str) -> np.ndarray:
@@ -277,16 +272,13 @@ def skeleton(root_m: np.ndarray, segments: np.ndarray, offsets: np.ndarray) -> n
 
 FILE = Path(__file__).with_name("humanoid.xml")
 
-BODIES: dict[str, str] = {
-    "pelvis": "root", "spine1": "lowerback", "spine2": "upperback", "spine3": "thorax", "neck": "lowerneck", "head": "head",
-} | {
+OF_TRUNK = "pelvis root, spine1 lowerback, spine2 upperback, spine3 thorax, neck lowerneck, head head"
+OF_LIMBS = "collar clavicle, shoulder humerus, elbow radius, wrist hand, hip femur, knee tibia, ankle foot, foot toes"
+BODIES: dict[str, str] = dict(pair.split() for pair in OF_TRUNK.split(", ")) | {
     f"{side}_{joint}": side[0] + body
     for side in SIDES
-    for joint, body in (
-        ("collar", "clavicle"), ("shoulder", "humerus"), ("elbow", "radius"), ("wrist", "hand"), ("hip", "femur"),
-        ("knee", "tibia"), ("ankle", "foot"), ("foot", "toes"),
-    )
-}  # fmt: skip
+    for joint, body in (pair.split() for pair in OF_LIMBS.split(", "))
+}
 """Canonical joint -> body of the humanoid that turns about it."""
 
 STEP_S = 1 / 720
@@ -299,6 +291,7 @@ STATURE_M = 1.72
 
 FOOT_M = 0.022
 """Radius of the capsules and spheres of its feet: their lowest points lie in the plane of the sole."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Humanoid:

@@ -8,7 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.generate.falls.humanoid import RATE_HZ, Anatomy, Humanoid, anatomy, coordinates, matrices, mujoco
+from t2d_rt.motion.generate.chain import rotation_vector
+from t2d_rt.motion.generate.falls.humanoid import (
+    RATE_HZ,
+    SIDES,
+    Anatomy,
+    Humanoid,
+    anatomy,
+    coordinates,
+    matrices,
+    mujoco,
+)
 from t2d_rt.motion.interpolate import low_pass, minimum_jerk, resample
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, Motion, checked_motion
 
@@ -21,9 +31,7 @@ JOIN_S = 0.25
 BEFORE = 3
 """Frames before the event whose course tells the speeds there."""
 
-TOES = tuple(
-    (CANONICAL_JOINTS.index(f"{side}_ankle"), CANONICAL_JOINTS.index(f"{side}_foot")) for side in ("left", "right")
-)
+TOES = tuple(tuple(CANONICAL_JOINTS.index(f"{side}_{joint}") for joint in ("ankle", "foot")) for side in SIDES)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,9 +60,13 @@ def skeleton_at(lead: Motion, anatomy: Anatomy, segments: np.ndarray, frame: int
     above = [lead.parents[joint] for joint in range(len(CANONICAL_JOINTS), len(lead.names))]
     back = quaternions.conjugate(quaternions.from_matrix(segments[frame, above]))
     return Skeleton(
-        anatomy=anatomy, names=lead.names, parents=lead.parents, offsets=local[here],
-        drift=_slope(local, here, lead.rate_hz), ends=quaternions.multiply(back, lead.rotations[frame, len(CANONICAL_JOINTS) :]),
-    )  # fmt: skip
+        anatomy=anatomy,
+        names=lead.names,
+        parents=lead.parents,
+        offsets=local[here],
+        drift=_slope(local, here, lead.rate_hz),
+        ends=quaternions.multiply(back, lead.rotations[frame, len(CANONICAL_JOINTS) :]),
+    )
 
 
 def _slope(values: np.ndarray, here: int, rate_hz: float) -> np.ndarray:
@@ -72,28 +84,27 @@ def joined(
     """
     rate = lead.rate_hz
     times = np.arange(len(root_m)) / rate
-    fade = 1.0 - minimum_jerk(times / JOIN_S)
-
-    def difference(value: np.ndarray, slope: np.ndarray) -> np.ndarray:
-        shape = (len(times),) + (1,) * value.ndim
-        return (value + slope * times.reshape(shape)) * fade.reshape(shape)
-
     root_rate = _slope(lead.joints[:, 0], frame, rate) - (root_m[1] - root_m[0]) * rate
-    root = root_m + difference(lead.joints[frame, 0] - root_m[0], root_rate)
+    root = root_m + _fading(lead.joints[frame, 0] - root_m[0], root_rate, times)
     # In each segment's own axes: what leads from the humanoid's orientation to the lead's, as a rotation vector.
     own = np.swapaxes(reached[0], -1, -2) @ segments[frame]
-    spin = _spin(segments, frame, rate) - np.einsum(
-        "jki,jk->ji", own, _vector(np.swapaxes(reached[0], -1, -2) @ reached[1]) * rate
-    )
-    turn = matrices(_exponential(difference(_vector(own), spin)))
-    found = reached @ turn
+    turning = _vector(np.swapaxes(reached[0], -1, -2) @ reached[1]) * rate
+    spin = _spin(segments, frame, rate) - np.einsum("jki,jk->ji", own, turning)
+    found = reached @ matrices(_exponential(_fading(_vector(own), spin, times)))
+    left = 1.0 - minimum_jerk(times / JOIN_S)[:, None]
     for ankle, toes in TOES:
         # Toes weigh next to nothing and jump as they touch the floor: they begin as the lead has them.
         local = quaternions.from_matrix(np.swapaxes(found[:, ankle], -1, -2) @ found[:, toes])
         held = np.broadcast_to(local[0], local.shape)
-        found[:, toes] = found[:, ankle] @ matrices(quaternions.blend(held, local, (1.0 - fade)[:, None]))
-    offsets = skeleton.offsets + difference(np.zeros_like(skeleton.drift), skeleton.drift)
+        found[:, toes] = found[:, ankle] @ matrices(quaternions.blend(held, local, 1.0 - left))
+    offsets = skeleton.offsets + _fading(np.zeros_like(skeleton.drift), skeleton.drift, times)
     return placed_joints(root, found, offsets, skeleton.parents), found
+
+
+def _fading(value: np.ndarray, slope: np.ndarray, times_s: np.ndarray) -> np.ndarray:
+    """A difference (...) that changes by `slope` a second and fades away within `JOIN_S`: (T, ...)."""
+    each = (slice(None), *[None] * value.ndim)
+    return (value + slope * times_s[each]) * (1.0 - minimum_jerk(times_s / JOIN_S))[each]
 
 
 def placed_joints(
@@ -126,11 +137,7 @@ def _spin(segments: np.ndarray, frame: int, rate_hz: float) -> np.ndarray:
 
 def _vector(rotation: np.ndarray) -> np.ndarray:
     """Rotation vectors (..., 3) of matrices (..., 3, 3)."""
-    quaternion = quaternions.from_matrix(rotation)
-    quaternion = quaternion * np.where(quaternion[..., 3:] < 0, -1.0, 1.0)
-    sine = np.linalg.norm(quaternion[..., :3], axis=-1, keepdims=True)
-    scale = np.where(sine > 1e-9, 2.0 * np.arctan2(sine, quaternion[..., 3:]) / np.maximum(sine, 1e-9), 2.0)
-    return np.asarray(quaternion[..., :3] * scale)
+    return rotation_vector(quaternions.from_matrix(rotation))
 
 
 def _exponential(vector: np.ndarray) -> np.ndarray:
@@ -193,19 +200,20 @@ def _angle(first: np.ndarray, second: np.ndarray) -> float:
 
 def _blended(lying: np.ndarray, segments: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """From one pose (22, 3, 3) into a course (K, 22, 3, 3): the pelvis and each joint's rotation in its parent's frame."""
-    above = list(CANONICAL_PARENTS[1:])
-
-    def local(pose: np.ndarray) -> np.ndarray:
-        found = pose.copy()
-        found[..., 1:, :, :] = np.swapaxes(pose[..., above, :, :], -1, -2) @ pose[..., 1:, :, :]
-        return quaternions.from_matrix(found)
-
-    start, course = local(lying), quaternions.continuous(local(segments))
+    start, course = _local(lying), quaternions.continuous(_local(segments))
     mixed = matrices(_slerp(np.broadcast_to(start, course.shape), course, weight[:, None, None]))
     for joint, parent in enumerate(CANONICAL_PARENTS):
         if parent >= 0:
             mixed[:, joint] = mixed[:, parent] @ mixed[:, joint]
     return mixed
+
+
+def _local(pose: np.ndarray) -> np.ndarray:
+    """Rotations (..., 22, 4) in the parents' segments of segments (..., 22, 3, 3)."""
+    found = pose.copy()
+    above = pose[..., list(CANONICAL_PARENTS[1:]), :, :]
+    found[..., 1:, :, :] = np.swapaxes(above, -1, -2) @ pose[..., 1:, :, :]
+    return quaternions.from_matrix(found)
 
 
 def _slerp(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:

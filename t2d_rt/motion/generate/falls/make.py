@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from t2d_rt.core.checks import instance
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.descriptions.slots import FALL_TYPES, Description, FallType, Step
+from t2d_rt.motion.descriptions.slots import FALL_TYPES, Description, FallType
 from t2d_rt.motion.generate.falls.draw import Draw, course, draw, heading_of
 from t2d_rt.motion.generate.falls.humanoid import (
     RATE_HZ,
@@ -164,6 +165,16 @@ class Scenario:
     reference: np.ndarray
     """Coordinates of the lead from the event on (T, nq)."""
 
+    def figures(self, run: Run, until_s: float) -> Figures:
+        """Figures of a run from here, forces from outside ending at `until_s`."""
+        segments = reached(self.body, run.qpos)
+        joints = skeleton(run.qpos[:, :3], segments, self.skeleton.offsets[: len(CANONICAL_JOINTS)])
+        return figures(run, joints, segments[:, CANONICAL_JOINTS.index("spine3")], self.facing, until_s)
+
+    def hopeful(self, run: Run, plan: FallPlan, until_s: float, below: float) -> bool:
+        """Whether less than `below` may be amiss with a run as far as it has gone."""
+        return least_missing(self.figures(run, until_s), run, plan) < below
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Candidate:
@@ -231,9 +242,16 @@ def prepared(lead: Motion, plan: FallPlan, choice: int = 0) -> Scenario:
     qpos[2] += _penetration(body, qpos)
     _allow(body, qpos)
     return Scenario(
-        lead=lead, segments=segments, frame=frame, foot=foot, facing=facing(points)[frame, :2], skeleton=bones, body=body,
-        start=(qpos, qvel), reference=reference[frame:],
-    )  # fmt: skip
+        lead=lead,
+        segments=segments,
+        frame=frame,
+        foot=foot,
+        facing=facing(points)[frame, :2],
+        skeleton=bones,
+        body=body,
+        start=(qpos, qvel),
+        reference=reference[frame:],
+    )
 
 
 def _event(lead: Motion, plan: FallPlan, rng: np.random.Generator) -> tuple[int, str]:
@@ -266,14 +284,17 @@ def _fitted(
 ) -> Humanoid:
     """The humanoid; its parts do not collide that are within each other in the lead's own poses, at the event and just after."""
     offsets = bones.offsets[: len(CANONICAL_JOINTS)]
-    body = humanoid(offsets, found.ankle_height_m, stature_m=stature, mass_kg=mass)
+    fitted = partial(humanoid, offsets, found.ankle_height_m, stature_m=stature, mass_kg=mass)
+    body = fitted()
     soon = slice(frame, frame + round(STEP_ON_S * RATE_HZ), 3)
+    poses = coordinates(body, lead.joints[soon, 0], segments[soon])
     pairs = {
-        pair for qpos in coordinates(body, lead.joints[soon, 0], segments[soon]) for pair in _overlapping(body, qpos)
+        (body.body_of(first), body.body_of(second))
+        for qpos in poses
+        for first, second, distance in _contacts_at(body, qpos)
+        if body.floor not in (first, second) and distance < 0
     }
-    if not pairs:
-        return body
-    return humanoid(offsets, found.ankle_height_m, stature_m=stature, mass_kg=mass, apart=tuple(sorted(pairs)))
+    return fitted(apart=tuple(sorted(pairs))) if pairs else body
 
 
 def _contacts_at(body: Humanoid, qpos: np.ndarray) -> list[tuple[int, int, float]]:
@@ -281,14 +302,6 @@ def _contacts_at(body: Humanoid, qpos: np.ndarray) -> list[tuple[int, int, float
     data.qpos[:] = qpos
     mujoco().mj_forward(body.model, data)
     return [(int(c.geom1), int(c.geom2), float(c.dist)) for c in data.contact]
-
-
-def _overlapping(body: Humanoid, qpos: np.ndarray) -> tuple[tuple[str, str], ...]:
-    return tuple(
-        (body.body_of(first), body.body_of(second))
-        for first, second, distance in _contacts_at(body, qpos)
-        if body.floor not in (first, second) and distance < 0
-    )
 
 
 def _penetration(body: Humanoid, qpos: np.ndarray) -> float:
@@ -308,12 +321,6 @@ def _candidate(scenario: Scenario, plan: FallPlan, choice: int, least: float) ->
     """The first candidate in which nothing is amiss, or the one with the least amiss; runs are given up once they cannot come below
     `least`, and below the best one so far."""
     best: Candidate | None = None
-
-    def found_in(run: Run, until_s: float) -> Figures:
-        segments = reached(scenario.body, run.qpos)
-        joints = skeleton(run.qpos[:, :3], segments, scenario.skeleton.offsets[: len(CANONICAL_JOINTS)])
-        return figures(run, joints, segments[:, CANONICAL_JOINTS.index("spine3")], scenario.facing, until_s)
-
     heading = heading_of(plan, np.random.default_rng([plan.seed, 1]))
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([plan.seed, 2, choice, attempt])
@@ -322,15 +329,12 @@ def _candidate(scenario: Scenario, plan: FallPlan, choice: int, least: float) ->
         frames = round(LONGEST_S * RATE_HZ)
         muscles = course(scenario.body, drawn, scenario.reference, frames)
         until_s, below = drawn.disturbance.until_s, least if best is None else min(least, best.amiss)
-
-        def hopeful(run: Run, until_s: float = until_s, below: float = below) -> bool:
-            return least_missing(found_in(run, until_s), run, plan) < below
-
+        wanted = partial(fits, plan=plan)
+        hopeful = partial(scenario.hopeful, plan=plan, until_s=until_s, below=below)
         run = simulate(
-            scenario.body, scenario.start, muscles, drawn.disturbance, frames,
-            wanted=lambda chest: fits(chest, plan), hopeful=hopeful,
-        )  # fmt: skip
-        found = found_in(run, until_s)
+            scenario.body, scenario.start, muscles, drawn.disturbance, frames, wanted=wanted, hopeful=hopeful
+        )
+        found = scenario.figures(run, until_s)
         amiss = missing(found, plan)
         if best is None or amiss < best.amiss:
             best = Candidate(scenario=scenario, run=run, drawn=drawn, figures=found, amiss=amiss)
@@ -357,22 +361,21 @@ def _assembled(candidate: Candidate, plan: FallPlan, getups: Sequence[Motion]) -
         rise_m, rise = got_up(scenario.body, bones, root[-1], segments[-1], getups)
         root, segments = np.concatenate([root, rise_m[1:]]), np.concatenate([segments, rise[1:]])
     after = placed_joints(root, segments, bones.offsets, bones.parents)
-    after[: len(joints)] = np.where(
-        (np.arange(len(joints)) < round(0.5 * RATE_HZ))[:, None, None], joints, after[: len(joints)]
-    )
-    events = FallEvents(
-        event_s=frame / RATE_HZ, impact_s=frame / RATE_HZ + found.impact_s, rest_s=(frame + rested) / RATE_HZ,
-        get_up_s=get_up_s,
-    )  # fmt: skip
+    early = min(round(0.5 * RATE_HZ), len(joints))
+    after[:early] = joints[:early]
+    event_s = frame / RATE_HZ
+    impact_s, rest_s = event_s + found.impact_s, (frame + rested) / RATE_HZ
+    events = FallEvents(event_s=event_s, impact_s=impact_s, rest_s=rest_s, get_up_s=get_up_s)
     note = (
-        f"fall by {plan.type}, {found.heading}, strength {drawn.strength:.2f}, seed {plan.seed}: event {events.event_s:.2f} s, "
-        f"impact {events.impact_s:.2f} s, rest {events.rest_s:.2f} s"
+        f"fall by {plan.type}, {found.heading}, strength {drawn.strength:.2f}, seed {plan.seed}: event {event_s:.2f} s, "
+        f"impact {impact_s:.2f} s, rest {rest_s:.2f} s"
     ) + (f", gets up {get_up_s:.2f} s" if get_up_s is not None else "")
     motion = lead.edited(
-        note, joints=np.concatenate([lead.joints[:frame], after]),
+        note,
+        joints=np.concatenate([lead.joints[:frame], after]),
         rotations=np.concatenate([lead.rotations[:frame], rotations_of(bones, segments)]),
         activities=_activities(lead, events),
-    )  # fmt: skip
+    )
     return Fall(motion=motion, events=events, heading=found.heading, strength=drawn.strength, figures=found)
 
 
@@ -404,28 +407,15 @@ def plan_of(description: Description, seed: int = 0) -> FallPlan:
         )
     step = steps[0]
     rng = np.random.default_rng([seed, 10])
-    types = [step.type] if step.type in FALL_TYPES else _types_to(step)
+    # A step that names no type falls by one that goes in its direction.
+    going: dict[str | None, tuple[FallType, ...]] = {None: FALL_TYPES, "back": ("slip",), "forward": ("trip",)}
+    types = (step.type,) if step.type in FALL_TYPES else going.get(step.direction, ("slip", "collapse"))
+    after = description.steps[description.steps.index(step) + 1 :]
     return FallPlan(
         type=types[int(rng.integers(len(types)))],
         direction=step.direction if step.direction in HEADINGS else None,
-        strength=float(rng.uniform(*STRENGTHS[step.speed])), rest_s=float(rng.uniform(*RESTS_S)),
-        get_up=any(each.action == "stand_up" for each in _after(description, step)), seed=seed,
-    )  # fmt: skip
-
-
-def _types_to(step: Step) -> list[FallType]:
-    """Types that go in the direction of a step that names none."""
-    if step.direction == "back":
-        return ["slip"]
-    return (
-        ["trip"]
-        if step.direction == "forward"
-        else list(FALL_TYPES)
-        if step.direction is None
-        else ["slip", "collapse"]
+        strength=float(rng.uniform(*STRENGTHS[step.speed])),
+        rest_s=float(rng.uniform(*RESTS_S)),
+        get_up=any(each.action == "stand_up" for each in after),
+        seed=seed,
     )
-
-
-def _after(description: Description, step: Step) -> Sequence[Step]:
-    steps = description.steps
-    return steps[next(i for i, each in enumerate(steps) if each is step) + 1 :]

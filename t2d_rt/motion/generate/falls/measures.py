@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,26 +19,26 @@ IMPACT_S = 0.1
 class Figures:
     """Of one run; times from the event."""
 
-    impact_s: float
-    """First contact of the pelvis or a hip with the floor; infinite if there is none."""
-    descent_s: float
-    """From where the pelvis leaves its height at the event to the impact."""
-    pelvis_mps: float
-    """Its downward speed at the impact."""
-    head_mps: float
-    """Downward speed of the head at its impact, or its greatest where it does not strike."""
-    lies_on: tuple[float, float, float]
+    lies_on: tuple[float, ...]
     """Direction of gravity in the chest's axes (left, up, forward) as the chest strikes the floor; (0, 0, -1) is on the back."""
-    travel: tuple[float, float]
-    """Travel of the pelvis (left, forward) from the event to the impact [m]."""
-    slide_m: float
-    """Travel of the pelvis after the impact."""
-    rest_s: float
-    """When the body comes to rest; infinite if it does not."""
     gain_j: float
     """Greatest rise of mechanical energy less the work of muscles over any earlier value."""
     deepest_m: tuple[float, float]
     """Deepest interpenetration with the floor and within the body."""
+    impact_s: float = math.inf
+    """First contact of the pelvis or a hip with the floor; infinite if there is none."""
+    descent_s: float = math.inf
+    """From where the pelvis leaves its height at the event to the impact."""
+    pelvis_mps: float = 0.0
+    """Its downward speed at the impact."""
+    head_mps: float = 0.0
+    """Downward speed of the head at its impact, or its greatest where it does not strike."""
+    travel: tuple[float, float] = (0.0, 0.0)
+    """Travel of the pelvis (left, forward) from the event to the impact [m]."""
+    slide_m: float = 0.0
+    """Travel of the pelvis after the impact."""
+    rest_s: float = math.inf
+    """When the body comes to rest; infinite if it does not."""
 
     @property
     def heading(self) -> Heading:
@@ -45,7 +46,7 @@ class Figures:
         return undermost(self.lies_on)
 
 
-def undermost(lies_on: tuple[float, float, float]) -> Heading:
+def undermost(lies_on: Sequence[float]) -> Heading:
     """Side of the chest that is undermost, from the direction of gravity in its axes (left, up, forward)."""
     aside, _, ahead = lies_on
     if abs(ahead) >= abs(aside):
@@ -55,16 +56,14 @@ def undermost(lies_on: tuple[float, float, float]) -> Heading:
 
 def fits(chest: np.ndarray, plan: FallPlan) -> bool:
     """Whether a chest (3, 3) that strikes the floor in this orientation has fallen where the plan wants it."""
-    return undermost((-chest[2, 0], -chest[2, 1], -chest[2, 2])) in _headings(plan)
+    return undermost(-chest[2]) in _headings(plan)
 
 
 def _headings(plan: FallPlan) -> tuple[Heading, ...]:
     if plan.direction is not None:
         return (plan.direction,)
-    found: dict[str, tuple[Heading, ...]] = {
-        "slip": ("back", "left", "right"), "trip": ("forward", "left", "right"), "collapse": HEADINGS,
-    }  # fmt: skip
-    return found[plan.type]
+    never = {"slip": "forward", "trip": "back", "collapse": None}[plan.type]
+    return tuple(each for each in HEADINGS if each != never)
 
 
 def figures(run: Run, joints: np.ndarray, chest: np.ndarray, facing: np.ndarray, external_s: float) -> Figures:
@@ -79,14 +78,10 @@ def figures(run: Run, joints: np.ndarray, chest: np.ndarray, facing: np.ndarray,
     gain = float((after - np.minimum.accumulate(after)).max(initial=0.0))
     aside = np.array([-facing[1], facing[0]])
     struck = next((k for k, touching in enumerate(run.touches) if touching & CHEST), len(run.touches) - 1)
-    down_in_chest = -chest[struck, 2]
-    lies_on = (float(down_in_chest[0]), float(down_in_chest[1]), float(down_in_chest[2]))
-    depths = float(run.deepest_m[:, 0].max()), float(run.deepest_m[:, 1].max())
+    lies_on = tuple(float(each) for each in -chest[struck, 2])
+    deepest_m = float(run.deepest_m[:, 0].max()), float(run.deepest_m[:, 1].max())
     if not down:
-        return Figures(
-            impact_s=math.inf, descent_s=math.inf, pelvis_mps=0.0, head_mps=0.0, lies_on=lies_on, travel=(0.0, 0.0),
-            slide_m=0.0, rest_s=math.inf, gain_j=gain, deepest_m=depths,
-        )  # fmt: skip
+        return Figures(lies_on=lies_on, gain_j=gain, deepest_m=deepest_m)
     impact = down[0]
     high = np.flatnonzero(pelvis[: impact + 1, 2] > pelvis[0, 2] - 0.05)
     travel = (pelvis[impact] - pelvis[0])[:2]
@@ -97,11 +92,17 @@ def figures(run: Run, joints: np.ndarray, chest: np.ndarray, facing: np.ndarray,
     lively = np.flatnonzero(run.speeds > RESTING)
     rest = math.inf if lively[-1] == len(run.speeds) - 1 else float(lively[-1] + 1) / RATE_HZ
     return Figures(
-        impact_s=impact / RATE_HZ, descent_s=float(impact - (high[-1] if len(high) else 0)) / RATE_HZ,
-        pelvis_mps=float(speed[max(impact - window, 0) : impact + 1, 0].max()), head_mps=float(head_speed), lies_on=lies_on,
+        impact_s=impact / RATE_HZ,
+        descent_s=float(impact - (high[-1] if len(high) else 0)) / RATE_HZ,
+        pelvis_mps=float(speed[max(impact - window, 0) : impact + 1, 0].max()),
+        head_mps=float(head_speed),
+        lies_on=lies_on,
         travel=(float(travel @ aside), float(travel @ facing)),
-        slide_m=float(np.linalg.norm((pelvis[-1] - pelvis[impact])[:2])), rest_s=rest, gain_j=gain, deepest_m=depths,
-    )  # fmt: skip
+        slide_m=float(np.linalg.norm((pelvis[-1] - pelvis[impact])[:2])),
+        rest_s=rest,
+        gain_j=gain,
+        deepest_m=deepest_m,
+    )
 
 
 IMPACT_RANGE_S, DESCENT_RANGE_S = (0.4, 2.5), (0.3, 1.2)
@@ -124,12 +125,13 @@ def missing(found: Figures, plan: FallPlan) -> float:
     )
     if fatal:
         return math.inf
-    pairs = (
-        (found.descent_s, DESCENT_RANGE_S), (found.pelvis_mps, PELVIS_RANGE_MPS), (found.head_mps, HEAD_RANGE_MPS),
-    )  # fmt: skip
+    values = found.descent_s, found.pelvis_mps, found.head_mps
+    ranges = DESCENT_RANGE_S, PELVIS_RANGE_MPS, HEAD_RANGE_MPS
     # Who slips falls on the back or the side, mostly on the back.
     aside = ASIDE if plan.type == "slip" and plan.direction is None and found.heading != "back" else 0.0
-    return aside + sum(max(low - value, 0.0) + max(value - high, 0.0) for value, (low, high) in pairs)
+    return aside + sum(
+        max(low - value, 0.0) + max(value - high, 0.0) for value, (low, high) in zip(values, ranges, strict=True)
+    )
 
 
 def least_missing(found: Figures, run: Run, plan: FallPlan) -> float:

@@ -97,12 +97,16 @@ STIFFNESS_PER_TORQUE = 2.2
 DAMPING_PER_STIFFNESS = 0.07
 """[s]"""
 
-REGIONS: dict[str, tuple[str, ...]] = {
-    "leg": tuple(f"{side}_{joint}" for side in SIDES for joint in ("hip", "knee", "ankle", "foot")),
-    "trunk": ("spine1", "spine2", "spine3"),
-    "arm": tuple(f"{side}_{joint}" for side in SIDES for joint in ("collar", "shoulder", "elbow", "wrist")),
-    "neck": ("neck", "head"),
+JOINTS = tuple(name for name, parent in PARENTS.items() if parent >= 0)
+
+PARTS = {
+    "leg": "hip knee ankle foot",
+    "trunk": "spine1 spine2 spine3",
+    "arm": "collar shoulder elbow wrist",
+    "neck": "neck head",
 }
+REGION = {joint: part for joint in JOINTS for part, names in PARTS.items() if joint.split("_")[-1] in names.split()}
+"""Part of the body that each joint belongs to."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,8 +149,7 @@ def arm_directions(heading: Heading, side: str) -> tuple[np.ndarray, np.ndarray]
         return np.array([0.3 * out, 0.0, 0.95]), np.array([-0.5 * out, 0.85, 0.0])
     if heading == "back":
         return np.array([0.55 * out, -0.75, -0.3]), np.array([0.2 * out, 0.0, 1.0])
-    toward = (heading == "left") == (side == "left")
-    if toward:
+    if heading == side:
         return np.array([0.85 * out, -0.4, 0.35]), np.array([0.0, 0.5, 0.85])
     return np.array([-0.05 * out, -0.5, 0.85]), np.array([-0.5 * out, 0.8, 0.3])
 
@@ -186,17 +189,9 @@ def within_range(body: Humanoid, name: str, angles: np.ndarray) -> np.ndarray:
 
 def hinge_tones(body: Humanoid, tones: dict[str, np.ndarray]) -> np.ndarray:
     """Tone of each actuator (T, nu) from that of each canonical joint (T,)."""
-    model = body.model
-    count = len(next(iter(tones.values())))
-    found = np.ones((count, model.nu))
     of_hinge = {hinge: name for name, hinges in body.hinges.items() for hinge in hinges}
-    for actuator in range(model.nu):
-        hinge = int(model.jnt_qposadr[model.actuator_trnid[actuator, 0]])
-        found[:, actuator] = tones[of_hinge[hinge]]
-    return found
-
-
-JOINTS = tuple(name for name, parent in PARENTS.items() if parent >= 0)
+    hinges = body.model.jnt_qposadr[body.model.actuator_trnid[:, 0]]
+    return np.stack([tones[of_hinge[int(hinge)]] for hinge in hinges], axis=1)
 
 
 # --- a fall, step by step in MuJoCo: contacts, muscles, the foot that slips or is caught, and the ledger of energy
@@ -273,7 +268,7 @@ class Disturbance:
         return max(self.push_s if any(self.push_n) else 0.0, self.caught_s)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Run:
     """Frames of a simulated fall at 120 Hz, the first one at the event."""
 
@@ -357,11 +352,8 @@ def is_down(touching: frozenset[str], pelvis_m: float) -> bool:
 
 
 def _run(kept: list[Any]) -> Run:
-    columns = list(zip(*kept, strict=True))
-    return Run(
-        qpos=np.stack(columns[0]), speeds=np.array(columns[1]), energy_j=np.array(columns[2]), work_j=np.array(columns[3]),
-        touches=list(columns[4]), deepest_m=np.array(columns[5]),
-    )  # fmt: skip
+    qpos, speeds, energy, work, touches, depths = zip(*kept, strict=True)
+    return Run(np.stack(qpos), np.array(speeds), np.array(energy), np.array(work), list(touches), np.array(depths))
 
 
 def _act(model: Any, data: Any, course: Course, frame: int, lying: int) -> None:

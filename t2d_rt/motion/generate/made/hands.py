@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.kinematics import INDEX, LOWER_BACK, NAMES, Skeleton
+from t2d_rt.motion.kinematics import INDEX, LOWER_BACK, NAMES, PARENT_NAMES, Skeleton
 
 # --- lengths that key poses need, masses of the segments, and the neutral posture of a skeleton ---
 
@@ -30,6 +29,12 @@ HEAD_MASS, HEAD_ALONG = 0.0694, 0.45
 """The head with the neck, between the head's joint and its top (de Leva 1996)."""
 
 
+SIGN = {"left": 1.0, "right": -1.0}
+"""Of the y axis, by the side of the body."""
+
+Triple = tuple[float, float, float]
+
+
 @dataclass(frozen=True)
 class Anatomy:
     """Lengths that key poses need of a skeleton."""
@@ -39,6 +44,10 @@ class Anatomy:
     def offset(self, name: str) -> np.ndarray:
         """A joint in its parent's rest frame [m], (3,)."""
         return self.skeleton.offsets[INDEX[name]]
+
+    def bones_m(self, side: str, first: str, second: str) -> tuple[float, float]:
+        """Lengths [m] of the two bones of a limb that end at these joints of a side."""
+        return self.skeleton.bone_m(f"{side}_{first}"), self.skeleton.bone_m(f"{side}_{second}")
 
     @cached_property
     def leg_m(self) -> float:
@@ -157,12 +166,18 @@ class Figure:
     """
 
     anatomy: Anatomy
-    points: Mapping[str, np.ndarray]
-    turns: Mapping[str, np.ndarray]
+    points: dict[str, np.ndarray]
+    turns: dict[str, np.ndarray]
+
+    def hang(self, name: str) -> None:
+        """Place a joint where its parent's orientation has it."""
+        parent = PARENT_NAMES[name]
+        turned = quaternions.rotate(self.turns[parent], self.anatomy.offset(name))
+        self.points[name] = self.points[parent] + turned
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class Hand:
     """A wrist's position (T, 3) [m], directions (T, 3) of the elbow and, where they matter, of fingers and back of the hand."""
 
     wrist: np.ndarray
@@ -178,8 +193,8 @@ class Goal:
     held: bool = False
     """Whether it rests on something and so does not shake."""
 
-    def place(self, figure: Figure, side: str) -> Place:
-        """The wrist of one side."""
+    def place(self, figure: Figure, side: str) -> Hand:
+        """The hand of one side."""
         raise NotImplementedError
 
 
@@ -194,17 +209,17 @@ class Hang(Goal):
     follow: float = 0.3
     """Part of the trunk's lean that the arm takes along."""
 
-    def place(self, figure: Figure, side: str) -> Place:
+    def place(self, figure: Figure, side: str) -> Hand:
         """As far below the shoulder as the bent elbow allows."""
-        sign = 1.0 if side == "left" else -1.0
-        first, second = (figure.anatomy.skeleton.bone_m(f"{side}_{joint}") for joint in ("elbow", "wrist"))
+        sign = SIGN[side]
+        first, second = figure.anatomy.bones_m(side, "elbow", "wrist")
         length = np.sqrt(first**2 + second**2 + 2 * first * second * np.cos(self.bend_rad))
         down = np.array([
             np.sin(self.forward_rad), sign * np.sin(self.out_rad), -np.cos(self.forward_rad) * np.cos(self.out_rad),
         ])  # fmt: skip
         frame = quaternions.blend(figure.turns["heading"], figure.turns["spine3"], np.array(self.follow))
         wrist = figure.points[f"{side}_shoulder"] + length * quaternions.rotate(frame, down / np.linalg.norm(down))
-        return Place(wrist, quaternions.rotate(frame, np.array([-1.0, 0.25 * sign, 0.0])))
+        return Hand(wrist, quaternions.rotate(frame, np.array([-1.0, 0.25 * sign, 0.0])))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -219,102 +234,88 @@ class OnBone(Goal):
     """Wrist over the bone's axis, over stature: half the limb and half the hand."""
     out: float = 0.0
     """To the side, over stature."""
-    across: bool = False
-    """The other side's leg."""
     held: bool = True
 
-    def place(self, figure: Figure, side: str) -> Place:
+    def place(self, figure: Figure, side: str) -> Hand:
         """On the front of the bone."""
-        leg = {"left": "right", "right": "left"}[side] if self.across else side
-        sign = 1.0 if side == "left" else -1.0
-        start, end = figure.points[f"{leg}_{self.upper}"], figure.points[f"{leg}_{self.lower}"]
-        turn = figure.turns[f"{leg}_{self.upper}"]
+        sign = SIGN[side]
+        start, end = figure.points[f"{side}_{self.upper}"], figure.points[f"{side}_{self.lower}"]
+        turn = figure.turns[f"{side}_{self.upper}"]
         front, left, down = (quaternions.rotate(turn, axis) for axis in (np.eye(3)[0], np.eye(3)[1], -np.eye(3)[2]))
         tall = figure.anatomy.stature_m
         wrist = start + self.along * (end - start) + tall * (self.lift * front + self.out * sign * left)
         chest = figure.turns["spine3"]
         elbow = quaternions.rotate(chest, np.array([-0.6, 0.75 * sign, -0.25]))
-        return Place(wrist, elbow, fingers=down - 0.25 * sign * left - 0.1 * front, back=front)
+        return Hand(wrist, elbow, fingers=down - 0.25 * sign * left - 0.1 * front, back=front)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OnChest(Goal):
-    """A point that goes with the chest: ahead, out and up from the shoulder's own rest place, in lengths of the arm."""
+class AtPoint(Goal):
+    """A point and directions in some frame: ahead, out to the hand's own side, and up."""
 
-    ahead: float
-    out: float
-    up: float
-    elbow: tuple[float, float, float] = (-0.5, 0.7, -0.5)
-    fingers: tuple[float, float, float] | None = None
-    """Ahead, out, up."""
-    back: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    at: Triple
+    elbow: Triple
+    """Where the elbow points."""
+    fingers: Triple | None = None
+    """Where the fingers point, if they are not to go on along the forearm."""
+    back: Triple = (0.0, 0.0, 1.0)
+    """Where the back of the hand faces, then."""
 
-    def place(self, figure: Figure, side: str) -> Place:
+    def wrist(self, figure: Figure, side: str) -> tuple[np.ndarray, np.ndarray]:
+        """Orientations (T, 4) of the frame, and places (T, 3) of the wrist [m]."""
+        raise NotImplementedError
+
+    def place(self, figure: Figure, side: str) -> Hand:
+        """The wrist at the point, elbow and hand turned with the frame."""
+        frame, wrist = self.wrist(figure, side)
+        out = np.array([1.0, SIGN[side], 1.0])
+        directions = [self.elbow] if self.fingers is None else [self.elbow, self.fingers, self.back]
+        return Hand(wrist, *(quaternions.rotate(frame, np.array(each) * out) for each in directions))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OnChest(AtPoint):
+    """A point that goes with the chest: from the shoulder's own rest place, in lengths of the arm."""
+
+    elbow: Triple = (-0.5, 0.7, -0.5)
+    back: Triple = (0.0, 1.0, 0.0)
+
+    def wrist(self, figure: Figure, side: str) -> tuple[np.ndarray, np.ndarray]:
         """In the frame of the upper spine."""
-        sign = 1.0 if side == "left" else -1.0
         chest, body = figure.turns["spine3"], figure.anatomy
-        out = np.array([1.0, sign, 1.0])
         rest = body.offset(f"{side}_collar") + body.offset(f"{side}_shoulder")
-        local = rest + body.arm_m * np.array([self.ahead, self.out * sign, self.up])
-        wrist = figure.points["spine3"] + quaternions.rotate(chest, local)
-        elbow = quaternions.rotate(chest, np.array(self.elbow) * out)
-        if self.fingers is None:
-            return Place(wrist, elbow)
-        return Place(
-            wrist, elbow, *(quaternions.rotate(chest, np.array(each) * out) for each in (self.fingers, self.back))
-        )
+        ahead, aside, up = self.at
+        local = rest + body.arm_m * np.array([ahead, aside * SIGN[side], up])
+        return chest, figure.points["spine3"] + quaternions.rotate(chest, local)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OnPelvis(Goal):
-    """A point that goes with the pelvis: ahead, out and up from its own hip, over stature."""
+class OnPelvis(AtPoint):
+    """A point that goes with the pelvis: from its own hip, over stature; by default a hand on the hip."""
 
-    ahead: float = 0.02
-    out: float = 0.075
-    up: float = 0.06
-    elbow: tuple[float, float, float] = (-0.7, 0.8, 0.0)
-    fingers: tuple[float, float, float] | None = (0.6, -0.5, -0.5)
-    back: tuple[float, float, float] = (0.3, 0.9, 0.3)
+    at: Triple = (0.02, 0.075, 0.06)
+    elbow: Triple = (-0.7, 0.8, 0.0)
+    fingers: Triple | None = (0.6, -0.5, -0.5)
+    back: Triple = (0.3, 0.9, 0.3)
     held: bool = True
 
-    def place(self, figure: Figure, side: str) -> Place:
+    def wrist(self, figure: Figure, side: str) -> tuple[np.ndarray, np.ndarray]:
         """In the neutral frame of the pelvis."""
-        sign = 1.0 if side == "left" else -1.0
-        out = np.array([1.0, sign, 1.0])
         frame = figure.turns["hips"]
-        local = figure.anatomy.stature_m * np.array([self.ahead, self.out, self.up]) * out
-        wrist = figure.points[f"{side}_hip"] + quaternions.rotate(frame, local)
-        elbow = quaternions.rotate(frame, np.array(self.elbow) * out)
-        if self.fingers is None:
-            return Place(wrist, elbow)
-        return Place(
-            wrist, elbow, *(quaternions.rotate(frame, np.array(each) * out) for each in (self.fingers, self.back))
-        )
+        local = figure.anatomy.stature_m * np.array(self.at) * np.array([1.0, SIGN[side], 1.0])
+        return frame, figure.points[f"{side}_hip"] + quaternions.rotate(frame, local)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class InSpace(Goal):
-    """A point of the room [m]: floor, seat, armrest, handrail, a thing on the floor."""
+class InSpace(AtPoint):
+    """A point of the room [m], `at` as it stands: floor, seat, armrest, handrail, a thing on the floor."""
 
-    point: tuple[float, float, float]
-    elbow: tuple[float, float, float] = (-0.7, 0.6, 0.2)
-    """Behind, out and up as the person stands at the start."""
-    fingers: tuple[float, float, float] | None = None
-    back: tuple[float, float, float] = (0.0, 0.0, 1.0)
     yaw_rad: float = 0.0
     """Heading that elbow and fingers are given in."""
     held: bool = True
 
-    def place(self, figure: Figure, side: str) -> Place:
+    def wrist(self, figure: Figure, side: str) -> tuple[np.ndarray, np.ndarray]:
         """The same at all times."""
-        sign = 1.0 if side == "left" else -1.0
-        turn = quaternions.about_axis(np.array([0.0, 0.0, 1.0]), np.array(self.yaw_rad))
         count = len(figure.points["pelvis"])
-
-        def constant(vector: tuple[float, float, float]) -> np.ndarray:
-            return np.tile(quaternions.rotate(turn, np.array(vector) * [1.0, sign, 1.0]), (count, 1))
-
-        wrist = np.tile(np.array(self.point, dtype=float), (count, 1))
-        if self.fingers is None:
-            return Place(wrist, constant(self.elbow))
-        return Place(wrist, constant(self.elbow), constant(self.fingers), constant(self.back))
+        turn = quaternions.about_axis(np.array([0.0, 0.0, 1.0]), np.array(self.yaw_rad))
+        return np.broadcast_to(turn, (count, 4)), np.tile(np.array(self.at, dtype=float), (count, 1))

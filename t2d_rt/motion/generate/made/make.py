@@ -4,23 +4,44 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.slots import Step
 from t2d_rt.motion.generate.made import ground, seat, standing
-from t2d_rt.motion.generate.made.hands import Anatomy, InSpace
-from t2d_rt.motion.generate.made.performer import AFTER_S, PROMPT, Performer, performer, shift, stance, tempo_of
+from t2d_rt.motion.generate.made.act import (
+    AFTER_S,
+    INDEX,
+    PROMPT,
+    SIDES,
+    SIGN,
+    Act,
+    Grasp,
+    Move,
+    Posture,
+    resumed,
+    shift,
+    stance,
+    tempo_of,
+)
+from t2d_rt.motion.generate.made.hands import Anatomy
 from t2d_rt.motion.generate.made.render import render
-from t2d_rt.motion.generate.made.score import INDEX, SIDES, SIGN, Grasp, Posture, Score
 from t2d_rt.motion.kinematics import Poses, Skeleton
 
-MADE: Mapping[str, Callable[[Score, Performer, Step], None]] = {
-    "sit": ground.sit_down, "stand_up": ground.rise, "lie_down": ground.lie_down, "bend": standing.bend, "squat": standing.squat,
-    "stretch": standing.stretch, "climb": seat.climb, "walk": seat.climb, "run": seat.climb,
-}  # fmt: skip
+MADE: Mapping[str, Callable[[Act, Step], None]] = {
+    "sit": ground.sit_down,
+    "stand_up": ground.rise,
+    "lie_down": ground.lie_down,
+    "bend": standing.bend,
+    "squat": standing.squat,
+    "stretch": standing.stretch,
+    **dict.fromkeys(("climb", "walk", "run"), seat.climb),
+}
 """What writes each action; walking and running are made where they go up or down a stair."""
+
+T = TypeVar("T", Move, Grasp)
 
 CLIMBS = "climb", "walk", "run"
 """Those that go up or down a stair."""
@@ -56,9 +77,15 @@ class Made:
 
 
 def make(
-    steps: Sequence[Step], skeleton: Skeleton, *, rng: np.random.Generator, rate_hz: float = 60.0, handed: str = "right",
-    tempo: float = 1.0, begins: Posture | None = None,
-) -> Made:  # fmt: skip
+    steps: Sequence[Step],
+    skeleton: Skeleton,
+    *,
+    rng: np.random.Generator,
+    rate_hz: float = 60.0,
+    handed: str = "right",
+    tempo: float = 1.0,
+    begins: Posture | None = None,
+) -> Made:
     """Steps of which no clip ships, one after the other, by one person.
 
     skeleton: of the person, in the common rest pose. tempo: factor on the pace. begins: posture at the start; by default what the
@@ -71,86 +98,100 @@ def make(
             )
     if not steps:
         raise InputError("there is no step to make; give at least one")
-    anatomy = Anatomy(skeleton)
-    who = performer(anatomy, rng, handed=handed, step=steps[0])
-    score = _start(who, steps[0], begins)
-    first = score.posture
-    if begins is None and first == "standing" and steps[0].duration_s is None and steps[0].action not in CLIMBS:
-        shift(score, who)
+    free = begins is None and steps[0].duration_s is None
+    act = _begun(Anatomy(skeleton), rng, handed, steps[0], begins)
+    first = act.posture
+    if free and first == "standing" and steps[0].action not in CLIMBS:
+        shift(act)
     begins_s = []
     for step in steps:
-        begins_s.append(score.now_s)
-        score.tempo = tempo_of(step, rng, tempo)
-        before = len(score.moves), {side: len(score.grasps[side]) for side in SIDES}, score.now_s
-        MADE[step.action](score, who, step)
+        begins_s.append(act.now_s)
+        act.tempo = tempo_of(step, rng, tempo)
+        moves, grasps, start_s = len(act.moves), {side: len(act.grasps[side]) for side in SIDES}, act.now_s
+        MADE[step.action](act, step)
         if step.object == "handrail" and step.action not in CLIMBS:
-            _hold_rail(score, who, before)
+            _hold_rail(act, grasps, start_s)
         if step.duration_s is not None:
-            _lasting(score, before, step.duration_s)
+            stretched = Stretch.between(start_s, act.now_s, step.duration_s)
+            act.moves[moves:] = stretched.moves(act.moves[moves:])
+            for side in SIDES:
+                act.grasps[side][grasps[side] :] = stretched.moves(act.grasps[side][grasps[side] :])
+            act.now_s = max(stretched.later(act.now_s), start_s + step.duration_s)
     if steps[-1].duration_s is None:
-        if score.posture == "standing" and steps[-1].action not in CLIMBS and who.chance(STEPS_AWAY):
-            shift(score, who)
-        score.wait(who.u(*AFTER_S))
-    poses, table = render(score, anatomy, rng=rng, rate_hz=rate_hz)
-    # Root heights of skeletons count from the balls of the feet, those of a score from the floor.
-    poses = replace(poses, root=poses.root - [0.0, 0.0, anatomy.sole_m])
+        if act.posture == "standing" and steps[-1].action not in CLIMBS and act.chance(STEPS_AWAY):
+            shift(act)
+        act.wait(act.u(*AFTER_S))
+    poses, table = render(act, rng=rng, rate_hz=rate_hz)
+    # Root heights of skeletons count from the balls of the feet, those of an act from the floor.
+    poses = replace(poses, root=poses.root - [0.0, 0.0, act.anatomy.sole_m])
     return Made(
-        poses=poses, planted=_planted(table, rate_hz), begins=first, ends=score.posture,
-        floors_m=(score.first["ground"], score.place.floor_m), begins_s=(0.0, *begins_s[1:]), notes=tuple(score.notes),
-    )  # fmt: skip
+        poses=poses,
+        planted=_planted(table, rate_hz),
+        begins=first,
+        ends=act.posture,
+        floors_m=(act.first["ground"], act.place.floor_m),
+        begins_s=(0.0, *begins_s[1:]),
+        notes=tuple(act.notes),
+    )
 
 
-def _start(who: Performer, step: Step, begins: Posture | None) -> Score:
-    """A score in the posture that the first step begins with."""
-    if begins is None:
-        rises = step.action == "stand_up"
-        begins = ("lying on the floor" if step.object == "floor" else "sitting") if rises else "standing"
-    if begins == "standing":
-        score = stance(who, waits=1.0 if step.duration_s is None else PROMPT)
+def _begun(anatomy: Anatomy, rng: np.random.Generator, handed: str, step: Step, begins: Posture | None) -> Act:
+    """An act in the posture that the first step begins with: what leads to it is written down, and left out."""
+    if begins is None and step.action == "stand_up":
+        begins = "lying on the floor" if step.object == "floor" else "sitting"
+    prompt = begins in (None, "standing") and step.duration_s is not None
+    act = stance(anatomy, rng, handed=handed, step=step, waits=PROMPT if prompt else 1.0)
+    if begins in (None, "standing"):
         if step.action == "stand_up":
-            ground.sit_down(score, who, Step(action="sit", object=step.object, manner=step.manner))
-        return score
+            ground.sit_down(act, Step(action="sit", object=step.object, manner=step.manner))
+        return act
     if begins == "sitting":
-        return seat.seated(who, step)
-    if begins == "sitting on the floor":
-        return ground.floor_seated(who, step)
-    return ground.lying(who, step, bed=begins == "lying on a bed")
+        seat.sit(act, Step(action="sit", object=step.object, manner=step.manner))
+    elif begins == "sitting on the floor":
+        ground.floor_seat(act)
+    else:
+        on = None if begins == "lying on a bed" else "floor"
+        ground.lie_down(act, Step(action="lie_down", object=on, manner=step.manner))
+    return resumed(act, step)
 
 
-def _hold_rail(score: Score, who: Performer, before: tuple[int, dict[str, int], float]) -> None:
-    """One hand takes a rail beside the person at the begin of a step and keeps it until the end."""
-    side = who.side(0.6)
-    start_s = before[2]
-    tall = who.tall / 1.72
-    point = score.place.world(who.u(-0.02, 0.12), SIGN[side] * who.u(0.34, 0.40) * tall, RAIL_M * tall)
+def _hold_rail(act: Act, grasps: Mapping[str, int], start_s: float) -> None:
+    """One hand takes a rail beside the person at the begin of a step and keeps it until the end: what else it was to do since then,
+    behind the first `grasps` of its side, is dropped."""
+    side = act.side(0.6)
+    tall = act.tall / 1.72
+    point = act.u(-0.02, 0.12), SIGN[side] * act.u(0.34, 0.40) * tall, RAIL_M * tall
     # Standing, seated or bowed, the arm never lies along this way of the elbow, where it would whip round.
-    goal = InSpace(point=point, elbow=(-0.7, 0.1, -0.7), fingers=(0.9, 0.0, 0.1), yaw_rad=score.place.yaw_rad)
-    end_s = max(score.now_s - 0.7, start_s + 0.8)
-    score.grasps[side][before[1][side] :] = [
-        Grasp(goal=goal, start_s=max(0.0, start_s - 0.3), duration_s=0.75, aside_m=0.03)
-    ]
-    if score.posture == "standing":
-        score.grasps[side].append(Grasp(goal=who.hang(), start_s=end_s, duration_s=0.8, aside_m=0.0))
-    score.notes.append(f"a handrail {RAIL_M * tall:.2f} m high on the {side}")
+    goal = act.place.hold(*point, elbow=(-0.7, 0.1, -0.7), fingers=(0.9, 0.0, 0.1))
+    end_s = max(act.now_s - 0.7, start_s + 0.8)
+    takes = Grasp(goal=goal, start_s=max(0.0, start_s - 0.3), duration_s=0.75, aside_m=0.03)
+    act.grasps[side][grasps[side] :] = [takes]
+    if act.posture == "standing":
+        act.grasps[side].append(Grasp(goal=act.hang(), start_s=end_s, duration_s=0.8, aside_m=0.0))
+    act.notes.append(f"a handrail {RAIL_M * tall:.2f} m high on the {side}")
 
 
-def _lasting(score: Score, before: tuple[int, dict[str, int], float], duration_s: float) -> None:
-    """Stretch what was written since `before` to a duration; beyond what pace can do, the end is held."""
-    moves, grasps, start_s = before
-    factor = float(np.clip(duration_s / max(score.now_s - start_s, 0.1), 1 / FASTEST, 1 / SLOWEST))
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Time that runs slower by a factor from an instant on."""
 
-    def later(time_s: float) -> float:
-        return start_s + (time_s - start_s) * factor if time_s > start_s else time_s
+    start_s: float
+    factor: float
 
-    score.moves[moves:] = [
-        replace(each, start_s=later(each.start_s), duration_s=each.duration_s * factor) for each in score.moves[moves:]
-    ]
-    for side in SIDES:
-        score.grasps[side][grasps[side] :] = [
-            replace(each, start_s=later(each.start_s), duration_s=each.duration_s * factor)
-            for each in score.grasps[side][grasps[side] :]
+    @classmethod
+    def between(cls, start_s: float, end_s: float, duration_s: float) -> Stretch:
+        """What brings a span to a duration; beyond what pace can do, the end is to be held."""
+        return cls(start_s, float(np.clip(duration_s / max(end_s - start_s, 0.1), 1 / FASTEST, 1 / SLOWEST)))
+
+    def later(self, time_s: float) -> float:
+        """When what was at a time happens then."""
+        return self.start_s + (time_s - self.start_s) * self.factor if time_s > self.start_s else time_s
+
+    def moves(self, moves: list[T]) -> list[T]:
+        """Moves or grasps at their new times."""
+        return [
+            replace(each, start_s=self.later(each.start_s), duration_s=each.duration_s * self.factor) for each in moves
         ]
-    score.now_s = max(later(score.now_s), start_s + duration_s)
 
 
 def _planted(table: np.ndarray, rate_hz: float) -> np.ndarray:

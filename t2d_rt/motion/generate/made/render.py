@@ -1,16 +1,16 @@
-"""From a score to poses: trunk, legs by inverse kinematics, balance over the feet, arms to their goals, and small movements."""
+"""From an act to poses: trunk, legs by inverse kinematics, balance over the feet, arms to their goals, and small movements."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.generate.made.hands import Anatomy, Figure, Hang, Place
-from t2d_rt.motion.generate.made.score import CHANNELS, DEG, INDEX, SIDES, SIGN, Grasp, Score, progress
+from t2d_rt.motion.generate.made.act import CHANNELS, DEG, INDEX, SIDES, SIGN, Act, progress
+from t2d_rt.motion.generate.made.hands import Anatomy, Figure, Goal, Hand, Hang
 from t2d_rt.motion.interpolate import decompose
 from t2d_rt.motion.kinematics import LOWER_BACK, NAMES, PARENTS, Poses
 
@@ -96,10 +96,13 @@ def hand_noise(times_s: np.ndarray, moving: np.ndarray, rng: np.random.Generator
     return amount * (HAND_SWAY_M * slow + HAND_MOTOR_M * moving[:, None] * fast)
 
 
-# --- from a score to poses: trunk, legs by inverse kinematics, balance over the feet, arms to their goals ---
+# --- from an act to poses: trunk, legs by inverse kinematics, balance over the feet, arms to their goals ---
 
 
 X, Y, Z = np.eye(3)
+
+Sides = Mapping[str, np.ndarray]
+"""Something of the left and of the right side."""
 
 SPINE = (LOWER_BACK, "spine1", "spine2", "spine3")
 FLEX_PARTS = 0.30, 0.28, 0.24, 0.18
@@ -121,134 +124,127 @@ SOFT_M = 0.007
 BALANCE_STEPS = 5
 
 
-Posed = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Positions and orientations of all joints for places of the hips (T, 3)."""
+@dataclass(frozen=True, slots=True)
+class Renderer:
+    """The poses of one table of channels, for any places of the hips."""
+
+    anatomy: Anatomy
+    values: Mapping[str, np.ndarray]
+    """Channels (T,) by name."""
+    arms: Mapping[str, Arm]
+    """What each arm does."""
+    rate_hz: float
+    """Of the poses if they follow one another in time, else 0."""
+
+    @classmethod
+    def of(cls, anatomy: Anatomy, table: np.ndarray, arms: Mapping[str, Arm], rate_hz: float) -> Renderer:
+        """Of a table of channels (T, C)."""
+        return cls(anatomy, {name: table[:, number] for number, name in enumerate(CHANNELS)}, arms, rate_hz)
+
+    def hips(self) -> np.ndarray:
+        """Hips (T, 3) [m] as the channels place them."""
+        return np.stack([self.values["x"], self.values["y"], self.values["z"]], axis=1)
+
+    def posed(self, hips: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (T, 28, 3) and orientations (T, 28, 4) of all joints for places of the hips (T, 3)."""
+        figure = _body(self.anatomy, self.values, hips)
+        for side in SIDES:
+            _arm(figure, side, self.arms[side], self.values["ground"], self.rate_hz)
+        return tuple(np.stack([each[name] for name in NAMES], axis=1) for each in (figure.points, figure.turns))  # type: ignore[return-value]
+
+    def centre_of_mass(self, hips: np.ndarray) -> np.ndarray:
+        """(T, 3) [m] for places of the hips (T, 3)."""
+        return np.einsum("tjk,j->tk", self.posed(hips)[0], self.anatomy.mass_weights)
+
+    def balanced(self) -> np.ndarray:
+        """Hips (T, 3) whose level place holds the centre of mass where it is wanted, as far as the channel `balanced` says."""
+        hips, weight = self.hips(), np.clip(self.values["balanced"], 0.0, 1.0)[:, None]
+        if not weight.any():
+            return hips
+        wanted = np.stack([self.values["com_x"], self.values["com_y"]], axis=1)
+        found = hips.copy()
+        found[:, :2] = wanted
+        for _ in range(BALANCE_STEPS):
+            found[:, :2] += np.clip(1.3 * (wanted - self.centre_of_mass(found)[:, :2]), -0.2, 0.2)
+        if self.rate_hz > 0:  # where nobody could balance, as on a folded leg, the search ends here and there
+            from scipy.ndimage import gaussian_filter1d
+
+            found[:, :2] = gaussian_filter1d(found[:, :2], 0.04 * self.rate_hz, axis=0, mode="nearest")
+        found[:, :2] = weight * found[:, :2] + (1 - weight) * hips[:, :2]
+        return found
 
 
 @dataclass(frozen=True, slots=True)
-class _Shape:
-    """The body without its arms."""
+class Arm:
+    """What one arm does: its goals, and how far it has gone from each to the next."""
 
-    points: dict[str, np.ndarray]
-    turns: dict[str, np.ndarray]
+    goals: Sequence[Goal]
+    done: Sequence[np.ndarray]
+    """Parts (T,) that are done of the ways to the second goal, to the third, ..."""
+    aside_m: Sequence[float]
+    """Greatest distances by which these ways bend outward."""
+    shake: np.ndarray
+    """How the hand shakes where it does not rest, (T, 3) or (3,) [m]."""
 
 
-def render(
-    score: Score, anatomy: Anatomy, *, rng: np.random.Generator, rate_hz: float, noise: float = 1.0
-) -> tuple[Poses, np.ndarray]:
-    """Poses at `rate_hz` from time 0 to the score's end, and the channels (T, C) that they were made of."""
-    times = np.arange(int(np.ceil(score.end_s * rate_hz)) + 1) / rate_hz
-    plain = score.sampled(times)
+def render(act: Act, *, rng: np.random.Generator, rate_hz: float, noise: float = 1.0) -> tuple[Poses, np.ndarray]:
+    """Poses at `rate_hz` from time 0 to the act's end, and the channels (T, C) that they were made of."""
+    times = np.arange(int(np.ceil(act.end_s * rate_hz)) + 1) / rate_hz
+    plain = act.sampled(times)
     moving = activity(plain, rate_hz)
     table = shaken(plain, times, moving, rng, noise)
-    values = {name: table[:, number] for number, name in enumerate(CHANNELS)}
-    shakes = {side: hand_noise(times, moving, rng, noise) for side in SIDES}
-
-    def posed(hips: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        shape = _body(anatomy, values, hips)
-        for side in SIDES:
-            places = [goal.place(Figure(anatomy, shape.points, shape.turns), side) for goal in _goals(score, side)]
-            free = _Free(_held(score, side, times), shakes[side], values["ground"], rate_hz)
-            _arm(anatomy, shape, side, _grasps(score, side, times), places, free)
-        return _stacked(shape)
-
-    hips = np.stack([values["x"], values["y"], values["z"]], axis=1)
-    weight = np.clip(values["balanced"], 0.0, 1.0)[:, None]
-    wanted = np.stack([values["com_x"], values["com_y"]], axis=1)
-    joints, turns = posed(_balanced(anatomy, posed, hips, wanted, weight, rate_hz))
+    arms = {
+        side: Arm(
+            goals=[act.starts[side], *(each.goal for each in act.grasps[side])],
+            done=[progress(times, each.start_s, each.duration_s) for each in act.grasps[side]],
+            aside_m=[each.aside_m for each in act.grasps[side]],
+            shake=hand_noise(times, moving, rng, noise),
+        )
+        for side in SIDES
+    }
+    renderer = Renderer.of(act.anatomy, table, arms, rate_hz)
+    joints, turns = renderer.posed(renderer.balanced())
     _, local = decompose(joints, turns, PARENTS)
-    poses = Poses(
-        skeleton=anatomy.skeleton,
-        root=joints[:, 0],
-        local=quaternions.continuous(quaternions.normalise(local)),
-        rate_hz=rate_hz,
-    )
-    return poses, table
+    local = quaternions.continuous(quaternions.normalise(local))
+    return Poses(skeleton=act.anatomy.skeleton, root=joints[:, 0], local=local, rate_hz=rate_hz), table
 
 
 def still(anatomy: Anatomy, table: np.ndarray) -> tuple[Figure, np.ndarray]:
     """The body without its arms in each of the poses of a table of channels (N, C), balanced as far as they say with the arms
     hanging, and its centre of mass (N, 3) [m].
     """
-    values = {name: table[:, number] for number, name in enumerate(CHANNELS)}
-    free = _Free(np.zeros(len(table)), np.zeros((len(table), 3)), values["ground"], 0.0)
-
-    def posed(hips: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        shape = _body(anatomy, values, hips)
-        for side in SIDES:
-            _arm(anatomy, shape, side, [], [Hang().place(Figure(anatomy, shape.points, shape.turns), side)], free)
-        return _stacked(shape)
-
-    hips = np.stack([values["x"], values["y"], values["z"]], axis=1)
-    wanted = np.stack([values["com_x"], values["com_y"]], axis=1)
-    hips = _balanced(anatomy, posed, hips, wanted, values["balanced"][:, None], 0.0)
-    shape = _body(anatomy, values, hips)
-    return Figure(anatomy, shape.points, shape.turns), np.einsum("tjk,j->tk", posed(hips)[0], anatomy.mass_weights)
+    hanging = Arm([Hang()], [], [], np.zeros(3))
+    renderer = Renderer.of(anatomy, table, dict.fromkeys(SIDES, hanging), 0.0)
+    hips = renderer.balanced()
+    return _body(anatomy, renderer.values, hips), renderer.centre_of_mass(hips)
 
 
-def _balanced(
-    anatomy: Anatomy, posed: Posed, hips: np.ndarray, wanted: np.ndarray, weight: np.ndarray, rate_hz: float
-) -> np.ndarray:  # fmt: skip
-    """Hips (T, 3) whose level place holds the centre of mass over `wanted` (T, 2) as far as `weight` (T, 1) says."""
-    if not weight.any():
-        return hips
-    found = hips.copy()
-    found[:, :2] = wanted
-    for _ in range(BALANCE_STEPS):
-        joints, _turns = posed(found)
-        error = wanted - np.einsum("tjk,j->tk", joints, anatomy.mass_weights)[:, :2]
-        found[:, :2] += np.clip(1.3 * error, -0.2, 0.2)
-    if rate_hz > 0:  # where nobody could balance, as on a folded leg, the search ends here and there
-        from scipy.ndimage import gaussian_filter1d
-
-        found[:, :2] = gaussian_filter1d(found[:, :2], 0.04 * rate_hz, axis=0, mode="nearest")
-    found[:, :2] = weight * found[:, :2] + (1 - weight) * hips[:, :2]
-    return found
-
-
-def _body(anatomy: Anatomy, values: Mapping[str, np.ndarray], hips: np.ndarray) -> _Shape:
-    """Trunk, head and legs."""
-    turns: dict[str, np.ndarray] = {}
-    heading = quaternions.about_axis(Z, values["yaw"])
-    turns["heading"] = heading
-    upright = _chain(heading, (Y, values["pitch"]), (X, -values["roll"]), (Z, values["spin"]))
-    turns["hips"] = upright
+def _body(anatomy: Anatomy, values: Mapping[str, np.ndarray], hips: np.ndarray) -> Figure:
+    """Trunk, head and legs, and the shoulders that arms hang from."""
+    turns = {"heading": quaternions.about_axis(Z, values["yaw"])}
+    upright = _chain(turns["heading"], (Y, values["pitch"]), (X, -values["roll"]), (Z, values["spin"]))
+    turns["hips"] = above = upright
     turns["pelvis"] = _chain(upright, (Y, np.full(len(hips), anatomy.tilt_rad)))
-    above = upright
     for name, bend, turn in zip(SPINE, FLEX_PARTS, TWIST_PARTS, strict=True):
         above = _chain(above, (Z, turn * values["twist"]), (Y, bend * values["flex"]), (X, -bend * values["side"]))
         turns[name] = above
     nod = NECK_LIMIT * np.tanh((values["gaze"] - values["pitch"] - values["flex"]) / NECK_LIMIT)
     turns["neck"] = _chain(turns["spine3"], (Z, 0.4 * values["look"]), (Y, 0.45 * nod), (X, -0.4 * values["tilt"]))
     turns["head"] = _chain(turns["neck"], (Z, 0.6 * values["look"]), (Y, 0.55 * nod), (X, -0.6 * values["tilt"]))
-    feet = {side: _foot(anatomy, values, side, turns) for side in SIDES}
-    tied = {side: 1 - values[f"{side}_loose"] for side in SIDES}
-    hips = _within_reach(anatomy, turns["pelvis"], hips, feet, tied)
-    points: dict[str, np.ndarray] = {"pelvis": hips - quaternions.rotate(turns["pelvis"], anatomy.middle)}
-    for name, parent in (
-        (LOWER_BACK, "pelvis"),
-        ("spine1", LOWER_BACK),
-        ("spine2", "spine1"),
-        ("spine3", "spine2"),
-        ("neck", "spine3"),
-        ("head", "neck"),
-        ("head_top", "head"),
-    ):
-        points[name] = points[parent] + quaternions.rotate(turns[parent], anatomy.offset(name))
     turns["head_top"] = turns["head"]
-    shape = _Shape(points, turns)
+    ankles = {side: _foot(anatomy, values, side, turns) for side in SIDES}
+    tied = {side: 1 - values[f"{side}_loose"] for side in SIDES}
+    hips = _within_reach(anatomy, turns["pelvis"], hips, ankles, tied)
+    figure = Figure(anatomy, {"pelvis": hips - quaternions.rotate(turns["pelvis"], anatomy.middle)}, turns)
+    for name in (*SPINE, "neck", "head", "head_top"):
+        figure.hang(name)
     for side in SIDES:
-        _leg(anatomy, shape, values, side, feet[side])
-        # Arms hang from the collars, which the shoulders' shrug turns.
+        _leg(figure, values, side, ankles[side])
         lift = quaternions.about_axis(X, SIGN[side] * values[f"{side}_shrug"])
         turns[f"{side}_collar"] = quaternions.multiply(turns["spine3"], lift)
-        points[f"{side}_collar"] = points["spine3"] + quaternions.rotate(
-            turns["spine3"], anatomy.offset(f"{side}_collar")
-        )
-        points[f"{side}_shoulder"] = points[f"{side}_collar"] + quaternions.rotate(
-            turns[f"{side}_collar"], anatomy.offset(f"{side}_shoulder")
-        )
-    return shape
+        figure.hang(f"{side}_collar")
+        figure.hang(f"{side}_shoulder")
+    return figure
 
 
 def _foot(anatomy: Anatomy, values: Mapping[str, np.ndarray], side: str, turns: dict[str, np.ndarray]) -> np.ndarray:
@@ -257,9 +253,8 @@ def _foot(anatomy: Anatomy, values: Mapping[str, np.ndarray], side: str, turns: 
     level = quaternions.about_axis(Z, values[f"{side}_yaw"])
     turns[f"{side}_ankle"] = _chain(level, (Y, tip))
     # Toes stay flat when the heel rises, and rise with the foot.
-    turns[f"{side}_foot"] = turns[f"{side}_toe"] = _chain(
-        level, (Y, tip - 0.5 * (tip + np.sqrt(tip**2 + (4 * DEG) ** 2)) + 2 * DEG)
-    )
+    raised = tip - 0.5 * (tip + np.sqrt(tip**2 + (4 * DEG) ** 2)) + 2 * DEG
+    turns[f"{side}_foot"] = turns[f"{side}_toe"] = _chain(level, (Y, raised))
     ball = anatomy.offset(f"{side}_foot")
     heel = ball * [-1 / 3, 1.0, 1.0]
     at = np.stack([values[f"{side}_x"], values[f"{side}_y"], values[f"{side}_z"] + anatomy.sole_m], axis=1)
@@ -267,13 +262,7 @@ def _foot(anatomy: Anatomy, values: Mapping[str, np.ndarray], side: str, turns: 
     return at - stiff * quaternions.rotate(turns[f"{side}_ankle"], pivot * ball + (1 - pivot) * heel)
 
 
-def _within_reach(
-    anatomy: Anatomy,
-    pelvis: np.ndarray,
-    hips: np.ndarray,
-    ankles: Mapping[str, np.ndarray],
-    tied: Mapping[str, np.ndarray],
-) -> np.ndarray:
+def _within_reach(anatomy: Anatomy, pelvis: np.ndarray, hips: np.ndarray, ankles: Sides, tied: Sides) -> np.ndarray:
     """Hips lowered, without a corner in time, where a leg would not reach its foot; a foot that lies about (tied 0) follows."""
     found = hips.copy()
     for side in SIDES:
@@ -286,105 +275,61 @@ def _within_reach(
     return found
 
 
-def _leg(anatomy: Anatomy, shape: _Shape, values: Mapping[str, np.ndarray], side: str, ankle: np.ndarray) -> None:
+def _leg(figure: Figure, values: Mapping[str, np.ndarray], side: str, ankle: np.ndarray) -> None:
     """Hip and knee for a given ankle; the knee points where the foot and the pelvis do."""
-    points, turns = shape.points, shape.turns
-    hip = points["pelvis"] + quaternions.rotate(turns["pelvis"], anatomy.offset(f"{side}_hip"))
+    points, turns = figure.points, figure.turns
+    hip = points["pelvis"] + quaternions.rotate(turns["pelvis"], figure.anatomy.offset(f"{side}_hip"))
     out = 0.7 * (values[f"{side}_yaw"] - values["yaw"]) + SIGN[side] * values[f"{side}_splay"]
     backward = values["pitch"] - np.logaddexp(0.0, values["pitch"] / 0.15) * 0.15
     frame = _chain(turns["heading"], (Y, backward), (X, -values["roll"]), (Z, values["spin"]))
     upright = np.maximum(quaternions.rotate(frame, Z)[:, 2:], 0.0)
     pole = quaternions.rotate(_chain(frame, (Z, out)), X) + 0.6 * upright**2 * Z
-    first, second = (anatomy.skeleton.bone_m(f"{side}_{joint}") for joint in ("knee", "ankle"))
-    knee, end, side_on = _two_bones(hip, ankle, pole, first, second, LEG_SOFT)
+    knee, end, side_on = _two_bones(hip, ankle, pole, figure.anatomy.bones_m(side, "knee", "ankle"), LEG_SOFT)
     hinge = np.cross(side_on, ankle - hip)
-    turns[f"{side}_hip"], turns[f"{side}_knee"] = (
-        _frame("z", hip - knee, "y", hinge),
-        _frame("z", knee - end, "y", hinge),
-    )
+    turns[f"{side}_hip"] = _frame("z", hip - knee, "y", hinge)
+    turns[f"{side}_knee"] = _frame("z", knee - end, "y", hinge)
     points[f"{side}_hip"], points[f"{side}_knee"], points[f"{side}_ankle"] = hip, knee, end
     loose = values[f"{side}_loose"][:, None]
     if loose.any():
         relaxed = _chain(turns[f"{side}_knee"], (Y, np.full(len(hip), RELAXED_RAD)))
         for part in ("ankle", "foot", "toe"):
             turns[f"{side}_{part}"] = quaternions.blend(turns[f"{side}_{part}"], relaxed, loose)
-    points[f"{side}_foot"] = end + quaternions.rotate(turns[f"{side}_ankle"], anatomy.offset(f"{side}_foot"))
-    points[f"{side}_toe"] = points[f"{side}_foot"] + quaternions.rotate(
-        turns[f"{side}_foot"], anatomy.offset(f"{side}_toe")
-    )
+    figure.hang(f"{side}_foot")
+    figure.hang(f"{side}_toe")
 
 
-@dataclass(frozen=True, slots=True)
-class _Free:
-    """How far a hand rests (T,), how it shakes where it does not (T, 3) [m], and the height of the ground (T,) [m]; the rate of the
-    poses if they follow one another in time, else 0.
-    """
-
-    held: np.ndarray
-    shake: np.ndarray
-    ground: np.ndarray
-    rate_hz: float
-
-
-def _goals(score: Score, side: str) -> list:  # type: ignore[type-arg]
-    return [score.starts[side], *(grasp.goal for grasp in score.grasps[side])]
-
-
-def _grasps(score: Score, side: str, times: np.ndarray) -> list[tuple[Grasp, np.ndarray]]:
-    return [(grasp, progress(times, grasp.start_s, grasp.duration_s)) for grasp in score.grasps[side]]
-
-
-def _held(score: Score, side: str, times: np.ndarray) -> np.ndarray:
-    found = np.full(len(times), float(score.starts[side].held))
-    for grasp, done in _grasps(score, side, times):
-        found += done * (float(grasp.goal.held) - found)
-    return found
-
-
-def _arm(
-    anatomy: Anatomy,
-    shape: _Shape,
-    side: str,
-    grasps: Sequence[tuple[Grasp, np.ndarray]],
-    places: Sequence[Place],
-    free: _Free,
-) -> None:
+def _arm(figure: Figure, side: str, arm: Arm, ground: np.ndarray, rate_hz: float) -> None:
     """The arm on its way from goal to goal: round the shoulder, not straight through the body."""
-    points, turns = shape.points, shape.turns
+    points, turns, tall, sign = figure.points, figure.turns, figure.anatomy.stature_m, SIGN[side]
+    hands = [goal.place(figure, side) for goal in arm.goals]
     shoulder = points[f"{side}_shoulder"]
-    wrist, elbow = places[0].wrist, unit(places[0].elbow)
-    outward = quaternions.rotate(turns["spine3"], SIGN[side] * Y)
-    for (grasp, done), place in zip(grasps, places[1:], strict=True):
+    wrist, elbow, held = hands[0].wrist, unit(hands[0].elbow), np.full(len(shoulder), float(arm.goals[0].held))
+    outward = quaternions.rotate(turns["spine3"], sign * Y)
+    for goal, hand, done, aside_m in zip(arm.goals[1:], hands[1:], arm.done, arm.aside_m, strict=True):
         part = done[:, None]
-        wrist = (
-            shoulder
-            + _swept(wrist - shoulder, place.wrist - shoulder, part)
-            + 4 * grasp.aside_m * part * (1 - part) * outward
-        )
-        elbow = _swept(elbow, unit(place.elbow), part)
-    wrist = wrist + (1 - free.held)[:, None] * free.shake
-    lowest = free.ground + ARM_RADIUS * anatomy.stature_m
+        swept = shoulder + _swept(wrist - shoulder, hand.wrist - shoulder, part)
+        wrist = swept + 4 * aside_m * part * (1 - part) * outward
+        elbow = _swept(elbow, unit(hand.elbow), part)
+        held += done * (float(goal.held) - held)
+    wrist = wrist + (1 - held)[:, None] * arm.shake
+    lowest = ground + ARM_RADIUS * tall
     wrist[:, 2] += SOFT_M * np.logaddexp(0.0, (lowest - wrist[:, 2]) / SOFT_M)
-    first, second = (anatomy.skeleton.bone_m(f"{side}_{joint}") for joint in ("elbow", "wrist"))
-    middle, end, side_on = _two_bones(
-        shoulder, wrist, _steady(elbow, wrist - shoulder, free.rate_hz), first, second, ARM_SOFT
-    )
+    bones_m = figure.anatomy.bones_m(side, "elbow", "wrist")
+    pole = _steady(elbow, wrist - shoulder, rate_hz)
+    middle, end, side_on = _two_bones(shoulder, wrist, pole, bones_m, ARM_SOFT)
     for _ in range(2):  # an elbow that would sink into the ground turns up about the line from shoulder to wrist
         sunk = 5 * SOFT_M * np.logaddexp(0.0, (lowest - middle[:, 2]) / (5 * SOFT_M))
-        side_on = side_on + (sunk / (0.08 * anatomy.stature_m))[:, None] * Z
-        middle, end, side_on = _two_bones(shoulder, wrist, side_on, first, second, ARM_SOFT)
-    sign = SIGN[side]
+        side_on = side_on + (sunk / (0.08 * tall))[:, None] * Z
+        middle, end, side_on = _two_bones(shoulder, wrist, side_on, bones_m, ARM_SOFT)
     hinge = -sign * np.cross(side_on, wrist - shoulder)
     turns[f"{side}_shoulder"] = _frame("y", sign * (middle - shoulder), "z", hinge)
-    turns[f"{side}_elbow"] = _frame("y", sign * (end - middle), "z", hinge)
+    turns[f"{side}_elbow"] = loose = _frame("y", sign * (end - middle), "z", hinge)
     points[f"{side}_elbow"], points[f"{side}_wrist"] = middle, end
-    loose = turns[f"{side}_elbow"]
-    hand = _hand(places[0], loose, sign)
-    for (_, done), place in zip(grasps, places[1:], strict=True):
-        hand = _turned(hand, _hand(place, loose, sign), done)
-    hand = _above(hand, sign, end, free.ground, anatomy)
-    turns[f"{side}_wrist"] = turns[f"{side}_hand"] = hand
-    points[f"{side}_hand"] = end + quaternions.rotate(hand, anatomy.offset(f"{side}_hand"))
+    turned = _hand(hands[0], loose, sign)
+    for hand, done in zip(hands[1:], arm.done, strict=True):
+        turned = _turned(turned, _hand(hand, loose, sign), done)
+    turns[f"{side}_wrist"] = turns[f"{side}_hand"] = _above(turned, sign, end, ground, figure.anatomy)
+    figure.hang(f"{side}_hand")
 
 
 def _steady(pole: np.ndarray, span: np.ndarray, rate_hz: float) -> np.ndarray:
@@ -413,11 +358,11 @@ def _above(hand: np.ndarray, sign: float, wrist: np.ndarray, ground: np.ndarray,
     return quaternions.multiply(quaternions.between(fingers, raised), hand)
 
 
-def _hand(place: Place, loose: np.ndarray, sign: float) -> np.ndarray:
+def _hand(hand: Hand, loose: np.ndarray, sign: float) -> np.ndarray:
     """Orientation of the hand: along the forearm where the goal does not care."""
-    if place.fingers is None or place.back is None:
+    if hand.fingers is None or hand.back is None:
         return loose
-    return _frame("y", sign * place.fingers, "z", place.back)
+    return _frame("y", sign * hand.fingers, "z", hand.back)
 
 
 def _swept(start: np.ndarray, end: np.ndarray, part: np.ndarray) -> np.ndarray:
@@ -425,19 +370,18 @@ def _swept(start: np.ndarray, end: np.ndarray, part: np.ndarray) -> np.ndarray:
     a, b = unit(start), unit(end)
     angle = np.arccos(np.clip((a * b).sum(-1, keepdims=True), -0.9999, 0.99999))
     span = (np.sin((1 - part) * angle) * a + np.sin(part * angle) * b) / np.sin(angle)
-    size = (1 - part) * np.linalg.norm(start, axis=-1, keepdims=True) + part * np.linalg.norm(
-        end, axis=-1, keepdims=True
-    )
-    return size * unit(span)
+    first, last = (np.linalg.norm(each, axis=-1, keepdims=True) for each in (start, end))
+    return ((1 - part) * first + part * last) * unit(span)
 
 
 def _two_bones(
-    start: np.ndarray, target: np.ndarray, pole: np.ndarray, first: float, second: float, soft: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    start: np.ndarray, target: np.ndarray, pole: np.ndarray, bones_m: tuple[float, float], soft: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Middle and end (T, 3) of a limb that reaches for a target, and the direction square to it in which it bends: law of cosines.
 
     soft: part of the limb's length within which it comes to its end, as an elbow swings out of a straight arm in no time.
     """
+    first, second = bones_m
     span = target - start
     distance = np.linalg.norm(span, axis=-1, keepdims=True)
     scale = soft * (first + second)
@@ -450,12 +394,6 @@ def _two_bones(
     along = (length**2 + first**2 - second**2) / (2 * length)
     height = np.sqrt(np.maximum(first**2 - along**2, 0.0))
     return start + along * axis + height * aside, start + length * axis, aside
-
-
-def _stacked(shape: _Shape) -> tuple[np.ndarray, np.ndarray]:
-    return np.stack([shape.points[name] for name in NAMES], axis=1), np.stack(
-        [shape.turns[name] for name in NAMES], axis=1
-    )
 
 
 def _chain(first: np.ndarray, *steps: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
