@@ -17,21 +17,19 @@ from pydantic import BeforeValidator
 
 from t2d_rt.core.checks import choice, integer
 from t2d_rt.core.errors import InputError
+from t2d_rt.motion.descriptions import slots
 from t2d_rt.motion.descriptions.diversity import NEAREST, Gathered
-from t2d_rt.motion.descriptions.lexicon import Phrases, Synonyms, forms, lexicon, meaning, packaged, with_article
-from t2d_rt.motion.descriptions.slots import (
-    ACTIVITIES,
-    Action,
-    Activity,
-    BodyPart,
-    Description,
-    Direction,
-    FallType,
-    GaitType,
-    Object,
-    Step,
-    Subject,
-)  # fmt: skip
+from t2d_rt.motion.descriptions.lexicon import (
+    Phrases,
+    Synonyms,
+    inflected,
+    lexicon,
+    meaning,
+    of_text,
+    packaged,
+    with_article,
+)
+from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity, Description, Step
 from t2d_rt.types.fields import Fields
 
 MOST_DESCRIPTIONS = 10_000
@@ -58,13 +56,9 @@ def weighted(choices: str, separator: str = "|") -> tuple[str, ...]:
     return tuple(found)
 
 
-Choices = Annotated[
-    tuple[str, ...], BeforeValidator(lambda text: weighted(text, " ") if isinstance(text, str) else text)
-]
+Choices = Annotated[tuple[str, ...], BeforeValidator(of_text(weighted, " "))]
 """Words with their weights, divided by spaces."""
-WeightedPhrases = Annotated[
-    tuple[str, ...], BeforeValidator(lambda text: weighted(text) if isinstance(text, str) else text)
-]
+WeightedPhrases = Annotated[tuple[str, ...], BeforeValidator(of_text(weighted, "|"))]
 """Phrases with their weights, divided by bars."""
 NOTHING = ("",)
 
@@ -74,8 +68,8 @@ class Plan(Fields):
 
     noun: ClassVar[str] = "plan of the grammar"
 
-    action: Action
-    type: FallType | GaitType | None = None
+    action: slots.Action
+    type: slots.FallType | slots.GaitType | None = None
     weight: int = 1
     manner: Choices = weighted("careful happy angry sad -*5", " ")
     speed: Choices = weighted("slow*2 fast*2 -*4", " ")
@@ -99,13 +93,13 @@ class Grammar(Fields):
     walking_falls: WeightedPhrases
     plans: dict[Activity, tuple[Plan, ...]]
     not_together: dict[str, Choices]
-    directions: dict[Action, dict[Direction, WeightedPhrases]]
-    objects: dict[Action, dict[Object, WeightedPhrases]]
-    objects_of_types: dict[FallType, dict[Object, WeightedPhrases]]
-    objects_of_directions: dict[Action, dict[str, WeightedPhrases]]
-    body_parts: dict[Action, dict[BodyPart, Phrases]]
-    body_parts_of_types: dict[GaitType, dict[BodyPart, Phrases]]
-    stretched: dict[BodyPart, Phrases]
+    directions: dict[slots.Action, dict[slots.Direction, WeightedPhrases]]
+    objects: dict[slots.Action, dict[slots.Object, WeightedPhrases]]
+    objects_of_types: dict[slots.FallType, dict[slots.Object, WeightedPhrases]]
+    objects_of_directions: dict[slots.Action, dict[str, WeightedPhrases]]
+    body_parts: dict[slots.Action, dict[slots.BodyPart, Phrases]]
+    body_parts_of_types: dict[slots.GaitType, dict[slots.BodyPart, Phrases]]
+    stretched: dict[slots.BodyPart, Phrases]
     on_stairs: WeightedPhrases
 
 
@@ -176,7 +170,7 @@ class Drawn(NamedTuple):
     main: Step
     before: tuple[Step, ...]
     after: tuple[Step, ...]
-    subject: Subject
+    subject: slots.Subject
 
 
 def drawn(activity: Activity, sampler: WeightedSampler) -> Drawn:
@@ -200,25 +194,23 @@ def _described(activity: Activity, sampler: WeightedSampler) -> Description:
 
 
 def _main(plan: Plan, sampler: WeightedSampler, name: str) -> Step:
-    slots: dict[str, object] = {"action": plan.action, "type": plan.type}
+    said: dict[str, object] = {"action": plan.action, "type": plan.type}
     for slot in ("direction", "object", "body_part", "manner", "speed", "count", "duration_s"):
-        value = sampler.pick(getattr(plan, slot), f"{name} {slot}") or None
-        clash = any(
-            f"{slot}={value}" in rules().not_together.get(f"{other}={given}", ()) for other, given in slots.items()
-        )
-        if value is not None and not clash:
-            slots[slot] = int(value) if slot == "count" else float(value) if slot == "duration_s" else value
-    if slots.get("count") is not None and slots.get("body_part") is not None and slots.get("object") is not None:
-        del slots["count"]
-    phrases = " ".join(_limb_phrases(plan.action, plan.type, slots.get("body_part")))
-    if "{side}" in phrases or (plan.action == "stretch" and slots.get("body_part") in ("arm", "leg", "foot")):
+        value = sampler.pick(getattr(plan, slot), f"{name} {slot}")
+        clashing = {each for pair in said.items() for each in rules().not_together.get("=".join(map(str, pair)), ())}
+        if value and f"{slot}={value}" not in clashing:
+            said[slot] = {"count": int, "duration_s": float}.get(slot, str)(value)
+    if {"count", "body_part", "object"} <= said.keys():
+        del said["count"]
+    phrases = " ".join(_limb_phrases(plan.action, plan.type, said.get("body_part")))
+    if "{side}" in phrases or (plan.action == "stretch" and said.get("body_part") in ("arm", "leg", "foot")):
         side = sampler.word("left right -", f"{name} side")
         if side is not None:
-            slots["side"] = side
-    return Step(**slots)
+            said["side"] = side
+    return Step(**said)
 
 
-def _limb_phrases(action: Action, kind: str | None, part: object) -> tuple[str, ...]:
+def _limb_phrases(action: slots.Action, kind: str | None, part: object) -> tuple[str, ...]:
     """What a part of the body does in an action, or in a disturbed gait."""
     of_type: Mapping[Any, tuple[str, ...]] = rules().body_parts_of_types.get(kind, {})  # type: ignore[call-overload]
     of_action: Mapping[Any, tuple[str, ...]] = rules().body_parts.get(action, {})
@@ -230,14 +222,14 @@ def _steps(choices: tuple[str, ...], sampler: WeightedSampler, name: str) -> tup
     drawn = sampler.pick(choices, name)
     if not drawn:
         return ()
-    action, slots = meaning(drawn)
-    return (Step.model_validate({"action": action, **slots}),)
+    action, said = meaning(drawn)
+    return (Step.model_validate({"action": action, **said}),)
 
 
 # --- sentences ---
 
 
-def _sentence(steps: tuple[Step, ...], main: int, subject: Subject, sampler: WeightedSampler) -> str:
+def _sentence(steps: tuple[Step, ...], main: int, subject: slots.Subject, sampler: WeightedSampler) -> str:
     noun = sampler.pick(lexicon().subjects[subject].said, f"noun of {subject}")
     of_person = steps[main].action == "fall" and steps[main].manner is not None  # a sad man falls; nobody falls sadly
     noun = "person" if of_person and noun == "someone" else noun
@@ -249,10 +241,11 @@ def _sentence(steps: tuple[Step, ...], main: int, subject: Subject, sampler: Wei
     if of_person:
         frames = tuple(each for each in frames if _first(each, letters) == letters[main])
     frame = sampler.pick(frames, f"frame {len(steps)}")
-    first = _first(frame, letters)
-    texts: dict[str, Clause] = {}
-    for letter, step in zip("ABC", steps, strict=False):
-        texts[letter] = clause(step, sampler, his, adjectives=noun != "someone" and letter == first)
+    described = _first(frame, letters) if noun != "someone" else ""
+    texts = {
+        letter: clause(step, sampler, his, adjectives=letter == described)
+        for letter, step in zip(letters, steps, strict=True)
+    }
     return _written(frame, texts, noun, his, sampler)
 
 
@@ -302,17 +295,11 @@ class Clause:
 
     def form(self, name: str, following: str) -> str:
         """The clause with its verbs in a form (present, preterite, gerund, participle, base), and a comma before `following`."""
-        first, *others = self.verb.split(" and ")
-        verb = " and ".join(_inflected(each, name) for each in (first, *others))
+        verb = " and ".join(inflected(each, name) for each in self.verb.split(" and "))
         text = " ".join(each for each in (self.before, verb, self.after) if each)
         if any(word.endswith("ing") for word in self.limb.split(" ")[:2]):
             return f"{text}, {self.limb}{'' if following in ',.;' else ','}"
         return f"{text} {self.limb}".strip()
-
-
-def _inflected(phrase: str, name: str) -> str:
-    head, _, rest = phrase.partition(" ")
-    return f"{getattr(forms(head), name)} {rest}".strip()
 
 
 @cache

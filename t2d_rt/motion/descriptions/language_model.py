@@ -22,27 +22,11 @@ from pydantic.json_schema import GenerateJsonSchema
 from t2d_rt.core import disk_cache
 from t2d_rt.core.checks import choice, instance, integer, positive, shown, text
 from t2d_rt.core.errors import InputError, install
+from t2d_rt.motion.descriptions import slots
 from t2d_rt.motion.descriptions.diversity import Gathered
 from t2d_rt.motion.descriptions.grammar import MOST_DESCRIPTIONS, Drawn, drawn, sampler_of
 from t2d_rt.motion.descriptions.parse import parse_description
-from t2d_rt.motion.descriptions.slots import (
-    ACTIONS_OF,
-    ACTIVITIES,
-    LONGEST_S,
-    MOST_TIMES,
-    Action,
-    Activity,
-    BodyPart,
-    Description,
-    Direction,
-    FallType,
-    GaitType,
-    Manner,
-    Object,
-    Side,
-    Speed,
-    Subject,
-)  # fmt: skip
+from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity, Description
 
 if TYPE_CHECKING:
     from t2d_rt.motion.descriptions.openai_client import Session
@@ -144,22 +128,22 @@ class AskedStep(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    action: Action
-    manner: Manner | None
-    direction: Direction | None
-    body_part: BodyPart | None
-    object: Object | None
-    side: Side | None
-    speed: Speed
-    type: FallType | GaitType | None
-    count: Annotated[int | None, Field(description=f"times, 1 to {MOST_TIMES}")]
-    duration_s: Annotated[float | None, Field(description=f"seconds, up to {LONGEST_S:g}")]
+    action: slots.Action
+    manner: slots.Manner | None
+    direction: slots.Direction | None
+    body_part: slots.BodyPart | None
+    object: slots.Object | None
+    side: slots.Side | None
+    speed: slots.Speed
+    type: slots.FallType | slots.GaitType | None
+    count: Annotated[int | None, Field(description=f"times, 1 to {slots.MOST_TIMES}")]
+    duration_s: Annotated[float | None, Field(description=f"seconds, up to {slots.LONGEST_S:g}")]
 
 
 class AskedDescription(AskedStep):
     """A description as structured output wants it."""
 
-    subject: Subject
+    subject: slots.Subject
     before: list[AskedStep]
     after: list[AskedStep]
     sentence: str
@@ -174,8 +158,8 @@ class _Untitled(GenerateJsonSchema):
 
 def json_schema(activity: Activity) -> dict[str, Any]:
     """The schema of a reply about a class."""
-    types: Any = {"falling": FallType | None, "abnormal_walking": GaitType}.get(activity)
-    actions: Any = Literal[ACTIONS_OF[activity]]
+    types: Any = {"falling": slots.FallType | None, "abnormal_walking": slots.GaitType}.get(activity)
+    actions: Any = Literal[slots.ACTIONS_OF[activity]]
     asked = create_model("AskedOfClass", __base__=AskedDescription, action=(actions, ...), type=(types, ...))
     reply = create_model("Descriptions", __config__=ConfigDict(extra="forbid"), descriptions=(list[asked], ...))  # type: ignore[valid-type]
     return reply.model_json_schema(schema_generator=_Untitled)

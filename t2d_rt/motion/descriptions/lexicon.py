@@ -8,7 +8,8 @@ Forms(base='slip', present='slips', gerund='slipping', preterite='slipped', part
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, get_args
@@ -21,7 +22,7 @@ from t2d_rt.core.files import read_yaml
 from t2d_rt.motion.descriptions.slots import Action, BodyPart, Direction, FallType, GaitType, Object, Step, Subject
 from t2d_rt.types.fields import Fields
 
-AN_SOUND = "aeiou"
+VOWELS = "aeiou"
 
 ACTIONS = *get_args(Action), "stumble"
 """Actions of verbs: those of slots, and stumbling, which ends in a fall or is an unsteady walk."""
@@ -37,8 +38,17 @@ def divided(text: Any) -> Any:
     return tuple(each.strip() for each in text.split("|")) if isinstance(text, str) else text
 
 
+def of_text(split: Callable[..., Any], *options: Any) -> Callable[[Any], Any]:
+    """A validator that splits what is a text, `options` behind it, and leaves anything else to the checks that follow."""
+    return partial(_split, split, options)
+
+
+def _split(split: Callable[..., Any], options: tuple[Any, ...], value: Any) -> Any:
+    return split(value, *options) if isinstance(value, str) else value
+
+
 Phrases = Annotated[tuple[str, ...], BeforeValidator(divided)]
-Words = Annotated[tuple[str, ...], BeforeValidator(lambda text: text.split() if isinstance(text, str) else text)]
+Words = Annotated[tuple[str, ...], BeforeValidator(of_text(str.split))]
 
 
 class Synonyms(Fields):
@@ -134,9 +144,8 @@ def meaning(name: str) -> tuple[str, dict[str, str]]:
     (('walk', {'speed': 'slow'}), ('', {'manner': 'sad'}))
     """
     words = name.split()
-    return " ".join(each for each in words if "=" not in each), dict(
-        each.split("=", 1) for each in words if "=" in each
-    )
+    said = dict(each.split("=", 1) for each in words if "=" in each)
+    return " ".join(each for each in words if "=" not in each), said
 
 
 @cache
@@ -166,7 +175,7 @@ def forms(base: str) -> Forms:
     """The forms of a verb, given as its infinitive; the present is that of he, she or it."""
     if base in lexicon().irregular_verbs:
         return Forms(base, *lexicon().irregular_verbs[base])
-    if base.endswith("y") and base[-2] not in "aeiou":
+    if base.endswith("y") and base[-2] not in VOWELS:
         return Forms(base, base[:-1] + "ies", base + "ing", base[:-1] + "ied", base[:-1] + "ied")
     present = base + ("es" if base.endswith(("s", "sh", "ch", "x", "z", "o")) else "s")
     stem = base + base[-1] if base in lexicon().doubling_verbs else base
@@ -174,6 +183,12 @@ def forms(base: str) -> Forms:
         return Forms(base, present, base[:-1] + "ing", base + "d", base + "d")
     preterite = base + "d" if base.endswith("ee") else stem + "ed"
     return Forms(base, present, stem + "ing", preterite, preterite)
+
+
+def inflected(phrase: str, form: str) -> str:
+    """A phrase that begins with an infinitive, with that verb in a form: present, gerund, preterite, participle or base."""
+    verb, _, rest = phrase.partition(" ")
+    return f"{getattr(forms(verb), form)} {rest}".strip()
 
 
 @cache
@@ -184,4 +199,4 @@ def forms_of(verbs: tuple[str, ...]) -> frozenset[str]:
 
 def with_article(noun: str) -> str:
     """A noun, with or without adjectives, behind "a" or "an"."""
-    return f"{'an' if noun[0] in AN_SOUND else 'a'} {noun}"
+    return f"{'an' if noun[0] in VOWELS else 'a'} {noun}"

@@ -14,21 +14,10 @@ from dataclasses import dataclass, field
 
 from t2d_rt.core.checks import shown, text
 from t2d_rt.core.errors import InputError
+from t2d_rt.motion.descriptions import slots
 from t2d_rt.motion.descriptions.lexicon import forms_of, lexicon
 from t2d_rt.motion.descriptions.parse_steps import Opposite, ParseStep, Reader, merged
-from t2d_rt.motion.descriptions.slots import (
-    ACTIONS_OF,
-    DIRECTIONS_OF,
-    FALL_TYPES,
-    GAIT_TYPES,
-    LONGEST_S,
-    LONGEST_SENTENCE,
-    MOST_STEPS,
-    MOST_TIMES,
-    Activity,
-    Description,
-    Step,
-)
+from t2d_rt.motion.descriptions.slots import Activity, Description, Step
 from t2d_rt.motion.descriptions.tokens import tokens_of
 
 RANK = {
@@ -96,9 +85,9 @@ def _checked(sentence: str) -> str:
         raise InputError(
             f"a description needs words, got {shown(sentence)}; write what a person does, as 'a man sits down'"
         )
-    if len(sentence) > LONGEST_SENTENCE:
+    if len(sentence) > slots.LONGEST_SENTENCE:
         raise InputError(
-            f"a description has at most {LONGEST_SENTENCE} characters, got {len(sentence)}; describe one person's "
+            f"a description has at most {slots.LONGEST_SENTENCE} characters, got {len(sentence)}; describe one person's "
             "activity in a sentence"
         )
     negative = re.search(r"(?<!\S)[-\u2212]\d\S*", sentence)
@@ -126,7 +115,7 @@ def _settled(steps: list[ParseStep], ignored: list[str]) -> list[ParseStep]:
     _resolve_stumbles(steps)
     steps = _without_weak(steps, ignored)
     for number, step in enumerate(steps):
-        if step.get("type") in FALL_TYPES and step.action != "fall":
+        if step.get("type") in slots.FALL_TYPES and step.action != "fall":
             fall = next((each for each in steps[number:] if each.action == "fall"), None)
             if fall is not None and fall.get("type") is None:
                 fall.said["type"] = step.get("type")
@@ -135,12 +124,8 @@ def _settled(steps: list[ParseStep], ignored: list[str]) -> list[ParseStep]:
             step.said.pop("type", None)
     found: list[ParseStep] = []
     for step in steps:
-        last = found[-1] if found else None
-        together = _together(last, step) if last is not None else None
-        if together is not None:
-            found[-1] = together
-        else:
-            found.append(step)
+        together = _together(found[-1], step) if found else None
+        found = [*found[:-1], together] if together is not None else [*found, step]
     for step in found:
         level = step.action in ("walk", "run") and step.get("object") != "stair"
         if level and step.get("direction") in ("up", "down"):  # up to the door, down the street
@@ -193,13 +178,9 @@ def _together(first: ParseStep, second: ParseStep) -> ParseStep | None:
     if first.action != second.action:
         return None
     typed = first.get("type") is not None or second.get("type") is not None
-    if (
-        loose
-        or (typed and second.get("direction") in (None, first.get("direction")))
-        or first.action in ("sit", "stand")
-    ):
-        return merged(first, second)
-    return None
+    same_way = second.get("direction") in (None, first.get("direction"))
+    one = loose or (typed and same_way) or first.action in ("sit", "stand")
+    return merged(first, second) if one else None
 
 
 def _description(steps: list[ParseStep], reader: Reader, sentence: str) -> tuple[Description, list[tuple[str, str]]]:
@@ -210,8 +191,8 @@ def _description(steps: list[ParseStep], reader: Reader, sentence: str) -> tuple
         if "jumping jack" in step.words and isinstance(count, int):  # out and in again
             step.said["count"] = 2 * count
             read_as.append((f"{count} jumping jacks", f"{2 * count} jumps out and in"))
-    if len(steps) > MOST_STEPS:
-        raise InputError(f"a description has at most {MOST_STEPS} steps, got {len(steps)}; leave some out")
+    if len(steps) > slots.MOST_STEPS:
+        raise InputError(f"a description has at most {slots.MOST_STEPS} steps, got {len(steps)}; leave some out")
     turned = False
     for step in steps:
         if turned and step.action in MOVING and step.returns and step.get("direction") == "back":
@@ -220,10 +201,7 @@ def _description(steps: list[ParseStep], reader: Reader, sentence: str) -> tuple
         if step.get("direction") == "circle":
             step.said["direction"] = "counterclockwise"
             read_as.append(("in a circle", "in a counterclockwise circle"))
-    ranks = [
-        GAIT_RANK if each.get("type") in GAIT_TYPES and each.action == "walk" else RANK.get(each.action, -1)
-        for each in steps
-    ]
+    ranks = [_rank(each) for each in steps]
     place = ranks.index(max(ranks))
     fields = [_step_fields(step, reader.ignored) for step in steps]
     main = fields[place]
@@ -238,17 +216,20 @@ def _description(steps: list[ParseStep], reader: Reader, sentence: str) -> tuple
     return description, read_as
 
 
+def _rank(step: ParseStep) -> int:
+    disturbed = step.action == "walk" and step.get("type") in slots.GAIT_TYPES
+    return GAIT_RANK if disturbed else RANK.get(step.action, -1)
+
+
 def _check_any(steps: list[ParseStep], reader: Reader) -> None:
-    if not steps and reader.denied_actions:
-        words = ", ".join(reader.denied_actions[:6])
+    denied, ignored = (", ".join(words[:6]) for words in (reader.denied_actions, reader.ignored))
+    if not steps and denied:
         raise InputError(
-            f"the sentence tells only what does not happen, or nearly ({words}); describe what does: {UNDERSTOOD}"
+            f"the sentence tells only what does not happen, or nearly ({denied}); describe what does: {UNDERSTOOD}"
         )
-    if not steps and reader.ignored:
-        words = ", ".join(reader.ignored[:6])
-        raise InputError(f"no activity was understood in the sentence (not understood: {words}); describe {UNDERSTOOD}")
     if not steps:
-        raise InputError(f"the sentence tells no activity; describe {UNDERSTOOD}")
+        wrong = f"no activity was understood in the sentence (not understood: {ignored})"
+        raise InputError(f"{wrong if ignored else 'the sentence tells no activity'}; describe {UNDERSTOOD}")
     if all(each.action == "stand" for each in steps):
         raise InputError(f"the sentence tells of standing only, which is none of the classes; describe {UNDERSTOOD}")
 
@@ -256,24 +237,24 @@ def _check_any(steps: list[ParseStep], reader: Reader) -> None:
 def _step_fields(step: ParseStep, ignored: list[str]) -> dict[str, object]:
     """Fields of a step; what the action cannot have is reported, and a fall that goes up is refused."""
     fields: dict[str, object] = {"action": step.action, **step.slots()}
-    allowed = DIRECTIONS_OF[step.action]  # type: ignore[index]
+    allowed = slots.DIRECTIONS_OF[step.action]  # type: ignore[index]
     direction = fields.get("direction")
     if direction is not None and direction not in allowed:
         if step.action == "fall":
             raise InputError(f"the sentence is contradictory: nobody falls {direction}; falls go {', '.join(allowed)}")
         ignored.append(str(fields.pop("direction")))
-    if fields.get("type") in GAIT_TYPES and step.action != "walk":
+    if fields.get("type") in slots.GAIT_TYPES and step.action != "walk":
         fields.pop("type")
         ignored.append(step.cause or step.words)
     count, duration = fields.get("count"), fields.get("duration_s")
-    if count is not None and not (isinstance(count, int) and 1 <= count <= MOST_TIMES):
-        raise InputError(f"an action is done 1 to {MOST_TIMES} times, got {count}; write a whole number of times")
-    if isinstance(duration, float) and not 0 < duration <= LONGEST_S:
-        raise InputError(f"an action lasts up to {LONGEST_S:g} s, got {duration:g} s; write a shorter time")
+    if count is not None and not (isinstance(count, int) and 1 <= count <= slots.MOST_TIMES):
+        raise InputError(f"an action is done 1 to {slots.MOST_TIMES} times, got {count}; write a whole number of times")
+    if isinstance(duration, float) and not 0 < duration <= slots.LONGEST_S:
+        raise InputError(f"an action lasts up to {slots.LONGEST_S:g} s, got {duration:g} s; write a shorter time")
     return fields
 
 
 def _activity(main: dict[str, object]) -> Activity:
-    if main.get("type") in GAIT_TYPES:
+    if main.get("type") in slots.GAIT_TYPES:
         return "abnormal_walking"
-    return next(activity for activity, actions in ACTIONS_OF.items() if main["action"] in actions)
+    return next(activity for activity, actions in slots.ACTIONS_OF.items() if main["action"] in actions)

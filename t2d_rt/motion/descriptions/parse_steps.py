@@ -10,11 +10,10 @@ from t2d_rt.motion.descriptions.tokens import Token
 
 YIELDING = {"forward": ("left", "right", "straight"), "straight": ("left", "right")}
 """Directions that a more exact one replaces: forward and to the left is to the left."""
-OPPOSITE = {
-    frozenset(pair)
-    for pair in (("forward", "back"), ("left", "right"), ("up", "down"), ("clockwise", "counterclockwise"),
-                 ("straight", "clockwise"), ("straight", "counterclockwise"), ("straight", "back"))
-}  # fmt: skip
+PAIRS = "forward back, left right, up down, clockwise counterclockwise"
+STRAIGHT_PAIRS = "straight clockwise, straight counterclockwise, straight back"
+OPPOSITE = {frozenset(pair.split()) for pair in f"{PAIRS}, {STRAIGHT_PAIRS}".split(", ")}
+"""Directions that one step cannot both have."""
 OBJECTS_FIRST = "handrail", "ball", "chair", "stair", "floor"
 
 TWO_PEOPLE = {"man", "woman"}, {"man", "child"}, {"woman", "child"}, {"old_person", "child"}
@@ -166,9 +165,8 @@ class Reader:
             return
         implied = dict(token.slots)
         last = clause.steps[-1] if token.gerund and clause.steps else None
-        step = ParseStep(
-            str(implied.pop("action")), implied, weak=token.kind == "weak", gerund=token.gerund, words=token.words
-        )
+        action = str(implied.pop("action"))
+        step = ParseStep(action, implied, weak=token.kind == "weak", gerund=token.gerund, words=token.words)
         if token.partly:
             self.partly.append(f"{token.words} (made as any {step.action.replace('_', ' ')})")
         step.joined = "" if clause.steps else clause.join
@@ -241,10 +239,8 @@ class Reader:
             except Opposite:
                 if not fresh:
                     raise
-                new = ParseStep(
-                    last.action, dict(last.implied), {**last.said, "direction": token.slots["direction"]}, joined="then"
-                )
-                new.words = last.words
+                said = {**last.said, "direction": token.slots["direction"]}
+                new = ParseStep(last.action, dict(last.implied), said, joined="then", words=last.words)
         clause.pending.clear()
         if new is not None:
             clause.steps.append(new)
@@ -279,12 +275,8 @@ def attach(step: ParseStep, token: Token, ignored: list[str]) -> None:
     """Says of a step what an token says; raises where it says the contrary of what was said before."""
     if token.kind in ("cause", "gait"):
         step.cause = token.words
-    part = step.get("body_part")
-    if (
-        token.kind == "part"
-        and part is not None
-        and (part, step.get("side")) != (token.slots["body_part"], token.slots.get("side"))
-    ):
+    part = step.get("body_part"), step.get("side")
+    if token.kind == "part" and part[0] is not None and part != (token.slots["body_part"], token.slots.get("side")):
         ignored.append(token.words)
         return
     storey = token.words in lexicon().storeys and step.action in ("walk", "run", "climb")

@@ -17,9 +17,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_bytes
 from t2d_rt.types.fields import Fields
 
-Activity = Literal[
-    "walking", "abnormal_walking", "running", "falling", "sitting", "bending", "jumping", "dancing"
-]  # fmt: skip
+Activity = Literal["walking", "abnormal_walking", "running", "falling", "sitting", "bending", "jumping", "dancing"]
 """The paper's eight classes."""
 
 Action = Literal[
@@ -30,9 +28,7 @@ Action = Literal[
 
 Manner = Literal["careful", "happy", "angry", "sad"]
 Speed = Literal["slow", "normal", "fast"]
-Direction = Literal[
-    "forward", "back", "left", "right", "straight", "clockwise", "counterclockwise", "up", "down"
-]  # fmt: skip
+Direction = Literal["forward", "back", "left", "right", "straight", "clockwise", "counterclockwise", "up", "down"]
 BodyPart = Literal["arm", "foot", "hand", "leg", "waist", "knee"]
 Object = Literal["stair", "chair", "floor", "ball", "handrail"]
 
@@ -61,23 +57,21 @@ ACTIONS_OF: dict[Activity, tuple[Action, ...]] = {
 """Main actions of each class."""
 
 
-_LEVEL: tuple[Direction, ...] = ("forward", "back", "left", "right", "straight")
+_SIDES: tuple[Direction, ...] = ("forward", "back", "left", "right")
+_LEVEL: tuple[Direction, ...] = (*_SIDES, "straight")
 _CIRCLES: tuple[Direction, ...] = ("clockwise", "counterclockwise")
+_MOVING: tuple[Action, ...] = ("walk", "run", "dance", "jump")
+_LOWERING: tuple[Action, ...] = ("sit", "lie_down", "bend")
 
 DIRECTIONS_OF: dict[Action, tuple[Direction, ...]] = {
-    "walk": (*_LEVEL, *_CIRCLES, "up", "down"),
-    "run": (*_LEVEL, *_CIRCLES, "up", "down"),
-    "dance": (*_LEVEL, *_CIRCLES, "up", "down"),
-    "jump": (*_LEVEL, *_CIRCLES, "up", "down"),
+    **dict.fromkeys(_MOVING, (*_LEVEL, *_CIRCLES, "up", "down")),
+    **dict.fromkeys(_LOWERING, (*_SIDES, "down")),
     "turn": ("left", "right", "back", *_CIRCLES),
     "climb": ("up", "down"),
-    "fall": ("forward", "back", "left", "right", "straight", "down"),
-    "sit": ("forward", "back", "left", "right", "down"),
-    "lie_down": ("forward", "back", "left", "right", "down"),
-    "stand_up": ("forward", "back", "left", "right", "up"),
-    "bend": ("forward", "back", "left", "right", "down"),
+    "fall": (*_LEVEL, "down"),
+    "stand_up": (*_SIDES, "up"),
     "squat": ("down",),
-    "stretch": ("forward", "back", "left", "right", "up", "down"),
+    "stretch": (*_SIDES, "up", "down"),
     "stand": (*_LEVEL, "up"),
 }
 """Directions that each action can have: nobody falls up, or squats clockwise. Of lying, on which side of the body."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-from t2d_rt.motion.descriptions.lexicon import Forms, Synonyms, forms, lexicon, meaning
+from t2d_rt.motion.descriptions.lexicon import Forms, Synonyms, inflected, lexicon, meaning
 
 WORD = re.compile(r"\d+(?:\.\d+)?|[^\W\d_]+(?:'[^\W\d_]+)?|n't|[^\w\s]")
 GAP = "~"
@@ -69,11 +69,10 @@ def _verbs(phrases: Iterable[str], kind: str, slots: Mapping[str, object]) -> It
     """Entries of phrases that begin with an infinitive, in all its forms."""
     partly = lexicon().partly_made
     for phrase in phrases:
-        verbs = [each.partition(" ") for each in phrase.split(" and ")]  # slip and fall
-        for name in Forms._fields:
-            inflected = " and ".join(f"{getattr(forms(verb), name)} {rest}" for verb, _, rest in verbs)
-            for words in _spelled(inflected):
-                yield Entry(words, kind, slots, gerund=name == "gerund", partly=phrase in partly)
+        for form in Forms._fields:
+            text = " and ".join(inflected(verb, form) for verb in phrase.split(" and "))  # slips and falls
+            for words in _spelled(text):
+                yield Entry(words, kind, slots, gerund=form == "gerund", partly=phrase in partly)
 
 
 def _phrases(phrases: Iterable[str], kind: str, slots: Mapping[str, object]) -> Iterator[Entry]:
@@ -108,10 +107,13 @@ def _entries() -> Iterator[Entry]:
             yield from _phrases([phrase], "part", {"body_part": part})
             for side in ("left", "right") if part != "waist" else ():
                 yield Entry((side, *words_of(phrase)), "part", {"body_part": part, "side": side})
-    yield from _phrases(known.without_meaning, "fixed", {})
-    yield from _phrases(known.reported, "reported", {})
-    yield from _phrases(known.on_the_spot, "spot", {})
-    yield from _phrases(known.negations, "not", {})
+    for section, kind in (
+        ("without_meaning", "fixed"),
+        ("reported", "reported"),
+        ("on_the_spot", "spot"),
+        ("negations", "not"),
+    ):
+        yield from _phrases(getattr(known, section), kind, {})
     for join, phrases in known.joins.items():
         yield from (Entry(tuple(words_of(phrase)), "join", {"join": join}) for phrase in phrases)
 
@@ -141,17 +143,12 @@ def _body_parts() -> frozenset[str]:
 
 
 @cache
-def _neutral() -> frozenset[str]:
-    return frozenset(lexicon().neutral)
-
-
-@cache
 def _vocabulary() -> frozenset[str]:
     """All words that are understood, which a misspelt one may mean."""
     known = lexicon()
     words = {word for entries in _index().values() for entry in entries for word in entry.words}
     more = {*known.of_limbs, *known.numbers, *known.times, *known.seconds, "times"}
-    return frozenset(words | more | _neutral()) - {GAP}
+    return frozenset(words | more | {*known.neutral}) - {GAP}
 
 
 def tokens_of(sentence: str) -> list[Token]:
@@ -187,12 +184,8 @@ def _next(words: list[str], place: int) -> tuple[list[Token], int]:
         if within is None:
             continue
         gap, after = within
-        if (
-            entry.kind == "direction"
-            and entry.words[-1] in ("left", "right")
-            and after < len(words)
-            and words[after] in _body_parts()
-        ):
+        of_part = after < len(words) and words[after] in _body_parts()
+        if entry.kind == "direction" and entry.words[-1] in ("left", "right") and of_part:
             continue  # on his left foot
         token = Token(entry.kind, " ".join(words[place:after]), entry.slots, entry.gerund, partly=entry.partly)
         inner = tokens_of(" ".join(gap)) if gap else []
@@ -208,7 +201,7 @@ def _next(words: list[str], place: int) -> tuple[list[Token], int]:
     word = words[place]
     if word.endswith("n't") or word == "cannot":
         return [Token("not", word)], place + 1
-    known = word in _neutral() or word in ("zero", "one", "a", "an") or not any(char.isalnum() for char in word)
+    known = word in lexicon().neutral or word in ("zero", "one", "a", "an") or not any(char.isalnum() for char in word)
     kind = "of limb" if word in lexicon().of_limbs else "neutral" if known else "unknown"
     return [Token(kind, word)], place + 1
 

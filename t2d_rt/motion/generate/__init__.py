@@ -105,9 +105,8 @@ def _refuse_unused(provider: str | Provider, **options: object) -> None:
     kind = provider.partition(":")[0] if isinstance(provider, str) else "of your own"
     if kind in COMPOSED or (isinstance(provider, str) and kind not in PROVIDERS):
         return
-    unused = [
-        name for name, value in options.items() if value is not None and (name != "duration_s" or kind == "files")
-    ]
+    heeded = ("duration_s",) if kind != "files" else ()
+    unused = [name for name, value in options.items() if value is not None and name not in heeded]
     if unused:
         raise InputError(f"provider {kind} takes no {' nor '.join(unused)}; leave it out, or the provider")
 

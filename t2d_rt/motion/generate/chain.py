@@ -46,6 +46,11 @@ class Piece:
         """Frames from `start` to before `stop`."""
         return replace(self, poses=self.poses.part(start, stop), planted=self.planted[start:stop])
 
+    def posed(self, *, root: np.ndarray | None = None, local: np.ndarray | None = None) -> Piece:
+        """With another root's track or other rotations."""
+        given = {name: value for name, value in (("root", root), ("local", local)) if value is not None}
+        return replace(self, poses=replace(self.poses, **given))  # type: ignore[arg-type]
+
     def noted(self, note: str) -> Piece:
         """With one more note."""
         return replace(self, notes=(*self.notes, note))
@@ -66,7 +71,7 @@ def moved(piece: Piece, angle_rad: float, about: np.ndarray, to: np.ndarray) -> 
     root = quaternions.rotate(spin, piece.poses.root - [*about, 0.0]) + [*to, 0.0]
     local = piece.poses.local.copy()
     local[:, 0] = quaternions.multiply(np.broadcast_to(spin, local[:, 0].shape), local[:, 0])
-    return replace(piece, poses=replace(piece.poses, root=root, local=local))
+    return piece.posed(root=root, local=local)
 
 
 def joined(pieces: Sequence[Piece], *, blend_s: float = BLEND_S, turn: bool = True) -> Piece:
@@ -90,7 +95,9 @@ def _appended(first: Piece, second: Piece, blend_s: float, turn: bool) -> Piece:
     placed = moved(second, float(spin), b.root[0, :2], a.root[-1, :2] + step[:2]).poses
     within = max(2, min(round(blend_s * a.rate_hz), len(b) - 1))
     # What the first piece would show one frame on, against what the second begins with.
-    root = placed.root + _offset(a.root[-1] + step - placed.root[0], step - _step(placed.root), within, len(b))
+    root = placed.root + _offset(
+        a.root[-1] + step - placed.root[0], step - (placed.root[1] - placed.root[0]), within, len(b)
+    )
     local = placed.local.copy()
     ahead = quaternions.multiply(quaternions.multiply(a.local[-1], quaternions.conjugate(a.local[-2])), a.local[-1])
     gap = rotation_vector(quaternions.multiply(ahead, quaternions.conjugate(local[0])))
@@ -98,12 +105,17 @@ def _appended(first: Piece, second: Piece, blend_s: float, turn: bool) -> Piece:
     own = rotation_vector(quaternions.multiply(local[1], quaternions.conjugate(local[0])))
     carried = np.stack([_offset(g, s, within, len(b)) for g, s in zip(gap, speed - own, strict=True)], axis=1)
     local = quaternions.multiply(from_rotation_vector(carried), local)
-    poses = replace(
-        a, root=np.concatenate([a.root, root]),
-        local=quaternions.continuous(np.concatenate([a.local, quaternions.normalise(local)])),
-    )  # fmt: skip
-    planted = np.concatenate([first.planted, second.planted])
-    return Piece(poses=poses, planted=planted, notes=(*first.notes, *second.notes))
+    roots, locals_ = [a.root, root], [a.local, quaternions.normalise(local)]
+    return _one(first, second, roots, locals_, [first.planted, second.planted])
+
+
+def _one(
+    first: Piece, second: Piece, roots: list[np.ndarray], locals_: list[np.ndarray], planted: list[np.ndarray]
+) -> Piece:
+    """A piece of stretches of root, rotations and contacts one after another, with the notes of both pieces."""
+    local = quaternions.continuous(np.concatenate(locals_))
+    poses = replace(first.poses, root=np.concatenate(roots), local=local)
+    return Piece(poses=poses, planted=np.concatenate(planted), notes=(*first.notes, *second.notes))
 
 
 def crossed(first: Piece, second: Piece, cut: int, start: int) -> Piece:
@@ -121,18 +133,9 @@ def crossed(first: Piece, second: Piece, cut: int, start: int) -> Piece:
     old, new = a.part(cut - half, cut + half + 1), placed.part(start - half, start + half + 1)
     root = (1 - weight) * old.root + weight * new.root
     local = quaternions.blend(old.local, new.local, weight[..., None])
-    parts = [(a.root[: cut - half], a.local[: cut - half]), (root, local)]
-    parts.append((placed.root[start + half + 1 :], placed.local[start + half + 1 :]))
-    poses = replace(
-        a, root=np.concatenate([each for each, _ in parts]),
-        local=quaternions.continuous(np.concatenate([each for _, each in parts])),
-    )  # fmt: skip
-    planted = np.concatenate([first.planted[: cut + 1], second.planted[start + 1 :]])
-    return Piece(poses=poses, planted=planted, notes=(*first.notes, *second.notes))
-
-
-def _step(root: np.ndarray) -> np.ndarray:
-    return root[1] - root[0]
+    before, after = slice(cut - half), slice(start + half + 1, None)
+    roots, locals_ = [a.root[before], root, placed.root[after]], [a.local[before], local, placed.local[after]]
+    return _one(first, second, roots, locals_, [first.planted[: cut + 1], second.planted[start + 1 :]])
 
 
 def _offset(gap: np.ndarray, slope: np.ndarray, within: int, count: int) -> np.ndarray:
@@ -197,10 +200,10 @@ def features(poses: Poses, *, within_s: float = 0.1) -> np.ndarray:
     return np.concatenate([points, within_s * velocity], axis=-1).reshape(len(poses), -1) / np.sqrt(len(kept))
 
 
-FEATURE_JOINTS = (
-    "pelvis", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_foot", "right_foot",
-    "spine3", "head", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
-)  # fmt: skip
+OF_LEG, OF_ARM = ("hip", "knee", "ankle", "foot"), ("elbow", "wrist")
+LEGS, ARMS = ([f"{side}_{joint}" for joint in joints for side in ("left", "right")] for joints in (OF_LEG, OF_ARM))
+FEATURE_JOINTS = "pelvis", *LEGS, "spine3", "head", *ARMS
+"""Joints by whose places and velocities poses are compared."""
 
 
 def best_seam(first: Poses, second: Poses, after: range, before: range) -> tuple[int, int, float]:

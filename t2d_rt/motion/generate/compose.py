@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Literal
@@ -21,6 +22,8 @@ from t2d_rt.motion.generate.library.edits import begun, halted
 from t2d_rt.motion.generate.library.individual import Individual, Maker, individual, lively, sole_m
 from t2d_rt.motion.generate.library.moves import ACTIONS, directed, made_of_clips, own_clips
 from t2d_rt.motion.generate.library.store import RATE_HZ, Store, shipped
+from t2d_rt.motion.generate.library.users import with_users
+from t2d_rt.motion.generate.made import Posture, make
 from t2d_rt.motion.interpolate import resample
 from t2d_rt.motion.kinematics import motion_of, poses_of
 from t2d_rt.motion.read.passes import file_origin
@@ -33,15 +36,24 @@ COUNTED = frozenset({"jump", "bend", "squat", "stretch", "climb", "sit", "stand_
 """Actions that are done as many times as a description says."""
 
 PARTS: Mapping[Action, str] = {
-    "jump": "foot leg arm hand", "bend": "arm hand foot leg waist knee", "squat": "arm hand foot leg",
-    "stretch": "arm hand foot leg waist knee", "sit": "foot leg", "stand_up": "foot leg",
-}  # fmt: skip
+    "jump": "foot leg arm hand",
+    "bend": "arm hand foot leg waist knee",
+    "squat": "arm hand foot leg",
+    "stretch": "arm hand foot leg waist knee",
+    "sit": "foot leg",
+    "stand_up": "foot leg",
+}
 """Parts of the body that each action heeds, where a description names one; every abnormal gait heeds them."""
 
 OBJECTS: Mapping[Action, str] = {
-    "climb": "stair handrail", "sit": "chair stair handrail", "stand_up": "chair stair handrail", "lie_down": "chair",
-    "bend": "ball handrail", "squat": "ball handrail", "stretch": "handrail",
-}  # fmt: skip
+    "climb": "stair handrail",
+    "sit": "chair stair handrail",
+    "stand_up": "chair stair handrail",
+    "lie_down": "chair",
+    "bend": "ball handrail",
+    "squat": "ball handrail",
+    "stretch": "handrail",
+}
 """Objects that each action heeds, beside the floor that everybody is on."""
 
 IDLE_DIRECTIONS: Mapping[Action, str] = {"sit": "back forward", "stand_up": "forward back left right"}
@@ -50,43 +62,39 @@ IDLE_DIRECTIONS: Mapping[Action, str] = {"sit": "back forward", "stand_up": "for
 
 def not_made(step: Step, then: Sequence[Step] = ()) -> list[str]:
     """What a step asks for and no maker does, in words. then: steps that follow, which may use what is walked to."""
-    action = step.action.replace("_", " ")
     said = []
+    falls = step.action == "fall"
     if step.count is not None and step.count > 1 and step.action not in COUNTED:
-        said.append(f"count {step.count} of {action}")
-    if step.duration_s is not None and step.action == "fall":
-        said.append(f"duration {step.duration_s:g} s of {action}")
+        said.append(f"count {step.count}")
+    if step.duration_s is not None and falls:
+        said.append(f"duration {step.duration_s:g} s")
     parts = PARTS.get(step.action, "").split()
     if step.action == "jump" and step.direction is not None:  # jumping jacks go nowhere
         parts = ["foot", "leg"]
     if step.body_part is not None and step.body_part not in parts and step.type not in GAIT_TYPES:
-        said.append(f"{step.side + ' ' if step.side else ''}{step.body_part} of {action}")
-    used = step.type == "trip" or (
-        step.action in ("walk", "run")
-        and (
-            (step.object == "stair" and step.direction in ("up", "down"))
-            or any(step.object in OBJECTS.get(each.action, "").split() for each in then)
-        )
-    )
-    if step.object not in (None, "floor", *OBJECTS.get(step.action, "").split()) and not used:
-        said.append(f"{step.object} of {action}")
+        said.append(f"{step.side + ' ' if step.side else ''}{step.body_part}")
+    objects = ["floor", *OBJECTS.get(step.action, "").split()]
+    if step.object is not None and step.object not in objects and not _used(step, then):
+        said.append(step.object)
     if step.direction is not None and step.direction in IDLE_DIRECTIONS.get(step.action, "").split():
-        said.append(f"direction {step.direction} of {action}")
-    if step.manner is not None and step.action == "fall":
-        said.append(f"manner {step.manner} of {action}")
-    return said
+        said.append(f"direction {step.direction}")
+    if step.manner is not None and falls:
+        said.append(f"manner {step.manner}")
+    return [f"{each} of {step.action.replace('_', ' ')}" for each in said]
+
+
+def _used(step: Step, then: Sequence[Step]) -> bool:
+    """Whether the object of a step has a use: what one trips over, a stair that is walked up, a chair to sit down on then."""
+    if step.action not in ("walk", "run"):
+        return step.type == "trip"
+    on_stair = step.object == "stair" and step.direction in ("up", "down")
+    return on_stair or any(step.object in OBJECTS.get(each.action, "").split() for each in then)
 
 
 # --- a description's steps, each by what can make it, as one motion of one person ---
 
 
 By = Literal["library", "gaits", "made", "physics"]
-
-ALLOWED: dict[str | None, tuple[By, ...]] = {
-    None: ("library", "gaits", "made", "physics"), "library": ("library", "gaits", "made"),
-    "physics": ("library", "gaits", "made", "physics"),
-}  # fmt: skip
-"""What each provider makes; one that simulates falls needs what comes before them."""
 
 LEAD_S = 2.4, 3.6
 """Duration of the walk or stance before a fall where the description says nothing of it."""
@@ -103,13 +111,7 @@ DIRECTED_ATTEMPTS = 4
 DANCES = 3
 """Dances that are made until the filter lets one pass; the last is taken as it is."""
 
-TOPPLES: dict[str, str] = {
-    "forward": "forward",
-    "straight": "forward",
-    "back": "backward",
-    "left": "left",
-    "right": "right",
-}
+TOPPLES = {"forward": "forward", "straight": "forward", "back": "backward", "left": "left", "right": "right"}
 """What the filter calls the directions of a description."""
 
 SEARCH_S = 0.5
@@ -137,11 +139,15 @@ class Composer:
     def __call__(self, description: Description, *, seed: int) -> Motion:
         """The motion of a description."""
         rng = np.random.default_rng([seed, *description.sentence.encode()])
-        store = self._store()
-        refused = [step.action for step in description.steps if maker_of(step, store) not in ALLOWED[self.only]]
-        if refused or (self.only == "physics" and description.action != "fall"):
+        store = shipped() if self.library is None else with_users(shipped(), self.library)
+        # What simulates falls needs whatever comes before them; all else makes everything but falls.
+        falls = [step.action for step in description.steps if maker_of(step, store) == "physics"]
+        refused = falls[:1] if self.only == "library" else []
+        if self.only == "physics" and description.action != "fall":
+            refused = [description.action]
+        if refused:
             raise InputError(
-                f"provider {self.only} does not make {(refused or [description.action])[0].replace('_', ' ')}; "
+                f"provider {self.only} does not make {refused[0].replace('_', ' ')}; "
                 "leave the provider out, so that each step is made by what suits it"
             )
         person = individual(description.subject, rng, body=self.body, stature_m=self.stature_m)
@@ -155,19 +161,9 @@ class Composer:
             made += f", with clips of {file_origin(Path(self.library))}"
         who = f"{description.subject.replace('_', ' ')} of {person.stature_m:.2f} m, body {person.body}"
         steps = description.steps
-        lacking = [
-            f"{NOT_MADE}{each}" for number, step in enumerate(steps) for each in not_made(step, steps[number + 1 :])
-        ]
-        return replace(
-            motion, origin=(made, who, *lacking, *motion.origin), report=f"generated; {who}; floor at 0 m", placed=False
-        )
-
-    def _store(self) -> Store:
-        if self.library is None:
-            return shipped()
-        from t2d_rt.motion.generate.library.users import with_users
-
-        return with_users(shipped(), self.library)
+        lacking = [each for number, step in enumerate(steps) for each in not_made(step, steps[number + 1 :])]
+        origin = (made, who, *(f"{NOT_MADE}{each}" for each in lacking), *motion.origin)
+        return replace(motion, origin=origin, report=f"generated; {who}; floor at 0 m", placed=False)
 
 
 def maker_of(step: Step, store: Store) -> By:
@@ -179,6 +175,11 @@ def maker_of(step: Step, store: Store) -> By:
     if step.action in ("walk", "run") and step.direction in ("up", "down"):
         return "made"
     return "library" if step.action in ACTIONS or own_clips(store, step) else "made"
+
+
+def _is_made(step: Step, store: Store) -> bool:
+    """Whether a step is made of key poses."""
+    return maker_of(step, store) == "made"
 
 
 BETWEEN: Mapping[Action, Action | None] = {"sit": "stand_up", "stand_up": "sit", "turn": None}
@@ -233,7 +234,7 @@ class Floored:
     lowest_m: float = 0.0
     """Of the floors that were stood on."""
     highest_m: float = 0.0
-    posture: str = "standing"
+    posture: Posture = "standing"
     lasting: bool = False
     """Whether it is one step that has the duration which was asked for."""
     begins: Begins = ()
@@ -243,9 +244,9 @@ class Floored:
 def _chained(maker: Maker, whole: Floored | None, steps: Sequence[Step]) -> Floored:
     """The steps after one another, after what there is."""
     alone = len(steps) == 1 and whole is None
-    for by, group in groupby(steps, key=lambda step: "made" if maker_of(step, maker.store) == "made" else "clips"):
+    for made, group in groupby(steps, key=partial(_is_made, store=maker.store)):
         own = list(group)
-        if by == "made":
+        if made:
             whole = _with_made(maker, whole, own, begins="standing" if whole is not None else None)
             continue
         if whole is not None and whole.posture != "standing":
@@ -264,14 +265,11 @@ def _chained(maker: Maker, whole: Floored | None, steps: Sequence[Step]) -> Floo
     return whole
 
 
-def _with_made(maker: Maker, whole: Floored | None, steps: Sequence[Step], *, begins: str | None) -> Floored:
+def _with_made(maker: Maker, whole: Floored | None, steps: Sequence[Step], *, begins: Posture | None) -> Floored:
     """Steps made of key poses, after what there is."""
-    from t2d_rt.motion.generate.made import make
-
-    found = make(
-        steps, maker.person.skeleton, rng=maker.rng, handed="left" if maker.person.left_handed else "right",
-        tempo=maker.person.tempo, begins=begins,  # type: ignore[arg-type]
-    )  # fmt: skip
+    who = maker.person
+    handed = "left" if who.left_handed else "right"
+    found = make(steps, who.skeleton, rng=maker.rng, handed=handed, tempo=who.tempo, begins=begins)
     before = whole.floor_m if whole is not None else 0.0
     rise = before - found.floors_m[0]
     piece = Piece(poses=found.poses, planted=found.planted, notes=found.notes)
@@ -322,9 +320,8 @@ def _of_clips(maker: Maker, step: Step, alone: bool) -> Piece:
     straight = step.model_copy(update={"type": None, "body_part": None, "side": None, "direction": None})
     walk = made_of_clips(maker, straight, alone=alone)
     severity = float(maker.rng.uniform(0, 1))
-    poses = abnormal_walk(
-        plant(walk.poses, walk.planted, floor_m=0.0), step.type, severity=severity, rng=maker.rng, side=step.side
-    )
+    planted = plant(walk.poses, walk.planted, floor_m=0.0)
+    poses = abnormal_walk(planted, step.type, severity=severity, rng=maker.rng, side=step.side)
     note = f"{step.type} gait, severity {severity:.2f}"
     piece = Piece(poses=poses, planted=contacts(poses), notes=(*walk.notes, note))
     piece = directed(maker, lively(piece, maker.person, maker.rng, quiet=0.5), step)
@@ -335,9 +332,8 @@ def _of_clips(maker: Maker, step: Step, alone: bool) -> Piece:
 
 def _danced(maker: Maker, step: Step, alone: bool) -> Piece:
     """A dance, planted; phrases that go ill together are drawn again."""
-    who = replace(
-        maker.person, vigour=min(maker.person.vigour, 1.0)
-    )  # a dancer's arms reach as far as they can already
+    # A dancer's arms reach as far as they can already.
+    who = replace(maker.person, vigour=min(maker.person.vigour, 1.0))
     for _ in range(DANCES):
         piece = lively(made_of_clips(maker, step, alone=alone), who, maker.rng)
         piece = replace(piece, poses=plant(piece.poses, piece.planted, floor_m=0.0))
@@ -350,9 +346,8 @@ def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> t
     """What comes before a fall, the fall, and getting up where the description asks for it; and the height of its floor [m]."""
     from t2d_rt.motion.generate.falls import NoFall, fall, plan_of
 
-    getups = [
-        motion_of(maker.store.piece(each).poses) for each in maker.store.segments if each.kind in ("faceup", "facedown")
-    ]
+    store = maker.store
+    getups = [motion_of(store.piece(each).poses) for each in store.segments if each.kind in ("faceup", "facedown")]
     wanted = next(step.direction for step in description.steps if step.action == "fall")
     found: tuple[Motion, Motion, float] | None = None
     went: str | None = None
@@ -385,10 +380,8 @@ def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> t
     fallen, lead, floor_m = found
     origin = (*lead.origin, *(note for note in fallen.origin if note not in lead.origin))
     if went != TOPPLES.get(wanted or "", went):
-        origin = (
-            *origin,
-            f"{NOT_MADE}a fall {wanted}; the body topples {went} and lands on the side that was asked for",
-        )
+        lacking = f"a fall {wanted}; the body topples {went} and lands on the side that was asked for"
+        origin = (*origin, f"{NOT_MADE}{lacking}")
     return replace(fallen, joints=fallen.joints + [0.0, 0.0, floor_m], origin=origin), floor_m
 
 
@@ -413,7 +406,6 @@ def finished(whole: Floored, person: Individual, *, base_m: float | None = None)
     poses = plant(piece.poses, piece.planted, level=False, floor_m=whole.lowest_m if level else None)
     rise = sole_m(person) - (whole.lowest_m if base_m is None else base_m)
     motion = motion_of(replace(poses, root=poses.root + [0.0, 0.0, rise]), origin=piece.notes)
-    begins = {
-        frame / RATE_HZ: name for name, frame in whole.begins if frame < len(poses)
-    }  # of two in one frame the later
+    # Of two steps that begin in one frame the later is kept.
+    begins = {frame / RATE_HZ: name for name, frame in whole.begins if frame < len(poses)}
     return replace(motion, activities=tuple((name, begin_s) for begin_s, name in begins.items()))

@@ -8,7 +8,7 @@ import math
 import operator
 import pickletools
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -39,20 +39,17 @@ OBJECT = "O8"
 """The type of an array that holds Python's own values, as the dictionary lies in one."""
 LONGEST_NUMBER = 64
 """Bytes of a whole number."""
-_MULTIARRAY = ("numpy.core.multiarray", "numpy._core.multiarray")
 _NAMES = {
-    **{(module, "_reconstruct"): "array" for module in _MULTIARRAY},
-    **{(module, "scalar"): "scalar" for module in _MULTIARRAY},
-    ("numpy", "dtype"): "dtype", ("numpy", "ndarray"): "ndarray",
-}  # fmt: skip
-_CONSTANTS = {
-    "BININT", "BININT1", "BININT2", "LONG1", "BINFLOAT", "BINUNICODE", "SHORT_BINUNICODE", "BINUNICODE8", "BINBYTES",
-    "SHORT_BINBYTES", "BINBYTES8",
-}  # fmt: skip
-_FIXED: Mapping[str, Callable[[], Any]] = {
-    "NONE": lambda: None, "NEWTRUE": lambda: True, "NEWFALSE": lambda: False, "EMPTY_DICT": dict, "EMPTY_LIST": list,
-    "EMPTY_TUPLE": tuple,
-}  # fmt: skip
+    (f"numpy.{core}.multiarray", name): called
+    for core in ("core", "_core")
+    for name, called in (("_reconstruct", "array"), ("scalar", "scalar"))
+} | {("numpy", "dtype"): "dtype", ("numpy", "ndarray"): "ndarray"}
+_GIVEN = (
+    "BININT BININT1 BININT2 LONG1 BINFLOAT BINUNICODE SHORT_BINUNICODE BINUNICODE8 BINBYTES SHORT_BINBYTES BINBYTES8"
+)
+"""Operations whose argument is a value."""
+_CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False, "EMPTY_TUPLE": ()}
+_EMPTY: Mapping[str, type] = {"EMPTY_DICT": dict, "EMPTY_LIST": list}
 
 
 @dataclass(slots=True)
@@ -96,12 +93,14 @@ class _Machine:
         for code, argument, _ in pickletools.genops(data):
             if code.name == "STOP":
                 return _inner(self.stack.pop())
-            if code.name in _CONSTANTS:
+            if code.name in _GIVEN.split():
                 if isinstance(argument, int) and argument.bit_length() > 8 * LONGEST_NUMBER:
                     raise ValueError("a number of many digits")
                 self.stack.append(argument)
-            elif code.name in _FIXED:
-                self.stack.append(_FIXED[code.name]())
+            elif code.name in _CONSTANTS:
+                self.stack.append(_CONSTANTS[code.name])
+            elif code.name in _EMPTY:
+                self.stack.append(_EMPTY[code.name]())
             else:
                 self._step(code.name, argument)
         raise ValueError("it has no end")

@@ -49,7 +49,6 @@ def heading_of(plan: FallPlan, rng: np.random.Generator) -> Heading:
         return plan.direction
     if plan.type == "collapse":
         return HEADINGS[int(rng.choice(len(HEADINGS), p=[0.35, 0.25, 0.2, 0.2]))]
-    rng.choice(1, p=[1.0])  # each type draws once
     return "back" if plan.type == "slip" else "forward"
 
 

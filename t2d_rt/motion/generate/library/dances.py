@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from operator import itemgetter
 
 import numpy as np
 
@@ -66,7 +67,7 @@ def dance(maker: Maker, step: Step, duration_s: float) -> Piece:
         found: list[tuple[Piece, float]] = []
         while len(found) < TRIES and not (found and found[-1][1] < 1.0):
             found.append(_continued(whole, _phrase(maker, maker.draw(segments, weights))))
-        longer, rough = min(found, key=lambda each: each[1])
+        longer, rough = min(found, key=itemgetter(1))
         if not np.isfinite(rough):
             whole = whole.noted("the dance ends early: no phrase goes on smoothly from its last one")
             break
@@ -78,9 +79,8 @@ def dance(maker: Maker, step: Step, duration_s: float) -> Piece:
         if sign * (heading[-1] - heading[0]) < 0:
             whole = edits.mirrored(whole)  # the dancer's own spins go the same way
         turn_rad = min(2 * np.pi, CIRCLING_RADPS * len(whole) / RATE_HZ)
-        return edits.bent(whole, sign * turn_rad * circling(whole)).noted(
-            f"turned {step.direction} by {np.degrees(turn_rad):.0f} degrees"
-        )
+        whole = edits.bent(whole, sign * turn_rad * circling(whole))
+        whole = whole.noted(f"turned {step.direction} by {np.degrees(turn_rad):.0f} degrees")
     return whole
 
 
@@ -104,10 +104,8 @@ def _continued(whole: Piece, found: Piece) -> tuple[Piece, float]:
     one, other = features(last.poses), features(begin.poses)
     squares = (one**2).sum(1)[:, None] + (other**2).sum(1) - 2 * one @ other.T
     # What differs dies out while a foot stands: in a flight it would change the fall.
-    stands, stood = (
-        np.asarray(begin.planted.any(axis=2) & goes_on_standing(begin)[:, None]),
-        np.asarray(last.planted.any(axis=2)),
-    )
+    stood = np.asarray(last.planted.any(axis=2))
+    stands = np.asarray(begin.planted.any(axis=2) & goes_on_standing(begin)[:, None])
     squares[~(stood[:, None] & stands).any(axis=2)] = np.inf
     squares[0] = squares[:, 0] = np.inf
     cut, start = np.unravel_index(int(squares.argmin()), squares.shape)

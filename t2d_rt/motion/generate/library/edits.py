@@ -19,10 +19,7 @@ from t2d_rt.motion.kinematics import INDEX, NAMES, Poses, Skeleton, at_frames
 
 OTHER = {"left": "right", "right": "left"}
 
-SWAPPED = [
-    NAMES.index(f"{OTHER[name.split('_')[0]]}_{name.split('_')[1]}" if name.split("_")[0] in OTHER else name)
-    for name in NAMES
-]
+SWAPPED = [NAMES.index("_".join(OTHER.get(part, part) for part in name.split("_"))) for name in NAMES]
 """Of each joint, that of the other side."""
 
 
@@ -66,7 +63,7 @@ def _without_noise(piece: Piece, cutoff_hz: float) -> Piece:
     local = quaternions.continuous(poses.local).reshape(len(poses), -1)
     values = low_pass(np.concatenate([poses.root, local], axis=1), min(cutoff_hz, 0.4 * poses.rate_hz), poses.rate_hz)
     rotations = quaternions.normalise(values[:, 3:].reshape(len(poses), -1, 4))
-    return replace(piece, poses=replace(poses, root=values[:, :3], local=rotations))
+    return piece.posed(root=values[:, :3], local=rotations)
 
 
 def paced(piece: Piece, factor: float) -> Piece:
@@ -108,7 +105,7 @@ def strided(piece: Piece, factor: float | np.ndarray) -> Piece:
     steps = np.diff(poses.root[:, :2], axis=0) * (0.5 * (factors[1:] + factors[:-1]))[:, None]
     root = poses.root.copy()
     root[1:, :2] = root[0, :2] + np.cumsum(steps, axis=0)
-    return replace(piece, poses=replace(poses, root=root))
+    return piece.posed(root=root)
 
 
 def bent(piece: Piece, angle_rad: np.ndarray) -> Piece:
@@ -132,7 +129,7 @@ def bent(piece: Piece, angle_rad: np.ndarray) -> Piece:
         held = back / (1 + (np.abs(back) / MOST_TWIST_RAD) ** 6) ** (1 / 6)
         turned = quaternions.multiply(quaternions.about_axis(Z, held), rotations[:, ankle])
         local[:, ankle] = quaternions.multiply(quaternions.conjugate(rotations[:, knee]), turned)
-    return replace(piece, poses=replace(poses, root=root, local=local))
+    return piece.posed(root=root, local=local)
 
 
 def straddled(piece: Piece, angle_rad: float) -> Piece:
@@ -142,12 +139,12 @@ def straddled(piece: Piece, angle_rad: float) -> Piece:
         hip = INDEX[f"{side}_hip"]
         outward = quaternions.about_axis(np.array([1.0, 0.0, 0.0]), np.full(len(piece), sign * angle_rad))
         local[:, hip] = quaternions.multiply(outward, local[:, hip])
-    return replace(piece, poses=replace(piece.poses, local=local))
+    return piece.posed(local=local)
 
 
 def shifted(piece: Piece, offset_m: np.ndarray) -> Piece:
     """The root moved by an offset (T, 3) [m]."""
-    return replace(piece, poses=replace(piece.poses, root=piece.poses.root + offset_m))
+    return piece.posed(root=piece.poses.root + offset_m)
 
 
 def aligned(piece: Piece) -> Piece:
@@ -206,17 +203,19 @@ class Seam:
 def best_crossing(whole: Piece, found: Piece) -> Seam:
     """The best seam at which two gaits cross; where a clip hardly holds a stride, and only its ends match, one at those."""
     length, beyond = min(len(whole), len(found)), round(0.5 * CROSSING_S * RATE_HZ)
-    earliest, latest = max(len(whole) - round(0.5 * length), 3), round(0.45 * len(found))
-
-    def best(margin: int) -> tuple[int, int, float]:
-        after, before = range(earliest, len(whole) - margin, 2), range(margin, max(latest, margin + 2), 2)
-        return best_seam(whole.poses, found.poses, after, before)
-
-    at_ends = best(2)
-    within = best(beyond) if length > 4 * beyond else at_ends
+    at_ends = _best_within(whole, found, 2)
+    within = _best_within(whole, found, beyond) if length > 4 * beyond else at_ends
     gained = within[0] - within[1] - (len(whole) - len(found))
     crosses = length > 4 * beyond and within[2] < CROSSES_AT * at_ends[2] and gained > LEAST_GAIN_S * RATE_HZ
     return Seam(whole, found, *(within if crosses else at_ends), crosses)
+
+
+def _best_within(whole: Piece, found: Piece, margin: int) -> tuple[int, int, float]:
+    """The best seam in the last half of the one and the first half of the other that keeps a margin [frames] from their ends."""
+    length = min(len(whole), len(found))
+    after = range(max(len(whole) - round(0.5 * length), 3), len(whole) - margin, 2)
+    before = range(margin, max(round(0.45 * len(found)), margin + 2), 2)
+    return best_seam(whole.poses, found.poses, after, before)
 
 
 def halted(piece: Piece, following: Piece) -> Piece:

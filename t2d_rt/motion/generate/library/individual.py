@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +42,8 @@ POSTURE_RAD = {
     "left_elbow": 0.1, "right_elbow": 0.1, "left_wrist": 0.08, "right_wrist": 0.08,
 }  # fmt: skip
 """Standard deviations of a person's habitual posture per axis [rad]; between recorded walkers they are larger."""
+
+SPINE = "lower_back", "spine1", "spine2", "spine3", "neck", "head", "head_top"
 
 SWAY = 0.35
 """Slow variation of the same angles in time, over their spread between persons."""
@@ -82,9 +85,14 @@ def individual(
     for joint, size in POSTURE_RAD.items():
         habit[INDEX[joint]] = size * np.clip(rng.standard_normal(3), -2, 2)
     return Individual(
-        body=name, stature_m=drawn, skeleton=_proportioned(_rest(name), drawn, normal[:3]), left_handed=bool(rng.random() < 0.1),
-        tempo=float(np.exp(0.05 * normal[3])), vigour=float(np.exp(0.2 * np.clip(normal[4], -2, 2))), habit=habit,
-    )  # fmt: skip
+        body=name,
+        stature_m=drawn,
+        skeleton=_proportioned(_rest(name), drawn, normal[:3]),
+        left_handed=bool(rng.random() < 0.1),
+        tempo=float(np.exp(0.05 * normal[3])),
+        vigour=float(np.exp(0.2 * np.clip(normal[4], -2, 2))),
+        habit=habit,
+    )
 
 
 def drawn_person(subject: Subject, rng: np.random.Generator, *, body: str | None = None) -> tuple[str, float]:
@@ -116,7 +124,7 @@ def lively(piece: Piece, person: Individual, rng: np.random.Generator, *, quiet:
             wave += np.sin(2 * np.pi * frequency * times[:, None] + phase) * np.sqrt(2 / 3)
         added = quiet * (person.habit[joint] + SWAY * spread * wave)
         local[:, joint] = quaternions.multiply(rotation, from_rotation_vector(added))
-    return replace(piece, poses=replace(poses, local=quaternions.normalise(local)))
+    return piece.posed(local=quaternions.normalise(local))
 
 
 def _rest(body: str) -> Skeleton:
@@ -139,26 +147,19 @@ def _proportioned(rest: Skeleton, stature_m: float, normal: np.ndarray) -> Skele
         for joint in ("hip", "collar", "shoulder"):
             factors[INDEX[f"{side}_{joint}"], 1] = widths
     offsets = rest.offsets * factors
-    tall = _height(offsets)
+    # Stature of a skeleton whose spine is upright in the rest pose; of the adult template within 1 mm.
+    trunk = sum(offsets[INDEX[name], 2] for name in SPINE)
+    tall = float((_legs_m(offsets) + trunk) * 1.004)
     offsets = offsets * (stature_m / tall)
     offsets[0] = 0.0
-    offsets[0, 2] = -float(
-        np.mean(
-            [sum(offsets[INDEX[f"{s}_{j}"], 2] for j in ("hip", "knee", "ankle", "foot")) for s in ("left", "right")]
-        )
-    )
+    offsets[0, 2] = float(_legs_m(offsets))
     return Skeleton(offsets=offsets)
 
 
-def _height(offsets: np.ndarray) -> float:
-    """Stature of a skeleton whose spine is upright in the rest pose; of the adult template within 1 mm."""
-    legs = -np.mean(
-        [sum(offsets[INDEX[f"{s}_{j}"], 2] for j in ("hip", "knee", "ankle", "foot")) for s in ("left", "right")]
-    )
-    trunk = sum(
-        offsets[INDEX[name], 2] for name in ("lower_back", "spine1", "spine2", "spine3", "neck", "head", "head_top")
-    )
-    return float((legs + trunk) * 1.004)
+def _legs_m(offsets: np.ndarray) -> np.floating[Any]:
+    """Height of the pelvis over the balls of the feet in the rest pose [m], mean of both sides."""
+    chains = [[f"{side}_{joint}" for joint in ("hip", "knee", "ankle", "foot")] for side in ("left", "right")]
+    return -np.mean([sum(offsets[INDEX[name], 2] for name in chain) for chain in chains])
 
 
 # --- what makes pieces from clips: the store, the person and the random numbers, and quiet standing, of which every

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from t2d_rt.motion.kinematics import INDEX
 # --- manners: small changes of posture, swing of the arms and height of steps, beside those of the speed ---
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Change:
     """What a manner changes."""
 
@@ -46,12 +47,10 @@ class Change:
 
 
 CHANGES: Mapping[Manner, Change] = {
-    "careful": Change(
-        tempo=0.9, stride=0.88, trunk_deg=4, head_deg=9, arms=0.6, elbows_deg=12, apart_deg=6, crouch=0.015
-    ),
-    "happy": Change(tempo=1.07, stride=1.03, trunk_deg=-3, head_deg=-6, arms=1.35, bounce=1.25),
-    "angry": Change(tempo=1.1, stride=1.08, trunk_deg=5, head_deg=3, arms=1.3, elbows_deg=15),
-    "sad": Change(tempo=0.87, stride=0.88, trunk_deg=6, head_deg=16, arms=0.55, bounce=0.8),
+    "careful": Change(0.9, 0.88, trunk_deg=4, head_deg=9, arms=0.6, elbows_deg=12, apart_deg=6, crouch=0.015),
+    "happy": Change(1.07, 1.03, trunk_deg=-3, head_deg=-6, arms=1.35, bounce=1.25),
+    "angry": Change(1.1, 1.08, trunk_deg=5, head_deg=3, arms=1.3, elbows_deg=15),
+    "sad": Change(0.87, 0.88, trunk_deg=6, head_deg=16, arms=0.55, bounce=0.8),
 }
 """Sadness: walking slower by a fifth, arms that swing little, a slumped trunk and a bowed head, little bounce (Michalak et al.
 2009); anger and joy: faster, larger swing, an erect trunk in joy (Roether, Omlor, Christensen, Giese 2009; Gross, Crane,
@@ -92,7 +91,7 @@ def with_manner(piece: Piece, step: Step, rng: np.random.Generator) -> Piece:
         middle = root[:, 2].mean()
         root[:, 2] = middle + (root[:, 2] - middle) * change.bounce**strength
     root[:, 2] -= strength * change.crouch * piece.poses.skeleton.leg_m
-    return replace(piece, poses=replace(piece.poses, root=root, local=local)).noted(f"{step.manner} by {strength:.2f}")
+    return piece.posed(root=root, local=local).noted(f"{step.manner} by {strength:.2f}")
 
 
 def _turned(local: np.ndarray, joint: str, vector: list[float]) -> None:
@@ -113,8 +112,13 @@ SPEEDS_MPS: Mapping[tuple[str, str], tuple[float, float]] = {
 LEG_M = 0.86
 
 DURATION_S: Mapping[Action, tuple[float, float]] = {
-    "walk": (4.0, 7.0), "run": (3.0, 5.0), "dance": (6.0, 9.0), "stand": (1.5, 3.0), "turn": (3.6, 5.5), "jump": (3.0, 5.0),
-}  # fmt: skip
+    "walk": (4.0, 7.0),
+    "run": (3.0, 5.0),
+    "dance": (6.0, 9.0),
+    "stand": (1.5, 3.0),
+    "turn": (3.6, 5.5),
+    "jump": (3.0, 5.0),
+}
 """Range of durations [s] where none is given; of a step beside others, half."""
 
 WARP = 0.72, 1.38
@@ -143,6 +147,12 @@ QUIET_S = 0.8
 LONGEST_ON_THE_SPOT_S = 3.5
 """Turns that last longer have steps before and after."""
 
+SENSES: Mapping[str | None, float] = {"left": 1.0, "right": -1.0, "counterclockwise": 1.0, "clockwise": -1.0}
+"""Sign of the change of heading in each direction that has a sense of rotation, left positive."""
+
+TURNS_DEG: Mapping[str | None, float] = {"back": 180.0, "clockwise": 360.0, "counterclockwise": 360.0}
+"""Angles of turns; others are of 90 degrees."""
+
 
 def made_of_clips(maker: Maker, step: Step, *, alone: bool = True, before: Piece | None = None) -> Piece:
     """The piece that a step asks for. alone: it is all of its description, and so may last longer. before: what it goes on from."""
@@ -165,10 +175,8 @@ def own_clips(store: Store, step: Step) -> list[Segment]:
 
 def _as_recorded(maker: Maker, step: Step, own: list[Segment]) -> Piece:
     """A clip as it is, at a pace of the step's speed or so that it lasts as long as that says."""
-    piece = maker.piece(
-        maker.draw(own),
-        mirror=None if step.direction not in ("left", "right", "clockwise", "counterclockwise") else False,
-    )
+    # Of a clip in some sense nobody shows the mirror image.
+    piece = maker.piece(maker.draw(own), mirror=False if step.direction in SENSES else None)
     pace = {"slow": 0.85, "normal": 1.0, "fast": 1.15}[step.speed] * maker.person.tempo
     if step.duration_s is not None:
         pace = float(np.clip(len(piece) / RATE_HZ / step.duration_s, *WARP))
@@ -179,9 +187,8 @@ def gait(maker: Maker, step: Step, duration_s: float) -> Piece:
     """Walking or running: a clip of about the speed, warped to it, going on in others of the same speed at the same phase."""
     mean, spread = SPEEDS_MPS[step.action, step.speed]
     legs = float(np.sqrt(maker.person.skeleton.leg_m / LEG_M))
-    wanted = (
-        legs * float(np.clip(maker.rng.normal(mean, spread), mean - 2 * spread, mean + 2 * spread)) * maker.person.tempo
-    )
+    drawn = float(np.clip(maker.rng.normal(mean, spread), mean - 2 * spread, mean + 2 * spread))
+    wanted = legs * drawn * maker.person.tempo
     if step.direction == "back":
         wanted *= 0.75  # people walk backward at about 0.7 to 0.8 of their pace (Thorstensson 1986)
     first = _first(maker, step, wanted)
@@ -193,11 +200,9 @@ def gait(maker: Maker, step: Step, duration_s: float) -> Piece:
     begin = int(maker.rng.integers(0, max(1, len(whole) - count + 1))) if len(whole) > count else 0
     whole = whole.part(begin, len(whole))
     while len(whole) < count:
-        tries = [
-            maker.piece(other, mirror=mirror)
-            for other in dict.fromkeys([maker.draw(others), maker.draw(others), first])
-        ]
-        whole = min((best_crossing(whole, found) for found in tries), key=lambda each: each.apart_m).joined()
+        tries = dict.fromkeys([maker.draw(others), maker.draw(others), first])
+        seams = [best_crossing(whole, maker.piece(each, mirror=mirror)) for each in tries]
+        whole = min(seams, key=attrgetter("apart_m")).joined()
     whole = whole.part(0, count)
     whole = edits.strided(edits.tempo(whole, float(np.sqrt(factor))), float(np.sqrt(factor)))
     whole = whole.noted(f"speed {factor:.2f} times the clips', {edits.rate_of(whole.poses):.2f} m/s")
@@ -208,12 +213,9 @@ def _first(maker: Maker, step: Step, wanted: float) -> Segment:
     """A clip whose speed on the person's legs is near the wanted one."""
     segments = [each for each in maker.segments(step.action, "steady") if each.direction in ("", "forward", "straight")]
     if step.action == "walk":
-        careful = [each for each in segments if each.manner == step.manner]
-        segments = (
-            careful
-            if step.manner and careful and maker.rng.random() < 0.4
-            else [each for each in segments if not each.manner]
-        )
+        acted = [each for each in segments if step.manner and each.manner == step.manner]
+        plain = [each for each in segments if not each.manner]
+        segments = acted if acted and maker.rng.random() < 0.4 else plain
     scaled = np.array([each.speed_mps for each in segments]) * np.sqrt(maker.person.skeleton.leg_m / LEG_M)
     misfit = np.log(np.maximum(scaled, 0.05) / wanted)
     # Half as likely at 12 % beside the speed; the one that is nearest is always possible.
@@ -223,13 +225,17 @@ def _first(maker: Maker, step: Step, wanted: float) -> Segment:
 
 def _alike(maker: Maker, first: Segment) -> list[Segment]:
     """Clips of the same subject at a like speed, the clip itself among them."""
-    subject = maker.store.sources[first.clip].subject
-
-    def fits(other: Segment) -> bool:
-        near = abs(other.speed_mps / first.speed_mps - 1) < 0.1 and other.manner == first.manner
-        return near and maker.store.sources[other.clip].subject == subject and other.direction == first.direction
-
-    return [each for each in maker.segments(first.action, "steady") if each.name == first.name or fits(each)]
+    sources = maker.store.sources
+    same = sources[first.clip].subject, first.manner, first.direction
+    return [
+        each
+        for each in maker.segments(first.action, "steady")
+        if each.name == first.name
+        or (
+            abs(each.speed_mps / first.speed_mps - 1) < 0.1
+            and (sources[each.clip].subject, each.manner, each.direction) == same
+        )
+    ]
 
 
 def directed(maker: Maker, piece: Piece, step: Step) -> Piece:
@@ -237,9 +243,9 @@ def directed(maker: Maker, piece: Piece, step: Step) -> Piece:
     if step.direction == "back":
         piece = edits.backwards(piece)
         return moved(piece, 0.0, piece.poses.root[0, :2], np.zeros(2))
-    if step.direction not in ("left", "right", "clockwise", "counterclockwise"):
+    if step.direction not in SENSES:
         return piece
-    sign = 1.0 if step.direction in ("left", "counterclockwise") else -1.0
+    sign = SENSES[step.direction]
     duration_s = len(piece) / RATE_HZ
     fraction = np.linspace(0, 1, len(piece))
     if step.direction in ("left", "right"):
@@ -256,6 +262,11 @@ def directed(maker: Maker, piece: Piece, step: Step) -> Piece:
     return edits.bent(piece, sign * profile).noted(note)
 
 
+def _sense(maker: Maker, step: Step) -> float:
+    """Sign of a turn's angle, 1 to the left: drawn where the step says no direction; who turns back does it to the left."""
+    return SENSES.get(step.direction, 1.0) if step.direction else float(maker.rng.choice([-1, 1]))
+
+
 def turn(maker: Maker, step: Step, duration_s: float) -> Piece:
     """Turning on the spot in small steps: a slow walk with short steps, its heading carried round, from standing to standing.
 
@@ -263,16 +274,8 @@ def turn(maker: Maker, step: Step, duration_s: float) -> Piece:
     """
     if (step.duration_s or 0.0) > LONGEST_ON_THE_SPOT_S:
         return _turned_walk(maker, step, duration_s)
-    angle = {"back": np.pi, "clockwise": 2 * np.pi, "counterclockwise": 2 * np.pi}.get(
-        step.direction or "left", np.pi / 2
-    )
-    sign = (
-        -1.0
-        if step.direction in ("right", "clockwise")
-        else 1.0
-        if step.direction
-        else float(maker.rng.choice([-1, 1]))
-    )
+    angle = np.radians(TURNS_DEG.get(step.direction, 90.0))
+    sign = _sense(maker, step)
     rate = {"slow": 55.0, "normal": 85.0, "fast": 120.0}[step.speed]
     lasting = max((step.duration_s or 0.0) - 2 * QUIET_S, float(np.degrees(angle)) / (rate * maker.person.tempo) + 0.9)
     quiet_s = QUIET_S if step.duration_s is None else float(np.clip((step.duration_s - lasting) / 2, 0.3, QUIET_S))
@@ -296,15 +299,8 @@ def quickened(walk: Piece, angle_rad: float, lasting_s: float) -> Piece:
 
 
 def _turned_walk(maker: Maker, step: Step, duration_s: float) -> Piece:
-    angle = {"back": 180.0, "clockwise": 360.0, "counterclockwise": 360.0}.get(step.direction or "left", 90.0)
-    angle = np.radians(angle + maker.rng.uniform(-12, 12))
-    sign = (
-        -1.0
-        if step.direction in ("right", "clockwise")
-        else 1.0
-        if step.direction
-        else float(maker.rng.choice([-1, 1]))
-    )
+    angle = np.radians(TURNS_DEG.get(step.direction, 90.0) + maker.rng.uniform(-12, 12))
+    sign = _sense(maker, step)
     walk = gait(maker, Step(action="walk", speed=step.speed), duration_s)
     rate = np.radians({"slow": 50.0, "normal": 75.0, "fast": 105.0}[step.speed])
     within = min(0.75, angle / rate / duration_s)
@@ -429,8 +425,7 @@ def _thrown(maker: Maker, piece: Piece, step: Step) -> Piece:
         high += 1
     profile = minimum_jerk((np.arange(len(piece)) - low) / max(high - low, 1))
     if step.direction in ("clockwise", "counterclockwise"):
-        sign = 1.0 if step.direction == "counterclockwise" else -1.0
-        return edits.bent(piece, sign * np.pi / 2 * profile).noted("turned in the air")
+        return edits.bent(piece, SENSES[step.direction] * np.pi / 2 * profile).noted("turned in the air")
     angle = {"back": np.pi, "left": np.pi / 2, "right": -np.pi / 2}[step.direction]
     distance = maker.rng.uniform(0.3, 0.6) * maker.person.skeleton.leg_m
     carried = distance * np.array([np.cos(angle), np.sin(angle), 0.0])
@@ -438,6 +433,11 @@ def _thrown(maker: Maker, piece: Piece, step: Step) -> Piece:
 
 
 ACTIONS: Mapping[Action, Callable[[Maker, Step, float], Piece]] = {
-    "walk": gait, "run": gait, "turn": turn, "stand": stand, "jump": jump, "dance": dance,
-}  # fmt: skip
+    "walk": gait,
+    "run": gait,
+    "turn": turn,
+    "stand": stand,
+    "jump": jump,
+    "dance": dance,
+}
 """What makes each action."""

@@ -163,16 +163,10 @@ def locked(poses: Poses, planted: np.ndarray) -> tuple[Poses, np.ndarray]:
 def packed(poses: Poses, planted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A clip as bytes and its skeleton as float32; inverse of `unpacked` but for rounding."""
     count = len(poses)
-    values = np.concatenate(
-        [
-            np.round(quaternions.continuous(poses.local[:, KEPT]) * QUATERNION_STEPS).reshape(count, -1),
-            np.round(poses.root * ROOT_STEPS),
-            (planted.reshape(count, 4) @ np.array([1, 2, 4, 8]))[:, None],
-        ],
-        axis=1,
-    ).astype(np.int64)
-    steps = np.diff(values, axis=0, prepend=0)
-    second = np.diff(steps, axis=0, prepend=0)
+    rotations = np.round(quaternions.continuous(poses.local[:, KEPT]) * QUATERNION_STEPS).reshape(count, -1)
+    flags = planted.reshape(count, 4) @ np.array([1, 2, 4, 8])
+    values = np.concatenate([rotations, np.round(poses.root * ROOT_STEPS), flags[:, None]], axis=1).astype(np.int64)
+    second = np.diff(np.diff(values, axis=0, prepend=0), axis=0, prepend=0)
     if np.abs(second).max() > 32_767:
         raise ValueError("a clip begins farther than 3.2 m from its origin, or jumps")
     data = np.ascontiguousarray(second.T).astype("<i2").view(np.uint8).reshape(second.shape[1], count, 2)
@@ -197,11 +191,9 @@ def unpacked(data: np.ndarray, skeleton: np.ndarray) -> tuple[Poses, np.ndarray]
         raise ValueError("its rotations are none")
     flags = values[:, -1].astype(int)
     planted = np.stack([(flags >> bit) & 1 for bit in range(4)], axis=1).astype(bool).reshape(count, 2, 2)
-    poses = Poses(
-        skeleton=Skeleton(offsets=skeleton.astype(float)), root=values[:, -4:-1] / ROOT_STEPS,
-        local=quaternions.normalise(local), rate_hz=RATE_HZ,
-    )  # fmt: skip
-    return poses, planted
+    offsets, root = skeleton.astype(float), values[:, -4:-1] / ROOT_STEPS
+    local = quaternions.normalise(local)
+    return Poses(skeleton=Skeleton(offsets=offsets), root=root, local=local, rate_hz=RATE_HZ), planted
 
 
 def _typed(kind: type, values: Any) -> dict[str, Any]:

@@ -49,23 +49,28 @@ def with_users(store: Store, index: str | Path) -> Store:
     segments, sources, own = [], dict(store.sources), dict(store.own)
     for line, row in rows(path, measured=True):
         name = f"{Path(row['file']).name}#{line}"
-        rate = RATE_HZ
-        kind = "steady" if row["action"] in ("walk", "run") else _kind(row)
-        segments.append(
-            Segment(
-                name=name, clip=name, start=round(float(row["start_s"] or 0) * rate), stop=round(float(row["stop_s"]) * rate) + 1,
-                activity=row["class"], action=row["action"], kind=kind, direction=row["direction"],
-                speed_mps=float(row["speed_mps"]), turn_deg=float(row["turn_deg"]), distance_m=float(row["distance_m"]),
-            )
-        )  # fmt: skip
-        sources[name] = Source(
-            file=Path(row["file"]).name, licence="yours", sha256="", subject=str(Path(row["file"]).parent)
+        segment = Segment(
+            name=name,
+            clip=name,
+            start=round(float(row["start_s"] or 0) * RATE_HZ),
+            stop=round(float(row["stop_s"]) * RATE_HZ) + 1,
+            activity=row["class"],
+            action=row["action"],
+            kind=_kind(row),
+            direction=row["direction"],
+            speed_mps=float(row["speed_mps"]),
+            turn_deg=float(row["turn_deg"]),
+            distance_m=float(row["distance_m"]),
         )
+        segments.append(segment)
         own[name] = Path(row["file"])
+        sources[name] = Source(file=own[name].name, licence="yours", sha256="", subject=str(own[name].parent))
     return replace(store, segments=(*store.segments, *segments), sources=sources, own=own)
 
 
 def _kind(row: Mapping[str, str]) -> str:
+    if row["action"] in ("walk", "run"):
+        return "steady"
     if row["action"] == "jump":
         return "forward" if row["direction"] in ("forward", "straight") or float(row["distance_m"]) > 0.4 else "up"
     return ""
@@ -145,13 +150,9 @@ def _checked(row: Mapping[str | None, object], where: str, measured: bool) -> di
     found = {name: str(row.get(name) or "").strip() for name in (*NEEDED, *OPTIONAL, *MEASURED)}
     if not found["file"] or "\0" in found["file"]:
         raise InputError(f"{where} names no file; fill the column file")
-    actions = [str(each) for each in get_args(Action)]
-    for name, known in (
-        ("class", ACTIVITIES),
-        ("action", actions),
-        ("direction", get_args(Direction)),
-        ("speed", get_args(Speed)),
-    ):
+    kinds = {"action": Action, "direction": Direction, "speed": Speed}
+    words: dict[str, tuple[str, ...]] = {name: get_args(kind) for name, kind in kinds.items()}
+    for name, known in {"class": ACTIVITIES, **words}.items():
         if found[name] not in known and (found[name] or name in NEEDED):
             raise InputError(f"{where} has {name} {shown(found[name])}; it must be one of {', '.join(known)}")
     if found["action"] not in (*ACTIONS_OF[found["class"]], "stand"):  # type: ignore[index]
@@ -190,12 +191,14 @@ def _measured(path: Path, row: dict[str, str], where: str) -> dict[str, str]:
         )
     distance = float(np.linalg.norm(part.root[-1, :2] - part.root[0, :2]))
     heading = heading_rad(part)
-    values = {
-        "file": str(path), "start_s": f"{start_s:.3f}", "stop_s": f"{min(stop_s, end_s):.3f}",
+    return row | {
+        "file": str(path),
+        "start_s": f"{start_s:.3f}",
+        "stop_s": f"{min(stop_s, end_s):.3f}",
         "speed_mps": f"{distance * RATE_HZ / (len(part) - 1):.3f}",
-        "turn_deg": f"{np.degrees(heading[-1] - heading[0]):.1f}", "distance_m": f"{distance:.3f}",
-    }  # fmt: skip
-    return {**row, **values}
+        "turn_deg": f"{np.degrees(heading[-1] - heading[0]):.1f}",
+        "distance_m": f"{distance:.3f}",
+    }
 
 
 def write(path: Path, table: list[dict[str, str]]) -> None:

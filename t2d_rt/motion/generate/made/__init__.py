@@ -4,6 +4,7 @@ They are made of key poses with contacts: what each part of the body is to do, a
 on a skeleton with planted feet, balance and inverse kinematics. Every performance draws its own posture, pace, hands and noise.
 """
 
+from t2d_rt.motion.generate.made.act import Posture
 from t2d_rt.motion.generate.made.make import MADE, Made, make
 
-__all__ = ["MADE", "Made", "make"]
+__all__ = ["MADE", "Made", "Posture", "make"]

@@ -134,15 +134,14 @@ class Anatomy:
     def mass_weights(self) -> np.ndarray:
         """Weights (28,) of the joints' positions whose sum is the centre of mass."""
         weights = np.zeros(len(NAMES))
-
-        def put(first: str, second: str, mass: float, along: float) -> None:
+        bones = [
+            (f"{side}_{upper}", f"{side}_{lower}", mass, along)
+            for side in ("left", "right")
+            for upper, lower, mass, along in LIMB_MASSES
+        ]
+        for first, second, mass, along in (*bones, ("head", "head_top", HEAD_MASS, HEAD_ALONG)):
             weights[INDEX[first]] += mass * (1 - along)
             weights[INDEX[second]] += mass * along
-
-        for side in ("left", "right"):
-            for upper, lower, mass, along in LIMB_MASSES:
-                put(f"{side}_{upper}", f"{side}_{lower}", mass, along)
-        put("head", "head_top", HEAD_MASS, HEAD_ALONG)
         chain = ("hips", LOWER_BACK, "spine1", "spine2", "spine3", "neck")
         steps = [float(np.linalg.norm(self.middle)), *(self.skeleton.bone_m(name) for name in chain[2:])]
         reached = np.cumsum([0.0, *steps]) / sum(steps)
@@ -214,9 +213,8 @@ class Hang(Goal):
         sign = SIGN[side]
         first, second = figure.anatomy.bones_m(side, "elbow", "wrist")
         length = np.sqrt(first**2 + second**2 + 2 * first * second * np.cos(self.bend_rad))
-        down = np.array([
-            np.sin(self.forward_rad), sign * np.sin(self.out_rad), -np.cos(self.forward_rad) * np.cos(self.out_rad),
-        ])  # fmt: skip
+        ahead, out = self.forward_rad, self.out_rad
+        down = np.array([np.sin(ahead), sign * np.sin(out), -np.cos(ahead) * np.cos(out)])
         frame = quaternions.blend(figure.turns["heading"], figure.turns["spine3"], np.array(self.follow))
         wrist = figure.points[f"{side}_shoulder"] + length * quaternions.rotate(frame, down / np.linalg.norm(down))
         return Hand(wrist, quaternions.rotate(frame, np.array([-1.0, 0.25 * sign, 0.0])))
