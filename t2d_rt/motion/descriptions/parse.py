@@ -178,8 +178,8 @@ def _together(first: ParseStep, second: ParseStep) -> ParseStep | None:
     if first.action != second.action:
         return None
     typed = first.get("type") is not None or second.get("type") is not None
-    same_way = second.get("direction") in (None, first.get("direction"))
-    one = loose or (typed and same_way) or first.action in ("sit", "stand")
+    same_direction = second.get("direction") in (None, first.get("direction"))
+    one = loose or (typed and same_direction) or first.action in ("sit", "stand")
     return merged(first, second) if one else None
 
 
