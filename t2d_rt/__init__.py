@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from t2d_rt.pipeline.targets import segments, skin
     from t2d_rt.propagation.scenes import load_scene
     from t2d_rt.radar.synthesize import synthesize
-    from t2d_rt.recording.add_noise import add_noise
     from t2d_rt.recording.compare import compare
     from t2d_rt.recording.read import load_recording
     from t2d_rt.recording.recording import Recording
+    from t2d_rt.recording.remake import add_noise
     from t2d_rt.scene import CeilingFan, Curtain, Door, Pet, Room, TableFan, mover, save_scene
     from t2d_rt.simulate import run, simulate
     from t2d_rt.sweeps import sweep
@@ -74,7 +74,7 @@ _HOMES = {
     "t2d_rt.experiment.catalog": ("bodies", "example", "examples", "movers", "presets", "scenes"),
     "t2d_rt.accuracy": ("plan",),
     "t2d_rt.pipeline.targets": ("segments", "skin"),
-    "t2d_rt.recording.add_noise": ("add_noise",),
+    "t2d_rt.recording.remake": ("add_noise",),
     "t2d_rt.simulate": ("run", "simulate"),
     "t2d_rt.sweeps": ("sweep",),
     "t2d_rt.propagation.scenes": ("load_scene",),
@@ -179,7 +179,7 @@ sys.modules[__name__].__class__ = _Package
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from t2d_rt.core.versions import versions
+        from t2d_rt.core.plugins import versions
 
         return versions()["t2d-rt"]
     if name not in _HOME:

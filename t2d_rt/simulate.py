@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from t2d_rt.accuracy import Wanted, check_memory, chosen, measured_error
-from t2d_rt.core.backend import Device, one_blas_thread
+from t2d_rt.core.backend import Device, one_blas_thread, prefetched
 from t2d_rt.core.cubes import Cube
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import LIMIT_GB, after_call
-from t2d_rt.core.prefetch import prefetched
+from t2d_rt.core.plugins import versions
 from t2d_rt.core.progress import shown_progress, split_progress
-from t2d_rt.core.versions import versions
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import Setup, set_up, set_up_stored
 from t2d_rt.pipeline.parts import PartCubes, Split, checked_split
@@ -23,9 +22,8 @@ from t2d_rt.pipeline.targets import TargetLike
 from t2d_rt.propagation.collisions import Collisions
 from t2d_rt.radar.repetition import add_repeated
 from t2d_rt.radar.synthesize import Progress, Synthesis
-from t2d_rt.recording.add_noise import received
 from t2d_rt.recording.recording import Recording
-from t2d_rt.recording.rerun import again
+from t2d_rt.recording.remake import again, received
 from t2d_rt.scattering.ellipsoid import PhaseFrom
 from t2d_rt.scene import Room
 from t2d_rt.types import Accuracy, EchoArrays, Material, Radar, Receiver, Scene

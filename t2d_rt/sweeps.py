@@ -22,9 +22,9 @@ from t2d_rt.core.atomic_write import check_place, replacing
 from t2d_rt.core.backend import Device, one_blas_thread
 from t2d_rt.core.checks import file_path, instance, positive, shown
 from t2d_rt.core.errors import InputError
+from t2d_rt.core.plugins import versions
 from t2d_rt.core.progress import ProgressBar, shown_progress
 from t2d_rt.core.stored_arrays import Inputs, Store
-from t2d_rt.core.versions import versions
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import set_up_stored
 from t2d_rt.pipeline.targets import placed
@@ -135,10 +135,16 @@ class Sweep:
 
 
 def sweep(
-    experiment: Experiment | Recording | Mapping[str, Any], vary: Mapping[str, Sequence[Any]], folder: str | Path, *,
-    accuracy: Accuracy | Mapping[str, Any] | None = None, tolerance_db: float | None = None,
-    processing: Mapping[str, Any] | None = None, device: Device = "auto", progress: Progress | bool | None = None,
-) -> Sweep:  # fmt: skip
+    experiment: Experiment | Recording | Mapping[str, Any],
+    vary: Mapping[str, Sequence[Any]],
+    folder: str | Path,
+    *,
+    accuracy: Accuracy | Mapping[str, Any] | None = None,
+    tolerance_db: float | None = None,
+    processing: Mapping[str, Any] | None = None,
+    device: Device = "auto",
+    progress: Progress | bool | None = None,
+) -> Sweep:
     """Simulates an experiment with every combination of the values of some fields, and compares the recordings with the first.
 
     experiment: an `Experiment`, a mapping of fields, or a recording, whose accuracy holds unless a tolerance is given or varied.
@@ -363,24 +369,30 @@ def _measures(recording: Recording, first: Recording | None) -> dict[str, float]
     image = recording.spectrogram.values
     own = figures(recording)
     found = {
-        "level_db": 10 * math.log10(np.mean(10 ** (image / 10))), "peak_db": float(image.max()),
-        "torso_speed_mps": own.torso_speed_mps, "limb_speed_mps": own.limb_speed_mps,
-    }  # fmt: skip
+        "level_db": 10 * math.log10(np.mean(10 ** (image / 10))),
+        "peak_db": float(image.max()),
+        "torso_speed_mps": own.torso_speed_mps,
+        "limb_speed_mps": own.limb_speed_mps,
+    }
     if first is None:
         return found | {"level_difference_db": 0.0, "mean_difference_db": 0.0, "field_difference_db": -math.inf}
     if not same_axes(first, recording):
         return found | dict.fromkeys(DIFFERENCES, math.nan)
     seen = compare(first, recording)
     return found | {
-        "level_difference_db": seen.level_difference_db, "mean_difference_db": seen.mean_difference_db,
+        "level_difference_db": seen.level_difference_db,
+        "mean_difference_db": seen.mean_difference_db,
         "field_difference_db": field_difference_db(first, recording),
-    }  # fmt: skip
+    }
 
 
 def _panels(
-    images: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], labels: Sequence[str], columns: int | None,
-    dynamic_range_db: float, width_in: float,
-) -> Figure:  # fmt: skip
+    images: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    labels: Sequence[str],
+    columns: int | None,
+    dynamic_range_db: float,
+    width_in: float,
+) -> Figure:
     """Spectrograms (speeds, times, levels) in a grid with common axes, one scale and one colour bar."""
     across = columns or (len(images) if len(images) < 4 else 2 if len(images) == 4 else 3 if len(images) < 10 else 4)
     down = -(-len(images) // across)

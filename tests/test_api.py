@@ -254,7 +254,7 @@ def test_a_backend_of_matplotlib_that_there_is_none_of(tmp_path: Path) -> None:
             [sys.executable, *arguments], cwd=tmp_path, env=env, capture_output=True, text=True, check=False
         )
 
-    run = python("-m", "t2d_rt.cli", "simulate", str(WALK), *QUICK, "-o", "x.zarr")
+    run = python("-m", "t2d_rt", "simulate", str(WALK), *QUICK, "-o", "x.zarr")
     assert (run.returncode, run.stderr, (tmp_path / "x.png").exists()) == (0, "", True)
     code = "import numpy as np; from t2d_rt.plots import plot_range_time as p; a = np.arange(3.0); p(a, a, np.eye(3))"
     assert "InputError: matplotlib cannot be used" in python("-c", code).stderr

@@ -11,7 +11,7 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from t2d_rt.core.versions import versions
+from t2d_rt.core.plugins import versions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

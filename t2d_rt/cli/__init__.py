@@ -39,7 +39,7 @@ COMMANDS = {
     "train": ("learn", "DATA", "Trains a classifier on a data set's spectrograms."),
     "evaluate": ("learn", "DATA", "Tests a trained classifier on a data set."),
     "predict": ("learn", "RECORDING", "Tells what a person does in a recording, over time, with probabilities."),
-    "info": ("recordings", "FILE", "Tells what a motion, a result or a radar file holds."),
+    "info": ("recordings", "FILE", "Tells what a motion, a result, a radar or an experiment holds."),
     "export": ("recordings", "FILE", "Writes a result as one file for MATLAB (.mat), HDF5 (.h5), NetCDF (.nc) or NumPy (.npz)."),
     "list": ("recordings", "[WHAT]", "Lists names that the commands take: presets, scenes, bodies, movers and motions."),
 }  # fmt: skip
@@ -91,7 +91,7 @@ def _run(arguments: list[str]) -> int:
         say(_overview(), file=sys.stderr)
         return 2
     if arguments[0] == "--version":
-        from t2d_rt.core.versions import versions
+        from t2d_rt.core.plugins import versions
 
         say(versions()["t2d-rt"])
         return 0

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from t2d_rt.cli.options import Given, Samples, Signal
-from t2d_rt.cli.output import check_file, made_folder, say, written
+from t2d_rt.cli.output import made_folder, say
+from t2d_rt.core.atomic_write import check_file, writing
 from t2d_rt.core.checks import integer, positive
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.progress import ProgressBar
@@ -23,10 +24,19 @@ ROOMS = 36
 
 
 def background(
-    files: list[str] | None = None, output: str | None = None, overwrite: bool = False, count: int = 1,
-    duration_s: float = 5.0, seed: int = 0, codes: int = 32, codec_steps: int = 800, prior_steps: int = 400, *,
-    capture: Samples, signal: Signal,
-) -> None:  # fmt: skip
+    files: list[str] | None = None,
+    output: str | None = None,
+    overwrite: bool = False,
+    count: int = 1,
+    duration_s: float = 5.0,
+    seed: int = 0,
+    codes: int = 32,
+    codec_steps: int = 800,
+    prior_steps: int = 400,
+    *,
+    capture: Samples,
+    signal: Signal,
+) -> None:
     """Learns the background of a radar's spectrograms from recordings in which nobody moves; samples it, evaluates it, and
     simulates empty rooms to learn from. Spectrograms of recordings have --signal.mti mean unless another one is given.
 
@@ -104,7 +114,7 @@ def _train(source: str, target: Path, overwrite: bool, duration_s: float, read: 
     started = time.monotonic()
     with ProgressBar("training") as progress:
         model = learn_background(records, **steps, progress=progress)
-    with written(target, overwrite=overwrite) as new:
+    with writing(target, overwrite=overwrite) as new:
         model.save(new)
     say(f"learned from {len(records)} records, {model.about['duration_s']:g} s, in {time.monotonic() - started:.0f} s")
     say(f"wrote {target}")
@@ -147,5 +157,5 @@ def _evaluate(source: str, folder: str, read: Given, seed: int) -> None:
 
 
 def _write(record: BackgroundRecord, folder: Path, overwrite: bool) -> None:
-    with written(folder / f"{record.name}.npz", overwrite=overwrite) as new:
+    with writing(folder / f"{record.name}.npz", overwrite=overwrite) as new:
         record.save(new)

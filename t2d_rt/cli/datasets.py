@@ -11,10 +11,13 @@ from t2d_rt.core.checks import choice
 from t2d_rt.core.errors import InputError
 
 TAKES = {
-    "show": set[str](), "check": set[str](), "list": set[str](), "summary": {"output", "overwrite"},
+    "show": set[str](),
+    "check": set[str](),
+    "list": set[str](),
+    "summary": {"output", "overwrite"},
     "split": {"output", "overwrite", "fractions", "apart", "leave_out", "folds", "seed"},
     "export": {"output", "overwrite", "to", "split", "products", "dynamic_range_db"},
-}  # fmt: skip
+}
 """What is done with a recipe or a folder beside making it, and the options of each."""
 MAKING = {"output", "limit", "workers", "scheduler", "threads"}
 """Options of a run."""
@@ -67,9 +70,18 @@ def dataset(
     """
     making = {"limit": limit, "workers": workers, "scheduler": scheduler, "threads": threads}
     options: Given = making | {
-        "output": output, "overwrite": overwrite, "to": to, "split": split, "products": products, "fractions": fractions,
-        "dynamic_range_db": dynamic_range_db, "apart": apart, "leave_out": leave_out, "folds": folds, "seed": seed,
-    }  # fmt: skip
+        "output": output,
+        "overwrite": overwrite,
+        "to": to,
+        "split": split,
+        "products": products,
+        "fractions": fractions,
+        "dynamic_range_db": dynamic_range_db,
+        "apart": apart,
+        "leave_out": leave_out,
+        "folds": folds,
+        "seed": seed,
+    }
     if not files:
         raise InputError(f"dataset needs a recipe, or one of {', '.join(TAKES)}; t2d-rt dataset --help shows examples")
     verb, words = (files[0], files[1:]) if files[0] in TAKES else ("", files)

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
-from t2d_rt.cli.options import Command, Given, defaults_of, parameter_help, reading
+from t2d_rt.cli.options import Command, Given, defaults_of, parameter_help, reading, yaml_kind
 from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_yaml
@@ -27,9 +27,12 @@ if TYPE_CHECKING:
 RUN = "tolerance_db", "measure_error", "split", "device", "memory_gb"
 """Options beside an experiment that go to `run` by their names."""
 SIMPLER = {
-    "scene": str, "material": str | None, "noise": str | dict[str, Any], "only_paths": list[str] | None,
+    "scene": str,
+    "material": str | None,
+    "noise": str | dict[str, Any],
+    "only_paths": list[str] | None,
     "without_paths": list[str] | None,
-}  # fmt: skip
+}
 """Types of fields that are more than one word in an experiment."""
 FIELD = re.compile(r"\s*[A-Za-z_]+\s*=")
 """A word of an entry of --add that gives a field; anything else belongs to the name of the file."""
@@ -103,9 +106,16 @@ def scene_material(command: Command, group: Any = None) -> None:
 
 
 def _fields(
-    command: Command, model: type[BaseModel], *, skip: tuple[str, ...] = (), better: Mapping[str, str] | None = None,
-    hints: Mapping[str, Any] | None = None, defaults: Mapping[str, Any] | None = None, prefix: str = "", group: Any = None,
-) -> None:  # fmt: skip
+    command: Command,
+    model: type[BaseModel],
+    *,
+    skip: tuple[str, ...] = (),
+    better: Mapping[str, str] | None = None,
+    hints: Mapping[str, Any] | None = None,
+    defaults: Mapping[str, Any] | None = None,
+    prefix: str = "",
+    group: Any = None,
+) -> None:
     """An option for each field of a model; its help is the field's docstring, unless there is a `better` one."""
     kinds = {name: _listed(kind) for name, kind in get_type_hints(model).items()} | dict(hints or {})
     for name, field in model.model_fields.items():
@@ -154,10 +164,19 @@ class Job:
         if rest:
             name, value = next(iter(rest.items()))
             option = f"{name}.{next(iter(value))}" if isinstance(value, dict) else name
+            if path.suffix.lower() == ".zarr":
+                told = f"is part of the recording {path.name}, which is simulated again as it was"
+                raise InputError(
+                    f"option {option} {told}; simulate its motion file with it, or see t2d-rt sweep --vary"
+                )
             raise InputError(f"option {option} is part of the experiment {path.name}; change it there")
         if path.suffix.lower() == ".zarr":
             return cls(Recording.load(path), accuracy, run)
         values = read_yaml(path, noun="experiment", example="targets, radar and scene")
+        if (kind := yaml_kind(values)) in ("radar", "options"):
+            what = "the fields of a radar" if kind == "radar" else "options of the command line"
+            option = "radar" if kind == "radar" else "config"
+            raise InputError(f"{path} holds {what} and is no experiment; give it as --{option} {path}")
         stored = {name: values.pop(name) for name in ("accuracy", "tolerance_db") if values.get(name) is not None}
         accuracy = {**stored.pop("accuracy", {}), **accuracy}
         values.pop("accuracy", None), values.pop("tolerance_db", None)

@@ -37,10 +37,18 @@ Training = Annotated[Given, training]
 
 
 def train(
-    files: list[str] | None = None, output: str | None = None, model: str = "resnet18", by: str = "description",
-    split: str | None = None, size: int | None = None, dynamic_range_db: float = 60.0, augment: bool = False,
-    sliding: bool = False, *, options: Training,
-) -> None:  # fmt: skip
+    files: list[str] | None = None,
+    output: str | None = None,
+    model: str = "resnet18",
+    by: str = "description",
+    split: str | None = None,
+    size: int | None = None,
+    dynamic_range_db: float = 60.0,
+    augment: bool = False,
+    sliding: bool = False,
+    *,
+    options: Training,
+) -> None:
     """Trains a classifier on the spectrograms of a data set; writes its weights, a card, curves, confusion and reliability. Needs
     the extra [learn].
 
@@ -87,9 +95,15 @@ def train(
     folder = Path(output)
     with ProgressBar(model) as progress:
         trained = train_model(
-            model, maps.take(parts["train"]), maps.take(parts["val"]), chosen, output=folder,
-            dynamic_range_db=dynamic_range_db, about=_about(data, parts, by), progress=progress,
-        )  # fmt: skip
+            model,
+            maps.take(parts["train"]),
+            maps.take(parts["val"]),
+            chosen,
+            output=folder,
+            dynamic_range_db=dynamic_range_db,
+            about=_about(data, parts, by),
+            progress=progress,
+        )
     test, about = maps.take(parts["test"]), trained.card.about
     scores = scores_of(trained.probabilities(test.levels), test.labels)
     curves = curves_figure(about["history"], title=f"{title}, {data.recipe.name}")
@@ -118,11 +132,14 @@ def _about(dataset: Dataset, parts: Mapping[str, np.ndarray], by: str) -> dict[s
     recipe, known = dataset.recipe, np.concatenate([parts["train"], parts["val"]])
     radars = [recipe.radar if each.radar is None else each.radar for each in recipe.conditions]
     return {
-        "recipe": recipe.name, "recipe_hash": recipe.hash, "split": by, "mti": _mti_of(dataset),
+        "recipe": recipe.name,
+        "recipe_hash": recipe.hash,
+        "split": by,
+        "mti": _mti_of(dataset),
         "carriers_hz": sorted({each.carrier_hz for each in radars}),
         "indices": {name: dataset.indices[places].tolist() for name, places in parts.items()},
         "descriptions": sorted({str(dataset.records[place]["sentence"]) for place in known}),
-    }  # fmt: skip
+    }
 
 
 def evaluate(
@@ -235,9 +252,15 @@ def _warn_of_seen(source: str, maps: LabelledMaps, card: Card) -> None:
 
 
 def predict(
-    files: list[str] | None = None, model: str | None = None, step_s: float | None = None, least_s: float | None = None,
-    output: str | None = None, overwrite: bool = False, *, capture: Capture,
-) -> None:  # fmt: skip
+    files: list[str] | None = None,
+    model: str | None = None,
+    step_s: float | None = None,
+    least_s: float | None = None,
+    output: str | None = None,
+    overwrite: bool = False,
+    *,
+    capture: Capture,
+) -> None:
     """Tells the class of a recording over sliding windows, with its probability, and draws both under the spectrogram.
 
     files: a result (.zarr), or ADC samples (.npy, or .bin of a DCA1000).

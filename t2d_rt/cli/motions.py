@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from t2d_rt.cli.options import Reading
-from t2d_rt.cli.output import check_file, check_picture, say, write_picture
+from t2d_rt.cli.output import check_picture, say, write_picture
+from t2d_rt.core.atomic_write import check_file
 from t2d_rt.core.checks import integer, names_advice, shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
@@ -23,8 +24,17 @@ if TYPE_CHECKING:
 
 LONGEST_NAME = 40
 STEP_FIELDS = {
-    "action", "manner", "direction", "speed", "body_part", "object", "type", "side", "count", "duration_s",
-}  # fmt: skip
+    "action",
+    "manner",
+    "direction",
+    "speed",
+    "body_part",
+    "object",
+    "type",
+    "side",
+    "count",
+    "duration_s",
+}
 """Slots of a step."""
 FEWER = 1
 """Exit code where fewer descriptions were written than asked for."""
@@ -40,9 +50,16 @@ TOLD = "assumed", "turned level", "tilted by", "inclines", "never move", "root m
 
 
 def motion(
-    file: str, output: str | None = None, overwrite: bool = False, seed: int = 0, provider: str = "auto",
-    body: str | None = None, stature_m: float | None = None, duration_s: float | None = None, library: str | None = None,
-) -> None:  # fmt: skip
+    file: str,
+    output: str | None = None,
+    overwrite: bool = False,
+    seed: int = 0,
+    provider: str = "auto",
+    body: str | None = None,
+    stature_m: float | None = None,
+    duration_s: float | None = None,
+    library: str | None = None,
+) -> None:
     """Makes a motion file (.bvh) of what a sentence says that a person does.
 
     file: the sentence, in quotes.
@@ -195,9 +212,15 @@ def activities_of(names: str) -> list[Activity]:
 
 
 def _by_model(
-    activity: Activity, count: int, seed: int, name: str, base_url: str | None, timeout_s: float, requests: int | None,
+    activity: Activity,
+    count: int,
+    seed: int,
+    name: str,
+    base_url: str | None,
+    timeout_s: float,
+    requests: int | None,
     tokens: int | None,
-) -> tuple[list[Description], str]:  # fmt: skip
+) -> tuple[list[Description], str]:
     """Descriptions of a class by a language model, and why there are fewer than asked for, if there are."""
     from t2d_rt.core.progress import ProgressBar
     from t2d_rt.motion.descriptions.language_model import Budget, LanguageModel, model_descriptions
@@ -215,9 +238,15 @@ def _by_model(
 
 
 def check_motion(
-    files: list[str] | None = None, class_: Activity | None = None, strict: bool = False, sheet: str | None = None,
-    body: str = "adult", overwrite: bool = False, *, motion: Reading,
-) -> int:  # fmt: skip
+    files: list[str] | None = None,
+    class_: Activity | None = None,
+    strict: bool = False,
+    sheet: str | None = None,
+    body: str = "adult",
+    overwrite: bool = False,
+    *,
+    motion: Reading,
+) -> int:
     """Judges motion files by limits of recorded motion (sliding feet, floor, flight, jerk, joints, jumps) and tells falls. The exit
     code is 0 when all files were judged, whatever the verdicts (see --strict), and 2 where one cannot be read.
 

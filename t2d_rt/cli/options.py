@@ -12,14 +12,11 @@ from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import load_yaml, read_yaml
-
-if TYPE_CHECKING:
-    pass
 
 Given = dict[str, Any]
 """Options of a group by their names: those alone whose values differ from the defaults."""
@@ -64,10 +61,16 @@ class Command:
         told, _, examples = _docstring(function).partition("\nexamples:\n")
         self.name, self.function = name, function
         self.parser = ArgumentParser(
-            parser_mode="bounded yaml", prog=f"t2d-rt {name}", usage=f"t2d-rt {name} {noun} [options]",
-            description=told.partition("\n\n")[0].strip(), epilog=f"examples:\n{examples}" if examples else None,
-            formatter_class=Formatter, exit_on_error=False, default_env=False, allow_abbrev=False,
-        )  # fmt: skip
+            parser_mode="bounded yaml",
+            prog=f"t2d-rt {name}",
+            usage=f"t2d-rt {name} {noun} [options]",
+            description=told.partition("\n\n")[0].strip(),
+            epilog=f"examples:\n{examples}" if examples else None,
+            formatter_class=Formatter,
+            exit_on_error=False,
+            default_env=False,
+            allow_abbrev=False,
+        )
         self.hints: dict[str, Any] = {}
         self.groups: dict[str, list[str]] = {}
         """Names of the options of each parameter that is a group."""
@@ -243,9 +246,24 @@ def _one_line(text: str, width: int | None = None) -> str:
     return line if width is None or len(line) <= width else line[: width - 3] + "..."
 
 
+def yaml_kind(values: Given) -> str:
+    """What a YAML file describes, by the keys that no other has: an "experiment", a "radar" or "options"; "" if it has none of
+    them."""
+    marks = {
+        "experiment": {"targets"},
+        "radar": {"carrier_hz"},
+        "options": {"file", "add", "motion", "signal", "output"},
+    }
+    return next((kind for kind, keys in marks.items() if keys & values.keys()), "")
+
+
 def _config_text(path: str) -> str:
     example = "options and values such as 'seed: 3'; --print_config shows all"
     values = read_yaml(path, noun="config file", example=example)
+    if (kind := yaml_kind(values)) in ("experiment", "radar"):
+        what = "an experiment: give it in the place of the motion file"
+        what = what if kind == "experiment" else f"a radar: give it as --radar {path}"
+        raise InputError(f"{path} holds no options, it is {what}")
     if isinstance(values.get("radar"), str):
         values["radar"] = _radar_fields(values["radar"])
     for section in ("radar", "motion", "signal", "accuracy"):

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from t2d_rt.core.atomic_write import LOCKS, abandon, check_place, check_taken, replacing
+from t2d_rt.core.atomic_write import LOCKS, abandon, check_file, writing
 from t2d_rt.core.errors import InputError, printable
 
 if TYPE_CHECKING:
@@ -33,38 +33,20 @@ def stem_of(source: Path) -> str:
     return re.sub(endings, "", source.name, flags=re.IGNORECASE)
 
 
-def check_file(place: Path, noun: str, *endings: str, overwrite: bool) -> None:
-    """Refuses a name for a file that has another ending, is taken, or cannot be written."""
-    if place.suffix.lower() not in endings:
-        *others, last = endings
-        ends = f"{', '.join(others)} or {last}" if others else last
-        raise InputError(f"{noun} ends in {ends}, got '{place}'; choose another name")
-    if place.is_dir():
-        raise InputError(f"{place} is a folder; choose another name for {noun.replace('a ', 'the ', 1)}")
-    check_place(place, overwrite=overwrite)
-
-
 def check_picture(picture: Path, *, overwrite: bool) -> None:
     """Refuses a name for a picture that is no picture's, is taken, or cannot be written."""
     check_file(picture, "a picture", *PICTURES, overwrite=overwrite)
 
 
-@contextmanager
-def written(place: Path, *, overwrite: bool) -> Iterator[Path]:
-    """A file to write that takes its place when it is whole."""
-    with replacing(place, lambda: check_taken(place, overwrite=overwrite)) as new:
-        yield new
-
-
 def write_picture(figure: Figure, picture: Path, *, overwrite: bool) -> None:
     """Writes a figure whole or not at all."""
-    with written(picture, overwrite=overwrite) as new:
+    with writing(picture, overwrite=overwrite) as new:
         figure.savefig(new)
 
 
 def write_text(text: str, place: str | Path, *, overwrite: bool) -> None:
     """Writes a text whole or not at all."""
-    with written(Path(place), overwrite=overwrite) as new:
+    with writing(Path(place), overwrite=overwrite) as new:
         new.write_text(text, encoding="utf-8")
 
 

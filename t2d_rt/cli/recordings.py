@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from t2d_rt.cli.experiments import Job, OfCompare, OfScene, SceneMaterial, radar_of, substitutes_of
-from t2d_rt.cli.options import Capture, Given, Reading, Samples, Signal
+from t2d_rt.cli.options import Capture, Given, Reading, Samples, Signal, yaml_kind
 from t2d_rt.cli.output import check_picture, say, stem_of, write_picture
 from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_yaml
 
 if TYPE_CHECKING:
     from t2d_rt.recording.recording import Recording
@@ -30,9 +31,17 @@ def refuse(given: Collection[str], told: str) -> None:
 
 
 def compare(
-    files: list[str] | None = None, output: str | None = None, overwrite: bool = False, align: bool = False,
-    relative: bool = False, *, given: OfCompare, capture: Samples, signal: Signal, radar_is_named: bool = False,
-) -> None:  # fmt: skip
+    files: list[str] | None = None,
+    output: str | None = None,
+    overwrite: bool = False,
+    align: bool = False,
+    relative: bool = False,
+    *,
+    given: OfCompare,
+    capture: Samples,
+    signal: Signal,
+    radar_is_named: bool = False,
+) -> None:
     """Compares two recordings, or of one motion file the models ellipsoid and mesh: draws both spectrograms and their difference,
     and prints figures.
 
@@ -211,9 +220,15 @@ def export(file: str, output: str | None = None, truth: bool = False, overwrite:
 
 
 def scene(
-    file: str, output: str | None = None, overwrite: bool = False, walk: str | None = None, reflections: int = 1, *,
-    scene_material: SceneMaterial, given: OfScene,
-) -> None:  # fmt: skip
+    file: str,
+    output: str | None = None,
+    overwrite: bool = False,
+    walk: str | None = None,
+    reflections: int = 1,
+    *,
+    scene_material: SceneMaterial,
+    given: OfScene,
+) -> None:
     """Draws a room from above and in three dimensions, with the radar, a walker's track and the paths to it.
 
     output: picture to write (.png, .pdf or .svg); SCENE.png by default.
@@ -253,12 +268,13 @@ def scene(
 
 
 def info(file: str, *, motion: Reading) -> None:
-    """Tells what a motion file, a result (.zarr) or a radar file (.yaml) holds.
+    """Tells what a motion file, a result (.zarr), or the file of a radar or an experiment (.yaml) holds.
 
     examples:
       t2d-rt info walk.bvh                                       # what the reader found in a motion file
       t2d-rt info walk.zarr                                      # what a result holds
       t2d-rt info my_radar.yaml                                  # what a radar resolves
+      t2d-rt info experiment.yaml                                # its targets, and every field with its value
     """
     from t2d_rt.core.atomic_write import settle
     from t2d_rt.experiment.catalog import motion_path
@@ -278,15 +294,33 @@ def info(file: str, *, motion: Reading) -> None:
         rows["versions"] = ", ".join(f"{name} {value}" for name, value in result.versions.items())
         say(_rows(_radar_rows(result.radar) | rows))
     elif source.suffix.lower() in (".yaml", ".yml"):
-        from t2d_rt.types import Radar
-
-        say(_rows(_radar_rows(Radar.from_yaml(source))))
+        say(_rows(_yaml_rows(source)))
     else:
         from t2d_rt.motion import describe, load_motion
 
         read = load_motion(source, **motion)
         say(read.report)
         say(describe(read))
+
+
+def _yaml_rows(source: Path) -> Given:
+    """What a radar resolves; or the targets of an experiment and its other fields."""
+    from t2d_rt.experiment.experiment import Experiment
+    from t2d_rt.types import Radar
+
+    values = read_yaml(source, noun="YAML file", example="the fields of a radar or of an experiment")
+    kind = yaml_kind(values)
+    if kind == "options":
+        raise InputError(f"{source} holds options of the command line; t2d-rt simulate --config {source} takes them")
+    if kind != "experiment":
+        return _radar_rows(Radar.from_yaml(source))
+    made = Job.of(str(source), {}).experiment
+    assert isinstance(made, Experiment)
+    rows: Given = {}
+    for number, each in enumerate(made.targets):
+        fields = each.model_dump(mode="json", exclude_defaults=True, exclude={"kind"})
+        rows[f"target {number}"] = ", ".join([each.kind, *(f"{name} {value}" for name, value in fields.items())])
+    return rows | {"scene": made.scene} | made.physics | _radar_rows(made.radar)
 
 
 def _rows(rows: Given) -> str:
@@ -320,8 +354,12 @@ def names(file: str | None = None) -> None:
     if file is not None and file not in KINDS:
         raise unknown_name("list", file, KINDS)
     listed: dict[str, Callable[[], Iterator[tuple[str, str]]]] = {
-        "presets": _presets, "scenes": _scenes, "bodies": _bodies, "movers": _movers, "motions": _motions,
-    }  # fmt: skip
+        "presets": _presets,
+        "scenes": _scenes,
+        "bodies": _bodies,
+        "movers": _movers,
+        "motions": _motions,
+    }
     for kind in KINDS if file is None else (file,):
         rows = list(listed[kind]())
         width = max(len(name) for name, _ in rows) + 2

@@ -57,9 +57,16 @@ def reports_said() -> Iterator[None]:
 
 
 def simulate(
-    file: str, output: str | None = None, overwrite: bool = False, background: str | None = None,
-    background_seed: int | None = None, background_level_db: float | None = None, *, given: Asked, signal: Signal,
-) -> None:  # fmt: skip
+    file: str,
+    output: str | None = None,
+    overwrite: bool = False,
+    background: str | None = None,
+    background_seed: int | None = None,
+    background_level_db: float | None = None,
+    *,
+    given: Asked,
+    signal: Signal,
+) -> None:
     """Simulates a motion file or an experiment (.yaml), or a result (.zarr) again; writes the recording and its spectrogram.
 
     output: folder of the result (.zarr); its picture is written beside it. By default it has FILE's name.
@@ -195,9 +202,14 @@ def plan(file: str, *, given: OfPlan) -> None:
 
 
 def paths(
-    file: str, output: str | None = None, overwrite: bool = False, rate_hz: float = 25.0, time_s: float | None = None, *,
+    file: str,
+    output: str | None = None,
+    overwrite: bool = False,
+    rate_hz: float = 25.0,
+    time_s: float | None = None,
+    *,
     given: OfPaths,
-) -> None:  # fmt: skip
+) -> None:
     """Tells over which paths a motion file, an experiment (.yaml) or a recording (.zarr) is seen: delay, range, speed, level and
     directions of each; nothing is simulated.
 
@@ -211,7 +223,8 @@ def paths(
       t2d-rt paths walk --scene empty_room --time-s 0.5 --add fan:3,-1,1
       t2d-rt paths walk.zarr -o paths.csv                        # those of a recording, or of an experiment (.yaml)
     """
-    from t2d_rt.cli.output import check_file, write_text
+    from t2d_rt.cli.output import write_text
+    from t2d_rt.core.atomic_write import check_file
     from t2d_rt.core.checks import positive
     from t2d_rt.recording.path_table import checked_times, csv_text, path_table, record_times, screen_text
 

@@ -24,9 +24,14 @@ MOST_VALUES = 1000
 
 
 def sweep(
-    file: str, output: str | None = None, vary: list[str] | None = None, *, given: OfSweep, signal: Signal,
+    file: str,
+    output: str | None = None,
+    vary: list[str] | None = None,
+    *,
+    given: OfSweep,
+    signal: Signal,
     varied: dict[str, list[str]],
-) -> None:  # fmt: skip
+) -> None:
     """Simulates a motion file, an experiment (.yaml) or a result (.zarr) again and again with some options varied, and compares the
     recordings with the first. Any option of motion, model, radar, accuracy or spectrogram may be a range, first:last:step, or
     alternatives with | between them; several make a grid. Recordings are stored as they are made, and a sweep that was stopped goes
@@ -48,14 +53,12 @@ def sweep(
     source = Path(file)
     folder = Path(output or f"{source.name.partition('.')[0]}_sweep")
     if is_experiment(source) and set(varied) - {"file"}:
-        option = next(iter(varied))
-        raise InputError(f"option {option} is part of the experiment {source.name}; change it there, or give --vary")
+        told = f"option {next(iter(varied))} is part of {source.name}"
+        raise InputError(f"{told}; vary the field of that name, as --vary {next(iter(varied))}=VALUES")
     values = _values(varied, vary or [], given)
     job = Job.of(file, given)
     processing = {**getattr(job.experiment, "processing", {}), **signal}
-    found = made(
-        job.experiment, values, folder, accuracy=job.accuracy, processing=processing, progress=True, **job.run
-    )  # fmt: skip
+    found = made(job.experiment, values, folder, accuracy=job.accuracy, processing=processing, progress=True, **job.run)
     figure = found.plot(source.name)
     for picture in PICTURES:
         write_picture(figure, folder / picture, overwrite=True)

@@ -21,6 +21,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from t2d_rt.core.errors import InputError
@@ -105,6 +106,24 @@ def check_place(path: Path, *, overwrite: bool) -> None:
     except OSError as error:
         raise InputError(f"folder {folder} is not writable ({error.strerror}); choose another place") from error
     check_taken(path, overwrite=overwrite)
+
+
+def check_file(path: Path, noun: str, *endings: str, overwrite: bool) -> None:
+    """Refuses a name for a file that has another ending, is taken, or cannot be written; `noun` is "a picture" or the like."""
+    if path.suffix.lower() not in endings:
+        *others, last = endings
+        ends = f"{', '.join(others)} or {last}" if others else last
+        raise InputError(f"{noun} ends in {ends}, got '{path}'; choose another name")
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; choose another name for the {noun.partition(' ')[2]}")
+    check_place(path, overwrite=overwrite)
+
+
+@contextmanager
+def writing(path: Path, *, overwrite: bool) -> Iterator[Path]:
+    """A file to write that takes its place when it is whole."""
+    with replacing(path, partial(check_taken, path, overwrite=overwrite)) as new:
+        yield new
 
 
 def check_taken(path: Path, *, overwrite: bool) -> None:

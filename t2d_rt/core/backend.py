@@ -11,7 +11,7 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 R = TypeVar("R")
+Item = TypeVar("Item")
 Device = Literal["auto", "cpu", "gpu"]
 """Where to compute, as a user says it."""
 
@@ -165,9 +166,13 @@ def yardstick_s(backend: Backend) -> float:
     rng = np.random.default_rng(0)
     rows = YARDSTICK_SIZE // 8
     matrix = sparse.csr_matrix(
-        (np.ones(YARDSTICK_SIZE, np.float32), rng.integers(rows, size=YARDSTICK_SIZE), np.arange(0, YARDSTICK_SIZE + 1, 8)),
+        (
+            np.ones(YARDSTICK_SIZE, np.float32),
+            rng.integers(rows, size=YARDSTICK_SIZE),
+            np.arange(0, YARDSTICK_SIZE + 1, 8),
+        ),
         shape=(rows, rows),
-    )  # fmt: skip
+    )
     values, lanes = np.ones((rows, 30), np.float32), backend.lanes(rng.random(YARDSTICK_SIZE * 4), backend.Float32)
     taken = []
     for _ in range(YARDSTICK_TRIES):
@@ -359,6 +364,16 @@ def in_threads(work: Callable[[int], None], items: Sequence[int]) -> None:
         return
     with ThreadPoolExecutor(threads) as pool:
         list(pool.map(work, items))
+
+
+def prefetched(items: Iterable[Item]) -> Iterator[Item]:
+    """The same items in the same order; another thread makes the next one while one is worked on."""
+    source, end = iter(items), object()
+    with ThreadPoolExecutor(1) as pool:
+        coming = pool.submit(next, source, end)
+        while (item := coming.result()) is not end:
+            coming = pool.submit(next, source, end)
+            yield item  # type: ignore[misc]
 
 
 @one_thread_at_a_time

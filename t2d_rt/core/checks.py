@@ -159,8 +159,14 @@ def call(name: str, value: Any, expected: str) -> Any:
 
 
 def array(
-    name: str, value: Any, shape: tuple[int | str, ...] | None = None, *, limit: float = 1e30, unit: str = "", hint: str = ""
-) -> np.ndarray:  # fmt: skip
+    name: str,
+    value: Any,
+    shape: tuple[int | str, ...] | None = None,
+    *,
+    limit: float = 1e30,
+    unit: str = "",
+    hint: str = "",
+) -> np.ndarray:
     """Finite numbers as float64 of a shape; a word in it names a dimension of any length, `limit` bounds their size."""
     found = numeric(name, value)
     if np.iscomplexobj(found):

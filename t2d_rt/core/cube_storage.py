@@ -45,10 +45,13 @@ class ScratchFile:
         self._file = file.fileno()
         self.size = 0
         """[byte]."""
+        self._failed: InputError | None = None
         weakref.finalize(self, file.close).atexit = False
 
     def read(self, offset: int, shape: tuple[int, ...]) -> np.ndarray:
         """Numbers from an offset [byte] on, complex64."""
+        if self._failed is not None:
+            raise self._failed
         values = np.empty(shape, DTYPE)
         data = values.reshape(-1).view(np.uint8).data
         while len(data):
@@ -69,11 +72,22 @@ class ScratchFile:
             raise _no_room(error) from error
         self.size = max(self.size, offset)
 
-    def append(self, values: np.ndarray) -> int:
+    def add(self, values: np.ndarray) -> int:
         """Puts numbers at the end; their offset [byte]."""
         offset = self.size
         self.write(offset, values)
         return offset
+
+    def append(self, block: bytes) -> None:
+        """The next bytes, for `pickle` and `copy`. A full disk shows at reading: an error here would leave a pool hanging."""
+        try:
+            self.write(self.size, np.frombuffer(block, np.uint8))
+        except InputError as error:
+            self._failed = self._failed or error
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # By value, in blocks: a file without a name cannot be opened by another process.
+        return ScratchFile, (), None, self.blocks()
 
     def blocks(self) -> Iterator[bytes]:
         """What it holds, block by block."""
@@ -89,13 +103,10 @@ class ScratchRows:
         self.shape = shape
         self._written = 0
         """Rows so far; those after them are an error at reading, not zeros."""
-        self._failed: InputError | None = None
         self._file = ScratchFile()
 
     def read(self, start: int, stop: int) -> np.ndarray:
         """Rows start..stop, complex64 (row, antenna, sample)."""
-        if self._failed is not None:
-            raise self._failed
         if stop > self._written:
             raise InputError(
                 f"chirps {start}..{stop} of the ADC samples were asked for, and only {self._written} of {self.shape[0]} have "
@@ -111,20 +122,6 @@ class ScratchRows:
             )
         self._file.write(start * row_bytes(self.shape), np.asarray(rows, DTYPE))
         self._written = max(self._written, start + len(rows))
-
-    def append(self, rows: bytes) -> None:
-        """The next rows, for `pickle` and `copy`. A full disk shows at reading: an error here would leave a pool hanging."""
-        if self._failed is None:
-            try:
-                self.write(self._written, np.frombuffer(rows, DTYPE).reshape(-1, *self.shape[1:]))
-            except InputError as error:
-                self._failed = error
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # By value, in blocks: a file without a name cannot be opened by another process.
-        starts = range(0, self._written, block_rows(self.shape))
-        blocks = (self.read(start, min(start + starts.step, self._written)).tobytes() for start in starts)
-        return ScratchRows, (self.shape,), None, blocks
 
 
 class SavedRows:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from threading import Lock
-from typing import Any
 
 import numpy as np
 
@@ -142,7 +141,6 @@ class ProductRows:
         self._file = ScratchFile()
         self._layers: list[_Layer] = []
         self._whole = False
-        self._failed: InputError | None = None
 
     def begin(self) -> None:
         """A layer, to which pieces are added from now on."""
@@ -167,7 +165,7 @@ class ProductRows:
                     self._append(row + first, antenna, Piece.of_samples(some))
 
     def _append(self, row: int, antenna: int, piece: Piece) -> None:
-        offset = self._file.append(piece.coefficients)
+        offset = self._file.add(piece.coefficients)
         rows, width = piece.coefficients.shape
         stored = replace(piece, coefficients=np.empty((0, width), DTYPE))
         self._layers[-1].add(_Stored(row, row + rows, antenna, offset, stored))
@@ -181,8 +179,6 @@ class ProductRows:
 
     def read(self, start: int, stop: int, every: int = 1) -> np.ndarray:
         """Rows start..stop, complex64 (row, antenna, sample), of `every` so many samples; the same bits whatever rows are read."""
-        if self._failed is not None:
-            raise self._failed
         if not self._whole:
             raise InputError("the ADC samples were not summed to their end; simulate again")
         samples = slice(None, None, every)
@@ -219,7 +215,7 @@ class ProductRows:
         for rows in each:
             moved = found._file.size
             for block in rows._file.blocks():
-                found._file.append(np.frombuffer(block, np.uint8))
+                found._file.add(np.frombuffer(block, np.uint8))
             for layer in rows._layers:
                 found.begin()
                 for stored in layer.within(0, found.shape[0]):
@@ -257,7 +253,7 @@ class ProductRows:
         """The rows that `arrays` described."""
         arrays = {name: given[name] for name in given}
         found = cls(tuple(arrays["shape"].tolist()))
-        found._file.append(arrays["coefficients"])
+        found._file.add(arrays["coefficients"])
         found._layers = [_Layer() for _ in range(int(arrays["layers"]))]
         buckets, phases = 0, 0
         for row, band in zip(arrays["table"].tolist(), arrays["band"].tolist(), strict=True):
@@ -269,18 +265,6 @@ class ProductRows:
             found._layers[layer].add(_Stored(start, stop, antenna, offset, piece))
         found.end()
         return found
-
-    def append(self, block: bytes) -> None:
-        """The next bytes of the file, for `pickle` and `copy`; a full disk shows at reading, for an error here hangs a pool."""
-        if self._failed is None:
-            try:
-                self._file.append(np.frombuffer(block, np.uint8))
-            except InputError as error:
-                self._failed = error
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # By value, in blocks: a file without a name cannot be opened by another process.
-        return ProductRows, (self.shape,), {"_layers": self._layers, "_whole": self._whole}, self._file.blocks()
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,15 +1,31 @@
-"""What other packages add: radars, motion readers, movers, scatterers and models, by the entry points that they register
-(docs/extend.md)."""
+"""Installed packages: the versions of those that a result depends on; and what others add, radars, motion readers, movers,
+scatterers and models, by the entry points that they register (docs/extend.md)."""
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Collection
-from importlib.metadata import EntryPoint, entry_points
+from functools import cache
+from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
 from typing import Any, Literal
 
 from t2d_rt.core.errors import InputError
 
 Group = Literal["radars", "readers", "movers", "models", "scatterers"]
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a result depends on."""
+    names = "t2d-rt", "numpy", "scipy", "drjit", "mitsuba", "sionna-rt"
+    return {"python": platform.python_version()} | {name: _version(name) for name in names}
+
+
+@cache
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:  # a checkout that is not installed
+        return "unknown"
 
 
 def plugins(group: Group, built_in: Collection[str]) -> dict[str, EntryPoint]:

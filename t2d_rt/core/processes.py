@@ -47,8 +47,14 @@ def run_guarded(
     ours, theirs = os.pipe()  # ours is at its end when nobody holds theirs any more
     with os.fdopen(ours, "rb") as end, os.fdopen(theirs, "wb") as held:
         with subprocess.Popen(
-            guard, cwd=folder, env=dict(env), stdin=end, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
-        ) as process:  # fmt: skip
+            guard,
+            cwd=folder,
+            env=dict(env),
+            stdin=end,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
+        ) as process:
             try:
                 out, err = process.communicate(timeout=limit_s)
             except BaseException:

@@ -46,9 +46,14 @@ class ProgressBar:
         if self._bar is None:  # not before: the time that it says is left must not count the preparation
             delay = max(1e-3, SHOWN_AFTER_S - (time.monotonic() - self._started))
             self._bar = tqdm(
-                total=1.0, initial=fraction, desc=self._label, delay=delay, leave=False,
-                bar_format="{desc} {percentage:3.0f}% |{bar}| {remaining}", file=sys.stderr,
-            )  # fmt: skip
+                total=1.0,
+                initial=fraction,
+                desc=self._label,
+                delay=delay,
+                leave=False,
+                bar_format="{desc} {percentage:3.0f}% |{bar}| {remaining}",
+                file=sys.stderr,
+            )
         self._bar.update(fraction - self._bar.n)
 
     def _say(self, fraction: float) -> None:

@@ -17,7 +17,7 @@ import yaml
 from t2d_rt.core.atomic_write import check_place, check_taken, replacing
 from t2d_rt.core.checks import choice, file_path, flag, positive
 from t2d_rt.core.errors import InputError
-from t2d_rt.core.versions import versions
+from t2d_rt.core.plugins import versions
 from t2d_rt.dataset.dataset import Dataset, Product
 from t2d_rt.dataset.parquet import DATA, pyarrow, write_parquet
 from t2d_rt.dataset.shards import RAGGED, RECIPE, SHARDS, UNITS

@@ -19,8 +19,8 @@ from typing import Any
 
 from t2d_rt.core.checks import file_path, integer
 from t2d_rt.core.errors import InputError, install, warn
+from t2d_rt.core.plugins import versions
 from t2d_rt.core.processes import end_with
-from t2d_rt.core.versions import versions
 from t2d_rt.dataset.lock import locked
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.sample import cell_of, description_of

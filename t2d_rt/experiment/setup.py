@@ -59,15 +59,20 @@ class Setup:
         pairs, material, experiment = model.pairs(accuracy), model.material, self.experiment
         room = {name: getattr(experiment, name) for name in ("reflections", "transmissions", "collisions")}
         return {
-            "method": model.method, "scene": "free_space" if model.scene is None else model.scene.name,
-            "seed": model.seed, "body": model.body, "accuracy": accuracy.model_dump(mode="json"),
+            "method": model.method,
+            "scene": "free_space" if model.scene is None else model.scene.name,
+            "seed": model.seed,
+            "body": model.body,
+            "accuracy": accuracy.model_dump(mode="json"),
             "material": "own" if material is None else material if isinstance(material, str) else asdict(material),
             "surface_rates_hz": [float((len(t) - 1) / (t[-1] - t[0])) for t in model.frame_times(accuracy)],
-            "phase_from": model.phase_from, "bounces": model.bounces, "device": model.backend.name,
+            "phase_from": model.phase_from,
+            "bounces": model.bounces,
+            "device": model.backend.name,
             "targets": [each.report if isinstance(each, Motion) else repr(each) for each in model.targets],
             "placement": [placement(each) if isinstance(each, Motion) else "own coordinates" for each in model.targets],
             **({} if pairs is None else {**pairs.describe(), **room}),
-        }  # fmt: skip
+        }
 
 
 def set_up(
@@ -97,9 +102,15 @@ def set_up(
     if scene is not None:
         moving = [placed(t, radar) if isinstance(t, Motion) else s for t, s in zip(targets, geometries, strict=True)]
         span_s = checked_time(
-            experiment.collisions, scene, moving, [geometry.name for geometry in geometries], radar, span_s,
-            outside=experiment.transmissions > 0, backend=backend,
-        )  # fmt: skip
+            experiment.collisions,
+            scene,
+            moving,
+            [geometry.name for geometry in geometries],
+            radar,
+            span_s,
+            outside=experiment.transmissions > 0,
+            backend=backend,
+        )
     for geometry in geometries:
         if isinstance(geometry, MovingMesh):
             size = len(geometry.faces)
@@ -119,10 +130,22 @@ def set_up(
         )
     paths_on = switched_on(ranked, experiment.only_paths, experiment.without_paths)
     model = Model(
-        radar, modelled, span_s, scene, ranked, blockage, method=experiment.method, material=experiment.material,
-        body=experiment.body, phase_from=experiment.phase_from, seed=experiment.seed, backend=backend, memory=memory,
-        bounces=experiment.bounces, paths_on=paths_on,
-    )  # fmt: skip
+        radar,
+        modelled,
+        span_s,
+        scene,
+        ranked,
+        blockage,
+        method=experiment.method,
+        material=experiment.material,
+        body=experiment.body,
+        phase_from=experiment.phase_from,
+        seed=experiment.seed,
+        backend=backend,
+        memory=memory,
+        bounces=experiment.bounces,
+        paths_on=paths_on,
+    )
     store = Store({})
     return Setup(experiment.stored_with(targets, whole, store), store.inputs, model)
 

@@ -33,6 +33,14 @@ class Plain(Fields):
     """Values that stand in YAML and JSON."""
 
     model_config = ConfigDict(ser_json_inf_nan="constants")
+    later: ClassVar[tuple[str, ...]] = ()
+    """Fields of newer versions, which are not written where they are empty: the same text, and the same hash of an experiment, as
+    before there were any."""
+
+    @model_serializer(mode="wrap")
+    def _without_later(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        found: dict[str, Any] = plain(self)
+        return {name: value for name, value in found.items() if value or name not in self.later}
 
 
 class _Placed(Plain):
@@ -61,15 +69,19 @@ class _Placed(Plain):
         if self.start_s or self.stop_s is not None:
             motion = trim(motion, self.start_s, end if self.stop_s is None else min(self.stop_s, end))
         motion = place(
-            motion, distance_m=self.distance_m, angle_deg=self.angle_deg, radar_position_m=radar.position_m,
+            motion,
+            distance_m=self.distance_m,
+            angle_deg=self.angle_deg,
+            radar_position_m=radar.position_m,
             boresight=radar.boresight,
-        )  # fmt: skip
+        )
         return aside(motion, self.aside_m, radar.boresight) if self.aside_m else motion
 
 
 class MotionFile(_Placed):
     """A motion of a file."""
 
+    later: ClassVar[tuple[str, ...]] = ("reading",)
     if_missing: ClassVar[str] = "write file: walk.bvh, or person:walk.bvh on the command line"
 
     kind: Literal["file"] = "file"
@@ -88,14 +100,6 @@ class MotionFile(_Placed):
             if name not in known:
                 raise InputError(f"unknown option of reading {shown(name)}; {names_advice(name, known)}")
         return value
-
-    @model_serializer(mode="wrap")
-    def _as_before(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Without options of reading as it was before there were any: the same text, and the same hash of an experiment."""
-        found: dict[str, Any] = plain(self)
-        if not self.reading:
-            found.pop("reading", None)
-        return found
 
     def read(self, folder: Path) -> Motion:
         """The motion of the file, which is found from `folder`; what the reader found is told to those who log it."""
@@ -141,9 +145,13 @@ class MotionText(_Placed):
 
 def _generated(source: MotionText) -> Motion:
     made = motion_from_text(
-        understood(source.text)[0], provider=source.provider, seed=source.seed, body=source.body, stature_m=source.stature_m,
+        understood(source.text)[0],
+        provider=source.provider,
+        seed=source.seed,
+        body=source.body,
+        stature_m=source.stature_m,
         duration_s=source.duration_s,
-    )  # fmt: skip
+    )
     if source.gait_factor == 1.0 and source.gait_spread == 0.0:
         return made
     return vary_gait(made, source.gait_factor, spread=source.gait_spread, seed=source.seed)
@@ -156,6 +164,7 @@ _composed = functools.lru_cache(maxsize=8)(_generated)
 class MotionArrays(Plain):
     """A motion whose joints are stored."""
 
+    later: ClassVar[tuple[str, ...]] = ("activities",)
     noun: ClassVar[str] = "motion"
 
     kind: Literal["motion"] = "motion"
@@ -171,14 +180,6 @@ class MotionArrays(Plain):
     """The file's name and the SHA-256 of its content, then each edit since."""
     activities: tuple[tuple[str, Number], ...] = ()
     """What the person does, and from when on [s]."""
-
-    @model_serializer(mode="wrap")
-    def _as_before(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Without activities as it was before there were any: the same text, and the same hash of an experiment."""
-        found: dict[str, Any] = plain(self)
-        if not self.activities:
-            found.pop("activities", None)
-        return found
 
 
 class BodyMesh(Plain):
@@ -285,10 +286,22 @@ class SceneFile(Plain):
 
 
 Source = Annotated[
-    MotionFile | MotionText | MotionArrays | BodyMesh | MoverMesh | MeshArrays | EllipsoidArrays | Unknown
-    | OtherMover | TableFan | CeilingFan | Curtain | Door | Pet,
+    MotionFile
+    | MotionText
+    | MotionArrays
+    | BodyMesh
+    | MoverMesh
+    | MeshArrays
+    | EllipsoidArrays
+    | Unknown
+    | OtherMover
+    | TableFan
+    | CeilingFan
+    | Curtain
+    | Door
+    | Pet,
     Discriminator("kind"),
-]  # fmt: skip
+]
 """Where a target comes from."""
 OWN_KINDS = "file", "text", "motion", "skin", "segments", "mover_mesh", "mesh", "ellipsoids", "unknown", "mover"
 """Kinds of sources that are no movers."""
@@ -330,11 +343,14 @@ def stored_scene(scene: Scene | None, store: Store) -> str | StoredScene:
     )
     stored = tuple(
         StoredSurface(
-            name=each.name, material=each.material, thickness_m=float(each.thickness_m), vertices=len(each.vertices),
+            name=each.name,
+            material=each.material,
+            thickness_m=float(each.thickness_m),
+            vertices=len(each.vertices),
             faces=len(each.faces),
         )
         for each in surfaces
-    )  # fmt: skip
+    )
     return StoredScene(name=scene.name, input=key, surfaces=stored)
 
 
@@ -346,9 +362,15 @@ def _source(target: TargetLike, store: Store) -> Any:
     if isinstance(target, Motion):
         key = store.keep(joints=target.joints, rotations=target.rotations)
         return MotionArrays(
-            input=key, rate_hz=float(target.rate_hz), names=target.names, parents=target.parents, placed=target.placed,
-            report=target.report, origin=target.origin, activities=target.activities,
-        )  # fmt: skip
+            input=key,
+            rate_hz=float(target.rate_hz),
+            names=target.names,
+            parents=target.parents,
+            placed=target.placed,
+            report=target.report,
+            origin=target.origin,
+            activities=target.activities,
+        )
     made = target.made
     if made is not None and made.by == "mover":
         return MoverMesh(**made.arguments)
@@ -393,9 +415,15 @@ def target_from(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) 
         arrays = named_arrays(inputs, source.input, ("vertices", "faces", "times_s", "sagitta_rad"))
         sagitta = arrays["sagitta_rad"]
         return MovingMesh(
-            arrays["vertices"], arrays["faces"], arrays["times_s"], source.material, crease_deg=source.crease_deg,
-            sagitta_rad=sagitta if sagitta.ndim else float(sagitta), curved=source.curved, name=source.name,
-        )  # fmt: skip
+            arrays["vertices"],
+            arrays["faces"],
+            arrays["times_s"],
+            source.material,
+            crease_deg=source.crease_deg,
+            sagitta_rad=sagitta if sagitta.ndim else float(sagitta),
+            curved=source.curved,
+            name=source.name,
+        )
     if isinstance(source, EllipsoidArrays):
         arrays = named_arrays(inputs, source.input, ("semi_axes_m", "centres", "axes", "times_s"))
         return Ellipsoids(**arrays, material=source.material, names=source.names)

@@ -144,9 +144,15 @@ def scaled_image(axes: Axes, x: np.ndarray, y: np.ndarray, power_db: np.ndarray,
     low, high = style.bounds_db(power_db)
     offset = high if style.limits_db is None else 0.0
     mesh = axes.pcolormesh(
-        x, y, np.clip(power_db, low, None) - offset, cmap=style.cmap, vmin=low - offset, vmax=high - offset, shading="nearest",
+        x,
+        y,
+        np.clip(power_db, low, None) - offset,
+        cmap=style.cmap,
+        vmin=low - offset,
+        vmax=high - offset,
+        shading="nearest",
         rasterized=True,
-    )  # fmt: skip
+    )
     if style.bar and style.limits_db is None:
         draw_bar(axes, mesh, "Power rel. to peak [dB]")
     elif style.bar:
@@ -184,6 +190,13 @@ def drawable(name: str, value: Any) -> str:
     """A text that can be drawn: a file's name may hold bytes that are no characters."""
     words = text(name, value)[:LONGEST_TITLE]
     return "".join(each if each.isprintable() or each == "\n" else "\N{REPLACEMENT CHARACTER}" for each in words)
+
+
+def checked_labels(labels: Any) -> tuple[str, str]:
+    """Names of two things that are compared."""
+    if not isinstance(labels, (list, tuple)) or len(labels) != 2 or not all(isinstance(each, str) for each in labels):
+        raise InputError(f"labels must be two texts, got {shown(labels)}")
+    return labels[0], labels[1]
 
 
 def check_colours(cmap: Any) -> None:

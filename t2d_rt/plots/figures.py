@@ -1,13 +1,13 @@
 """Figures for a paper: axes with units, dB relative to the peak, a perceptual map, rasterised images, no global state.
 
 Every function returns a `matplotlib.figure.Figure`, and `figure.savefig("walk.png")` or `.pdf` writes it; or draws into axes `ax`
-of a figure of the user's and returns these.
+of a figure of the user's and returns these. A type that hangs on `ax` would take two overloads of each signature: it is `Any`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, Unpack, cast, overload
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from t2d_rt.plots.canvas import (
     blank_figure,
     check_colours,
     checked_axes,
+    checked_labels,
     checked_map,
     checked_width,
     draw_bar,
@@ -51,8 +52,11 @@ MAPS: dict[MapKind, tuple[tuple[str, str], tuple[float, float]]] = {
 VELOCITY_LABEL = "Radial velocity [m/s], approaching > 0"
 
 LABELS = {
-    "velocity_mps": VELOCITY_LABEL, "range_m": "Range [m]", "time_s": "Time [s]", "azimuth_rad": "Azimuth [deg], left > 0",
-}  # fmt: skip
+    "velocity_mps": VELOCITY_LABEL,
+    "range_m": "Range [m]",
+    "time_s": "Time [s]",
+    "azimuth_rad": "Azimuth [deg], left > 0",
+}
 
 
 def draw_map(
@@ -96,7 +100,7 @@ def _with_width(time_s: np.ndarray, power_db: np.ndarray) -> tuple[np.ndarray, n
 
 def plotted(
     kind: MapKind, y: np.ndarray, x: np.ndarray, power_db: np.ndarray, ax: Any, style: Style, title: Any, note: Any
-) -> Figure | Axes:
+) -> Any:
     """A map in a figure of its own, or in axes of the user's, which are returned."""
     figure = None if ax is not None else blank_figure(*sized(*MAPS[kind][1], style.width_in))
     axes = checked_axes(ax) if figure is None else figure.subplots()
@@ -104,92 +108,71 @@ def plotted(
     return axes if figure is None else figure
 
 
-@overload
 def plot_spectrogram(
-    velocity_mps: np.ndarray, time_s: np.ndarray, power_db: np.ndarray, *, ax: None = None, title: str | None = None,
-    note: str | None = None, **style: Unpack[StyleOptions],
-) -> Figure: ...  # fmt: skip
-@overload
-def plot_spectrogram(
-    velocity_mps: np.ndarray, time_s: np.ndarray, power_db: np.ndarray, *, ax: Axes, title: str | None = None,
-    note: str | None = None, **style: Unpack[StyleOptions],
-) -> Axes: ...  # fmt: skip
-def plot_spectrogram(
-    velocity_mps: np.ndarray, time_s: np.ndarray, power_db: np.ndarray, *, ax: Axes | None = None, title: str | None = None,
-    note: str | None = None, **style: Unpack[StyleOptions],
-) -> Figure | Axes:  # fmt: skip
+    velocity_mps: np.ndarray,
+    time_s: np.ndarray,
+    power_db: np.ndarray,
+    *,
+    ax: Axes | None = None,
+    title: str | None = None,
+    note: str | None = None,
+    **style: Unpack[StyleOptions],
+) -> Any:
     """Micro-Doppler spectrogram; `power_db` (velocity, time). `note` stands in a corner of it; options as `canvas.Style`."""
     return plotted("spectrogram", velocity_mps, time_s, power_db, ax, Style(**style), title, note)
 
 
-@overload
 def plot_range_time(
-    range_m: np.ndarray, time_s: np.ndarray, power_db: np.ndarray, *, ax: None = None, title: str | None = None,
-    note: str | None = None, **style: Unpack[StyleOptions],
-) -> Figure: ...  # fmt: skip
-@overload
-def plot_range_time(
-    range_m: np.ndarray, time_s: np.ndarray, power_db: np.ndarray, *, ax: Axes, title: str | None = None,
-    note: str | None = None, **style: Unpack[StyleOptions],
-) -> Axes: ...  # fmt: skip
-def plot_range_time(
-    range_m: np.ndarray, time_s: np.ndarray, power_db: np.ndarray, *, ax: Axes | None = None, title: str | None = None,
-    note: str | None = None, **style: Unpack[StyleOptions],
-) -> Figure | Axes:  # fmt: skip
+    range_m: np.ndarray,
+    time_s: np.ndarray,
+    power_db: np.ndarray,
+    *,
+    ax: Axes | None = None,
+    title: str | None = None,
+    note: str | None = None,
+    **style: Unpack[StyleOptions],
+) -> Any:
     """Range over time; `power_db` (range, time). `note` stands in a corner of it."""
     return plotted("range_time", range_m, time_s, power_db, ax, Style(**style), title, note)
 
 
-@overload
 def plot_range_doppler(
-    range_m: np.ndarray, velocity_mps: np.ndarray, power_db: np.ndarray, *, ax: None = None, title: str | None = None,
-    note: str | None = None, **style: Unpack[StyleOptions],
-) -> Figure: ...  # fmt: skip
-@overload
-def plot_range_doppler(
-    range_m: np.ndarray, velocity_mps: np.ndarray, power_db: np.ndarray, *, ax: Axes, title: str | None = None,
-    note: str | None = None, **style: Unpack[StyleOptions],
-) -> Axes: ...  # fmt: skip
-def plot_range_doppler(
-    range_m: np.ndarray, velocity_mps: np.ndarray, power_db: np.ndarray, *, ax: Axes | None = None, title: str | None = None,
-    note: str | None = None, **style: Unpack[StyleOptions],
-) -> Figure | Axes:  # fmt: skip
+    range_m: np.ndarray,
+    velocity_mps: np.ndarray,
+    power_db: np.ndarray,
+    *,
+    ax: Axes | None = None,
+    title: str | None = None,
+    note: str | None = None,
+    **style: Unpack[StyleOptions],
+) -> Any:
     """Range-Doppler map; `power_db` (velocity, range). `note` stands in a corner of it."""
     return plotted("range_doppler", velocity_mps, range_m, power_db, ax, Style(**style), title, note)
 
 
-@overload
 def plot_range_angle(
-    range_m: np.ndarray, azimuth_rad: np.ndarray, power_db: np.ndarray, *, ax: None = None, title: str | None = None,
-    note: str | None = None, **style: Unpack[StyleOptions],
-) -> Figure: ...  # fmt: skip
-@overload
-def plot_range_angle(
-    range_m: np.ndarray, azimuth_rad: np.ndarray, power_db: np.ndarray, *, ax: Axes, title: str | None = None,
-    note: str | None = None, **style: Unpack[StyleOptions],
-) -> Axes: ...  # fmt: skip
-def plot_range_angle(
-    range_m: np.ndarray, azimuth_rad: np.ndarray, power_db: np.ndarray, *, ax: Axes | None = None, title: str | None = None,
-    note: str | None = None, **style: Unpack[StyleOptions],
-) -> Figure | Axes:  # fmt: skip
+    range_m: np.ndarray,
+    azimuth_rad: np.ndarray,
+    power_db: np.ndarray,
+    *,
+    ax: Axes | None = None,
+    title: str | None = None,
+    note: str | None = None,
+    **style: Unpack[StyleOptions],
+) -> Any:
     """Range-azimuth map with left on the left; `power_db` (range, azimuth). `note` stands in a corner of it."""
     return plotted("range_angle", range_m, azimuth_rad, power_db, ax, Style(**style), title, note)
 
 
-@overload
 def plot_point_cloud(
-    xyz_m: np.ndarray, speed_mps: np.ndarray, *, ax: None = None, title: str | None = None, cmap: str = "coolwarm",
+    xyz_m: np.ndarray,
+    speed_mps: np.ndarray,
+    *,
+    ax: Axes | None = None,
+    title: str | None = None,
+    cmap: str = "coolwarm",
     width_in: float = 7.0,
-) -> Figure: ...  # fmt: skip
-@overload
-def plot_point_cloud(
-    xyz_m: np.ndarray, speed_mps: np.ndarray, *, ax: Axes, title: str | None = None, cmap: str = "coolwarm",
-    width_in: float = 7.0,
-) -> Axes: ...  # fmt: skip
-def plot_point_cloud(
-    xyz_m: np.ndarray, speed_mps: np.ndarray, *, ax: Axes | None = None, title: str | None = None, cmap: str = "coolwarm",
-    width_in: float = 7.0,
-) -> Figure | Axes:  # fmt: skip
+) -> Any:
     """Points in the radar's frame from above and from the side, or in axes of the user's from above alone, coloured by speed;
     `xyz_m` (point, 3)."""
     speed_mps = array("speed_mps", speed_mps, ("point",), limit=1e9, unit="m/s")
@@ -220,20 +203,15 @@ def plot_point_cloud(
     return figure
 
 
-@overload
 def plot_scene(
-    scene: Scene, radar_m: np.ndarray, *, ax: None = None, paths_m: Sequence[tuple[str, np.ndarray]] = (),
-    track_m: np.ndarray | None = None, title: str | None = None,
-) -> Figure: ...  # fmt: skip
-@overload
-def plot_scene(
-    scene: Scene, radar_m: np.ndarray, *, ax: Axes, paths_m: Sequence[tuple[str, np.ndarray]] = (),
-    track_m: np.ndarray | None = None, title: str | None = None,
-) -> Axes: ...  # fmt: skip
-def plot_scene(
-    scene: Scene, radar_m: np.ndarray, *, ax: Axes | None = None, paths_m: Sequence[tuple[str, np.ndarray]] = (),
-    track_m: np.ndarray | None = None, title: str | None = None,
-) -> Figure | Axes:  # fmt: skip
+    scene: Scene,
+    radar_m: np.ndarray,
+    *,
+    ax: Axes | None = None,
+    paths_m: Sequence[tuple[str, np.ndarray]] = (),
+    track_m: np.ndarray | None = None,
+    title: str | None = None,
+) -> Any:
     """A room from above and in three dimensions, or in axes of the user's from above alone: its surfaces without the ceiling, the
     radar, paths (name, points (P, 3)), and a target's track (K, 3)."""
     instance("scene", scene, Scene, "a Scene", hint="load_scene reads one")
@@ -251,7 +229,7 @@ def plot_scene(
     for each in legend.get_texts():
         each.set_parse_math(False)
     if figure is None:
-        return cast("Axes", plan)
+        return plan
     view: Any = figure.add_subplot(1, 2, 2, projection="3d")
     _draw_scene(view, 3, scene, radar_m, paths_m, track_m)
     extent = scene.bounds_m[1] - scene.bounds_m[0]
@@ -262,8 +240,13 @@ def plot_scene(
 
 
 def _draw_scene(
-    axes: Any, dims: int, scene: Scene, radar_m: np.ndarray, paths_m: list[tuple[str, np.ndarray]], track_m: np.ndarray | None
-) -> None:  # fmt: skip
+    axes: Any,
+    dims: int,
+    scene: Scene,
+    radar_m: np.ndarray,
+    paths_m: list[tuple[str, np.ndarray]],
+    track_m: np.ndarray | None,
+) -> None:
     """Its lines into axes of two or three dimensions."""
     from matplotlib.collections import LineCollection
     from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
@@ -333,7 +316,7 @@ def plot_comparison(
     velocity_mps, whole_s, first_db = checked_map("velocity_mps", velocity_mps, "time_s", time_s, first_db)
     velocity_mps, time_s, second_db = checked_map("velocity_mps", velocity_mps, "time_s", time_s, second_db)
     positive("difference_db", difference_db, 1000, unit="dB")
-    labels = _checked_labels(labels)
+    labels = checked_labels(labels)
     figure = blank_figure(*sized(7.0, 8.0, checked_width(width_in)))
     upper, middle, lower = figure.subplots(3, 1, sharex=True, sharey=True)
     _, first_db = thinned(whole_s, first_db)
@@ -367,12 +350,6 @@ def plot_comparison(
     if title is not None:
         figure.suptitle(drawable("title", title), fontsize=11, parse_math=False)
     return figure
-
-
-def _checked_labels(labels: Any) -> tuple[str, str]:
-    if not isinstance(labels, (list, tuple)) or len(labels) != 2 or not all(isinstance(each, str) for each in labels):
-        raise InputError(f"labels must be two texts, got {shown(labels)}")
-    return labels[0], labels[1]
 
 
 def occupied_speeds(velocity_mps: np.ndarray, power_db: np.ndarray, dynamic_range_db: float) -> tuple[float, float]:

@@ -23,11 +23,10 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.core import checks
-from t2d_rt.core.backend import Backend, aligned_empty, one_blas_thread, select
+from t2d_rt.core.backend import Backend, aligned_empty, one_blas_thread, prefetched, select
 from t2d_rt.core.cubes import Cube, CubeAdder, CubeWriter, DiskCube, is_large
 from t2d_rt.core.factored_cubes import Product, ProductRows, together
 from t2d_rt.core.memory import Budget, reused
-from t2d_rt.core.prefetch import prefetched
 from t2d_rt.radar.array_delays import array_delays, ends
 from t2d_rt.radar.buckets import SLOT_BINS, Buckets, buckets
 from t2d_rt.radar.coefficients import TERMS, AmplitudeFrames, chebyshev_coefficients, fields_at, phases, terms_over

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from t2d_rt.core.checks import array, flag, instance, shown
+from t2d_rt.core.checks import array, flag, instance
 from t2d_rt.core.constants import decibel
 from t2d_rt.core.cubes import row_blocks
 from t2d_rt.core.errors import InputError
+from t2d_rt.plots.canvas import checked_labels
 from t2d_rt.recording.recording import Recording
 from t2d_rt.signal import range_fft
 
@@ -94,8 +95,13 @@ class Comparison:
 
 
 def compare(
-    first: Recording, second: Recording, *, align: bool = False, relative: bool = False, labels: Sequence[str] | None = None
-) -> Comparison:  # fmt: skip
+    first: Recording,
+    second: Recording,
+    *,
+    align: bool = False,
+    relative: bool = False,
+    labels: Sequence[str] | None = None,
+) -> Comparison:
     """Compares the spectrograms of two recordings, simulated or measured, over the speeds and times that both have.
 
     align: whether the second is shifted in time to where it is most like the first; half of the shorter one stays in common.
@@ -110,7 +116,7 @@ def compare(
     _check("second", second)
     flag("align", align)
     flag("relative", relative)
-    names = _labels(first, second) if labels is None else _checked_labels(labels)
+    names = _labels(first, second) if labels is None else checked_labels(labels)
     one, two = first.spectrogram, second.spectrogram
     speeds = _common(one.velocity_mps.values, two.velocity_mps.values, "speeds", "m/s")
     images = [_resampled(each.values, each.velocity_mps.values, speeds, 0) for each in (one, two)]
@@ -127,10 +133,18 @@ def compare(
     floor = max(one_db.max(), two_db.max()) - 60  # silence is not infinitely different
     difference = np.abs(np.maximum(two_db, floor) - np.maximum(one_db, floor))
     return Comparison(
-        labels=names, first=figures(first), second=figures(second), shift_s=shift_s, level_difference_db=float(level_db),
-        envelope_correlation=_correlation(*envelopes), mean_difference_db=float(difference[near_peak].mean()),
-        velocity_mps=speeds, time_s=times, first_db=one_db, second_db=two_db,
-    )  # fmt: skip
+        labels=names,
+        first=figures(first),
+        second=figures(second),
+        shift_s=shift_s,
+        level_difference_db=float(level_db),
+        envelope_correlation=_correlation(*envelopes),
+        mean_difference_db=float(difference[near_peak].mean()),
+        velocity_mps=speeds,
+        time_s=times,
+        first_db=one_db,
+        second_db=two_db,
+    )
 
 
 def _common(one: np.ndarray, two: np.ndarray, noun: str, unit: str) -> np.ndarray:
@@ -191,12 +205,6 @@ def _sums(values: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray
     """Sums over columns start..stop of values (row, column), one for each of the ranges (lag,)."""
     total = np.concatenate([[0.0], np.cumsum(values.sum(axis=0))])
     return np.asarray(total[stop] - total[start])
-
-
-def _checked_labels(labels: Any) -> tuple[str, str]:
-    if not isinstance(labels, (list, tuple)) or len(labels) != 2 or not all(isinstance(each, str) for each in labels):
-        raise InputError(f"labels must be two texts, got {shown(labels)}")
-    return labels[0], labels[1]
 
 
 def _labels(first: Recording, second: Recording) -> tuple[str, str]:

@@ -15,14 +15,12 @@ import warnings
 import zipfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.core.atomic_write import check_place, check_taken, replacing, settle
+from t2d_rt.core.atomic_write import check_place, check_taken, settle, writing
 from t2d_rt.core.checks import file_path, flag
 from t2d_rt.core.cube_storage import DIMENSIONS, DTYPE, NAME, SavedRows, new_array, row_bytes
 from t2d_rt.core.cubes import Cube, DiskCube, is_large, row_blocks
@@ -52,21 +50,6 @@ FILES = re.compile(
 """Files that a result's folder holds, by their paths within it."""
 LARGEST_METADATA_BYTES = 64 * 2**20
 """Greatest size of a result's zarr.json, which holds its settings."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Saved:
-    """What a folder holds."""
-
-    cube: Cube
-    radar: Radar
-    experiment: Experiment | None
-    accuracy: Accuracy | None
-    inputs: Inputs
-    settings: Mapping[str, Any]
-    processing: Mapping[str, Any]
-    versions: Mapping[str, str]
-    parts: Mapping[str, DiskCube]
 
 
 def write_folder(
@@ -99,8 +82,8 @@ def write_folder(
     (folder / "zarr.json").write_text(json.dumps(metadata, indent=2), encoding="utf-8")
 
 
-def read_folder(source: Path) -> Saved:
-    """What `write_folder` wrote, whole and unchanged."""
+def read_folder(source: Path) -> dict[str, Any]:
+    """What `write_folder` wrote, whole and unchanged: the arguments of a `Recording` by their names."""
     while True:
         before = _state(source)
         try:
@@ -110,7 +93,7 @@ def read_folder(source: Path) -> Saved:
                 raise
 
 
-def _read(source: Path) -> Saved:
+def _read(source: Path) -> dict[str, Any]:
     if not source.is_dir():
         with suppress(OSError):  # a folder that is not there, or may only be read
             settle(source)
@@ -123,22 +106,22 @@ def _read(source: Path) -> Saved:
             raise InputError(f"{source} has format {found['format']}, expected {FORMAT}; simulate it again")
         if found["checksum"] != _checksum(source, metadata):
             raise InputError(f"{source} is damaged: it is not as it was written; simulate it again")
-        attributes = {name: json.loads(found[name]) for name in ("settings", "processing", "versions")}
+        known = {name: json.loads(found[name]) for name in ("settings", "processing", "versions")}
         experiment, accuracy = (json.loads(found[name]) for name in ("experiment", "accuracy"))
         rows = SavedRows.of(source)
         on_disk = DiskCube(rows)
-        saved = Saved(
-            cube=on_disk if is_large(rows.shape) else np.asarray(on_disk),
-            radar=Radar(**json.loads(found["radar"])),
-            experiment=None if experiment is None else Experiment.model_validate(experiment),
-            accuracy=None if accuracy is None else Accuracy.model_validate(accuracy),
-            inputs={file.stem: unpacked(file) for file in sorted((source / INPUTS).glob("*.npz"))},
-            parts=read_parts(source / PARTS),
-            **attributes,
-        )
-        if rows.sha256 != _sha256(saved.cube):
+        cube = on_disk if is_large(rows.shape) else np.asarray(on_disk)
+        known |= {
+            "cube": cube,
+            "radar": Radar(**json.loads(found["radar"])),
+            "experiment": None if experiment is None else Experiment.model_validate(experiment),
+            "accuracy": None if accuracy is None else Accuracy.model_validate(accuracy),
+            "inputs": {file.stem: unpacked(file) for file in sorted((source / INPUTS).glob("*.npz"))},
+            "parts": read_parts(source / PARTS),
+        }
+        if rows.sha256 != _sha256(cube):
             raise InputError(f"the ADC samples in {source} are damaged; simulate it again")
-        return saved
+        return known
     except InputError:
         raise
     except Exception as error:  # files of any content
@@ -270,7 +253,7 @@ def write_export(
     target: Path, cube: Cube, labelled: xr.Dataset, attributes: Mapping[str, str], *, overwrite: bool
 ) -> None:
     """Writes the cube, and the labelled arrays and axes with the units in their attributes; a failure changes nothing."""
-    with replacing(target, partial(check_taken, target, overwrite=overwrite)) as new:
+    with writing(target, overwrite=overwrite) as new:
         WRITERS[target.suffix.lower()](new, cube, labelled, attributes)
 
 
@@ -347,6 +330,10 @@ def _h5py() -> Any:
 
 
 WRITERS: dict[str, Callable[[Path, Cube, xr.Dataset, Mapping[str, str]], None]] = {
-    ".mat": _write_mat, ".h5": _write_hdf5, ".hdf5": _write_hdf5, ".nc": _write_netcdf, ".npz": _write_npz,
-}  # fmt: skip
+    ".mat": _write_mat,
+    ".h5": _write_hdf5,
+    ".hdf5": _write_hdf5,
+    ".nc": _write_netcdf,
+    ".npz": _write_npz,
+}
 """By a file's ending."""

@@ -126,8 +126,13 @@ def labelled(
 
 
 def drawn(
-    image: xr.DataArray, ax: Any, title: str | None, note: str | None, style: StyleOptions, paths: xr.Dataset | None = None
-) -> Figure | Axes:  # fmt: skip
+    image: xr.DataArray,
+    ax: Any,
+    title: str | None,
+    note: str | None,
+    style: StyleOptions,
+    paths: xr.Dataset | None = None,
+) -> Figure | Axes:
     """A labelled map in a figure of its own, or in axes of the user's, which are returned; with the strongest of `paths` marked."""
     kind: Any = image.name
     y, x = (image[axis].values for axis in image.dims)
@@ -168,16 +173,30 @@ def mark_ghosts(axes: Axes, paths: xr.Dataset, speeds_mps: float) -> None:
     columns = ["\n".join(names[first::2]) for first in (0, 1)]
     for column, across in zip(columns, (0.0, 0.5), strict=True):
         axes.annotate(
-            drawable("names of paths", column), (across, 0.0), xytext=(0, -36), xycoords="axes fraction",
-            textcoords="offset points", va="top", fontsize=7, annotation_clip=False, parse_math=False,
-        )  # fmt: skip
+            drawable("names of paths", column),
+            (across, 0.0),
+            xytext=(0, -36),
+            xycoords="axes fraction",
+            textcoords="offset points",
+            va="top",
+            fontsize=7,
+            annotation_clip=False,
+            parse_math=False,
+        )
     for number, (place, offset) in enumerate(zip(places, _beside(axes, places), strict=True), start=1):
         axes.plot(*place, "o", markersize=9, markerfacecolor="none", markeredgecolor="white", markeredgewidth=0.8)
         line = {"arrowstyle": "-", "color": "white", "linewidth": 0.4, "shrinkA": 1, "shrinkB": 4.5}
         axes.annotate(
-            str(number), tuple(place), xytext=tuple(offset), textcoords="offset points", color="white", fontsize=7,
-            ha="center", va="center", arrowprops=line if np.hypot(*offset) > 1.5 * APART_PT else None,
-        )  # fmt: skip
+            str(number),
+            tuple(place),
+            xytext=tuple(offset),
+            textcoords="offset points",
+            color="white",
+            fontsize=7,
+            ha="center",
+            va="center",
+            arrowprops=line if np.hypot(*offset) > 1.5 * APART_PT else None,
+        )
 
 
 def _beside(axes: Axes, places: np.ndarray) -> list[np.ndarray]:

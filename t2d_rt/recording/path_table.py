@@ -77,14 +77,18 @@ def path_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = No
     found = xr.Dataset(
         {**data, "points_m": ((*dims, "point", "xyz"), stops, {"units": "m"}), "meets": (("pair", "point"), meets)},
         coords={
-            "target": names, "pair": [pair.name for pair in pairs], "time_s": times_s, "xyz": ["x", "y", "z"],
-            "reflections": ("pair", [pair.order for pair in pairs]), "copies": ("pair", [pair.copies for pair in pairs]),
+            "target": names,
+            "pair": [pair.name for pair in pairs],
+            "time_s": times_s,
+            "xyz": ["x", "y", "z"],
+            "reflections": ("pair", [pair.order for pair in pairs]),
+            "copies": ("pair", [pair.copies for pair in pairs]),
         },
         attrs={
             "scene": "free_space" if model.scene is None else model.scene.name,
             "level": "of a reflector of 1 m^2 at the target's reference point, at mid-sweep",
         },
-    )  # fmt: skip
+    )
     found.time_s.attrs["units"] = "s"
     return found
 
@@ -98,8 +102,9 @@ def pairs_of(model: Model, accuracy: Accuracy) -> list[PathPair]:
 def sight(radar: Radar, end: int) -> OneWayPath:
     """The line of sight from the transmitters' centre, end 0, or the receivers', end 1."""
     place, angle_deg = (
-        (radar.tx_position_m, radar.tx_polarization_deg), (radar.rx_position_m, radar.rx_polarization_deg),
-    )[end]  # fmt: skip
+        (radar.tx_position_m, radar.tx_polarization_deg),
+        (radar.rx_position_m, radar.rx_polarization_deg),
+    )[end]
     return OneWayPath.line_of_sight(place, polarization(radar, angle_deg))
 
 
@@ -123,10 +128,14 @@ def reference_points(model: Model, times_s: np.ndarray) -> np.ndarray:
     """One point of each target at instants of the record (K,) [s], (target, K, 3) m: the pelvis of a motion, the mean of a mesh's
     vertices or of ellipsoids' centres."""
     at_s = np.clip(model.span_s[0] + times_s, *model.span_s)
-    return np.stack([
-        track(each.source)(at_s)[0][:, 0] if isinstance(each.source, Motion) else each.geometry.points_at(at_s).mean(axis=1)
-        for each in model.modelled
-    ])  # fmt: skip
+    return np.stack(
+        [
+            track(each.source)(at_s)[0][:, 0]
+            if isinstance(each.source, Motion)
+            else each.geometry.points_at(at_s).mean(axis=1)
+            for each in model.modelled
+        ]
+    )
 
 
 def mean_range_m(radar: Radar, points: np.ndarray) -> np.ndarray:
@@ -166,11 +175,16 @@ def _rows(
         )
         there = np.where(passes > 0, 1.0, np.nan)
         found: dict[str, Any] = {
-            "delay_s": there * (sum(lengths) / SPEED_OF_LIGHT + pair.delay_s), "length_m": there * sum(lengths),
-            "speed_mps": -there * rate / 2, "level_dbm": level_dbm, "blocked": 1 - passes,
-            "departure_azimuth_rad": there * departure[0], "departure_elevation_rad": there * departure[1],
-            "arrival_azimuth_rad": there * arrival[0], "arrival_elevation_rad": there * arrival[1],
-        }  # fmt: skip
+            "delay_s": there * (sum(lengths) / SPEED_OF_LIGHT + pair.delay_s),
+            "length_m": there * sum(lengths),
+            "speed_mps": -there * rate / 2,
+            "level_dbm": level_dbm,
+            "blocked": 1 - passes,
+            "departure_azimuth_rad": there * departure[0],
+            "departure_elevation_rad": there * departure[1],
+            "arrival_azimuth_rad": there * arrival[0],
+            "arrival_elevation_rad": there * arrival[1],
+        }
         for name, values in found.items():
             rows[name].append(values)
     return rows

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack, cast, overload
+from typing import TYPE_CHECKING, Any, Unpack
 
 from t2d_rt.core.atomic_write import replacing
 from t2d_rt.core.calls import public
@@ -278,13 +278,15 @@ class Recording:
 
         return t2d_rt.run(self, **options)
 
+    def _with(self, **changes: Any) -> Recording:
+        """A copy with other arguments."""
+        names = ("cube", "radar", "experiment", "accuracy", "inputs", "settings", "versions", "processing")
+        return Recording(**{name: getattr(self, name) for name in names} | {"parts": self.parts.cubes} | changes)
+
     def processed(self, **changes: Any) -> Recording:
         """The same recording with other options of `signal.spectrogram`."""
         processing = {**self.processing, **{name: plain(value) for name, value in changes.items()}}
-        changed = Recording(
-            self.cube, self.radar, experiment=self.experiment, accuracy=self.accuracy, inputs=self.inputs, settings=self.settings,
-            versions=self.versions, processing=processing, parts=self.parts.cubes,
-        )  # fmt: skip
+        changed = self._with(processing=processing)
         check_processing(self.radar, len(self.cube), changed.processing)
         return changed
 
@@ -310,7 +312,7 @@ class Recording:
         changed = self.processed()
         changed.settings["background"] = background_settings(
             model, seed=seed, level_db=level_db, noisy=self.noise_dbm is not None, carrier_hz=self.radar.carrier_hz
-        )  # fmt: skip
+        )
         return changed
 
     @property
@@ -343,11 +345,7 @@ class Recording:
     def _maps(self) -> Maps:
         return Maps(cube=self.cube, radar=self.radar, processing=self.processing, mti=self._mti)
 
-    @overload
-    def plot(self, title: str | None = None, *, ax: None = None, **style: Unpack[StyleOptions]) -> Figure: ...
-    @overload
-    def plot(self, title: str | None = None, *, ax: Axes, **style: Unpack[StyleOptions]) -> Axes: ...
-    def plot(self, title: str | None = None, *, ax: Axes | None = None, **style: Unpack[StyleOptions]) -> Figure | Axes:
+    def plot(self, title: str | None = None, *, ax: Axes | None = None, **style: Unpack[StyleOptions]) -> Any:
         """Spectrogram as a figure; or in the axes `ax`, which are returned: a figure of several gets a constrained layout by it.
 
         cmap: a colour map of Matplotlib.
@@ -359,32 +357,22 @@ class Recording:
         note = None if self.error_db is None else f"measured error {self.error_db:.1f} dB"
         return drawn(self.spectrogram, ax, title, note, style)
 
-    @overload
-    def plot_range_time(
-        self, title: str | None = None, *, ax: None = None, **style: Unpack[StyleOptions]
-    ) -> Figure: ...
-    @overload
-    def plot_range_time(self, title: str | None = None, *, ax: Axes, **style: Unpack[StyleOptions]) -> Axes: ...
     def plot_range_time(
         self, title: str | None = None, *, ax: Axes | None = None, **style: Unpack[StyleOptions]
-    ) -> Figure | Axes:
+    ) -> Any:
         """`range_time` as a figure; options as of `plot`."""
         return drawn(self.range_time, ax, title, None, style)
 
-    @overload
     def plot_range_doppler(
-        self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None, ghosts: bool = False,
-        ax: None = None, **style: Unpack[StyleOptions],
-    ) -> Figure: ...  # fmt: skip
-    @overload
-    def plot_range_doppler(
-        self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None, ghosts: bool = False,
-        ax: Axes, **style: Unpack[StyleOptions],
-    ) -> Axes: ...  # fmt: skip
-    def plot_range_doppler(
-        self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None, ghosts: bool = False,
-        ax: Axes | None = None, **style: Unpack[StyleOptions],
-    ) -> Figure | Axes:  # fmt: skip
+        self,
+        title: str | None = None,
+        *,
+        time_s: float | None = None,
+        interval_s: float | None = None,
+        ghosts: bool = False,
+        ax: Axes | None = None,
+        **style: Unpack[StyleOptions],
+    ) -> Any:
         """`range_doppler_at` as a figure; options as of `plot`, and time and length of the interval [s].
 
         ghosts: whether the strongest paths are marked at their ranges and speeds, with their names.
@@ -394,19 +382,24 @@ class Recording:
         return drawn(image, ax, title, interval_told(image), style, paths)
 
     def plot_range_angle(
-        self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None,
-        ax: Axes | None = None, **style: Unpack[StyleOptions],
-    ) -> Figure | Axes:  # fmt: skip
+        self,
+        title: str | None = None,
+        *,
+        time_s: float | None = None,
+        interval_s: float | None = None,
+        ax: Axes | None = None,
+        **style: Unpack[StyleOptions],
+    ) -> Any:
         """`range_angle` as a figure; options as of `plot`, and time and length of the interval [s]."""
         image = self.range_angle(time_s, interval_s=interval_s)
         return drawn(image, ax, title, interval_told(image), style)
 
-    def plot_point_cloud(self, title: str | None = None, *, ax: Axes | None = None, **style: Any) -> Figure | Axes:
+    def plot_point_cloud(self, title: str | None = None, *, ax: Axes | None = None, **style: Any) -> Any:
         """`point_cloud` from above and from the side; in `ax` from above. `cmap` and `width_in` as of `plot`."""
         from t2d_rt.plots import plot_point_cloud
 
-        found, plot = self.point_cloud(), cast(Any, plot_point_cloud)
-        return plot(found.xyz_m, found.speed_mps, ax=ax, title=title, **style)
+        found = self.point_cloud()
+        return plot_point_cloud(found.xyz_m, found.speed_mps, ax=ax, title=title, **style)
 
     def plot_parts(
         self, title: str | None = None, *, groups: Mapping[str, Sequence[str]] | None = None, ax: Axes | None = None,
@@ -472,8 +465,7 @@ class Recording:
     def load(cls, path: str | Path) -> Recording:
         """Read what `save` wrote."""
         source = file_path("path", path).resolve()
-        saved = read_folder(source)
-        known = {each.name: getattr(saved, each.name) for each in fields(saved)}
+        known = read_folder(source)
         try:
             return cls(**known)
         except InputError:

@@ -88,14 +88,23 @@ def truth_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = N
         {
             **{name: (("target", "time_s"), values) for name, values in overall.items()},
             **_of_persons(model, people, joints, nearby),
-            "segment_visible": (("person", "time_s", "segment"), visible_fractions(model, accuracy, people, nearby.now)),
+            "segment_visible": (
+                ("person", "time_s", "segment"),
+                visible_fractions(model, accuracy, people, nearby.now),
+            ),
         },
         coords={
-            "time_s": times_s, "target": names, "person": [names[each.number] for each in people], "joint": joints,
-            "xyz": list(XYZ), "segment": list(SEGMENTS), "foot": list(SIDES), "part": list(PARTS),
+            "time_s": times_s,
+            "target": names,
+            "person": [names[each.number] for each in people],
+            "joint": joints,
+            "xyz": list(XYZ),
+            "segment": list(SEGMENTS),
+            "foot": list(SIDES),
+            "part": list(PARTS),
             "made_for": ("person", np.array([made_for(each.motion) for each in people], dtype=np.str_)),
         },
-    )  # fmt: skip
+    )
     for name, values in data.variables.items():
         values.attrs["units"] = unit_of(str(name))
     return data
@@ -168,9 +177,11 @@ def _polar(radar: Radar, points: Nearby, apart_s: np.ndarray) -> dict[str, np.nd
     ranges = Nearby(*(mean_range_m(radar, each) for each in points))
     azimuth, elevation = seen_from_radar(radar, points.now - np.asarray(radar.position_m))
     return {
-        "range_m": ranges.now, "speed_mps": (ranges.earlier - ranges.later) / apart_s, "azimuth_rad": azimuth,
+        "range_m": ranges.now,
+        "speed_mps": (ranges.earlier - ranges.later) / apart_s,
+        "azimuth_rad": azimuth,
         "elevation_rad": elevation,
-    }  # fmt: skip
+    }
 
 
 def visible_fractions(model: Model, accuracy: Accuracy, people: Sequence[Person], at_s: np.ndarray) -> np.ndarray:
@@ -188,11 +199,12 @@ def visible_fractions(model: Model, accuracy: Accuracy, people: Sequence[Person]
     viewpoints = Viewpoints(occluders, at_s, model.backend)
     views = [
         Occlusion(
-            viewpoints, view,
+            viewpoints,
+            view,
             unblocked=None if model.scene is None else partial(model.blockage.fraction, sight(model.radar, end)),
         )
         for end, view in enumerate(model.radar.views_m)
-    ]  # fmt: skip
+    ]
     for first in range(0, len(at_s), viewpoints.at_once):
         some_s = at_s[first : first + viewpoints.at_once]
         seen = [occluders.split(each) for each in viewpoints.traced(views, some_s)]

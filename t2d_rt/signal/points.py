@@ -249,14 +249,23 @@ def point_cloud(
     columns: list[np.ndarray] = []
     for start, time_s in zip(starts, times_s, strict=True):
         cells = array_spectrum(
-            adc[start : start + chirps], radar, range_window=range_window, doppler_window=doppler_window, mti=mti,
+            adc[start : start + chirps],
+            radar,
+            range_window=range_window,
+            doppler_window=doppler_window,
+            mti=mti,
             compensate_tdm=compensate_tdm,
-        )  # fmt: skip
+        )
         power = np.asarray(np.mean(cells.spectrum.real**2 + cells.spectrum.imag**2, axis=1, dtype=np.float64))
         noise, _, factor = cfar(
-            power[:, tested], false_alarm_rate, looks=radar.antennas, method=method, guard_cells=guard_cells,
-            training_cells=training_cells, windows=(doppler_window, range_window),
-        )  # fmt: skip
+            power[:, tested],
+            false_alarm_rate,
+            looks=radar.antennas,
+            method=method,
+            guard_cells=guard_cells,
+            training_cells=training_cells,
+            windows=(doppler_window, range_window),
+        )
         noise = np.maximum(noise, power[:, tested].max() * 10 ** (-dynamic_range_db / 10))
         row, column = np.nonzero((power[:, tested] > factor * noise) & _is_peak(power)[:, tested])
         snr = power[:, tested][row, column] / noise[row, column]
@@ -264,9 +273,14 @@ def point_cloud(
         columns.append(_report(cells, power, snr, found, radar, float(time_s)))
     time, distance, azimuth, elevation, speed, snr = np.concatenate(columns, axis=1)
     return PointCloud(
-        time_s=time, range_m=distance, azimuth_rad=azimuth, elevation_rad=elevation, speed_mps=speed, snr_db=snr,
+        time_s=time,
+        range_m=distance,
+        azimuth_rad=azimuth,
+        elevation_rad=elevation,
+        speed_mps=speed,
+        snr_db=snr,
         nearest_m=nearest_m,
-    )  # fmt: skip
+    )
 
 
 def _report(

@@ -8,13 +8,12 @@ import json
 import re
 import zlib
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.core.atomic_write import check_place, check_taken, replacing
+from t2d_rt.core.atomic_write import check_file, writing
 from t2d_rt.core.calls import public
 from t2d_rt.core.checks import file_path, flag, shown
 from t2d_rt.core.errors import InputError, printable
@@ -63,19 +62,15 @@ class Viewer:
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write the page to a file that ends in .html; a failure changes nothing."""
         target = check_page(path, overwrite=overwrite)
-        with replacing(target, partial(check_taken, target, overwrite=overwrite)) as new:
+        with writing(target, overwrite=overwrite) as new:
             new.write_text(self.html, encoding="utf-8")
 
 
 def check_page(path: str | Path, *, overwrite: bool) -> Path:
     """Refuses a name for a page that is no page's, is taken, or cannot be written; gives the whole path."""
-    target = file_path("path", path).resolve()
-    if target.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"a page ends in .html, got '{path}'; choose another name")
-    if target.is_dir():
-        raise InputError(f"{path} is a folder; choose another name for the page")
-    check_place(target, overwrite=flag("overwrite", overwrite))
-    return target
+    target = file_path("path", path)
+    check_file(target, "a page", ".html", ".htm", overwrite=flag("overwrite", overwrite))
+    return target.resolve()
 
 
 def told(recording: Recording) -> str:
@@ -97,10 +92,15 @@ def page(recordings: Sequence[Recording], titles: Sequence[str]) -> str:
         float(each.radar.chirp_starts_s(len(each.cube))[-1]) + each.radar.loop_interval_s for each in recordings
     )
     arrays = _Arrays()
-    meta = arrays.placed({
-        "title": titles[0] if len(titles) == 1 else "Two recordings on one timeline", "duration_s": duration_s,
-        "frames_hz": FRAMES_HZ, "colours": colours, "recordings": found,
-    })  # fmt: skip
+    meta = arrays.placed(
+        {
+            "title": titles[0] if len(titles) == 1 else "Two recordings on one timeline",
+            "duration_s": duration_s,
+            "frames_hz": FRAMES_HZ,
+            "colours": colours,
+            "recordings": found,
+        }
+    )
     parts = {
         "TITLE": html.escape(" and ".join(titles)),
         "STYLE": _text("page.css"),

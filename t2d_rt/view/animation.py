@@ -10,13 +10,12 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from t2d_rt.core.atomic_write import check_place, check_taken, replacing
+from t2d_rt.core.atomic_write import check_file, writing
 from t2d_rt.core.checks import file_path, flag, instance, integer, number
 from t2d_rt.core.errors import InputError
 from t2d_rt.experiment.setup import set_up_again
@@ -62,9 +61,14 @@ class _Stage:
 
 
 def animate(
-    recording: Recording, path: str | Path, *, width_px: int = 800, frames_hz: float = 12.5, title: str | None = None,
+    recording: Recording,
+    path: str | Path,
+    *,
+    width_px: int = 800,
+    frames_hz: float = 12.5,
+    title: str | None = None,
     overwrite: bool = False,
-) -> None:  # fmt: skip
+) -> None:
     """Writes an animation of a simulated recording, in real time: its targets in their room by radial speed, and its spectrogram.
 
     path: ends in .gif, or in .mp4, for which the program ffmpeg must be there.
@@ -91,7 +95,7 @@ def animate(
     base, room, chart, speeds = _base(recording, width, title)
     stage = _stage(model, times_s)
     pictures = _pictures(stage, times_s, base, room, chart, speeds)
-    with replacing(target, partial(check_taken, target, overwrite=overwrite)) as new:
+    with writing(target, overwrite=overwrite) as new:
         if gif:
             _write_gif(pictures, new, step_s)
         else:
@@ -100,15 +104,11 @@ def animate(
 
 def check_animation(path: str | Path, *, overwrite: bool) -> Path:
     """Refuses a name for an animation that is none's, is taken, or cannot be written; gives the whole path."""
-    target = file_path("path", path).resolve()
-    if target.suffix.lower() not in ENDINGS:
-        raise InputError(f"an animation ends in .gif or .mp4, got '{path}'; choose another name")
-    if target.is_dir():
-        raise InputError(f"{path} is a folder; choose another name for the animation")
+    target = file_path("path", path)
+    check_file(target, "an animation", *ENDINGS, overwrite=flag("overwrite", overwrite))
     if target.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
         raise InputError("an .mp4 needs the program ffmpeg, which is not there; install it, or write a .gif")
-    check_place(target, overwrite=flag("overwrite", overwrite))
-    return target
+    return target.resolve()
 
 
 def _base(
@@ -162,9 +162,12 @@ def _stage(model: Model, times_s: np.ndarray) -> _Stage:
     axes = _camera(np.asarray(radar.axes)[0])
     lines, colours = _lines(model, everything)
     return _Stage(
-        faces=np.concatenate(faces), places=everything @ axes.T, speeds_mps=np.concatenate(speeds, axis=1),
-        fixed=lines @ axes.T, fixed_colours=colours,
-    )  # fmt: skip
+        faces=np.concatenate(faces),
+        places=everything @ axes.T,
+        speeds_mps=np.concatenate(speeds, axis=1),
+        fixed=lines @ axes.T,
+        fixed_colours=colours,
+    )
 
 
 def _camera(boresight: np.ndarray) -> np.ndarray:
@@ -218,9 +221,13 @@ def _along(segments: np.ndarray, step_m: float = 0.008) -> np.ndarray:
 
 
 def _pictures(
-    stage: _Stage, times_s: np.ndarray, base: np.ndarray, room: tuple[int, ...], chart: tuple[float, ...],
+    stage: _Stage,
+    times_s: np.ndarray,
+    base: np.ndarray,
+    room: tuple[int, ...],
+    chart: tuple[float, ...],
     speeds: tuple[float, float],
-) -> Iterator[np.ndarray]:  # fmt: skip
+) -> Iterator[np.ndarray]:
     """The pictures one after another, uint8 (height, width, 3)."""
     from matplotlib import colormaps
 
@@ -265,9 +272,14 @@ def _write_gif(pictures: Iterator[np.ndarray], path: Path, step_s: float) -> Non
     plain = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in frames]
     step_ms = round(1000 * step_s)
     plain[0].save(
-        path, save_all=True, append_images=plain[1:], duration=[step_ms] * (len(plain) - 1) + [1200], loop=0, optimize=False,
+        path,
+        save_all=True,
+        append_images=plain[1:],
+        duration=[step_ms] * (len(plain) - 1) + [1200],
+        loop=0,
+        optimize=False,
         format="GIF",
-    )  # fmt: skip
+    )
 
 
 def _write_mp4(pictures: Iterator[np.ndarray], path: Path, rate_hz: float) -> None:

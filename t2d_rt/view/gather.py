@@ -47,10 +47,15 @@ SHELL_M = 0.05
 def gathered(recording: Recording) -> dict[str, Any]:
     """All of one recording; where there is nothing to show in three dimensions, `why_no_room` says why in a sentence."""
     found: dict[str, Any] = {
-        "radar": _radar(recording.radar), "caption": _caption(recording), "maps": maps(recording),
-        "frames_hz": FRAMES_HZ, "focus": 0, "why_no_room": _why_no_room(recording), "standing": None,
+        "radar": _radar(recording.radar),
+        "caption": _caption(recording),
+        "maps": maps(recording),
+        "frames_hz": FRAMES_HZ,
+        "focus": 0,
+        "why_no_room": _why_no_room(recording),
+        "standing": None,
         **{name: [] for name in ("targets", "parts", "surfaces", "walls", "paths")},
-    }  # fmt: skip
+    }
     if found["why_no_room"] is None:
         found |= room(set_up_again(recording.experiment, recording.inputs).model, recording.accuracy or Accuracy())
     return found
@@ -112,11 +117,17 @@ def room(model: Model, accuracy: Accuracy) -> dict[str, Any]:
     )
     surfaces, bounds = _surfaces(model.scene), _bounds(model, targets)
     return {
-        "frames_hz": rate_hz, "targets": targets, "parts": parts, "standing": feet, "focus": people[0].number if people else 0,
-        "surfaces": surfaces, "bounds": bounds, "floor_m": float(bounds["low"][2]),
+        "frames_hz": rate_hz,
+        "targets": targets,
+        "parts": parts,
+        "standing": feet,
+        "focus": people[0].number if people else 0,
+        "surfaces": surfaces,
+        "bounds": bounds,
+        "floor_m": float(bounds["low"][2]),
         "walls": [each["name"] for each in surfaces if each["shell"] and not abs(each["inward"][2]) > 0.5],
         "paths": _paths(path_table(model, accuracy, frames_s), pairs_of(model, accuracy)),
-    }  # fmt: skip
+    }
 
 
 # --- what moves -----------------------------------------------------------------------------------------------------
@@ -140,11 +151,16 @@ def _moving(model: Model, number: int, person: Person | None, parts: int, frames
         owner[solid.faces] = faces_owner[:, None]
     middles = places.mean(axis=1)
     return {
-        "vertices": np.round((places - low) / pitch).astype(np.uint16), "low": low, "pitch": pitch,
-        "frames": len(frames_s), "every": every,
-        "faces": solid.faces.astype(np.uint32), "owner": owner, "middles": middles.astype(np.float32),
+        "vertices": np.round((places - low) / pitch).astype(np.uint16),
+        "low": low,
+        "pitch": pitch,
+        "frames": len(frames_s),
+        "every": every,
+        "faces": solid.faces.astype(np.uint32),
+        "owner": owner,
+        "middles": middles.astype(np.float32),
         "radii": np.linalg.norm(places - middles[:, None], axis=-1).max(axis=1).astype(np.float32),
-    }  # fmt: skip
+    }
 
 
 def _extents(
@@ -173,12 +189,16 @@ def _segments(truth: xr.Dataset, first: bool) -> list[dict[str, Any]]:
     for number, name in enumerate(SEGMENTS):
         side, _, part = name.rpartition("_")
         side = name.partition("_")[0] if name.startswith(("left", "right")) else "middle"
-        found.append({
-            "name": name.replace("_", " "), "side": side, "foot": side if part == "foot" and first else "",
-            "speed": truth.segment_speed_mps.values[:, number].astype(np.float32),
-            "range": truth.segment_range_m.values[:, number].astype(np.float32),
-            "visible": truth.segment_visible.values[:, number].astype(np.float32),
-        })  # fmt: skip
+        found.append(
+            {
+                "name": name.replace("_", " "),
+                "side": side,
+                "foot": side if part == "foot" and first else "",
+                "speed": truth.segment_speed_mps.values[:, number].astype(np.float32),
+                "range": truth.segment_range_m.values[:, number].astype(np.float32),
+                "visible": truth.segment_visible.values[:, number].astype(np.float32),
+            }
+        )
     return found
 
 
@@ -194,11 +214,15 @@ def _loose(model: Model, number: int, truth: xr.Dataset, frames_s: np.ndarray) -
         own = [(each, speed_mps[:, k], (before + after)[:, k] / 2) for k, each in enumerate(geometry.names)]
     return [
         {
-            "name": each, "side": "", "foot": "", "speed": speed.astype(np.float32), "range": distance.astype(np.float32),
+            "name": each,
+            "side": "",
+            "foot": "",
+            "speed": speed.astype(np.float32),
+            "range": distance.astype(np.float32),
             "visible": None,
         }
         for each, speed, distance in own
-    ]  # fmt: skip
+    ]
 
 
 # --- what stands, and the paths between ------------------------------------------------------------------------------
@@ -216,10 +240,14 @@ def _surface(surface: Surface, low: np.ndarray, high: np.ndarray) -> dict[str, A
             if np.abs(surface.vertices[:, axis] - place).max() < SHELL_M:
                 inward, offset = [side if k == axis else 0.0 for k in range(3)], side * float(place)
     return {
-        "name": surface.name, "triangles": surface.vertices[surface.faces].astype(np.float32),
+        "name": surface.name,
+        "triangles": surface.vertices[surface.faces].astype(np.float32),
         "edges": outline(surface).astype(np.float32),
-        "shell": any(inward), "inward": inward, "offset": offset, "floor": inward[2] > 0,
-    }  # fmt: skip
+        "shell": any(inward),
+        "inward": inward,
+        "offset": offset,
+        "floor": inward[2] > 0,
+    }
 
 
 def _bounds(model: Model, targets: list[dict[str, Any]]) -> dict[str, Any]:
@@ -263,9 +291,13 @@ def _paths(table: xr.Dataset, pairs: list[PathPair]) -> list[dict[str, Any]]:
 
 def _radar(radar: Radar) -> dict[str, Any]:
     return {
-        "position": np.asarray(radar.position_m), "axes": np.asarray(radar.axes), "beam_deg": _beam(radar), "told": str(radar),
-        "max_speed": radar.separated.max_speed_mps, "range_bin": radar.range_resolution_m,
-    }  # fmt: skip
+        "position": np.asarray(radar.position_m),
+        "axes": np.asarray(radar.axes),
+        "beam_deg": _beam(radar),
+        "told": str(radar),
+        "max_speed": radar.separated.max_speed_mps,
+        "range_bin": radar.range_resolution_m,
+    }
 
 
 def _beam(radar: Radar) -> list[float] | None:
@@ -329,9 +361,12 @@ def _map(power_db: np.ndarray, up: tuple[str, np.ndarray], across: tuple[str, np
         inside = np.flatnonzero((axis >= low) & (axis <= high))
         kept.append(slice(inside[0], inside[-1] + 1))
         axes[name] = {
-            "of": of, "first": float(axis[inside[0]]), "last": float(axis[inside[-1]]), "count": len(inside),
+            "of": of,
+            "first": float(axis[inside[0]]),
+            "last": float(axis[inside[-1]]),
+            "count": len(inside),
             "half": float(axis[1] - axis[0]) / 2 if len(axis) > 1 else 0.05,
-        }  # fmt: skip
+        }
     part = power_db[:, kept[0], kept[1]]
     levels = np.clip((np.maximum(part, peak - LEVELS_DB) - peak + LEVELS_DB) * (255 / LEVELS_DB), 0, 255)
     return {"values": np.round(levels).astype(np.uint8), "low_db": peak - LEVELS_DB, "high_db": peak, **axes}

@@ -180,7 +180,7 @@ def test_a_smaller_run_is_completed_by_a_larger_one(made: Path, tmp_path: Path) 
 @pytest.mark.slow
 def test_a_killed_run_goes_on_where_it_stopped(made: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "t2d_rt.cli", *words(tmp_path, "--workers", "1")]
+    command = [sys.executable, "-m", "t2d_rt", *words(tmp_path, "--workers", "1")]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         end = time.monotonic() + 60
         while not (out / "shards/00000.jsonl").exists() and time.monotonic() < end:
@@ -223,7 +223,7 @@ def test_what_is_finished_when_a_run_stops_is_not_made_again(
 
 @pytest.mark.slow
 def test_a_lost_worker_is_one_sentence(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "t2d_rt.cli", *words(tmp_path, "--workers", "2")]
+    command = [sys.executable, "-m", "t2d_rt", *words(tmp_path, "--workers", "2")]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
         assert within(60, lambda: any(b"LokyProcess" in command_of(pid) for pid in descendants(process.pid)))
         for pid in descendants(process.pid):
@@ -254,7 +254,7 @@ def test_workers_end_with_the_main_process(tmp_path: Path, workers: list[str], h
     if "--scheduler" in workers:
         pytest.importorskip("distributed")
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "t2d_rt.cli", *words(tmp_path, *workers)]
+    command = [sys.executable, "-m", "t2d_rt", *words(tmp_path, *workers)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         # A tracker of resources and two workers.
         assert within(60, lambda: len(descendants(process.pid)) >= 3)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.core.versions import versions
+from t2d_rt.core.plugins import versions
 from t2d_rt.types import Radar
 from t2d_rt.types.radar import preset_names
 from validation.bench.measure import Case, import_seconds, sincos_rate

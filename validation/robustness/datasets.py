@@ -95,7 +95,7 @@ def killed(folder: Path, took_s: float) -> int:
     """
     rng, out = np.random.default_rng(SEED), folder / "killed"
     command = [
-        sys.executable, "-m", "t2d_rt.cli", "dataset", str(folder / "recipe.yaml"), "-o", str(out), "--limit", str(SAMPLES),
+        sys.executable, "-m", "t2d_rt", "dataset", str(folder / "recipe.yaml"), "-o", str(out), "--limit", str(SAMPLES),
         "--workers",
     ]  # fmt: skip
     count = 0
@@ -149,7 +149,7 @@ def scheduler_lost(folder: Path) -> Lost:
     scheduler = [*begin, "distributed.cli.dask_scheduler", *options, "--host", "127.0.0.1", "--port", "0"]
     worker = [*begin, "distributed.cli.dask_worker", *options, "--nthreads", "1", "--no-nanny", "--death-timeout", "10"]
     command = [
-        *begin, "t2d_rt.cli", "dataset", str(folder / "recipe.yaml"), "-o", str(out), "--limit", str(SAMPLES),
+        *begin, "t2d_rt", "dataset", str(folder / "recipe.yaml"), "-o", str(out), "--limit", str(SAMPLES),
     ]  # fmt: skip
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     processes = [subprocess.Popen(scheduler, **quiet)]

@@ -26,7 +26,7 @@ from t2d_rt.learn.fine_tuning import Events
 from t2d_rt.learn.maps import LabelledMaps
 from t2d_rt.learn.pytorch import torch_threads
 from t2d_rt.plots.new_figure import NotebookFigure
-from t2d_rt.recording.add_noise import add_noise
+from t2d_rt.recording.remake import add_noise
 from t2d_rt.scattering.ellipsoid import PhaseFrom
 from t2d_rt.simulate import simulate
 from t2d_rt.types import Receiver

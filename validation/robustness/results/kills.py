@@ -155,7 +155,7 @@ def _die_at(step: int, place: str) -> None:
 def _killed_commands(draw: np.random.Generator) -> Iterator[Counter[str]]:
     """Whole commands that overwrite a result, at random instants of the time that they take."""
     walk = resource("motions", "12_01_walk.bvh")
-    command = [sys.executable, "-m", "t2d_rt.cli", "simulate", str(walk), "-o", "r.zarr", "--method", "ellipsoid"]
+    command = [sys.executable, "-m", "t2d_rt", "simulate", str(walk), "-o", "r.zarr", "--method", "ellipsoid"]
     with tempfile.TemporaryDirectory() as kept:
         begin = time.perf_counter()
         subprocess.run(command, cwd=kept, check=True, capture_output=True)

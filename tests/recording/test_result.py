@@ -19,7 +19,7 @@ from builders import point_cube
 from t2d_rt.core import cube_storage as rows
 from t2d_rt.core import cubes
 from t2d_rt.core.errors import InputError
-from t2d_rt.core.versions import versions
+from t2d_rt.core.plugins import versions
 from t2d_rt.recording import files as saved
 from t2d_rt.recording.recording import Recording
 from t2d_rt.types import Radar

@@ -142,6 +142,8 @@ def test_options_that_cannot_be_used(refused: Callable[..., str], options: str, 
     ("text", "sentence"),
     [
         ("foo: 3", "unknown option foo"),
+        ("targets: []", "run.yaml holds no options, it is an experiment: give it in the place of the motion file"),
+        ("carrier_hz: 7e9", "run.yaml holds no options, it is a radar: give it as --radar run.yaml"),
         ("radar: {foo: 3}", "unknown option radar.foo"),
         ("radar: nope", "unknown radar preset 'nope'"),
         ("signal: 4", "'signal' in config file run.yaml must hold options and values, got 4"),
@@ -158,6 +160,18 @@ def test_options_that_cannot_be_used(refused: Callable[..., str], options: str, 
 def test_config_files_that_cannot_be_used(refused: Callable[..., str], text: str | bytes, sentence: str) -> None:
     Path("run.yaml").write_bytes(text if isinstance(text, bytes) else text.encode())
     assert sentence in refused("simulate", "walk.bvh", "--config", "run.yaml")
+
+
+def test_a_file_in_the_place_of_another(refused: Callable[..., str]) -> None:
+    dump("options.yaml", {"file": "walk.bvh", "seed": 3})
+    dump("mine.yaml", {"carrier_hz": 77e9})
+    assert "options of the command line and is no experiment; give it as --config options.yaml" in refused(
+        "plan", "options.yaml"
+    )
+    assert "holds the fields of a radar and is no experiment; give it as --radar mine.yaml" in refused(
+        "simulate", "mine.yaml"
+    )
+    assert "t2d-rt simulate --config options.yaml takes them" in refused("info", "options.yaml")
 
 
 def test_radar_file_that_cannot_be_used(refused: Callable[..., str]) -> None:

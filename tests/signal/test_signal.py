@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.signal import get_window
 
+from builders import ROOT
 from measures import check_picture
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.cubes import column_sums
@@ -29,7 +29,7 @@ from t2d_rt.signal import (
 from t2d_rt.types.radar import Radar
 
 TABLE2 = Radar.preset("table2")
-FRAME = Path(__file__).parent / "data" / "simple_frame_1.npy"
+FRAME = ROOT / "tests" / "data" / "simple_frame_1.npy"
 
 
 def point_target(

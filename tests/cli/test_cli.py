@@ -246,7 +246,7 @@ def test_ctrl_c_leaves_nothing(run: Command, tmp_path: Path, monkeypatch: pytest
 @pytest.mark.slow
 def test_a_real_ctrl_c(tmp_path: Path) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-m", "t2d_rt.cli", "simulate", str(WALK)],
+        [sys.executable, "-m", "t2d_rt", "simulate", str(WALK)],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1", "PYTHONPATH": str(WALK.parents[2])},
         # What a shell starts in the background ignores SIGINT, and so would its children.
@@ -347,7 +347,7 @@ def test_plan_refuses_a_tolerance_that_makes_no_sense(refused: Callable[..., str
 @pytest.mark.slow
 def test_a_closed_standard_output_is_no_traceback() -> None:
     done = subprocess.run(
-        ["/bin/sh", "-c", f"'{sys.executable}' -m t2d_rt.cli info '{WALK}' >&-"],
+        ["/bin/sh", "-c", f"'{sys.executable}' -m t2d_rt info '{WALK}' >&-"],
         capture_output=True,
         text=True,
         check=False,
@@ -365,7 +365,7 @@ def test_ctrl_c_while_the_program_loads(module: str, tmp_path: Path) -> None:
         "        if name == module: raise KeyboardInterrupt\n"
         "sys.meta_path.insert(0, Stop())\n"
         "module, sys.argv = sys.argv[1], ['t2d-rt', 'list', 'motions']\n"
-        "runpy.run_module('t2d_rt.cli', run_name='__main__')"
+        "runpy.run_module('t2d_rt', run_name='__main__')"
     )
     run = subprocess.run(
         [sys.executable, "-c", code, module], cwd=tmp_path, capture_output=True, text=True, check=False

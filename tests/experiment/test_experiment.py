@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from builders import MOTIONS
 from t2d_rt import cli
 from t2d_rt.cli import main
 from t2d_rt.core.errors import InputError, T2DWarning
@@ -22,7 +23,6 @@ from t2d_rt.scene import Slab
 from validation.robustness.api_arguments import FACES, TETRAHEDRON, TIMES_S, egg, walk
 
 RADAR = t2d.Radar.preset("ci4r", carrier_hz=24e9, prf_hz=2000, samples=32)
-MOTIONS = Path(__file__).parents[1] / "examples" / "motions"
 FAN = t2d.TableFan(position_m=(3, -1, 1), rpm=120)
 FAST = {"radar": RADAR, "accuracy": {"sagitta_rad": 1.5}}
 

@@ -1,4 +1,4 @@
-"""`add_noise`: a recording that was simulated without noise, through a receiver."""
+"""Recordings made again: what `run` simulates anew, and `add_noise`, which sends one without noise through a receiver."""
 
 from __future__ import annotations
 
@@ -9,12 +9,39 @@ from typing import Any
 from t2d_rt.core.backend import one_blas_thread
 from t2d_rt.core.checks import instance, integer
 from t2d_rt.core.cubes import Cube, DiskCube
-from t2d_rt.core.errors import InputError
+from t2d_rt.core.errors import InputError, warn
+from t2d_rt.core.stored_arrays import Inputs
 from t2d_rt.experiment.catalog import noise_named
 from t2d_rt.experiment.experiment import Experiment
+from t2d_rt.experiment.setup import repeatable
 from t2d_rt.noise.receiver import receive
+from t2d_rt.pipeline.prepare import plugin_finders
 from t2d_rt.recording.recording import Recording
-from t2d_rt.types import Receiver
+from t2d_rt.types import Accuracy, Receiver
+
+KNOWN = "error_db", "error_scatter_db", "error_chirps", "tolerance_db"
+"""Settings of a recording that hold for the same one made again."""
+
+
+def again(
+    experiment: Experiment | Recording, accuracy: Accuracy | Mapping[str, Any] | None, tolerance_db: float | None
+) -> tuple[Experiment, Inputs, Accuracy | Mapping[str, Any] | None, dict[str, Any]]:
+    """What is to be run: the experiment, its arrays, its accuracy, and what is known of the recording beforehand."""
+    instance("experiment", experiment, (Experiment, Recording), "an Experiment or a Recording")
+    if isinstance(experiment, Experiment):
+        return experiment, {}, accuracy, {}
+    recording, made = experiment, repeatable(experiment.experiment)
+    then, now = recording.settings.get("scatterers", []), sorted(plugin_finders())
+    if then != now:
+        had, have = (", ".join(names) or "none" for names in (then, now))
+        warn(
+            f"the recording was made with these scatterers of other packages: {had}; there are now: {have}, so its samples differ; "
+            "install or uninstall these packages"
+        )
+    if accuracy is not None or tolerance_db is not None:
+        return made, recording.inputs, accuracy, {}
+    known: dict[str, Any] = {name: recording.settings[name] for name in KNOWN if name in recording.settings}
+    return made, recording.inputs, recording.accuracy, known
 
 
 @one_blas_thread
@@ -40,11 +67,7 @@ def add_noise(
     experiment = made.model_copy(update={"noise": receiver})
     cube = recording.cube if isinstance(recording.cube, DiskCube) else recording.cube.copy()
     cube, levels = received(cube, experiment)
-    return Recording(
-        cube, recording.radar, experiment=experiment, accuracy=recording.accuracy, inputs=recording.inputs,
-        settings=recording.settings | levels, versions=recording.versions, processing=recording.processing,
-        parts=recording.parts.cubes,
-    )  # fmt: skip
+    return recording._with(cube=cube, experiment=experiment, settings=recording.settings | levels)
 
 
 def received(cube: Cube, experiment: Experiment) -> tuple[Cube, dict[str, Any]]:

@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 import zarr
 
+from builders import ROOT
 from t2d_rt.cli import main
 from t2d_rt.core import atomic_write as store
 from t2d_rt.core.atomic_write import replacing, settle
@@ -33,7 +34,6 @@ from t2d_rt.types import Radar, Scene
 
 RADAR = Radar.preset("ci4r")
 ROOM = Room(name="box", size_m=(4, 3, 2.5))
-ROOT = Path(__file__).parents[1]
 
 PROCESSES = multiprocessing.get_context("forkserver")  # a fork of pytest would have its threads' locks
 PROCESSES.set_forkserver_preload(["xarray", "zarr", "scipy.signal", "t2d_rt.recording.recording"])

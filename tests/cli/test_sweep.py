@@ -15,7 +15,7 @@ import pytest
 
 import t2d_rt as t2d
 import t2d_rt.cli.sweeps
-import t2d_rt.core.versions
+import t2d_rt.core.plugins
 from builders import WALK
 from command_line import Command
 from t2d_rt import sweeps
@@ -146,7 +146,7 @@ def test_folders_of_others_are_refused(folder: Path, tmp_path: Path, monkeypatch
     with pytest.raises(InputError, match="was made of another experiment, file or setting"):
         again(folder, fields={**FIELDS, "targets": [{**WALKER, "file": str(edited)}, FAN]})
     with monkeypatch.context() as patch:
-        patch.setattr(sweeps, "versions", lambda: {**t2d_rt.core.versions.versions(), "t2d-rt": "9.9"})
+        patch.setattr(sweeps, "versions", lambda: {**t2d_rt.core.plugins.versions(), "t2d-rt": "9.9"})
         with pytest.raises(InputError, match=r"was made by other versions \(t2d-rt .*\); choose another folder"):
             again(folder)
     (folder / "notes.txt").write_text("mine")

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from builders import WALK
 from t2d_rt.cli import main
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.resources import listing
 from t2d_rt.experiment import catalog as named
 
-WALK = Path(__file__).parents[1] / "examples" / "motions" / "12_01_walk.bvh"
 SHORT: dict[str, Any] = {"method": "ellipsoid", "seed": 1}
 
 
