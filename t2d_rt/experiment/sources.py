@@ -33,14 +33,14 @@ class Plain(Fields):
     """Values that stand in YAML and JSON."""
 
     model_config = ConfigDict(ser_json_inf_nan="constants")
-    later: ClassVar[tuple[str, ...]] = ()
+    _later: ClassVar[tuple[str, ...]] = ()
     """Fields of newer versions, which are not written where they are empty: the same text, and the same hash of an experiment, as
     before there were any."""
 
     @model_serializer(mode="wrap")
     def _without_later(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
         found: dict[str, Any] = plain(self)
-        return {name: value for name, value in found.items() if value or name not in self.later}
+        return {name: value for name, value in found.items() if value or name not in self._later}
 
 
 class _Placed(Plain):
@@ -81,7 +81,7 @@ class _Placed(Plain):
 class MotionFile(_Placed):
     """A motion of a file."""
 
-    later: ClassVar[tuple[str, ...]] = ("reading",)
+    _later: ClassVar[tuple[str, ...]] = ("reading",)
     if_missing: ClassVar[str] = "write file: walk.bvh, or person:walk.bvh on the command line"
 
     kind: Literal["file"] = "file"
@@ -164,7 +164,7 @@ _composed = functools.lru_cache(maxsize=8)(_generated)
 class MotionArrays(Plain):
     """A motion whose joints are stored."""
 
-    later: ClassVar[tuple[str, ...]] = ("activities",)
+    _later: ClassVar[tuple[str, ...]] = ("activities",)
     noun: ClassVar[str] = "motion"
 
     kind: Literal["motion"] = "motion"
