@@ -7,7 +7,6 @@ import sys
 from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from builders import slow_after
+from builders import MOTIONS, slow_after
 from t2d_rt.body import depth_m, skin
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion import load_motion, place, resample, trim
@@ -31,7 +30,6 @@ from t2d_rt.motion.generate.falls.simulation import Run, simulate
 from t2d_rt.motion.vary import mirror
 from t2d_rt.types.motion import Motion
 
-MOTIONS = Path(__file__).resolve().parent.parent / "examples" / "motions"
 TYPES = ("slip", "trip", "collapse")
 
 
