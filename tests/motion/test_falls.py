@@ -73,6 +73,9 @@ def test_falls_go_as_measured_falls_do(kind: str) -> None:
     assert np.linalg.norm((motion.joints[-1, 0] - motion.joints[impact, 0])[:2]) < 0.5
     assert motion.joints[-1, :, 2].max() < 0.6
     assert missing(found, FallPlan(type=kind)) == 0
+    # 8 J are 1 % of the energy of a walking person; what is found beside the work of muscles is the integration's error.
+    assert 0 <= found.gain_j < 8
+    assert (made.heading == "forward") == (kind == "trip") or kind == "collapse"
     assert max(found.deepest_m) < 0.02
 
 
@@ -99,11 +102,6 @@ def test_soles_before_a_fall_are_on_the_floor_in_pieces_too() -> None:
     assert skin(piece, "man").vertices[..., 2].min() >= -0.02
 
 
-def test_types_have_their_directions() -> None:
-    assert fallen("slip").heading != "forward"
-    assert fallen("trip").heading == "forward"
-
-
 def test_a_foot_slips_and_a_foot_is_caught() -> None:
     for kind in ("slip", "trip"):
         made = fallen(kind)
@@ -115,12 +113,6 @@ def test_a_foot_slips_and_a_foot_is_caught() -> None:
         else:
             speed = np.linalg.norm(np.diff(ankle, axis=0), axis=1) * RATE_HZ
             assert speed[event + 12 : event + 18].max() < 0.5 * speed[event - 1]
-
-
-@pytest.mark.parametrize("kind", TYPES)
-def test_energy_never_grows_but_by_the_work_of_muscles(kind: str) -> None:
-    # 8 J are 1 % of the energy of a walking person; what is found is the integration's error.
-    assert 0 <= fallen(kind).figures.gain_j < 8
 
 
 @pytest.mark.parametrize("kind", TYPES)

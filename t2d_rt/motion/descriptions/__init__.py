@@ -16,6 +16,19 @@ from t2d_rt.motion.descriptions.slots import (
 )
 
 __all__ = [
-    "ACTIVITIES", "Activity", "Budget", "Description", "Diversity", "LanguageModel", "Parsed", "Step", "Written", "diversity",
-    "grammar_descriptions", "model_descriptions", "parse_description", "read_descriptions", "write_descriptions",
-]  # fmt: skip
+    "ACTIVITIES",
+    "Activity",
+    "Budget",
+    "Description",
+    "Diversity",
+    "LanguageModel",
+    "Parsed",
+    "Step",
+    "Written",
+    "diversity",
+    "grammar_descriptions",
+    "model_descriptions",
+    "parse_description",
+    "read_descriptions",
+    "write_descriptions",
+]

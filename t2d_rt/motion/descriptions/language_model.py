@@ -10,6 +10,7 @@ import hashlib
 import json
 import math
 import os
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -312,18 +313,17 @@ class Written:
     """Why there are fewer than wanted; empty where there are not."""
 
     def __str__(self) -> str:
-        dropped = ", ".join(
-            f"{count} {what}"
-            for count, what in (
-                (self.malformed, "unusable replies"), (self.refusals, "refusals"), (self.invalid, "invalid descriptions"),
-                (self.disagreeing, "whose sentence contradicts its slots"), (self.near_duplicates, "near-duplicates"),
-            )
-            if count
-        )  # fmt: skip
+        left_out = {
+            "unusable replies": self.malformed,
+            "refusals": self.refusals,
+            "invalid descriptions": self.invalid,
+            "whose sentence contradicts its slots": self.disagreeing,
+            "near-duplicates": self.near_duplicates,
+        }
+        dropped = ", ".join(f"{count} {what}" for what, count in left_out.items() if count)
         return (
-            f"{len(self.descriptions)} of {self.wanted} descriptions from {self.requests} requests ({self.tokens} "
-            "tokens) and "
-            f"{self.cached} cached replies; left out: {dropped or 'nothing'}; {self.unchecked} sentences could not be "
+            f"{len(self.descriptions)} of {self.wanted} descriptions from {self.requests} requests ({self.tokens} tokens) "
+            f"and {self.cached} cached replies; left out: {dropped or 'nothing'}; {self.unchecked} sentences could not be "
             "checked against their slots"
         )
 
@@ -336,9 +336,8 @@ class _Run:
     session: Session
     seed: int
     gathered: Gathered = field(default_factory=Gathered)
-    counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(
-        ("cached", "malformed", "refusals", "invalid", "disagreeing", "unchecked"), 0
-    ))  # fmt: skip
+    counts: Counter[str] = field(default_factory=Counter)
+    """How many replies or descriptions went each of the ways that `Written` tells."""
     failures: int = 0
     last_failure: str = ""
 
@@ -445,7 +444,6 @@ def model_descriptions(
     if not run.gathered.descriptions:
         raise InputError(f"no description was made: {stopped}")
     session = run.session
-    return Written(
-        tuple(run.gathered.descriptions[:count]), count, session.requests, session.tokens, **run.counts,
-        near_duplicates=run.gathered.refused, stopped=stopped,
-    )  # fmt: skip
+    found = tuple(run.gathered.descriptions[:count])
+    spent = {"requests": session.requests, "tokens": session.tokens, "near_duplicates": run.gathered.refused}
+    return Written(found, count, **spent, **run.counts, stopped=stopped)

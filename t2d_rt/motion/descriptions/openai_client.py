@@ -42,9 +42,12 @@ class Session:
         self.formats = ["json_schema", "json_object", "text"]
         """Ways to ask for JSON, the best first; those that the server does not know are taken out."""
         self._client = openai.OpenAI(
-            api_key=api_key(model) or "none", base_url=model.url, timeout=model.timeout_s, max_retries=model.tries - 1,
+            api_key=api_key(model) or "none",
+            base_url=model.url,
+            timeout=model.timeout_s,
+            max_retries=model.tries - 1,
             http_client=BoundedClient(self),
-        )  # fmt: skip
+        )
 
     def ask(self, messages: Sequence[Message], schema: Mapping[str, Any], *, seed: int) -> Reply:
         """One reply, tried again while the server is busy or failing."""

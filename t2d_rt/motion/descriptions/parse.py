@@ -20,12 +20,13 @@ from t2d_rt.motion.descriptions.parse_steps import Opposite, ParseStep, Reader, 
 from t2d_rt.motion.descriptions.slots import Activity, Description, Step
 from t2d_rt.motion.descriptions.tokens import tokens_of
 
-RANK = {
-    "fall": 10, "dance": 8, "jump": 7, "sit": 6, "lie_down": 6, "bend": 5, "squat": 5, "stretch": 5, "stand_up": 4,
-    "run": 3, "climb": 2, "walk": 1, "turn": 0,
-}  # fmt: skip
+DISTURBED = "disturbed walk"
+LOWEST_FIRST = (
+    *("turn", "walk", "climb", "run", "stand_up", "bend, squat, stretch", "sit, lie_down", "jump", "dance"),
+    *(DISTURBED, "fall"),
+)
+RANK = {action: rank for rank, actions in enumerate(LOWEST_FIRST) for action in actions.split(", ")}
 """The action of highest rank is the main one, the first where there are several; a disturbed walk comes after a fall."""
-GAIT_RANK = 9
 MOVING = "walk", "run", "climb"
 
 UNDERSTOOD = (
@@ -218,7 +219,7 @@ def _description(steps: list[ParseStep], reader: Reader, sentence: str) -> tuple
 
 def _rank(step: ParseStep) -> int:
     disturbed = step.action == "walk" and step.get("type") in slots.GAIT_TYPES
-    return GAIT_RANK if disturbed else RANK.get(step.action, -1)
+    return RANK.get(DISTURBED if disturbed else step.action, -1)
 
 
 def _check_any(steps: list[ParseStep], reader: Reader) -> None:
