@@ -14,8 +14,8 @@ from validation.report import record, summary, write_report
 SECTIONS = {
     "chart": "methods", "tolerance": "methods", "laws": "methods", "rcs": "physics", "canonical": "physics",
     "bounces": "physics", "lambertian": "physics", "moving": "physics", "synthesis": "methods", "multilevel": "methods",
-    "accuracy": "methods",
-    "accuracy_rooms": "methods", "limbs": "methods", "refinement": "methods", "rates": "methods", "arrays": "physics", "body_fit": "physics",
+    "accuracy": "methods", "accuracy_rooms": "methods", "limbs": "methods", "refinement": "methods", "rates": "methods",
+    "arrays": "physics", "body_fit": "physics",
     "rooms": "physics", "edges": "physics", "ghosts": "physics", "movers": "physics", "ellipsoid_model": "physics",
     "human_rcs": "physics", "receiver": "physics", "background": "physics", "blockage": "physics", "stability": "methods",
     "working_directories": "robustness", "results": "robustness", "datasets": "robustness", "memory": "robustness",

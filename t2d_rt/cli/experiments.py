@@ -134,7 +134,7 @@ def _listed(kind: Any) -> Any:
 Asked = Annotated[Given, experiment]
 OfPaths = Annotated[Given, partial(experiment, skip=("noise", "measure_error", "split"))]
 OfPlan = Annotated[Given, partial(experiment, skip=("measure_error", "split"))]
-OfCompare = Annotated[Given, partial(experiment, skip=("method", "tolerance_db", "measure_error", "split"))]
+OfCompare = Annotated[Given, partial(experiment, skip=("method", "tolerance_db", "measure_error"))]
 OfSweep = Annotated[Given, partial(experiment, skip=("measure_error", "split", "memory_gb"))]
 OfScene = Annotated[Given, radar]
 SceneMaterial = Annotated[Given, scene_material]

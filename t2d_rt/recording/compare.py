@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -56,6 +56,8 @@ class Comparison:
     """Pearson correlation over time of the two envelopes, upper and lower each about its own mean; NaN if one is constant."""
     mean_difference_db: float
     """Mean of |second - first| over the cells within 40 dB of either's peak; 6 dB for two speckle patterns of one mean."""
+    parts_db: Mapping[str, float]
+    """Power of the second one's part over that of the first's, where both have parts of that name [dB]."""
     velocity_mps: np.ndarray = field(repr=False)
     """Speeds that both have, (velocity,)."""
     time_s: np.ndarray = field(repr=False)
@@ -83,6 +85,10 @@ class Comparison:
         if self.shift_s:
             order = "lags" if self.shift_s > 0 else "leads"
             lines.append(f"{self.labels[1]} {order} by {abs(self.shift_s):.3f} s, which is taken out")
+        if self.parts_db:
+            lines += ["", f"{'level by part [dB]':24}" + "".join(f"{label:>{width}}" for label in self.labels)]
+            changed = sorted(self.parts_db.items(), key=lambda each: -abs(each[1]))
+            lines += [f"{name:24}{0:{width}.2f}{level_db:{width}.2f}" for name, level_db in changed]
         return "\n".join(lines)
 
     def plot(self, title: str | None = None) -> Figure:
@@ -140,11 +146,22 @@ def compare(
         level_difference_db=float(level_db),
         envelope_correlation=_correlation(*envelopes),
         mean_difference_db=float(difference[near_peak].mean()),
+        parts_db=_parts_db(first, second),
         velocity_mps=speeds,
         time_s=times,
         first_db=one_db,
         second_db=two_db,
     )
+
+
+def _parts_db(first: Recording, second: Recording) -> dict[str, float]:
+    """Levels of parts of the same name against each other, in the mean over the columns of their spectrograms."""
+    common = [name for name in first.parts if name in second.parts]
+    levels = [
+        [10 * math.log10(np.mean(np.sum(10 ** (each.parts[name].spectrogram.values / 10), axis=0))) for name in common]
+        for each in (first, second)
+    ]
+    return dict(zip(common, np.subtract(*levels[::-1]).tolist(), strict=True))
 
 
 def _common(one: np.ndarray, two: np.ndarray, noun: str, unit: str) -> np.ndarray:

@@ -161,3 +161,18 @@ def test_the_command_line_splits(tmp_path: Path) -> None:
     options = ["--start-s", "1", "--stop-s", "1.2", "--method", "ellipsoid", "--split", "segment"]
     main(["simulate", "walk", *options, "-o", str(out)])
     assert len(t2d.Recording.load(out).parts) == 17
+
+
+def test_what_an_ellipsoid_gets_wrong_is_told_limb_by_limb(by_segment: t2d.Recording) -> None:
+    coarse = t2d.simulate(piece(0.8, 2.0), radar="table2", split="segment", method="ellipsoid")
+    found = t2d.compare(by_segment, coarse)
+    assert set(found.parts_db) == set(by_segment.parts)
+    powers = [
+        np.mean(np.sum(10 ** (each.parts["head"].spectrogram.values / 10), axis=0)) for each in (by_segment, coarse)
+    ]
+    assert found.parts_db["head"] == pytest.approx(10 * np.log10(powers[1] / powers[0]))
+    table = str(found).partition("level by part")[2].splitlines()[1:]
+    assert len(table) == 17
+    differences = [abs(float(line.split()[-1])) for line in table]
+    assert differences == sorted(differences, reverse=True)  # the one that changed most comes first
+    assert not t2d.compare(by_segment, by_segment.parts["head"]).parts_db

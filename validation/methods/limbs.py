@@ -45,7 +45,8 @@ def run() -> Section:
             whole = _power_db(coarse.cube) - _power_db(mesh.cube)
             rows.append(
                 {
-                    "motion": name, "aspect": aspect, "whole dB": whole, "segments within 3 dB": f"{len(held)} of {len(SEGMENTS)}",
+                    "motion": name, "aspect": aspect, "whole dB": whole,
+                    "segments within 3 dB": f"{len(held)} of {len(SEGMENTS)}",
                     "median dB": float(np.median(levels[f"{name}, {aspect}"])),
                     "greatest m/s": max(abs(speed) for _, speed, _ in found.values()),
                     "of the power": sum(share for segment, (_, _, share) in found.items() if segment in held),
@@ -93,9 +94,10 @@ def _chart(levels: dict[str, list[float]]) -> str:
     drawn = axis.imshow(np.clip(values, -20, 20), cmap="RdBu_r", vmin=-15, vmax=15, aspect="auto")
     for (row, column), value in np.ndenumerate(values):
         axis.text(column, row, f"{value:.0f}", ha="center", va="center", fontsize=8)
-    axis.set_xticks(range(len(SEGMENTS)), [each.replace("_", " ") for each in SEGMENTS], rotation=60, ha="right", fontsize=8)
+    axis.set_xticks(
+        range(len(SEGMENTS)), [each.replace("_", " ") for each in SEGMENTS], rotation=60, ha="right", fontsize=8
+    )
     axis.set_yticks(range(len(levels)), list(levels), fontsize=8)
     axis.set_title("Level of ellipsoids over that of the mesh [dB]", fontsize=10)
     figure.colorbar(drawn, label="dB")
-    figure.tight_layout()
     return save_chart(figure, "limbs.png")
