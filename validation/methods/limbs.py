@@ -56,9 +56,9 @@ def run() -> Section:
     return Section(
         title="Ellipsoids against the mesh, limb by limb",
         checks=[check],
-        note=f"{SECONDS:g} s of each motion from {DISTANCE_M:g} m, table2, free space, split by segment. Levels: energy of a segment's "
-        "echoes by ellipsoids over that by the mesh. Speeds: differences of the power-weighted mean speeds. Power: the fraction of "
-        "the mesh's echoes, segments added, that the segments within 3 dB return.",
+        note=f"{SECONDS:g} s of each motion from {DISTANCE_M:g} m, table2, free space, split by segment. Levels: energy of a "
+        "segment's echoes by ellipsoids over that by the mesh. Speeds: differences of the power-weighted mean speeds. Power: the "
+        "fraction of the mesh's echoes, segments added, that the segments within 3 dB return.",
         table=rows,
         charts=[_chart(levels)],
     )
