@@ -156,12 +156,16 @@ def compare(
 
 def _parts_db(first: Recording, second: Recording) -> dict[str, float]:
     """Levels of parts of the same name against each other, in the mean over the columns of their spectrograms."""
-    common = [name for name in first.parts if name in second.parts]
-    levels = [
-        [10 * math.log10(np.mean(np.sum(10 ** (each.parts[name].spectrogram.values / 10), axis=0))) for name in common]
-        for each in (first, second)
-    ]
-    return dict(zip(common, np.subtract(*levels[::-1]).tolist(), strict=True))
+    return {
+        name: _level_db(second.parts[name]) - _level_db(first.parts[name])
+        for name in first.parts
+        if name in second.parts
+    }
+
+
+def _level_db(recording: Recording) -> float:
+    """Power of the spectrogram over all speeds, in the mean over its columns [dB re 1 W]."""
+    return 10 * math.log10(float(np.mean(np.sum(10 ** (recording.spectrogram.values / 10), axis=0))))
 
 
 def _common(one: np.ndarray, two: np.ndarray, noun: str, unit: str) -> np.ndarray:
