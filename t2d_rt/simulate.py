@@ -6,7 +6,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from t2d_rt.accuracy import Wanted, check_memory, chosen, measured_error
+from t2d_rt.accuracy import (
+    Plan,
+    Wanted,
+    check_memory,
+    chosen,
+    measured_directly,
+    measured_error,
+    plan_again,
+    warn_of_miss,
+    warn_out_of_reach,
+)
 from t2d_rt.core.backend import Device, one_blas_thread, prefetched
 from t2d_rt.core.cubes import Cube
 from t2d_rt.core.errors import InputError
@@ -29,6 +39,9 @@ from t2d_rt.scene import Room
 from t2d_rt.types import Accuracy, EchoArrays, Material, Radar, Receiver, Scene
 from t2d_rt.types.scatterer import FrameBlock, Scatterer, pose, visibility
 from t2d_rt.types.target import Method
+
+MOST_AGAIN = 2
+"""So often a small body or mesh that misses its tolerance is simulated again."""
 
 
 def simulate(
@@ -68,7 +81,8 @@ def simulate(
     radar: a `Radar`, a preset's name (`presets`) or a .yaml file; the `table2` preset by default.
     scene: "free_space", a room by name, a Mitsuba/Sionna XML file, a `Room` or a `Scene`.
     tolerance_db: greatest error of the targets' field [dB], its energy relative to the field's own, against a converged model.
-        Model, facets, rates, visibility and path tiers are chosen to keep to it (`plan` shows the choice).
+        Model, facets, rates, visibility and path tiers are chosen to keep to it (`plan` shows the choice). A small body or mesh in
+        free space whose measured error misses it is simulated again, up to twice, each time more finely.
     accuracy: an `Accuracy`, or a mapping of its fields, that says how finely targets are modelled; with a tolerance the fields that
         it sets stay. The default comes to -15 to -31 dB in free space, worst where a body hides much of itself, and to -11 to -13
         dB in rooms.
@@ -96,7 +110,8 @@ def simulate(
     split: the recording's `parts`, which add up to it: by "segment" of the bodies, "path" pair, "target" or number of "bounce"s.
     device: "cpu", "gpu" (a CUDA device), or "auto" for a CUDA device where there is one and the CPU elsewhere.
     memory_gb: most memory that the run may take [GB]; it works in blocks to stay below, and what needs more is refused beforehand.
-    progress: True shows a bar, or a line now and then in a log; a function is called with the fraction done, 0..1.
+    progress: True shows a bar, or a line now and then in a log; a function is called with the fraction done, 0..1, of each
+        simulation where a tolerance asks for several.
     """
     experiment = Experiment.without_targets(
         radar, reflections=reflections, transmissions=transmissions, bounces=bounces, clutter=clutter, collisions=collisions,
@@ -136,6 +151,24 @@ def recorded(
             "the error of a recording is that of all paths; give measure_error=False beside only_paths and without_paths"
         )
     plan = chosen(setup.model, wanted)
+    if wanted.tolerance_db is not None and not (wanted.measured and measured_directly(plan)):
+        warn_out_of_reach(plan)
+    plan, cube, parts, settings = planned_run(setup, plan, wanted, device, progress, split)
+    cube, levels = received(cube, setup.experiment)
+    settings |= levels
+    after_call()
+    return Recording(
+        cube, plan.model.radar, experiment=setup.experiment, accuracy=plan.accuracy, inputs=setup.inputs, settings=settings,
+        versions=versions(), parts=parts.cubes,
+    )  # fmt: skip
+
+
+def planned_run(
+    setup: Setup, plan: Plan, wanted: Wanted, device: Device, progress: Progress | None, split: Split | None,
+    most_again: int = MOST_AGAIN,
+) -> tuple[Plan, Cube, PartCubes, dict[str, Any]]:  # fmt: skip
+    """The cube by a plan, its parts and what is told of it; by a finer plan where the measured error asks for one, so often at
+    most. A warning where the last one misses its tolerance."""
     model, accuracy = plan.model, plan.accuracy
     prepared = prepare(model, accuracy, setup.experiment.clutter)
     needed_bytes = check_memory(prepared, measured=wanted.measured)
@@ -145,14 +178,15 @@ def recorded(
     settings |= {"scatterers": sorted(added)} if (added := plugin_finders()) else {}
     static = prepared.static
     del prepared  # its facets, before others are made
-    settings |= measured_error(plan, cube, static).described() if wanted.measured else {}
-    cube, levels = received(cube, setup.experiment)
-    settings |= levels
-    after_call()
-    return Recording(
-        cube, model.radar, experiment=setup.experiment, accuracy=accuracy, inputs=setup.inputs, settings=settings,
-        versions=versions(), parts=parts.cubes,
-    )  # fmt: skip
+    if not wanted.measured:
+        return plan, cube, parts, settings
+    error = measured_error(plan, cube, static)
+    finer = plan_again(plan, error) if most_again else None
+    if finer is None:
+        warn_of_miss(plan, error)
+        return plan, cube, parts, settings | error.described()
+    del cube, parts, static  # before others are made
+    return planned_run(setup, finer, wanted, device, progress, split, most_again - 1)
 
 
 def summed(prepared: Prepared, device: Device, progress: Progress | None, into: PartCubes | None = None) -> Cube:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -128,6 +129,42 @@ def test_a_tremor_on_a_walking_body_is_resolved(amplitude_m: float, frequency_hz
     assert 4.1 * frequency_hz <= rate_of(amplitude_m) <= 5 * frequency_hz
     # Twenty times weaker it is less than what the file's own rounding and filters leave.
     assert rate_of(0.05 * amplitude_m) == rate_of(0.0)
+
+
+@pytest.fixture(scope="module")
+def fine_walk() -> t2d.Motion:
+    """A walk given a thousand times a second."""
+    return t2d.resample(t2d.place(builders.walk(), distance_m=6), 1000.0)
+
+
+@pytest.mark.parametrize("span_s", [None, (1.0, 1.4)])
+@pytest.mark.parametrize("part", ["body", "arm"])
+@pytest.mark.parametrize(("amplitude_m", "frequency_hz"), [(2e-5, 20.0), (5e-6, 25.0), (5e-6, 200.0)])
+def test_a_vibration_that_a_walk_hides_is_resolved_where_it_is_given_finely(
+    fine_walk: t2d.Motion, amplitude_m: float, frequency_hz: float, part: str, span_s: tuple[float, float] | None
+) -> None:
+    """No spectrum shows it: at 20 Hz a walk moves more by itself. An arm is two of seventeen limbs."""
+    motion = fine_walk if span_s is None else t2d.trim(fine_walk, *span_s)
+    limbs = segments(motion)
+    centres, axes = limbs.track(motion.times_s)
+    tremor = amplitude_m * np.sin(2 * np.pi * frequency_hz * motion.times_s)[:, None, None] * [1, 0, 0]
+    moved = [part == "body" or "left_forearm" in name or "left_hand" in name for name in limbs.names]
+    assert any(moved)
+    shaken = centres + tremor * np.array(moved)[:, None]
+    span_s = float(motion.times_s[0]), float(motion.times_s[-1])
+    rate = needed_rate_hz(t2d.Ellipsoids(limbs.semi_axes_m, shaken, motion.times_s, axes=axes), RADAR, span_s)
+    assert 3.8 * frequency_hz <= rate <= max(200, 4.5 * frequency_hz)
+
+
+def test_a_motion_given_finely_is_searched_for_vibrations(fine_walk: t2d.Motion) -> None:
+    """One of 0.02 mm at 200 Hz was taken for one of 40 Hz, as which it showed in the samples of the probe."""
+    motion = t2d.trim(fine_walk, 0.5, 1.7)
+    span_s = float(motion.times_s[0]), float(motion.times_s[-1])
+    tremor = 2e-5 * np.sin(2 * np.pi * 200 * motion.times_s)[:, None, None] * [1, 0, 0]
+    limbs = segments(replace(motion, joints=motion.joints + tremor))
+    assert 800 <= needed_rate_hz(limbs, RADAR, span_s) <= 900
+    recorded = t2d.resample(motion, 120.0)
+    assert needed_rate_hz(segments(recorded), RADAR, span_s) < 90  # by its own movements alone
 
 
 def test_an_ellipsoid_that_turns_about_its_centre_moves_its_specular_point() -> None:

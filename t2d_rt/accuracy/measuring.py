@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from t2d_rt.accuracy.budget import Budget, Total, db, ratio
+from t2d_rt.accuracy.cost import predicted_bytes
 from t2d_rt.accuracy.estimate import Chirps, Field, of_cube
 from t2d_rt.accuracy.laws import COARSER
 from t2d_rt.accuracy.plans import Plan
-from t2d_rt.accuracy.search import OVER_DB
+from t2d_rt.accuracy.search import OVER_DB, finer_plan
 from t2d_rt.core.cubes import Cube
 from t2d_rt.core.errors import warn
 from t2d_rt.pipeline.echo_model import with_method
@@ -34,7 +35,7 @@ FEWER = 1.5
 FINER_CHIRPS, FINER_DB = 24, 1.0
 """A run whose law of facets is unsure is held against finer facets at so many chirps: what is left of their own error makes that
 standard deviation."""
-SPLIT, MOST_FINER, LEAST_FACTOR, LEAST_SCALE = 4.0, 130_000.0, 2.0, 0.01
+SPLIT, MOST_FINER, LEAST_FACTOR, LEAST_SCALE = 4.0, 260_000.0, 2.0, 0.01
 """Flat facets are finer in fact where they are so many times more. No more than so many are made, and none where their sagitta
 scale would fall by less than that factor or below the last."""
 LEAST_CHIRPS, LONE_DB = 4, 5.6
@@ -60,6 +61,9 @@ class MeasuredError:
     scatter_db: float
     """Standard deviation: of the mean over chirps, and of the laws."""
     chirps: int
+    facets_db: float | None = None
+    """What of it facets alone cause, the rest being visibility's; where finer facets tell the error, with visibility traced at each
+    chirp, and it misses the tolerance or keeps it by less than a standard deviation."""
 
     def described(self) -> dict[str, float]:
         """For a recording's settings."""
@@ -70,7 +74,7 @@ class MeasuredError:
 
 def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> MeasuredError:
     """The field error of a run by a plan, measured at random chirps of its cube, `static` being the echoes of the static scene in
-    it; a warning where it misses the tolerance, or where there is nothing to measure.
+    it; a warning where there is nothing to measure.
 
     The chirps are held against a model with coarser facets, which costs little. Facets' errors fall with their phase sagitta by a
     fitted law, so the difference tells the run's own (`Budget`, as in Richardson's extrapolation). In free space the coarser model
@@ -93,6 +97,7 @@ def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> Measu
         if shadows_matter(budget, accuracy, coarser, expected * fraction):
             exact = Field(full, coarser.replace(**EXACT), chirps)
     facets, shadows, energy, with_all_echoes = np.zeros(0), np.zeros(0), 0.0, 0.0
+    finest = []
     count = len(chirps.rows)
     for first, last in pairwise(sorted({0, min(FIRST_CHIRPS, count), count})):
         found, with_static = (of_cube(model, cube, each, chirps[first:last]) for each in (static, ()))
@@ -108,7 +113,9 @@ def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> Measu
             continue
         if to_finer is not None:
             of_chirps_db = min(_standard_error_db(facets), LONE_DB / math.sqrt(len(facets)))
-            result = MeasuredError(db(facets.sum() / energy), math.hypot(FINER_DB, of_chirps_db), len(facets))
+            scatter_db = math.hypot(FINER_DB, of_chirps_db)
+            result = MeasuredError(db(facets.sum() / energy), scatter_db, len(facets))
+            finest.append(compared)
             continue
         result = _combined(budget, accuracy, expected, fraction, facets / energy, shadows / energy)
         uncertain_db = max(_standard_error_db(each) for each in ([facets, shadows] if exact else [facets]))
@@ -118,12 +125,42 @@ def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> Measu
     if silent:
         warn("there is no echo at the chirps compared, so the error is not known")
         return MeasuredError(math.nan, math.nan, len(facets))
-    if plan.tolerance_db is not None and result.error_db > plan.tolerance_db + OVER_DB:
+    if finest and plan.tolerance_db is not None and result.error_db + result.scatter_db > plan.tolerance_db:
+        own = Field(full, accuracy.replace(**EXACT), chirps).samples()
+        of_facets = float(np.sum(np.abs(own - np.concatenate(finest)) ** 2))
+        return replace(result, facets_db=db(of_facets / energy))
+    return result
+
+
+def measured_directly(plan: Plan) -> bool:
+    """Whether the error of a run by a plan is that against finer facets, so that one that misses its tolerance is made again."""
+    return finer(plan.budget, plan.accuracy) is not None
+
+
+def plan_again(plan: Plan, error: MeasuredError) -> Plan | None:
+    """A finer plan for a run that misses its tolerance, or keeps it by less than a standard deviation; None where it is kept,
+    where the laws have a part in the error, as for adults, or where a finer run could not be measured so well or has no memory.
+
+    Facets and visibility may each have half of what is allowed, less that deviation: which has more becomes finer.
+    """
+    if plan.tolerance_db is None or error.facets_db is None:
+        return None
+    half = ratio(plan.tolerance_db - error.scatter_db) / 2
+    of_facets = ratio(error.facets_db)
+    again = finer_plan(plan, facets=of_facets > half, visibility=ratio(error.error_db) - of_facets > half)
+    if again is None or not measured_directly(again):
+        return None
+    needed_bytes = predicted_bytes(again.model, again.accuracy, again.budget.counts, measured=True)
+    return again if needed_bytes <= again.model.memory.limit_bytes else None
+
+
+def warn_of_miss(plan: Plan, error: MeasuredError) -> None:
+    """Warns where the measured error misses the tolerance."""
+    if plan.tolerance_db is not None and error.error_db > plan.tolerance_db + OVER_DB:
         warn(
-            f"the measured error of {result.error_db:.1f} dB misses the tolerance of {plan.tolerance_db:g} dB; plan tells what "
+            f"the measured error of {error.error_db:.1f} dB misses the tolerance of {plan.tolerance_db:g} dB; plan tells what "
             "costs most"
         )
-    return result
 
 
 def _combined(

@@ -10,6 +10,7 @@ from typing import Any
 
 from t2d_rt.accuracy.cost import predicted_bytes, refuse
 from t2d_rt.accuracy.plans import Plan
+from t2d_rt.accuracy.search import warn_out_of_reach
 from t2d_rt.accuracy.wanted import Wanted, chosen
 from t2d_rt.core.backend import recent_yardstick_s
 from t2d_rt.core.errors import InputError
@@ -51,6 +52,7 @@ def plan(
         setup = set_up(target, scene, Experiment.without_targets(**options), **machine)
     ready = time.perf_counter()
     found = chosen(setup.model, wanted)
+    warn_out_of_reach(found)
     took = time.perf_counter()
     budget = found.budget
     running = budget.seconds(found.accuracy, clutter=setup.experiment.clutter) * recent_yardstick_s(setup.model.backend)

@@ -245,7 +245,7 @@ def _model_of(job: Job) -> tuple[Model, Accuracy]:
     """How the targets become echoes, and the accuracy that `simulate` would choose, which says which paths are modelled."""
     from dataclasses import replace
 
-    from t2d_rt.accuracy.wanted import Wanted, chosen
+    from t2d_rt.accuracy import Wanted, chosen, warn_out_of_reach
     from t2d_rt.experiment.experiment import Experiment
     from t2d_rt.experiment.setup import set_up_again, set_up_stored
 
@@ -260,4 +260,5 @@ def _model_of(job: Job) -> tuple[Model, Accuracy]:
         wanted = Wanted.of(kept.replace(**given) if kept else given, tolerance_db)
         setup = set_up_again(made.experiment, made.inputs, **machine)
     plan = chosen(setup.model, wanted)
+    warn_out_of_reach(plan)
     return replace(plan.model, ranked=setup.model.ranked), plan.accuracy

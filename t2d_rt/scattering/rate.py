@@ -7,6 +7,7 @@ from bisect import bisect_left
 from functools import cached_property
 
 import numpy as np
+from scipy.signal.windows import blackmanharris
 
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.memory import blocks
@@ -47,6 +48,12 @@ LEAST_LINE_S = 1.0
 """Shorter records do not tell lines from movements."""
 FASTEST_HZ = 480.0
 """Up to this rate smaller motions are looked for in what is no recorded motion of a body."""
+RECORDED_HZ = 240.0
+"""People are recorded at up to this rate. What is given more often, or as a function of time, is given so for something fast and
+small, which a body's own movements may hide."""
+STEADY_HZ, STEADY_S, LEAST_STEADY_S = (9.0, 240.0), 0.8, 0.2
+"""Between these frequencies [Hz] all of it that goes on is resolved: what is there in each piece of a record, so long [s]. Steps on
+the floor pass; a vibration goes on, hidden or not. Shorter records than the last do not tell its frequency."""
 PROBE_RATE_HZ, FINER = 240.0, 4.0
 """Rate at which motion is sampled, unless the record is shorter than such a short record; factor on it for faster motion."""
 PROBE_FRAMES = 12
@@ -107,7 +114,8 @@ class SurfaceRate:
     def needed_hz(self, tolerance_db: float = TOLERANCE_DB) -> float:
         """The rate [Hz] at which splines add no more than that to the field's error, and resolve all that moves."""
         if tolerance_db not in self._needed_hz:
-            delays_hz = max(self._more * self._resolving_hz(tolerance_db), LINE_FRAMES * self._line_hz)
+            vibration_hz = max(self._line_hz, self._steady_hz)
+            delays_hz = max(self._more * self._resolving_hz(tolerance_db), LINE_FRAMES * vibration_hz)
             needed = max(self.rotation_hz(tolerance_db), delays_hz)
             self._needed_hz[tolerance_db] = float(np.clip(_stepped(needed), LEAST_HZ, MOST_HZ))
         return self._needed_hz[tolerance_db]
@@ -135,8 +143,7 @@ class SurfaceRate:
         Of a record too large to be probed as a whole the middle is searched. Rotors are not: their harmonics are lines, which
         count by what splines miss of them.
         """
-        made = self._stand_in.made
-        if self._length_s < LEAST_LINE_S or self._periodic or (made is not None and made.by == "mover"):
+        if self._length_s < LEAST_LINE_S or self._is_rotor:
             return 0.0
         pieces, highest_hz = self._probed(LEAST_HZ), LINE_HZ[1]
         if len(pieces) == 1:
@@ -145,9 +152,33 @@ class SurfaceRate:
             middle_s, half_s = sum(self._span_s) / 2, self._most_frames / self._probe_hz / 2
             times_s = np.linspace(middle_s - half_s, middle_s + half_s, self._most_frames)
             phases = self._phases(times_s)
-        if made is not None:  # frames that were given hold no faster one
-            highest_hz = min(highest_hz, 0.5 / float(np.diff(self._stand_in.times_s).min()))
+        highest_hz = min(highest_hz, 0.5 * self._given_hz)  # frames that were given hold no faster one
         return fastest_line_hz(phases, (len(times_s) - 1) / (times_s[-1] - times_s[0]), highest_hz)
+
+    @cached_property
+    def _steady_hz(self) -> float:
+        """Highest frequency [Hz] of what may be a vibration of what is given finely in time, 0 where nothing may be one.
+
+        Of a record too large to be probed as a whole the middle is searched.
+        """
+        if self._length_s < LEAST_STEADY_S or self._is_rotor or self._given_hz <= RECORDED_HZ:
+            return 0.0
+        highest_hz = min(STEADY_HZ[1], 0.5 * self._given_hz)
+        length_s = min(self._length_s, self._most_frames / (2 * STEADY_HZ[1]))
+        begin_s = (sum(self._span_s) - length_s) / 2
+        times_s = np.linspace(begin_s, begin_s + length_s, math.ceil(2 * STEADY_HZ[1] * length_s) + 1)
+        return fastest_steady_hz(self._phases(times_s), (len(times_s) - 1) / length_s, highest_hz)
+
+    @property
+    def _is_rotor(self) -> bool:
+        """Whether its lines may be harmonics of a rotation."""
+        made = self._stand_in.made
+        return self._periodic or (made is not None and made.by == "mover")
+
+    @cached_property
+    def _given_hz(self) -> float:
+        """How often its places were given; infinite for a function of time."""
+        return math.inf if self._stand_in.made is None else 1 / float(np.diff(self._stand_in.times_s).min())
 
     @property
     def _length_s(self) -> float:
@@ -157,10 +188,10 @@ class SurfaceRate:
     def _fastest_hz(self) -> float:
         """Up to this rate of frames smaller motions are looked for: at most that of the frames that were given."""
         made = self._stand_in.made
-        if made is not None and made.by in {"skin", "segments"}:
-            return 0.0
-        given = made is not None and made.by == "arrays"
-        return min(FASTEST_HZ, 1 / float(np.diff(self._stand_in.times_s).min())) if given else FASTEST_HZ
+        if made is None or made.by == "mover":
+            return FASTEST_HZ
+        of_body = made.by in {"skin", "segments"}
+        return 0.0 if of_body and self._given_hz <= RECORDED_HZ else min(FASTEST_HZ, self._given_hz)
 
     @property
     def _probe_hz(self) -> float:
@@ -295,17 +326,10 @@ def _path_lengths(geometry: MovingMesh | Ellipsoids, radar: Radar, *, specular: 
 def fastest_line_hz(phases: np.ndarray, rate_hz: float, highest_hz: float = LINE_HZ[1]) -> float:
     """Frequency [Hz] of the fastest vibration that stands as a line in the spectrum of phases (K, V) [rad], 0 without any.
 
-    It is sought in the mean spectrum of the points and in that of the quieter ones, of which a quarter has less. The spectra
-    are those of accelerations, divided by the fourth power of the frequency: a window then keeps the strong slow movements
-    out of the weak fast ones.
+    It is sought in the mean spectrum of the points and in that of the quieter ones, of which a quarter has less.
     """
-    accelerations = np.diff(phases, n=2, axis=0) * (rate_hz / (2 * math.pi)) ** 2
-    count = len(accelerations)
-    window = np.hanning(count + 2)[1:-1, None]
-    frequency_hz = np.fft.rfftfreq(count, 1 / rate_hz)
+    frequency_hz, spectra = _spectra(phases, rate_hz, np.hanning(len(phases))[1:-1])
     step_hz = frequency_hz[1]
-    spectra = np.abs(np.fft.rfft(accelerations * window, axis=0)) ** 2 * 2 / count / np.sum(window**2)
-    spectra /= np.maximum(frequency_hz, step_hz)[:, None] ** 4
     near, far = (
         max(math.ceil(width_hz / step_hz), least) for width_hz, least in ((LINE_HALF_WIDTH_HZ, 3), (SIDE_HZ, 6))
     )
@@ -320,6 +344,38 @@ def fastest_line_hz(phases: np.ndarray, rate_hz: float, highest_hz: float = LINE
         at_hz = frequency_hz[inside][stands & (energy_db[inside] > LEAST_LINE_DB)]
         found = max([found, *at_hz[(at_hz >= LINE_HZ[0]) & (at_hz <= highest_hz)]])
     return float(found)
+
+
+def fastest_steady_hz(phases: np.ndarray, rate_hz: float, highest_hz: float = STEADY_HZ[1]) -> float:
+    """Highest frequency [Hz] at which one of phases (K, V) [rad] has energy that goes on all the time, 0 without any.
+
+    As much as a vibration that counts has: in a walk's own movements no spectrum tells the two from one another. The window's side
+    lobes, -92 dB, are less than that below the swings of arms and legs.
+    """
+    count = min(len(phases), round(STEADY_S * rate_hz))
+    window = blackmanharris(count - 2, sym=False)
+    of_tone = len(window) * np.sum(window**2) / np.sum(window) ** 2  # its energy over that in one bin
+    starts = np.linspace(0, len(phases) - count, math.ceil(2 * len(phases) / count) - 1).astype(int)
+    found = [_spectra(phases[start : start + count], rate_hz, window) for start in starts]
+    frequency_hz = found[0][0]
+    energies = of_tone * np.min([spectra for _, spectra in found], axis=0)
+    counts = (energies > 10 ** (LEAST_LINE_DB / 10)).any(axis=1)
+    return float(max(frequency_hz[counts & (frequency_hz >= STEADY_HZ[0]) & (frequency_hz <= highest_hz)], default=0.0))
+
+
+def _spectra(phases: np.ndarray, rate_hz: float, window: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (F,) [Hz] and energies of phases (K, V) at these (F, V) [rad^2], which add up to their mean squares; the window
+    is two shorter.
+
+    They are those of accelerations, divided by the fourth power of the frequency: a window then keeps the strong slow movements
+    out of the weak fast ones.
+    """
+    accelerations = np.diff(phases, n=2, axis=0) * (rate_hz / (2 * math.pi)) ** 2
+    count = len(accelerations)
+    frequency_hz = np.fft.rfftfreq(count, 1 / rate_hz)
+    weighted = np.fft.rfft(accelerations * window[:, None], axis=0)
+    spectra = np.abs(weighted) ** 2 * 2 / count / np.sum(window**2)
+    return frequency_hz, spectra / np.maximum(frequency_hz, frequency_hz[1])[:, None] ** 4
 
 
 def _paths(points: np.ndarray, radar: Radar) -> np.ndarray:
