@@ -303,6 +303,10 @@ Source = Annotated[
     Discriminator("kind"),
 ]
 """Where a target comes from."""
+MOTION_FIELDS = "rate_hz", "names", "parents", "placed", "report", "origin", "activities"
+"""Of a `Motion` beside its arrays, which are stored as they are."""
+MESH_FIELDS = "material", "crease_deg", "curved", "name"
+"""Of a `MovingMesh`, likewise."""
 OWN_KINDS = "file", "text", "motion", "skin", "segments", "mover_mesh", "mesh", "ellipsoids", "unknown", "mover"
 """Kinds of sources that are no movers."""
 
@@ -361,16 +365,7 @@ def _source(target: TargetLike, store: Store) -> Any:
         return target
     if isinstance(target, Motion):
         key = store.keep(joints=target.joints, rotations=target.rotations)
-        return MotionArrays(
-            input=key,
-            rate_hz=float(target.rate_hz),
-            names=target.names,
-            parents=target.parents,
-            placed=target.placed,
-            report=target.report,
-            origin=target.origin,
-            activities=target.activities,
-        )
+        return MotionArrays(input=key, **{name: getattr(target, name) for name in MOTION_FIELDS})
     made = target.made
     if made is not None and made.by == "mover":
         return MoverMesh(**made.arguments)
@@ -381,13 +376,7 @@ def _source(target: TargetLike, store: Store) -> Any:
     if isinstance(target, MovingMesh):
         sagitta = np.asarray(target.sagitta_rad, float)
         key = store.keep(**made.arguments, faces=target.faces, times_s=target.times_s, sagitta_rad=sagitta)
-        return MeshArrays(
-            input=key,
-            material=target.material,
-            crease_deg=float(target.crease_deg),
-            curved=target.curved,
-            name=target.name,
-        )
+        return MeshArrays(input=key, **{name: getattr(target, name) for name in MESH_FIELDS})
     key = store.keep(**made.arguments, semi_axes_m=target.semi_axes_m, times_s=target.times_s)
     return EllipsoidArrays(input=key, material=target.material, names=target.names)
 
@@ -404,8 +393,7 @@ def target_from(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) 
         return source.placed(source.made(), radar)
     if isinstance(source, MotionArrays):
         arrays = named_arrays(inputs, source.input, ("joints", "rotations"))
-        fields = source.model_dump(include={"rate_hz", "names", "parents", "placed", "report", "origin", "activities"})
-        return Motion(**fields, joints=arrays["joints"], rotations=arrays["rotations"])
+        return Motion(**{name: getattr(source, name) for name in MOTION_FIELDS}, **arrays)
     if isinstance(source, BodyMesh):
         motion = cast(Motion, target_from(source.motion, inputs, radar, folder))
         return (skin if source.kind == "skin" else segments)(motion, source.body, material=source.material)
@@ -413,17 +401,9 @@ def target_from(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) 
         return source.mover.mesh(source.start_s, source.stop_s)
     if isinstance(source, MeshArrays):
         arrays = named_arrays(inputs, source.input, ("vertices", "faces", "times_s", "sagitta_rad"))
-        sagitta = arrays["sagitta_rad"]
-        return MovingMesh(
-            arrays["vertices"],
-            arrays["faces"],
-            arrays["times_s"],
-            source.material,
-            crease_deg=source.crease_deg,
-            sagitta_rad=sagitta if sagitta.ndim else float(sagitta),
-            curved=source.curved,
-            name=source.name,
-        )
+        sagitta = arrays.pop("sagitta_rad")
+        fields: dict[str, Any] = {name: getattr(source, name) for name in MESH_FIELDS}
+        return MovingMesh(**arrays, sagitta_rad=sagitta if sagitta.ndim else float(sagitta), **fields)
     if isinstance(source, EllipsoidArrays):
         arrays = named_arrays(inputs, source.input, ("semi_axes_m", "centres", "axes", "times_s"))
         return Ellipsoids(**arrays, material=source.material, names=source.names)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -372,44 +371,31 @@ def _receivers(values: np.ndarray, samples: int) -> np.ndarray:
     return values.reshape(-1, samples, 4).swapaxes(1, 2).reshape(-1, samples)
 
 
-def _complex_2_lanes(codes: np.ndarray, samples: int) -> np.ndarray:
-    return _complex(codes.reshape(-1, 2, 2)).reshape(-1, samples)
+def _ordered(codes: np.ndarray, samples: int, *, together: int, by_sample: bool = False) -> np.ndarray:
+    """Chirps (chirp of a receiver, sample) of codes (word,) that bring so many I `together` and then as many Q, or real samples
+    where that is 0; `by_sample` of 4 receivers at one sample after the other, and else of one receiver after the other."""
+    values = _complex(codes.reshape(-1, 2, together)) if together else codes
+    return _receivers(values, samples) if by_sample else values.reshape(-1, samples)
 
 
-def _complex_4_lanes(codes: np.ndarray, samples: int) -> np.ndarray:
-    return _receivers(_complex(codes.reshape(-1, 2, 4)), samples)
-
-
-def _complex_one_by_one(codes: np.ndarray, samples: int) -> np.ndarray:
-    return _complex(codes.reshape(-1, 2)).reshape(-1, samples)
-
-
-def _real_2_lanes(codes: np.ndarray, samples: int) -> np.ndarray:
-    return codes.reshape(-1, samples)
-
-
-LAYOUTS: dict[str, tuple[Callable[[np.ndarray, int], np.ndarray], str]] = {
-    "complex samples over 2 lanes": (
-        _complex_2_lanes, "give lanes=2 and iq='IQ' or 'QI'",
-    ),
-    "complex samples over 4 lanes": (
-        _complex_4_lanes, "give lanes=4 and iq='IQ' or 'QI'",
-    ),
-    "real samples over 2 lanes": (_real_2_lanes, "give lanes=2 and iq='I'"),
-    "real samples over 4 lanes": (_receivers, "give lanes=4 and iq='I'"),
+LAYOUTS: dict[str, tuple[dict[str, Any], str]] = {
+    "complex samples over 2 lanes": ({"together": 2}, "give lanes=2 and iq='IQ' or 'QI'"),
+    "complex samples over 4 lanes": ({"together": 4, "by_sample": True}, "give lanes=4 and iq='IQ' or 'QI'"),
+    "real samples over 2 lanes": ({"together": 0}, "give lanes=2 and iq='I'"),
+    "real samples over 4 lanes": ({"together": 0, "by_sample": True}, "give lanes=4 and iq='I'"),
     "complex samples one by one, I Q I Q": (
-        _complex_one_by_one,
+        {"together": 1},
         "save numpy.fromfile(path, '<i2').reshape(chirps, antennas, samples, 2) as .npy",
     ),
-}  # fmt: skip
-"""From codes (word,) to samples (chirp of a receiver, sample), and what to do with a file in this order."""
+}
+"""Options of `_ordered` for each order of the words, and what to do with a file in this order."""
 
 
 def _decoded_capture(
     words: np.ndarray, *, order: str, samples: int, used: np.ndarray | None, offset: int, iq: str, conjugate: bool
 ) -> np.ndarray:
     """Samples of rows of words (row, word), complex64 (chirp of a receiver, sample)."""
-    found = LAYOUTS[order][0](signed(words, offset, samples).ravel(), samples)
+    found = _ordered(signed(words, offset, samples).ravel(), samples, **LAYOUTS[order][0])
     if used is not None:
         found = found.reshape(-1, 4, samples)[:, used].reshape(-1, samples)
     return oriented(found, iq, conjugate=conjugate)
@@ -418,9 +404,9 @@ def _decoded_capture(
 def _check_order(codes: np.ndarray, samples: int, given: str, path: Path) -> None:
     """Refuses codes that have a flatter spectrum in the order that is given than in another."""
     found = {}
-    for name, (ordered, _) in LAYOUTS.items():
+    for name, (layout, _) in LAYOUTS.items():
         try:
-            chirps = ordered(codes, samples)
+            chirps = _ordered(codes, samples, **layout)
         except ValueError:  # so many words are no whole chirps
             continue
         chirps = chirps[chirps.any(axis=1)]
