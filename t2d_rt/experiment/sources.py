@@ -393,7 +393,8 @@ def target_from(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) 
         return source.placed(source.made(), radar)
     if isinstance(source, MotionArrays):
         arrays = named_arrays(inputs, source.input, ("joints", "rotations"))
-        return Motion(**{name: getattr(source, name) for name in MOTION_FIELDS}, **arrays)
+        motion_fields: dict[str, Any] = {name: getattr(source, name) for name in MOTION_FIELDS}
+        return Motion(joints=arrays["joints"], rotations=arrays["rotations"], **motion_fields)
     if isinstance(source, BodyMesh):
         motion = cast(Motion, target_from(source.motion, inputs, radar, folder))
         return (skin if source.kind == "skin" else segments)(motion, source.body, material=source.material)
@@ -402,8 +403,8 @@ def target_from(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) 
     if isinstance(source, MeshArrays):
         arrays = named_arrays(inputs, source.input, ("vertices", "faces", "times_s", "sagitta_rad"))
         sagitta = arrays.pop("sagitta_rad")
-        fields: dict[str, Any] = {name: getattr(source, name) for name in MESH_FIELDS}
-        return MovingMesh(**arrays, sagitta_rad=sagitta if sagitta.ndim else float(sagitta), **fields)
+        fields: dict[str, Any] = arrays | {name: getattr(source, name) for name in MESH_FIELDS}
+        return MovingMesh(**fields, sagitta_rad=sagitta if sagitta.ndim else float(sagitta))
     if isinstance(source, EllipsoidArrays):
         arrays = named_arrays(inputs, source.input, ("semi_axes_m", "centres", "axes", "times_s"))
         return Ellipsoids(**arrays, material=source.material, names=source.names)
