@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import warnings
+from dataclasses import replace
 from importlib import import_module
 from typing import Any
 
@@ -228,17 +229,17 @@ def test_a_child_whose_run_misses_its_tolerance_is_simulated_more_finely() -> No
 
 
 def test_a_run_that_misses_its_tolerance_is_made_again_where_the_error_is_measured_directly() -> None:
-    plan = t2d.plan(balls((3.0, 0.0, 1.0), (3.8, 0.1, 1.0)), radar=RADAR, tolerance_db=-22)
-    own = plan.accuracy
-    assert plan_again(plan, MeasuredError(-22.5, 1.2, 24)) is None
-    for error_db, facets_db, finer, oftener in ((-22.5, -37, 1, 2), (-22.5, -22.6, 2, 1), (-20, -23, 2, 2)):
+    child = grown(stride(0.1), 0.95)
+    own = t2d.Accuracy(sagitta_scale=0.5, visibility_rate_hz=50, visibility_subdivision=2)
+    plan = replace(t2d.plan(child, radar=RADAR, tolerance_db=-10), accuracy=own)
+    assert plan_again(plan, MeasuredError(-10.5, 1.2, 24)) is None
+    for error_db, facets_db, finer, oftener in ((-10.5, -25, 1, 2), (-10.5, -10.6, 2, 1), (-8, -11, 2, 2)):
         again = plan_again(plan, MeasuredError(error_db, 1.2, 24, facets_db=facets_db))
         assert again is not None
         assert again.accuracy.sagitta_scale == own.sagitta_scale / finer
-        assert again.accuracy.visibility_rate_hz == max(own.visibility_rate_hz * oftener, 25)
-    given = {"sagitta_scale": 0.5, "visibility_rate_hz": 25, "visibility_subdivision": 0}
-    fixed = t2d.plan(balls((3.0, 0.0, 1.0)), radar=RADAR, tolerance_db=-25, accuracy=given)
-    assert plan_again(fixed, MeasuredError(-20.0, 1.2, 24, facets_db=-23.0)) is None
+        assert again.accuracy.visibility_rate_hz == own.visibility_rate_hz * oftener
+    fixed = replace(t2d.plan(child, radar=RADAR, tolerance_db=-10, accuracy=own), accuracy=own)
+    assert plan_again(fixed, MeasuredError(-8.0, 1.2, 24, facets_db=-11.0)) is None
 
 
 def test_a_tolerance_is_kept_and_asks_for_no_more_than_it_needs(walk: Motion) -> None:
