@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal
 
 from t2d_rt.core.checks import file_path, instance, shown
 from t2d_rt.core.errors import InputError, warn
 from t2d_rt.core.plugins import loaded, plugins
 from t2d_rt.motion.read.amass import read_amass
-from t2d_rt.motion.read.arrays import Arrays, read_arrays
+from t2d_rt.motion.read.arrays import read_arrays
 from t2d_rt.motion.read.asf_amc import read_asf_amc
 from t2d_rt.motion.read.clock import times_of
 from t2d_rt.motion.read.deepmimic import read_deepmimic
@@ -73,10 +76,7 @@ def load_motion(
     from t2d_rt.motion.check.gait import rate_doubt
 
     path = file_path("path", path)
-    reading = Reading(
-        units=units, up=up, floor=floor, drop_tpose=drop_tpose, smooth_hz=smooth_hz, flavour=flavour, rate_hz=rate_hz,
-        subject=subject, root=root,
-    )  # fmt: skip
+    reading = Reading(units, up, floor, drop_tpose, smooth_hz, flavour, rate_hz, subject, root)
     try:
         if path.name.lower().endswith(BVH_SUFFIXES):
             motion = read_skeletal(path, reading)
@@ -121,29 +121,45 @@ def _read_by(reader: EntryPoint, path: Path, reading: Reading) -> Motion:
     return motion
 
 
-def _read_tracks(path: Path, subject: str | None = None) -> Tracks:
-    """Tracks of any file but BVH, of one subject where the format may hold several."""
-    suffix = path.suffix.lower()
-    if suffix in (".npy", ".npz"):
-        arrays = read_arrays(path)
-        tracks = _from_arrays(arrays, subject)
-        return replace(tracks, times=times_of(arrays, len(tracks)))
-    if suffix in (labelled := {".c3d": read_c3d, ".trc": read_trc}):
-        return labelled[suffix](path, subject)
-    readers = {".json": read_deepmimic, ".txt": read_deepmimic, ".amc": read_asf_amc}
-    if suffix not in readers:
-        hint = "; give the .amc, whose skeleton it is" if suffix == ".asf" else ""
-        others = ", ".join(sorted({".npy", ".npz", *labelled, *readers}))
-        raise InputError(
-            f"cannot read {shown(str(path))}: motions come as {' or '.join(BVH_SUFFIXES)}, or as {others}{hint}"
-        )
-    check_only(subject)
-    return readers[suffix](path)
-
-
-def _from_arrays(arrays: Arrays, subject: str | None) -> Tracks:
+def _read_arrays(path: Path, subject: str | None) -> Tracks:
+    """Tracks of a .npy or .npz file: of Kimodo, of AMASS, or joints by name or order."""
+    arrays = read_arrays(path)
     kimodo = "posed_joints" in arrays
     if kimodo or ("trans" in arrays and arrays.first("poses", "root_orient")):
         check_only(subject)
-        return read_kimodo(arrays) if kimodo else read_amass(arrays)
-    return read_plain(arrays, subject)
+        tracks = read_kimodo(arrays) if kimodo else read_amass(arrays)
+    else:
+        tracks = read_plain(arrays, subject)
+    return replace(tracks, times=times_of(arrays, len(tracks)))
+
+
+def _of_one(read: Callable[[Path], Tracks], path: Path, subject: str | None) -> Tracks:
+    """Tracks of a file whose format holds one person."""
+    check_only(subject)
+    return read(path)
+
+
+READERS: Mapping[str, Callable[[Path, str | None], Tracks]] = MappingProxyType(
+    {
+        ".npy": _read_arrays,
+        ".npz": _read_arrays,
+        ".c3d": read_c3d,
+        ".trc": read_trc,
+        ".json": partial(_of_one, read_deepmimic),
+        ".txt": partial(_of_one, read_deepmimic),
+        ".amc": partial(_of_one, read_asf_amc),
+    }
+)
+"""Readers of files but BVH by their endings: the path, and the subject who is wanted."""
+
+
+def _read_tracks(path: Path, subject: str | None = None) -> Tracks:
+    """Tracks of any file but BVH, of one subject where the format may hold several."""
+    suffix = path.suffix.lower()
+    if suffix not in READERS:
+        hint = "; give the .amc, whose skeleton it is" if suffix == ".asf" else ""
+        raise InputError(
+            f"cannot read {shown(str(path))}: motions come as {' or '.join(BVH_SUFFIXES)}, or as "
+            f"{', '.join(sorted(READERS))}{hint}"
+        )
+    return READERS[suffix](path, subject)

@@ -8,6 +8,7 @@ the stature at which planted feet slide least, where the person walks.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -67,13 +68,11 @@ def read_amass(arrays: Arrays) -> Tracks:
     up = stance_axis({name: moved + STATURE_M * point for name, point in about.items()}, "z", margin=SURE)
     stature, told = _stature(about, moved, rate_hz, "xyz".index(up[-1]))
     points = {name: moved + stature * point for name, point in about.items()}
-    clause = f"bone lengths of SMPL's mean body, {stature:.2f} m tall ({told}), betas not used"
     form = {156: "AMASS (SMPL-H)", 165: "AMASS (SMPL-X)", 72: "AMASS (SMPL)"}.get(poses.shape[1], "AMASS")
-    return Tracks(
-        form=form, points=points, turned={name: turned[name] for name in points}, rate_hz=rate_hz,
-        rate_assumed=stated_hz is None, told=(clause,),
-        unit_m=1.0, up=up,
-    ).without(lost)  # fmt: skip
+    turned = {name: turned[name] for name in points}
+    tracks = Tracks(form=form, points=points, turned=turned, rate_hz=rate_hz, unit_m=1.0, up=up)
+    clause = f"bone lengths of SMPL's mean body, {stature:.2f} m tall ({told}), betas not used"
+    return replace(tracks.without(lost), rate_assumed=stated_hz is None).saying(clause)
 
 
 def _joined(arrays: Arrays) -> np.ndarray:

@@ -15,14 +15,12 @@ import numpy as np
 from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import npy_header, read_bytes, size
+from t2d_rt.motion.read.samples import plausible
 
 MAX_BYTES = 250_000_000
 """Largest file, and largest array in it: 100 000 frames of SMPL-X in double precision are 130 MB."""
 
 MAX_ARRAYS = 200
-
-LARGEST = 1e9
-"""No length or angle of a person comes near, in any unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,5 +117,4 @@ def samples_of(found: Any, what: str, dims: tuple[int, ...]) -> np.ndarray:
         raise InputError(
             f"{what} must have {' or '.join(map(str, dims))} dimensions and some frames, got {shown(found)}"
         )
-    values = found.astype(np.float64)
-    return np.where(np.abs(values) < LARGEST, values, np.nan)
+    return plausible(found.astype(np.float64))

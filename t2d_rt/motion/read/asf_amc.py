@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +20,8 @@ from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_bytes
 from t2d_rt.motion.quaternions import about_axis, conjugate, multiply, rotate
-from t2d_rt.motion.read.bvh import LARGEST_NUMBER, MAX_FRAMES
-from t2d_rt.motion.read.samples import filled
+from t2d_rt.motion.read.bvh import MAX_FRAMES
+from t2d_rt.motion.read.samples import filled, plausible
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.motion.skeletons import tables
 
@@ -45,7 +45,7 @@ OPTIONAL_BONES = ("head", "toes", "fingers")
 HINT = "an .asf holds :units, :root, :bonedata and :hierarchy"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Bone:
     """A bone of a skeleton, or its root."""
 
@@ -89,11 +89,8 @@ def read_asf_amc(path: Path) -> Tracks:
         start = ends[skeleton.parents[f"{side[0]}clavicle"]]
         points[f"{side}_collar"] = (1 - COLLAR) * start + COLLAR * points[f"{side}_shoulder"]
         orientations[f"{side}_collar"] = turned[f"{side[0]}clavicle"]
-    told = (f"skeleton {skeleton_path.name}",)
-    return Tracks(
-        form="ASF/AMC", points=points, turned=orientations, rate_hz=RATE_HZ, rate_assumed=True, told=told,
-        unit_m=skeleton.unit_m, up="y",
-    ).without(lost)  # fmt: skip
+    tracks = Tracks(form="ASF/AMC", points=points, turned=orientations, rate_hz=RATE_HZ, unit_m=skeleton.unit_m, up="y")
+    return replace(tracks.without(lost), rate_assumed=True).saying(f"skeleton {skeleton_path.name}")
 
 
 def _skeleton_beside(path: Path) -> Path:
@@ -121,9 +118,7 @@ def read_asf(path: Path) -> Skeleton:
         units = {line[0].lower(): line[1] for line in sections["units"]}
         scale, degrees = float(units.get("length", "1.0")), _degrees(units.get("angle", "deg"))
         bones = {ROOT: _root(sections["root"], degrees)}
-        for block in _blocks(sections["bonedata"]):
-            name, bone = _bone(block, degrees)
-            bones[name] = bone
+        bones |= dict(_bone(block, degrees) for block in _blocks(sections["bonedata"]))
         parents = _parents(sections["hierarchy"])
     except (KeyError, IndexError, ValueError):
         raise InputError(f"{path} is not a whole ASF skeleton: {HINT}") from None
@@ -178,12 +173,8 @@ def _bone(block: list[list[str]], degrees: bool) -> tuple[str, Bone]:
         raise ValueError(angles)
     axis = _euler(entries["axis"][3], _numbers(entries["axis"][:3]), degrees)
     norm = float(np.linalg.norm(direction))
-    return entries["name"][0], Bone(
-        direction=direction / norm if norm > 0 else direction,
-        length=float(_numbers(entries["length"][:1])[0]),
-        axis=axis,
-        angles=angles,
-    )
+    length = float(_numbers(entries["length"][:1])[0])
+    return entries["name"][0], Bone(direction / norm if norm > 0 else direction, length, axis, angles)
 
 
 def _root(lines: list[list[str]], degrees: bool) -> Bone:
@@ -192,12 +183,12 @@ def _root(lines: list[list[str]], degrees: bool) -> Bone:
     if not order or not all(re.fullmatch(r"[rt][xyz]", each) for each in order):
         raise ValueError(order)
     turn = _numbers(entries.get("orientation", ["0", "0", "0"])[:3])
-    return Bone(direction=np.zeros(3), length=0.0, axis=_euler(entries["axis"][0], turn, degrees), angles=order)
+    return Bone(np.zeros(3), 0.0, _euler(entries["axis"][0], turn, degrees), order)
 
 
 def _numbers(words: list[str]) -> np.ndarray:
     found = np.array([float(word) for word in words])
-    if not (np.abs(found) < LARGEST_NUMBER).all():
+    if np.isnan(plausible(found)).any():
         raise ValueError(words)
     return found
 
@@ -242,17 +233,12 @@ def _frames(path: Path, skeleton: Skeleton) -> tuple[dict[str, np.ndarray], np.n
         elif len(words) == 1 and words[0].isdigit():
             count += 1
             numbers.append(int(words[0]))
-        elif (
-            count == 0
-            or words[0] not in wanted
-            or len(words) != 1 + wanted[words[0]]
-            or len(rows[words[0]]) != count - 1
-        ):
+        elif count and len(words) - 1 == wanted.get(words[0]) and len(rows[words[0]]) == count - 1:
+            rows[words[0]].append(words[1:])
+        else:
             raise InputError(
                 f"{path}: cannot read {shown(line)} in frame {count}; it does not fit the skeleton, or is damaged"
             )
-        else:
-            rows[words[0]].append(words[1:])
         if count > MAX_FRAMES:
             raise InputError(f"{path} has more than {MAX_FRAMES} frames; cut the motion into shorter files")
     short = [name for name, each in rows.items() if len(each) != count]
@@ -263,12 +249,10 @@ def _frames(path: Path, skeleton: Skeleton) -> tuple[dict[str, np.ndarray], np.n
     except ValueError:
         raise InputError(f"{path} must hold numbers only behind the names of bones; it is damaged") from None
     table = np.concatenate(list(values.values()), axis=1)
-    first = (
-        sum(each.shape[1] for name, each in list(values.items())[: list(values).index(ROOT)]) if ROOT in values else 0
-    )
-    place = [first + column for column, angle in enumerate(skeleton.bones[ROOT].angles) if angle.startswith("t")]
-    table = _numbered(table, np.array(numbers))
-    table, lost = filled(np.where(np.abs(table) < LARGEST_NUMBER, table, np.nan), f"{path}", place)
+    place = [
+        column for column, angle in enumerate(skeleton.bones[ROOT].angles) if angle.startswith("t")
+    ]  # the root is first
+    table, lost = filled(plausible(_numbered(table, np.array(numbers))), f"{path}", place)
     stops = np.cumsum([each.shape[1] for each in values.values()])
     values = dict(zip(values, np.split(table, stops[:-1], axis=1), strict=True))
     for name, each in values.items():

@@ -18,7 +18,8 @@ from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import gunzip, read_bytes, size
 from t2d_rt.motion.interpolate import composed
-from t2d_rt.motion.read.samples import filled
+from t2d_rt.motion.read.clock import tidy
+from t2d_rt.motion.read.samples import filled, plausible
 
 MAX_BYTES = 150_000_000
 """Largest text that is read: MAX_VALUES with 15 characters each."""
@@ -37,9 +38,6 @@ MAX_VALUES = 10_000_000
 
 MAX_FRAME_RATE_HZ = 10_000.0
 
-LARGEST_NUMBER = 1e9
-"""No length or angle of a person comes near, in any unit."""
-
 BLOCK_BYTES = 1_000_000
 """Of the MOTION's text whose words are lists at a time: as Python objects they take five times as much."""
 
@@ -55,7 +53,7 @@ TOKEN = re.compile(rb"[{}]|[^{}\r\n]+")
 """Of the HIERARCHY: a brace, or a line as far as the next one. Bytes, for in text U+0085 would be a line end too."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class RawSkeleton:
     """A BVH file as it stands: joints and end sites (named `<parent>:end`), parents before children; of several ROOTs each tree."""
 
@@ -79,10 +77,7 @@ def read_bvh(path: str | Path) -> RawSkeleton:
     values, rate_hz = _motion(text, sum(map(len, channels)), path)
     place = [column for column, channel in enumerate(channels[0]) if channel.endswith("position")]
     values, lost = filled(values, f"{path}: MOTION", place)
-    return RawSkeleton(
-        names=tuple(names), parents=tuple(parents), offsets=np.array(offsets), channels=tuple(channels),
-        values=values, rate_hz=rate_hz, lost=lost,
-    )  # fmt: skip
+    return RawSkeleton(tuple(names), tuple(parents), np.array(offsets), tuple(channels), values, rate_hz, lost)
 
 
 def forward_kinematics(
@@ -183,8 +178,8 @@ def _numbers(words: list[bytes], what: str, path: str | Path, *, lacking: bool =
     except ValueError:
         raise InputError(f"{path}: {what} must hold numbers only; the file is damaged") from None
     if lacking:
-        return np.where(np.abs(numbers) < LARGEST_NUMBER, numbers, np.nan)
-    if not (np.abs(numbers) < LARGEST_NUMBER).all():
+        return plausible(numbers)
+    if np.isnan(plausible(numbers)).any():
         raise InputError(f"{path}: {what} holds NaN, infinite or absurd values; repair or re-export the file")
     return numbers
 
@@ -306,7 +301,7 @@ def _motion(text: bytes, channel_count: int, path: str | Path) -> tuple[np.ndarr
     if step_s.size != 1 or not 1.0 / MAX_FRAME_RATE_HZ <= step_s[0] <= 1.0:
         raise InputError(f"{path}: Frame Time must lie between 0.0001 and 1 s, got {_shown(header[1])}")
     values = _values(text, start, int(frames[0]), channel_count, path)
-    return values, _tidy_rate(1.0 / float(step_s[0]))
+    return values, tidy(1.0 / float(step_s[0]), 2e-4)
 
 
 def _values(text: bytes, start: int, frames: int, channel_count: int, path: str | Path) -> np.ndarray:
@@ -348,8 +343,3 @@ def _blocks(text: bytes, start: int, path: str | Path) -> Iterator[tuple[list[by
             raise InputError(f"{path}: MOTION must hold numbers only; the file is damaged")
         yield text[start:end].split(), end == len(text)
         start = end
-
-
-def _tidy_rate(rate_hz: float) -> float:
-    """Files round 1/120 s to .0083333: a rate within 0.02 % of a whole number is that number."""
-    return float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) < 2e-4 * rate_hz else rate_hz

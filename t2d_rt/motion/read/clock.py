@@ -22,9 +22,19 @@ TIME_FIELD = re.compile(
 )
 """What files of arrays call the times of their frames, and their unit."""
 
-RATE_FIELDS = (
-    "fps", "rate_hz", "rate", "frame_rate", "framerate", "mocap_framerate", "mocap_frame_rate", "sampling_rate", "sample_rate",
-)  # fmt: skip
+RATE_FIELDS = tuple(
+    [
+        "fps",
+        "rate_hz",
+        "rate",
+        "frame_rate",
+        "framerate",
+        "mocap_framerate",
+        "mocap_frame_rate",
+        "sampling_rate",
+        "sample_rate",
+    ]
+)
 
 LENGTH_FIELD = "mocap_time_length"
 
@@ -82,7 +92,7 @@ def stated_rate(arrays: Arrays, frames: int) -> float | None:
     rates = {name: checked_rate(rate) for name, rate in found.items() if rate is not None}
     length_s = arrays.scalar(LENGTH_FIELD) if LENGTH_FIELD in arrays else None
     if not rates:
-        return _tidy(frames / length_s) if length_s else None
+        return tidy(frames / length_s) if length_s else None
     name, rate_hz = next(iter(rates.items()))
     if _time_fields(arrays):
         return rate_hz
@@ -92,7 +102,7 @@ def stated_rate(arrays: Arrays, frames: int) -> float | None:
             return rate_hz
     if not length_s or length_s < 0 or abs(length_s * rate_hz - frames) <= max(2.0, SAME * frames):
         return rate_hz
-    by_length_hz, contradiction = _tidy(frames / length_s), f"{frames} frames at {name} of {rate_hz:g} Hz contradict"
+    by_length_hz, contradiction = tidy(frames / length_s), f"{frames} frames at {name} of {rate_hz:g} Hz contradict"
     times = max(rate_hz, by_length_hz) / min(rate_hz, by_length_hz)
     if times > 1.5 and abs(times - round(times)) < SAME * times:  # every second frame left out, or doubled
         warn_of_contradiction(
@@ -121,7 +131,7 @@ def on_clock(tracks: Tracks) -> Tracks:
     tracks = tracks.at(np.flatnonzero(kept))
     told = [f"{frames - len(seconds)} frame(s) left out whose {times.name} does not go on"] if not kept.all() else []
     step_s, places = _grid(seconds)
-    rate_hz = _tidy(1.0 / step_s)
+    rate_hz = tidy(1.0 / step_s)
     if places is None:
         steps = np.diff(seconds)
         rate_hz = max(1.0, float(round(1.0 / steps[steps < 1.5 * step_s].mean())))
@@ -131,10 +141,8 @@ def on_clock(tracks: Tracks) -> Tracks:
         told.append(f"{places[-1] + 1 - len(places)} frame(s) lost by its {times.name}")
         tracks = _spread(tracks, places)
     if stated_hz is not None and not same_rate(rate_hz, stated_hz):
-        warn_of_contradiction(
-            f"{times.rate_name} of {stated_hz:g} Hz contradicts {times.name}, whose steps of {1e3 * step_s:.4g} ms are "
-            f"{rate_hz:g} Hz, which is taken", stated_hz,
-        )  # fmt: skip
+        taken = f"{times.name}, whose steps of {1e3 * step_s:.4g} ms are {rate_hz:g} Hz, which is taken"
+        warn_of_contradiction(f"{times.rate_name} of {stated_hz:g} Hz contradicts {taken}", stated_hz)
     checked_rate(rate_hz)
     return replace(tracks, rate_hz=rate_hz, rate_assumed=False).saying(f"rate by its {times.name}", *told)
 
@@ -149,9 +157,9 @@ def same_rate(rate_hz: float, other_hz: float) -> bool:
     return abs(rate_hz - other_hz) <= SAME * other_hz
 
 
-def _tidy(rate_hz: float) -> float:
-    """A rate within 0.05 % of a whole number is that number: times are rounded."""
-    return float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) < 5e-4 * rate_hz else rate_hz
+def tidy(rate_hz: float, within: float = 5e-4) -> float:
+    """A rate that is a whole number but for this part of it is that number: files round times and steps, 1/120 s to .0083333."""
+    return float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) < within * rate_hz else rate_hz
 
 
 def _seconds(times: Times, stated_hz: float | None) -> tuple[np.ndarray | None, np.ndarray]:
@@ -162,15 +170,11 @@ def _seconds(times: Times, stated_hz: float | None) -> tuple[np.ndarray | None, 
     ascending = values[kept]
     if np.count_nonzero(values <= before) > 0.05 * len(values) and len(ascending) >= LEAST_FRAMES:
         # Digits too few to tell neighbours apart, or no times.
-        whole = np.polyfit(np.arange(len(values)), values, 1) if np.isfinite(values).all() else np.zeros(2)
-        coarse = (
-            whole[0] > 0
-            and np.abs(values - np.polyval(whole, np.arange(len(values)))).max() <= np.diff(ascending).max()
-        )
-        kept, ascending = (
-            np.ones(len(values), bool),
-            np.polyval(whole, np.arange(len(values))) if coarse else ascending[:0],
-        )
+        frames = np.arange(len(values))
+        line = np.polyfit(frames, values, 1) if np.isfinite(values).all() else np.zeros(2)
+        even = np.polyval(line, frames)
+        coarse = line[0] > 0 and np.abs(values - even).max() <= np.diff(ascending).max()
+        kept, ascending = np.ones(len(values), bool), even if coarse else ascending[:0]
     if len(ascending) < LEAST_FRAMES:
         return None, kept
     step = float(np.median(np.diff(ascending)))
@@ -215,22 +219,25 @@ def _spread(tracks: Tracks, places: np.ndarray) -> Tracks:
 
 def _resampled(tracks: Tracks, seconds: np.ndarray, rate_hz: float) -> Tracks:
     """Frames at even times, by cubic splines; NaN between those more than two steps apart."""
-    from scipy.interpolate import make_interp_spline
-
     even = seconds[0] + np.arange(math.floor((seconds[-1] - seconds[0]) * rate_hz + 0.5) + 1) / rate_hz
     after = np.clip(np.searchsorted(seconds, even - 1e-3 / rate_hz), 1, len(seconds) - 1)
     near = np.minimum(np.abs(even - seconds[after]), np.abs(even - seconds[after - 1])) < 1e-2 / rate_hz
     lost = (seconds[after] - seconds[after - 1] > 2.0 / rate_hz) & ~near
 
-    def at(track: np.ndarray) -> np.ndarray:
-        seen = np.isfinite(track).all(axis=-1)
-        if seen.sum() < 2:
-            return np.full((len(even), track.shape[1]), np.nan)
-        found = make_interp_spline(seconds[seen], track[seen], k=min(3, int(seen.sum()) - 1))(
-            np.minimum(even, seconds[-1])
-        )
-        unseen = np.interp(even, seconds, ~seen) > 0
-        return np.where((lost | unseen)[:, None], np.nan, found)
+    points = {name: _splined(track, seconds, even, lost) for name, track in tracks.points.items()}
+    turned = {
+        name: normalise(_splined(continuous(track), seconds, even, lost)) for name, track in tracks.turned.items()
+    }
+    return replace(tracks, points=points, turned=turned)
 
-    turned = {name: normalise(at(continuous(track))) for name, track in tracks.turned.items()}
-    return replace(tracks, points={name: at(track) for name, track in tracks.points.items()}, turned=turned)
+
+def _splined(track: np.ndarray, seconds: np.ndarray, even: np.ndarray, lost: np.ndarray) -> np.ndarray:
+    """A track (T, N) of frames at `seconds` (T,), at the times `even` (K,) instead; NaN where it, or a frame beside, is `lost` (K,)."""
+    from scipy.interpolate import make_interp_spline
+
+    seen = np.isfinite(track).all(axis=-1)
+    if seen.sum() < 2:
+        return np.full((len(even), track.shape[1]), np.nan)
+    spline = make_interp_spline(seconds[seen], track[seen], k=min(3, int(seen.sum()) - 1))
+    unseen = np.interp(even, seconds, ~seen) > 0
+    return np.where((lost | unseen)[:, None], np.nan, spline(np.minimum(even, seconds[-1])))

@@ -19,7 +19,8 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_bytes
 from t2d_rt.motion.quaternions import about_axis, continuous, multiply, normalise, rotate
 from t2d_rt.motion.read.bvh import MAX_FRAMES
-from t2d_rt.motion.read.samples import filled
+from t2d_rt.motion.read.clock import tidy
+from t2d_rt.motion.read.samples import LARGEST, filled
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.motion.skeletons import tables
 
@@ -63,8 +64,7 @@ def read_deepmimic(path: Path) -> Tracks:
     for name, (carrier, offset) in ENDS.items():
         points[name] = at[carrier] + rotate(turned[carrier], np.array(offset))
         orientations[name] = turned[carrier]
-    rate_hz = 1.0 / step_s
-    rate_hz = float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) < 2e-4 * rate_hz else rate_hz
+    rate_hz = tidy(1.0 / step_s, 2e-4)
     told = ("humanoid3d's bone lengths", "feet, hands and head rigid on ankles, forearms and neck", *told)
     return Tracks(
         form="DeepMimic", points=points, turned=orientations, rate_hz=rate_hz, told=told, unit_m=1.0, up="y"
@@ -111,7 +111,7 @@ def _frames(path: Path) -> tuple[np.ndarray, np.ndarray]:
     plain = all(
         isinstance(row, list)
         and len(row) == WIDTH
-        and all(type(each) in (int, float) and not abs(each) >= 1e9 for each in row)
+        and all(type(each) in (int, float) and not abs(each) >= LARGEST for each in row)
         for row in rows
     )
     if not plain:

@@ -88,28 +88,25 @@ def _cmu_unit(tall: float) -> str | None:
     """Of all units the one that makes a body of `tall` units an adult of the most usual size."""
     if not tall > 0:
         return None
-    best = min((name for name in UNITS_M if name != "dm"), key=lambda name: abs(math.log(tall * UNITS_M[name] / 1.7)))
+    away = {name: abs(math.log(tall * unit_m / 1.7)) for name, unit_m in UNITS_M.items() if name != "dm"}
+    best = min(away, key=away.__getitem__)
     return best if CMU_STATURE_M[0] <= tall * UNITS_M[best] <= CMU_STATURE_M[1] else None
 
 
 def _likely_unit(points: dict[str, np.ndarray], tall: float) -> str | None:
     """The likeliest usual unit by stature and proportions (Bayes' rule)."""
-
-    def possible(names: tuple[str, ...]) -> list[str]:
-        return [name for name in names if AUTO_STATURE_M[0] <= tall * UNITS_M[name] <= AUTO_STATURE_M[1]]
-
-    names = possible(USUAL)
+    possible = [name for name in (*USUAL, "dm") if AUTO_STATURE_M[0] <= tall * UNITS_M[name] <= AUTO_STATURE_M[1]]
+    names = [name for name in possible if name != "dm"]
     if not names:
-        names = possible(("dm",))
-        if names:
+        if possible:
             warn(
                 f"the body is {tall * UNITS_M['dm']:.2f} m tall only if the file's unit is an unusual 0.1 m; "
                 "give units (--motion.units) if it is another"
             )
-        return names[0] if names else None
+        return next(iter(possible), None)
     fraction = leg_m(points) * STATURE_PER_CHAIN / tall
     chances = {name: _chance(tall * UNITS_M[name], fraction) for name in names}
-    best = max(chances, key=lambda name: chances[name])
+    best = max(chances, key=chances.__getitem__)
     stature = tall * UNITS_M[best]
     others = [name for name in names if name != best and chances[name] > DOUBT * sum(chances.values())]
     if others:
@@ -154,7 +151,7 @@ def up_axis(points: dict[str, np.ndarray], rest: dict[str, np.ndarray] | None = 
         return axis
     tall = stature_m(points)
     spread = {each: floor_spread(points, each) for each in (axis, other)}
-    steady, loose = sorted(spread, key=lambda each: spread[each])
+    steady, loose = sorted(spread, key=spread.__getitem__)
     if spread[loose] > 0.1 * tall and spread[steady] < 0.5 * spread[loose]:
         return steady
     if axis[-1] == "x" or _standing_fraction(moving, other) > 0.1:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import Literal
 
 import numpy as np
@@ -336,7 +337,7 @@ def _ground_mps(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndarr
                 ground = np.stack([np.interp(frames, stands, column[stands]) for column in ground.T], axis=-1)
         steady = _path_m(ground, rate_hz) / max(float(norms(ground).sum()) / rate_hz, 1e-9)
         found.append((steady, ground, lowest))
-    _, ground, lowest = max(found, key=lambda each: each[0])
+    _, ground, lowest = max(found, key=itemgetter(0))
     return averaged(ground, GROUND_SMOOTH_S * rate_hz), lowest
 
 

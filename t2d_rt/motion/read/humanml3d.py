@@ -31,7 +31,7 @@ REFERENCE = np.array([_DIRECTIONS.get(each, np.zeros(3)) for each in _REST.split
 """Direction of the bone that ends at each joint, where its rotation is none."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Decoded:
     """What a clip of vectors holds; y up, metres."""
 
@@ -57,10 +57,9 @@ def decode(vectors: np.ndarray) -> Decoded:
     root[:, 1] = height
     about = _about_y(heading[:, None], vectors[:, 4:67].reshape(-1, 21, 3))
     joints = np.concatenate([root[:, None], about + root[:, None] * [1.0, 0.0, 1.0]], axis=1)
-    return Decoded(
-        joints=joints, heading_rad=heading, directions=_directions(vectors[:, 67:193].reshape(-1, 21, 6), heading),
-        steps=_about_y(heading[:, None], vectors[:, 193:259].reshape(-1, 22, 3)), contacts=vectors[:, 259:] > 0.5,
-    )  # fmt: skip
+    directions = _directions(vectors[:, 67:193].reshape(-1, 21, 6), heading)
+    steps = _about_y(heading[:, None], vectors[:, 193:259].reshape(-1, 22, 3))
+    return Decoded(joints, heading, directions, steps, vectors[:, 259:] > 0.5)
 
 
 def read_vectors(vectors: np.ndarray) -> Tracks:

@@ -110,7 +110,7 @@ def guessed_order(joints: np.ndarray) -> str | None:
         place = {name: column for column, name in enumerate(ORDERS[order])}
         sources = canonical_sources(ORDERS[order])
         scores[order] = unlikeness({joint: joints[:, place[sources[joint][0]]] for joint in NEEDED})
-    best = min(scores, key=lambda order: scores[order], default=None)
+    best = min(scores, key=scores.__getitem__, default=None)
     return best if best is not None and scores[best] <= LEAST_LIKELY else None
 
 

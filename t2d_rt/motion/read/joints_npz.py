@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
@@ -88,7 +89,7 @@ def read_plain(arrays: Arrays, subject: str | None = None) -> Tracks:
         raise InputError(f"{arrays.path} holds {shown(list(arrays.texts))} but no joints; expected {FORMS}")
     persons = _persons(arrays, key)
     what = f"{arrays.path}: {key or 'the array'}"
-    values, who = chosen(persons, None if "" in persons else subject, lambda found: samples_of(found, what, (2, 3)))
+    values, who = chosen(persons, None if "" in persons else subject, partial(samples_of, what=what, dims=(2, 3)))
     tracks = _of_one(values, arrays, subject if "" in persons else None)
     return replace(tracks, told=(*who, *tracks.told))
 
@@ -118,15 +119,18 @@ def _of_one(values: np.ndarray, arrays: Arrays, subject: str | None) -> Tracks:
     if len(set(names)) < len(names) and not subjects(labels, absent_joints):
         named_points(joints, names)  # refuses names that are repeated by mistake
     place = {label: number for number, label in enumerate(labels)}
-
-    def read(own: Labels) -> tuple[dict[str, np.ndarray], dict[str, tuple[str, ...]]]:
-        return named_points(joints[:, [place[each] for each in own.values()]], tuple(own))
-
-    (points, sources), who = of_labels(labels, absent_joints, subject, read)
+    (points, sources), who = of_labels(labels, absent_joints, subject, partial(_of_subject, joints, place))
     told = (*who, f"{len({each for source in sources.values() for each in source})} of its {len(names)} named joints")
     return _at_rate(
         Tracks(form="named joints", points=points, rate_hz=NAMED_RATE_HZ, told=told, up=_up(arrays)), arrays
     )
+
+
+def _of_subject(
+    joints: np.ndarray, place: Mapping[str, int], own: Labels
+) -> tuple[dict[str, np.ndarray], dict[str, tuple[str, ...]]]:
+    """Points of the subject who has these labels, and which of them stand for which joint."""
+    return named_points(joints[:, [place[each] for each in own.values()]], tuple(own))
 
 
 def _at_rate(tracks: Tracks, arrays: Arrays) -> Tracks:

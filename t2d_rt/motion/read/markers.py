@@ -10,6 +10,7 @@ import sys
 import tempfile
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +21,11 @@ from t2d_rt.core.files import read_bytes
 from t2d_rt.core.processes import run_guarded
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion.quaternions import between, rotate
-from t2d_rt.motion.read.bvh import LARGEST_NUMBER, MAX_FRAMES
+from t2d_rt.motion.read.bvh import MAX_FRAMES
 from t2d_rt.motion.read.clock import same_rate, warn_of_contradiction
 from t2d_rt.motion.read.joint_sets import NEEDED, absent_joints, canonical_sources, named_points
-from t2d_rt.motion.read.samples import seen
-from t2d_rt.motion.read.subjects import numbered, of_labels
+from t2d_rt.motion.read.samples import LARGEST, plausible, seen
+from t2d_rt.motion.read.subjects import Labels, numbered, of_labels
 from t2d_rt.motion.read.tracks import Times, Tracks
 from t2d_rt.motion.skeletons import tables
 from t2d_rt.types.motion import RATES_HZ
@@ -70,9 +71,7 @@ def joints_from(
     there = {label: track for label, track in zip(markers, positions, strict=True) if np.isfinite(track).any()}
     never = [label for label in markers if label not in there]
     try:
-        (points, told), who = of_labels(
-            tuple(there), lacking, subject, lambda own: _joints({label: there[source] for label, source in own.items()})
-        )
+        (points, told), who = of_labels(tuple(there), lacking, subject, partial(_joints, there))
     except InputError as error:
         raise (InputError(f"{error}; {shown(never)} are never seen") if never else error) from None
     return points, (*who, *told, *([f"{shown(never)} never seen"] if never else []))
@@ -92,7 +91,9 @@ def _pelvis(upper: Collection[str]) -> tuple[str, ...] | None:
     return next((labels for labels in PELVIS_SETS if all(label in upper for label in labels)), None)
 
 
-def _joints(plain: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+def _joints(tracks: dict[str, np.ndarray], own: Labels) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """Points (T, 3) of the subject who has these labels, by canonical name, and a clause on what they are made of."""
+    plain = {label: tracks[source] for label, source in own.items()}
     if absent := lacking(tuple(plain)):
         raise InputError(
             f"markers {shown(list(plain))} give no joints: they lack {', '.join(absent[:8])}; expected joint centres by name, "
@@ -101,12 +102,12 @@ def _joints(plain: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], tuple[
     upper = {label.upper(): track for label, track in plain.items()}
     if not absent_joints(tuple(plain)):
         used = {name for names in canonical_sources(tuple(plain)).values() for name in names}
-        tracks = {label: track for label, track in plain.items() if label in used}
-        points, _ = named_points(np.stack(list(tracks.values()), axis=1), tuple(tracks))
-        return points, (f"joint centres {', '.join(tracks)}",)
+        centres = [label for label in plain if label in used]
+        points, _ = named_points(np.stack([plain[label] for label in centres], axis=1), centres)
+        return points, (f"joint centres {', '.join(centres)}",)
     if all(label in upper for label, joint in MODELLED.items() if joint in NEEDED):
-        tracks = {label: upper[label] for label in MODELLED if label in upper}
-        return {MODELLED[label]: track for label, track in tracks.items()}, (f"joint centres {', '.join(tracks)}",)
+        centres = [label for label in MODELLED if label in upper]
+        return {MODELLED[label]: upper[label] for label in centres}, (f"joint centres {', '.join(centres)}",)
     return _from_skin(upper)
 
 
@@ -203,9 +204,8 @@ def read_c3d(path: Path, subject: str | None = None) -> Tracks:
             f"the header's {header_hz:g} Hz contradict POINT:RATE of {rate_hz:g} Hz, which is taken", header_hz
         )
     points, told = joints_from(markers, subject)
-    return Tracks(
-        form="C3D", points=points, rate_hz=rate_hz, told=told, unit_m=UNITS_M.get(unit), up="z", up_certain=False
-    )
+    unit_m = UNITS_M.get(unit)
+    return Tracks(form="C3D", points=points, rate_hz=rate_hz, told=told, unit_m=unit_m, up="z", up_certain=False)
 
 
 def _header_rate(data: bytes) -> float:
@@ -224,13 +224,9 @@ def _markers(path: Path) -> tuple[dict[str, np.ndarray], float, str]:
         raise InputError(
             f"{path} holds points of shape {table.shape} at {rate_hz:g} Hz; expected 2 to {MAX_FRAMES} frames"
         )
-    positions = np.moveaxis(table[:3], 0, -1)  # (markers, frames, 3)
-    positions = np.where(np.abs(positions) < LARGEST_NUMBER, positions, np.nan)
-    return (
-        {label: positions[place] for place, label in enumerate(numbered(labels[: len(positions)]))},
-        rate_hz,
-        unit.lower(),
-    )
+    positions = plausible(np.moveaxis(table[:3], 0, -1))  # (markers, frames, 3)
+    markers = {label: positions[place] for place, label in enumerate(numbered(labels[: len(positions)]))}
+    return markers, rate_hz, unit.lower()
 
 
 def _decoded(path: Path) -> tuple[list[str], float, str, np.ndarray]:
@@ -238,10 +234,8 @@ def _decoded(path: Path) -> tuple[list[str], float, str, np.ndarray]:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "points.npz"
         try:
-            done = run_guarded(
-                [sys.executable, "-c", DECODE, str(path.resolve()), str(out)], folder=Path(folder), env=os.environ,
-                limit_s=LONGEST_S, temporary=[Path(folder)],
-            )  # fmt: skip
+            program, own = [sys.executable, "-c", DECODE, str(path.resolve()), str(out)], Path(folder)
+            done = run_guarded(program, folder=own, env=os.environ, limit_s=LONGEST_S, temporary=[own])
         except subprocess.TimeoutExpired:
             raise InputError(f"{path} was not decoded within {LONGEST_S} s; it is damaged or too large") from None
         if done.returncode or not out.is_file():
@@ -250,12 +244,8 @@ def _decoded(path: Path) -> tuple[list[str], float, str, np.ndarray]:
                 f"{path} cannot be read as C3D ({shown(''.join(last) or 'its decoder crashed')}); it is damaged or unusual"
             )
         with np.load(out, allow_pickle=False) as found:
-            return (
-                [str(each) for each in found["labels"]],
-                float(found["rate"]),
-                str(found["unit"]),
-                found["points"].astype(np.float64),
-            )
+            labels, points = [str(each) for each in found["labels"]], found["points"].astype(np.float64)
+            return labels, float(found["rate"]), str(found["unit"]), points
 
 
 # --- openSim's .trc, a table of labelled points, tab between columns -> tracks. Pose estimators write their joints in
@@ -318,6 +308,6 @@ def _table(lines: list[str], width: int, path: Path) -> tuple[np.ndarray, np.nda
     if len(rows) < 2:
         raise InputError(f"{path}: a motion needs at least 2 frames, got {len(rows)}")
     table = np.array(rows)
-    if np.abs(np.nan_to_num(table)).max() >= LARGEST_NUMBER:
+    if np.abs(np.nan_to_num(table)).max() >= LARGEST:
         raise InputError(f"{path} holds infinite or absurd values; repair or re-export the file")
     return np.array(times), table

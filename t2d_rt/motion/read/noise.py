@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import comb
+from operator import attrgetter
 
 import numpy as np
 
@@ -161,7 +162,7 @@ def best_cutoff(track: np.ndarray, noise: np.ndarray, rate_hz: float) -> tuple[f
     for cutoff in (cutoff for cutoff in CUTOFFS_HZ if cutoff < HIGHEST_CUTOFF * rate_hz):
         gain = low_pass_gain(len(power), cutoff, rate_hz)
         errors[cutoff] = float((omega**2 * ((1 - gain) ** 2 * signal + gain**2 * noise)).mean())
-    best = min(errors, key=lambda cutoff: errors[cutoff])
+    best = min(errors, key=errors.__getitem__)
     return best, errors[best]
 
 
@@ -339,7 +340,7 @@ def flips(local: np.ndarray, names: Sequence[str], rate_hz: float) -> list[Flip]
             if start > after and back is not None:
                 found.append(Flip(name, (start + 1) / rate_hz, back - start, float(step[start])))
                 after = back
-    return sorted(found, key=lambda flip: -flip.angle_deg)
+    return sorted(found, key=attrgetter("angle_deg"), reverse=True)
 
 
 def told_flips(found: list[Flip]) -> str:

@@ -11,7 +11,7 @@ from t2d_rt.core.checks import LARGEST_M, array, shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import inner, norms, unit
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.quaternions import between, conjugate, cross, from_matrix, multiply, rotate
+from t2d_rt.motion.quaternions import about_axis, between, conjugate, cross, from_matrix, multiply, rotate
 from t2d_rt.motion.skeletons import PARENT_OF, parents_of
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_rate
 
@@ -65,15 +65,17 @@ def orientations_from_positions(points: dict[str, np.ndarray], rate_hz: float) -
         )
         ahead = points[foot] - points[ankle]
         thigh, shank = unit(points[knee] - points[hip]), unit(points[ankle] - points[knee])
+        # A foot points to where its knee bends: square to it, carried up from the shank to the thigh, lies another hinge.
+        foot_hinge = rotate(between(shank, thigh), cross(unit(ahead), shank))
         turned[hip], turned[knee] = _limb(
-            turned["pelvis"], LEG_REST * mirror, thigh, shank, cross(thigh, shank), rate_hz, _foot_hinge(thigh, shank, ahead)
-        )  # fmt: skip
+            turned["pelvis"], LEG_REST * mirror, (thigh, shank), cross(thigh, shank), rate_hz, foot_hinge
+        )
         turned[ankle] = _carried(turned[knee], ahead, rate_hz)
         turned[foot] = _carried(turned[ankle], points[toe] - points[foot], rate_hz) if toe in points else turned[ankle]
         turned[collar] = _carried(turned["spine3"], points[shoulder] - points[collar], rate_hz)
         arm, forearm = unit(points[elbow] - points[shoulder]), unit(points[wrist] - points[elbow])
         turned[shoulder], turned[elbow] = _limb(
-            turned["spine3"], ARM_REST * mirror, arm, forearm, cross(forearm, arm), rate_hz
+            turned["spine3"], ARM_REST * mirror, (arm, forearm), cross(forearm, arm), rate_hz
         )
         turned[wrist] = (
             _carried(turned[elbow], points[hand] - points[wrist], rate_hz) if hand in points else turned[elbow]
@@ -107,16 +109,20 @@ def _trunk(points: dict[str, np.ndarray], rate_hz: float) -> dict[str, np.ndarra
 
 
 def _limb(
-    trunk: np.ndarray, rest: np.ndarray, upper: np.ndarray, lower: np.ndarray, hinge: np.ndarray, rate_hz: float,
+    trunk: np.ndarray,
+    rest: np.ndarray,
+    bones: tuple[np.ndarray, np.ndarray],
+    hinge: np.ndarray,
+    rate_hz: float,
     second: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray]:
     """Orientations of a limb's upper and lower bone (T, 4) each.
 
-    upper, lower: their unit directions (T, 3).
+    bones: unit directions (T, 3) of both.
     hinge: the axis of the bend (T, 3), to the body's left where the limb hangs, as long as the sine of the bend.
     second: another sign of where it points, as long as the sine of what it is taken from.
     """
-    rest = unit(rest)
+    rest, (upper, lower) = unit(rest), bones
     swung = multiply(between(rotate(trunk, rest), upper), trunk)
     neutral = rotate(swung, rotate(between(np.array([0.0, 0.0, -1.0]), rest), np.array([0.0, 1.0, 0.0])))
     angle, weight = _angle_about(upper, neutral, hinge), inner(hinge, hinge)
@@ -124,13 +130,8 @@ def _limb(
         angle, weight = _joined(
             angle, weight, _angle_about(upper, neutral, second), FOOT_WEIGHT * inner(second, second)
         )
-    above = multiply(_about(upper, _smooth_angle(angle, weight, rate_hz)), swung)
+    above = multiply(about_axis(upper, _smooth_angle(angle, weight, rate_hz)), swung)
     return above, multiply(between(upper, lower), above)
-
-
-def _foot_hinge(thigh: np.ndarray, shank: np.ndarray, ahead: np.ndarray) -> np.ndarray:
-    """Axis to the left of a foot (T, 3), carried up from the shank to the thigh."""
-    return rotate(between(shank, thigh), cross(unit(ahead), shank))
 
 
 def _joined(
@@ -148,16 +149,20 @@ def _smooth_angle(angle: np.ndarray, weight: np.ndarray, rate_hz: float) -> np.n
 
     They minimise sum w (a - angle)^2 + w0 (a - neutral)^2 + w0 tau^2 a'^2, w0 = STRAIGHT_WEIGHT, tau = TWIST_TIME_S.
     """
-    from scipy.linalg import solveh_banded
-
     # A hinge that points to the other side is a straight limb's error: elbows and knees do not bend backwards. And where
     # the angle jumps from half a turn to minus half a turn it has no weight.
     weight = weight * np.cos(angle / 2) ** 2
     neutral = np.angle((weight * np.exp(1j * angle)).sum() + TRUNK_WEIGHT * len(angle))
     stiffness = STRAIGHT_WEIGHT * (TWIST_TIME_S * rate_hz) ** 2
-    diagonal = weight + STRAIGHT_WEIGHT + stiffness * np.r_[1.0, np.full(len(angle) - 2, 2.0), 1.0]
-    bands = np.stack([np.full(len(angle), -stiffness), diagonal])
-    return np.asarray(solveh_banded(bands, weight * angle + STRAIGHT_WEIGHT * neutral))
+    return _steadied(weight + STRAIGHT_WEIGHT, weight * angle + STRAIGHT_WEIGHT * neutral, stiffness)
+
+
+def _steadied(weight: np.ndarray, pull: np.ndarray, stiffness: float) -> np.ndarray:
+    """The track a (T,) at which weight a^2 - 2 pull a + stiffness (steps of a)^2, summed, is least: a tridiagonal system."""
+    from scipy.linalg import solveh_banded
+
+    diagonal = weight + stiffness * np.r_[1.0, np.full(len(weight) - 2, 2.0), 1.0]
+    return np.asarray(solveh_banded(np.stack([np.full(len(weight), -stiffness), diagonal]), pull))
 
 
 def _angle_about(axis: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -178,7 +183,7 @@ def _carried(above: np.ndarray, bone: np.ndarray, rate_hz: float) -> np.ndarray:
     swung = between(np.broadcast_to(usual, local.shape), local)
     step = multiply(swung[1:], conjugate(swung[:-1]))
     twist = np.angle(np.exp(2j * np.arctan2(inner(step[:, :3], local[:-1]), step[:, 3])))
-    return multiply(above, multiply(_about(local, _counter(twist, local @ usual, rate_hz)), swung))
+    return multiply(above, multiply(about_axis(local, _counter(twist, local @ usual, rate_hz)), swung))
 
 
 def _counter(twist: np.ndarray, cosine: np.ndarray, rate_hz: float) -> np.ndarray:
@@ -186,19 +191,9 @@ def _counter(twist: np.ndarray, cosine: np.ndarray, rate_hz: float) -> np.ndarra
 
     They minimise sum w a^2 + SWING_STIFFNESS tau^2 (a' + twist')^2, w = cos(swing / 2)^8, tau = TWIST_TIME_S.
     """
-    from scipy.linalg import solveh_banded
-
     weight = (0.5 + 0.5 * cosine) ** 4
     stiffness = SWING_STIFFNESS * (TWIST_TIME_S * rate_hz) ** 2
-    diagonal = weight + stiffness * np.r_[1.0, np.full(len(cosine) - 2, 2.0), 1.0]
-    right = stiffness * (np.r_[twist, 0.0] - np.r_[0.0, twist])
-    return np.asarray(solveh_banded(np.stack([np.full(len(cosine), -stiffness), diagonal]), right))
-
-
-def _about(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Rotations (T, 4) about unit axes (T, 3) by angles (T,)."""
-    half = 0.5 * angle[:, None]
-    return np.concatenate([np.sin(half) * axis, np.cos(half)], axis=-1)
+    return _steadied(weight, stiffness * (np.r_[twist, 0.0] - np.r_[0.0, twist]), stiffness)
 
 
 def _orthonormal(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -46,7 +46,7 @@ LOWEST_CUTOFF_HZ = 0.1
 """Below, a low-pass leaves nothing of human movement and the filter's coefficients lose their digits."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Reading:
     """What the user says of a file; None is detected. The fields are `load_motion`'s options."""
 

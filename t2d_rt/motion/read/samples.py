@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -63,7 +64,7 @@ def _ratio(new: np.ndarray) -> float | None:
         return None
     middle, reach = (new[-1] - new[0]) / (len(new) - 1), 1.0 / (len(new) - 1)
     choices = [float(round(middle)), *(middle + reach * np.linspace(-1.0, 1.0, 201))]
-    best = min(choices, key=lambda ratio: _spread(new, ratio))
+    best = min(choices, key=partial(_spread, new))
     return float(best) if best > 1.0 + 0.5 * REPEATED and _spread(new, best) < 1.0 else None
 
 
@@ -122,6 +123,15 @@ RETURNS = 0.5
 
 
 # --- what is missing, as readers see it ---
+
+
+LARGEST = 1e9
+"""No length or angle of a person comes near, in any unit."""
+
+
+def plausible(values: np.ndarray) -> np.ndarray:
+    """Values (...) with NaN where they are none of a person."""
+    return np.where(np.abs(values) < LARGEST, values, np.nan)
 
 
 def seen(positions: np.ndarray) -> np.ndarray:
@@ -240,7 +250,7 @@ def _held(samples: Tracks) -> Tracks:
     known = _flags(of_body, len(joints), np.inf)
     for name in ("pelvis",) if samples.turned else tuple(points):
         holds = [hold for hold in _holds(points[name][:, None], extent) if not known[slice(*hold)].all()]
-        _warn_of_long(name, [hold for hold in holds if hold[1] - hold[0] > most], samples.rate_hz)
+        _warn_of_long(name, [hold for hold in holds if _length(hold) > most], samples.rate_hz)
         held = _flags(holds, len(joints), most)
         if not samples.turned:
             points[name] = np.where(held[:, None], np.nan, points[name])
@@ -261,7 +271,7 @@ def _flags(holds: Sequence[tuple[int, int]], frames: int, most: float) -> np.nda
 
 def _warn_of_long(name: str, holds: Sequence[tuple[int, int]], rate_hz: float) -> None:
     if holds:
-        start, stop = max(holds, key=lambda hold: hold[1] - hold[0])
+        start, stop = max(holds, key=_length)
         warn(
             f"{name} stands still to the last digit for {(stop - start) / rate_hz:.2f} s from {start / rate_hz:.2f} s on and then "
             f"leaps, as a tracker does that has lost it; {LONGEST_GAP_S} s are bridged at most: cut or repair the motion there"
@@ -297,18 +307,19 @@ def _cut(samples: Tracks) -> Tracks:
         samples = replace(samples, points={name: samples.points[name] for name in lost})
         samples = samples.saying(f"{', '.join(rare)} seen too seldom")
     pieces = runs(~np.any(list(lost.values()), axis=0))
-    start, stop = max(pieces, key=lambda piece: piece[1] - piece[0], default=(0, 0))
+    start, stop = max(pieces, key=_length, default=(0, 0))
     total, rate_hz = len(samples), samples.rate_hz
     if stop - start < max(2, min(SHORTEST_S * rate_hz, 0.5 * total)):
-        worst = max(lost, key=lambda name: int(missing[name].sum()))
+        counts = {name: int(missing[name].sum()) for name in lost}
+        worst = max(counts, key=counts.__getitem__)
         raise InputError(
-            f"{samples.form}: {worst} is not seen in {int(missing[worst].sum())} of {total} frames; gaps of {LONGEST_GAP_S} s are "
+            f"{samples.form}: {worst} is not seen in {counts[worst]} of {total} frames; gaps of {LONGEST_GAP_S} s are "
             f"bridged at most, and between them no {SHORTEST_S} s are left; fill the gaps, or take another record"
         )
     if len(pieces) > 1:
-        gaps = {name: max(runs(each), key=lambda gap: gap[1] - gap[0]) for name, each in lost.items() if each.any()}
-        name = max(gaps, key=lambda name: gaps[name][1] - gaps[name][0])
-        first, last = gaps[name]
+        gaps = {name: max(runs(each), key=_length) for name, each in lost.items() if each.any()}
+        first, last = max(gaps.values(), key=_length)
+        name = next(name for name, gap in gaps.items() if _length(gap) == last - first)
         warn(
             f"{name} is missing for {(last - first) / rate_hz:.2f} s from {first / rate_hz:.2f} s on, gaps of {LONGEST_GAP_S} s "
             f"are bridged at most: only the longest whole piece is kept, from {start / rate_hz:.2f} to "
@@ -318,6 +329,11 @@ def _cut(samples: Tracks) -> Tracks:
         return samples
     clause = f"first {start} and last {total - stop} frame(s) without all joints cut"
     return samples.at(slice(start, stop)).saying(clause)
+
+
+def _length(run: tuple[int, int]) -> int:
+    """Frames from a start to before a stop."""
+    return run[1] - run[0]
 
 
 def _unbridged(missing: np.ndarray, most: float) -> np.ndarray:

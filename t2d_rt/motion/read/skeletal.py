@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -127,19 +128,18 @@ def read_skeletal(path: Path, reading: Reading) -> Motion:
 def _understood(path: Path, reading: Reading) -> tuple[Tracks, float]:
     """Canonical joints of one skeleton, z up, and the stature [m]."""
     found = bodies(read_bvh(path))
-    (raw, kind, matched), who = chosen(found, reading.subject, lambda body: _mapped(body, reading.flavour))
-    names = raw.names
-    offsets, restored = restored_offsets(raw, names, kind)
-    points, turned = canonical(raw, names, kind, *forward_kinematics(raw, offsets, source_joints(names, kind)))
+    (raw, kind, matched), who = chosen(found, reading.subject, partial(_mapped, wanted=reading.flavour))
+    offsets, restored = restored_offsets(raw, raw.names, kind)
     told = *who, f"flavour {kind.name}" if matched is None else matched.told
     if restored:
         told = *told, f"lost bones restored at {', '.join(restored)}"
+    points, turned = _canonical(raw, kind, offsets)
     tracks = Tracks(form="BVH", points=points, turned=turned, rate_hz=raw.rate_hz, told=told)
     tracks = sampled(tracks.without(raw.lost), reading)
     if matched is None:
         _check_sides(tracks.points, kind)
     unit_m, tall_m = unit(tracks.points, reading.units, cmu_units=kind.cmu_units)
-    axis = reading.axis or up_axis(tracks.points, _rest_pose(raw, kind))
+    axis = reading.axis or up_axis(tracks.points, _canonical(_at_rest(raw), kind)[0])
     return upright(tracks, axis, unit_m, tall_m), tall_m
 
 
@@ -175,9 +175,11 @@ def _at_rest(raw: RawSkeleton) -> RawSkeleton:
     return replace(raw, values=values)
 
 
-def _rest_pose(raw: RawSkeleton, kind: Flavour) -> dict[str, np.ndarray]:
-    still = _at_rest(raw)
-    return canonical(still, raw.names, kind, *forward_kinematics(still, None, source_joints(raw.names, kind)))[0]
+def _canonical(
+    raw: RawSkeleton, kind: Flavour, offsets: np.ndarray | None = None
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Positions (T, 3) and orientations (T, 4) by canonical name; `offsets` (N, 3) replace the file's."""
+    return canonical(raw, raw.names, kind, *forward_kinematics(raw, offsets, source_joints(raw.names, kind)))
 
 
 def _check_sides(points: dict[str, np.ndarray], kind: Flavour) -> None:

@@ -119,7 +119,8 @@ def chosen(
 
 def check_only(wanted: str | None) -> None:
     """Refuses a subject's name where a file holds one person."""
-    chosen({"": None}, wanted, lambda _: None)
+    if wanted is not None:
+        raise InputError(f"subject {shown(wanted)} is not in the file; it holds one, without a name; leave subject out")
 
 
 def subjects(labels: Sequence[str], lacking: Callable[[Sequence[str]], Sequence[str]]) -> dict[str, Labels]:
@@ -144,7 +145,8 @@ def subjects(labels: Sequence[str], lacking: Callable[[Sequence[str]], Sequence[
     if found and not lacking(tuple(rest)):
         found["", ""] = rest
     place = {label: number for number, label in enumerate(labels)}
-    order = sorted(found, key=lambda key: min(place[label] for label in found[key].values()))
+    first = {key: min(place[label] for label in own.values()) for key, own in found.items()}
+    order = sorted(found, key=first.__getitem__)
     return {printable(affix.strip(SIGNS))[:LONGEST_NAME] or UNNAMED: found[kind, affix] for kind, affix in order}
 
 
