@@ -170,15 +170,15 @@ def blend(basis: Csr, rotations: np.ndarray, origin: np.ndarray) -> np.ndarray:
 
 def linear_track(motion: Motion) -> JointTrack:
     """Straight lines between frames (orientations: normalised)."""
+    return partial(_between_frames, motion)
+
+
+def _between_frames(motion: Motion, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     times = motion.times_s
-
-    def track(times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        frame = np.clip(np.searchsorted(times, times_s, side="right") - 1, 0, len(times) - 2)
-        fraction = (times_s * motion.rate_hz - frame)[:, None, None]
-        q, r = motion.rotations[frame], motion.rotations[frame + 1]
-        r = np.where((q * r).sum(-1, keepdims=True) < 0, -r, r)
-        rotations = (1 - fraction) * q + fraction * r
-        joints = (1 - fraction) * motion.joints[frame] + fraction * motion.joints[frame + 1]
-        return joints, rotations / np.linalg.norm(rotations, axis=-1, keepdims=True)
-
-    return track
+    frame = np.clip(np.searchsorted(times, times_s, side="right") - 1, 0, len(times) - 2)
+    fraction = (times_s * motion.rate_hz - frame)[:, None, None]
+    q, r = motion.rotations[frame], motion.rotations[frame + 1]
+    r = np.where((q * r).sum(-1, keepdims=True) < 0, -r, r)
+    rotations = (1 - fraction) * q + fraction * r
+    joints = (1 - fraction) * motion.joints[frame] + fraction * motion.joints[frame + 1]
+    return joints, rotations / np.linalg.norm(rotations, axis=-1, keepdims=True)

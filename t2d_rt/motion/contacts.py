@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.kinematics import INDEX, PARENTS, Poses
 
@@ -47,20 +48,20 @@ def reach(poses: Poses, limb: Limb, targets: np.ndarray, *, pole: np.ndarray | N
     axis = span / np.maximum(distance, 1e-9)[:, None]
     # The side to bend to is found about the limb as it is and carried with it: about its new axis a nearly straight limb that turns
     # far would change sides. A given pole is seen along the new axis.
-    now = axis if pole is not None else _unit(joints[:, end] - start)
+    now = axis if pole is not None else unit(joints[:, end] - start)
     aside = joints[:, middle] - start if pole is None else np.broadcast_to(pole, span.shape)
     square = aside - (aside * now).sum(-1, keepdims=True) * now
     size = np.linalg.norm(square, axis=-1, keepdims=True)
     # A straight limb shows no side to bend to: the knee's own forward axis does, the elbow's backward one. A recorded knee that is
     # bent the wrong way is noise of a straight one.
     spare = quaternions.rotate(rotations[:, upper], np.array([1.0 if limb.endswith("leg") else -1.0, 0.0, 0.0]))
-    spare = _unit(spare - (spare * now).sum(-1, keepdims=True) * now)
+    spare = unit(spare - (spare * now).sum(-1, keepdims=True) * now)
     aside_of = size / (first + second)
     weight = np.clip(20 * aside_of, 0.0, 1.0)
     if pole is None:
-        agrees = np.clip(2 * (_unit(square) * spare).sum(-1, keepdims=True), 0.0, 1.0)
+        agrees = np.clip(2 * (unit(square) * spare).sum(-1, keepdims=True), 0.0, 1.0)
         weight = np.maximum(agrees * weight, np.clip(10 * aside_of - 1, 0.0, 1.0))
-    side = quaternions.rotate(quaternions.between(now, axis), _unit(weight * _unit(square) + (1 - weight) * spare))
+    side = quaternions.rotate(quaternions.between(now, axis), unit(weight * unit(square) + (1 - weight) * spare))
     along = (length**2 + first**2 - second**2) / (2 * length)
     height = np.sqrt(np.maximum(first**2 - along**2, 0.0))
     knee = start + along[:, None] * axis + height[:, None] * side
@@ -78,10 +79,6 @@ def reach(poses: Poses, limb: Limb, targets: np.ndarray, *, pole: np.ndarray | N
 
 def _swing(bone: np.ndarray, wanted: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     return quaternions.multiply(quaternions.between(bone, wanted), rotation)
-
-
-def _unit(vector: np.ndarray) -> np.ndarray:
-    return vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), 1e-9)
 
 
 # --- when feet stand, and how to keep them standing: contacts of heel and ball, and legs that follow them by inverse
@@ -263,7 +260,7 @@ def _tiptoe(poses: Poses, side: str, track: np.ndarray, free: np.ndarray) -> tup
     gain = np.maximum((np.cross(hinge, arm) * span).sum(-1) / distance, 0.25 * np.linalg.norm(arm, axis=-1))
     excess = np.where(free, distance - SUPPORT * _leg_m(poses, side), 0.0)
     angle = np.minimum(_smooth_bound(np.maximum(excess, 0.0) / gain, poses.rate_hz, 0.04), RAISED_RAD)
-    spin = np.concatenate([np.sin(angle / 2)[:, None] * hinge, np.cos(angle / 2)[:, None]], axis=-1)
+    spin = quaternions.about_axis(hinge, angle)
     local = poses.local.copy()
     turned = quaternions.multiply(spin, foot)
     local[:, ankle] = quaternions.multiply(quaternions.conjugate(rotations[:, INDEX[f"{side}_knee"]]), turned)
@@ -302,11 +299,8 @@ def _corrections(points: np.ndarray, planted: np.ndarray, rate_hz: float, floor_
     if not stands.any():
         return np.zeros((len(points), 3))
     # The ball is the pivot where it stands, else the heel; at the change the shift goes on without a jump.
-    level = np.array([
-        (np.median(points[planted[:, part], part, 2]) if planted[:, part].any() else 0.0) if floor_m is None else floor_m
-        for part in range(2)
-    ])  # fmt: skip
-    above = (points[..., 2] - level).min(axis=1)
+    own = [np.median(points[on, part, 2]) if on.any() else 0.0 for part, on in enumerate(planted.T)]
+    above = (points[..., 2] - np.array(own if floor_m is None else [floor_m, floor_m])).min(axis=1)
     step = np.where(planted[1:, 1:] & planted[:-1, 1:], np.diff(points[:, 1], axis=0), np.diff(points[:, 0], axis=0))
     shift = np.zeros((len(points), 3))
     found = runs(stands)

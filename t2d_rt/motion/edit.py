@@ -60,10 +60,15 @@ def describe(motion: Motion) -> MotionInfo:
     travelled_m = float(np.linalg.norm(np.diff(coarse, axis=0), axis=-1).sum())
     speeds = np.linalg.norm(np.gradient(motion.joints, 1.0 / motion.rate_hz, axis=0), axis=-1)
     return MotionInfo(
-        duration_s=motion.duration_s, frames=len(motion.joints), rate_hz=motion.rate_hz,
-        stature_m=stature_m(_points(motion)), travelled_m=travelled_m, mean_speed_mps=travelled_m / motion.duration_s,
-        top_speed_mps=float(speeds.max()), top_speed_joint=motion.names[int(speeds.max(axis=0).argmax())],
-    )  # fmt: skip
+        duration_s=motion.duration_s,
+        frames=len(motion.joints),
+        rate_hz=motion.rate_hz,
+        stature_m=stature_m(_points(motion)),
+        travelled_m=travelled_m,
+        mean_speed_mps=travelled_m / motion.duration_s,
+        top_speed_mps=float(speeds.max()),
+        top_speed_joint=motion.names[int(speeds.max(axis=0).argmax())],
+    )
 
 
 def place(
@@ -153,11 +158,8 @@ def repeat(motion: Motion, duration_s: float, *, travel: bool = True, blend_s: f
     fading = (copy > 0) & (now < first + window)
     weight = np.where(fading, minimum_jerk((now - first + 1) / (window + 1)), 1.0)[:, None]
     before = np.where(fading, now + period, now)
-
-    def chained(index: np.ndarray, copies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return _repeat_root(offsets[index, 0], local[index, 0], copies, angle, step)
-
-    new_root, old_root = chained(now, copy), chained(before, copy - fading)
+    new_root = _repeat_root(offsets[now, 0], local[now, 0], copy, angle, step)
+    old_root = _repeat_root(offsets[before, 0], local[before, 0], copy - fading, angle, step)
     offsets = (1 - weight[..., None]) * offsets[before] + weight[..., None] * offsets[now]
     local = quaternions.blend(local[before], local[now], weight[..., None])
     offsets[:, 0] = (1 - weight) * old_root[0] + weight * new_root[0]

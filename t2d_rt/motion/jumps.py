@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 
@@ -89,12 +90,12 @@ def jumps(joints: np.ndarray, names: Sequence[str], rate_hz: float) -> list[Jump
             _add(found, Jump(what, frame, frames, (frame + frames) / rate_hz, float(size), moved))
     for jump in _swaps(joints, column, rate_hz):
         _add(found, jump)
-    return sorted(found, key=lambda jump: jump.frame)
+    return sorted(found, key=attrgetter("frame"))
 
 
 def told(found: Sequence[Jump]) -> str:
     """The jumps in a few words, the largest by name."""
-    largest = sorted(sorted(found, key=lambda jump: -jump.by_m)[:SHOWN], key=lambda jump: jump.frame)
+    largest = sorted(sorted(found, key=attrgetter("by_m"), reverse=True)[:SHOWN], key=attrgetter("frame"))
     more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
     return f"{TOLD}{', '.join(map(str, largest))}{more}"
 

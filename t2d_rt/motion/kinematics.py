@@ -12,6 +12,7 @@ from t2d_rt.geometry.vectors import norms, unit
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.interpolate import compose, decompose
 from t2d_rt.motion.quaternions import cross
+from t2d_rt.motion.skeletons import PARENT_OF
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Motion
 
 # --- what the joints of a person say in any pose: stature, the length of legs and the direction that the body faces
@@ -77,12 +78,9 @@ NAMES: tuple[str, ...] = (CANONICAL_JOINTS[0], LOWER_BACK, *CANONICAL_JOINTS[1:]
 
 INDEX: Mapping[str, int] = {name: number for number, name in enumerate(NAMES)}
 
-PARENT_NAMES: Mapping[str, str] = {
-    **{name: CANONICAL_JOINTS[parent] for name, parent in zip(CANONICAL_JOINTS[1:], CANONICAL_PARENTS[1:], strict=True)},
-    **OPTIONAL_JOINTS, LOWER_BACK: "pelvis", "spine1": LOWER_BACK,
-}  # fmt: skip
+_PARENT_OF = {**PARENT_OF, LOWER_BACK: "pelvis", "spine1": LOWER_BACK}
 
-PARENTS: tuple[int, ...] = (-1, *(INDEX[PARENT_NAMES[name]] for name in NAMES[1:]))
+PARENTS: tuple[int, ...] = (-1, *(INDEX[str(_PARENT_OF[name])] for name in NAMES[1:]))
 
 END_LENGTHS = {"head_top": 0.115, "left_hand": 0.09, "right_hand": 0.09, "left_toe": 0.035, "right_toe": 0.035}
 """Lengths of ends that a motion lacks, over its stature; the adult template's."""
@@ -105,9 +103,7 @@ class Skeleton:
     @property
     def leg_m(self) -> float:
         """Hip to ankle [m], mean of both legs."""
-        return 0.5 * sum(
-            self.bone_m(f"{side}_{joint}") for side in ("left", "right") for joint in ("knee", "ankle")
-        )  # fmt: skip
+        return 0.5 * sum(self.bone_m(f"{side}_{joint}") for side in ("left", "right") for joint in ("knee", "ankle"))
 
     def scaled(self, factor: float) -> Skeleton:
         """All bones longer by a factor."""
@@ -169,8 +165,10 @@ def poses_of(motion: Motion) -> Poses:
     offsets, local = decompose(joints, rotations, PARENTS)
     return Poses(
         skeleton=Skeleton(offsets=_rest_offsets(np.median(offsets, axis=0), joints)),
-        root=joints[:, 0], local=quaternions.continuous(local), rate_hz=motion.rate_hz,
-    )  # fmt: skip
+        root=joints[:, 0],
+        local=quaternions.continuous(local),
+        rate_hz=motion.rate_hz,
+    )
 
 
 def motion_of(poses: Poses, *, origin: tuple[str, ...] = (), report: str = "") -> Motion:
@@ -179,10 +177,15 @@ def motion_of(poses: Poses, *, origin: tuple[str, ...] = (), report: str = "") -
     names = (*CANONICAL_JOINTS, *OPTIONAL_JOINTS)
     kept = [INDEX[name] for name in names]
     return Motion(
-        joints=joints[:, kept], rotations=quaternions.continuous(quaternions.normalise(rotations[:, kept])),
-        rate_hz=poses.rate_hz, names=names, parents=(*CANONICAL_PARENTS, *(names.index(name) for name in OPTIONAL_JOINTS.values())),
-        placed=False, origin=origin, report=report,
-    )  # fmt: skip
+        joints=joints[:, kept],
+        rotations=quaternions.continuous(quaternions.normalise(rotations[:, kept])),
+        rate_hz=poses.rate_hz,
+        names=names,
+        parents=(*CANONICAL_PARENTS, *(names.index(name) for name in OPTIONAL_JOINTS.values())),
+        placed=False,
+        origin=origin,
+        report=report,
+    )
 
 
 def skeleton_of(rest: Mapping[str, np.ndarray]) -> Skeleton:
@@ -341,12 +344,9 @@ def _rest_offsets(offsets: np.ndarray, joints: np.ndarray) -> np.ndarray:
 
 def _standing_m(skeleton: Skeleton) -> float:
     """Height of the pelvis over the balls of the feet in the rest pose [m]."""
-    return -float(
-        np.mean([
-            sum(skeleton.offsets[INDEX[f"{side}_{joint}"], 2] for joint in ("hip", "knee", "ankle", "foot"))
-            for side in ("left", "right")
-        ])
-    )  # fmt: skip
+    joints = "hip", "knee", "ankle", "foot"
+    legs = [sum(skeleton.offsets[INDEX[f"{side}_{joint}"], 2] for joint in joints) for side in ("left", "right")]
+    return -float(np.mean(legs))
 
 
 def _with_ends(motion: Motion) -> dict[str, np.ndarray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ def save_motion(motion: Motion, path: str | Path, *, overwrite: bool = False) ->
     checked_motion(motion)
     target = check_target(path, overwrite=overwrite)
     text = bvh_text(motion)
-    with replacing(target, lambda: check_taken(target, overwrite=overwrite)) as new:
+    with replacing(target, partial(check_taken, target, overwrite=overwrite)) as new:
         new.write_text(text, encoding="ascii")
 
 

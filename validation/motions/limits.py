@@ -21,7 +21,7 @@ from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion, resample
 from t2d_rt.motion.check.gait import gait_of
 from t2d_rt.motion.check.measures import Measures, jump_m, measures_of, tracks
-from t2d_rt.motion.check.verdict import FILE, GAIT_SIGNS, SENTENCES, Limits, judged, limits_from
+from t2d_rt.motion.check.verdict import FILE, GAIT_SIGNS, SENTENCES, Limits, judged
 from t2d_rt.types.motion import Motion
 
 RATES_HZ = 10.0, 15.0, 20.0, 30.0, 60.0
@@ -165,7 +165,7 @@ def main() -> None:
     print(json.dumps(values, indent=1))
     if options.write:
         FILE.write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")
-    report(motions, measured, limits_from(values))
+    report(motions, measured, Limits(**values))
 
 
 if __name__ == "__main__":

@@ -177,7 +177,7 @@ def _heights(body: Tracks) -> _Heights:
     head, hips = body["head"][:, 2], body["hips"][:, 2]
     return _Heights(
         head / head_m, hips / hips_m, rate_of(head) / head_free, rate_of(hips) / hips_free, head_free, hips_free
-    )  # fmt: skip
+    )
 
 
 def _on_floor(body: Tracks, heights: _Heights) -> np.ndarray:
@@ -312,10 +312,15 @@ def _finding(body: Tracks, heights: _Heights, descent: _Descent) -> FallFinding:
         happened=True,
         reason=f"falls {where} at {descent.start / RATE_HZ:.2f} s, head {head:.2f} m/s, hips {hips:.2f} m/s downward, "
         + ("and the record ends before the floor" if cut else f"and ends {state}"),
-        loss_of_balance_s=balance / RATE_HZ, descent_s=descent.start / RATE_HZ, impact_s=descent.impact / RATE_HZ,
-        head_impact_mps=head, pelvis_impact_mps=hips, direction=direction, end_state=state,
+        loss_of_balance_s=balance / RATE_HZ,
+        descent_s=descent.start / RATE_HZ,
+        impact_s=descent.impact / RATE_HZ,
+        head_impact_mps=head,
+        pelvis_impact_mps=hips,
+        direction=direction,
+        end_state=state,
         got_up_s=(descent.stop + int(upright[0])) / RATE_HZ if len(upright) else None,
-    )  # fmt: skip
+    )
 
 
 def _direction(body: Tracks, descent: _Descent) -> Direction:

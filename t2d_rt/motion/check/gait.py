@@ -74,12 +74,8 @@ def gait_of(body: Tracks) -> Gait:
     ahead = _heading(body)
     side = np.stack([-ahead[:, 1], ahead[:, 0], np.zeros(len(ahead))], axis=-1)
     tall = body.stature_m
-
-    def along(track: np.ndarray, axis: np.ndarray) -> np.ndarray:
-        return np.sum(track * axis, axis=-1)
-
     ankles = body["left_ankle"] - body["right_ankle"]
-    apart, across = along(ankles, ahead) / tall, along(ankles, side) / tall
+    apart, across = inner(ankles, ahead) / tall, inner(ankles, side) / tall
     peaks = alternations(apart, LEAST_STEP)
     left = apart[peaks] > np.median(apart[peaks]) if len(peaks) else np.zeros(0, bool)
     times = np.diff(peaks) / RATE_HZ
@@ -88,25 +84,32 @@ def gait_of(body: Tracks) -> Gait:
     speed = np.linalg.norm(rate_of(hips)[:, :2], axis=-1)
     slow = np.convolve(speed, np.full(30, 1 / 30), mode="same") < HALTED_MPS
     thigh = [body[f"{each}_knee"] - body[f"{each}_hip"] for each in ("left", "right")]
-    wrists = [along(body[f"{each}_wrist"] - body[f"{each}_shoulder"], ahead) / tall for each in ("left", "right")]
+    wrists = [inner(body[f"{each}_wrist"] - body[f"{each}_shoulder"], ahead) / tall for each in ("left", "right")]
     feet = [body[f"{each}_foot"][:, 2] for each in ("left", "right")]
     lift = [np.percentile(each, 98) - np.percentile(each, 5) for each in feet]
-    sway = np.degrees(np.arcsin(np.clip(along(body.trunk, side), -1, 1)))
+    sway = np.degrees(np.arcsin(np.clip(inner(body.trunk, side), -1, 1)))
     duration_s = len(hips) / RATE_HZ
     return Gait(
-        steps=len(peaks), cadence_per_min=60 / float(np.median(times)) if len(times) else np.nan,
-        speed_mps=float(speed.mean()), net_mps=float(np.linalg.norm((hips[-1] - hips[0])[:2])) / duration_s,
-        step_length=float(np.median(lengths)) if len(peaks) else np.nan, length_asymmetry=_asymmetry(lengths, left),
-        time_asymmetry=_asymmetry(times, left[1:]), time_variation=_variation(times, left[1:]),
-        hastening=_trend(times), width=float(np.median(across[peaks])) if len(peaks) else np.nan,
+        steps=len(peaks),
+        cadence_per_min=60 / float(np.median(times)) if len(times) else np.nan,
+        speed_mps=float(speed.mean()),
+        net_mps=float(np.linalg.norm((hips[-1] - hips[0])[:2])) / duration_s,
+        step_length=float(np.median(lengths)) if len(peaks) else np.nan,
+        length_asymmetry=_asymmetry(lengths, left),
+        time_asymmetry=_asymmetry(times, left[1:]),
+        time_variation=_variation(times, left[1:]),
+        hastening=_trend(times),
+        width=float(np.median(across[peaks])) if len(peaks) else np.nan,
         width_variation=float(np.std(across[peaks])) if len(peaks) > 2 else np.nan,
-        knee_lift_deg=float(np.percentile([np.degrees(np.arctan2(along(each, ahead), -each[:, 2])) for each in thigh], 97.5)),
+        knee_lift_deg=float(
+            np.percentile([np.degrees(np.arctan2(inner(each, ahead), -each[:, 2])) for each in thigh], 97.5)
+        ),
         foot_lift=float(min(lift)) / tall,
-        trunk_lean_deg=float(np.degrees(np.median(np.arctan2(along(body.trunk, ahead), body.trunk[:, 2])))),
+        trunk_lean_deg=float(np.degrees(np.median(np.arctan2(inner(body.trunk, ahead), body.trunk[:, 2])))),
         trunk_sway_deg=float(np.percentile(sway, 95) - np.percentile(sway, 5)),
         arm_swing=float(np.mean([np.percentile(each, 95) - np.percentile(each, 5) for each in wrists])),
         halted_s=float(slow[peaks[0] : peaks[-1]].sum()) / RATE_HZ if len(peaks) > 1 else 0.0,
-    )  # fmt: skip
+    )
 
 
 def travels(body: Tracks, least_mps: float, *, gap_s: float = 0.5, least_s: float = 0.8) -> list[Tracks]:
@@ -119,8 +122,9 @@ def travels(body: Tracks, least_mps: float, *, gap_s: float = 0.5, least_s: floa
     )
     upright = body["hips"][:, 2] > UPRIGHT * body.leg_m
     found = spans((mean > least_mps) & upright, gap=round(gap_s * RATE_HZ), least=round(least_s * RATE_HZ))
-    found.sort(key=lambda each: -float(speed[each[0] : each[1]].sum()))
-    return [replace(body, joints=body.joints[start:stop]) for start, stop in found]
+    gone = {(start, stop): float(speed[start:stop].sum()) for start, stop in found}
+    farthest = sorted(found, key=gone.__getitem__, reverse=True)
+    return [replace(body, joints=body.joints[start:stop]) for start, stop in farthest]
 
 
 def _heading(body: Tracks) -> np.ndarray:
@@ -240,7 +244,8 @@ def rate_doubt(motion: Motion) -> str | None:
 
 
 def _told(found: str, rate_hz: float, factor: float) -> str:
-    fits = min(USUAL_HZ, key=lambda usual: abs(math.log(usual * factor / rate_hz)))
+    away = [abs(math.log(usual * factor / rate_hz)) for usual in USUAL_HZ]
+    fits = USUAL_HZ[away.index(min(away))]
     wrong = f"high by {factor:.2f}" if factor > 1 else f"low by {1 / factor:.2f}"
     return f"{found}: the rate of {rate_hz:g} Hz is too {wrong}, {fits:g} Hz would fit"
 

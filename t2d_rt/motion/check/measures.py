@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,10 @@ class Tracks:
             return self.joints[:, self.names.index(name)]
         pair = {"hips": "hip", "shoulders": "shoulder", "knees": "knee", "ankles": "ankle", "feet": "foot"}[name]
         return 0.5 * (self[f"left_{pair}"] + self[f"right_{pair}"])
+
+    def columns(self, names: Sequence[str]) -> list[int]:
+        """Places of some joints among all."""
+        return [self.names.index(name) for name in names]
 
     @property
     def times_s(self) -> np.ndarray:
@@ -166,39 +171,21 @@ class Contact:
     """Extent of the track of ankle, ball or toe, that of them that rests best, over the middle 60 % of the contact."""
 
 
-@dataclass(frozen=True, slots=True)
-class Feet:
-    """Points of both feet, (T, P, ...)."""
-
-    sides: tuple[str, ...]
-    """Of each point."""
-    heights: np.ndarray
-    """Above each point's own lowest level [m], (T, P)."""
-    velocity: np.ndarray
-    """[m/s], (T, P, 3)."""
-
-
-def feet_of(body: Tracks) -> Feet:
-    """Ankles, balls and, where known, toes."""
-    points = [(name.split("_")[0], name) for name in feet_names(body)]
-    index = [body.names.index(name) for _, name in points]
-    heights = body.joints[:, index, 2]
-    # A foot of the other side has the same build: a foot that never comes down has its level from there.
+def foot_heights(body: Tracks) -> np.ndarray:
+    """Heights of the points of `feet_names` above each one's own lowest level [m], (T, P)."""
+    names = feet_names(body)
+    heights = body.joints[:, body.columns(names), 2]
     level = np.percentile(heights, 5, axis=0)
-    lowest = {name.split("_")[1]: np.inf for _, name in points}
-    for (_, name), value in zip(points, level, strict=True):
-        lowest[name.split("_")[1]] = min(lowest[name.split("_")[1]], value)
-    level = np.minimum(level, [lowest[name.split("_")[1]] + 0.02 * body.stature_m for _, name in points])
-    return Feet(
-        tuple(side for side, _ in points), heights - level, body.velocity[:, index]
-    )  # fmt: skip
+    # A foot of the other side has the same build: a foot that never comes down has its level from there.
+    parts = [name.split("_")[1] for name in names]
+    lowest = [min(value for value, other in zip(level, parts, strict=True) if other == part) for part in parts]
+    return heights - np.minimum(level, np.array(lowest) + 0.02 * body.stature_m)
 
 
 def airborne(body: Tracks) -> np.ndarray:
     """Where no part of the body is at the floor, no foot is planted at any height and nobody sits, (T,)."""
     lowest = clearance(body).min(axis=1)
-    feet = feet_of(body)
-    slow = np.linalg.norm(feet.velocity, axis=-1) < PLANTED_MPS
+    slow = np.linalg.norm(body.velocity[:, body.columns(feet_names(body))], axis=-1) < PLANTED_MPS
     # Planted on a step: slow for a while. At the top of a jump the feet are slow for 0.1 s at most.
     planted = np.zeros(len(lowest), bool)
     for point in range(slow.shape[1]):
@@ -250,19 +237,19 @@ def flights_s(body: Tracks) -> list[tuple[float, float, float]]:
 
 def contacts(body: Tracks) -> list[Contact]:
     """Times at which a foot is planted, in order of their begin."""
-    feet = feet_of(body)
-    lowest = feet.heights.min(axis=1)
+    names, heights = feet_names(body), foot_heights(body)
+    lowest = heights.min(axis=1)
     # The feet of one who sits or lies carry little and may be drawn over the floor.
     free = ~airborne(body) & ~seated(body) & (body["hips"][:, 2] > ON_FLOOR * body.stature_m)
     found = []
     for side in ("left", "right"):
-        own = [point for point, each in enumerate(feet.sides) if each == side]
-        speed = np.linalg.norm(feet.velocity[:, own], axis=-1)
-        carrying = feet.heights[:, own].min(axis=1) - lowest < NEAR * body.stature_m
+        own = [name for name in names if name.startswith(side)]
+        speed = np.linalg.norm(body.velocity[:, body.columns(own)], axis=-1)
+        carrying = heights[:, [names.index(name) for name in own]].min(axis=1) - lowest < NEAR * body.stature_m
         active = (speed.min(axis=1) < PLANTED_MPS) & carrying & free
         for start, stop in spans(active, gap=3, least=round(LEAST_CONTACT_S * RATE_HZ)):
             found.append(_contact(body, side, start, stop))
-    return sorted(found, key=lambda each: each.start)
+    return sorted(found, key=attrgetter("start"))
 
 
 def _contact(body: Tracks, side: str, start: int, stop: int) -> Contact:
@@ -295,7 +282,7 @@ def sliding_s(body: Tracks) -> float:
     """
     speed = np.linalg.norm(body.velocity, axis=-1)
     near = clearance(body) < NEAR * body.stature_m
-    near[:, [body.names.index(name) for name in feet_names(body)]] = True
+    near[:, body.columns(feet_names(body))] = True
     resting = (near & (speed < PLANTED_MPS)).any(axis=1) | seated(body)
     return _excess_s(body, ~resting)
 
@@ -324,53 +311,53 @@ SIDES = "left", "right"
 INVERTED = 0.15
 """Height over stature by which the head is below and the ankles are above the hips of a body upside down."""
 
-TRUNK_RADIUS, HEAD_RADIUS, THIGH_RADIUS, SHANK_RADIUS, ARM_RADIUS, FOREARM_RADIUS, FOOT_RADIUS = (
-    0.052, 0.042, 0.040, 0.024, 0.022, 0.018, 0.016,
-)  # fmt: skip
-"""Radii over stature of capsules within the limbs of a slim adult: those of the adult template, less a tenth."""
-
 
 def joint_angles(body: Tracks) -> dict[str, np.ndarray]:
     """Angles of the joints in time [degrees], (T,), of both sides the greater; names as in `RANGES_DEG`."""
-    found: dict[str, list[np.ndarray]] = {}
     trunk = body.trunk
     across = unit(body["left_hip"] - body["right_hip"])
-    ahead = unit(np.cross(across, trunk))
     shoulders = unit(body["left_shoulder"] - body["right_shoulder"])
-    chest = unit(np.cross(shoulders, trunk))
-    for side, out in zip(SIDES, (across, -across), strict=True):
-        thigh, shank = (body[f"{side}_{b}"] - body[f"{side}_{a}"] for a, b in (("hip", "knee"), ("knee", "ankle")))
-        upper, fore = (
-            body[f"{side}_{b}"] - body[f"{side}_{a}"] for a, b in (("shoulder", "elbow"), ("elbow", "wrist"))
-        )
-        bend = angle_deg(thigh, shank)
-        # Knee and ankle turn about axes of about one direction, that of the hips' line; a knee that bends forward has its own the
-        # other way round. Both must say so: a hip turns its leg, and some files have feet that follow no ankle.
-        foot, hinge = body[f"{side}_foot"] - body[f"{side}_ankle"], unit(np.cross(thigh, shank))
-        wrong = (np.sum(hinge * unit(np.cross(shank, foot)), axis=-1) > 0.5) & (np.sum(hinge * across, axis=-1) < -0.5)
-        found.setdefault("knee_flexion_deg", []).append(bend)
-        found.setdefault("knee_hyperextension_deg", []).append(np.where(wrong, bend, 0.0))
-        found.setdefault("elbow_flexion_deg", []).append(angle_deg(upper, fore))
-        forward, sideward, downward = (np.sum(unit(thigh) * axis, axis=-1) for axis in (ahead, out, -trunk))
-        sagittal = np.degrees(np.arctan2(forward, downward))
-        # Near the hip line the sagittal angle means nothing.
-        sagittal = np.where(np.hypot(forward, downward) > 0.3, sagittal, 0.0)
-        # A thigh at the chest of one who bends deeply turns over 180 degrees; behind the back it never is.
-        sagittal = np.where(sagittal < -130, sagittal + 360, sagittal)
-        found.setdefault("hip_flexion_deg", []).append(sagittal)
-        found.setdefault("hip_extension_deg", []).append(-sagittal)
-        found.setdefault("hip_abduction_deg", []).append(np.degrees(np.arcsin(np.clip(sideward, -1, 1))))
-        back, aside, down = (np.sum(unit(upper) * axis, axis=-1) for axis in (-chest, shoulders, -trunk))
-        behind = (
-            (down > -0.5) & (back > 0.3) & (np.abs(aside) < 0.5)
-        )  # an arm that is raised sideward goes farther back
-        found.setdefault("shoulder_extension_deg", []).append(np.where(behind, np.degrees(np.arctan2(back, down)), 0.0))
-    angles = {name: np.max(both, axis=0) for name, both in found.items()}
+    sides = [_limb_angles(body, side, sign * across, shoulders) for side, sign in zip(SIDES, (1.0, -1.0), strict=True)]
+    angles = {name: np.max([each[name] for each in sides], axis=0) for name in sides[0]}
     angles["neck_deg"] = angle_deg(body["head"] - body["neck"], trunk)
     flat = [each - np.sum(each * trunk, axis=-1, keepdims=True) * trunk for each in (across, shoulders)]
     angles["trunk_twist_deg"] = angle_deg(*flat)
     angles["trunk_bend_deg"] = angle_deg(body["spine1"] - body["hips"], body["shoulders"] - body["spine2"])
     return angles
+
+
+def _limb_angles(body: Tracks, side: str, out: np.ndarray, shoulders: np.ndarray) -> dict[str, np.ndarray]:
+    """Angles of knee, elbow, hip and shoulder of one side [degrees], (T,).
+
+    out: unit vectors (T, 3) along the line of the hips away from the body. shoulders: along their line, to the left.
+    """
+    hip, knee, ankle, foot = (body[f"{side}_{name}"] for name in ("hip", "knee", "ankle", "foot"))
+    shoulder, elbow, wrist = (body[f"{side}_{name}"] for name in ("shoulder", "elbow", "wrist"))
+    across = out if side == "left" else -out
+    ahead, chest = unit(np.cross(across, body.trunk)), unit(np.cross(shoulders, body.trunk))
+    thigh, shank, upper = knee - hip, ankle - knee, elbow - shoulder
+    bend, hinge = angle_deg(thigh, shank), unit(np.cross(thigh, shank))
+    # Knee and ankle turn about axes of about one direction, that of the hips' line; a knee that bends forward has its own the
+    # other way round. Both must say so: a hip turns its leg, and some files have feet that follow no ankle.
+    sole_hinge = unit(np.cross(shank, foot - ankle))
+    wrong = (np.sum(hinge * sole_hinge, axis=-1) > 0.5) & (np.sum(hinge * across, axis=-1) < -0.5)
+    forward, sideward, downward = (np.sum(unit(thigh) * axis, axis=-1) for axis in (ahead, out, -body.trunk))
+    sagittal = np.degrees(np.arctan2(forward, downward))
+    # Near the hip line the sagittal angle means nothing.
+    sagittal = np.where(np.hypot(forward, downward) > 0.3, sagittal, 0.0)
+    # A thigh at the chest of one who bends deeply turns over 180 degrees; behind the back it never is.
+    sagittal = np.where(sagittal < -130, sagittal + 360, sagittal)
+    back, aside, down = (np.sum(unit(upper) * axis, axis=-1) for axis in (-chest, shoulders, -body.trunk))
+    behind = (down > -0.5) & (back > 0.3) & (np.abs(aside) < 0.5)  # an arm that is raised sideward goes farther back
+    return {
+        "knee_flexion_deg": bend,
+        "knee_hyperextension_deg": np.where(wrong, bend, 0.0),
+        "elbow_flexion_deg": angle_deg(upper, wrist - elbow),
+        "hip_flexion_deg": sagittal,
+        "hip_extension_deg": -sagittal,
+        "hip_abduction_deg": np.degrees(np.arcsin(np.clip(sideward, -1, 1))),
+        "shoulder_extension_deg": np.where(behind, np.degrees(np.arctan2(back, down)), 0.0),
+    }
 
 
 def mirrored(body: Tracks) -> bool:
@@ -403,30 +390,32 @@ Capsule = tuple[np.ndarray, np.ndarray, float]
 
 def _capsules(body: Tracks) -> tuple[dict[str, Capsule], list[tuple[str, str]]]:
     """Ends (T, 3) and radii over stature by name, and the pairs that are apart in any posture that a body can take."""
-
-    def along(a: np.ndarray, b: np.ndarray, start: float, stop: float) -> tuple[np.ndarray, np.ndarray]:
-        return a + start * (b - a), a + stop * (b - a)
-
+    radii = ANATOMY["capsule_radii"]
     parts: dict[str, Capsule] = {
-        "trunk": (*along(body["hips"], body["shoulders"], 0.1, 0.85), TRUNK_RADIUS),
-        "head": (body["head"], body["head"] + 0.3 * (body["head"] - body["neck"]), HEAD_RADIUS),
+        "trunk": (*_part(body["hips"], body["shoulders"], 0.1, 0.85), radii["trunk"]),
+        "head": (body["head"], body["head"] + 0.3 * (body["head"] - body["neck"]), radii["head"]),
     }
     pairs: list[tuple[str, str]] = []
     for side in SIDES:
         hip, knee, ankle, foot = (body[f"{side}_{name}"] for name in ("hip", "knee", "ankle", "foot"))
         shoulder, elbow, wrist = (body[f"{side}_{name}"] for name in ("shoulder", "elbow", "wrist"))
         # Near the hip and the shoulder flesh is shared; there the capsules begin later.
-        parts[f"{side}_thigh"] = (*along(hip, knee, 0.45, 0.95), THIGH_RADIUS)
-        parts[f"{side}_shank"] = (*along(knee, ankle, 0.1, 1.0), SHANK_RADIUS)
-        parts[f"{side}_foot"] = (ankle, foot, FOOT_RADIUS)
-        parts[f"{side}_arm"] = (*along(shoulder, elbow, 0.6, 1.0), ARM_RADIUS)
-        parts[f"{side}_forearm"] = (*along(elbow, wrist, 0.15, 1.15), FOREARM_RADIUS)
+        parts[f"{side}_thigh"] = (*_part(hip, knee, 0.45, 0.95), radii["thigh"])
+        parts[f"{side}_shank"] = (*_part(knee, ankle, 0.1, 1.0), radii["shank"])
+        parts[f"{side}_foot"] = (ankle, foot, radii["foot"])
+        parts[f"{side}_arm"] = (*_part(shoulder, elbow, 0.6, 1.0), radii["arm"])
+        parts[f"{side}_forearm"] = (*_part(elbow, wrist, 0.15, 1.15), radii["forearm"])
         pairs += [(f"{side}_{part}", "trunk") for part in ("arm", "forearm", "shank")]
         pairs += [(f"{side}_forearm", "head"), (f"{side}_shank", "head"), (f"{side}_thigh", "head")]
         pairs += [(f"{side}_forearm", f"{other}_{part}") for other in SIDES for part in ("thigh", "shank")]
     pairs += [(f"left_{part}", f"right_{other}") for part in ("thigh", "shank") for other in ("thigh", "shank")]
     pairs += [(f"{a}_foot", f"{b}_shank") for a, b in (SIDES, SIDES[::-1])]
     return parts, [*pairs, ("left_foot", "right_foot"), ("left_forearm", "right_forearm")]
+
+
+def _part(a: np.ndarray, b: np.ndarray, start: float, stop: float) -> tuple[np.ndarray, np.ndarray]:
+    """Ends (T, 3) of the part from one fraction to another of the segments a-b."""
+    return a + start * (b - a), a + stop * (b - a)
 
 
 def _distance(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
@@ -505,15 +494,24 @@ def measures_of(motion: Motion, body: Tracks) -> Measures:
     jerk = np.linalg.norm(rate_of(acceleration)[inner], axis=-1)
     planted = contacts(body)
     return Measures(
-        duration_s=motion.duration_s, stature_m=body.stature_m, activity_mps=float(speed.mean()),
-        top_speed_mps=float(speed.max()), acceleration_mps2=float(np.percentile(size[inner].max(axis=1), 99)),
-        jerk_mps3=float(np.sqrt(np.mean(jerk**2))), jump_m=jump_m(motion.joints), bone_change=bone_change(motion),
-        foot_skate_m=max((each.skate_m for each in planted), default=0.0), sliding_s=sliding_s(body),
-        floating_s=floating_s(body), floor_penetration_m=penetration_m(body), floor_offset_m=floor_offset_m(planted),
+        duration_s=motion.duration_s,
+        stature_m=body.stature_m,
+        activity_mps=float(speed.mean()),
+        top_speed_mps=float(speed.max()),
+        acceleration_mps2=float(np.percentile(size[inner].max(axis=1), 99)),
+        jerk_mps3=float(np.sqrt(np.mean(jerk**2))),
+        jump_m=jump_m(motion.joints),
+        bone_change=bone_change(motion),
+        foot_skate_m=max((each.skate_m for each in planted), default=0.0),
+        sliding_s=sliding_s(body),
+        floating_s=floating_s(body),
+        floor_penetration_m=penetration_m(body),
+        floor_offset_m=floor_offset_m(planted),
         self_penetration_m=float(np.percentile(self_penetration_m(body), ANGLE_PERCENTILE)),
-        upside_down_fraction=upside_down_fraction(body), mirrored=mirrored(body),
+        upside_down_fraction=upside_down_fraction(body),
+        mirrored=mirrored(body),
         angles_deg={name: float(np.percentile(each, ANGLE_PERCENTILE)) for name, each in joint_angles(body).items()},
-    )  # fmt: skip
+    )
 
 
 def jump_m(joints: np.ndarray) -> float:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import functools
 import json
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -44,16 +43,13 @@ from t2d_rt.types.motion import Motion, checked_motion
 
 FILE = Path(__file__).with_name("limits.json")
 
-GAIT_SIGNS = (
-    "cadence_per_min", "step_length", "length_asymmetry", "time_asymmetry", "time_variation", "hastening", "width",
-    "width_variation", "knee_lift_deg", "foot_lift", "trunk_lean_deg", "trunk_sway_deg", "arm_swing", "halted_s",
-)  # fmt: skip
+GAIT_SIGNS = tuple(each.name for each in fields(Gait) if each.name not in ("steps", "speed_mps", "net_mps"))
 """Figures of a gait whose range in recorded normal walks tells abnormal ones."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What recorded motion keeps to."""
+    """What recorded motion keeps to, as `validation.motions.limits` writes it."""
 
     recordings: int
     """Number of recordings that the limits come from."""
@@ -61,7 +57,7 @@ class Limits:
     """Recordings with glitches, and which."""
     at_most: dict[str, float]
     """1.25 times the 99th percentile of each measure over all recordings."""
-    jumps: tuple[tuple[float, float], ...]
+    jumps: Sequence[tuple[float, float]]
     """Frame rate [Hz] and the greatest deviation of a step [m] at it, likewise; rates ascend."""
     gait: dict[str, tuple[float, float]]
     """2.5th and 97.5th percentile of normal walks."""
@@ -78,16 +74,7 @@ class Limits:
 @functools.cache
 def shipped_limits() -> Limits:
     """Those that the package ships."""
-    return limits_from(json.loads(FILE.read_text(encoding="utf-8")))
-
-
-def limits_from(values: dict[str, Any]) -> Limits:
-    """Limits as `validation.motions.limits` writes them."""
-    return Limits(
-        recordings=values["recordings"], left_out=values["left_out"], at_most=values["at_most"],
-        jumps=tuple((float(rate), float(jump)) for rate, jump in values["jumps"]), walks=values["walks"],
-        gait={name: (low, high) for name, (low, high) in values["gait"].items()}, by_class=values["by_class"],
-    )  # fmt: skip
+    return Limits(**json.loads(FILE.read_text(encoding="utf-8")))
 
 
 # --- whether a motion is of the class that was asked for, by what it does: heights of head and hips, contacts, steps,
@@ -294,10 +281,15 @@ def _dancing(seen: Evidence) -> list[str]:
 
 RULES: Mapping[Activity, Callable[[Evidence], list[str]]] = MappingProxyType(
     {
-        "walking": _walking, "abnormal_walking": _abnormal_walking, "running": _running, "sitting": _sitting, "bending": _bending,
-        "jumping": _jumping, "dancing": _dancing,
+        "walking": _walking,
+        "abnormal_walking": _abnormal_walking,
+        "running": _running,
+        "sitting": _sitting,
+        "bending": _bending,
+        "jumping": _jumping,
+        "dancing": _dancing,
     }
-)  # fmt: skip
+)
 """Rules of the classes other than falling."""
 
 

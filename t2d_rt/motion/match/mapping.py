@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import permutations
+from operator import attrgetter, itemgetter
 
 import numpy as np
 
@@ -64,13 +66,13 @@ def find_person(tree: Tree, rest: np.ndarray | None) -> tuple[Person, float]:
             f"the skeleton of {len(tree.names)} joints has {what} where a person has two arms and two legs; {HELP}"
         )
     built = [reading for legs, arms in permutations(found, 2) if (reading := _person(tree, legs, arms)) is not None]
-    readings = [_with_head(tree, each) for each in sorted(built, key=lambda each: -each.score)[:MOST_READINGS]]
+    readings = [_with_head(tree, each) for each in sorted(built, key=attrgetter("score"), reverse=True)[:MOST_READINGS]]
     if not readings:
         raise InputError(
             f"the skeleton's limbs and trunk have no person's proportions (its largest pairs of limbs hang from "
             f"{tree.names[found[0].branch]!r:.60} and {tree.names[found[1].branch]!r:.60}); {HELP}"
         )
-    best = max(readings, key=lambda each: each.score)
+    best = max(readings, key=attrgetter("score"))
     _check_upright(tree, best, rest)
     others = [
         each.score for each in readings if {_tops(each.legs), _tops(each.arms)} != {_tops(best.legs), _tops(best.arms)}
@@ -244,9 +246,11 @@ def signs(points: dict[str, np.ndarray]) -> Signs:
     elbows = _bends(points, ("shoulder", "elbow", "wrist"))
     moved = hips[1:] - hips[:-1]
     return Signs(
-        feet=FOOT * _vote(feet, forward, 0.05 * leg), knees=KNEE * _vote(knees, forward, 0.02 * leg),
-        elbows=-ELBOW * _vote(elbows, forward, 0.02 * leg), walk=WALK * _vote([moved], forward[1:], 0.02 * leg),
-    )  # fmt: skip
+        feet=FOOT * _vote(feet, forward, 0.05 * leg),
+        knees=KNEE * _vote(knees, forward, 0.02 * leg),
+        elbows=-ELBOW * _vote(elbows, forward, 0.02 * leg),
+        walk=WALK * _vote([moved], forward[1:], 0.02 * leg),
+    )
 
 
 def _bends(points: dict[str, np.ndarray], joints: tuple[str, str, str]) -> list[np.ndarray]:
@@ -295,13 +299,9 @@ def canonical_sources(tree: Tree, person: Person, sided: Sequence[tuple[Limb, Li
     """
     found: dict[str, Source] = {}
     for side, leg, arm in zip(("left", "right"), *sided, strict=True):
-        beyond = _feet(tree, leg) | _hand(tree, arm)
-        for name, joint in zip(
-            ("hip", "knee", "ankle", "shoulder", "elbow", "wrist"), (*leg.joints, *arm.joints), strict=True
-        ):
-            found[f"{side}_{name}"] = joint
-        for name, joint in beyond.items():
-            found[f"{side}_{name}"] = joint
+        names = "hip", "knee", "ankle", "shoulder", "elbow", "wrist"
+        own = dict(zip(names, (*leg.joints, *arm.joints), strict=True)) | _feet(tree, leg) | _hand(tree, arm)
+        found |= {f"{side}_{name}": joint for name, joint in own.items()}
         collar = _collar(tree, person, arm)
         if collar is not None:
             found[f"{side}_collar"] = collar
@@ -331,7 +331,7 @@ def _feet(tree: Tree, leg: Limb) -> dict[str, Source]:
         # The foot stands square to the shank: what goes on along it is a heel, or the end of a bone.
         if 0.05 < length < 0.45 and (bent > 0.5 or (named and bent > 0.2)):
             value = length + 0.2 * named - 0.001 * len(chain)
-            best = max(best, (value, chain), key=lambda each: each[0])
+            best = max(best, (value, chain), key=itemgetter(0))
     chain = best[1]
     if not chain:
         return {}
@@ -373,11 +373,7 @@ def _trunk(tree: Tree, person: Person) -> dict[str, Source]:
     hips, shoulders = (tree.middle(joints_of(pair, 0)) for pair in (person.legs, person.arms))
     up, leg = unit(shoulders - hips), person.legs.length
     trunk = float(np.median(np.linalg.norm(shoulders - hips, axis=-1)))
-
-    def height(joint: int) -> float:
-        """Above the shoulders, along the trunk, over the leg's length."""
-        return float(np.median(np.sum((tree.positions[:, joint] - shoulders) * up, axis=-1))) / leg
-
+    height = partial(_height, tree, shoulders, up, leg)
     pelvis = _pelvis(tree, person, hips)
     found: dict[str, Source] = {"pelvis": pelvis}
     spine = [joint for joint in tree.path(pelvis, person.arms.branch) if not tree.together(pelvis, joint)]
@@ -406,6 +402,11 @@ def _trunk(tree: Tree, person: Person) -> dict[str, Source]:
     return found
 
 
+def _height(tree: Tree, shoulders: np.ndarray, up: np.ndarray, leg: float, joint: int) -> float:
+    """How high a joint is above the shoulders, along the trunk, over the leg's length."""
+    return float(np.median(np.sum((tree.positions[:, joint] - shoulders) * up, axis=-1))) / leg
+
+
 def _pelvis(tree: Tree, person: Person, hips: np.ndarray) -> int:
     """The joint that the legs hang from, or one above it that is named so or much nearer to the hips (3ds Max hangs them from the
     spine)."""
@@ -426,21 +427,16 @@ def _head(tree: Tree, chain: tuple[int, ...], base: int, height: Height) -> tupl
         return None, None, []
     named = [i for i, joint in enumerate(chain) if "head" in tree.labels[joint].parts]
     heights = [height(joint) for joint in chain]
-    order = range(len(chain))
-
-    def unlike(i: int) -> float:
-        """Eyes, jaw and hair branch off at a head; an end of a bone is one only if nothing else can be."""
-        face = len(tree.children[chain[i]]) > 1
+    unlike = []
+    for i, joint in enumerate(chain):
+        # Eyes, jaw and hair branch off at a head; an end of a bone is one only if nothing else can be.
+        face = len(tree.children[joint]) > 1
         last = 0 < i == len(chain) - 2 and tree.names[chain[-1]].endswith(":end")
-        end = tree.names[chain[i]].endswith(":end")
-        return abs(heights[i] - HEAD_HEIGHT) - 0.06 * face - 0.04 * last + 0.03 * end
-
-    likely = min(order, key=unlike)
-    at = named[0] if named else likely
+        end = tree.names[joint].endswith(":end")
+        unlike.append(abs(heights[i] - HEAD_HEIGHT) - 0.06 * face - 0.04 * last + 0.03 * end)
+    at = named[0] if named else unlike.index(min(unlike))
     head = _carrier(tree, chain[at], chain[-1])
-    before = [
-        i for i in order if i < at and not tree.together(chain[i], chain[at]) and not tree.together(chain[i], base)
-    ]
+    before = [i for i in range(at) if not any(tree.together(chain[i], each) for each in (chain[at], base))]
     if not before:
         return head, None, []
     necks = [i for i in before if "neck" in tree.labels[chain[i]].parts] or [i for i in before if heights[i] > -0.03]
@@ -466,8 +462,8 @@ def _spine(tree: Tree, joints: list[int], along: dict[int, float]) -> dict[str, 
     if len(joints) == 2:
         return {"spine1": joints[0], "spine3": joints[1]}
     middle = 0.5 * (along[joints[0]] + along[joints[-1]])
-    second = min(joints[1:-1], key=lambda joint: abs(along[joint] - middle))
-    return {"spine1": joints[0], "spine2": second, "spine3": joints[-1]}
+    away = {joint: abs(along[joint] - middle) for joint in joints[1:-1]}
+    return {"spine1": joints[0], "spine2": min(away, key=away.__getitem__), "spine3": joints[-1]}
 
 
 def _made_up_head(tree: Tree, pelvis: int, highest: int, height: Height) -> Source:

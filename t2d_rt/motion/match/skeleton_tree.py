@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -283,11 +284,12 @@ def limb_pairs(tree: Tree) -> list[Pair]:
         if len(stems) < 2:
             continue
         limbs = {stem: found for stem in stems if (found := _limbs(tree, stem, branch))}
-        largest = sorted(limbs, key=lambda stem: -max(limb.length for limb in limbs[stem]))[:MOST_STEMS]
+        lengths = {stem: max(limb.length for limb in found) for stem, found in limbs.items()}
+        largest = sorted(limbs, key=lengths.__getitem__, reverse=True)[:MOST_STEMS]
         for first, second in combinations(largest, 2):
             pairs += _best(tree, branch, (first, second), (limbs[first], limbs[second]))
     best: list[Pair] = []
-    for pair in sorted(pairs, key=lambda pair: -pair.score):
+    for pair in sorted(pairs, key=attrgetter("score"), reverse=True):
         if sum(other.branch == pair.branch for other in best) < MOST_OF_BRANCH:
             best.append(pair)
     return best[:MOST_PAIRS]
@@ -307,7 +309,7 @@ def _limbs(tree: Tree, stem: int, branch: int) -> list[Limb]:
             if unequal < np.log(RATIO_LIMIT):
                 score = float(np.log(thigh + shank) - unequal - SKIPPED * (over + more))
                 found.append(Limb(upper, middle, lower, (thigh, shank), score + _named(tree, (upper, middle, lower))))
-    return sorted(found, key=lambda limb: -limb.score)[:BEST]
+    return sorted(found, key=attrgetter("score"), reverse=True)[:BEST]
 
 
 def _bones(tree: Tree, joints: list[int], branch: int) -> list[tuple[int, int, float, int]]:

@@ -22,19 +22,9 @@ TIME_FIELD = re.compile(
 )
 """What files of arrays call the times of their frames, and their unit."""
 
-RATE_FIELDS = tuple(
-    [
-        "fps",
-        "rate_hz",
-        "rate",
-        "frame_rate",
-        "framerate",
-        "mocap_framerate",
-        "mocap_frame_rate",
-        "sampling_rate",
-        "sample_rate",
-    ]
-)
+RATE_FIELDS = (
+    "fps", "rate_hz", "rate", "frame_rate", "framerate", "mocap_framerate", "mocap_frame_rate", "sampling_rate", "sample_rate",
+)  # fmt: skip
 
 LENGTH_FIELD = "mocap_time_length"
 
@@ -232,7 +222,10 @@ def _resampled(tracks: Tracks, seconds: np.ndarray, rate_hz: float) -> Tracks:
 
 
 def _splined(track: np.ndarray, seconds: np.ndarray, even: np.ndarray, lost: np.ndarray) -> np.ndarray:
-    """A track (T, N) of frames at `seconds` (T,), at the times `even` (K,) instead; NaN where it, or a frame beside, is `lost` (K,)."""
+    """A track (T, N) of frames at `seconds` (T,), at the times `even` (K,) instead.
+
+    NaN where it is `lost` (K,), or where the frame before or after lacks the point.
+    """
     from scipy.interpolate import make_interp_spline
 
     seen = np.isfinite(track).all(axis=-1)

@@ -380,7 +380,7 @@ def _halts(poses: Poses, weight: np.ndarray, rng: np.random.Generator, count: in
     fastest = np.linalg.norm(np.gradient(feet, axis=0), axis=-1).max(axis=1) * poses.rate_hz + np.abs(weight)
     inner = np.arange(len(poses))[len(poses) // 7 : -(len(poses) // 10)]
     slowest = [at for at in inner[1:-1] if fastest[at] <= fastest[max(0, at - 10) : at + 11].min()]
-    calm = sorted(slowest, key=lambda at: fastest[at])[: max(count, len(slowest) // 2)]
+    calm = sorted(slowest, key=fastest.__getitem__)[: max(count, len(slowest) // 2)]
     return rng.choice(np.array(calm), size=count, replace=len(calm) < count) if count else np.zeros(0, dtype=int)
 
 
@@ -410,9 +410,8 @@ def trembling(poses: Poses, change: GaitChange, frames: np.ndarray, rng: np.rand
     joints, _ = poses.world()
     ankles = {side: joints[:, INDEX[f"{side}_ankle"]] for side in SIDES}
     wave = 2 * np.pi * change.tremble_hz * times + 0.6 * slow_noise(len(poses), poses.rate_hz, rng)
-    root = poses.root + np.clip(halted, 0, 1)[:, None] * np.column_stack([
-        0.006 * np.sin(wave), 0.004 * np.sin(0.5 * wave), -0.008 * (1 + np.sin(wave + 0.7)) / 2
-    ])  # fmt: skip
+    shake = np.column_stack([0.006 * np.sin(wave), 0.004 * np.sin(0.5 * wave), -0.008 * (1 + np.sin(wave + 0.7)) / 2])
+    root = poses.root + np.clip(halted, 0, 1)[:, None] * shake
     return follow(replace(poses, root=root), ankles)
 
 
