@@ -78,9 +78,13 @@ NAMES: tuple[str, ...] = (CANONICAL_JOINTS[0], LOWER_BACK, *CANONICAL_JOINTS[1:]
 
 INDEX: Mapping[str, int] = {name: number for number, name in enumerate(NAMES)}
 
-_PARENT_OF = {**PARENT_OF, LOWER_BACK: "pelvis", "spine1": LOWER_BACK}
+PARENT_NAMES: Mapping[str, str] = {
+    **{name: parent for name, parent in PARENT_OF.items() if parent},
+    LOWER_BACK: "pelvis",
+    "spine1": LOWER_BACK,
+}
 
-PARENTS: tuple[int, ...] = (-1, *(INDEX[str(_PARENT_OF[name])] for name in NAMES[1:]))
+PARENTS: tuple[int, ...] = (-1, *(INDEX[PARENT_NAMES[name]] for name in NAMES[1:]))
 
 END_LENGTHS = {"head_top": 0.115, "left_hand": 0.09, "right_hand": 0.09, "left_toe": 0.035, "right_toe": 0.035}
 """Lengths of ends that a motion lacks, over its stature; the adult template's."""
