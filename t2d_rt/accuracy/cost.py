@@ -41,9 +41,20 @@ CURVED_WORK = 2.7
 MADE_ALONG = 0.5
 """Cost of a facet that is refined along with other ones, over theirs."""
 KINDS = (
-    "call", "ADC sample", "refined facet", "facet of a path pair", "facet of a frame", "diffuse point of a frame",
-    "ellipsoids of a frame", "occluding vertex", "ray", "point between vertices", "obstacle", "path pair", "clutter",
-)  # fmt: skip
+    "call",
+    "ADC sample",
+    "refined facet",
+    "facet of a path pair",
+    "facet of a frame",
+    "diffuse point of a frame",
+    "ellipsoids of a frame",
+    "occluding vertex",
+    "ray",
+    "point between vertices",
+    "obstacle",
+    "path pair",
+    "clutter",
+)
 """Kinds of work, each with its fitted seconds a unit; in free space there is one path pair."""
 PATCHES_PER_FACET, PATCHES_PER_ROOT = 0.35, 70.0
 """Most patches over one path pair, for each facet and for the root of their number: finer facets share patches (12 000 to 44 000
@@ -116,8 +127,10 @@ def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter
         tiers = [(tier, len(some)) for tier, some in pairs.by_tier(accuracy)]
     chirps = float(len(radar.chirp_times_s(length_s)) * radar.samples * radar.antennas)
     found = dict.fromkeys(KINDS, 0.0) | {
-        "call": 1.0, "ADC sample": chirps, "clutter": length_s if model.scene is not None and clutter != "none" else 0.0,
-    }  # fmt: skip
+        "call": 1.0,
+        "ADC sample": chirps,
+        "clutter": length_s if model.scene is not None and clutter != "none" else 0.0,
+    }
     samples = length_s * accuracy.visibility_rate_hz
     for tier, count in tiers:
         by_ellipsoids = tier.scatterer == "ellipsoids"
@@ -204,9 +217,14 @@ def predicted_bytes(model: Model, accuracy: Accuracy, counts: Sequence[FacetCoun
     of_pair = patches_of(units["facet of a path pair"] / pairs) + POINTS_PER_MESH * rough_meshes(model)
     echoes = min(pairs * of_pair, most_echoes(model.radar))
     return memory_bytes(
-        model, accuracy, echoes=echoes, vertices=facets / 2, facets=facets, measured=measured,
+        model,
+        accuracy,
+        echoes=echoes,
+        vertices=facets / 2,
+        facets=facets,
+        measured=measured,
         taken=SET_UP_BYTES + FACET_BYTES * facets,
-    )  # fmt: skip
+    )
 
 
 def rough_meshes(model: Model) -> int:

@@ -76,17 +76,29 @@ class FacetLaw:
         """From what the fit wrote."""
         sagitta, own, coarser = (np.array(found[name]) for name in ("sagitta_rad", "facets_db", "coarser_db"))
         return cls(
-            sagitta, own, coarser, found["scatter_db"], found["difference_scatter_db"], found["ratio_scatter_db"],
+            sagitta,
+            own,
+            coarser,
+            found["scatter_db"],
+            found["difference_scatter_db"],
+            found["ratio_scatter_db"],
             found["correlation"],
-        )  # fmt: skip
+        )
 
     def at_size(self, size: float, *, body: bool) -> FacetLaw:
         """The law for what is so many wavelengths tall: of a `body`, whose own mesh is a person's, or of another curved mesh."""
         if size >= FITTED_SIZE:
             return self
-        scatter = self if size > CAGE_SIZE else replace(
-            self, scatter_db=SMALL_SCATTER_DB, difference_scatter_db=SMALL_DIFFERENCE_DB, ratio_scatter_db=SMALL_RATIO_DB
-        )  # fmt: skip
+        scatter = (
+            self
+            if size > CAGE_SIZE
+            else replace(
+                self,
+                scatter_db=SMALL_SCATTER_DB,
+                difference_scatter_db=SMALL_DIFFERENCE_DB,
+                ratio_scatter_db=SMALL_RATIO_DB,
+            )
+        )
         return replace(
             scatter,
             size_scale=min((FITTED_SIZE / size) ** SIZE_POWER, MOST_SIZE_SCALE),
@@ -160,9 +172,14 @@ class Laws:
             name: Law(**found[name]) for name in ("occlusion", "direct_unoccluded", "limbs", "limbs_power", "pairs")
         }
         return cls(
-            FacetLaw.of(found["bodies"]), FacetLaw.of(found["smooth"]), edges=edges, direct=direct, **single,
-            seconds=found["cost"]["seconds"], seconds_scatter=found["cost"]["scatter"],
-        )  # fmt: skip
+            FacetLaw.of(found["bodies"]),
+            FacetLaw.of(found["smooth"]),
+            edges=edges,
+            direct=direct,
+            **single,
+            seconds=found["cost"]["seconds"],
+            seconds_scatter=found["cost"]["scatter"],
+        )
 
     def sampled(self, none_db: float, rate_hz: float, subdivision: int, size: float = FITTED_SIZE) -> Law:
         """Cost of visibility sampled at that rate from vertices subdivided so often, where no occlusion at all costs `none_db`: no

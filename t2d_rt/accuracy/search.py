@@ -77,8 +77,9 @@ def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
     in_time: dict[str, Any] = {
         "spline_error_db": min(SPLINE_ERROR_DB, tolerance_db - SPLINES_BELOW_DB),
         "synthesis_error_db": min(GREATEST_SYNTHESIS_DB, tolerance_db - SYNTHESIS_BELOW_DB),
-        "fast_rotating_hz": given.fastest_sampled_hz, "clutter_occlusion": given.occludes_clutter,
-    }  # fmt: skip
+        "fast_rotating_hz": given.fastest_sampled_hz,
+        "clutter_occlusion": given.occludes_clutter,
+    }
     start = given.replace(**{name: value for name, value in in_time.items() if name not in asked})
     bodies = [isinstance(target, Motion) for target in model.targets]
     # Ellipsoids err by more than the field itself: to fit them would be in vain.
@@ -205,8 +206,15 @@ def _paths(budget: Budget, start: Accuracy, asked: set[str], allowed: float) -> 
     levels = np.array([each.mean_db for each in budget.model.ranked])
     order = np.argsort(levels)
     lost = np.cumsum(budget.power[order]) * ratio(budget.laws.pairs.mean_db + SURELY * budget.laws.pairs.scatter_db)
-    least = sorted({max(float(levels[order[min(int(np.searchsorted(lost, f * allowed, side="right")), len(order) - 1)]]),
-                        EVERY_PATH_DB) for f in LEFT_OUT})  # fmt: skip
+    least = sorted(
+        {
+            max(
+                float(levels[order[min(int(np.searchsorted(lost, f * allowed, side="right")), len(order) - 1)]]),
+                EVERY_PATH_DB,
+            )
+            for f in LEFT_OUT
+        }
+    )
     found: list[dict[str, Any]] = [{}]
     for level_db in least:
         found.append({"least_level_db": level_db, "tiers": (PathTier(level_db=EVERY_PATH_DB),)})

@@ -35,7 +35,7 @@ class _Said(logging.Handler):
         self._before: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Prints one."""
+        """Prints one sentence to the screen."""
         text = record.getMessage()
         if text not in self._before:
             self._before.add(text)

@@ -105,9 +105,12 @@ def bounce_scatterers(
         memory=memory,
     )
     found = bounce_echoes(
-        [target.reflector(radar, span_s, most_facets(memory)) for target in taking], setting,
-        times_s=times_s, samples_s=_apart(times_s) if samples_s is None else samples_s, detail=TubeDetail(bounces=bounces),
-    )  # fmt: skip
+        [target.reflector(radar, span_s, most_facets(memory)) for target in taking],
+        setting,
+        times_s=times_s,
+        samples_s=_apart(times_s) if samples_s is None else samples_s,
+        detail=TubeDetail(bounces=bounces),
+    )
     return [found] if found.echoes else []
 
 

@@ -160,9 +160,15 @@ class Model:
             geometry for geometry, rotates in zip(self.geometries, fast, strict=True) if occludes and not rotates
         ]
         return clutter_scatterers(
-            kind, self.scene, occluders, self.radar, min(self.frame_times(accuracy), key=len),
-            samples_s=sample_times(*self.span_s, accuracy.visibility_rate_hz), seed=self.seed, backend=self.backend,
-        )  # fmt: skip
+            kind,
+            self.scene,
+            occluders,
+            self.radar,
+            min(self.frame_times(accuracy), key=len),
+            samples_s=sample_times(*self.span_s, accuracy.visibility_rate_hz),
+            seed=self.seed,
+            backend=self.backend,
+        )
 
 
 def sagitta_rad(geometry: MovingMesh, accuracy: Accuracy) -> Sagitta:

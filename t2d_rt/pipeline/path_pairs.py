@@ -208,9 +208,12 @@ def find_path_pairs(
 def probed(found: RadarPaths, probes_m: np.ndarray) -> Probed:
     """Paths of a radar to the points that they were searched to."""
     return Probed(
-        probes_m=probes_m, out=found.out.paths, back=found.back.paths, one_antenna=found.one_antenna,
+        probes_m=probes_m,
+        out=found.out.paths,
+        back=found.back.paths,
+        one_antenna=found.one_antenna,
         fraction=(found.out.fraction, found.back.fraction),
-    )  # fmt: skip
+    )
 
 
 def paths_to(scene: Scene, radar: Radar, point_m: np.ndarray, *, reflections: int) -> list[tuple[str, np.ndarray]]:

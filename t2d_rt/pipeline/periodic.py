@@ -67,7 +67,7 @@ def in_periods(
 
 
 def _interpolated(samples_s: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Between samples."""
+    """Values between the samples, by straight lines."""
     return lambda times_s: np.interp(times_s, samples_s, values)
 
 

@@ -109,14 +109,24 @@ def scatterers_of(
         times, decimated = [instants_s] * len(model.modelled), np.unique(instants_s)
         sampled = decimated if samples_s is None else samples_s
     sight = Sight(
-        geometries=model.geometries, fast_rotating=fast, radar=model.radar, samples_s=sampled, backend=model.backend,
-        pairs=[None] if pairs is None else pairs.occluded, blockage=model.blockage,
-    )  # fmt: skip
+        geometries=model.geometries,
+        fast_rotating=fast,
+        radar=model.radar,
+        samples_s=sampled,
+        backend=model.backend,
+        pairs=[None] if pairs is None else pairs.occluded,
+        blockage=model.blockage,
+    )
     preparation = Preparation(
-        model=model, accuracy=accuracy, pairs=pairs, sight=sight, samples_s=sampled, decimated_s=decimated,
+        model=model,
+        accuracy=accuracy,
+        pairs=pairs,
+        sight=sight,
+        samples_s=sampled,
+        decimated_s=decimated,
         at_instants=instants_s is not None,
         visibility=_visibility(model, accuracy, sight, exact=instants_s is not None and samples_s is None),
-    )  # fmt: skip
+    )
     added = plugin_finders()
     found: list[Scatterer] = []
     for number, times_s in enumerate(times):
@@ -163,8 +173,12 @@ class Preparation:
         """How a mesh is modelled over the tier of that number."""
         tier, model = self.accuracy.tiers[number], self.model
         return detail(
-            sagitta_rad(mesh, self.accuracy), tier, model.span_s, at_instants=self.at_instants, max_facets=model.max_facets
-        )  # fmt: skip
+            sagitta_rad(mesh, self.accuracy),
+            tier,
+            model.span_s,
+            at_instants=self.at_instants,
+            max_facets=model.max_facets,
+        )
 
     def coarse_views(
         self, geometry: MovingMesh | Ellipsoids, pairs: Sequence[PathPair], samples_s: np.ndarray, fast: bool
@@ -217,9 +231,15 @@ def _facets(
     model, accuracy = preparation.model, preparation.accuracy
     fast, place = preparation.sight.fast_rotating[number], accuracy.tiers.index(tier)
     make = partial(
-        mesh_echoes, mesh, model.radar, material=model.material_of(number), seed=model.seed_of(number), backend=model.backend,
-        detail=preparation.detail(mesh, place), target=number,
-    )  # fmt: skip
+        mesh_echoes,
+        mesh,
+        model.radar,
+        material=model.material_of(number),
+        seed=model.seed_of(number),
+        backend=model.backend,
+        detail=preparation.detail(mesh, place),
+        target=number,
+    )
     if fast and not preparation.at_instants:
         if tier.decimation > 1:
             times_s = model.decimated(times_s, tier)
@@ -253,9 +273,14 @@ def _ellipsoids(
 ) -> Scatterer:
     model = preparation.model
     return ellipsoid_echoes(
-        ellipsoids, model.radar, times_s=times_s, material=model.material_of(number), phase_from=model.phase_from, views=views,
+        ellipsoids,
+        model.radar,
+        times_s=times_s,
+        material=model.material_of(number),
+        phase_from=model.phase_from,
+        views=views,
         target=number,
-    )  # fmt: skip
+    )
 
 
 Finder = Callable[[Preparation, int, np.ndarray], Iterable[Scatterer]]
@@ -307,13 +332,22 @@ def several_bounces(preparation: Preparation, times: Sequence[np.ndarray]) -> li
     fast = model.fast_rotating(accuracy.replace(fast_rotating_hz=None))
     targets = [
         Bouncing(
-            name=geometry.name, mesh=None if accuracy.by_ellipsoids and target.ellipsoids() else target.mesh,
-            fast_rotating=fast[number], material=model.material_of(number), times_s=times[number],
+            name=geometry.name,
+            mesh=None if accuracy.by_ellipsoids and target.ellipsoids() else target.mesh,
+            fast_rotating=fast[number],
+            material=model.material_of(number),
+            times_s=times[number],
             sagitta_rad=sagitta_rad(target.mesh, accuracy) if target.mesh else 0.0,
         )
         for number, (target, geometry) in enumerate(zip(model.modelled, model.geometries, strict=True))
-    ]  # fmt: skip
+    ]
     return bounce_scatterers(
-        targets, model.radar, span_s=model.span_s, samples_s=None if preparation.at_instants else preparation.samples_s,
-        bounces=model.bounces, direct=direct, backend=model.backend, memory=model.memory,
-    )  # fmt: skip
+        targets,
+        model.radar,
+        span_s=model.span_s,
+        samples_s=None if preparation.at_instants else preparation.samples_s,
+        bounces=model.bounces,
+        direct=direct,
+        backend=model.backend,
+        memory=model.memory,
+    )

@@ -42,7 +42,7 @@ class Body:
         return self.geometry if isinstance(self.geometry, MovingMesh) else None
 
     def ellipsoids(self) -> Ellipsoids:
-        """The segments."""
+        """One ellipsoid for each segment of the body."""
         return segments(self.source, self.template) if isinstance(self.geometry, MovingMesh) else self.geometry
 
     def by(self, method: Method) -> Body:
@@ -60,16 +60,16 @@ class UserMesh:
 
     @property
     def geometry(self) -> MovingMesh:
-        """The mesh itself."""
+        """The mesh that the user gave."""
         return self.source
 
     @property
     def mesh(self) -> MovingMesh:
-        """The mesh itself."""
+        """The mesh that the user gave."""
         return self.source
 
     def ellipsoids(self) -> None:
-        """None."""
+        """A mesh has no coarse form."""
 
     def by(self, method: Method) -> UserMesh:
         """By its facets alone."""
@@ -91,11 +91,11 @@ class UserEllipsoids:
 
     @property
     def geometry(self) -> Ellipsoids:
-        """The ellipsoids themselves."""
+        """The ellipsoids that the user gave."""
         return self.source
 
     def ellipsoids(self) -> Ellipsoids:
-        """The ellipsoids themselves."""
+        """The ellipsoids that the user gave."""
         return self.source
 
     def by(self, method: Method) -> UserEllipsoids:
@@ -113,19 +113,19 @@ class MovingPart:
 
     @property
     def geometry(self) -> MovingMesh:
-        """Its mesh."""
+        """The mesh of the mover."""
         return self.mesh
 
     @property
     def material(self) -> str | Material:
-        """Its own."""
+        """The mover's own material."""
         return self.mesh.material
 
     def ellipsoids(self) -> None:
-        """None."""
+        """A mesh has no coarse form."""
 
     def by(self, method: Method) -> MovingPart:
-        """The same."""
+        """The same facets, whatever the method of bodies."""
         return self
 
 

@@ -146,7 +146,7 @@ def write_parts(folder: Path, cubes: Mapping[str, DiskCube]) -> None:
 
 
 def read_parts(folder: Path) -> dict[str, DiskCube]:
-    """What `write_parts` wrote."""
+    """The cubes of the parts that `write_parts` wrote, by their names."""
     found: dict[str, DiskCube] = {}
     for path in sorted(folder.glob("*.npz"), key=lambda each: int(each.stem)):
         with np.load(path, allow_pickle=False) as file:

@@ -127,10 +127,13 @@ class _Model:
         for some in blocks(times_s, self.reflectors.vertex_count):
             for vertices in self.reflectors.at(some):
                 yield Instant(
-                    reflectors=self.reflectors, posed=self.reflectors.posed(vertices),
+                    reflectors=self.reflectors,
+                    posed=self.reflectors.posed(vertices),
                     rays=self.setting.scene(vertices, self.reflectors.faces),
-                    transmitter_m=radar.tx_position_m, receiver_m=radar.rx_position_m, wavelength_m=radar.wavelength_m,
-                )  # fmt: skip
+                    transmitter_m=radar.tx_position_m,
+                    receiver_m=radar.rx_position_m,
+                    wavelength_m=radar.wavelength_m,
+                )
 
     def frames(self, times_s: np.ndarray) -> Frames:
         """The targets at some frames."""

@@ -29,9 +29,12 @@ def mirror_echoes(
     nodes = SweepNodes.of(radar)
     value, slope = nodes.line(np.conj([received(path, nodes.frequencies_hz) for path in paths]).T)
     echoes = EchoArrays(
-        delay_s=length / SPEED_OF_LIGHT, amplitude=scale * value, slope=scale * slope,
-        departure_m=departure if radar.is_array else None, arrival_m=arrival if radar.is_array else None,
-    )  # fmt: skip
+        delay_s=length / SPEED_OF_LIGHT,
+        amplitude=scale * value,
+        slope=scale * slope,
+        departure_m=departure if radar.is_array else None,
+        arrival_m=arrival if radar.is_array else None,
+    )
     return _standing(echoes, times_s, fractions, [path.name for path in paths])
 
 

@@ -44,10 +44,15 @@ def ellipsoid_echoes(
     the path pairs and the visibility of each ellipsoid over them, `target` is their number among the targets.
     """
     return EllipsoidScatterer(
-        times_s=times_s, target=target, ellipsoids=ellipsoids, radar=radar, views=tuple(views),
+        times_s=times_s,
+        target=target,
+        ellipsoids=ellipsoids,
+        radar=radar,
+        views=tuple(views),
         reflection=complex(material.reflection(radar.mid_frequency_hz)).conjugate(),  # IF = tx conj(rx)
-        phase_from=phase_from, echoes=len(views) * len(ellipsoids.semi_axes_m),
-    )  # fmt: skip
+        phase_from=phase_from,
+        echoes=len(views) * len(ellipsoids.semi_axes_m),
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -32,10 +32,10 @@ class Traced(NamedTuple):
 
 
 class RayTracer(Protocol):
-    """As `propagation.rays.Rays`."""
+    """What finds the first surface along rays, and whether two points see each other."""
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> Any:
-        """As `Traced`."""
+        """The faces that rays (N, 3) meet first, and where on them."""
 
     def free(self, origins: np.ndarray, ends: np.ndarray) -> np.ndarray:
         """Whether nothing lies between points, (N,)."""
@@ -104,10 +104,19 @@ class Front:
         """Some of the tubes, bool (M,), and their paths."""
         used, triangles = np.unique(self.triangles[tubes], return_inverse=True)
         return Front(
-            self.faces[used], self.coordinates[used], self.sense[used], self.length_m[used],
-            self.place[used], self.normal[used], self.incoming[used],
-            triangles.reshape(-1, 3), self.weight[tubes], self.reflection[tubes], self.lead[tubes], self.number[tubes],
-        )  # fmt: skip
+            self.faces[used],
+            self.coordinates[used],
+            self.sense[used],
+            self.length_m[used],
+            self.place[used],
+            self.normal[used],
+            self.incoming[used],
+            triangles.reshape(-1, 3),
+            self.weight[tubes],
+            self.reflection[tubes],
+            self.lead[tubes],
+            self.number[tubes],
+        )
 
 
 def launched(instant: Instant, lattice: Lattice) -> Front:
@@ -121,10 +130,19 @@ def launched(instant: Instant, lattice: Lattice) -> Front:
     triangles = lattice.parts[number]
     power = seen_area(place[triangles], incoming[triangles].mean(axis=1))
     front = Front(
-        lattice.face[:, None], np.zeros((len(place), 1, 3)), np.zeros((len(place), 0)), range_m, place, normal, incoming, triangles,
+        lattice.face[:, None],
+        np.zeros((len(place), 1, 3)),
+        np.zeros((len(place), 0)),
+        range_m,
+        place,
+        normal,
+        incoming,
+        triangles,
         np.sqrt(np.abs(power)) / range_m[triangles].mean(axis=1),
-        instant.reflectors.reflection[lattice.face[triangles[:, 0]]], np.full(len(triangles), -1), number,
-    ).only(np.ones(len(triangles), bool))  # fmt: skip
+        instant.reflectors.reflection[lattice.face[triangles[:, 0]]],
+        np.full(len(triangles), -1),
+        number,
+    ).only(np.ones(len(triangles), bool))
     return replace(front, coordinates=posed.coordinates(front.faces[:, 0], front.place)[:, None])
 
 
@@ -188,13 +206,19 @@ def reflected(instant: Instant, front: Front) -> Front:
     kept = Front(
         np.concatenate([front.faces, faces[:, None]], axis=1),
         np.concatenate([front.coordinates, coordinates[:, None]], axis=1),
-        np.concatenate([front.sense, np.ones((len(faces), 1))], axis=1), front.length_m + lengths(met.place - front.place),
-        met.place, met.normal, met.direction, triangles,
+        np.concatenate([front.sense, np.ones((len(faces), 1))], axis=1),
+        front.length_m + lengths(met.place - front.place),
+        met.place,
+        met.normal,
+        met.direction,
+        triangles,
         front.weight[whole] * met.seen[triangles].mean(axis=1),
-        front.reflection[whole] * instant.reflectors.reflection[faces[triangles[:, 0]]]
+        front.reflection[whole]
+        * instant.reflectors.reflection[faces[triangles[:, 0]]]
         * focal_phase(front.place[triangles], met.place[triangles], met.direction[triangles].mean(axis=1)),
-        front.lead[whole], front.number[whole],
-    )  # fmt: skip
+        front.lead[whole],
+        front.number[whole],
+    )
     led = (
         good
         & met.seen[front.triangles]
@@ -223,11 +247,17 @@ def _led(instant: Instant, front: Front, met: _Met, tubes: np.ndarray, corner: i
         np.concatenate([front.coordinates[paths], instant.posed.coordinates(face, place)[:, None]], axis=1),
         np.concatenate([front.sense[paths], np.sign(along[usable]).reshape(-1, 1)], axis=1),
         front.length_m[paths] + along[usable].ravel(),
-        place, np.repeat(met.normal[base], 3, axis=0), met.direction[paths], np.arange(3 * count).reshape(-1, 3),
+        place,
+        np.repeat(met.normal[base], 3, axis=0),
+        met.direction[paths],
+        np.arange(3 * count).reshape(-1, 3),
         front.weight[tubes] / np.where(front.lead[tubes] < 0, 3, 1),
-        front.reflection[tubes] * instant.reflectors.reflection[met.face[base]]
-        * focal_phase(start, place.reshape(-1, 3, 3), direction.mean(axis=1)), np.full(count, corner), front.number[tubes],
-    )  # fmt: skip
+        front.reflection[tubes]
+        * instant.reflectors.reflection[met.face[base]]
+        * focal_phase(start, place.reshape(-1, 3, 3), direction.mean(axis=1)),
+        np.full(count, corner),
+        front.number[tubes],
+    )
 
 
 def focal_phase(start: np.ndarray, end: np.ndarray, direction: np.ndarray) -> np.ndarray:

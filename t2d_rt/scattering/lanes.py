@@ -202,12 +202,12 @@ def combined(points: list[Vector], weights: list[Any]) -> Vector:
 
 
 def minus(a: Vector, b: Vector) -> Vector:
-    """a - b."""
+    """The difference a - b of two vectors."""
     return tuple(x - y for x, y in zip(a, b, strict=True))
 
 
 def plus(a: Vector, b: Vector) -> Vector:
-    """a + b."""
+    """The sum a + b of two vectors."""
     return tuple(x + y for x, y in zip(a, b, strict=True))
 
 
@@ -217,7 +217,7 @@ def scaled(a: Vector, factor: Any) -> Vector:
 
 
 def norm(a: Vector) -> Any:
-    """Length of a."""
+    """The length of a vector."""
     import drjit
 
     return drjit.sqrt(dot(a, a))  # ** 0.5 takes sixteen times as long

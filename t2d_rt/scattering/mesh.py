@@ -86,13 +86,21 @@ def mesh_echoes(
     return joined(
         [
             MeshScatterer(
-                times_s=times_s, target=target, surface=surface, radar=radar, model=model, selections=tuple(part),
-                anchors=anchors, backend=backend, vertices=model.operator.shape[0], echoes=_total(part),
+                times_s=times_s,
+                target=target,
+                surface=surface,
+                radar=radar,
+                model=model,
+                selections=tuple(part),
+                anchors=anchors,
+                backend=backend,
+                vertices=model.operator.shape[0],
+                echoes=_total(part),
                 at_once=_frames_at_once(views),
             )
             for part in _parts(selections, most_echoes(radar))
         ]
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -235,9 +243,14 @@ class _Model:
         wavenumber, range_m = 2 * math.pi / radar.wavelength_m, least_range_m(surface, seen_from, span_s)
         fine, *carriers = refined(surface, wavenumber, range_m, sagittas, detail.max_facets)
         parts = patches(
-            surface, fine, radar, times_s,
-            seen_from=seen_from, cycles_per_step=detail.cycles_per_step, sweep_cycles=detail.sweep_cycles,
-        )  # fmt: skip
+            surface,
+            fine,
+            radar,
+            times_s,
+            seen_from=seen_from,
+            cycles_per_step=detail.cycles_per_step,
+            sweep_cycles=detail.sweep_cycles,
+        )
         points = None
         if carriers and detail.points:
             points = DiffusePoints.spread(
@@ -299,10 +312,13 @@ class _Model:
             chosen = chosen[lit]
             parts = self.patches.only(chosen)
             vertices = FacetVertices(
-                vertices=facets.vertices, visibility=facets.visibility(seen, level), corners=facets.corner_numbers[parts.corners],
-                centres=posed.centres, origin=posed.origin,
+                vertices=facets.vertices,
+                visibility=facets.visibility(seen, level),
+                corners=facets.corner_numbers[parts.corners],
+                centres=posed.centres,
+                origin=posed.origin,
                 points=self._points(chosen, facets, seen, level),
-            )  # fmt: skip
+            )
             parts = replace(parts, nodes=facets.numbers[parts.nodes])
             patch_echoes(vertices, parts, chosen, pair, self.reflection, seen.weights, block, columns[lit])
 
@@ -324,9 +340,13 @@ class _Model:
         if some is None or not len(some.packets):
             return None
         return PointVertices(
-            vertices=facets.posed.carrier, visibility=facets.visibility_of_points(seen, level), corners=some.corners,
-            packets=some.packets, starts=some.starts, scattered=some.scattered,
-        )  # fmt: skip
+            vertices=facets.posed.carrier,
+            visibility=facets.visibility_of_points(seen, level),
+            corners=some.corners,
+            packets=some.packets,
+            starts=some.starts,
+            scattered=some.scattered,
+        )
 
     def _with_neighbours(self, visibility_mesh: VisibilityMesh, visibility: np.ndarray) -> np.ndarray:
         """Cage faces, bool (F,), whose facets' vertices depend on any visible vertex of the visibility mesh, bool (V',): its own

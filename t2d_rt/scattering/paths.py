@@ -55,7 +55,7 @@ class View:
 
     @property
     def fractions(self) -> tuple[Fraction, ...]:
-        """All of them."""
+        """All fractions of the field that the view needs."""
         return self.visibility + self.unblocked
 
 
@@ -105,9 +105,12 @@ class Anchors:
         live = np.ones(len(self.vertices), bool) if unblocked is None else np.asarray(unblocked.any(axis=0))
         near, fraction = self.tables
         return Weights(
-            near=near, fraction=fraction, count=self.near.shape[1], values=backend.Float32(values.ravel()),
+            near=near,
+            fraction=fraction,
+            count=self.near.shape[1],
+            values=backend.Float32(values.ravel()),
             reach=live[self.near].any(axis=1),
-        )  # fmt: skip
+        )
 
 
 class Arrivals:

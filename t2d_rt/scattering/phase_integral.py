@@ -52,7 +52,7 @@ class Integrals(Protocol):
     """What `divided_differences` is: an integral over a facet and its derivative, from the phases of the corners [rad]."""
 
     def __call__(self, p0: Any, p1: Any, p2: Any, *, ops: Ops, terms: int) -> tuple[Parts, Parts]:
-        """F and dF."""
+        """The integral F and its derivative dF."""
 
 
 def divided_difference(p0: np.ndarray, p1: np.ndarray, p2: np.ndarray) -> np.ndarray:
@@ -91,13 +91,13 @@ def divided_differences(p0: Any, p1: Any, p2: Any, *, ops: Ops, terms: int) -> t
 
 
 def exponential(p: Any, ops: Ops) -> Parts:
-    """exp(j p)."""
+    """exp(j p), real and imaginary part."""
     sin, cos = ops.sincos(p)
     return cos, sin
 
 
 def times(a: Parts, b: Parts) -> Parts:
-    """Complex product."""
+    """The complex product of a and b."""
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
 
 

@@ -76,9 +76,16 @@ class DiffusePoints:
 
     @classmethod
     def spread(
-        cls, surface: MovingMesh, carrier: Refinement, *, patch_facets: np.ndarray, starts: np.ndarray, seed: int,
-        scattered: float, count: int,
-    ) -> DiffusePoints:  # fmt: skip
+        cls,
+        surface: MovingMesh,
+        carrier: Refinement,
+        *,
+        patch_facets: np.ndarray,
+        starts: np.ndarray,
+        seed: int,
+        scattered: float,
+        count: int,
+    ) -> DiffusePoints:
         """At least about `count` points, spread with a seed over the carrier, whose triangles are taken as flat.
 
         Each belongs to the patch of the nearest facet that faces the same way; patch g has `patch_facets` (F, 3, 3) m at rest
@@ -100,9 +107,14 @@ class DiffusePoints:
         used, corners = np.unique(corners[order], return_inverse=True)
         columns = *points.barycentric[order, :2].T, np.sqrt(points.area_m2[order]), points.phase_rad[order]
         return cls(
-            carrier, used, carrier.operator[used].astype(np.float32), corners.reshape(-1, 3),
-            np.stack(columns, axis=1).astype(np.float32), np.searchsorted(patch[order], np.arange(len(starts))), scattered,
-        )  # fmt: skip
+            carrier,
+            used,
+            carrier.operator[used].astype(np.float32),
+            corners.reshape(-1, 3),
+            np.stack(columns, axis=1).astype(np.float32),
+            np.searchsorted(patch[order], np.arange(len(starts))),
+            scattered,
+        )
 
     def only(self, patches: np.ndarray) -> DiffusePoints:
         """Those of some patches, by their indices."""

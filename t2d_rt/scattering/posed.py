@@ -39,8 +39,14 @@ class Posed:
 
     @classmethod
     def of(
-        cls, cage: np.ndarray, faces: np.ndarray, centre: Csr, patches: Patches, points: DiffusePoints | None, backend: Backend
-    ) -> Posed:  # fmt: skip
+        cls,
+        cage: np.ndarray,
+        faces: np.ndarray,
+        centre: Csr,
+        patches: Patches,
+        points: DiffusePoints | None,
+        backend: Backend,
+    ) -> Posed:
         """For control points (T, V, 3) m with `faces` (F, 3); `centre` is sparse, the patches' reference points from them."""
         centres = carried(centre, cage)
         instants = np.unique(np.linspace(0, len(cage) - 1, math.ceil((len(cage) - 1) / PROBE_EVERY) + 1).astype(int))
@@ -85,17 +91,21 @@ class Facets:
     @classmethod
     def of(
         cls, posed: Posed, operator: Csr, meshes: Mapping[int, VisibilityMesh], faces: np.ndarray, *, with_places: bool
-    ) -> Facets:  # fmt: skip
+    ) -> Facets:
         """Of cage faces, bool (F,); `operator` is sparse, all facets' vertices from the control points."""
         used, corners = np.zeros((2, operator.shape[0]), bool)
         facets = np.repeat(posed.patches.any_of(faces) | with_places, np.diff(posed.patches.starts))
         used[posed.patches.nodes[facets]] = corners[posed.patches.corners[facets]] = True
         values = carried(operator[used], posed.local)
         return cls(
-            posed=posed, meshes=meshes, vertices=posed.backend.Float32(values.ravel()),
-            places=values[corners[used], :, :3] + posed.origin if with_places else None, corners=corners,
-            numbers=np.cumsum(used) - 1, corner_numbers=np.cumsum(corners) - 1,
-        )  # fmt: skip
+            posed=posed,
+            meshes=meshes,
+            vertices=posed.backend.Float32(values.ravel()),
+            places=values[corners[used], :, :3] + posed.origin if with_places else None,
+            corners=corners,
+            numbers=np.cumsum(used) - 1,
+            corner_numbers=np.cumsum(corners) - 1,
+        )
 
     def visibility(self, seen: Seen, level: int) -> Any:
         """Of the corners, flat Float32 (Vc, T) on the device; None: all are visible."""

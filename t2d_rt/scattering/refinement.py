@@ -55,8 +55,12 @@ def facets(
     fine = flattened(fine, surface.rest)
     return MovingMesh.from_track(
         lambda times_s: carried(fine.operator, fine.controlled(surface.at(times_s))).swapaxes(0, 1),
-        fine.faces, surface.times_s, surface.material, rest=fine.at(surface.rest), name=surface.name,
-    )  # fmt: skip
+        fine.faces,
+        surface.times_s,
+        surface.material,
+        rest=fine.at(surface.rest),
+        name=surface.name,
+    )
 
 
 def refined(
@@ -127,9 +131,13 @@ def _of_arrays(arrays: Mapping[str, np.ndarray]) -> Refinement:
     )
     flat = not len(arrays["middles"])
     return Refinement(
-        operator=operator, faces=arrays["faces"], base_face=arrays["base_face"], linear=linear,
-        middles=None if flat else arrays["middles"], control=None if flat else control,
-    )  # fmt: skip
+        operator=operator,
+        faces=arrays["faces"],
+        base_face=arrays["base_face"],
+        linear=linear,
+        middles=None if flat else arrays["middles"],
+        control=None if flat else control,
+    )
 
 
 def flattened(found: Refinement, rest: np.ndarray) -> Refinement:

@@ -23,7 +23,7 @@ matter of rounding."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reflector:
-    """One target's surface."""
+    """The surface of one target, which rays bounce off."""
 
     surface: MovingMesh
     facets: Refinement

@@ -42,10 +42,12 @@ def joined(scatterers: Sequence[Scatterer]) -> Scatterer:
     if len(scatterers) == 1:
         return scatterers[0]
     return Joined(
-        times_s=scatterers[0].times_s, each=tuple(scatterers), echoes=sum(each.echoes for each in scatterers),
+        times_s=scatterers[0].times_s,
+        each=tuple(scatterers),
+        echoes=sum(each.echoes for each in scatterers),
         vertices=max(each.vertices for each in scatterers),
         at_once=min((each.at_once for each in scatterers if each.at_once), default=0),
-    )  # fmt: skip
+    )
 
 
 def batches(scatterers: Sequence[Scatterer], radar: Radar) -> list[Scatterer]:

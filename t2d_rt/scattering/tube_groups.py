@@ -33,7 +33,7 @@ class Cells:
 
     @classmethod
     def of(cls, reflectors: Reflectors, size_m: float) -> Cells:
-        """Of some size."""
+        """Cells of that size [m] around the surfaces at rest."""
         low, high = reflectors.rest.min(axis=0) - size_m, reflectors.rest.max(axis=0) + size_m
         return cls(reflectors, low, np.ceil((high - low) / size_m).astype(np.int64) + 1, size_m)
 
@@ -122,10 +122,12 @@ class Groups:
             wider = ((0, 0), (0, most - bounces))
             found.append(
                 cls(
-                    np.full(len(path), bounces), np.pad(sample.codes, wider, constant_values=-1),
-                    np.pad(tubes.faces[path], wider), np.pad(tubes.coordinates[path], (*wider, (0, 0))),
+                    np.full(len(path), bounces),
+                    np.pad(sample.codes, wider, constant_values=-1),
+                    np.pad(tubes.faces[path], wider),
+                    np.pad(tubes.coordinates[path], (*wider, (0, 0))),
                 )
-            )  # fmt: skip
+            )
         every = cls(*(np.concatenate([getattr(each, name) for each in found]) for name in cls.__slots__))
         level = np.concatenate([sample.tubes.level[sample.strongest] for sample in samples])
         keys = np.column_stack([every.bounces, every.codes])
@@ -143,7 +145,7 @@ class Groups:
         return every.only(chosen[np.sort(np.concatenate(counting))])
 
     def only(self, chosen: np.ndarray | slice) -> Groups:
-        """Some of them."""
+        """Those of the groups that are chosen."""
         return Groups(self.bounces[chosen], self.codes[chosen], self.faces[chosen], self.coordinates[chosen])
 
     def of_bounces(self, bounces: int) -> tuple[Groups, int]:
@@ -178,7 +180,7 @@ class Frames:
 
     @classmethod
     def of(cls, reflectors: Reflectors, times_s: np.ndarray, radar: Radar, backend: Backend) -> Frames:
-        """At these times."""
+        """The surfaces at these times [s]."""
         vertices = reflectors.at(times_s)
         return cls(vertices, Track(vertices, backend), reflectors.faces, radar)
 
@@ -221,9 +223,13 @@ class Frames:
                     continue
                 group = sample.group[which]
                 values = tube_fields(
-                    Lengths(lengths, carriers, len(frames[some])), tubes.nodes[which, :nodes], column[group],
-                    tubes.amplitude[which], 2 * math.pi / self.radar.wavelength_m, backend,
-                )  # fmt: skip
+                    Lengths(lengths, carriers, len(frames[some])),
+                    tubes.nodes[which, :nodes],
+                    column[group],
+                    tubes.amplitude[which],
+                    2 * math.pi / self.radar.wavelength_m,
+                    backend,
+                )
                 starts = np.flatnonzero(np.append(True, group[1:] != group[:-1]))
                 for total, value in zip(totals, values, strict=True):
                     total[row[group[starts]], some] += np.add.reduceat(value * tubes.factor[which, None], starts)

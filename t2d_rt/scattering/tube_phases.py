@@ -84,9 +84,13 @@ class Lengths(NamedTuple):
 
 
 def tube_fields(
-    lengths: Lengths, nodes: np.ndarray, carrier: np.ndarray, amplitude: np.ndarray,
-    wavenumber: float, backend: Backend,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    lengths: Lengths,
+    nodes: np.ndarray,
+    carrier: np.ndarray,
+    amplitude: np.ndarray,
+    wavenumber: float,
+    backend: Backend,
+) -> tuple[np.ndarray, np.ndarray]:
     """Integral of amplitude times exp(j phase) over tubes at some frames, their carriers' phases taken out, and its derivative by
     the logarithm of the frequency (eq. 4, 30): complex64 (M, K).
 

@@ -67,9 +67,13 @@ class Tubes:
         number = np.where(used, np.cumsum(used) - 1, -1).astype(np.int32)
         used = used[:-1]
         return Tubes(
-            self.faces[used].astype(np.int32), self.coordinates[used].astype(np.float32), self.sense[used].astype(np.int8),
-            number[nodes], self.amplitude[tubes].astype(np.float32), self.factor[tubes].astype(np.complex64),
-        )  # fmt: skip
+            self.faces[used].astype(np.int32),
+            self.coordinates[used].astype(np.float32),
+            self.sense[used].astype(np.int8),
+            number[nodes],
+            self.amplitude[tubes].astype(np.float32),
+            self.factor[tubes].astype(np.complex64),
+        )
 
 
 def traced_tubes(instant: Instant, lattice: Lattice, bounces: int) -> Tubes:
@@ -146,16 +150,22 @@ def _sorted(
     outer = 4 * amplitude[fours[:, :3]]
     nodes = [front.triangles[fours[:, part], corner] for part, corner in SIX_NODES]
     tubes = Tubes(
-        front.faces, front.coordinates, front.sense,
-        np.concatenate([np.stack(nodes, axis=1), np.pad(front.triangles[single], ((0, 0), (0, 3)), constant_values=-1)]),
-        np.concatenate([2 * outer - outer.sum(axis=1, keepdims=True) / 3, np.repeat(amplitude[single, None], 3, axis=1)]),
+        front.faces,
+        front.coordinates,
+        front.sense,
+        np.concatenate(
+            [np.stack(nodes, axis=1), np.pad(front.triangles[single], ((0, 0), (0, 3)), constant_values=-1)]
+        ),
+        np.concatenate(
+            [2 * outer - outer.sum(axis=1, keepdims=True) / 3, np.repeat(amplitude[single, None], 3, axis=1)]
+        ),
         np.concatenate([front.reflection[fours[:, 3]], front.reflection[single]]),
-    )  # fmt: skip
+    )
     return tubes, finer
 
 
 def _all_of(found: list[Tubes]) -> Tubes:
-    """Several as one."""
+    """Several lots of tubes as one, their nodes counted on."""
     first = np.cumsum([0, *(len(each.faces) for each in found)])
     columns = {name: np.concatenate([getattr(each, name) for each in found]) for name in Tubes.__slots__}
     columns["nodes"] = np.concatenate(
