@@ -15,9 +15,9 @@ from measures import db
 from t2d_rt.core.backend import Backend
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.experiment.setup import check_outside
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
-from t2d_rt.scattering.outside import check_outside
 from t2d_rt.scattering.paths import View
 from t2d_rt.scattering.phase_integral import divided_difference
 from t2d_rt.scattering.refinement import facets

@@ -101,8 +101,8 @@ def _rooms(first: int, count: int, duration_s: float, progress: Callable[[float]
 
 def _train(source: str, target: Path, overwrite: bool, duration_s: float, read: Given, steps: dict[str, int]) -> None:
     from t2d_rt.dataset.background_records import background_records
-    from t2d_rt.noise.background.learn import learn_background, require_torch
     from t2d_rt.noise.background.model import DEFAULT
+    from t2d_rt.noise.background.training import learn_background, require_torch
 
     require_torch()  # before minutes of simulation
     check_file(target, "a background model", ".safetensors", overwrite=overwrite)

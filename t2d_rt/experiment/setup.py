@@ -13,10 +13,11 @@ import numpy as np
 from t2d_rt.core.backend import one_blas_thread, select
 from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError, T2DWarning, warn
-from t2d_rt.core.memory import LIMIT_GB, Budget
+from t2d_rt.core.memory import LIMIT_GB, Budget, blocks
 from t2d_rt.core.stored_arrays import Inputs, Store
 from t2d_rt.experiment.catalog import target_named
 from t2d_rt.experiment.experiment import Experiment
+from t2d_rt.geometry import winding
 from t2d_rt.motion import placement
 from t2d_rt.motion.jumps import jumps, told, told_before
 from t2d_rt.noise.receiver import check_receiver
@@ -28,7 +29,6 @@ from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.materials import check_values
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.radar import check_speed
-from t2d_rt.scattering.outside import check_outside
 from t2d_rt.scattering.paths import Ranked
 from t2d_rt.scattering.refinement import REFINING_BYTES
 from t2d_rt.scene import Mover, Room
@@ -269,4 +269,26 @@ def _check_outside_ellipsoids(geometry: Ellipsoids, radar: Radar, times_s: np.nd
             raise InputError(
                 f"the radar at ({where}) m is inside {geometry.names[index]} at {times_s[frame]:.3g} s; place the target farther "
                 "away (distance_m) or move the radar"
+            )
+
+
+def check_outside(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> None:
+    """Refuses a radar inside a closed mesh, or touching a mesh, at any of a few instants of the record."""
+    for times in blocks(np.linspace(times_s[0], times_s[-1], 25), len(surface.rest)):
+        _check_outside(surface, radar, times)
+
+
+def _check_outside(surface: MovingMesh, radar: Radar, times: np.ndarray) -> None:
+    vertices = surface.at(times)
+    for antenna in (radar.tx_position_m, radar.rx_position_m):
+        within = np.all((vertices.min(axis=1) < antenna) & (antenna < vertices.max(axis=1)), axis=1)
+        inside = np.zeros(len(times), bool)
+        inside[within] = np.abs(winding(vertices[within][:, surface.faces] - antenna)) > 0.5
+        touches = np.linalg.norm(vertices - antenna, axis=2).min(axis=1) < 1e-3
+        if inside.any() or touches.any():
+            where = ", ".join(f"{x:.3g}" for x in antenna)
+            instant = times[np.argmax(inside if inside.any() else touches)]
+            raise InputError(
+                f"the radar at ({where}) m {'is inside' if inside.any() else 'touches'} {surface.name} at {instant:.3g} s; place "
+                "the target farther away (distance_m) or move the radar"
             )

@@ -18,6 +18,7 @@ from t2d_rt.core import factored_cubes as products
 from t2d_rt.core import memory
 from t2d_rt.core.backend import ALIGNMENT, select
 from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.experiment.setup import check_outside
 from t2d_rt.pipeline.echo_model import farthest_and_fastest
 from t2d_rt.propagation.edges import Edges
 from t2d_rt.propagation.mirrors import Mirrors
@@ -25,7 +26,6 @@ from t2d_rt.radar import buckets
 from t2d_rt.radar import synthesize as synthesis
 from t2d_rt.scattering import mesh as echo_mesh
 from t2d_rt.scattering import streams as echo_streams
-from t2d_rt.scattering.outside import check_outside
 from t2d_rt.scattering.paths import View
 from t2d_rt.scattering.rate import needed_rate_hz
 from t2d_rt.types import Echoes

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from t2d_rt.core.errors import InputError
-from t2d_rt.learn.prediction import Prediction
-from t2d_rt.learn.segmental_viterbi import LEAST_PROBABILITY, SHARPNESS, likeliest_course, nearest
+from t2d_rt.learn.prediction import LEAST_PROBABILITY, SHARPNESS, Prediction, likeliest_course, nearest
 
 
 def divisions(count: int, least: int) -> Iterator[list[tuple[int, int]]]:

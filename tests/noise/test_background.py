@@ -18,9 +18,9 @@ from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.dataset.background_records import background_records
 from t2d_rt.noise.background import Background, BackgroundModel, BackgroundRecord, Grid, add_background, load_background
 from t2d_rt.noise.background.evaluate import distances, evaluation, gaussian_noise, perplexity, two_sample_accuracy
-from t2d_rt.noise.background.learn import learn_background
 from t2d_rt.noise.background.network import HALO, LEAST_LOOKS, Architecture, decoded, prior_codes
 from t2d_rt.noise.background.speckle import correlations, gaussian_field, normal_scores, speckle
+from t2d_rt.noise.background.training import learn_background
 from t2d_rt.recording.maps import background_settings
 from t2d_rt.signal.measured import load_dca1000
 from t2d_rt.types import Radar

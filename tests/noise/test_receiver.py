@@ -20,9 +20,9 @@ from t2d_rt.core.cube_storage import ScratchRows
 from t2d_rt.core.cubes import DiskCube
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.noise.receiver import chain, receive
+from t2d_rt.noise.receiver.chain import RINGING, Interference, filtered_chirp
 from t2d_rt.noise.receiver.draws import Draws
 from t2d_rt.noise.receiver.flicker import filter_of
-from t2d_rt.noise.receiver.interference import RINGING, Interference, filtered_chirp
 from t2d_rt.noise.receiver.phase_noise import bin_delays_s, bounding, lags, residual_rms_rad
 
 RADAR = t2d.Radar.preset("table2", samples=64)

@@ -16,7 +16,7 @@ from t2d_rt.core.constants import decibel
 from t2d_rt.dataset.background_records import empty_room_record
 from t2d_rt.noise.background import BackgroundModel, BackgroundRecord, Grid, load_background
 from t2d_rt.noise.background.evaluate import Distances, distances, evaluation, gaussian_noise
-from t2d_rt.noise.background.learn import learn_background
+from t2d_rt.noise.background.training import learn_background
 from validation.report import Check, Section, new_figure, save_chart
 
 HELD_OUT = range(36, 48)

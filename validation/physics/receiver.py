@@ -11,8 +11,8 @@ import numpy as np
 import t2d_rt as t2d
 from t2d_rt.core.constants import BOLTZMANN
 from t2d_rt.noise.receiver import receive
+from t2d_rt.noise.receiver.chain import Interference
 from t2d_rt.noise.receiver.draws import Draws
-from t2d_rt.noise.receiver.interference import Interference
 from t2d_rt.types import PEC, Radar, Receiver
 from validation.bodies import WALK, recorded
 from validation.report import Check, Section, new_figure, save_chart

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from scipy.special import fresnel
 
+from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.cube_storage import ScratchRows, block_rows
-from t2d_rt.core.cubes import Cube, DiskCube
-from t2d_rt.core.errors import warn
+from t2d_rt.core.cubes import Cube, DiskCube, column_sums
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.noise.receiver.draws import Draws, group_rows
 from t2d_rt.noise.receiver.flicker import Flicker
-from t2d_rt.noise.receiver.interference import Interference
-from t2d_rt.noise.receiver.levels import ReceiverLevels
 from t2d_rt.noise.receiver.phase_noise import SMALL_ANGLE_RAD, PhaseNoise, residual_rms_rad
 from t2d_rt.noise.receiver.processes import TimeSlots
 from t2d_rt.noise.receiver.samples import Received, Stages, through
 from t2d_rt.types import Radar, Receiver
+from t2d_rt.types.receiver import Interferer
 
 
 def dc_offsets(radar: Radar, level_dbm: float, draws: Draws) -> np.ndarray:
@@ -112,3 +114,248 @@ def _first_effects(radar: Radar, receiver: Receiver, draws: Draws, thermal_w: fl
         yield PhaseNoise(radar, receiver.phase_noise, draws, thermal_w=thermal_w)
     for number, other in enumerate(receiver.interferers):
         yield Interference(radar, other, draws, number)
+
+
+SILENT = 1e-13
+"""Fraction of the power of all samples below which a power is rounding."""
+
+DB_PER_BIT = 20 * math.log10(2)
+MOST_LOST = 0.9
+"""Fraction of samples at the offset's value beyond which a step is too coarse: that of Gaussian noise of a quarter step, through
+which weak echoes pass 7 dB weaker; through half a step they pass as they are."""
+
+
+@dataclass(slots=True)
+class Power:
+    """Running sums for the mean power of samples (row, antenna, sample) [sqrt(W)], and for that of their mean over the rows."""
+
+    reference: np.ndarray | float = 0.0
+    """(antenna, sample), or what broadcasts to that; powers are summed about it."""
+    count: int = 0
+    """Samples."""
+    rows: int = 0
+    sum_w: float = 0.0
+    """Sum of |sample - reference|^2 [W]."""
+    total: Any = 0.0
+    """Sum over the rows, complex128 (antenna, sample)."""
+
+    def add(self, shape: tuple[int, ...], sums_w: np.ndarray, total: np.ndarray) -> None:
+        """Counts rows of samples (row, antenna, sample) by their sums about the reference and by those over the rows."""
+        self.rows += shape[0]
+        self.count += math.prod(shape)
+        self.sum_w += float(sums_w.sum(dtype=np.float64))
+        self.total = self.total + total
+
+    @property
+    def static_w(self) -> float:
+        """Power of the mean over the rows [W]."""
+        return float(np.mean(np.abs(self.total / self.rows) ** 2))
+
+    @property
+    def moving_w(self) -> float:
+        """Power of what changes from row to row [W]."""
+        departure = self.total / self.rows - self.reference
+        return self.sum_w / self.count - float(np.mean(np.abs(departure) ** 2)) if self.rows > 1 else 0.0
+
+    @property
+    def mean_w(self) -> float:
+        """Power of all [W]."""
+        return self.static_w + max(self.moving_w, 0.0)
+
+
+@dataclass(slots=True)
+class ReceiverLevels:
+    """Powers of the samples before a receiver, and of what it adds to them."""
+
+    receiver: Receiver
+    radar: Radar
+    offsets: np.ndarray
+    """What is added to each sample, (antenna,)."""
+    clean: Power = field(init=False)
+    added: Power = field(init=False)
+    """Power of the samples after the receiver less those before it and the offsets."""
+    clipped: int = 0
+    peak: float = 0.0
+    """Greatest |I| or |Q| before the converters [sqrt(W)]."""
+    input_w: float = 0.0
+    """Sum over the samples before the converters, without the offsets [W]."""
+    lost: int = 0
+    """Samples that are rounded to what the offset alone would be."""
+
+    def __post_init__(self) -> None:
+        self.clean, self.added = Power(), Power(self.offsets[:, None])
+
+    def reference(self, clean: np.ndarray) -> np.ndarray:
+        """What powers of the clean samples (row, antenna, sample) are summed about: the record's first row.
+
+        Small changes of strong samples are more than rounding then.
+        """
+        if not self.clean.rows:
+            self.clean.reference = clean[0].copy()
+        return np.asarray(self.clean.reference)
+
+    def add(self, clean: np.ndarray, received: Received) -> None:
+        """Counts rows before and after the receiver."""
+        before, after = column_sums(clean), column_sums(received.samples)
+        self.clean.add(clean.shape, received.clean_w, before)
+        self.added.add(clean.shape, received.added_w, after - before)
+        self.peak = max(self.peak, float(received.peak.max()))
+        self.input_w += float(received.input_w.sum(dtype=np.float64))
+        self.lost += int(received.lost.sum(dtype=np.float64))
+        self.clipped += int(received.clipped.sum(dtype=np.float64))
+
+    def described(self) -> dict[str, Any]:
+        """Levels by the names that a recording's settings have for them; those that are not known are left out."""
+        found: dict[str, Any] = {"noise": ", ".join(self.receiver.effects) or "none"}
+        floor_w = self.receiver.noise_floor_w(self.radar)
+        if floor_w > 0:
+            found["noise_floor_dbm"] = _db(floor_w) + 30
+        if not self.clean.count:
+            return found
+        clean_w, all_w = self.clean.mean_w, self.clean.mean_w + self.added.mean_w
+        moving_w, static_w = _heard(self.clean.moving_w, clean_w), _heard(self.clean.static_w, clean_w)
+        noise_w = _heard(self.added.moving_w, all_w)
+        if noise_w > 0:
+            found["noise_dbm"] = _db(noise_w) + 30
+            if moving_w > 0:
+                found["snr_db"] = _db(moving_w / noise_w)
+            if static_w > 0:
+                found["clutter_to_noise_db"] = _db(static_w / noise_w)
+        if self.receiver.adc:
+            peak_w = self.peak**2 / self.receiver.adc.full_scale_w
+            found |= {
+                "adc_peak_dbfs": _db(peak_w) if peak_w > 0 else None,
+                "clipped": self.clipped / self.clean.count,
+            }
+        return found
+
+    def warn(self) -> None:
+        """Tells of saturation, and of a step that is too coarse for what comes in."""
+        adc = self.receiver.adc
+        if adc is None or not self.clean.count:
+            return
+        if self.clipped:
+            over_db = 20 * math.log10(self.peak / math.sqrt(adc.full_scale_w))
+            warn(
+                f"the ADC is saturated: {100 * self.clipped / self.clean.count:.3g} % of the samples are clipped, the highest by "
+                f"{max(over_db, 0.0):.1f} dB; lower adc.gain_db or raise adc.full_scale_dbm, or move what is strongest away"
+            )
+        lost = self.lost / self.clean.count
+        if self.input_w > 0 and lost > MOST_LOST:
+            rms = math.sqrt(self.input_w / self.clean.count / 2)
+            lacking_db = max(math.ceil(20 * math.log10(adc.step / rms)), 1)
+            warn(
+                f"the ADC's step is {adc.step / rms:.3g} times the rms of what comes in, and {100 * lost:.3g} % of the samples are "
+                f"rounded to one value; raise adc.gain_db from {adc.gain_db:g} to {adc.gain_db + lacking_db:g}, lower "
+                f"adc.full_scale_dbm by {lacking_db} dB, or give adc.bits {math.ceil(lacking_db / DB_PER_BIT)} more"
+            )
+
+
+def _heard(power_w: float, all_w: float) -> float:
+    """A power, or 0 where it is rounding."""
+    return power_w if power_w > SILENT * all_w else 0.0
+
+
+def _db(ratio: float) -> float:
+    """A ratio of powers in decibels."""
+    return 10 * math.log10(ratio)
+
+
+PARALLEL_CYCLES = 1e-3
+"""Chirps whose slopes differ by less than so many cycles over a chirp are parallel: they leave a tone."""
+RINGING = 16
+"""Samples beside a burst in which the ideal IF filter still rings."""
+PHASES = 4096
+"""Chirps of the other radar whose phases are drawn at once."""
+
+
+class Interference:
+    """The chirps of one other radar, heard by all receivers over the line of sight (eq. 37)."""
+
+    def __init__(self, radar: Radar, other: Interferer, draws: Draws, number: int) -> None:
+        self._radar, self._other, self._draws = radar, other, draws
+        self._slots, self._name = TimeSlots(radar), f"interferer {number}"
+        apart = np.array(other.position_m) - radar.rx_positions_m
+        ranges = np.linalg.norm(apart, axis=1)
+        if ranges.min() < 1e-3:
+            raise InputError(f"interferer at {other.position_m} m is at a receive antenna; move it away")
+        direction = apart.mean(axis=0) / np.linalg.norm(apart.mean(axis=0)) @ radar.axes.T
+        gain = 10 ** ((radar.rx_gain_dbi + radar.if_gain_db) / 10) * float(radar.rx_pattern.gain(direction))
+        self.power_w = received_w(other.eirp_dbm, gain, radar.wavelength_m, float(ranges.mean()))
+        phase = np.exp(2j * np.pi * radar.mid_frequency_hz / SPEED_OF_LIGHT * (ranges - ranges.mean()))
+        channels = self._slots.channels
+        self._channels = (math.sqrt(self.power_w) * np.resize(phase, channels)).astype(np.complex64)
+        self._first_s = other.interval_s * draws.of(f"{self._name} start").random()
+        self._phases: dict[int, np.ndarray] = {}
+
+    def __call__(self, samples: np.ndarray, first_row: int) -> np.ndarray:
+        """Samples (row, antenna, sample), from a row on, and the bursts in them."""
+        found = samples.astype(np.complex64)
+        view = self._slots.by_slot(found)
+        starts = self._slots.starts_s(first_row, len(samples))
+        other, length = self._other, self._radar.sweep_time_s
+        low = np.floor((starts - self._first_s - other.duration_s) / other.interval_s).astype(np.int64)
+        high = np.floor((starts + length - self._first_s) / other.interval_s).astype(np.int64)
+        for step in range(int((high - low).max(initial=-1)) + 1):
+            chirp = low + step
+            begins = self._first_s + chirp * other.interval_s - starts
+            for row, slot in np.argwhere(chirp <= high).tolist():
+                place, part = self.burst(float(begins[row, slot]))
+                if len(part):
+                    burst = part * self._phase(int(chirp[row, slot]))
+                    view[row, slot, :, place] += self._channels[:, None] * burst.astype(np.complex64)
+        return found
+
+    def burst(self, begins_s: float) -> tuple[slice, np.ndarray]:
+        """What a chirp that begins so long after the first ADC sample leaves at IF: which samples, and these, of power 1.
+
+        Where the two frequencies are f0 + slope t apart, the IF filter, ideal from 0 to the sample rate, lets through a burst of
+        the length rate / |slope|: Fresnel integrals between its edges.
+        """
+        radar, other, rate = self._radar, self._other, self._radar.sample_rate_hz
+        slope = radar.slope_hz_per_s - other.slope_hz_per_s
+        at_start_hz = radar.carrier_hz - other.carrier_hz + other.slope_hz_per_s * begins_s
+        heard = [begins_s, begins_s + other.duration_s]
+        parallel = abs(slope) * radar.sweep_time_s**2 < PARALLEL_CYCLES
+        if parallel:
+            if not 0 <= at_start_hz + slope * radar.mid_time_s < rate:
+                return slice(0), np.zeros(0)
+        else:
+            within = sorted((edge - at_start_hz) / slope for edge in (0.0, rate))
+            heard = [max(heard[0], within[0] - RINGING / rate), min(heard[1], within[1] + RINGING / rate)]
+        first, last = math.ceil(max(heard[0] * rate, 0)), math.floor(min(heard[1] * rate, radar.samples - 1))
+        if first > last:
+            return slice(0), np.zeros(0)
+        times = np.arange(first, last + 1) / rate
+        if parallel:
+            return slice(first, last + 1), np.exp(2j * np.pi * at_start_hz * times)
+        return slice(first, last + 1), filtered_chirp(times + at_start_hz / slope, slope, rate)
+
+    def _phase(self, chirp: int) -> complex:
+        """Phase factor of the other radar's chirp against this one's; it is drawn, since the other oscillator is not known."""
+        part = chirp // PHASES
+        if part not in self._phases:
+            if len(self._phases) > 2:
+                del self._phases[min(self._phases)]
+            # Counters are not negative: a chirp may have begun before the record.
+            self._phases[part] = self._draws.of(f"{self._name} phases", part + 1).random(PHASES)
+        return complex(np.exp(2j * np.pi * self._phases[part][chirp % PHASES]))
+
+
+def received_w(eirp_dbm: float, gain: float, wavelength_m: float, range_m: float) -> float:
+    """Power over a one-way path [W] by Friis: EIRP G (lambda / 4 pi R)^2."""
+    return float(10 ** ((eirp_dbm - 30) / 10) * gain * (wavelength_m / (4 * math.pi * range_m)) ** 2)
+
+
+def filtered_chirp(times_s: np.ndarray, slope_hz_per_s: float, bandwidth_hz: float) -> np.ndarray:
+    """exp(j pi slope t^2) through an ideal filter from 0 to a bandwidth, complex as times (from the crossing of frequency 0).
+
+    Its spectrum exp(-j pi f^2 / slope) / sqrt(|slope|) between the edges, transformed back: Fresnel integrals (Klauder 1960).
+    """
+    scale = math.sqrt(2 / abs(slope_hz_per_s))
+    sine, cosine = np.zeros((2, len(times_s))), np.zeros((2, len(times_s)))
+    for edge, edge_hz in enumerate((0.0, bandwidth_hz)):
+        sine[edge], cosine[edge] = fresnel(scale * (edge_hz - slope_hz_per_s * times_s))
+    sign = math.copysign(1.0, slope_hz_per_s)
+    between = (cosine[1] - cosine[0]) - 1j * sign * (sine[1] - sine[0])
+    return np.asarray(np.exp(1j * np.pi * (slope_hz_per_s * times_s**2 + sign / 4)) / math.sqrt(2) * between)
