@@ -202,17 +202,16 @@ def _tell_of_cuts(targets: Sequence[TargetLike], geometries: Sequence[Geometry],
         np.inf if isinstance(t, Mover) else float(g.times_s[-1]) for t, g in zip(targets, geometries, strict=True)
     ]
     motions = [place for place, target in enumerate(targets) if isinstance(target, Motion)]
-    longest = max(motions, key=lambda place: ends_s[place], default=None)
+    longest = max(motions, key=ends_s.__getitem__, default=None)
     if longest is None or ends_s[longest] <= stop_s + LEAST_CUT_S:
         return
-
-    def named(place: int) -> str:
-        origin = target.origin if isinstance(target := targets[place], Motion) else ()
-        return f"target {place + 1} ({origin[0].partition(',')[0] if origin else geometries[place].name})"
-
+    names = [
+        f"target {number} ({t.origin[0].partition(',')[0] if isinstance(t, Motion) and t.origin else g.name})"
+        for number, (t, g) in enumerate(zip(targets, geometries, strict=True), start=1)
+    ]
     warn(
-        f"the record ends with {named(ends_s.index(min(ends_s)))} at {stop_s:.4g} s, and of the {ends_s[longest]:.4g} s of "
-        f"{named(longest)} the last {ends_s[longest] - stop_s:.4g} s are left out; give both for the same time (start_s, stop_s), "
+        f"the record ends with {names[ends_s.index(min(ends_s))]} at {stop_s:.4g} s, and of the {ends_s[longest]:.4g} s of "
+        f"{names[longest]} the last {ends_s[longest] - stop_s:.4g} s are left out; give both for the same time (start_s, stop_s), "
         "or simulate them apart"
     )
 

@@ -121,22 +121,24 @@ def switched_on(ranked: Sequence[Ranked], only: Sequence[str] | None, without: S
     if only is None and not without:
         return None
     names = [each.pair.name for each in ranked] or ["direct"]
-
-    def named(option: str, given: Sequence[str]) -> set[str]:
-        found: set[str] = set()
-        for each in given:
-            matching = fnmatch.filter(names, each.replace("[", "[[]"))
-            if not matching:
-                raise InputError(f"{option}: {unknown_name('path pair', each, names)}")
-            found.update(matching)
-        return found
-
-    on = (set(names) if only is None else named("only_paths", only)) - named("without_paths", without)
+    on = set(names) if only is None else _matching("only_paths", only, names)
+    on -= _matching("without_paths", without, names)
     if not on:
         raise InputError(
             f"only_paths and without_paths leave no path pair, and so no echo; keep one of {', '.join(names)}"
         )
     return frozenset(on)
+
+
+def _matching(option: str, given: Sequence[str], names: Sequence[str]) -> set[str]:
+    """Of these names those that match what an option was given."""
+    found: set[str] = set()
+    for each in given:
+        matching = fnmatch.filter(names, each.replace("[", "[[]"))
+        if not matching:
+            raise InputError(f"{option}: {unknown_name('path pair', each, names)}")
+        found.update(matching)
+    return found
 
 
 def within_reach(scene: Scene, radar: Radar) -> Scene | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -61,14 +62,9 @@ def in_periods(
             _, others = alike.setdefault(np.round(gain, 2).tobytes(), (np.sign(most) * gain, []))
             others.append(_dimmed(view, abs(most), len(mesh.rest)))
     for gain, some in alike.values():
-        repeated = replace(found, gain=_interpolated(samples_s, gain))
+        repeated = replace(found, gain=partial(np.interp, xp=samples_s, fp=gain))
         scatterers.append(replace(make(times_s=times_s, views=some), repeats=repeated))
     return scatterers or None
-
-
-def _interpolated(samples_s: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Values between the samples, by straight lines."""
-    return lambda times_s: np.interp(times_s, samples_s, values)
 
 
 def _visibility(view: View, samples_s: np.ndarray) -> np.ndarray:

@@ -146,8 +146,7 @@ class MeshScatterer(Scatterer):
         if anchors is not None and model.at_instants:
             arrivals = Arrivals(radar, cage[:, anchors.vertices])
         elif anchors is not None:
-            some, surface = anchors.vertices, self.surface
-            arrivals = FadedArrivals.of(radar, lambda at_s: surface.at(at_s)[:, some], block)
+            arrivals = FadedArrivals.of(radar, self.surface, anchors.vertices, block)
         lit = [model.lit_faces(posed, selection.pair) for selection in self.selections]
         traced = any(each.view.facet_visibility is not None for each in self.selections)
         facets = Facets.of(posed, model.operator, model.visibility_meshes, np.any(lit, axis=0), with_places=traced)

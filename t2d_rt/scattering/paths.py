@@ -11,7 +11,7 @@ import numpy as np
 
 from t2d_rt.core.backend import Backend, aligned_empty
 from t2d_rt.scattering.lanes import Weights
-from t2d_rt.types import EchoArrays, OneWayPath, PathPair, PathSet, Radar
+from t2d_rt.types import EchoArrays, MovingMesh, OneWayPath, PathPair, PathSet, Radar
 from t2d_rt.types.path_fields import SweepNodes, field_over
 from t2d_rt.types.paths import PathKey
 from t2d_rt.types.scatterer import Fraction, FrameBlock
@@ -167,8 +167,8 @@ class FadedArrivals:
     """Of the nodes at each frame, (T, K)."""
 
     @classmethod
-    def of(cls, radar: Radar, points_at: Callable[[np.ndarray], np.ndarray], block: FrameBlock) -> FadedArrivals:
-        """At the frames of a block: nodes are the same wherever a block begins and ends. `points_at` gives (K, A, 3) m."""
+    def of(cls, radar: Radar, surface: MovingMesh, vertices: np.ndarray, block: FrameBlock) -> FadedArrivals:
+        """At some vertices (A,) of a mesh and the frames of a block: nodes are the same wherever a block begins and ends."""
         times_s, start, stop = block.record_s, block.first, block.last
         last = len(times_s) - 1
         every = max(1, int(last / (times_s[-1] - times_s[0]) / NODE_RATE_HZ))
@@ -183,7 +183,7 @@ class FadedArrivals:
         else:
             u = (frame - nodes[above - 1]) / (nodes[above] - nodes[above - 1])
             fractions[frame - start, above - 1], fractions[frame - start, above] = 1 - u, u
-        return cls(Arrivals(radar, points_at(times_s[nodes])), fractions)
+        return cls(Arrivals(radar, surface.at(times_s[nodes])[:, vertices]), fractions)
 
     def weight(self, paths: PathPair) -> tuple[np.ndarray, np.ndarray]:
         """As that of `Arrivals`, (T, A)."""
