@@ -62,7 +62,7 @@ def in_periods(
             _, others = alike.setdefault(np.round(gain, 2).tobytes(), (np.sign(most) * gain, []))
             others.append(_dimmed(view, abs(most), len(mesh.rest)))
     for gain, some in alike.values():
-        repeated = replace(found, gain=partial(np.interp, xp=samples_s, fp=gain))
+        repeated = replace(found, gain=partial(np.interp, xp=samples_s, fp=gain))  # type: ignore[arg-type]  # of one number, says NumPy
         scatterers.append(replace(make(times_s=times_s, views=some), repeats=repeated))
     return scatterers or None
 
