@@ -222,7 +222,7 @@ def test_simulate_takes_names_of_paths(tmp_path: Path, capsys: pytest.CaptureFix
     code, out, _ = run(["paths", "one.zarr"], capsys)
     assert (code, "1 path pair" in out, "direct, floor" in out) == (0, True, True)
     code, _, told = run(["paths", "one.zarr", "--reflections", "1"], capsys)
-    assert (code, "option reflections is part of the experiment" in told) == (2, True)
+    assert (code, "option reflections is part of the recording one.zarr" in told) == (2, True)
     code, _, told = run(["paths", "one.zarr", "--memory-gb", "-1"], capsys)
     assert (code, "memory_gb" in told) == (2, True), told
     figure = recording.plot_range_doppler(ghosts=True)

@@ -262,7 +262,7 @@ def test_names_cannot_leave_the_text() -> None:
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("walk.png", "a page ends in .html, got"),
+        ("walk.png", "a page ends in .html or .htm, got"),
         ("nowhere/walk.html", "does not exist; create it first"),
         ("there.html", "exists"),
     ],
