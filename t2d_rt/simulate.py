@@ -137,7 +137,7 @@ def run(
     checked_split(split)
     with one_blas_thread:
         setup = set_up_stored(experiment, inputs, device=device, memory_gb=memory_gb)
-        recording = recorded(setup, wanted, device, progress, split)
+        recording = recorded(setup, wanted, device, progress, split or known.get("split"))
     recording.settings |= {**known, **recording.settings}
     return recording
 
@@ -175,6 +175,8 @@ def planned_run(
     parts = PartCubes(split, model)
     cube = summed(prepared, device, progress, parts)
     settings = setup.described(model, accuracy) | prepared.counts | plan.described(needed_bytes)
+    settings |= {} if split is None else {"split": split}
+    settings |= {} if most_again == MOST_AGAIN else {"runs": MOST_AGAIN - most_again + 1}
     settings |= {"scatterers": sorted(added)} if (added := plugin_finders()) else {}
     static = prepared.static
     del prepared  # its facets, before others are made

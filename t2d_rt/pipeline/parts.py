@@ -42,7 +42,9 @@ def part_names(split: Split, labels: EchoLabels, model: Model) -> np.ndarray:
     target stands before theirs where there are several targets.
     """
     if split == "bounce":
-        words = np.array([STATIC, "1 bounce", *(f"{count} bounces" for count in range(2, labels.bounces.max() + 1))])
+        words = np.array(
+            [STATIC, "1 bounce", *(f"{count} bounces" for count in range(2, labels.bounces.max(initial=1) + 1))]
+        )
         return words[labels.bounces]
     if split == "path":
         return np.where(labels.bounces == 0, STATIC, labels.path.astype(str))
@@ -61,7 +63,7 @@ def part_names(split: Split, labels: EchoLabels, model: Model) -> np.ndarray:
 
 def target_names(model: Model) -> list[str]:
     """Names of the targets, with a number where several have the same."""
-    names = [each.name for each in model.geometries]
+    names = ["person" if isinstance(each.source, Motion) else each.geometry.name for each in model.modelled]
     return [
         name if names.count(name) == 1 else f"{name} {names[:number].count(name) + 1}"
         for number, name in enumerate(names)
@@ -93,7 +95,9 @@ def _pieces(mesh: MovingMesh, name: str) -> list[str]:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    faces = mesh.faces
+    # Files of loose triangles have each vertex several times.
+    _, same = np.unique(np.round(mesh.rest, 6), axis=0, return_inverse=True)
+    faces = same.reshape(-1)[mesh.faces]
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]]).T
     joined = coo_array((np.ones(ends.shape[1], bool), tuple(ends)), shape=(faces.max() + 1,) * 2)
     count, piece = connected_components(joined, directed=False)
@@ -125,7 +129,10 @@ class PartCubes:
         labels, radar = scatterers.labels, model.radar
         names, number = np.zeros(0, str), np.zeros(scatterers.echoes, int)
         if self.split is not None:
-            names, number = np.unique(part_names(self.split, labels, model), return_inverse=True)
+            every = part_names(self.split, labels, model)
+            names, first, number = np.unique(every, return_index=True, return_inverse=True)
+            order = np.argsort(first)  # as they come: segments by the body's faces, path pairs by their strength
+            names, number = names[order], np.argsort(order)[number]
         if model.paths_on is not None:
             on = (labels.bounces == 0) | np.isin(labels.path.astype(str), sorted(model.paths_on))
             number = np.where(on, number, -1)

@@ -127,7 +127,7 @@ def switched_on(ranked: Sequence[Ranked], only: Sequence[str] | None, without: S
         raise InputError(
             f"only_paths and without_paths leave no path pair, and so no echo; keep one of {', '.join(names)}"
         )
-    return frozenset(on)
+    return None if on == set(names) else frozenset(on)
 
 
 def _matching(option: str, given: Sequence[str], names: Sequence[str]) -> set[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,7 +44,7 @@ class Parts(Mapping[str, "Recording"]):
     def __getitem__(self, name: str) -> Recording:
         if name not in self._cubes:
             raise KeyError(f"there is no part {name!r}; there are {', '.join(self._cubes) or 'none'}")
-        return self._whole.of_part(name, self._cubes[name])
+        return self._whole._of_part(name, self._cubes[name])
 
     @override
     def __iter__(self) -> Iterator[str]:
@@ -68,10 +69,14 @@ class Parts(Mapping[str, "Recording"]):
         """
         found: dict[str, DiskCube] = {}
         taken: set[str] = set()
-        for name, members in groups.items():
-            mine = [each for each in self._cubes if each in members]
+        # Where there are several targets, the name of each stands before its segments.
+        whose = dict.fromkeys(each.rpartition(": ")[0] for each in self._cubes)
+        for target, (name, members) in itertools.product(whose, groups.items()):
+            before = f"{target}: " if target else ""
+            mine = [each for each in self._cubes if each in members or each.removeprefix(before) in members]
+            mine = [each for each in mine if each.rpartition(": ")[0] == target]
             if mine:
-                found[name] = _sum([self._cubes[each] for each in mine])
+                found[before + name] = _sum([self._cubes[each] for each in mine])
                 taken.update(mine)
         rest = {name: cube for name, cube in self._cubes.items() if name not in taken}
         if twice := sorted(found.keys() & rest.keys()):
@@ -148,7 +153,7 @@ def write_parts(folder: Path, cubes: Mapping[str, DiskCube]) -> None:
 def read_parts(folder: Path) -> dict[str, DiskCube]:
     """The cubes of the parts that `write_parts` wrote, by their names."""
     found: dict[str, DiskCube] = {}
-    for path in sorted(folder.glob("*.npz"), key=lambda each: int(each.stem)):
+    for path in sorted(folder.glob("[0-9]*.npz"), key=lambda each: int(each.stem)):
         with np.load(path, allow_pickle=False) as file:
             found[str(file["name"])] = DiskCube(ProductRows.from_arrays(file))
     return found

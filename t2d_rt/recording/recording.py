@@ -99,8 +99,16 @@ def at_a_glance(
     return html_table("Recording", rows)
 
 
+def whole(settings: Mapping[str, Any]) -> None:
+    """Refuses a part of a recording where the whole is asked for."""
+    if "part" in settings:
+        raise InputError(f"this is the part {settings['part']} of a recording; take the whole recording")
+
+
 def noise_of(settings: Mapping[str, Any], *, measured: bool) -> str:
     """Effects of the receiver, and the level of what they add."""
+    if "part" in settings:
+        return "none: a part of a recording"
     if "noise" not in settings:
         return "as it was measured" if measured else "none"
     noise_dbm = settings.get("noise_dbm")
@@ -263,6 +271,7 @@ class Recording:
         return truth_table(*self._set_up(times_s))
 
     def _set_up(self, times_s: Any) -> tuple[Model, Accuracy, np.ndarray | None]:
+        whole(self.settings)
         model = set_up_again(self.experiment, self.inputs).model
         return model, self.accuracy or Accuracy(), checked_times(model, times_s)
 
@@ -290,7 +299,7 @@ class Recording:
         check_processing(self.radar, len(self.cube), changed.processing)
         return changed
 
-    def of_part(self, name: str, cube: DiskCube) -> Recording:
+    def _of_part(self, name: str, cube: DiskCube) -> Recording:
         """A part of this recording, with its processing; without an experiment, which makes the whole."""
         known: dict[str, Any] = {key: self.settings[key] for key in ("method", "scene") if key in self.settings}
         processing = {**self.processing, "mti": self._mti}

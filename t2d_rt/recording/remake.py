@@ -16,7 +16,7 @@ from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import repeatable
 from t2d_rt.noise.receiver import receive
 from t2d_rt.pipeline.prepare import plugin_finders
-from t2d_rt.recording.recording import Recording
+from t2d_rt.recording.recording import Recording, whole
 from t2d_rt.types import Accuracy, Receiver
 
 KNOWN = "error_db", "error_scatter_db", "error_chirps", "tolerance_db"
@@ -30,7 +30,9 @@ def again(
     instance("experiment", experiment, (Experiment, Recording), "an Experiment or a Recording")
     if isinstance(experiment, Experiment):
         return experiment, {}, accuracy, {}
+    whole(experiment.settings)
     recording, made = experiment, repeatable(experiment.experiment)
+    kept = {"split": recording.settings["split"]} if "split" in recording.settings else {}
     then, now = recording.settings.get("scatterers", []), sorted(plugin_finders())
     if then != now:
         had, have = (", ".join(names) or "none" for names in (then, now))
@@ -39,9 +41,9 @@ def again(
             "install or uninstall these packages"
         )
     if accuracy is not None or tolerance_db is not None:
-        return made, recording.inputs, accuracy, {}
+        return made, recording.inputs, accuracy, kept
     known: dict[str, Any] = {name: recording.settings[name] for name in KNOWN if name in recording.settings}
-    return made, recording.inputs, recording.accuracy, known
+    return made, recording.inputs, recording.accuracy, known | kept
 
 
 @one_blas_thread
@@ -54,6 +56,7 @@ def add_noise(
     seed: of the noise, in place of the receiver's or the experiment's own.
     """
     instance("recording", recording, Recording, "a Recording")
+    whole(recording.settings)
     made = recording.experiment
     if made is None:
         raise InputError("the recording was measured, so its receiver's noise is in it; give a simulated one")

@@ -51,6 +51,8 @@ FASTEST_HZ = 480.0
 RECORDED_HZ = 240.0
 """People are recorded at up to this rate. What is given more often, or as a function of time, is given so for something fast and
 small, which a body's own movements may hide."""
+ROUNDED = 1e-6
+"""A rate worked out from times is off by as much."""
 STEADY_HZ, STEADY_S, LEAST_STEADY_S = (9.0, 240.0), 0.8, 0.2
 """Between these frequencies [Hz] all of it that goes on is resolved: what is there in each piece of a record, so long [s]. Steps on
 the floor pass; a vibration goes on, hidden or not. Shorter records than the last do not tell its frequency."""
@@ -161,7 +163,7 @@ class SurfaceRate:
 
         Of a record too large to be probed as a whole the middle is searched.
         """
-        if self._length_s < LEAST_STEADY_S or self._is_rotor or self._given_hz <= RECORDED_HZ:
+        if self._length_s < LEAST_STEADY_S or self._is_rotor or self._given_hz < RECORDED_HZ * (1 + ROUNDED):
             return 0.0
         highest_hz = min(STEADY_HZ[1], 0.5 * self._given_hz)
         length_s = min(self._length_s, self._most_frames / (2 * STEADY_HZ[1]))
@@ -191,7 +193,7 @@ class SurfaceRate:
         if made is None or made.by == "mover":
             return FASTEST_HZ
         of_body = made.by in {"skin", "segments"}
-        return 0.0 if of_body and self._given_hz <= RECORDED_HZ else min(FASTEST_HZ, self._given_hz)
+        return 0.0 if of_body and self._given_hz < RECORDED_HZ * (1 + ROUNDED) else min(FASTEST_HZ, self._given_hz)
 
     @property
     def _probe_hz(self) -> float:

@@ -109,6 +109,11 @@ def test_parts_are_kept_with_the_recording(by_segment: t2d.Recording, tmp_path: 
     assert list(again.parts) == list(by_segment.parts)
     for name, cube in by_segment.parts.cubes.items():
         assert np.array_equal(np.asarray(again.parts.cubes[name]), np.asarray(cube))
+    repeated = again.again()
+    assert list(repeated.parts) == list(by_segment.parts)
+    assert np.array_equal(repeated.cube, by_segment.cube)
+    (tmp_path / "walk.zarr" / "parts" / "._0.npz").write_bytes(b"left by a file system")
+    assert len(t2d.Recording.load(tmp_path / "walk.zarr").parts) == 17
     noisy = t2d.add_noise(again)
     assert list(noisy.parts) == list(again.parts)
     assert list(noisy.processed(mti="mean").parts) == list(again.parts)
@@ -176,3 +181,31 @@ def test_what_an_ellipsoid_gets_wrong_is_told_limb_by_limb(by_segment: t2d.Recor
     differences = [abs(float(line.split()[-1])) for line in table]
     assert differences == sorted(differences, reverse=True)  # the one that changed most comes first
     assert not t2d.compare(by_segment, by_segment.parts["head"]).parts_db
+
+
+def test_a_part_is_no_recording_of_its_own(by_segment: t2d.Recording) -> None:
+    head = by_segment.parts["head"]
+    for ask in (lambda: head.paths, lambda: head.truth, head.again, lambda: t2d.add_noise(head)):
+        with pytest.raises(InputError, match="this is the part head of a recording; take the whole recording"):
+            ask()
+    assert "none: a part of a recording" in head._repr_html_()
+
+
+def test_limbs_of_two_persons_and_pieces_of_loose_triangles() -> None:
+    two = [piece(), t2d.place(piece(), distance_m=4.0, angle_deg=10)]
+    found = t2d.simulate(two, radar=RADAR, method="ellipsoid", split="segment").parts.grouped()
+    assert len(found) == 12
+    assert {"person 1: feet", "person 2: trunk"} <= set(found)
+    corners = np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 0], [0, 1, 1], [0, 0, 1]], float)
+    vertices = np.concatenate([corners, corners + [0, 3, 0]]) + [4.0, -2.0, 0.5]
+    faces, times_s = np.arange(12).reshape(4, 3), np.linspace(0, 0.2, 5)
+    with pytest.warns(t2d.T2DWarning):  # not watertight
+        loose = t2d.MovingMesh(np.tile(vertices, (5, 1, 1)), faces, times_s, material="pec")
+    parts = t2d.simulate(loose, radar=RADAR, split="segment").parts
+    assert [name.rpartition(" ")[2] for name in parts] == ["1", "2"]
+
+
+def test_filters_that_leave_all_paths_on_are_none() -> None:
+    assert (
+        t2d.simulate(ball((3.0, 0.0, 1.0)), radar=RADAR, only_paths=["direct"], tolerance_db=-10).error_db is not None
+    )
