@@ -127,15 +127,16 @@ class PartCubes:
         if self.split is None and model.paths_on is None:
             return None
         labels, radar = scatterers.labels, model.radar
-        names, number = np.zeros(0, str), np.zeros(scatterers.echoes, int)
-        if self.split is not None:
-            every = part_names(self.split, labels, model)
-            names, first, number = np.unique(every, return_index=True, return_inverse=True)
-            order = np.argsort(first)  # as they come: segments by the body's faces, path pairs by their strength
-            names, number = names[order], np.argsort(order)[number]
+        on = np.ones(scatterers.echoes, bool)
         if model.paths_on is not None:
             on = (labels.bounces == 0) | np.isin(labels.path.astype(str), sorted(model.paths_on))
-            number = np.where(on, number, -1)
+        names, number = np.zeros(0, str), np.zeros(scatterers.echoes, int)
+        if self.split is not None:
+            every = part_names(self.split, labels, model)[on]
+            names, first, found = np.unique(every, return_index=True, return_inverse=True)
+            order = np.argsort(first)  # as they come: segments by the body's faces, path pairs by their strength
+            names, number[on] = names[order], np.argsort(order)[found]
+        number[~on] = -1
         shape = len(radar.chirp_times_s(model.span_s[1] - model.span_s[0])), radar.antennas, radar.samples
         for name in names.tolist():
             self.cubes.setdefault(name, DiskCube(ProductRows(shape)))

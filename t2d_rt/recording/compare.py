@@ -12,7 +12,7 @@ import numpy as np
 from t2d_rt.core.checks import array, flag, instance
 from t2d_rt.core.constants import decibel
 from t2d_rt.core.cubes import row_blocks
-from t2d_rt.core.errors import InputError
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.plots.canvas import checked_labels
 from t2d_rt.recording.recording import Recording
 from t2d_rt.signal import range_fft
@@ -155,12 +155,12 @@ def compare(
 
 
 def _parts_db(first: Recording, second: Recording) -> dict[str, float]:
-    """Levels of parts of the same name against each other, in the mean over the columns of their spectrograms."""
-    return {
-        name: _level_db(second.parts[name]) - _level_db(first.parts[name])
-        for name in first.parts
-        if name in second.parts
-    }
+    """Levels of parts of the same name against each other; the one person's segments are those of a person among other targets."""
+    one, two = ({name.removeprefix("person: "): name for name in each.parts} for each in (first, second))
+    common = [name for name in one if name in two]
+    if one and two and not common:
+        warn("the recordings have no part of one name; simulate both with the same split to have their parts compared")
+    return {name: _level_db(second.parts[two[name]]) - _level_db(first.parts[one[name]]) for name in common}
 
 
 def _level_db(recording: Recording) -> float:

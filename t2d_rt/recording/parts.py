@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from typing_extensions import override
 
-from t2d_rt.core.checks import number, shown
+from t2d_rt.core.checks import instance, number, shown, unknown_name
 from t2d_rt.core.cubes import DiskCube
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.factored_cubes import ProductRows
@@ -67,6 +67,8 @@ class Parts(Mapping[str, "Recording"]):
 
         groups: names of the new parts, and of those that each holds; by default the limbs of a body.
         """
+        if groups is not GROUPS:
+            self._check(groups)
         found: dict[str, DiskCube] = {}
         taken: set[str] = set()
         # Where there are several targets, the name of each stands before its segments.
@@ -82,6 +84,22 @@ class Parts(Mapping[str, "Recording"]):
         if twice := sorted(found.keys() & rest.keys()):
             raise InputError(f"groups has {twice[0]!r} for a name, which another part has; choose another one")
         return Parts(self._whole, {**found, **rest})
+
+    def _check(self, groups: Any) -> None:
+        """Refuses groups that are no texts, name what is no part, or hold a part twice."""
+        instance("groups", groups, Mapping, "a mapping of names to lists of parts")
+        known = {each.rpartition(": ")[2] for each in self._cubes} | self._cubes.keys()
+        held: set[str] = set()
+        for name, members in groups.items():
+            texts = isinstance(members, list | tuple) and all(isinstance(each, str) for each in members)
+            if not isinstance(name, str) or not texts:
+                raise InputError(f"groups must map names to lists of parts, got {shown({name: members})}")
+            for each in members:
+                if each not in known:
+                    raise InputError(f"groups: {unknown_name('part', each, sorted(known))}")
+                if each in held:
+                    raise InputError(f"groups has the part {each} twice; name it once")
+                held.add(each)
 
     @property
     def spectrogram(self) -> xr.DataArray:

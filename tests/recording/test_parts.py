@@ -99,8 +99,16 @@ def test_limbs_are_sums_of_their_segments(by_segment: t2d.Recording) -> None:
     feet = sum(np.asarray(by_segment.parts.cubes[f"{side}_foot"], np.complex128) for side in ("left", "right"))
     assert nmse_db(np.asarray(limbs.cubes["feet"]), feet) < -120
     assert limbs.spectrogram.dims == ("part", "velocity_mps", "time_s")
-    with pytest.raises(InputError, match="groups has 'chest' for a name, which another part has"):
-        by_segment.parts.grouped({"chest": ["head"]})
+    for wrong, sentence in (
+        ({"chest": ["head"]}, "groups has 'chest' for a name, which another part has"),
+        ({"a": ["head"], "b": ["head", "neck"]}, "groups has the part head twice"),
+        ({"a": ["nose"]}, "groups: unknown part 'nose'"),
+        ({1: ["neck"]}, "groups must map names to lists of parts, got"),
+        ({"a": "neck"}, "groups must map names to lists of parts, got"),
+        (["head"], "groups must be a mapping of names to lists of parts, got"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            by_segment.parts.grouped(wrong)  # type: ignore[arg-type]
 
 
 def test_parts_are_kept_with_the_recording(by_segment: t2d.Recording, tmp_path: Path) -> None:
@@ -209,3 +217,26 @@ def test_filters_that_leave_all_paths_on_are_none() -> None:
     assert (
         t2d.simulate(ball((3.0, 0.0, 1.0)), radar=RADAR, only_paths=["direct"], tolerance_db=-10).error_db is not None
     )
+
+
+def test_parts_of_a_person_beside_a_mover_and_of_other_splits_are_compared_or_told() -> None:
+    alone = t2d.simulate(piece(), radar=RADAR, method="ellipsoid", split="segment")
+    fan = t2d.TableFan(position_m=(3.0, 1.0, 1.0), rpm=300)
+    beside = t2d.simulate([piece(), fan], radar=RADAR, method="ellipsoid", split="segment")
+    found = t2d.compare(alone, beside).parts_db
+    assert set(found) == set(alone.parts)
+    assert max(map(abs, found.values())) < 0.1  # ellipsoids do not hide one another
+    by_target = t2d.simulate(piece(), radar=RADAR, method="ellipsoid", split="target")
+    with pytest.warns(t2d.T2DWarning, match="the recordings have no part of one name"):
+        assert not t2d.compare(alone, by_target).parts_db
+
+
+def test_a_path_that_is_off_is_no_part() -> None:
+    options: dict[str, Any] = {
+        "radar": RADAR,
+        "scene": small_room(),
+        "clutter": "none",
+        "method": "ellipsoid",
+        "split": "path",
+    }
+    assert list(t2d.simulate(piece(), only_paths=["direct"], **options).parts) == ["direct"]
