@@ -24,6 +24,8 @@ STATIC = "static scene"
 """The part of echoes that no target takes part in."""
 BETWEEN = "several bounces"
 """The part of echoes over several surfaces, which belong to none of them."""
+UNLABELLED = "no target"
+"""The part of single bounces whose labels name no target, as those of other packages may."""
 MOST_PIECES = 24
 """A mesh of more pieces that hang together is one part."""
 
@@ -48,7 +50,7 @@ def part_names(split: Split, labels: EchoLabels, model: Model) -> np.ndarray:
         return words[labels.bounces]
     if split == "path":
         return np.where(labels.bounces == 0, STATIC, labels.path.astype(str))
-    found = np.where(labels.bounces == 0, STATIC, BETWEEN).astype(object)
+    found = np.array([STATIC, UNLABELLED, BETWEEN], object)[np.minimum(labels.bounces, 2)]
     for number, name in enumerate(target_names(model)):
         mine = labels.target == number
         found[mine] = name

@@ -307,12 +307,15 @@ def _added(name: str, find: Finder, preparation: Preparation, number: int, times
     wrong = [
         each
         for each in found
-        if not isinstance(each, Scatterer) or each.echoes < 1 or not np.array_equal(each.times_s, times_s)
+        if not isinstance(each, Scatterer)
+        or each.echoes < 1
+        or not np.array_equal(each.times_s, times_s)
+        or len(each.labels.target) != each.echoes
     ]
     if wrong:
         raise InputError(
             f"the scatterers {name} of another package gave {shown(wrong[0])}, which must be a Scatterer of 1 echo or more at the "
-            "frames that it was asked for; repair or uninstall that package"
+            "frames that it was asked for, with as many labels; repair or uninstall that package"
         )
     return found
 

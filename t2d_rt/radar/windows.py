@@ -83,6 +83,8 @@ class Windows:
 
     def add(self, first: int, echoes: EchoArrays) -> Iterator[Window]:
         """The windows that are complete with echoes from frame `first` on, which is the one after those given before."""
+        if self._part is not None and len(self._part) != echoes.delay_s.shape[1]:
+            raise ValueError(f"{len(self._part)} echoes have parts and {echoes.delay_s.shape[1]} came")
         self._held.append((first, echoes))
         come = first + len(echoes.delay_s)
         while self._start < self._frames - 1:

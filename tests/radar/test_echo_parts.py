@@ -40,3 +40,5 @@ def test_parts_are_what_their_echoes_return_and_add_up_to_the_whole(preset: str,
     assert nmse_db(np.sum([np.asarray(each, complex) for each in cubes], axis=0), whole) < -120
     for part, cube in enumerate(cubes):
         assert nmse_db(np.asarray(cube), summed(EchoParts(np.where(number == part, 0, -1)))) < -110
+    with pytest.raises(ValueError, match=f"{count - 1} echoes have parts and {count} came"):
+        summed(EchoParts(number[1:]))

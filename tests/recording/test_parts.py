@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,9 @@ from builders import ball, slow_after, small_room, walk
 from measures import nmse_db
 from t2d_rt.cli import main
 from t2d_rt.core.errors import InputError
+from t2d_rt.pipeline.parts import part_names
 from t2d_rt.plots import plot_parts
+from t2d_rt.types.scatterer import EchoLabels
 
 RADAR = t2d.Radar.preset("table2", samples=64, prf_hz=6000.0)
 ARRAY = t2d.Radar.preset("ci4r", samples=64, prf_hz=3000.0, rx_offsets_m=[[0.0, 0.002, 0.0], [0.0, -0.002, 0.0]])
@@ -240,3 +243,12 @@ def test_a_path_that_is_off_is_no_part() -> None:
         "split": "path",
     }
     assert list(t2d.simulate(piece(), only_paths=["direct"], **options).parts) == ["direct"]
+
+
+def test_echoes_of_no_target_are_told_from_those_of_several_bounces() -> None:
+    """Labels of other packages may name no target; two and three bounces are one part of the segments."""
+    labels = EchoLabels.of(4, bounces=np.arange(4))
+    nobody: Any = SimpleNamespace(modelled=[])
+    names = ["static scene", "no target", "several bounces", "several bounces"]
+    assert part_names("segment", labels, nobody).tolist() == names
+    assert part_names("bounce", labels, nobody).tolist() == ["static scene", "1 bounce", "2 bounces", "3 bounces"]
