@@ -330,7 +330,10 @@ class Recording:
         return labelled_map("range_time", self._maps.range_time(), self.attributes)
 
     def range_doppler_at(self, time_s: float | None = None, *, interval_s: float | None = None) -> xr.DataArray:
-        """Range-Doppler map of one coherent interval, power [dB re 1 W] (velocity_mps, range_m); MTI by default where clutter is.
+        """Range-Doppler map of one coherent interval, power [dB re 1 W] (velocity_mps, range_m), after MTI as `processed` sets it.
+
+        By default there is MTI where a simulated scene has clutter; `processed(mti="mean")` takes what stands still out of measured
+        samples, too.
 
         time_s: its middle; that of the record by default.
         interval_s: its length; that of the spectrogram's windows by default.
