@@ -171,8 +171,10 @@ def test_progress_reaches_one() -> None:
         ({"scene": "moon"}, "unknown scene 'moon'; choose one of free_space, bedroom"),
         ({"method": "magic"}, "method must be 'mesh' or 'ellipsoid', got 'magic'"),
         ({"method": "ellipsoid"}, "method 'ellipsoid' needs a Motion or Ellipsoids, got the mesh ball"),
-        ({"seed": -1}, "seed must be greater than or equal to 0, got -1"),
-        ({"seed": 0.5}, "seed must be a valid integer, got 0.5"),
+        ({"seed": -1}, "seed must be an integer of 0 or more, got -1"),
+        ({"seed": 0.5}, "seed must be an integer of 0 or more, got 0.5"),
+        ({"seed": 2.0}, "seed must be an integer of 0 or more, got 2.0"),
+        ({"bounces": "2"}, "bounces must be an integer of 0 or more, got '2'"),
         (
             {"accuracy": {"surface_rate_hz": 5}},
             "accuracy key surface_rate_hz: got 5, should be greater than or equal to 10",

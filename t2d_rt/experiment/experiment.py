@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator
 
-from t2d_rt.core.checks import instance
+from t2d_rt.core.checks import instance, integer
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_yaml
 from t2d_rt.core.stored_arrays import Inputs, Store, named_arrays
@@ -108,6 +108,9 @@ class Experiment(Plain):
 
         radar: a `Radar`, a preset's name or a .yaml file; the `table2` preset by default.
         """
+        # A text or a float, 2.0 too, is no count in Python; in YAML and on the command line pydantic reads them.
+        counts = [name for name, field in cls.model_fields.items() if field.annotation is int and name in fields]
+        fields |= {name: integer(name, fields[name]) for name in counts}
         known = Radar.preset("table2") if radar is None else radar_named(radar)
         instance("radar", known, Radar, "a Radar", hint="Radar.preset(name) makes one of a preset's name")
         return cls.from_options(targets=[Unknown(description="a target that is not stored yet")], radar=known, **fields)
