@@ -37,9 +37,10 @@ ALIGNMENT = 64
 
 _PATH_VARIABLE = "DRJIT_LIBLLVM_PATH"
 _REMEDY = (
-    "install LLVM (Debian, Ubuntu: apt-get install libllvm19) "
+    "install LLVM (Debian, Ubuntu: apt-get install libllvm19; anywhere on x86-64: pip install 't2d-rt[llvm]') "
     f"or set {_PATH_VARIABLE} to a libLLVM of {OLDEST_LLVM} or newer"
 )
+_LLVM_WHEEL = "karellen-llvm-core"
 _ROOT = Path("/")
 _LIBRARY_GLOBS = (
     "usr/lib/*-linux-gnu*/libLLVM*.so*",
@@ -262,9 +263,20 @@ def _newest_installed() -> str:
 
 def _installed() -> list[str]:
     """Libraries of this machine, newest first by file name, so that no old one need be loaded to be passed over."""
-    found = {str(path.resolve()) for pattern in _LIBRARY_GLOBS for path in _ROOT.glob(pattern)}
+    found = {str(path.resolve()) for pattern in _LIBRARY_GLOBS for path in _ROOT.glob(pattern)} | _from_wheel()
     # a bare name lets the loader search LD_LIBRARY_PATH and an environment's own folder, as Dr.Jit does
     return [*sorted(found, key=_version_in_name, reverse=True), "libLLVM.so"]
+
+
+def _from_wheel() -> set[str]:
+    """The libraries that the extra [llvm] brings, wherever pip put them: the environment's own folder, or the user's."""
+    from importlib import metadata
+
+    try:
+        files = metadata.files(_LLVM_WHEEL) or []
+    except metadata.PackageNotFoundError:
+        return set()
+    return {str(Path(each.locate()).resolve()) for each in files if each.name.startswith("libLLVM.so")}
 
 
 def _version_in_name(path: str) -> tuple[int, ...]:
