@@ -60,11 +60,13 @@ $(STAMP): pyproject.toml
 	@$(PY) -c 'from t2d_rt.core.backend import require_llvm; require_llvm()' 2>/dev/null || $(MAKE) --no-print-directory install-llvm
 	@touch $@
 
-# What pip does not bring: LLVM, and on Debian and Ubuntu the part of Python that makes virtual environments.
+# What pip does not bring by itself: LLVM, a wheel of which is taken where apt may not be used, and on Debian and Ubuntu the part of Python
+# that makes virtual environments.
 # The tests of the viewer look at its page in Chromium; without one they are skipped.
 .PHONY: install-llvm install-venv install-chromium
 install-llvm: PACKAGE = libllvm19
 install-llvm: NEEDED = LLVM 17 or newer: run 'sudo apt-get install libllvm19' (or set DRJIT_LIBLLVM_PATH), then make again
+install-llvm: WHEEL = [llvm]
 install-venv: PACKAGE = $$($(PYTHON) -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])')
 install-venv: NEEDED = Python's venv: run 'sudo apt-get install python3-venv', then make again
 install-chromium: PACKAGE = chromium
@@ -72,6 +74,8 @@ install-chromium: NEEDED = Chromium for the tests of the viewer, which are skipp
 install-llvm install-venv install-chromium:
 	@if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(PACKAGE); \
+	elif [ -n "$(WHEEL)" ] && [ "$$(uname -sm)" = "Linux x86_64" ]; then \
+		$(PY) -m pip install --quiet --disable-pip-version-check -e ".$(WHEEL)"; \
 	else \
 		echo "t2d-rt needs $(NEEDED)" >&2; \
 		exit 2; \

@@ -84,6 +84,17 @@ def test_newest_good_library_is_chosen(tmp_path: Path, monkeypatch: pytest.Monke
     assert backend._newest_installed() == str(newest.resolve())
 
 
+def test_the_wheels_library_is_found_wherever_pip_put_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    library, site = _fake_llvm(tmp_path, 23).rename(tmp_path / "libLLVM.so.23.1"), tmp_path / "python" / "site-packages"
+    told = site / "karellen_llvm_core-23.1.dist-info"
+    told.mkdir(parents=True)
+    (told / "METADATA").write_text("Metadata-Version: 2.4\nName: karellen-llvm-core\nVersion: 23.1\n")
+    (told / "RECORD").write_text("../../libLLVM.so.23.1,,\n../../libLTO.so.23.1,,\n")
+    monkeypatch.setattr(backend, "_ROOT", tmp_path / "nothing")
+    monkeypatch.syspath_prepend(str(site))
+    assert backend._newest_installed() == str(library.resolve())
+
+
 def test_only_old_libraries_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     old = _fake_llvm(tmp_path, 16)
     monkeypatch.setattr(backend, "_installed", lambda: [str(old)])
