@@ -23,7 +23,7 @@ test: $(DEV)
 test-all: $(DEV)
 	$(PY) -m pytest -q -n 2 $(SPREAD)
 
-# Formatter, linter, types, doctests and tests (the import layers are among them: tests/test_layers.py).
+# Formatter, linter, types, doctests and tests (the import layers are among them: tests/house/test_layers.py).
 check: style doctest test
 
 style: $(DEV)

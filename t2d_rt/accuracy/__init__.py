@@ -3,10 +3,9 @@
 from t2d_rt.accuracy.cost import check_memory
 from t2d_rt.accuracy.estimate import nmse_db
 from t2d_rt.accuracy.measuring import measured_directly, measured_error, plan_again, warn_of_miss
-from t2d_rt.accuracy.planning import plan
+from t2d_rt.accuracy.planning import Wanted, chosen, plan
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.accuracy.search import warn_out_of_reach
-from t2d_rt.accuracy.wanted import Wanted, chosen
 
 __all__ = [
     "Plan",

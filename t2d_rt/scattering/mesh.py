@@ -16,7 +16,6 @@ from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.geometry import Refinement
 from t2d_rt.scattering.antennas import seen_by, side_by_side
 from t2d_rt.scattering.facets import FacetVertices, Pair, PointVertices, patch_delays, patch_echoes
-from t2d_rt.scattering.facing import Facing
 from t2d_rt.scattering.lanes import Block
 from t2d_rt.scattering.patches import (
     CYCLES_PER_STEP,
@@ -26,6 +25,7 @@ from t2d_rt.scattering.patches import (
     Patches,
     centres,
     least_range_m,
+    normals,
     patches,
     tilts,
 )
@@ -41,6 +41,8 @@ POINTS_PER_MESH = 4_000
 FACING_RATE_HZ, FACING_AT_ONCE, FACING_MOST_HZ = 10.0, 20, 200.0
 """Rate at which faces are tested for whether they ever face an image of an antenna, and how many instants at once; a target whose
 surface rate exceeds the last one rotates too fast for that."""
+BEND_RAD = 0.2
+"""By how much more than at rest facets may be tilted against the face they lie in, where a joint bends."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -381,6 +383,42 @@ class _Selection:
 
 PROBE_EVERY = 6
 """Frames between tests of which faces face the antennas."""
+
+
+@dataclass(frozen=True, slots=True)
+class Facing:
+    """Which faces of a mesh face both antennas of a path pair: normals and centroids of the cage's faces at a few instants."""
+
+    normal: np.ndarray
+    """(K, F, 3)."""
+    middle: np.ndarray
+    """(K, F, 3) m."""
+    _angles: dict[bytes, np.ndarray] = field(default_factory=dict)
+    """Those to each place so far: path pairs have images of the antennas in common."""
+
+    @classmethod
+    def of(cls, cage: np.ndarray, faces: np.ndarray) -> Facing:
+        """Of the cage's vertices (K, V, 3) m."""
+        return cls(normals(cage, faces), cage[:, faces].mean(axis=2))
+
+    def lit(self, pair: Pair, tilt_rad: np.ndarray) -> np.ndarray:
+        """Faces, bool (F,), that may hold facets lit by the transmitter and visible to the receiver at or between the instants;
+        their facets are tilted against them by up to `tilt_rad` (F,)."""
+        angle = np.maximum(self._angle(pair.views_m[0]), self._angle(pair.views_m[-1]))
+        # What rotates from one instant to the next may rotate as much again in between.
+        margin = tilt_rad + BEND_RAD + np.abs(np.diff(angle, axis=0)).max(axis=0, initial=0)
+        return angle.min(axis=0) < math.pi / 2 + margin
+
+    def _angle(self, place_m: np.ndarray) -> np.ndarray:
+        """Of the lines of sight to a place with the normals [rad], (K, F)."""
+        key = place_m.tobytes()
+        if key not in self._angles:
+            line_of_sight = place_m - self.middle
+            cosine = np.einsum("kfi,kfi->kf", self.normal, line_of_sight) / np.sqrt(
+                np.einsum("kfi,kfi->kf", line_of_sight, line_of_sight)
+            )
+            self._angles[key] = np.arccos(np.clip(cosine, -1, 1))
+        return self._angles[key]
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from test_examples import blocks
 
 import t2d_rt as t2d
 import t2d_rt.cli
@@ -19,7 +20,6 @@ from builders import ROOT, WALK
 from command_line import Command
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.plugins import plugins
-from test_examples import blocks
 
 PAGE = ROOT / "docs" / "extend.md"
 NETWORK = """

@@ -297,7 +297,7 @@ def test_a_new_field_of_accuracy_needs_no_other_edit(
     monkeypatch.setattr(
         "t2d_rt.cli._command", cli._command.__wrapped__
     )  # its options are not those that the session keeps
-    for module in ("t2d_rt.types", "t2d_rt.accuracy.wanted", "t2d_rt.recording.recording", "t2d_rt.recording.files"):
+    for module in ("t2d_rt.types", "t2d_rt.accuracy.planning", "t2d_rt.recording.recording", "t2d_rt.recording.files"):
         monkeypatch.setattr(f"{module}.Accuracy", Wider)
     made = t2d.simulate(tetrahedron(), radar=RADAR, accuracy={"sagitta_rad": 1.5, "extra_rate_hz": 3})
     made.save(tmp_path / "a.zarr")

@@ -15,7 +15,7 @@ import t2d_rt.learn
 from t2d_rt.cli import COMMANDS
 from t2d_rt.types.fields import Fields
 
-TEXT = (Path(__file__).resolve().parent.parent / "docs" / "glossary.md").read_text(encoding="utf-8")
+TEXT = (Path(__file__).resolve().parents[2] / "docs" / "glossary.md").read_text(encoding="utf-8")
 
 
 def explained(section: str | None = None) -> set[str]:

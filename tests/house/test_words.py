@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-PACKAGE = Path(__file__).resolve().parent.parent / "t2d_rt"
+PACKAGE = Path(__file__).resolve().parents[2] / "t2d_rt"
 
 SAY = {
     "path": ("way", "ways", "leg", "legs"),

@@ -40,7 +40,7 @@ def fuzzed(place: Path, *arguments: str) -> list[dict[str, Any]]:
         str(place / "kept"),
         *arguments,
     ]
-    run = subprocess.run(command, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=False)
+    run = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False)
     assert results.exists(), run.stderr[-2000:]
     found: list[dict[str, Any]] = json.loads(results.read_text())
     return found

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 GALLERY = sorted((ROOT / "examples" / "gallery").glob("*.py"))
 TUTORIALS = sorted((ROOT / "examples" / "tutorials").glob("*.py"))
 DOCUMENTED = set(re.findall(r"\bt2d_rt(?:\.\w+)+", "".join(page.read_text() for page in (ROOT / "docs").glob("*.md"))))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 
 MOST_LINES, MOST_FUNCTION_LINES, MOST_PARAMETERS = 600, 80, 9
 

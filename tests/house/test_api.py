@@ -249,7 +249,7 @@ def test_titles_are_literal() -> None:
 @pytest.mark.slow
 def test_a_backend_of_matplotlib_that_there_is_none_of(tmp_path: Path) -> None:
     def python(*arguments: str) -> subprocess.CompletedProcess[str]:
-        env = {**os.environ, "MPLBACKEND": "nonsense", "PYTHONPATH": str(Path(__file__).parents[1])}
+        env = {**os.environ, "MPLBACKEND": "nonsense", "PYTHONPATH": str(Path(__file__).parents[2])}
         return subprocess.run(
             [sys.executable, *arguments], cwd=tmp_path, env=env, capture_output=True, text=True, check=False
         )
