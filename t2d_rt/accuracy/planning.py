@@ -1,4 +1,4 @@
-"""From the accuracy or tolerance that a user asks for to the settings of a run; `plan` tells them, and what they cost, beforehand."""
+"""From the accuracy or tolerance that a user asks for to the settings of a run; `plan` tells what they are and cost, beforehand."""
 
 from __future__ import annotations
 
