@@ -14,7 +14,7 @@ from t2d_rt.motion.check import check_motion, detect_fall
 from t2d_rt.motion.contacts import runs, soles
 from t2d_rt.motion.descriptions.slots import Activity, Step
 from t2d_rt.motion.generate.made import Made, make
-from t2d_rt.motion.generate.made.act import CHANNELS, progress, stance
+from t2d_rt.motion.generate.made.act import CHANNELS, Posture, progress, stance
 from t2d_rt.motion.generate.made.hands import Anatomy
 from t2d_rt.motion.interpolate import minimum_jerk
 from t2d_rt.motion.kinematics import INDEX, Skeleton, motion_of, skeleton_of
@@ -187,6 +187,15 @@ def test_lying_bodies_rest_at_the_surface_and_nothing_sinks_into_it() -> None:
     _, turns = prone.poses.world()
     x, y, z, w = turns[-1, INDEX["spine3"]]
     assert 2 * (x * z - w * y) < -0.9  # the chest's forward axis points down
+
+
+@pytest.mark.parametrize("begins", ["lying on a bed", "lying on the floor"])
+def test_a_motion_begins_where_the_person_lies(begins: Posture) -> None:
+    """Whichever the draw: half of the drawn beds were the floor."""
+    for seed in range(4):
+        found = make([Step(action="stand_up")], SKELETON, rng=np.random.default_rng(seed), begins=begins)
+        assert found.begins == begins
+        assert (hips(found)[0, 2] > 0.4) == (begins == "lying on a bed")
 
 
 def test_steps_follow_one_another_in_one_score() -> None:

@@ -615,6 +615,7 @@ def test_bad_files(tmp_path: Path, case: str) -> None:
     assert name in str(caught.value)
 
 
+ROOT_BONE = "begin\nname root\ndirection 0 1 0\nlength 1\naxis 0 0 0 XYZ\nend"
 ASF_BAD = {
     "no bones": (":bonedata", ":bones", "not a whole ASF skeleton"),
     "axis": ("XYZ", "XYX", "not a whole ASF skeleton"),
@@ -623,6 +624,7 @@ ASF_BAD = {
     "loop": ("lfemur ltibia", "ltibia lfemur", "not a whole ASF skeleton"),
     "unknown": ("lfemur ltibia", "lfemur tail", "not a whole ASF skeleton"),
     "names": ("lfemur", "thigh", "not a whole ASF skeleton"),
+    "a bone called root": (":hierarchy", f"{ROOT_BONE}\n:hierarchy", "not a whole ASF skeleton"),
 }
 AMC_BAD = {
     "cut in a frame": (lambda text: text[: len(text) // 2], "does not fit the skeleton|cut short"),

@@ -117,8 +117,10 @@ def read_asf(path: Path) -> Skeleton:
     try:
         units = {line[0].lower(): line[1] for line in sections["units"]}
         scale, degrees = float(units.get("length", "1.0")), _degrees(units.get("angle", "deg"))
-        bones = {ROOT: _root(sections["root"], degrees)}
-        bones |= dict(_bone(block, degrees) for block in _blocks(sections["bonedata"]))
+        bones = dict(_bone(block, degrees) for block in _blocks(sections["bonedata"]))
+        if ROOT in bones:
+            raise ValueError("the root has a section of its own")
+        bones[ROOT] = _root(sections["root"], degrees)
         parents = _parents(sections["hierarchy"])
     except (KeyError, IndexError, ValueError):
         raise InputError(f"{path} is not a whole ASF skeleton: {HINT}") from None

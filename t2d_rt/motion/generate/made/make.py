@@ -150,8 +150,9 @@ def _begun(anatomy: Anatomy, rng: np.random.Generator, handed: str, step: Step, 
     elif begins == "sitting on the floor":
         ground.floor_seat(act)
     else:
-        on = None if begins == "lying on a bed" else "floor"
-        ground.lie_down(act, Step(action="lie_down", object=on, manner=step.manner))
+        if begins == "lying on a bed":  # from whose edge one lies down
+            seat.sit(act, Step(action="sit", manner=step.manner), backrest=False)
+        ground.lie_down(act, Step(action="lie_down", object="floor", manner=step.manner))
     return resumed(act, step)
 
 
