@@ -4,6 +4,7 @@ scatterers and models, by the entry points that they register (docs/extend.md)."
 from __future__ import annotations
 
 import platform
+import sys
 from collections.abc import Collection
 from functools import cache
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
@@ -31,7 +32,7 @@ def _version(name: str) -> str:
 def plugins(group: Group, built_in: Collection[str]) -> dict[str, EntryPoint]:
     """Entry points of the group t2d_rt.GROUP by name, none of them loaded; a name that t2d-rt or another package has is refused."""
     found: dict[str, EntryPoint] = {}
-    for each in entry_points(group=f"t2d_rt.{group}"):
+    for each in _registered(group, tuple(sys.path)):
         if each.name in built_in or each.name in found:
             owner = "t2d-rt itself" if each.name in built_in else f"the package {_package(found[each.name])}"
             raise InputError(
@@ -39,6 +40,12 @@ def plugins(group: Group, built_in: Collection[str]) -> dict[str, EntryPoint]:
             )
         found[each.name] = each
     return found
+
+
+@cache
+def _registered(group: Group, path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
+    """Entry points of the packages that lie on Python's `path`; a search takes 30 ms, and a simulation asks twice."""
+    return tuple(entry_points(group=f"t2d_rt.{group}"))
 
 
 def loaded(entry: EntryPoint) -> Any:
