@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_examples import blocks
 
 import t2d_rt as t2d
 import t2d_rt.cli
 from builders import ROOT, WALK
 from command_line import Command
+from pages import blocks
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.plugins import plugins
 

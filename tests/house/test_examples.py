@@ -17,6 +17,7 @@ import t2d_rt as t2d
 from builders import ROOT, WALK, remember_samples
 from dataset_folder import made as made_up
 from measures import check_picture, nmse_db
+from pages import blocks
 from t2d_rt.cli import main
 from t2d_rt.dataset import recipe as recipe_files
 from t2d_rt.dataset import worker
@@ -39,13 +40,6 @@ FEWER = "descriptions_per_class: 20", "descriptions_per_class: 5"
 """Of the recipe small-hard: 80 samples of eight classes, for 320."""
 REAL_SAMPLES = 2
 """Samples of data sets that are simulated; the others are made up."""
-
-
-def blocks(page: Path, language: str = "python|sh") -> list[tuple[int, str, str]]:
-    """Line number, language and text of every fenced block of a page."""
-    text = page.read_text(encoding="utf-8")
-    found = re.finditer(rf"^```({language})\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
-    return [(text.count("\n", 0, match.start(2)) + 1, match[1], match[2]) for match in found]
 
 
 def run_program(page: Path, line: int, text: str, names: dict[str, Any]) -> None:
