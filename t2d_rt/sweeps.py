@@ -10,6 +10,7 @@ import itertools
 import json
 import math
 import re
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,16 +21,17 @@ import numpy as np
 from t2d_rt.accuracy import Wanted
 from t2d_rt.core.atomic_write import check_place, replacing
 from t2d_rt.core.backend import Device, one_blas_thread
-from t2d_rt.core.checks import file_path, instance, positive, shown
+from t2d_rt.core.checks import file_path, instance, shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.plugins import versions
 from t2d_rt.core.progress import ProgressBar, shown_progress
 from t2d_rt.core.stored_arrays import Inputs, Store
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import set_up_stored
+from t2d_rt.pipeline.parts import Split, checked_split
 from t2d_rt.pipeline.targets import placed
-from t2d_rt.plots.canvas import Style, blank_figure, checked_width, drawable, peak_db
-from t2d_rt.plots.figures import VELOCITY_LABEL, draw_map
+from t2d_rt.plots.canvas import Style, blank_figure, checked_width, drawable
+from t2d_rt.plots.figures import panels
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.radar.synthesize import Progress
 from t2d_rt.recording.compare import compare, field_difference_db, figures, same_axes
@@ -41,6 +43,7 @@ from t2d_rt.types import Accuracy, Motion
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MOST_POINTS = 1000
@@ -49,7 +52,14 @@ CHECKED_CHIRPS = 2**16
 """Length of the record for which options of the spectrogram are checked before there is one."""
 TABLE = "table.csv"
 PICTURES = "panels.png", "panels.pdf"
-"""What may stand beside the recordings."""
+PARTS_TABLE, PARTS_PICTURES = "parts.csv", ("parts.png", "parts.pdf")
+"""What may stand beside the recordings; the latter two where they have parts."""
+LEAST_LIMIT_DB = 3.0
+"""Of the colours of differences."""
+MOST_WRITTEN = 8
+"""Columns of cells that have room for numbers."""
+MOST_PARTS = 20
+"""Parts that are printed and drawn, the strongest ones."""
 BESIDE = "accuracy", "tolerance_db", "signal"
 """What may be varied beside fields of the experiment."""
 MEASURES = {
@@ -94,6 +104,9 @@ class Sweep:
     field is the energy of the samples' difference over that of the first one's, both without what is static."""
     spectrograms: tuple[xr.DataArray, ...]
     """(velocity_mps, time_s), dB re 1 W."""
+    parts: xr.Dataset | None = None
+    """Of the recordings' parts (recording, part), where they were simulated with `split`: `level_db` and `strongest_fraction` as of
+    `Parts.levels`, and `level_difference_db` from the first recording [dB]; NaN where one of both has no such part."""
 
     def recording(self, number: int) -> Recording:
         """One of the recordings, read from the folder."""
@@ -108,7 +121,22 @@ class Sweep:
         for point, values in zip(self.points, self.measures, strict=True):
             cells = (_cell(values[name]).rjust(size) for name, size in zip(MEASURES, sizes, strict=True))
             lines.append(f"{point.label:{width}}" + "".join(cells))
-        return "\n".join(lines)
+        return "\n".join(lines + ([] if self.parts is None else ["", *self._rows_of_parts(self.parts)]))
+
+    def _rows_of_parts(self, parts: xr.Dataset) -> list[str]:
+        """The strongest parts, a column for each recording."""
+        own, labels = _strongest(parts), [point.label for point in self.points]
+        rows = [["", *labels]]
+        for name in own.part.values:
+            cells = [own.isel(recording=number).sel(part=name) for number in range(len(labels))]
+            rows.append([name, *(_part_cell(each, with_fraction=True) for each in cells)])
+        widths = [max(len(row[k]) for row in rows) + 2 for k in range(len(rows[0]))]
+        left_out = parts.sizes["part"] - own.sizes["part"]
+        return [
+            "level of each part [dB re 1 W] or its difference from the first [dB], the fraction where no part is stronger",
+            *("".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows),
+            *([f"and {left_out} weaker parts, which are in {PARTS_TABLE}"] if left_out else []),
+        ]
 
     def table(self) -> str:
         """CSV text of fields and measures, a row for each recording."""
@@ -120,15 +148,53 @@ class Sweep:
             writer.writerow([point.file, *point.fields.values(), *numbers])
         return text.getvalue()
 
+    def parts_table(self) -> str:
+        """CSV text of the parts' levels, a row for each part of each recording."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        parts = self._parts()
+        names = list(parts.data_vars)
+        writer.writerow(["recording", *self.points[0].fields, "part", *names])
+        for number, point in enumerate(self.points):
+            for row, part in enumerate(parts.part.values):
+                values = [float(parts[name][number, row]) for name in names]
+                if not math.isnan(values[0]):
+                    numbers = ("" if math.isnan(each) else f"{each:.6g}" for each in values)
+                    writer.writerow([point.file, *point.fields.values(), part, *numbers])
+        return text.getvalue()
+
+    def _parts(self) -> xr.Dataset:
+        if self.parts is None:
+            raise InputError("the recordings have no parts; sweep with split='segment', 'path', 'target' or 'bounce'")
+        return self.parts
+
     def plot(self, title: str | None = None, *, dynamic_range_db: float = 50.0, width_in: float = 7.0) -> Figure:
         """Spectrograms side by side on one scale, whose top is the greatest level of all [dB re 1 W]."""
-        positive("dynamic_range_db", dynamic_range_db, 1000, unit="dB", hint="50 is usual")
         images = [(each.velocity_mps.values, each.time_s.values, each.values) for each in self.spectrograms]
         counts = [len({point.fields[name] for point in self.points}) for name in self.points[0].fields]
         columns = counts[-1] if len(counts) == 2 and counts[-1] <= 5 else None
-        figure = _panels(
-            images, [point.label for point in self.points], columns, dynamic_range_db, checked_width(width_in)
+        style = Style(dynamic_range_db=dynamic_range_db, width_in=width_in)
+        return panels(images, [point.label for point in self.points], style=style, columns=columns, title=title)
+
+    def plot_parts(self, title: str | None = None, *, width_in: float = 7.0) -> Figure:
+        """The strongest parts of each recording: their levels' differences from the first [dB], whose own levels are written, and
+        the fraction of their power where no other part is stronger."""
+        own, labels = _strongest(self._parts()), [point.label for point in self.points]
+        names = [drawable("names", str(each).replace("_", " ")) for each in own.part.values]
+        figure = blank_figure(checked_width(width_in), 1.3 + 0.2 * len(names))
+        left, right = figure.subplots(1, 2, sharey=True)
+        change_db, fraction = own.level_difference_db.values.T.copy(), own.strongest_fraction.values.T
+        change_db[:, 0] = np.nan  # the first one's levels are written, and differ from nothing
+        written = [
+            [_part_cell(own.isel(part=row, recording=k)) for k in range(len(labels))] for row in range(len(names))
+        ]
+        limit_db = max(LEAST_LIMIT_DB, float(np.nanmax(np.abs(change_db), initial=0)))
+        _draw_cells(
+            left, change_db, written, labels, "RdBu_r", (-limit_db, limit_db), "Difference of level from the first [dB]"
         )
+        written = [["" if np.isnan(each) else f"{each:.2f}" for each in row] for row in fraction]
+        _draw_cells(right, fraction, written, labels, "cividis", (0, 1), "Fraction of power where it is the strongest")
+        left.set_yticks(range(len(names)), names, fontsize=7, parse_math=False)
         if title is not None:
             figure.suptitle(drawable("title", title), fontsize=10, parse_math=False)
         return figure
@@ -142,6 +208,7 @@ def sweep(
     accuracy: Accuracy | Mapping[str, Any] | None = None,
     tolerance_db: float | None = None,
     processing: Mapping[str, Any] | None = None,
+    split: Split | None = None,
     device: Device = "auto",
     progress: Progress | bool | None = None,
 ) -> Sweep:
@@ -156,6 +223,7 @@ def sweep(
         stopped goes on. A folder that holds anything else, or recordings of other experiments or versions, is refused.
     accuracy, tolerance_db, device: as of `simulate`.
     processing: options of the spectrograms, as of `Recording.processed`.
+    split: as of `simulate`; tells how each part differs from that of the first, too (parts.csv).
     progress: True shows a bar for each recording; a function is called with the fraction done of all, 0..1.
     """
     if not isinstance(vary, Mapping) or not vary or not all(isinstance(name, str) for name in vary):
@@ -172,12 +240,14 @@ def sweep(
         instance("experiment", experiment, Mapping, "an Experiment, a Recording or a mapping of an experiment's fields")
         experiment = Experiment.model_validate(experiment)
     given = {"accuracy": _given(accuracy), "tolerance_db": tolerance_db, "signal": dict(processing or {})}
+    checked_split(split)
     points, place = _points(experiment, vary, given), file_path("folder", folder)
-    keys = [_key(point, inputs) for point in points]
+    keys = [_key(point, inputs, split) for point in points]
     _check_folder(place, points, keys)
     place.mkdir(exist_ok=True)
     measures: list[dict[str, float]] = []
     images: list[xr.DataArray] = []
+    levels: list[xr.Dataset] = []
     first: Recording | None = None
     for number, (point, key) in enumerate(zip(points, keys, strict=True)):
         target = place / point.file
@@ -185,7 +255,7 @@ def sweep(
             told = _progress(progress, number, points)
             try:
                 alike = next((each for each in points[:number] if _same_samples(each, point)), None)
-                made = Recording.load(place / alike.file) if alike else _simulated(point, inputs, device, told)
+                made = Recording.load(place / alike.file) if alike else _simulated(point, inputs, split, device, told)
                 made.processing.clear()
                 made = made.processed(**point.signal)
                 made.settings["sweep"] = key
@@ -197,10 +267,69 @@ def sweep(
         measures.append(_measures(recording, first))
         first = recording if first is None else first
         images.append(recording.spectrogram)
-    found = Sweep(folder=place, points=tuple(points), measures=tuple(measures), spectrograms=tuple(images))
-    with replacing(place / TABLE, lambda: None) as new:
-        new.write_text(found.table(), encoding="utf-8")
+        if split is not None:
+            levels.append(recording.parts.levels())
+    comparable = [not math.isnan(each["level_difference_db"]) for each in measures]
+    found = Sweep(
+        folder=place, points=tuple(points), measures=tuple(measures), spectrograms=tuple(images),
+        parts=_compared(levels, comparable) if levels else None,
+    )  # fmt: skip
+    tables = {TABLE: found.table()} | ({PARTS_TABLE: found.parts_table()} if levels else {})
+    for name, text in tables.items():
+        with replacing(place / name, lambda: None) as new:
+            new.write_text(text, encoding="utf-8")
     return found
+
+
+def _compared(levels: Sequence[xr.Dataset], comparable: Sequence[bool]) -> xr.Dataset:
+    """Levels of the recordings' parts side by side, with differences from the first where the axes are the same."""
+    import xarray as xr
+
+    # The one person's segments are those of a person among other targets.
+    plain = [
+        each.assign_coords(part=[str(name).removeprefix("person: ") for name in each.part.values]) for each in levels
+    ]
+    names = dict.fromkeys(name for each in plain for name in each.part.values)
+    found = xr.concat([each.reindex(part=list(names)) for each in plain], dim="recording", combine_attrs="override")
+    differences = (found.level_db - found.level_db[0]).where(xr.DataArray(list(comparable), dims="recording"))
+    return found.assign(level_difference_db=differences.assign_attrs(units="dB")).assign_coords(
+        recording=range(len(levels))
+    )
+
+
+def _strongest(parts: xr.Dataset) -> xr.Dataset:
+    """The strongest parts in any recording, in their own order."""
+    order = np.argsort(-parts.level_db.max("recording").values, kind="stable")
+    return parts.isel(part=np.sort(order[:MOST_PARTS]))
+
+
+def _part_cell(of: xr.Dataset, *, with_fraction: bool = False) -> str:
+    """What is written of a part of a recording: the difference of its level, or the level where it differs from nothing."""
+    level_db, change_db = float(of.level_db), float(of.level_difference_db)
+    if math.isnan(level_db):
+        return ""
+    told = f"{level_db:.1f}" if math.isnan(change_db) or not of.recording else f"{change_db:+.1f}"
+    return f"{told} ({float(of.strongest_fraction):.2f})" if with_fraction else told
+
+
+def _draw_cells(
+    axes: Axes, values: np.ndarray, written: Sequence[Sequence[str]], labels: Sequence[str], cmap: str,
+    limits: tuple[float, float], title: str,
+) -> None:  # fmt: skip
+    """Values (row, column) as colours, with what is written in each cell where there are few columns."""
+    image = axes.imshow(values, aspect="auto", cmap=cmap, vmin=limits[0], vmax=limits[1])
+    if len(labels) <= MOST_WRITTEN:
+        for (row, column), colour in np.ndenumerate(image.norm(np.nan_to_num(values))):
+            dark = colour < 0.5 if cmap == "cividis" else abs(colour - 0.5) > 0.35
+            hue = "white" if dark and np.isfinite(values[row, column]) else "black"
+            axes.text(column, row, written[row][column], ha="center", va="center", fontsize=6, color=hue)
+    upright = len(labels) > MOST_WRITTEN
+    told = [
+        drawable("labels", each) if upright else textwrap.fill(drawable("labels", each), 50 // len(labels))
+        for each in labels
+    ]
+    axes.set_xticks(range(len(labels)), told, fontsize=7, rotation=90 * upright, parse_math=False)
+    axes.set_title(title, fontsize=8)
 
 
 def _same_samples(one: Point, other: Point) -> bool:
@@ -208,12 +337,12 @@ def _same_samples(one: Point, other: Point) -> bool:
     return (one.experiment, one.accuracy, one.tolerance_db) == (other.experiment, other.accuracy, other.tolerance_db)
 
 
-def _simulated(point: Point, inputs: Inputs, device: Device, progress: Any) -> Recording:
+def _simulated(point: Point, inputs: Inputs, split: Split | None, device: Device, progress: Any) -> Recording:
     """The recording of one point, as `simulate` makes it."""
     wanted = Wanted.of(point.accuracy, point.tolerance_db)
     with one_blas_thread:
         setup = set_up_stored(point.experiment, inputs, device=device)
-        return recorded(setup, wanted, device, shown_progress(progress, point.label))
+        return recorded(setup, wanted, device, shown_progress(progress, point.label), split)
 
 
 def _points(experiment: Experiment, vary: Any, given: Mapping[str, Any]) -> list[Point]:
@@ -323,7 +452,7 @@ def _inside(place: Any, part: str) -> Any:
     return place[part]
 
 
-def _key(point: Point, inputs: Inputs) -> str:
+def _key(point: Point, inputs: Inputs, split: Split | None) -> str:
     """Hash of all that a recording depends on, the content of files included."""
     of, store = point.experiment, Store({})
     targets = [placed(each, of.radar) if isinstance(each, Motion) else each for each in of.targets_from(inputs)]
@@ -333,6 +462,7 @@ def _key(point: Point, inputs: Inputs) -> str:
     else:
         scene = named
     told = [of.stored_with(targets, scene, store).hash, point.accuracy, point.tolerance_db, point.signal, versions()]
+    told += [] if split is None else [split]
     return hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()[:32]
 
 
@@ -345,7 +475,7 @@ def _check_folder(folder: Path, points: Sequence[Point], keys: Sequence[str]) ->
         raise InputError(f"{folder} is a file and a sweep is a folder; choose another name")
     known = {point.file: key for point, key in zip(points, keys, strict=True)}
     for path in sorted(folder.iterdir()):
-        if path.name.startswith(".") or path.name in (TABLE, *PICTURES):
+        if path.name.startswith(".") or path.name in (TABLE, *PICTURES, PARTS_TABLE, *PARTS_PICTURES):
             continue
         if path.name not in known:
             raise InputError(f"{folder} holds {path.name}, which is not of this sweep; choose another folder")
@@ -384,38 +514,6 @@ def _measures(recording: Recording, first: Recording | None) -> dict[str, float]
         "mean_difference_db": seen.mean_difference_db,
         "field_difference_db": field_difference_db(first, recording),
     }
-
-
-def _panels(
-    images: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
-    labels: Sequence[str],
-    columns: int | None,
-    dynamic_range_db: float,
-    width_in: float,
-) -> Figure:
-    """Spectrograms (speeds, times, levels) in a grid with common axes, one scale and one colour bar."""
-    across = columns or (len(images) if len(images) < 4 else 2 if len(images) == 4 else 3 if len(images) < 10 else 4)
-    down = -(-len(images) // across)
-    top_db = max(peak_db(power_db) for *_, power_db in images)
-    style = Style(limits_db=(top_db - dynamic_range_db, top_db), bar=False)
-    figure = blank_figure(width_in, 0.7 + (1.45 if across > 1 else 1.9) * down * (width_in / 7) ** 0.5)
-    grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False)
-    speeds = []
-    for axes, (velocity_mps, time_s, power_db), label in zip(grid.flat, images, labels, strict=False):
-        draw_map(axes, "spectrogram", velocity_mps, time_s, power_db, style=style, title=label)
-        speeds.append(axes.get_ylim())
-        axes.set(xlabel="", ylabel="")
-    grid[0, 0].set_ylim(min(low for low, _ in speeds), max(high for _, high in speeds))  # the axes are shared
-    for axes in grid.flat[len(images) :]:
-        axes.set_axis_off()
-    for number in range(max(0, len(images) - across), len(images)):  # above an empty place there are times, too
-        grid.flat[number].tick_params(labelbottom=True)
-    bar = figure.colorbar(grid[0, 0].collections[0], ax=grid, pad=0.015, aspect=30)
-    bar.set_label("Power [dB re 1 W]", fontsize=8)
-    bar.ax.tick_params(labelsize=7)
-    figure.supxlabel("Time [s]", fontsize=8)
-    figure.supylabel(VELOCITY_LABEL if figure.get_size_inches()[1] > 2.8 else "Radial velocity [m/s]", fontsize=8)
-    return figure
 
 
 def _cell(value: float) -> str:

@@ -135,7 +135,7 @@ Asked = Annotated[Given, experiment]
 OfPaths = Annotated[Given, partial(experiment, skip=("noise", "measure_error", "split"))]
 OfPlan = Annotated[Given, partial(experiment, skip=("measure_error", "split"))]
 OfCompare = Annotated[Given, partial(experiment, skip=("method", "tolerance_db", "measure_error"))]
-OfSweep = Annotated[Given, partial(experiment, skip=("measure_error", "split", "memory_gb"))]
+OfSweep = Annotated[Given, partial(experiment, skip=("measure_error", "memory_gb"))]
 OfScene = Annotated[Given, radar]
 SceneMaterial = Annotated[Given, scene_material]
 

@@ -106,16 +106,18 @@ def _both(files: list[Path], given: Given, capture: Given, signal: Given, radar_
 
 def plot(
     file: str, output: str | None = None, overwrite: bool = False,
-    map: Literal["spectrogram", "range_time", "range_doppler", "range_angle", "point_cloud"] = "spectrogram",
+    map: Literal["spectrogram", "parts", "range_time", "range_doppler", "range_angle", "point_cloud"] = "spectrogram",
     title: str | None = None, time_s: float | None = None, interval_s: float | None = None, cmap: str | None = None,
     dynamic_range_db: float | None = None, limits_db: tuple[float, float] | None = None, width_in: float | None = None,
-    animate: bool = False, width_px: int | None = None, frames_hz: float | None = None, *, capture: Capture,
+    poses: int | None = None, stacked: bool = False, animate: bool = False, width_px: int | None = None,
+    frames_hz: float | None = None, *, capture: Capture,
 ) -> None:  # fmt: skip
     """Draws a map of a recording, simulated or measured, as a picture; or the body in its room beside the spectrogram, as an
     animation.
 
     output: picture to write (.png, .pdf or .svg), or animation (.gif or .mp4); by default it has RECORDING's name and the map's.
-    map: which map it is: spectrogram, range_time, range_doppler, range_angle or point_cloud.
+    map: which map it is: spectrogram, parts (the spectrogram coloured by limb or path, of what was simulated with --split),
+        range_time, range_doppler, range_angle or point_cloud.
     title: text above the picture; RECORDING's name by default.
     time_s: middle of the interval of a range-Doppler or range-angle map [s]; that of the record by default.
     interval_s: length of that interval [s]; a window's by default.
@@ -123,6 +125,8 @@ def plot(
     dynamic_range_db: span of the colours below the peak [dB]; 50 by default.
     limits_db: least and greatest level of the colours [dB re 1 W] instead, as [-140, -90].
     width_in: width of the picture [inch]: 3.5 for a column of a paper, 7 for its width, which is the default of most maps.
+    poses: so many bodies above a map of parts, in the colours of their limbs.
+    stacked: whether a map of parts has a spectrogram for each part instead, all on one scale.
     animate: whether body, room and spectrogram are animated, as a .gif, or an .mp4 where ffmpeg is there.
     width_px: width of an animation [pixel]; 800 by default.
     frames_hz: pictures of an animation in a second [Hz]; 12.5 by default.
@@ -132,6 +136,7 @@ def plot(
       t2d-rt plot walk.zarr --map range_doppler --time-s 1.2 -o rd.pdf
       t2d-rt plot walk.zarr --limits-db "[-140, -90]" -o walk.png    # a scale that other pictures have, too
       t2d-rt plot array.zarr --map point_cloud                       # of an antenna array
+      t2d-rt plot limbs.zarr --map parts --poses 8                   # of simulate --split segment: which limb makes that line?
       t2d-rt plot walk.zarr --animate                                # walk.gif: the body in its room beside the spectrogram
       t2d-rt plot walk.zarr --animate -o walk.mp4                    # by ffmpeg
     """
@@ -151,9 +156,13 @@ def plot(
         _given(dynamic_range_db=dynamic_range_db, limits_db=limits_db),
         _given(width_px=width_px, frames_hz=frames_hz),
     )
-    style = _given(cmap=cmap, width_in=width_in) | levels
+    style, by_part = _given(cmap=cmap, width_in=width_in) | levels, _given(poses=poses, stacked=stacked or None)
     if map not in OF_INTERVAL:
         refuse(interval, f"a map of one interval ({', '.join(OF_INTERVAL)})")
+    if map != "parts":
+        refuse(by_part, f"a map of parts, and this is one of {map}")
+    elif not stacked:
+        refuse(_given(cmap=cmap), "colours of levels, and those of this map are the parts'")
     if map == "point_cloud":
         refuse(levels, "levels, and a point cloud shows speeds")
     refuse(style if moves else (), f"a picture, and {target.name} is an animation")
@@ -163,7 +172,7 @@ def plot(
         animated(recording, target, title=title, overwrite=overwrite, **moving)
     else:
         draw = recording.plot if map == "spectrogram" else getattr(recording, f"plot_{map}")
-        write_picture(draw(title, **style, **interval), target, overwrite=overwrite)
+        write_picture(draw(title, **style, **interval, **by_part), target, overwrite=overwrite)
     say(f"wrote {target}")
 
 

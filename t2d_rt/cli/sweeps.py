@@ -35,7 +35,8 @@ def sweep(
     """Simulates a motion file, an experiment (.yaml) or a result (.zarr) again and again with some options varied, and compares the
     recordings with the first. Any option of motion, model, radar, accuracy or spectrogram may be a range, first:last:step, or
     alternatives with | between them; several make a grid. Recordings are stored as they are made, and a sweep that was stopped goes
-    on; then come panels.png and panels.pdf on one scale, and table.csv. A target of --add is left out where it is none.
+    on; then come panels.png and panels.pdf on one scale, and table.csv; with --split also parts.png, parts.pdf and parts.csv: how
+    strong each limb or path is in each of them. A target of --add is left out where it is none.
 
     output: folder of the recordings, the table and the pictures; by default it has FILE's name and ends in _sweep.
     vary: a field of the experiment and its values, as seed=0:9:1 or targets.1.rpm=0:900:300; the first target is number 0. Given
@@ -44,10 +45,11 @@ def sweep(
     examples:
       t2d-rt sweep walk --scene living_room --add fan:3,-1,1,rpm=0:900:300 -o fans      # four recordings, 300 rpm apart
       t2d-rt sweep walk --add "none|fan:3,-1,1,rpm=300|pet:3,-1,0" -o beside            # alternatives, quoted for the shell
+      t2d-rt sweep walk --add "none|fan:2,0,1" --split segment -o hidden                # which limb does the fan hide?
       t2d-rt sweep walk --method "ellipsoid|mesh" --angle-deg 0:90:45 -o aspects        # a grid of six
       t2d-rt sweep room.yaml --vary targets.1.rpm=0:900:300 --vary seed=0:2:1 -o seeds  # fields of an experiment in YAML
     """
-    from t2d_rt.sweeps import PICTURES, TABLE
+    from t2d_rt.sweeps import PARTS_PICTURES, PARTS_TABLE, PICTURES, TABLE
     from t2d_rt.sweeps import sweep as made
 
     source = Path(file)
@@ -59,11 +61,16 @@ def sweep(
     job = Job.of(file, given)
     processing = {**getattr(job.experiment, "processing", {}), **signal}
     found = made(job.experiment, values, folder, accuracy=job.accuracy, processing=processing, progress=True, **job.run)
-    figure = found.plot(source.name)
-    for picture in PICTURES:
-        write_picture(figure, folder / picture, overwrite=True)
+    drawn = {PICTURES: found.plot(source.name)}
+    if found.parts is not None:
+        drawn[PARTS_PICTURES] = found.plot_parts(source.name)
+    for names, figure in drawn.items():
+        for picture in names:
+            write_picture(figure, folder / picture, overwrite=True)
+    tables = [TABLE] if found.parts is None else [TABLE, PARTS_TABLE]
     say(found)
-    say(f"wrote {TABLE}, {' and '.join(PICTURES)} beside {len(found.points)} recordings in {folder}")
+    files = [*tables, *itertools.chain(*drawn)]
+    say(f"wrote {', '.join(files[:-1])} and {files[-1]} beside {len(found.points)} recordings in {folder}")
 
 
 def _values(varied: dict[str, list[str]], vary: list[str], given: dict[str, Any]) -> dict[str, list[Any]]:

@@ -11,7 +11,7 @@ from t2d_rt.plots.figures import (
     plot_scene,
     plot_spectrogram,
 )
-from t2d_rt.plots.parts import plot_parts
+from t2d_rt.plots.parts import plot_parts, plot_stacked_parts
 
 __all__ = [
     "VELOCITY_LABEL",
@@ -23,6 +23,7 @@ __all__ = [
     "plot_range_time",
     "plot_scene",
     "plot_spectrogram",
+    "plot_stacked_parts",
 ]
 
 globals().update({name: public(globals()[name]) for name in __all__})

@@ -7,6 +7,7 @@ of a figure of the user's and returns these. A type that hangs on `ax` would tak
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
@@ -162,6 +163,45 @@ def plot_range_angle(
 ) -> Any:
     """Range-azimuth map with left on the left; `power_db` (range, azimuth). `note` stands in a corner of it."""
     return plotted("range_angle", range_m, azimuth_rad, power_db, ax, Style(**style), title, note)
+
+
+def panels(
+    images: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    labels: Sequence[str],
+    *,
+    style: Style,
+    columns: int | None = None,
+    title: str | None = None,
+) -> Figure:
+    """Spectrograms (speeds, times, levels) in a grid with common axes, on one scale, whose top is the greatest level of all unless
+    the style has limits, with one colour bar [dB re 1 W]."""
+    across = columns or (len(images) if len(images) < 4 else 2 if len(images) == 4 else 3 if len(images) < 10 else 4)
+    down = -(-len(images) // across)
+    top_db = peak_db(np.array([power_db.max() for *_, power_db in images]))
+    limits_db = style.limits_db or (top_db - style.dynamic_range_db, top_db)
+    each_style, width_in = replace(style, limits_db=limits_db, bar=False), style.width_in or 7.0
+    figure = blank_figure(width_in, 0.7 + (1.45 if across > 1 else 1.9) * down * (width_in / 7) ** 0.5)
+    grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False)
+    speeds = []
+    for axes, (velocity_mps, time_s, power_db), label in zip(grid.flat, images, labels, strict=False):
+        draw_map(axes, "spectrogram", velocity_mps, time_s, power_db, style=each_style, title=label)
+        if power_db.max() > limits_db[0]:  # of what is below there is nothing to see, at any speed
+            speeds.append(axes.get_ylim())
+        axes.set(xlabel="", ylabel="")
+    if speeds:
+        grid[0, 0].set_ylim(min(low for low, _ in speeds), max(high for _, high in speeds))  # the axes are shared
+    for axes in grid.flat[len(images) :]:
+        axes.set_axis_off()
+    for number in range(max(0, len(images) - across), len(images)):  # above an empty place there are times, too
+        grid.flat[number].tick_params(labelbottom=True)
+    bar = figure.colorbar(grid[0, 0].collections[0], ax=grid, pad=0.015, aspect=30)
+    bar.set_label("Power [dB re 1 W]", fontsize=8)
+    bar.ax.tick_params(labelsize=7)
+    figure.supxlabel("Time [s]", fontsize=8)
+    figure.supylabel(VELOCITY_LABEL if figure.get_size_inches()[1] > 2.8 else "Radial velocity [m/s]", fontsize=8)
+    if title is not None:
+        figure.suptitle(drawable("title", title), fontsize=10, parse_math=False)
+    return figure
 
 
 def plot_point_cloud(

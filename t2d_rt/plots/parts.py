@@ -1,8 +1,9 @@
-"""A spectrogram coloured by what makes it: the hue of a cell is that of its strongest part, its lightness its level."""
+"""What makes a spectrogram: coloured by its parts, with bodies above it in the same colours; or the parts side by side."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
@@ -21,18 +22,39 @@ from t2d_rt.plots.canvas import (
     sized,
     thinned,
 )
-from t2d_rt.plots.figures import LABELS, MAPS, MapKind
+from t2d_rt.plots.figures import LABELS, MAPS, MapKind, panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+LIMBS = {
+    "head": "#f0e442", "trunk": "#56b4e9", "arms": "#e69f00", "thighs": "#009e73", "shanks": "#cc79a7", "feet": "#d55e00",
+}  # fmt: skip
+"""Colours of limbs, the same in all pictures, which people with any colour vision tell apart (Okabe and Ito, "Color Universal
+Design", 2008)."""
 HUES = ("#56b4e9", "#e69f00", "#009e73", "#f0e442", "#cc79a7", "#d55e00", "#0072b2")
-"""Colours that people with any colour vision tell apart (Okabe and Ito, "Color Universal Design", 2008)."""
-FLOOR = 0.3
-"""Lightness at the lowest level drawn: in darker colours hues cannot be told apart."""
+"""Likewise, of other parts, the strongest first."""
 OTHERS = "#b0b0b0"
 """Of parts beyond these, the weakest ones, together."""
+GAMMA = 0.5
+"""Lightness is the fraction of the dynamic range to that power: dark colours cannot be told apart."""
+STRIP_IN, TALL_IN, INCHES_PER_M = 1.2, 4.8, 0.62
+"""Height of the strip of bodies above a spectrogram, of the figure of both [inch], and the bodies' greatest size."""
+SHADE, LIGHT = 0.5, np.array([0.35, 0.80, 0.50])
+"""Lightness of faces in the shade, and direction to the light: right, towards the camera, up."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Poses:
+    """Surfaces at some instants, to be drawn above a spectrogram."""
+
+    times_s: np.ndarray
+    """(pose,)."""
+    corners_m: np.ndarray
+    """Corners of the faces in the picture's frame: right, towards the camera, up (pose, face, 3, 3)."""
+    parts: Sequence[str]
+    """Names of the parts that the faces belong to, (face,)."""
 
 
 def plot_parts(
@@ -44,54 +66,133 @@ def plot_parts(
     names: Sequence[str],
     ax: Axes | None = None,
     title: str | None = None,
+    poses: Poses | None = None,
     **style: Unpack[StyleOptions],
 ) -> Figure | Axes:
     """A micro-Doppler spectrogram coloured by its parts, in a figure, or in axes `ax`, which are returned.
 
     power_db: levels of the whole (velocity, time) [dB re 1 W], which set the lightness.
     parts_db: levels of the parts (part, velocity, time) [dB re 1 W]; the strongest one sets the hue of a cell.
-    names: those of the parts, for the legend. The strongest parts have colours of their own, the rest one together.
+    names: those of the parts, for the legend. Limbs have colours of their own, of others the strongest do, the rest one together.
+    poses: surfaces above the spectrogram of a figure, in the colours of their parts.
     style: fields of `Style`; there is no colour bar, and `cmap` has no effect.
     """
     kind: MapKind = "spectrogram"
-    (y_name, x_name), size = MAPS[kind]
+    (y_name, x_name), (width_in, height_in) = MAPS[kind]
     y, x, whole = checked_map(y_name, velocity_mps, x_name, time_s, power_db)
-    levels = numeric("parts_db", parts_db)
-    if levels.shape != (len(names), *whole.shape) or not len(names):
-        raise InputError(
-            f"parts_db must have shape (part, {whole.shape[0]}, {whole.shape[1]}) for {len(names)} names, got {shown(levels.shape)}"
-        )
+    levels = checked_parts(parts_db, names, whole.shape)
     drawing = Style(**style)
     x, whole = thinned(x, whole)
     levels = np.stack([thinned(np.asarray(time_s), each)[1] for each in levels])
-    order = np.argsort(-np.sum(10 ** (levels / 10), axis=(1, 2)), kind="stable")
-    strongest = np.argsort(order)[levels.argmax(axis=0)]
+    hues = part_hues(names, levels)
     low, high = drawing.bounds_db(whole)
-    above = np.clip((whole - low) / (high - low), 0, 1)
-    light = np.where(above > 0, FLOOR + (1 - FLOOR) * above, 0)
-    hues = [*HUES, OTHERS]
-    colours = np.array([[int(each[k : k + 2], 16) / 255 for k in (1, 3, 5)] for each in hues])
-    picture = colours[np.minimum(strongest, len(HUES))] * light[..., None]
+    light = np.clip((whole - low) / (high - low), 0, 1) ** GAMMA
+    picture = np.array([rgb(hues[name]) for name in names])[levels.argmax(axis=0)] * light[..., None]
 
-    figure = None if ax is not None else blank_figure(*sized(*size, drawing.width_in))
-    axes = checked_axes(ax) if figure is None else figure.subplots()
+    tall = height_in + (0.0 if poses is None else STRIP_IN)
+    figure = None if ax is not None else blank_figure(*sized(width_in, tall, drawing.width_in))
+    if figure is None or poses is None:
+        axes = checked_axes(ax) if figure is None else figure.subplots()
+        label_axes(axes, LABELS[x_name], LABELS[y_name], title)
+    else:
+        strip, axes = figure.subplots(2, 1, sharex=True, height_ratios=(STRIP_IN, height_in))
+        label_axes(axes, LABELS[x_name], LABELS[y_name], None)
+        label_axes(strip, "", "", title)
+        draw_poses(strip, poses, hues)
+        for each in poses.times_s:
+            axes.axvline(each, color="white", linewidth=0.5, linestyle=(0, (1, 3)), alpha=0.6)
     half_y, half_x = (float(each[-1] - each[0]) / max(1, len(each) - 1) / 2 for each in (y, x))
     extent = (x[0] - half_x, x[-1] + half_x, y[0] - half_y, y[-1] + half_y)
     axes.imshow(picture, extent=extent, origin="lower", aspect="auto", interpolation="nearest")
     axes.set_ylim(occupied(y, whole.max(axis=1), low))
-    label_axes(axes, LABELS[x_name], LABELS[y_name], title)
-    _legend(axes, [names[each] for each in order], hues, f"brightness {high - low:.3g} dB")
+    _legend(axes, hues, f"brightness {high - low:.3g} dB")
     return axes if figure is None else figure
 
 
-def _legend(axes: Axes, names: Sequence[str], hues: Sequence[str], told: str) -> None:
+def plot_stacked_parts(
+    velocity_mps: np.ndarray,
+    time_s: np.ndarray,
+    *,
+    parts_db: np.ndarray,
+    names: Sequence[str],
+    title: str | None = None,
+    **style: Unpack[StyleOptions],
+) -> Figure:
+    """Spectrograms of the parts (part, velocity, time) [dB re 1 W] side by side, with common axes, on one scale, whose top is the
+    strongest part's peak; options as of `plot_parts`."""
+    speeds, times = np.asarray(velocity_mps), np.asarray(time_s)
+    levels = checked_parts(parts_db, names, (len(speeds), len(times)))
+    images = [(speeds, times, each) for each in levels]
+    return panels(images, [name.replace("_", " ") for name in names], style=Style(**style), title=title)
+
+
+def checked_parts(parts_db: np.ndarray, names: Sequence[str], shape: tuple[int, ...]) -> np.ndarray:
+    """Levels of parts (part, velocity, time), one for each of the names."""
+    levels = numeric("parts_db", parts_db)
+    if levels.shape != (len(names), *shape) or not len(names):
+        raise InputError(
+            f"parts_db must have shape (part, {shape[0]}, {shape[1]}) for {len(names)} names, got {shown(levels.shape)}"
+        )
+    return levels
+
+
+def part_hues(names: Sequence[str], levels_db: np.ndarray) -> dict[str, str]:
+    """Colours of parts by their names, as the legend has them: limbs from head to feet, then others, the strongest first."""
+    order = np.argsort(-np.sum(10 ** (levels_db / 10), axis=(1, 2)), kind="stable")
+    words = [name.rpartition(": ")[2] for name in names]  # the one person's limbs, whatever moves beside
+    limbs = {
+        name: LIMBS[word] for name, word in zip(names, words, strict=True) if word in LIMBS and words.count(word) == 1
+    }
+    rest = [names[each] for each in order if names[each] not in limbs]
+    free = [hue for hue in HUES if hue not in limbs.values()]
+    hues = free + [OTHERS] * (len(rest) - len(free))
+    from_head = sorted(limbs, key=lambda name: list(LIMBS).index(name.rpartition(": ")[2]))
+    return {name: limbs[name] for name in from_head} | dict(zip(rest, hues, strict=False))
+
+
+def draw_poses(axes: Axes, poses: Poses, hues: Mapping[str, str]) -> None:
+    """Surfaces at their times, all of one size, into axes of time; far faces first, so that near ones are drawn over them."""
+    from matplotlib.collections import PolyCollection
+    from matplotlib.transforms import Affine2D
+
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    (width_in, height_in), places_m = figure.get_size_inches(), poses.corners_m[..., 0]
+    widest_m = float((places_m.max(axis=(1, 2)) - places_m.min(axis=(1, 2))).max())
+    room_in = 0.76 * width_in / len(poses.times_s)  # beside the axes there are labels and the legend
+    scale = Affine2D().scale(min(INCHES_PER_M * height_in / TALL_IN, room_in / max(widest_m, 1e-6)))
+    colours = np.array([rgb(hues.get(name, OTHERS)) for name in poses.parts])
+    for time_s, corners in zip(poses.times_s, poses.corners_m, strict=True):
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+        seen = np.flatnonzero(normal[:, 1] > 0)
+        seen = seen[np.argsort(corners[seen, :, 1].mean(axis=1), kind="stable")]
+        lit = np.clip(normal[seen] @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)
+        shade = colours[seen] * (SHADE + (1 - SHADE) * lit[:, None])
+        body = PolyCollection(
+            corners[seen][..., [0, 2]].tolist(), facecolors=shade, edgecolors=shade, linewidths=0.2, rasterized=True,
+            clip_on=False, offsets=[(time_s, 0.0)], offset_transform=axes.transData,
+        )  # fmt: skip
+        body.set_transform(scale + figure.dpi_scale_trans)
+        axes.add_collection(body, autolim=False)
+    axes.set_ylim(0, 1)
+    axes.set_axis_off()
+    axes.text(1.01, 0.45, "to the radar \N{RIGHTWARDS ARROW}", transform=axes.transAxes, fontsize=7)
+
+
+def rgb(hue: str) -> list[float]:
+    """Red, green and blue, 0..1, of a colour #rrggbb."""
+    return [int(hue[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+
+
+def _legend(axes: Axes, hues: Mapping[str, str], told: str) -> None:
     from matplotlib.patches import Patch
 
-    own = names if len(names) <= len(HUES) else [*names[: len(HUES)], f"{len(names) - len(HUES)} others"]
-    patches = [
-        Patch(color=hue, label=drawable("names", name.replace("_", " "))) for hue, name in zip(hues, own, strict=False)
-    ]
+    others = [name for name, hue in hues.items() if hue == OTHERS]
+    shown = {name: hue for name, hue in hues.items() if hue != OTHERS or len(others) == 1}
+    labels = {drawable("names", name.replace("_", " ")): hue for name, hue in shown.items()}
+    labels |= {f"{len(others)} others": OTHERS} if len(others) > 1 else {}
     axes.legend(
-        handles=patches, title=told, title_fontsize=7, fontsize=7, loc="center left", bbox_to_anchor=(1.01, 0.5),
-        frameon=False, handlelength=1.0,
+        handles=[Patch(color=hue, label=name) for name, hue in labels.items()], title=told, title_fontsize=7, fontsize=7,
+        loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, handlelength=1.0,
     )  # fmt: skip

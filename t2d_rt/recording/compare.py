@@ -160,12 +160,10 @@ def _parts_db(first: Recording, second: Recording) -> dict[str, float]:
     common = [name for name in one if name in two]
     if one and two and not common:
         warn("the recordings have no part of one name; simulate both with the same split to have their parts compared")
-    return {name: _level_db(second.parts[two[name]]) - _level_db(first.parts[one[name]]) for name in common}
-
-
-def _level_db(recording: Recording) -> float:
-    """Power of the spectrogram over all speeds, in the mean over its columns [dB re 1 W]."""
-    return 10 * math.log10(float(np.mean(np.sum(10 ** (recording.spectrogram.values / 10), axis=0))))
+    if not common:
+        return {}
+    before, after = (each.parts.levels().level_db for each in (first, second))
+    return {name: float(after.sel(part=two[name]) - before.sel(part=one[name])) for name in common}
 
 
 def _common(one: np.ndarray, two: np.ndarray, noun: str, unit: str) -> np.ndarray:

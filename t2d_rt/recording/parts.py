@@ -11,13 +11,19 @@ import numpy as np
 from typing_extensions import override
 
 from t2d_rt.core.checks import instance, number, shown, unknown_name
+from t2d_rt.core.constants import decibel
 from t2d_rt.core.cubes import DiskCube
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.factored_cubes import ProductRows
+from t2d_rt.pipeline.parts import part_names
+from t2d_rt.plots.parts import Poses
+from t2d_rt.types import Ellipsoids
+from t2d_rt.types.scatterer import EchoLabels
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from t2d_rt.pipeline.echo_model import Model
     from t2d_rt.recording.recording import Recording
 
 GROUPS: Mapping[str, tuple[str, ...]] = {
@@ -28,6 +34,9 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "feet": ("left_foot", "right_foot"),
 }
 """Limbs, by which the segments of a body are put together in pictures."""
+
+MOST_POSES = 24
+"""Bodies above one spectrogram."""
 
 
 class Parts(Mapping[str, "Recording"]):
@@ -67,10 +76,14 @@ class Parts(Mapping[str, "Recording"]):
 
         groups: names of the new parts, and of those that each holds; by default the limbs of a body.
         """
+        members = self.members(groups)
+        return Parts(self._whole, {name: _sum([self._cubes[each] for each in own]) for name, own in members.items()})
+
+    def members(self, groups: Mapping[str, Sequence[str]] = GROUPS) -> dict[str, list[str]]:
+        """The parts that each group holds, by its name; those in no group by their own."""
         if groups is not GROUPS:
             self._check(groups)
-        found: dict[str, DiskCube] = {}
-        taken: set[str] = set()
+        found: dict[str, list[str]] = {}
         # Where there are several targets, the name of each stands before its segments.
         whose = dict.fromkeys(each.rpartition(": ")[0] for each in self._cubes)
         for target, (name, members) in itertools.product(whose, groups.items()):
@@ -78,12 +91,12 @@ class Parts(Mapping[str, "Recording"]):
             mine = [each for each in self._cubes if each in members or each.removeprefix(before) in members]
             mine = [each for each in mine if each.rpartition(": ")[0] == target]
             if mine:
-                found[before + name] = _sum([self._cubes[each] for each in mine])
-                taken.update(mine)
-        rest = {name: cube for name, cube in self._cubes.items() if name not in taken}
+                found[before + name] = mine
+        taken = set(itertools.chain(*found.values()))
+        rest = {name: [name] for name in self._cubes if name not in taken}
         if twice := sorted(found.keys() & rest.keys()):
             raise InputError(f"groups has {twice[0]!r} for a name, which another part has; choose another one")
-        return Parts(self._whole, {**found, **rest})
+        return found | rest
 
     def _check(self, groups: Any) -> None:
         """Refuses groups that are no texts, name what is no part, or hold a part twice."""
@@ -118,6 +131,32 @@ class Parts(Mapping[str, "Recording"]):
         """Range-azimuth maps of the parts, power [dB re 1 W] (part, range_m, azimuth_rad); options as of `Recording`."""
         return self._stacked([each.range_angle(time_s, interval_s=interval_s, **options) for each in self.values()])
 
+    def levels(self, start_s: float = 0.0, stop_s: float | None = None) -> xr.Dataset:
+        """How strong the parts are (part): `level_db` [dB re 1 W], power of the spectrogram over all speeds in the mean over its
+        columns, and `strongest_fraction` 0..1, how much of that power lies in cells where no other part is stronger.
+
+        start_s, stop_s: of the columns that count [s], all by default.
+        """
+        import xarray as xr
+
+        times_s = self._whole.spectrogram.time_s.values
+        first, last = number("start_s", start_s), times_s[-1] if stop_s is None else number("stop_s", stop_s)
+        inside = (times_s >= first) & (times_s <= last)
+        if not inside.any():
+            told = f"the spectrogram has no column in {first:.4g}..{last:.4g} s, but in {times_s[0]:.4g}..{times_s[-1]:.4g} s"
+            raise InputError(f"{told}; change start_s and stop_s")
+        shape = len(self._whole.spectrogram), int(inside.sum())
+        totals, greatest, owner = np.zeros(len(self)), np.zeros(shape), np.full(shape, -1)
+        for row, name in enumerate(self):
+            level_db = self[name].spectrogram if self._spectrogram is None else self._spectrogram[row]
+            power = 10 ** (level_db.values[:, inside] / 10)
+            totals[row] = power.sum(axis=0).mean()
+            owner = np.where(power > greatest, row, owner)
+            greatest = np.maximum(power, greatest)
+        fractions = [greatest[owner == row].sum() / shape[1] / total for row, total in enumerate(totals)]
+        of_parts = ("part", decibel(totals), {"units": "dB re 1 W"})
+        return xr.Dataset({"level_db": of_parts, "strongest_fraction": ("part", fractions)}, {"part": list(self)})
+
     def strongest(self, velocity_mps: float, time_s: float) -> xr.Dataset:
         """What makes a cell of the spectrogram: the parts, strongest first, with `level_db` [dB re 1 W] of each in the nearest cell
         and `relative_db` [dB] to that of the whole there.
@@ -149,6 +188,37 @@ class Parts(Mapping[str, "Recording"]):
             raise InputError("the recording has no parts; simulate with split='segment', 'path', 'target' or 'bounce'")
         names = xr.DataArray(list(self), dims="part", name="part")
         return xr.concat(maps, dim=names, combine_attrs="override").rename(f"{maps[0].name}_of_parts")
+
+
+def poses_of(model: Model, split: Any, members: Mapping[str, Sequence[str]], count: int) -> Poses:
+    """Surfaces of what the parts belong to at instants of the record, seen from the side with the radar on the right.
+
+    members: the parts that are one together, by the name that their faces get.
+    """
+    if split not in ("segment", "target"):
+        raise InputError(
+            f"bodies have the colours of their parts; simulate with split='segment' or 'target', not {split!r}"
+        )
+    ahead = -np.asarray(model.radar.axes)[0] * [1.0, 1.0, 0.0]
+    right = ahead / np.linalg.norm(ahead) if np.linalg.norm(ahead) > 1e-6 else np.array([1.0, 0.0, 0.0])
+    axes = np.stack([right, np.cross(right, [0.0, 0.0, 1.0]), [0.0, 0.0, 1.0]])
+    first, last = model.span_s
+    times_s = (np.arange(count) + 0.5) / count * (last - first)
+    group = {part: name for name, own in members.items() for part in own}
+    corners, names = [], []
+    for target, geometry in enumerate(model.geometries):
+        solid = geometry.solid()
+        face = np.arange(len(solid.faces))
+        kind = "ellipsoid" if isinstance(geometry, Ellipsoids) else "face"
+        place = face * len(geometry.names) // len(face) if isinstance(geometry, Ellipsoids) else face
+        labels = EchoLabels.of(len(face), target=target, **{kind: place})
+        names += [group.get(each, each) for each in part_names(split, labels, model)]
+        corners.append((solid.vertices_at(first + times_s) @ axes.T)[:, solid.faces])
+    found = np.concatenate(corners, axis=1)
+    across = found[..., 0]
+    across -= (across.max(axis=(1, 2)) + across.min(axis=(1, 2)))[:, None, None] / 2  # each above its own time
+    found[..., 2] -= found[..., 2].min()
+    return Poses(times_s=times_s, corners_m=found, parts=names)
 
 
 def _sum(cubes: Sequence[DiskCube]) -> DiskCube:

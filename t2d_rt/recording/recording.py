@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from t2d_rt.core.atomic_write import replacing
 from t2d_rt.core.calls import public
-from t2d_rt.core.checks import call, file_path, flag, instance, numeric
+from t2d_rt.core.checks import call, file_path, flag, instance, integer, numeric
 from t2d_rt.core.cube_storage import DIMENSIONS, NAME
 from t2d_rt.core.cubes import Cube, DiskCube, check_complex64
 from t2d_rt.core.errors import InputError, html_table, printable, size
@@ -41,7 +41,7 @@ from t2d_rt.recording.maps import (
     labelled,
     labelled_map,
 )
-from t2d_rt.recording.parts import GROUPS, Parts
+from t2d_rt.recording.parts import GROUPS, MOST_POSES, Parts, poses_of
 from t2d_rt.recording.path_table import checked_times, path_table
 from t2d_rt.recording.truth import prefixed, truth_table
 from t2d_rt.signal import point_cloud, range_doppler, range_profile, spectrogram
@@ -414,21 +414,31 @@ class Recording:
         return plot_point_cloud(found.xyz_m, found.speed_mps, ax=ax, title=title, **style)
 
     def plot_parts(
-        self, title: str | None = None, *, groups: Mapping[str, Sequence[str]] | None = None, ax: Axes | None = None,
-        **style: Unpack[StyleOptions],
+        self, title: str | None = None, *, groups: Mapping[str, Sequence[str]] | None = None, stacked: bool = False,
+        poses: int = 0, ax: Axes | None = None, **style: Unpack[StyleOptions],
     ) -> Figure | Axes:  # fmt: skip
         """The spectrogram coloured by its `parts`: hue by the strongest in a cell, lightness by the level; options as of `plot`.
 
         groups: parts that are one together, by their new names; by default the segments of a body are put together by limbs.
+        stacked: whether each part's own spectrogram is drawn instead, all on one scale.
+        poses: so many instants at which what moves stands above the spectrogram, in the same colours, the radar on its right.
         """
-        from t2d_rt.plots import plot_parts
+        from t2d_rt.plots import plot_parts, plot_stacked_parts
 
-        parts = self.parts.grouped(GROUPS if groups is None else groups)
-        levels, whole = parts.spectrogram, self.spectrogram
-        return plot_parts(
-            whole.velocity_mps.values, whole.time_s.values, whole.values, parts_db=levels.values, names=list(parts), ax=ax,
-            title=title, **style,
-        )  # fmt: skip
+        groups = GROUPS if groups is None else groups
+        if ax is not None and (flag("stacked", stacked) or poses):
+            raise InputError("ax holds the coloured spectrogram alone; leave it out, or stacked and poses")
+        parts, whole = self.parts.grouped(groups), self.spectrogram
+        speeds, times = whole.velocity_mps.values, whole.time_s.values
+        options: dict[str, Any] = {"parts_db": parts.spectrogram.values, "names": list(parts), "title": title, **style}
+        if stacked:
+            if poses:
+                raise InputError("a stacked picture has no bodies; leave out stacked, or poses")
+            return plot_stacked_parts(speeds, times, **options)
+        if integer("poses", poses, 0, MOST_POSES):
+            model, *_ = self._set_up(None)
+            options["poses"] = poses_of(model, self.settings.get("split"), self.parts.members(groups), poses)
+        return plot_parts(speeds, times, whole.values, ax=ax, **options)
 
     def save(self, path: str | Path, *, overwrite: bool = False, figure: Figure | None = None) -> None:
         """Write adc and spectrogram with all attributes to a zarr folder; a failure leaves things as they were.

@@ -27,6 +27,7 @@ RADAR = t2d.Radar.preset("ci4r", carrier_hz=24e9, prf_hz=2000, samples=32)
 FAN = {"kind": "fan", "position_m": (3, -1, 1), "rpm": 120}
 WALKER = {"kind": "file", "file": str(WALK), "start_s": 1, "stop_s": 1.2}
 FIELDS: dict[str, Any] = {"targets": [WALKER, FAN], "radar": RADAR, "method": "ellipsoid"}
+NEAR = {**FAN, "position_m": (1, -0.3, 1), "heading_deg": 135, "material": "pec"}
 VARY = {"targets.1.rpm": [120, 600], "seed": [0, 1]}
 
 
@@ -249,6 +250,92 @@ def test_what_differs_in_its_spectrogram_alone_is_simulated_once(
     assert found.recording(1).processing == {"overlap": 32}
 
 
+@pytest.fixture(scope="module")
+def by_segment(tmp_path_factory: pytest.TempPathFactory) -> sweeps.Sweep:
+    place = tmp_path_factory.mktemp("sweep") / "limbs"
+    return t2d.sweep(FIELDS, {"targets.1": [None, NEAR]}, place, split="segment")
+
+
+def test_a_sweep_tells_which_limb_is_hidden(by_segment: sweeps.Sweep) -> None:
+    """The fan's parts are new, the person's are compared with those of the person alone; one recording is that of a single run."""
+    parts = by_segment.parts
+    assert parts is not None
+    single = t2d.run(t2d.Experiment(**{**FIELDS, "targets": [WALKER, NEAR]}), split="segment").parts.levels()
+    beside = parts.isel(recording=1)
+    for name, whole in (("left_foot", "person: left_foot"), ("fan: fan piece 1", "fan: fan piece 1")):
+        for figure in ("level_db", "strongest_fraction"):
+            assert float(beside[figure].sel(part=name)) == pytest.approx(
+                float(single[figure].sel(part=whole)), abs=1e-4
+            )
+    limbs = [name for name in parts.part.values if not name.startswith("fan")]
+    assert len(limbs) == 17
+    assert np.isnan(parts.level_db[0]).sum() == parts.sizes["part"] - 17  # no fan
+    levels = parts.level_db.sel(part=limbs).values
+    assert parts.level_difference_db.sel(part=limbs).values == pytest.approx(levels - levels[0])
+    assert np.isnan(beside.level_difference_db.sel(part="fan: fan piece 1"))
+    hidden = parts.strongest_fraction.sel(part=limbs).values
+    assert (hidden[1] <= hidden[0] + 1e-6).all()  # what the fan adds is stronger in some cells
+    assert (hidden[1] < hidden[0] - 0.1).any()
+
+
+def test_the_table_and_the_picture_of_parts(by_segment: sweeps.Sweep) -> None:
+    parts = by_segment.parts
+    assert parts is not None
+    rows = list(csv.DictReader((by_segment.folder / "parts.csv").read_text().splitlines()))
+    assert len(rows) == 17 + parts.sizes["part"]
+    row = next(row for row in rows if row["part"] == "head" and row["targets.1"] == "fan")
+    own = parts.isel(recording=1).sel(part="head")
+    assert float(row["level_db"]) == pytest.approx(float(own.level_db), abs=1e-3)
+    assert float(row["strongest_fraction"]) == pytest.approx(float(own.strongest_fraction), abs=1e-4)
+    assert [row["level_difference_db"] for row in rows if row["part"] == "fan: fan piece 1"] == [""]
+    told = str(by_segment).splitlines()
+    assert told[-1] == "and 1 weaker parts, which are in parts.csv"
+    head = next(line.split() for line in told if line.startswith("head "))
+    assert head[1] == f"{float(parts.level_db.sel(part='head')[0]):.1f}"
+    assert head[3] == f"{float(own.level_difference_db):+.1f}"
+    left, right = by_segment.plot_parts("hidden").axes
+    names = [each.get_text() for each in left.get_yticklabels()]
+    assert len(names) == sweeps.MOST_PARTS
+    assert [each.get_text() for each in right.get_xticklabels()] == ["without", "fan"]
+    fractions = np.asarray(right.images[0].get_array())
+    assert fractions[names.index("head"), 1] == pytest.approx(float(own.strongest_fraction))
+    assert left.texts[2 * names.index("head")].get_text() == head[1]
+
+
+def test_a_sweep_by_part_goes_on_and_is_another_one(by_segment: sweeps.Sweep, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(by_segment.folder, tmp_path / "limbs"))
+    shutil.rmtree(folder / by_segment.points[1].file)
+    (folder / "parts.csv").unlink()
+    (folder / "parts.png").write_bytes(b"")
+    found = t2d.sweep(FIELDS, {"targets.1": [None, NEAR]}, folder, split="segment")
+    assert by_segment.parts is not None
+    assert found.parts is not None
+    assert found.parts.equals(by_segment.parts)
+    assert list(found.recording(0).parts) == list(by_segment.recording(0).parts)
+    for split in (None, "target"):
+        with pytest.raises(InputError, match="was made of another experiment, file or setting"):
+            t2d.sweep(FIELDS, {"targets.1": [None, NEAR]}, folder, split=split)  # type: ignore[arg-type]
+
+
+def test_parts_of_other_axes_and_none(made: sweeps.Sweep, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[int] = []
+    simulated = sweeps._simulated
+    monkeypatch.setattr(sweeps, "_simulated", lambda *given: calls.append(1) or simulated(*given))
+    found = again(tmp_path / "windows", {"signal.n_window": [64, 128]}, {**FIELDS, "targets": [WALKER]}, split="target")
+    assert len(calls) == 1
+    assert found.parts is not None
+    assert found.parts.part.values.tolist() == ["person"]
+    assert np.isfinite(found.parts.level_db).all()
+    assert np.isnan(found.parts.level_difference_db[1]).all()
+    assert found.parts.strongest_fraction.values == pytest.approx(np.ones((2, 1)))
+    found.plot_parts().draw_without_rendering()
+    for ask in (made.plot_parts, made.parts_table):
+        with pytest.raises(InputError, match="the recordings have no parts; sweep with split='segment', 'path'"):
+            ask()
+    with pytest.raises(InputError, match="split must be one of segment, path, target, bounce"):
+        t2d.sweep(FIELDS, {"seed": [0]}, tmp_path / "none", split="limb")  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("vary", "sentence"),
     [
@@ -312,12 +399,15 @@ QUICK = (
 @pytest.mark.slow
 def test_the_command_makes_what_simulate_makes(run: Command) -> None:
     added = "none|fan:3,-1,1,rpm=120|door:3,-1,0"
-    code, out, err = run("sweep", "walk.bvh", *QUICK, "--add", added, "--signal.n-window", "64", "-o", "beside")
+    options = ("--add", added, "--signal.n-window", "64", "--split", "target")
+    code, out, err = run("sweep", "walk.bvh", *QUICK, *options, "-o", "beside")
     assert code == 0, err
-    assert out.splitlines()[-1] == "wrote table.csv, panels.png and panels.pdf beside 3 recordings in beside"
+    files = "table.csv, parts.csv, panels.png, panels.pdf, parts.png and parts.pdf"
+    assert out.splitlines()[-1] == f"wrote {files} beside 3 recordings in beside"
     assert [line.split()[0] for line in out.splitlines()[2:5]] == ["without", "fan", "door"]
     names = sorted(path.name for path in Path("beside").iterdir())
-    assert names == ["000_without.zarr", "001_fan.zarr", "002_door.zarr", "panels.pdf", "panels.png", "table.csv"]
+    files = ["panels.pdf", "panels.png", "parts.csv", "parts.pdf", "parts.png", "table.csv"]
+    assert names == ["000_without.zarr", "001_fan.zarr", "002_door.zarr", *files]
     assert (
         run(
             "simulate", "walk.bvh", *QUICK, "--add", "fan:3,-1,1,rpm=120", "--signal.n-window", "64", "-o", "one.zarr"

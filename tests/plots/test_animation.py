@@ -237,7 +237,7 @@ def test_pictures_of_the_command(run: Command, walker: t2d.Recording, array: t2d
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (("--map", "cepstrum"), "option map must be spectrogram or range_time"),
+        (("--map", "cepstrum"), "option map must be spectrogram or parts"),
         (("--animate", "--map", "range_time"), "an animation shows the spectrogram, got --map range_time"),
         (("--time-s", "1"), "option time_s is of a map of one interval (range_doppler, range_angle); leave it out"),
         (

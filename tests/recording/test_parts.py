@@ -11,11 +11,13 @@ import pytest
 
 import t2d_rt as t2d
 from builders import ball, slow_after, small_room, walk
-from measures import nmse_db
+from measures import check_picture, nmse_db
 from t2d_rt.cli import main
 from t2d_rt.core.errors import InputError
 from t2d_rt.pipeline.parts import part_names
 from t2d_rt.plots import plot_parts
+from t2d_rt.plots.parts import LIMBS, part_hues, rgb
+from t2d_rt.recording.parts import poses_of
 from t2d_rt.types.scatterer import EchoLabels
 
 RADAR = t2d.Radar.preset("table2", samples=64, prf_hz=6000.0)
@@ -157,6 +159,104 @@ def test_the_hue_is_that_of_the_strongest_part() -> None:
     assert not shown[1].any()
 
 
+def test_limbs_have_the_same_colours_in_all_pictures() -> None:
+    levels = np.zeros((3, 2, 2)) - np.array([30, 0, 10])[:, None, None]
+    hues = part_hues(["person: feet", "fan: fan piece 1", "person: head"], levels)
+    assert list(hues) == ["person: head", "person: feet", "fan: fan piece 1"]
+    assert [hues["person: head"], hues["person: feet"]] == [LIMBS["head"], LIMBS["feet"]]
+    assert hues["fan: fan piece 1"] not in (LIMBS["head"], LIMBS["feet"])
+    two = part_hues(["person 1: feet", "person 2: feet", "person 1: head"], levels)
+    assert len({*two.values()}) == 3  # of two persons' feet neither has the colour of feet
+
+
+def test_the_body_stands_above_the_picture_in_the_colours_of_its_limbs(by_segment: t2d.Recording) -> None:
+    figure = by_segment.plot_parts("walk", poses=3)
+    strip, axes = figure.axes
+    assert strip.get_title() == "walk"
+    assert strip.get_xlim() == axes.get_xlim()
+    assert [float(body.get_offsets()[0, 0]) for body in strip.collections] == pytest.approx([0.2, 0.6, 1.0])
+    assert [float(line.get_xdata()[0]) for line in axes.lines] == pytest.approx([0.2, 0.6, 1.0])
+    for body in strip.collections:
+        colours, corners = body.get_facecolors()[:, :3], np.stack([each.vertices[:3] for each in body.get_paths()])
+        hue = colours / colours.max(axis=1, keepdims=True)
+        feet, head = (
+            np.abs(hue - np.divide(rgb(LIMBS[each]), max(rgb(LIMBS[each])))).max(axis=1) < 1e-6
+            for each in ("feet", "head")
+        )
+        heights_m = corners[..., 1].mean(axis=1)
+        assert heights_m[feet].max() < 0.6 < 1.3 < heights_m[head].min()
+        assert corners[..., 1].min() == pytest.approx(0, abs=0.15)  # on the ground
+    model = by_segment._set_up(None)[0]
+    poses = poses_of(model, "segment", by_segment.parts.members(), 2)
+    toes_m, heels_m = (
+        np.percentile(poses.corners_m[0, np.array(poses.parts) == "feet", :, 0], each) for each in (99, 1)
+    )
+    assert toes_m - heels_m > 0.5  # the walk is seen from the side, one step long
+    (coarse,) = (
+        t2d.simulate(piece(), radar=RADAR, method="ellipsoid", split="segment").plot_parts(poses=1).axes[0].collections
+    )
+    assert (
+        len(
+            {
+                tuple(each)
+                for each in np.round(
+                    coarse.get_facecolors()[:, :3] / coarse.get_facecolors()[:, :3].max(axis=1)[:, None], 3
+                )
+            }
+        )
+        == 6
+    )
+
+
+def test_stacked_parts_have_one_scale_and_common_axes(by_segment: t2d.Recording) -> None:
+    figure = by_segment.plot_parts("walk", stacked=True, dynamic_range_db=40)
+    *limbs, bar = figure.axes
+    assert [axes.get_title() for axes in limbs] == list(by_segment.parts.grouped())
+    top_db = float(by_segment.parts.grouped().spectrogram.max())
+    assert {axes.collections[0].get_clim() for axes in limbs} == {(top_db - 40, top_db)}
+    assert len({(axes.get_xlim(), axes.get_ylim()) for axes in limbs}) == 1
+    assert bar.get_ylabel() == "Power [dB re 1 W]"
+    assert figure.get_suptitle() == "walk"
+
+
+def test_levels_of_parts_and_how_much_of_them_is_strongest(by_segment: t2d.Recording) -> None:
+    found = by_segment.parts.levels()
+    power = 10 ** (by_segment.parts.spectrogram.values / 10)
+    totals = power.sum(axis=1).mean(axis=1)
+    assert found.part.values.tolist() == list(by_segment.parts)
+    assert found.level_db.values == pytest.approx(10 * np.log10(totals))
+    highest = power.argmax(axis=0) == np.arange(len(power))[:, None, None]
+    assert found.strongest_fraction.values == pytest.approx((power * highest).sum(axis=(1, 2)) / power.sum(axis=(1, 2)))
+    assert found.level_db.attrs == {"units": "dB re 1 W"}
+    late = by_segment.processed().parts.levels(0.5, 0.8)
+    inside = (by_segment.spectrogram.time_s.values >= 0.5) & (by_segment.spectrogram.time_s.values <= 0.8)
+    assert late.level_db.values == pytest.approx(10 * np.log10(power[..., inside].sum(axis=1).mean(axis=1)))
+    with pytest.raises(InputError, match=r"the spectrogram has no column in 5\.\.6 s, but in 0\.01"):
+        by_segment.parts.levels(5, 6)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"stacked": True, "poses": 2}, "a stacked picture has no bodies; leave out stacked, or poses"),
+        ({"poses": 25}, r"poses must (be an integer in|lie in) 0\.\.24"),
+        ({"ax": True, "poses": 2}, "ax holds the coloured spectrogram alone; leave it out, or stacked and poses"),
+    ],
+)
+def test_pictures_of_parts_that_are_refused(by_segment: t2d.Recording, options: Any, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        by_segment.plot_parts(**options)
+
+
+def test_bodies_have_no_colours_of_paths() -> None:
+    by_path = t2d.simulate(piece(), radar=RADAR, method="ellipsoid", split="path")
+    with pytest.raises(
+        InputError,
+        match="bodies have the colours of their parts; simulate with split='segment' or 'target', not 'path'",
+    ):
+        by_path.plot_parts(poses=2)
+
+
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
@@ -177,6 +277,11 @@ def test_the_command_line_splits(tmp_path: Path) -> None:
     options = ["--start-s", "1", "--stop-s", "1.2", "--method", "ellipsoid", "--split", "segment"]
     main(["simulate", "walk", *options, "-o", str(out)])
     assert len(t2d.Recording.load(out).parts) == 17
+    picture = tmp_path / "by_limb.png"
+    assert not main(["plot", str(out), "--map", "parts", "--stacked", "--cmap", "magma", "-o", str(picture)])
+    check_picture(picture)
+    for more in (["--poses", "2"], ["--map", "parts", "--cmap", "magma"], ["--map", "parts", "--time-s", "1"]):
+        assert main(["plot", str(out), *more, "-o", str(tmp_path / "c.png")])
 
 
 def test_what_an_ellipsoid_gets_wrong_is_told_limb_by_limb(by_segment: t2d.Recording) -> None:
