@@ -22,7 +22,7 @@ from t2d_rt.core.cubes import Cube
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import LIMIT_GB, after_call
 from t2d_rt.core.plugins import versions
-from t2d_rt.core.progress import shown_progress, split_progress
+from t2d_rt.core.progress import shown_progress, split_progress, stretch
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import Setup, set_up, set_up_stored
 from t2d_rt.pipeline.parts import PartCubes, Split, checked_split
@@ -42,6 +42,8 @@ from t2d_rt.types.target import Method
 
 MOST_AGAIN = 2
 """So often a small body or mesh that misses its tolerance is simulated again."""
+FIRST_RUN = 0.8
+"""Fraction of the progress, or of what is left of it, that a run takes which may have to be made again."""
 
 
 def simulate(
@@ -110,8 +112,8 @@ def simulate(
     split: the recording's `parts`, which add up to it: by "segment" of the bodies, "path" pair, "target" or number of "bounce"s.
     device: "cpu", "gpu" (a CUDA device), or "auto" for a CUDA device where there is one and the CPU elsewhere.
     memory_gb: most memory that the run may take [GB]; it works in blocks to stay below, and what needs more is refused beforehand.
-    progress: True shows a bar, or a line now and then in a log; a function is called with the fraction done, 0..1, of each
-        simulation where a tolerance asks for several.
+    progress: True shows a bar, or a line now and then in a log; a function is called with the fraction done, 0..1, which never
+        falls.
     """
     experiment = Experiment.without_targets(
         radar, reflections=reflections, transmissions=transmissions, bounces=bounces, clutter=clutter, collisions=collisions,
@@ -171,9 +173,10 @@ def planned_run(
     most. A warning where the last one misses its tolerance."""
     model, accuracy = plan.model, plan.accuracy
     prepared = prepare(model, accuracy, setup.experiment.clutter)
-    needed_bytes = check_memory(prepared, measured=wanted.measured)
     parts = PartCubes(split, model)
-    cube = summed(prepared, device, progress, parts)
+    needed_bytes = check_memory(prepared, measured=wanted.measured, parts=parts.most(accuracy))
+    repeatable = most_again > 0 and wanted.measured and measured_directly(plan)
+    cube = summed(prepared, device, stretch(progress, 0, FIRST_RUN) if repeatable else progress, parts)
     settings = setup.described(model, accuracy) | prepared.counts | plan.described(needed_bytes)
     settings |= {} if split is None else {"split": split}
     settings |= {} if most_again == MOST_AGAIN else {"runs": MOST_AGAIN - most_again + 1}
@@ -183,12 +186,14 @@ def planned_run(
     if not wanted.measured:
         return plan, cube, parts, settings
     error = measured_error(plan, cube, static)
-    finer = plan_again(plan, error) if most_again else None
+    finer = plan_again(plan, error) if repeatable else None
     if finer is None:
         warn_of_miss(plan, error)
+        if progress is not None:
+            progress(1.0)
         return plan, cube, parts, settings | error.described()
     del cube, parts, static  # before others are made
-    return planned_run(setup, finer, wanted, device, progress, split, most_again - 1)
+    return planned_run(setup, finer, wanted, device, stretch(progress, FIRST_RUN, 1), split, most_again - 1)
 
 
 def summed(prepared: Prepared, device: Device, progress: Progress | None, into: PartCubes | None = None) -> Cube:

@@ -18,6 +18,7 @@ from t2d_rt.pipeline.echo_model import Model, resolved, sagitta_rad
 from t2d_rt.pipeline.path_pairs import Clutter
 from t2d_rt.pipeline.prepare import Prepared
 from t2d_rt.radar.repetition import table_bytes
+from t2d_rt.radar.synthesize import FIELDS_BYTES, RECEIVERS, USUAL_NODES, WAITING_BYTES
 from t2d_rt.scattering.mesh import POINTS_PER_MESH
 from t2d_rt.scattering.patches import rounded_range_m
 from t2d_rt.scattering.refinement import POINT_SAGITTA_RAD, REFINING_BYTES
@@ -31,6 +32,8 @@ POSED_BYTES = 1_000
 """Bytes that a facet's vertex takes in the frames of a window."""
 SAMPLED_BYTES = 5_400
 """Bytes that a point takes at which visibility is sampled, in the frames of a window."""
+PART_BYTES = 1e6
+"""Bytes that the groups of a part take while a window is summed, for each receiver that is worked on at once."""
 SET_UP_BYTES, FACET_BYTES = 90e6, 1_400
 """What a run has taken before it sums, and of that each facet."""
 FACETS_PER_SAGITTA, CURVED_PER_SAGITTA = 1.7, 1.9
@@ -233,31 +236,36 @@ def rough_meshes(model: Model) -> int:
     return sum(resolved(each, model.radar).scattering_coefficient > 0 for each in materials)
 
 
-def check_memory(prepared: Prepared, *, measured: bool) -> float:
-    """What summing all echoes needs, refused where it is more than the run may take."""
+def parts_bytes(model: Model, parts: int) -> float:
+    """What a run takes more where the echoes of so many parts are told apart, of which there may be hundreds."""
+    if parts < 2:
+        return 0.0
+    radar = model.radar
+    chirps = len(radar.chirp_times_s(model.span_s[1] - model.span_s[0]))
+    of_all = 8.0 * USUAL_NODES * parts * chirps * radar.antennas
+    groups = PART_BYTES * parts * min(RECEIVERS, len(radar.rx_offsets_m))
+    return min(WAITING_BYTES + 2 * FIELDS_BYTES, of_all) + groups
 
-    model, accuracy = prepared.model, prepared.accuracy
 
-    def needed_bytes() -> float:
-        parts = [each for each in prepared.parts if each.repeats is None]
-        if not parts:
-            return memory_bytes(model, accuracy, echoes=0, vertices=0, facets=0, measured=measured)
-        greatest = max(parts, key=lambda part: part.echoes * SUMMED_BYTES + part.vertices * POSED_BYTES)
-        # A surface has twice as many facets as vertices; these exist by now, but not the coarser ones of a measurement.
-        facets = 2 * max(part.vertices for part in parts) / COARSER if measured else 0.0
-        tables = max(
-            (table_bytes(each.repeats, model.radar) for each in prepared.scatterers if each.repeats), default=0.0
-        )
-        return tables + memory_bytes(
-            model, accuracy, echoes=greatest.echoes, vertices=greatest.vertices, facets=facets, measured=measured
-        )
-
-    needed = needed_bytes()
-    if needed > model.memory.limit_bytes:
+def check_memory(prepared: Prepared, *, measured: bool, parts: int = 0) -> float:
+    """What summing all echoes needs, of so many parts told apart, refused where it is more than the run may take."""
+    needed = _summing_bytes(prepared, measured, parts)
+    if needed > prepared.model.memory.limit_bytes:
         release()  # what is free counts for nothing
-        needed = needed_bytes()
-    refuse(model, needed, measured=measured)
+        needed = _summing_bytes(prepared, measured, parts)
+    refuse(prepared.model, needed, measured=measured)
     return needed
+
+
+def _summing_bytes(prepared: Prepared, measured: bool, parts: int) -> float:
+    model, each = prepared.model, prepared.parts
+    greatest = max(each, key=lambda some: some.echoes * SUMMED_BYTES + some.vertices * POSED_BYTES)
+    # A surface has twice as many facets as vertices; these exist by now, but not the coarser ones of a measurement.
+    facets = 2 * max(some.vertices for some in each) / COARSER if measured else 0.0
+    tables = max((table_bytes(some.repeats, model.radar) for some in each if some.repeats), default=0.0)
+    return memory_bytes(
+        model, prepared.accuracy, echoes=greatest.echoes, vertices=greatest.vertices, facets=facets, measured=measured
+    ) + max(tables, parts_bytes(model, parts))
 
 
 def refuse(model: Model, needed_bytes: float, *, measured: bool) -> None:

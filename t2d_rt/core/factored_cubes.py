@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from threading import Lock
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,8 @@ PRODUCT_CHIRPS = 128
 """Chirps that are multiplied at once. A part of a piece is multiplied in the same blocks as the whole, for the same bits."""
 BASIS_NUMBERS = 8_000_000
 """Size of the matrix; a very wide sweep is worked on in pieces of its samples."""
+LEFT_OUT = 1e-7
+"""Functions of the sample that are so much weaker than the strongest are left out where they are made few."""
 _alone = Lock()
 """The number of BLAS threads is one setting of the process."""
 
@@ -105,29 +108,32 @@ class Product:
         for start in range(0, len(self.coefficients), PIECE_CHIRPS):
             chirps = slice(start, min(start + PIECE_CHIRPS, len(self.coefficients)))
             part = self.coefficients[chirps]
-            used = part.view(np.uint64).any(axis=(0, 2))  # as integers: six times as fast
+            numbers = part.view(np.uint64)  # as integers: six times as fast
+            used = numbers[0].any(axis=1)  # most of those that hold anything do so at the first chirp
+            if not used.all():
+                used[~used] = numbers[:, ~used].any(axis=(0, 2))
             phase = None if self.phase is None else self.phase[chirps]
-            found = part[:, used].reshape(len(part), -1)
+            found = (part if used.all() else part[:, used]).reshape(len(part), -1)
             yield chirps, Piece(found, self.theta[used], self.weights, self.x, phase, self.band)
 
-    def put(self, out: np.ndarray) -> None:
-        """Fills `out` (chirp, sample), or adds to it where there is a phase."""
-        for chirps, piece in self.pieces():
-            piece.put(out[chirps])
 
-
-def together(products: Sequence[Product]) -> Product:
-    """The sum of products of the same chirps, whose buckets are the same ones where their carriers are."""
-    if len(products) == 1:
-        return products[0]
-    first = products[0]
-    theta, place = np.unique(np.concatenate([each.theta for each in products]), return_inverse=True)
-    coefficients = np.zeros((len(first.coefficients), len(theta), len(first.weights)), DTYPE)
-    begin = 0
-    for each in products:
-        coefficients[:, place[begin : begin + len(each.theta)]] += each.coefficients
-        begin += len(each.theta)
-    return replace(first, coefficients=coefficients, theta=theta)
+def together(pieces: Sequence[Piece]) -> Piece:
+    """The sum of pieces of the same chirps and weights, whose buckets are the same ones where their carriers are."""
+    if len(pieces) == 1:
+        return pieces[0]
+    first = pieces[0]
+    assert first.weights is not None, "samples have no buckets"
+    theta, place = np.unique(np.concatenate([each.theta for each in pieces]), return_inverse=True)
+    shape = len(first.coefficients), len(theta), len(first.weights)
+    total = np.zeros(shape, DTYPE)
+    ends = np.cumsum([len(each.theta) for each in pieces])
+    for each, own in zip(pieces, np.split(place, ends[:-1]), strict=True):
+        if len(own):
+            # Those of a part mostly lie side by side: a slice takes a third of the time.
+            side_by_side = own[-1] - own[0] == len(own) - 1 and bool(np.all(np.diff(own) > 0))
+            where: Any = slice(own[0], own[-1] + 1) if side_by_side else own
+            total[:, where] += each.coefficients.reshape(shape[0], len(own), shape[2])
+    return replace(first, coefficients=total.reshape(shape[0], -1), theta=theta)
 
 
 class ProductRows:
@@ -136,9 +142,11 @@ class ProductRows:
     They are added in layers, each a sum of echoes over the whole record; a row is the sum of its layers.
     """
 
-    def __init__(self, shape: tuple[int, ...]) -> None:
+    def __init__(self, shape: tuple[int, ...], file: ScratchFile | None = None) -> None:
+        """`file` is one that other rows lie in as well: the system hands out few at a time."""
         self.shape = shape
-        self._file = ScratchFile()
+        self._file = file or ScratchFile()
+        self._shared = file is not None
         self._layers: list[_Layer] = []
         self._whole = False
 
@@ -151,11 +159,13 @@ class ProductRows:
         """The layer is whole."""
         self._whole = True
 
-    def add(self, row: int, antenna: int, product: Product) -> None:
-        """A product from a row on, to the last layer."""
-        for chirps, piece in product.pieces():
-            many = piece.coefficients.shape[1] > self.shape[2]
-            self._append(row + chirps.start, antenna, Piece.of_samples(piece.samples(), piece.phase) if many else piece)
+    def __getstate__(self) -> dict[str, Any]:
+        return (self.sum_of([self]) if self._shared else self).__dict__  # by itself, without the rows of others
+
+    def add(self, row: int, antenna: int, piece: Piece) -> None:
+        """A piece from a row on, to the last layer."""
+        many = piece.coefficients.shape[1] > self.shape[2]
+        self._append(row, antenna, Piece.of_samples(piece.samples(), piece.phase) if many else piece)
 
     def add_samples(self, row: int, samples: np.ndarray) -> None:
         """Samples (row, antenna, sample) from a row on, to the last layer; where they are zero nothing is kept."""
@@ -167,7 +177,8 @@ class ProductRows:
     def _append(self, row: int, antenna: int, piece: Piece) -> None:
         offset = self._file.add(piece.coefficients)
         rows, width = piece.coefficients.shape
-        stored = replace(piece, coefficients=np.empty((0, width), DTYPE))
+        none = np.empty((0, width), DTYPE)
+        stored = Piece(none, piece.theta, piece.weights, piece.x, piece.phase, piece.band)  # `replace` is slow
         self._layers[-1].add(_Stored(row, row + rows, antenna, offset, stored))
 
     def spread(self, start: int, stop: int) -> float:
@@ -208,40 +219,61 @@ class ProductRows:
             piece.put(block)
             inside[:] = block[first - low : last - low]
 
+    def in_one_basis(self, start: int, stop: int) -> tuple[np.ndarray, Piece]:
+        """Rows start..stop as coefficients, complex64 (row, antenna, K), of the same K functions of the sample, and these: a piece
+        without rows. Few where the rows' beats lie close, else all samples."""
+        stored = [each for layer in self._layers for each in layer.within(start, stop) if len(each.piece.theta)]
+        all_samples = Piece.of_samples(np.empty((0, self.shape[2]), DTYPE))
+        if not stored or any(each.piece.weights is None for each in stored):
+            return self.read(start, stop), all_samples
+        basis = _orthonormal(list(dict(_functions(each.piece) for each in stored).values()))
+        if len(basis) > self.shape[2] // 2:
+            return self.read(start, stop), all_samples
+        found = np.zeros((stop - start, self.shape[1], len(basis)), DTYPE)
+        for each in stored:
+            first, last = max(start, each.start), min(stop, each.stop)
+            onto = (_functions(each.piece)[1] @ basis.conj().T).astype(DTYPE)
+            found[first - start : last - start, each.antenna] += each.rows(self._file, first, last).coefficients @ onto
+        low = min(float(each.piece.theta.min()) - each.piece.band for each in stored)
+        high = max(float(each.piece.theta.max()) + each.piece.band for each in stored)
+        x, middle = stored[0].piece.x, (low + high) / 2
+        weights = basis * np.exp(-1j * middle * x)
+        return found, Piece(np.empty((0, len(basis)), DTYPE), np.array([middle]), weights, x, None, (high - low) / 2)
+
     @classmethod
-    def sum_of(cls, each: Sequence[ProductRows]) -> ProductRows:
-        """Rows that are the sums of those of cubes of one shape."""
-        found = cls(each[0].shape)
+    def sum_of(cls, each: Sequence[ProductRows], file: ScratchFile | None = None) -> ProductRows:
+        """Rows that are the sums of those of cubes of one shape, in a file of their own or the one given."""
+        found = cls(each[0].shape, file)
         for rows in each:
-            moved = found._file.size
-            for block in rows._file.blocks():
-                found._file.add(np.frombuffer(block, np.uint8))
             for layer in rows._layers:
                 found.begin()
                 for stored in layer.within(0, found.shape[0]):
-                    found._layers[-1].add(replace(stored, offset=stored.offset + moved))
-        found.end()
+                    found._append(stored.start, stored.antenna, stored.rows(rows._file, stored.start, stored.stop))
+        found._whole = all(rows._whole for rows in each)
         return found
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All that it takes to make the rows again (`from_arrays`), as plain arrays for a file."""
         every = [(number, each) for number, layer in enumerate(self._layers) for each in layer.within(0, self.shape[0])]
         matrices: dict[bytes, tuple[int, Piece]] = {}
-        table = []
+        table, numbers = [], np.empty(sum(each.numbers for _, each in every), DTYPE)
+        taken = 0
         for number, each in every:
             piece, matrix = each.piece, -1
             if piece.weights is not None:
                 key = piece.weights.tobytes() + piece.x.tobytes()
                 matrix, _ = matrices.setdefault(key, (len(matrices), piece))
             phases = 0 if piece.phase is None else len(piece.phase)
-            row = number, each.start, each.stop, each.antenna, each.offset, piece.coefficients.shape[1], matrix
+            row = number, each.start, each.stop, each.antenna, taken * DTYPE.itemsize, piece.coefficients.shape[1], matrix
             table.append([*row, len(piece.theta), phases])
+            numbers[taken : taken + each.numbers] = each.rows(self._file, each.start, each.stop).coefficients.ravel()
+            taken += each.numbers
         found = {
             "shape": np.array(self.shape), "layers": np.array(len(self._layers)),
             "table": np.array(table, np.int64).reshape(-1, 9), "band": np.array([each.piece.band for _, each in every]),
             "theta": np.concatenate([np.zeros(0), *(each.piece.theta for _, each in every)]),
             "phase": np.concatenate([np.zeros(0, DTYPE), *(each.piece.phase for _, each in every if each.piece.phase is not None)]),
-            "coefficients": self._file.read(0, (self._file.size // DTYPE.itemsize,)),
+            "coefficients": numbers,
         }  # fmt: skip
         for matrix, piece in matrices.values():
             assert piece.weights is not None  # such pieces have no matrix
@@ -249,11 +281,11 @@ class ProductRows:
         return found
 
     @classmethod
-    def from_arrays(cls, given: Mapping[str, np.ndarray]) -> ProductRows:
-        """The rows that `arrays` described."""
+    def from_arrays(cls, given: Mapping[str, np.ndarray], file: ScratchFile | None = None) -> ProductRows:
+        """The rows that `arrays` described, in a file of their own or the one given."""
         arrays = {name: given[name] for name in given}
-        found = cls(tuple(arrays["shape"].tolist()))
-        found._file.add(arrays["coefficients"])
+        found = cls(tuple(arrays["shape"].tolist()), file)
+        before = found._file.add(arrays["coefficients"])
         found._layers = [_Layer() for _ in range(int(arrays["layers"]))]
         buckets, phases = 0, 0
         for row, band in zip(arrays["table"].tolist(), arrays["band"].tolist(), strict=True):
@@ -262,7 +294,7 @@ class ProductRows:
             buckets, phases = buckets + count, phases + many
             weights, x = (None, np.zeros(0)) if matrix < 0 else (arrays[f"weights{matrix}"], arrays[f"x{matrix}"])
             piece = Piece(np.empty((0, width), DTYPE), theta, weights, x, phase if many else None, band)
-            found._layers[layer].add(_Stored(start, stop, antenna, offset, piece))
+            found._layers[layer].add(_Stored(start, stop, antenna, before + offset, piece))
         found.end()
         return found
 
@@ -280,6 +312,11 @@ class _Stored:
     piece: Piece
     """With no rows of coefficients, but of their width."""
 
+    @property
+    def numbers(self) -> int:
+        """How many coefficients it has."""
+        return (self.stop - self.start) * self.piece.coefficients.shape[1]
+
     def rows(self, file: ScratchFile, first: int, last: int) -> Piece:
         """Some rows of it."""
         width, skipped = self.piece.coefficients.shape[1], first - self.start
@@ -288,6 +325,24 @@ class _Stored:
         return replace(
             self.piece, coefficients=found, phase=None if phase is None else phase[skipped : last - self.start]
         )
+
+
+def _functions(piece: Piece) -> tuple[bytes, np.ndarray]:
+    """What a piece's coefficients are those of, complex (bucket x Q, sample), and a key that tells them."""
+    assert piece.weights is not None, "samples are no sum"
+    carriers = np.exp(1j * np.outer(piece.theta, piece.x))
+    key = piece.theta.tobytes() + piece.weights.tobytes()
+    return key, (carriers[:, None] * piece.weights).reshape(-1, len(piece.x))
+
+
+def _orthonormal(functions: Sequence[np.ndarray]) -> np.ndarray:
+    """Orthonormal functions (K, sample) of which all of these (several, sample) are sums."""
+    scaled, basis = functions[0][:0], functions[0][:0]
+    for each in functions:
+        _, values, basis = np.linalg.svd(np.concatenate([scaled, each]), full_matrices=False)
+        basis = basis[values > LEFT_OUT * values[0]]
+        scaled = values[: len(basis), None] * basis
+    return basis
 
 
 class _Layer:

@@ -95,8 +95,13 @@ def _redraws(stream: Any) -> bool:
 def split_progress(progress: Callable[[float], None] | None, count: int) -> Iterator[Callable[[float], None] | None]:
     """What tells the progress of each of `count` equal parts of a run."""
     for number in range(count):
-        yield None if progress is None else partial(_told, progress, number, count)
+        yield stretch(progress, number / count, (number + 1) / count)
 
 
-def _told(progress: Callable[[float], None], number: int, count: int, fraction: float) -> None:
-    progress((number + fraction) / count)
+def stretch(progress: Callable[[float], None] | None, start: float, stop: float) -> Callable[[float], None] | None:
+    """What tells the progress of that stretch of a run, 0..1 of it."""
+    return None if progress is None else partial(_told, progress, start, stop)
+
+
+def _told(progress: Callable[[float], None], start: float, stop: float, fraction: float) -> None:
+    progress(start * (1 - fraction) + stop * fraction)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -11,11 +13,12 @@ from t2d_rt.body.fit import fit
 from t2d_rt.body.segments import SEGMENTS, segment_of_faces
 from t2d_rt.body.template import template
 from t2d_rt.core.checks import shown
+from t2d_rt.core.cube_storage import ScratchFile
 from t2d_rt.core.cubes import DiskCube
-from t2d_rt.core.errors import InputError
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.core.factored_cubes import ProductRows
 from t2d_rt.pipeline.echo_model import Model
-from t2d_rt.types import Motion, MovingMesh
+from t2d_rt.types import Accuracy, Motion, MovingMesh
 from t2d_rt.types.scatterer import EchoLabels, EchoParts, Scatterer
 
 Split = Literal["segment", "path", "target", "bounce"]
@@ -37,30 +40,77 @@ def checked_split(split: str | None) -> Split | None:
     return split  # type: ignore[return-value]
 
 
-def part_names(split: Split, labels: EchoLabels, model: Model) -> np.ndarray:
-    """The part that each of N echoes belongs to, names (N,).
+class PartNames:
+    """Names of parts by the labels of echoes, no two parts of one name.
 
     Segments are those of bodies, and the pieces of other meshes that hang together, such as a fan's hub and blades; the name of the
     target stands before theirs where there are several targets.
     """
-    if split == "bounce":
-        words = np.array(
-            [STATIC, "1 bounce", *(f"{count} bounces" for count in range(2, labels.bounces.max(initial=1) + 1))]
-        )
-        return words[labels.bounces]
-    if split == "path":
-        return np.where(labels.bounces == 0, STATIC, labels.path.astype(str))
-    found = np.array([STATIC, UNLABELLED, BETWEEN], object)[np.minimum(labels.bounces, 2)]
-    for number, name in enumerate(target_names(model)):
-        mine = labels.target == number
-        found[mine] = name
+
+    def __init__(self, split: Split, model: Model) -> None:
+        self.split = split
+        targets, self._segments = target_names(model), list[_Segments]()
+        keys = [(number, "") for number in range(len(targets))]
         if split == "segment":
-            before = "" if len(model.modelled) == 1 else f"{name}: "
-            for kind, names in (("face", face_segments(model, number)), ("ellipsoid", ellipsoid_names(model, number))):
-                place = getattr(labels, kind)
-                own = mine & (place >= 0)
-                found[own] = [before + names[each] for each in place[own]]
-    return found.astype(str)
+            self._segments = [_Segments.of(model, number) for number in range(len(targets))]
+            each = [(number, name) for number, own in enumerate(self._segments) for name in own.names if name]
+            keys = each + keys  # what has no segment comes last
+        before = [f"{name}: " if len(targets) > 1 else "" for name in _distinct(targets)]
+        plain = [before[number] + name if name else targets[number] for number, name in keys]
+        distinct = _distinct(plain, (STATIC, UNLABELLED, BETWEEN))
+        self._names = dict(zip(keys, distinct, strict=True))
+        self.renamed = {name: other for name, other in zip(distinct, plain, strict=True) if name != other}
+        """What parts would be called if no other one had that name, by what they are called."""
+
+    @property
+    def count(self) -> int:
+        """Most parts of segments and targets that there can be."""
+        return len(self._names) + 3
+
+    def of(self, labels: EchoLabels) -> np.ndarray:
+        """The part that each of N echoes belongs to, names (N,)."""
+        if self.split == "bounce":
+            more = (f"{count} bounces" for count in range(2, labels.bounces.max(initial=1) + 1))
+            return np.array([STATIC, "1 bounce", *more])[labels.bounces]
+        if self.split == "path":
+            path = np.where(labels.path == STATIC, f"{STATIC} 2", labels.path.astype(str))
+            return np.where(labels.bounces == 0, STATIC, path)
+        found = np.array([STATIC, UNLABELLED, BETWEEN], object)[np.minimum(labels.bounces, 2)]
+        for number in {number for number, _ in self._names}:
+            mine = labels.target == number
+            found[mine] = self._names[number, ""]
+            for own in self._segments[number : number + 1]:
+                for names, place in ((own.of_faces, labels.face), (own.of_ellipsoids, labels.ellipsoid)):
+                    some = mine & (place >= 0)
+                    found[some] = [self._names[number, names[each]] for each in place[some]]
+        return found.astype(str)
+
+
+@dataclass(frozen=True, slots=True)
+class _Segments:
+    """The segment of a target that each of its faces and its ellipsoids belongs to; an empty name is the target itself."""
+
+    of_faces: Sequence[str]
+    of_ellipsoids: Sequence[str]
+
+    @property
+    def names(self) -> list[str]:
+        """Each once."""
+        return list(dict.fromkeys([*self.of_faces, *self.of_ellipsoids]))
+
+    @classmethod
+    def of(cls, model: Model, number: int) -> _Segments:
+        """Those of the target of that number."""
+        target, body = model.modelled[number], model.body
+        made, motion = None if target.mesh is None else target.mesh.made, target.source
+        if made is not None and made.by == "skin":
+            motion, body = made.arguments["motion"], made.arguments["body"]
+        segments = list(SEGMENTS)
+        if not isinstance(motion, Motion):
+            ellipsoids = target.ellipsoids()
+            return cls(_pieces(target.mesh) if target.mesh else (), () if ellipsoids is None else ellipsoids.names)
+        owners = segment_of_faces(fit(template(body), motion)) if target.mesh else ()
+        return cls([segments[owner] for owner in owners], segments)
 
 
 def target_names(model: Model) -> list[str]:
@@ -72,28 +122,17 @@ def target_names(model: Model) -> list[str]:
     ]
 
 
-def face_segments(model: Model, number: int) -> list[str]:
-    """The segment that each face of a target's mesh belongs to; nothing where it has no mesh."""
-    target = model.modelled[number]
-    if target.mesh is None:
-        return []
-    made, motion, body = target.mesh.made, target.source, model.body
-    if made is not None and made.by == "skin":
-        motion, body = made.arguments["motion"], made.arguments["body"]
-    if not isinstance(motion, Motion):
-        return _pieces(target.mesh, target_names(model)[number])
-    segments = list(SEGMENTS)
-    return [segments[owner] for owner in segment_of_faces(fit(template(body), motion))]
+def _distinct(names: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
+    """The names, each with a number that makes it another one than those before it and those `taken`."""
+    found = list(taken)
+    for name in names:
+        numbered = (f"{name} {number}" for number in itertools.count(2))
+        found.append(next(each for each in itertools.chain([name], numbered) if each not in found))
+    return found[len(taken) :]
 
 
-def ellipsoid_names(model: Model, number: int) -> Sequence[str]:
-    """Names of a target's ellipsoids; nothing where it has none."""
-    ellipsoids = model.modelled[number].ellipsoids()
-    return () if ellipsoids is None else ellipsoids.names
-
-
-def _pieces(mesh: MovingMesh, name: str) -> list[str]:
-    """The piece of the mesh that each face hangs together with, counted from the first face on."""
+def _pieces(mesh: MovingMesh) -> list[str]:
+    """The piece of the mesh that each face hangs together with, counted from the first face on; empty names where it is one."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -104,21 +143,35 @@ def _pieces(mesh: MovingMesh, name: str) -> list[str]:
     joined = coo_array((np.ones(ends.shape[1], bool), tuple(ends)), shape=(faces.max() + 1,) * 2)
     count, piece = connected_components(joined, directed=False)
     if not 1 < count <= MOST_PIECES:
-        return [name] * len(faces)
+        return [""] * len(faces)
     _, first, place = np.unique(piece[faces[:, 0]], return_index=True, return_inverse=True)
     order = np.argsort(np.argsort(first))
-    return [f"{name} piece {order[each] + 1}" for each in place]
+    return [f"piece {order[each] + 1}" for each in place]
 
 
 class PartCubes:
     """The cubes that parts are summed to, each of which comes into being with its first echo.
 
-    They hold products of which samples are made when they are read (`ProductRows`): a tenth of the samples and less.
+    They hold products of which samples are made when they are read (`ProductRows`), all in one file.
     """
 
     def __init__(self, split: Split | None, model: Model) -> None:
-        self.split, self._model = split, model
-        self.cubes: dict[str, DiskCube] = {}
+        self._model, self._file = model, ScratchFile() if split else None
+        self._names = PartNames(split, model) if split else None
+        self._rows: dict[str, ProductRows] = {}
+
+    @property
+    def cubes(self) -> dict[str, DiskCube]:
+        """ADC cubes by the parts' names."""
+        return {name: DiskCube(rows) for name, rows in self._rows.items()}
+
+    def most(self, accuracy: Accuracy) -> int:
+        """Most parts that there can be; 0 without a split."""
+        if self._names is None:
+            return 0
+        pairs = self._model.pairs(accuracy)
+        of_split = {"path": 1 + (1 if pairs is None else len(pairs.pairs)), "bounce": 1 + self._model.bounces}
+        return of_split.get(self._names.split, self._names.count)
 
     def of(self, scatterers: Scatterer) -> EchoParts | None:
         """Which part each of their echoes belongs to; None where all are one.
@@ -126,20 +179,27 @@ class PartCubes:
         Echoes of path pairs that are switched off are silent; several bounces are on the direct one.
         """
         model = self._model
-        if self.split is None and model.paths_on is None:
+        if self._names is None and model.paths_on is None:
             return None
-        labels, radar = scatterers.labels, model.radar
+        labels = scatterers.labels
         on = np.ones(scatterers.echoes, bool)
         if model.paths_on is not None:
             on = (labels.bounces == 0) | np.isin(labels.path.astype(str), sorted(model.paths_on))
         names, number = np.zeros(0, str), np.zeros(scatterers.echoes, int)
-        if self.split is not None:
-            every = part_names(self.split, labels, model)[on]
+        if self._names is not None:
+            every = self._names.of(labels)[on]
             names, first, found = np.unique(every, return_index=True, return_inverse=True)
             order = np.argsort(first)  # as they come: segments by the body's faces, path pairs by their strength
             names, number[on] = names[order], np.argsort(order)[found]
         number[~on] = -1
-        shape = len(radar.chirp_times_s(model.span_s[1] - model.span_s[0])), radar.antennas, radar.samples
-        for name in names.tolist():
-            self.cubes.setdefault(name, DiskCube(ProductRows(shape)))
-        return EchoParts(number, [self.cubes[name] for name in names.tolist()])
+        return EchoParts(number, [self._part(name) for name in names.tolist()])
+
+    def _part(self, name: str) -> ProductRows:
+        """The rows of a part, new ones where it has had no echo."""
+        if name not in self._rows:
+            model, radar = self._model, self._model.radar
+            shape = len(radar.chirp_times_s(model.span_s[1] - model.span_s[0])), radar.antennas, radar.samples
+            self._rows[name] = ProductRows(shape, self._file)
+            if self._names is not None and (plain := self._names.renamed.get(name)):
+                warn(f"the part {plain} is called {name}, as another part has that name; give the target another name")
+        return self._rows[name]

@@ -70,6 +70,16 @@ class Buckets:
     members: Members
     """Which echoes fall into each during which slot, so short that no echo moves by more than `SLOT_BINS`, or a bucket."""
 
+    @property
+    def firsts(self) -> np.ndarray:
+        """First bucket of each part that has any."""
+        return np.flatnonzero(np.diff(self.part, prepend=-1))
+
+    def place(self, bucket: np.ndarray, batch: np.ndarray, batches: int) -> np.ndarray:
+        """Numbers of results that lie part by part, of each batch by batch and bucket by bucket."""
+        first, last = (np.searchsorted(self.part, self.part, side) for side in ("left", "right"))
+        return (first * (batches - 1) + np.arange(len(first)))[bucket] + batch * (last - first)[bucket]
+
     def theta(self, sweep: Sweep) -> np.ndarray:
         """theta of the buckets' carriers, their phase over x, (bucket,)."""
         return self.origin_s * sweep.theta_per_s + self.centres

@@ -163,7 +163,7 @@ def _echo_interval(delay: np.ndarray, backend: Backend) -> tuple[Any, Any, Any]:
 def chebyshev_coefficients(
     buckets: Buckets, table: tuple[Any, Any], fields: AmplitudeFrames, instants: Instants, backend: Backend
 ) -> np.ndarray:
-    """Chebyshev coefficients of every bucket over the sweep, complex64 (instant, bucket, TERMS).
+    """Chebyshev coefficients of every bucket over the sweep, complex64: part by part, (instant, bucket, TERMS) of each, flat.
 
     `table` is that of `phases`, with the buckets' origin, `fields` the echoes' amplitudes.
     """
@@ -192,8 +192,12 @@ def chebyshev_coefficients(
         dr.eval(sums)  # all at once; else each part's sum would run the loop again
         sums = [[tuple(dr.block_sum(part, lanes.parts) for part in pair) for pair in acc] for acc in sums]
     values = [part for acc in sums for pair in _with_slope(acc) for part in pair]
-    by_batch = lanes.scattered(values, backend).reshape(batching.batches, -1, batching.unroll, TERMS)
-    return by_batch[batching.batch, :, np.arange(len(slot)) - batching.instant[batching.batch]]
+    within = np.arange(len(slot)) - batching.instant[batching.batch]
+    found = []
+    for results in np.split(lanes.scattered(values, backend), buckets.firsts[1:] * batching.batches):
+        by_batch = results.reshape(batching.batches, -1, batching.unroll, TERMS)
+        found.append(by_batch[batching.batch, :, within].ravel())
+    return np.concatenate(found) if len(found) > 1 else found[0]
 
 
 def terms_over(x: np.ndarray) -> np.ndarray:
@@ -215,7 +219,7 @@ def fields_at(
     places: np.ndarray,
     backend: Backend,
 ) -> np.ndarray:
-    """Fields of every bucket at `places` of the sweep, pairs +x, -x, complex64 (instant, bucket, place).
+    """Fields of every bucket at `places` of the sweep, pairs +x, -x, complex64: part by part, (instant, bucket, place) of each, flat.
 
     The same sum by another expansion: more work for each echo, less for what comes after where few echoes lie in wide buckets.
     """
@@ -240,7 +244,7 @@ def fields_at(
     if lanes.parts > 1:
         dr.eval(sums)  # all at once; else each part's sum would run the loop again
         sums = [dr.block_sum(each, lanes.parts) for each in sums]
-    return lanes.scattered(sums, backend).reshape(len(instants), -1, len(places))
+    return lanes.scattered(sums, backend).ravel()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -277,6 +281,8 @@ class Lanes:
     """theta of the bucket's middle."""
     place: Any
     """Number of the result, one for all parts."""
+    empty: np.ndarray
+    """Numbers of the results that no lane has."""
     results: int
     per_cycle: Any
     """`Instants.per_cycle` on the device: theta per cycle; theta and eps per cycle per frame."""
@@ -298,10 +304,11 @@ class Lanes:
 
         Float32, UInt32, members = backend.Float32, backend.UInt32, buckets.members
         slot = members.slot(instants.position)
-        row = np.arange(members.bins)[:, None] + slot[batching.instant] * members.bins
-        size = members.starts[row + 1] - members.starts[row]
-        bin_number, batch = np.nonzero(size)
-        row, instant = row[bin_number, batch], batching.instant[batch]
+        occupied = (np.diff(members.starts) > 0).reshape(-1, members.bins)
+        occupied = occupied.T[:, slot[batching.instant]]
+        bin_number, batch = np.nonzero(occupied)
+        instant = batching.instant[batch]
+        row = slot[instant] * members.bins + bin_number
         parts = most_parts
         while parts > 1 and len(row) * parts > ENOUGH_LANES:
             parts //= 2
@@ -323,7 +330,8 @@ class Lanes:
             instant=first,
             u=[dr.gather(Float32, times, first + k) for k in range(batching.unroll)],
             centre=backend.lanes(np.repeat(buckets.centres[bin_number], parts), Float32),
-            place=backend.lanes(batch * members.bins + bin_number),
+            place=backend.lanes(buckets.place(bin_number, batch, batching.batches)),
+            empty=buckets.place(*np.nonzero(~occupied), batching.batches),
             results=members.bins * batching.batches,
             per_cycle=per_cycle,
             per_rate=per_rate,
@@ -342,14 +350,15 @@ class Lanes:
         return member, cubic, dr.gather(type(thetas), thetas, place) - self.centre
 
     def scattered(self, sums: list[Any], backend: Backend) -> np.ndarray:
-        """Sums of real and imaginary parts as complex64 numbers, zeros for results that no lane has; flat, batch by batch, and
-        bucket by bucket in each."""
+        """Sums of real and imaginary parts as complex64 numbers (result, number), zeros for results that no lane has."""
         import drjit as dr
 
-        out = dr.zeros(backend.Float32, self.results * len(sums))
+        out = dr.empty(backend.Float32, self.results * len(sums))
         # One scatter: each further one into the same array would run the loop again.
         dr.scatter(out, backend.arrays.ArrayXf(sums), self.place)
-        return np.asarray(out.numpy()).view(np.complex64)
+        found = np.asarray(out.numpy()).view(np.complex64).reshape(self.results, -1)
+        found[self.empty] = 0
+        return found
 
 
 @dataclass(frozen=True, slots=True)

@@ -129,7 +129,8 @@ def at_instants(
     places: np.ndarray,
     backend: Backend,
 ) -> np.ndarray:
-    """Fields of buckets at `places` of the sweep, pairs +x, -x, complex64 (instant, bucket, place), from groups' factors.
+    """Fields of buckets at `places` of the sweep, pairs +x, -x, from groups' factors; complex64, part by part, (instant, bucket, place)
+    of each, flat.
 
     The factors of `level`'s groups are those of `inner` from `first` on, `phase` holds the tables of `phases` for the groups.
     """
@@ -155,7 +156,7 @@ def at_instants(
         return rotated(spread(times_phasor(values, sin, cos)), theta, x, bend=eps)
 
     sums = summed(backend.Float32, (lanes.begin, lanes.end), lanes.step, 2 * count, values_of)
-    return lanes.scattered(sums, backend).reshape(len(instants), -1, count)
+    return lanes.scattered(sums, backend).ravel()
 
 
 def _interpolation(inner: Factors, level: Level, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

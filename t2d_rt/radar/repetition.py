@@ -8,14 +8,17 @@ Sutton, 2003).
 
 from __future__ import annotations
 
+import itertools
 import math
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from t2d_rt.core.constants import SPEED_OF_LIGHT
-from t2d_rt.core.cubes import Cube, CubeAdder, DiskCube, new_cube
-from t2d_rt.core.factored_cubes import ProductRows
+from t2d_rt.core.cube_storage import ScratchFile
+from t2d_rt.core.cubes import Cube, CubeAdder, new_cube
+from t2d_rt.core.factored_cubes import PIECE_CHIRPS, ProductRows
 from t2d_rt.core.memory import Budget
 from t2d_rt.radar.synthesize import Progress, synthesize
 from t2d_rt.types import Radar
@@ -91,31 +94,69 @@ def add_repeated(
         for first in range(0, len(starts_s), ROWS_AT_ONCE):
             rows = min(ROWS_AT_ONCE, len(starts_s) - first)
             onto[first : first + rows] = np.zeros((rows, radar.antennas, radar.samples), np.complex64)
-    whole, some = _summed(source, table, parts, tolerance_db=tolerance_db, device=device, memory=memory)
-    for each, cube in zip(some, parts.cubes if parts else (), strict=True):
-        _add(each, table, radar, cube)
-    _add(whole, table, radar, onto)
+    whole, of_parts = _summed(source, table, parts, tolerance_db=tolerance_db, device=device, memory=memory)
+    record = _Record(table, radar, starts_s)
+    steps = record.oversampled(whole[table.first : table.first + table.rows])
+    with CubeAdder(onto) as adder:
+        for rows in record.blocks():
+            record.read(steps, rows, adder.room(rows.stop - rows.start))
+    del whole, steps  # before those of the parts are made, one after another
+    for own, rows_of_part in zip(of_parts, parts.rows if parts else (), strict=True):
+        _add_part(own, record, rows_of_part)
     if progress is not None:
         progress(1.0)
     return onto
 
 
-def _add(found: np.ndarray, table: Repetition, radar: Radar, onto: Cube) -> None:
-    """Adds every chirp of the record, read from the steps of a period (step, antenna, sample), to a cube."""
-    starts_s, dense = radar.chirp_times_s(table.span_s[1] - table.span_s[0]), _oversampled(found)
-    # Chirps of the table and of the record begin at times of their own after the starts of their rows.
-    late_s = radar.antenna_delays_s - table.radar.antenna_delays_s - table.first * table.step_s
-    with CubeAdder(onto) as adder:
-        for first in range(0, len(starts_s), ROWS_AT_ONCE):
-            some = starts_s[first : first + ROWS_AT_ONCE]
-            out = adder.room(len(some))
-            gain = np.ones(len(some)) if table.gain is None else table.gain(table.span_s[0] + some)
-            if not gain.any():
-                out[:] = 0
-                continue
-            for antenna, each_s in enumerate(late_s.tolist()):
-                position = (some + each_s) / table.period_s % 1 * dense.shape[1]
-                out[:, antenna] = _at(dense[antenna], position, gain)
+def _add_part(found: ProductRows, record: _Record, onto: ProductRows) -> None:
+    """Adds what a part returns in a table to its rows of the record, as coefficients of a few functions of the sample."""
+    table = record.table
+    coefficients, functions = found.in_one_basis(table.first, table.first + table.rows)
+    steps = record.oversampled(coefficients)
+    onto.begin()
+    for rows in record.blocks():
+        out = np.empty((rows.stop - rows.start, *coefficients.shape[1:]), np.complex64)
+        record.read(steps, rows, out)
+        for first, antenna in itertools.product(range(0, len(out), PIECE_CHIRPS), range(out.shape[1])):
+            some = out[first : first + PIECE_CHIRPS, antenna]
+            if some.any():
+                onto.add(rows.start + first, antenna, replace(functions, coefficients=some))
+    onto.end()
+
+
+@dataclass(frozen=True, slots=True)
+class _Record:
+    """The chirps of a record, which are read from the steps of a period."""
+
+    table: Repetition
+    radar: Radar
+    starts_s: np.ndarray
+    """When its rows begin, (row,)."""
+
+    def blocks(self) -> Iterator[slice]:
+        """Some rows at a time."""
+        for first in range(0, len(self.starts_s), ROWS_AT_ONCE):
+            yield slice(first, min(first + ROWS_AT_ONCE, len(self.starts_s)))
+
+    def oversampled(self, rows: np.ndarray) -> np.ndarray:
+        """What `read` reads, from rows of the table (row, antenna, value)."""
+        table = self.table
+        steps = np.empty_like(rows)
+        steps[np.arange(table.rows) * table.periods % table.rows] = rows  # by the angles at which their chirps begin
+        return _oversampled(steps)
+
+    def read(self, dense: np.ndarray, rows: slice, out: np.ndarray) -> None:
+        """Fills `out` (row, antenna, value) with some rows of the record."""
+        table, some = self.table, self.starts_s[rows]
+        gain = np.ones(len(some)) if table.gain is None else table.gain(table.span_s[0] + some)
+        if not gain.any():
+            out[:] = 0
+            return
+        # Chirps of the table and of the record begin at times of their own after the starts of their rows.
+        late_s = self.radar.antenna_delays_s - table.radar.antenna_delays_s - table.first * table.step_s
+        for antenna, each_s in enumerate(late_s.tolist()):
+            position = (some + each_s) / table.period_s % 1 * dense.shape[1]
+            out[:, antenna] = _at(dense[antenna], position, gain)
 
 
 def _summed(
@@ -126,12 +167,13 @@ def _summed(
     tolerance_db: float,
     device: str,
     memory: Budget,
-) -> tuple[np.ndarray, list[np.ndarray]]:
-    """What chirps record that begin at equal steps of a period, complex64 (step, antenna, sample), and each part of it."""
+) -> tuple[Cube, list[ProductRows]]:
+    """What the chirps of a table record, and each part of it."""
     whole: Cube | None = None
     first, rows = 0, len(table.radar.chirp_times_s(source.times_s[-1] - source.times_s[0]))
     shape = rows, table.radar.antennas, table.radar.samples
-    of_parts = [DiskCube(ProductRows(shape)) for _ in (parts.cubes if parts else ())]
+    file = ScratchFile() if parts and parts.rows else None
+    of_parts = [ProductRows(shape, file) for _ in (parts.rows if parts else ())]
     for each in source.parts:
         own = None if parts is None else EchoParts(parts.number[first : first + each.echoes], of_parts)
         first += each.echoes
@@ -145,19 +187,11 @@ def _summed(
             parts=own,
         )
     assert whole is not None
-    return _by_angle(whole, table), [_by_angle(each, table) for each in of_parts]
-
-
-def _by_angle(cube: Cube, table: Repetition) -> np.ndarray:
-    """The table's rows in the order of the angles at which their chirps begin."""
-    rows = np.asarray(cube[table.first : table.first + table.rows])
-    found = np.empty_like(rows)
-    found[np.arange(table.rows) * table.periods % table.rows] = rows
-    return found
+    return whole, of_parts
 
 
 def _oversampled(steps: np.ndarray) -> np.ndarray:
-    """Values between which `_at` interpolates, complex64 (antenna, step, sample)."""
+    """Values between which `_at` interpolates, complex64 (antenna, step, value), from those of (step, antenna, value)."""
     from scipy import fft
 
     count = len(steps)
@@ -177,7 +211,7 @@ def table_bytes(table: Repetition, radar: Radar) -> float:
 
 
 def _at(dense: np.ndarray, position: np.ndarray, gain: np.ndarray) -> np.ndarray:
-    """Values (K, sample) at positions (K,) among periodic steps (step, sample), times a gain (K,)."""
+    """Values (K, value) at positions (K,) among periodic steps (step, value), times a gain (K,)."""
     from scipy.sparse import csr_array
 
     first = np.floor(position).astype(int) - TAPS // 2 + 1

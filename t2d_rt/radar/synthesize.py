@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -25,7 +26,7 @@ import numpy as np
 from t2d_rt.core import checks
 from t2d_rt.core.backend import Backend, aligned_empty, one_blas_thread, prefetched, select
 from t2d_rt.core.cubes import Cube, CubeAdder, CubeWriter, DiskCube, is_large
-from t2d_rt.core.factored_cubes import Product, ProductRows, together
+from t2d_rt.core.factored_cubes import PIECE_CHIRPS, Piece, Product, ProductRows, together
 from t2d_rt.core.memory import Budget, reused
 from t2d_rt.radar.array_delays import array_delays, ends
 from t2d_rt.radar.buckets import SLOT_BINS, Buckets, buckets
@@ -54,6 +55,11 @@ RECEIVERS, MOST_SUMS = 4, 400
 MOST_INSTANTS, FEWER_INSTANTS, MANY_ECHOES = 20_000, 2_500, 50_000
 """Chirps of a window that buckets are summed for at once: chirps may come far faster than surface frames. Fewer beside many
 echoes, which take memory themselves."""
+WAITING_BYTES, FIELDS_BYTES = 256e6, 64e6
+"""Coefficients that wait to become samples are no more, and those of parts are summed for so many at once: what each part returns is
+kept, and there may be hundreds."""
+USUAL_NODES = 24
+"""Numbers that a bucket has for each chirp, at most as a rule."""
 
 Progress = Callable[[float], None]
 
@@ -137,9 +143,7 @@ class Synthesis:
         self._sweep, self._tolerance, self._backend = Sweep.of(radar), 10 ** (tolerance_db / 20), select(device)
         self._windows = Windows(times_s, None if parts is None else parts.number)
         self._parts = 1 if parts is None else parts.count
-        self._of_parts = [
-            _Products(each.rows) for each in (parts.cubes if parts else ()) if isinstance(each.rows, ProductRows)
-        ]
+        self._of_parts = [_Products(rows) for rows in (parts.rows if parts else ())]
         starts_s = radar.chirp_times_s(float(times_s[-1] - times_s[0]))
         self._mid_times_s, self._last = starts_s + radar.mid_time_s, len(times_s) - 1
         shape = len(starts_s), radar.antennas, radar.samples
@@ -148,7 +152,9 @@ class Synthesis:
             checks.check_shape("onto", onto, shape)
         self.cube = _new_cube(shape, memory) if onto is None else onto
         self._filler = _filler(self.cube, onto, radar)
-        self._pool, self._jobs, self._done = ThreadPoolExecutor(1), list[Future[None]](), 0
+        self._pool, self._done = ThreadPoolExecutor(1), 0
+        self._jobs: deque[tuple[Future[None], int]] = deque()
+        """What makes samples of coefficients, and how many bytes of these it holds, in order."""
 
     def __enter__(self) -> Synthesis:
         with ExitStack() as opened:
@@ -183,21 +189,27 @@ class Synthesis:
         self._wait()
         for each in (self._filler, *self._of_parts):
             each.next(last - first)
-        found = _products(itertools.chain(head, sums), self._radar, slice(first, last))
-        self._jobs = [self._pool.submit(self._put, *each) for each in found]
+        for antenna, chirps, products in _products(itertools.chain(head, sums), self._radar, slice(first, last)):
+            while sum(size for _, size in self._jobs) > WAITING_BYTES:
+                self._jobs.popleft()[0].result()
+            size = sum(each.coefficients.nbytes for each in products)
+            self._jobs.append((self._pool.submit(self._put, antenna, chirps, products), size))
         self._done = last
         if self._progress is not None:
             self._progress(last / len(self._mid_times_s))
 
     def _put(self, antenna: int, chirps: slice, products: Sequence[Product]) -> None:
         """What the parts return, and together, at some chirps of the rows that come next."""
-        self._filler.put(antenna, chirps, together(products))
-        for part, product in zip(self._of_parts, products, strict=False):
-            part.put(antenna, chirps, product)
+        for each in zip(*(product.pieces() for product in products), strict=True):
+            pieces = [piece for _, piece in each]
+            row = chirps.start + each[0][0].start
+            for part, piece in zip(self._of_parts, pieces, strict=False):
+                part.put(antenna, row, piece)
+            self._filler.put(antenna, row, together(pieces))
 
     def _wait(self) -> None:
-        for job in self._jobs:
-            job.result()
+        while self._jobs:
+            self._jobs.popleft()[0].result()
 
     def _finish(self, kind: Any, *_: Any) -> None:
         """After the last block: all samples are made, and all rows have come; what fails here is a failure of the filler's, too."""
@@ -244,9 +256,9 @@ class _Samples:
         if self._zeroed:
             self._out[:] = 0
 
-    def put(self, antenna: int, chirps: slice, product: Product) -> None:
-        """Makes samples of some of the rows."""
-        product.put(self._out[chirps, antenna])
+    def put(self, antenna: int, row: int, piece: Piece) -> None:
+        """Makes samples of some of the rows, from that one on."""
+        piece.put(self._out[row : row + len(piece.coefficients), antenna])
 
 
 class _Products:
@@ -267,9 +279,9 @@ class _Products:
         """Goes on to the next rows."""
         self._first, self._stop = self._stop, self._stop + rows
 
-    def put(self, antenna: int, chirps: slice, product: Product) -> None:
-        """Keeps a product for some of the rows."""
-        self._rows.add(self._first + chirps.start, antenna, product)
+    def put(self, antenna: int, row: int, piece: Piece) -> None:
+        """Keeps a piece for some of the rows, from that one on."""
+        self._rows.add(self._first + row, antenna, piece)
 
 
 def _products(sums: Iterator[_Sum], radar: Radar, rows: slice) -> Iterator[tuple[int, slice, list[Product]]]:
@@ -306,7 +318,7 @@ def _sums(
         for (tx, out), (rx, back) in itertools.product(*(enumerate(end.extra_delays()) for end in both)):
             extra, slope = _both(out, back)
             here = replace(window, delay=window.delay + extra, delay_slope=window.delay_slope + slope)
-            for chirps in _chirp_blocks(len(position), window):
+            for chirps in _chirp_blocks(len(position), window, parts):
                 yield tx, rx, chirps, _sum_echoes(here, instants[tx][chirps], parts, backend)
         return
     count, part_of = len(tree[-1]), np.zeros(len(tree[-1]), int)
@@ -321,16 +333,19 @@ def _sums(
         inner = factors(window, deep, own_here, sweep, backend)
         for number, tx in enumerate(some_tx):
             top = deep[-1].part(number, len(some_tx))
-            wanted = len(some_rx), parts, part_of
-            for chirps in _chirp_blocks(len(position), window):
-                some = instants[tx][chirps]
-                found = _sum_groups(top, inner, number * len(top), count, wanted, some, tolerance, backend)
+            groups = _Groups(top, inner, number * len(top), count, len(some_rx), parts, part_of)
+            for chirps in _chirp_blocks(len(position), window, parts * len(some_rx)):
+                found = _sum_groups(groups, instants[tx][chirps], tolerance, backend)
                 of_rx = (found[first : first + parts] for first in range(0, len(found), parts))
                 yield from ((tx, rx, chirps, products) for rx, products in zip(some_rx, of_rx, strict=True))
 
 
-def _chirp_blocks(count: int, window: Window) -> list[slice]:
+def _chirp_blocks(count: int, window: Window, results: int) -> list[slice]:
+    """Chirps of a window that are summed at once, for so many results."""
     size = FEWER_INSTANTS if window.delay.shape[1] > MANY_ECHOES else MOST_INSTANTS
+    if window.part is not None:
+        fit = int(FIELDS_BYTES / (8 * USUAL_NODES * results)) // PIECE_CHIRPS * PIECE_CHIRPS
+        size = min(size, max(PIECE_CHIRPS, fit))
     return [slice(first, first + size) for first in range(0, count, size)]
 
 
@@ -373,34 +388,43 @@ def _sum_echoes(window: Window, instants: Instants, parts: int, backend: Backend
     return _apart(terms, found, parts, (weights, sweep, limit))
 
 
-def _sum_groups(
-    top: Level,
-    inner: Factors,
-    first: int,
-    count: int,
-    wanted: tuple[int, int, np.ndarray],
-    instants: Instants,
-    tolerance: float,
-    backend: Backend,
-) -> list[Product]:
-    """The same group by group, for each of the pairs of antennas whose groups `top` holds, and of the parts, in turn; their factors
-    are those of `inner` from `first` on. `wanted`: how many pairs and parts there are, and the part of each group of a pair, of
-    which there are `count` before they are told apart."""
-    sweep, (pairs, parts, part_of) = instants.sweep, wanted
+@dataclass(frozen=True, slots=True)
+class _Groups:
+    """Groups whose factors are known, of one transmitter with several receivers, receiver after receiver."""
+
+    top: Level
+    """All of them."""
+    factors: Factors
+    first: int
+    """The factor of the first one."""
+    count: int
+    """How many a receiver has before its parts are told apart."""
+    receivers: int
+    parts: int
+    part: np.ndarray
+    """The part of each group of a receiver."""
+
+
+def _sum_groups(groups: _Groups, instants: Instants, tolerance: float, backend: Backend) -> list[Product]:
+    """The same group by group, of each of the parts that each receiver records, receiver after receiver."""
+    sweep, top = instants.sweep, groups.top
     interval, group = np.indices((len(top.delay) - 2, len(top))).reshape(2, -1)
-    pair, own = np.divmod(group, len(top) // pairs)
-    bins = bucket_bins(top, count, sweep)
-    found = buckets(
-        (top.delay, top.delay_slope), interval + 1, group, instants, bins, apart=pair * parts + part_of[own]
-    )
+    receiver, own = np.divmod(group, len(top) // groups.receivers)
+    bins, apart = bucket_bins(top, groups.count, sweep), receiver * groups.parts + groups.part[own]
+    found = buckets((top.delay, top.delay_slope), interval + 1, group, instants, bins, apart=apart)
     table = phases(top.delay, top.delay_slope, sweep, None, found.origin_s, backend)
     limit, tolerance = bucket_theta(bins, top.bins), BUCKET_FRACTION * tolerance
-    fields = at_instants(inner, first, top, found, table, instants, band_nodes(limit, tolerance), backend)
-    return _apart(fields, found, pairs * parts, (band_weights(limit, tolerance, sweep.x), sweep, limit))
+    nodes = band_nodes(limit, tolerance)
+    fields = at_instants(groups.factors, groups.first, top, found, table, instants, nodes, backend)
+    return _apart(fields, found, groups.receivers * groups.parts, (band_weights(limit, tolerance, sweep.x), sweep, limit))
 
 
 def _apart(fields: np.ndarray, found: Buckets, parts: int, over: tuple[np.ndarray, Sweep, float]) -> list[Product]:
-    """Fields (chirp, bucket, Q) of buckets as the products of those that they belong to."""
+    """Fields of buckets, part by part, (chirp, bucket, Q) of each, flat, as the products of the parts."""
     (weights, sweep, limit), theta = over, found.theta(over[1])
-    ranges = pairwise(np.searchsorted(found.part, np.arange(parts + 1)).tolist())
-    return [Product(fields[:, first:last], weights, theta[first:last], sweep.x, limit) for first, last in ranges]
+    products = []
+    for first, last in pairwise(np.searchsorted(found.part, np.arange(parts + 1)).tolist()):
+        own = fields[first * len(fields) // len(theta) : last * len(fields) // len(theta)]
+        own = own.reshape(len(fields) // (len(theta) * len(weights)), last - first, len(weights))
+        products.append(Product(own, weights, theta[first:last], sweep.x, limit))
+    return products

@@ -12,10 +12,11 @@ from typing_extensions import override
 
 from t2d_rt.core.checks import instance, number, shown, unknown_name
 from t2d_rt.core.constants import decibel
+from t2d_rt.core.cube_storage import ScratchFile
 from t2d_rt.core.cubes import DiskCube
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.factored_cubes import ProductRows
-from t2d_rt.pipeline.parts import part_names
+from t2d_rt.pipeline.parts import PartNames
 from t2d_rt.plots.parts import Poses
 from t2d_rt.types import Ellipsoids
 from t2d_rt.types.scatterer import EchoLabels
@@ -77,7 +78,9 @@ class Parts(Mapping[str, "Recording"]):
         groups: names of the new parts, and of those that each holds; by default the limbs of a body.
         """
         members = self.members(groups)
-        return Parts(self._whole, {name: _sum([self._cubes[each] for each in own]) for name, own in members.items()})
+        file = ScratchFile()
+        found = {name: _sum([self._cubes[each] for each in own], file) for name, own in members.items()}
+        return Parts(self._whole, found)
 
     def members(self, groups: Mapping[str, Sequence[str]] = GROUPS) -> dict[str, list[str]]:
         """The parts that each group holds, by its name; those in no group by their own."""
@@ -205,14 +208,14 @@ def poses_of(model: Model, split: Any, members: Mapping[str, Sequence[str]], cou
     first, last = model.span_s
     times_s = (np.arange(count) + 0.5) / count * (last - first)
     group = {part: name for name, own in members.items() for part in own}
-    corners, names = [], []
+    corners, names, called = [], [], PartNames(split, model)
     for target, geometry in enumerate(model.geometries):
         solid = geometry.solid()
         face = np.arange(len(solid.faces))
         kind = "ellipsoid" if isinstance(geometry, Ellipsoids) else "face"
         place = face * len(geometry.names) // len(face) if isinstance(geometry, Ellipsoids) else face
         labels = EchoLabels.of(len(face), target=target, **{kind: place})
-        names += [group.get(each, each) for each in part_names(split, labels, model)]
+        names += [group.get(each, each) for each in called.of(labels)]
         corners.append((solid.vertices_at(first + times_s) @ axes.T)[:, solid.faces])
     found = np.concatenate(corners, axis=1)
     across = found[..., 0]
@@ -221,8 +224,8 @@ def poses_of(model: Model, split: Any, members: Mapping[str, Sequence[str]], cou
     return Poses(times_s=times_s, corners_m=found, parts=names)
 
 
-def _sum(cubes: Sequence[DiskCube]) -> DiskCube:
-    return cubes[0] if len(cubes) == 1 else DiskCube(ProductRows.sum_of([_rows(each) for each in cubes]))
+def _sum(cubes: Sequence[DiskCube], file: ScratchFile) -> DiskCube:
+    return cubes[0] if len(cubes) == 1 else DiskCube(ProductRows.sum_of([_rows(each) for each in cubes], file))
 
 
 def _rows(cube: DiskCube) -> ProductRows:
@@ -241,7 +244,8 @@ def write_parts(folder: Path, cubes: Mapping[str, DiskCube]) -> None:
 def read_parts(folder: Path) -> dict[str, DiskCube]:
     """The cubes of the parts that `write_parts` wrote, by their names."""
     found: dict[str, DiskCube] = {}
+    scratch = ScratchFile()
     for path in sorted(folder.glob("[0-9]*.npz"), key=lambda each: int(each.stem)):
         with np.load(path, allow_pickle=False) as file:
-            found[str(file["name"])] = DiskCube(ProductRows.from_arrays(file))
+            found[str(file["name"])] = DiskCube(ProductRows.from_arrays(file, scratch))
     return found

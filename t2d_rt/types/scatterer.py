@@ -12,7 +12,7 @@ import numpy as np
 from typing_extensions import override
 
 from t2d_rt.core.checks import array, call, check_shape, instance, integer
-from t2d_rt.core.cubes import DiskCube
+from t2d_rt.core.factored_cubes import ProductRows
 from t2d_rt.types.echoes import EchoArrays, Echoes, Repetition
 from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.mesh import MovingMesh
@@ -85,13 +85,13 @@ class EchoParts:
 
     number: np.ndarray
     """Of the part, (N,); -1 is none of them: the echo is grouped with the others but is silent."""
-    cubes: Sequence[DiskCube] = ()
-    """What each part returns is added to one of these; without them all that is not silent is one part."""
+    rows: Sequence[ProductRows] = ()
+    """What each part returns is added to those of one cube; without them all that is not silent is one part."""
 
     @property
     def count(self) -> int:
         """How many parts there are."""
-        return max(1, len(self.cubes))
+        return max(1, len(self.rows))
 
 
 Poses = Mapping[int, Any]

@@ -127,7 +127,8 @@ def test_a_sum_that_was_broken_off_is_not_read() -> None:
     with pytest.raises(InputError, match="were not summed to their end; simulate again"):
         rows.read(0, 4)
     rows.begin()
-    rows.add(0, 0, product)
+    for chirps, piece in product.pieces():
+        rows.add(chirps.start, 0, piece)
     with pytest.raises(InputError, match="were not summed to their end"):
         rows.read(0, 4)
     rows.end()

@@ -33,8 +33,9 @@ def test_parts_are_what_their_echoes_return_and_add_up_to_the_whole(preset: str,
         return np.asarray(synthesis.cube)
 
     number = rng.integers(-1, 3, count)
-    cubes = [DiskCube(ProductRows((len(radar.chirp_times_s(0.2)), radar.antennas, radar.samples))) for _ in range(3)]
-    found = summed(EchoParts(number, cubes))
+    rows = [ProductRows((len(radar.chirp_times_s(0.2)), radar.antennas, radar.samples)) for _ in range(3)]
+    cubes = [DiskCube(each) for each in rows]
+    found = summed(EchoParts(number, rows))
     whole = summed(EchoParts(np.minimum(number, 0)))
     assert nmse_db(found, whole) < -120
     assert nmse_db(np.sum([np.asarray(each, complex) for each in cubes], axis=0), whole) < -120

@@ -14,7 +14,7 @@ from builders import ball, slow_after, small_room, walk
 from measures import check_picture, nmse_db
 from t2d_rt.cli import main
 from t2d_rt.core.errors import InputError
-from t2d_rt.pipeline.parts import part_names
+from t2d_rt.pipeline.parts import PartNames
 from t2d_rt.plots import plot_parts
 from t2d_rt.plots.parts import LIMBS, part_hues, rgb
 from t2d_rt.recording.parts import poses_of
@@ -355,5 +355,5 @@ def test_echoes_of_no_target_are_told_from_those_of_several_bounces() -> None:
     labels = EchoLabels.of(4, bounces=np.arange(4))
     nobody: Any = SimpleNamespace(modelled=[])
     names = ["static scene", "no target", "several bounces", "several bounces"]
-    assert part_names("segment", labels, nobody).tolist() == names
-    assert part_names("bounce", labels, nobody).tolist() == ["static scene", "1 bounce", "2 bounces", "3 bounces"]
+    assert PartNames("segment", nobody).of(labels).tolist() == names
+    assert PartNames("bounce", nobody).of(labels).tolist() == ["static scene", "1 bounce", "2 bounces", "3 bounces"]
