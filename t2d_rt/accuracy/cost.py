@@ -32,7 +32,7 @@ POSED_BYTES = 1_000
 """Bytes that a facet's vertex takes in the frames of a window."""
 SAMPLED_BYTES = 5_400
 """Bytes that a point takes at which visibility is sampled, in the frames of a window."""
-PART_BYTES = 1e6
+PART_BYTES = 3e5
 """Bytes that the groups of a part take while a window is summed, for each receiver that is worked on at once."""
 SET_UP_BYTES, FACET_BYTES = 90e6, 1_400
 """What a run has taken before it sums, and of that each facet."""

@@ -264,7 +264,15 @@ class ProductRows:
                 key = piece.weights.tobytes() + piece.x.tobytes()
                 matrix, _ = matrices.setdefault(key, (len(matrices), piece))
             phases = 0 if piece.phase is None else len(piece.phase)
-            row = number, each.start, each.stop, each.antenna, taken * DTYPE.itemsize, piece.coefficients.shape[1], matrix
+            row = (
+                number,
+                each.start,
+                each.stop,
+                each.antenna,
+                taken * DTYPE.itemsize,
+                piece.coefficients.shape[1],
+                matrix,
+            )
             table.append([*row, len(piece.theta), phases])
             numbers[taken : taken + each.numbers] = each.rows(self._file, each.start, each.stop).coefficients.ravel()
             taken += each.numbers

@@ -307,6 +307,7 @@ class Lanes:
         occupied = (np.diff(members.starts) > 0).reshape(-1, members.bins)
         occupied = occupied.T[:, slot[batching.instant]]
         bin_number, batch = np.nonzero(occupied)
+        missing_bin, missing_batch = np.nonzero(~occupied)
         instant = batching.instant[batch]
         row = slot[instant] * members.bins + bin_number
         parts = most_parts
@@ -331,7 +332,7 @@ class Lanes:
             u=[dr.gather(Float32, times, first + k) for k in range(batching.unroll)],
             centre=backend.lanes(np.repeat(buckets.centres[bin_number], parts), Float32),
             place=backend.lanes(buckets.place(bin_number, batch, batching.batches)),
-            empty=buckets.place(*np.nonzero(~occupied), batching.batches),
+            empty=buckets.place(missing_bin, missing_batch, batching.batches),
             results=members.bins * batching.batches,
             per_cycle=per_cycle,
             per_rate=per_rate,

@@ -98,8 +98,8 @@ def add_repeated(
     record = _Record(table, radar, starts_s)
     steps = record.oversampled(whole[table.first : table.first + table.rows])
     with CubeAdder(onto) as adder:
-        for rows in record.blocks():
-            record.read(steps, rows, adder.room(rows.stop - rows.start))
+        for block in record.blocks():
+            record.read(steps, block, adder.room(block.stop - block.start))
     del whole, steps  # before those of the parts are made, one after another
     for own, rows_of_part in zip(of_parts, parts.rows if parts else (), strict=True):
         _add_part(own, record, rows_of_part)

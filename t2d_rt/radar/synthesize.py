@@ -55,9 +55,8 @@ RECEIVERS, MOST_SUMS = 4, 400
 MOST_INSTANTS, FEWER_INSTANTS, MANY_ECHOES = 20_000, 2_500, 50_000
 """Chirps of a window that buckets are summed for at once: chirps may come far faster than surface frames. Fewer beside many
 echoes, which take memory themselves."""
-WAITING_BYTES, FIELDS_BYTES = 256e6, 64e6
-"""Coefficients that wait to become samples are no more, and those of parts are summed for so many at once: what each part returns is
-kept, and there may be hundreds."""
+WAITING_BYTES, FIELDS_BYTES = 128e6, 64e6
+"""Most coefficients that wait to become samples, and of parts most that are summed at once [byte]: there may be hundreds of parts."""
 USUAL_NODES = 24
 """Numbers that a bucket has for each chirp, at most as a rule."""
 
@@ -416,7 +415,9 @@ def _sum_groups(groups: _Groups, instants: Instants, tolerance: float, backend: 
     limit, tolerance = bucket_theta(bins, top.bins), BUCKET_FRACTION * tolerance
     nodes = band_nodes(limit, tolerance)
     fields = at_instants(groups.factors, groups.first, top, found, table, instants, nodes, backend)
-    return _apart(fields, found, groups.receivers * groups.parts, (band_weights(limit, tolerance, sweep.x), sweep, limit))
+    return _apart(
+        fields, found, groups.receivers * groups.parts, (band_weights(limit, tolerance, sweep.x), sweep, limit)
+    )
 
 
 def _apart(fields: np.ndarray, found: Buckets, parts: int, over: tuple[np.ndarray, Sweep, float]) -> list[Product]:

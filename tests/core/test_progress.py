@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 import t2d_rt as t2d
+from builders import ball
 from t2d_rt.core import progress
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.progress import BETWEEN_LINES_S, ProgressBar, shown_progress
@@ -91,3 +92,15 @@ def test_simulate_shows_a_bar_when_asked(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_what_is_neither_is_refused() -> None:
     with pytest.raises(InputError, match="progress must be True or a function of the fraction done, got 'yes'"):
         t2d.simulate("walk", progress="yes")  # type: ignore[arg-type]
+
+
+def test_progress_never_falls_where_a_run_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop, told = sys.modules["t2d_rt.simulate"], list[float]()
+    again = [True, False]
+    monkeypatch.setattr(loop, "plan_again", lambda plan, error: plan if again.pop(0) else None)
+    found = t2d.simulate(
+        ball((3.0, 0.0, 1.0)), radar=t2d.Radar.preset("ci4r", prf_hz=4000), tolerance_db=-20, progress=told.append
+    )
+    assert found.settings["runs"] == 2
+    assert told == sorted(told)
+    assert told[-1] == 1.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,6 +23,7 @@ from t2d_rt.recording.parts import poses_of
 from t2d_rt.types.scatterer import EchoLabels
 
 RADAR = t2d.Radar.preset("table2", samples=64, prf_hz=6000.0)
+PAIR: dict[str, Any] = {"tx_offsets_m": ((0.0, 0.0, 0.0), (0.0, 0.0078, 0.0))}
 ARRAY = t2d.Radar.preset("ci4r", samples=64, prf_hz=3000.0, rx_offsets_m=[[0.0, 0.002, 0.0], [0.0, -0.002, 0.0]])
 
 
@@ -41,6 +44,8 @@ CASES: dict[str, Any] = {
     "a body in a room by segment": ("segment", piece, {"scene": small_room()}, 18),
     "a rotor by piece": ("segment", lambda: t2d.TableFan(position_m=(2.5, 0.0, 1.0), rpm=300).mesh(0, 1.0), {}, 4),
     "two bounces": ("bounce", lambda: [ball((3.0, 0.0, 1.0)), ball((3.1, 0.5, 1.0))], {"bounces": 2}, 2),
+    "transmitters in turn": ("segment", piece, {"radar": RADAR.replace(prf_hz=12e3, multiplexing="tdm", **PAIR)}, 17),
+    "transmitters by Doppler": ("segment", piece, {"radar": RADAR.replace(prf_hz=24e3, multiplexing="ddm", **PAIR)}, 17),
 }  # fmt: skip
 
 
@@ -357,3 +362,54 @@ def test_echoes_of_no_target_are_told_from_those_of_several_bounces() -> None:
     names = ["static scene", "no target", "several bounces", "several bounces"]
     assert PartNames("segment", nobody).of(labels).tolist() == names
     assert PartNames("bounce", nobody).of(labels).tolist() == ["static scene", "1 bounce", "2 bounces", "3 bounces"]
+
+
+def test_parts_of_one_name_are_told_apart() -> None:
+    """A target may be called like the static scene, a segment or another target."""
+    shape = ball((0.0, 0.0, 1.0))
+    balls = [
+        t2d.MovingMesh(shape.vertices + [3.0 + number, 0.0, 0.0], shape.faces, shape.times_s, material="pec", name=name)
+        for number, name in enumerate(("static scene", "a", "a", "a 1"))
+    ]
+    first = pytest.warns(t2d.T2DWarning, match="static scene is called static scene 2, as another part has that name")
+    with first, pytest.warns(t2d.T2DWarning, match="a 1 is called a 1 2"):
+        found = t2d.simulate(balls, radar=RADAR, scene=small_room(), collisions="ignore", split="target")
+    assert set(found.parts) == {"static scene", "static scene 2", "a 1", "a 2", "a 1 2"}
+    fans = [t2d.TableFan(position_m=(2.5, y, 1.0), rpm=300) for y in (-0.5, 0.5)]
+    parts = t2d.simulate([piece(1.0, 1.1), *fans], radar=RADAR, method="ellipsoid", split="segment").parts
+    assert [name for name in parts if "piece 1" in name] == [
+        f"{fans[0].mesh(0, 1).name} {number}: piece 1" for number in (1, 2)
+    ]
+
+
+def test_all_parts_lie_in_one_file(tmp_path: Path) -> None:
+    """The system hands out few files at a time, 256 on some; a part that is sent to another process goes without the others."""
+
+    def opened() -> int:
+        return len(list(Path("/proc/self/fd").iterdir()))
+
+    if not Path("/proc/self/fd").exists():
+        pytest.skip("only Linux tells which files are open")
+    before = opened()
+    options: dict[str, Any] = {"radar": RADAR, "scene": small_room(), "method": "ellipsoid", "split": "path"}
+    found = t2d.simulate(piece(), **options)
+    assert len(found.parts) > 8
+    assert opened() - before <= 2
+    found.save(tmp_path / "room.zarr")
+    t2d.Recording.load(tmp_path / "room.zarr")  # what zarr itself keeps open is open now
+    before = opened()
+    loaded = t2d.Recording.load(tmp_path / "room.zarr")
+    assert opened() - before <= 2
+    one = next(iter(loaded.parts.cubes.values()))
+    content = pickle.dumps(one)
+    assert len(content) < 0.5 * len(pickle.dumps(list(loaded.parts.cubes.values())))
+    np.testing.assert_array_equal(np.asarray(pickle.loads(content)), np.asarray(one))
+
+
+def test_memory_of_parts_is_refused_beforehand(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("t2d_rt.accuracy.cost.PART_BYTES", 1e9)
+    target = [ball((3.0, 0.0, 1.0)), ball((4.0, 0.0, 1.0)), ball((5.0, 0.0, 1.0))]
+    t2d.simulate(target, radar=RADAR)
+    monkeypatch.setattr(sys.modules["t2d_rt.simulate"], "Synthesis", lambda *_, **__: pytest.fail("it began"))
+    with pytest.raises(InputError, match=r"takes about [\d.]+ GB of memory, more than the limit of 2 GB"):
+        t2d.simulate(target, radar=RADAR, split="target")
