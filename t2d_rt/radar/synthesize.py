@@ -56,7 +56,7 @@ MOST_INSTANTS, FEWER_INSTANTS, MANY_ECHOES = 20_000, 2_500, 50_000
 """Chirps of a window that buckets are summed for at once: chirps may come far faster than surface frames. Fewer beside many
 echoes, which take memory themselves."""
 WAITING_BYTES, FIELDS_BYTES = 128e6, 64e6
-"""Most coefficients that wait to become samples, and of parts most that are summed at once [byte]: there may be hundreds of parts."""
+"""Most coefficients that wait to become samples, and of parts most that are summed at once [byte]: parts may be hundreds."""
 USUAL_NODES = 24
 """Numbers that a bucket has for each chirp, at most as a rule."""
 
