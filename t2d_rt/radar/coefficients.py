@@ -219,7 +219,8 @@ def fields_at(
     places: np.ndarray,
     backend: Backend,
 ) -> np.ndarray:
-    """Fields of every bucket at `places` of the sweep, pairs +x, -x, complex64: part by part, (instant, bucket, place) of each, flat.
+    """Fields of every bucket at `places` of the sweep, pairs +x, -x, complex64: part by part, (instant, bucket,
+    place) of each, flat.
 
     The same sum by another expansion: more work for each echo, less for what comes after where few echoes lie in wide buckets.
     """

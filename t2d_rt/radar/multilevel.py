@@ -129,8 +129,8 @@ def at_instants(
     places: np.ndarray,
     backend: Backend,
 ) -> np.ndarray:
-    """Fields of buckets at `places` of the sweep, pairs +x, -x, from groups' factors; complex64, part by part, (instant, bucket, place)
-    of each, flat.
+    """Fields of buckets at `places` of the sweep, pairs +x, -x, from groups' factors; complex64, part by part, (instant,
+    bucket, place) of each, flat.
 
     The factors of `level`'s groups are those of `inner` from `first` on, `phase` holds the tables of `phases` for the groups.
     """
