@@ -13,7 +13,7 @@ from t2d_rt.core.checks import positive, unknown_name
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import LastUsed, array_bytes
 from t2d_rt.dataset.parquet import DATA, ParquetReader
-from t2d_rt.dataset.products import Products
+from t2d_rt.dataset.products import Products, RangeDopplerProduct, SpectrogramProduct
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.shards import (
     RAGGED,
@@ -31,17 +31,18 @@ from t2d_rt.dataset.shards import (
 if TYPE_CHECKING:
     import xarray as xr
 
-Product = Literal["spectrogram", "range_doppler", "points", "adc", "truth"]
+Product = Literal["spectrogram", "parts", "range_doppler", "points", "adc", "truth"]
 
 DIMENSIONS: dict[str, tuple[str, ...]] = {
     "spectrogram": ("velocity_mps", "time_s"),
+    "parts": ("part", "velocity_mps", "time_s"),
     "range_doppler": ("frame", "velocity_mps", "range_m"),
     "points": ("point", "column"),
     "adc": ("chirp", "antenna", "sample"),
     "truth": ("time", "column"),
 }
 """Axes of each product's values."""
-TIME_AXIS = {"spectrogram": 1, "range_doppler": 0, "points": 0, "adc": 0, "truth": 0}
+TIME_AXIS = {"spectrogram": 1, "parts": 2, "range_doppler": 0, "points": 0, "adc": 0, "truth": 0}
 """The axis of each product that runs over time, or over what comes in time."""
 
 CACHED_MB = 256.0
@@ -157,6 +158,11 @@ class Dataset:
         """Names of what is kept of each sample."""
         return tuple(self.recipe.products.kept)
 
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of the parts whose powers are kept; none where the recipe has none."""
+        return () if self.recipe.products.parts is None else self.recipe.products.parts.names
+
     def positions(self, indices: Sequence[int] | np.ndarray) -> np.ndarray:
         """Where samples of these indices stand here, (M,); an index is that in the recipe, a position that among finished samples.
 
@@ -178,11 +184,13 @@ class Dataset:
         return self._reader.array(position, self.checked(product))
 
     def values(self, position: int, product: Product) -> np.ndarray:
-        """A sample's values: levels [dB, 0 at the greatest cell] of a map, float32, samples of the ADC, points or truth."""
+        """A sample's values: levels [dB, 0 at the greatest cell] of a map, float32; powers of parts over that of the spectrogram's
+        greatest cell, (part, speed, time), in the order of `parts`; samples of the ADC, points or truth."""
         return decoded(self.array(position, product), product, self.recipe.products, self.records[position])
 
     def to_xarray(self, product: Product) -> xr.Dataset:
-        """A lazy view of all samples of a map with its axes; label, sentence, view and SNR of each sample are coordinates."""
+        """A lazy view of all samples of a map, or of its parts, with its axes; label, sentence, view and SNR of each sample are
+        coordinates."""
         from t2d_rt.dataset.xarray_view import xarray_view
 
         return xarray_view(self, product)
@@ -195,18 +203,11 @@ class Dataset:
 
 
 def decoded(array: np.ndarray, product: str, products: Products, record: dict[str, Any]) -> np.ndarray:
-    """What an array stands for: levels [dB] of a map, float32, complex samples of the ADC [sqrt(W)]; the others as they are.
-
-    A map of "uint8" holds 255 (1 + level / dynamic range), so that what lay below the dynamic range comes back at its end.
-    """
+    """What an array stands for: levels [dB] of a map, float32, complex samples of the ADC [sqrt(W)]; the others as they are."""
     kept = products.kept[product]
     if product == "adc":
         if kept.dtype == "complex64":
             return array
         parts = array.astype(np.float32) * np.float32(record["products"]["adc"]["greatest"])
         return np.ascontiguousarray(parts).view(np.complex64)[..., 0]
-    if product in ("points", "truth"):
-        return array
-    if kept.dtype == "uint8":
-        return np.asarray((array.astype(np.float32) / np.float32(255) - 1) * np.float32(kept.dynamic_range_db))
-    return array.astype(np.float32)
+    return kept.levels(array) if isinstance(kept, SpectrogramProduct | RangeDopplerProduct) else array

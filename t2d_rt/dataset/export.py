@@ -190,6 +190,8 @@ def _write_npz(dataset: Dataset, path: Path, positions: np.ndarray, products: Se
     }
     if "truth" in products:
         small["truth_columns"] = np.array(TRUTH_COLUMNS)
+    if "parts" in products:
+        small["part_names"] = np.array(dataset.parts)
     for product in products:
         for name in ("velocity_mps", "time_s", "range_m"):
             edges = [each["products"][product].get(name) for each in records]
@@ -338,6 +340,11 @@ def _meaning(dataset: Dataset, product: Product) -> str:
             f"(time, {len(TRUTH_COLUMNS)}) of the labelled person at {kept.rate_hz:g} Hz: time [s], 22 joints forward, left and up "
             "from the radar [m], then range [m], speed [m/s], azimuth [rad], elevation [rad] and visible fraction of 17 segments, "
             "and whether heel and ball of the left and the right foot stand"
+        )
+    if product == "parts":
+        return (
+            f"(part, speed, time), what {', '.join(dataset.parts)} add to the power of the spectrogram, over its greatest cell; "
+            "they add up to it, and one that lowers it by interference is negative"
         )
     axes = "(speed, time)" if product == "spectrogram" else "(frame, speed, range)"
     static = ", without the mean over the record (MTI)" if kept.mti == "mean" else ""

@@ -1,16 +1,18 @@
-"""What of a recording is kept in a shard: spectrogram, range-Doppler maps, point cloud, ADC samples, truth."""
+"""What of a recording is kept in a shard: spectrogram, power by limb, range-Doppler maps, point cloud, ADC samples, truth."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from t2d_rt.core.errors import InputError
+from t2d_rt.pipeline.parts import STATIC, Split
+from t2d_rt.recording.parts import GROUPS
 from t2d_rt.recording.path_table import record_times
 from t2d_rt.recording.recording import Recording
 from t2d_rt.recording.truth import person_rows
@@ -29,6 +31,13 @@ MapDtype = Literal["float16", "uint8"]
 POINT_COLUMNS = "time_s", "range_m", "azimuth_rad", "elevation_rad", "speed_mps", "snr_db"
 """Columns of a point cloud."""
 
+PARTS: Mapping[Split, tuple[str, ...]] = {
+    "segment": (*GROUPS, "beside", "other", "receiver", "background"),
+    "path": ("direct", "reflected", "other", "receiver", "background"),
+}
+"""Parts by what they differ in: limbs of the labelled person, what moves beside, all other echoes, as those of the static scene,
+what the receiver adds, and the learned background; or echoes on the direct path and on all others to the targets."""
+
 
 @dataclass(frozen=True, slots=True)
 class View:
@@ -38,6 +47,8 @@ class View:
     """[W], float64 (speed, time)."""
     velocity_mps: np.ndarray
     time_s: np.ndarray
+    parts: dict[str, np.ndarray] = field(default_factory=dict)
+    """What parts add to the power, by their names; they add up to it."""
     details: dict[str, Any] = field(default_factory=dict)
     """What goes into the record."""
 
@@ -73,6 +84,19 @@ class _Map(_Product):
         shown = np.clip(1.0 + level / self.dynamic_range_db, 0.0, 1.0)
         return np.rint(255.0 * shown).astype(np.uint8), 10.0 * math.log10(greatest)
 
+    def levels(self, array: np.ndarray) -> np.ndarray:
+        """Levels [dB] of what `encoded` wrote, float32; what lay below the dynamic range of "uint8" comes back at its end."""
+        if self.dtype == "uint8":
+            return np.asarray((array.astype(np.float32) / np.float32(255) - 1) * np.float32(self.dynamic_range_db))
+        return array.astype(np.float32)
+
+    @property
+    def rounding(self) -> tuple[float, float]:
+        """By how much a power may differ from what was written, relative to it and to the greatest one."""
+        if self.dtype == "uint8":
+            return 10.0 ** (self.dynamic_range_db / 510.0 / 10.0) - 1.0, 10.0 ** (-self.dynamic_range_db / 10.0)
+        return 10.0 ** (0.0625 / 10.0) - 1.0, 1e-20  # half a step of float16 at -200 dB
+
     def rows(self, velocity_mps: np.ndarray) -> slice:
         """Rows within the greatest speed, of speeds in ascending order.
 
@@ -100,6 +124,50 @@ class SpectrogramProduct(_Map):
         array, peak_db = self.encoded(resized(view.power[rows], self.size))
         axes = {"velocity_mps": edges(view.velocity_mps[rows]), "time_s": edges(view.time_s)}
         return array, {"peak_db": peak_db, **axes, **view.details}
+
+
+class PartsProduct(_Product):
+    """What each limb, or each kind of path, adds to the power of the spectrogram, on a coarser grid over the same axes."""
+
+    split: Literal["segment", "path"] = "segment"
+    """Limbs, or direct and reflected paths."""
+    size: tuple[Size, Size] = (32, 32)
+    """Cells of speed and of time; each is the mean over a whole number of the spectrogram's cells."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parts, in the order of the array."""
+        return PARTS[self.split]
+
+    def made(self, view: View, rows: slice, told: Mapping[str, Any]) -> tuple[np.ndarray, dict[str, Any]]:
+        """The array (part, speed, time), over the greatest cell of the spectrogram, and what goes into the record.
+
+        rows: those of the view that the spectrogram has; told: the spectrogram's record.
+        """
+        none = np.zeros_like(view.power)
+        greatest = 10.0 ** (told["peak_db"] / 10.0)
+        array = [resized(view.parts.get(name, none)[rows], self.size) / greatest for name in self.names]
+        same = {name: told[name] for name in ("peak_db", "velocity_mps", "time_s")}
+        return np.stack(array).astype(np.float32), {"names": [*self.names], **same}
+
+
+def parts_of(recording: Recording, split: Split) -> dict[str, np.ndarray]:
+    """What the parts of `PARTS` add to the power of a recording's spectrogram [W], float64 (speed, time); those that there are."""
+    parts = recording.parts
+    if split == "segment":
+        parts = parts.grouped()
+    elif far := [name for name in parts if name not in ("direct", STATIC)]:
+        parts = parts.grouped({"reflected": far})
+    found: dict[str, np.ndarray] = {}
+    for each in parts.shares:
+        name = str(each.part.values)
+        whose, _, own = name.rpartition(": ")
+        # Where something moves beside, the labelled person is the first target.
+        if split == "segment" and whose not in ("", "person", "person 1"):
+            own = "beside"
+        own = own if own in PARTS[split] else "other"
+        found[own] = found.get(own, 0.0) + each.values
+    return found
 
 
 class RangeDopplerProduct(_Map):
@@ -186,6 +254,8 @@ class Products(_Product):
 
     spectrogram: SpectrogramProduct | None = SpectrogramProduct()
     """Micro-Doppler spectrogram."""
+    parts: PartsProduct | None = None
+    """Power by limb, or by direct and reflected paths."""
     range_doppler: RangeDopplerProduct | None = None
     """Range-Doppler maps."""
     points: PointsProduct | None = None
@@ -201,7 +271,25 @@ class Products(_Product):
             raise InputError(
                 "recipe key products keeps nothing; give one of spectrogram, range_doppler, points, adc, truth"
             )
+        if self.parts is not None:
+            if self.spectrogram is None:
+                raise InputError(
+                    "recipe key products has parts, which are those of a spectrogram; give spectrogram, too"
+                )
+            if any(whole % coarse for whole, coarse in zip(self.spectrogram.size, self.parts.size, strict=True)):
+                raise InputError(
+                    f"the size of parts must divide that of the spectrogram, {list(self.spectrogram.size)}, got "
+                    f"{list(self.parts.size)}; give its half or a quarter"
+                )
         return self
+
+    @model_serializer(mode="wrap")
+    def _written(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Without parts where there are none: recipes of before there were any keep their text, and with it their hash."""
+        found: dict[str, Any] = plain(self)
+        if self.parts is None:
+            del found["parts"]
+        return found
 
     @property
     def kept(self) -> dict[str, Any]:
@@ -210,7 +298,13 @@ class Products(_Product):
 
     def made(self, recording: Recording, view: View | None) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays by name, and what goes into the record of each, of a recording and of its spectrogram as it is kept."""
-        found = {name: each.made(view if name == "spectrogram" else recording) for name, each in self.kept.items()}
+        found: dict[str, tuple[np.ndarray, dict[str, Any]]] = {}
+        for name, each in self.kept.items():
+            if isinstance(each, PartsProduct):  # after the spectrogram
+                assert view is not None, "a recipe with parts has a spectrogram"
+                found[name] = each.made(view, self.kept["spectrogram"].rows(view.velocity_mps), found["spectrogram"][1])
+            else:
+                found[name] = each.made(view if name == "spectrogram" else recording)
         return {name: array for name, (array, _) in found.items()}, {name: told for name, (_, told) in found.items()}
 
 

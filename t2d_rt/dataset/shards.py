@@ -26,7 +26,7 @@ import numpy as np
 from t2d_rt.core.checks import file_path, flag, integer, interval, number, positive, shown, text
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import npy_header, read_bytes, regular_file
-from t2d_rt.dataset.products import POINT_COLUMNS
+from t2d_rt.dataset.products import POINT_COLUMNS, resized
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.recording.truth import TRUTH_COLUMNS
 
@@ -199,6 +199,10 @@ Sizes = tuple[int | None, ...]
 
 MAPS = {"spectrogram": ("velocity_mps", "time_s"), "range_doppler": ("velocity_mps", "range_m")}
 """Axes of maps, of which records tell the ends."""
+BEYOND = 1e-3
+"""By how much the sum of the parts in a cell may lie beyond 0..1, powers over that of the greatest cell."""
+APART = 1e-6
+"""By how much they may differ from what the spectrogram has there, relative to the greatest cell, beside the map's rounding."""
 LARGEST_BYTES = 4e9
 """Largest array that is unpacked: packed it may have a thousandth of that, and a stranger's file may ask for any memory."""
 LEAST_ABOVE_DB = 1e-3
@@ -231,6 +235,12 @@ def read_record(recipe: Recipe, line: str | bytes) -> dict[str, Any]:
         if not isinstance(told, dict) or not isinstance(told.get(name), dict):
             raise InputError(f"products must tell of {name}, got {shown(told)}")
         _check_product(recipe, name, told[name])
+    if recipe.products.parts is not None and isinstance(told, dict):
+        due = {name: told["spectrogram"][name] for name in ("velocity_mps", "time_s", "peak_db")}
+        due["names"] = [*recipe.products.parts.names]
+        for key, value in due.items():
+            if told["parts"].get(key) != value:
+                raise InputError(f"{key} of parts must be {shown(value)}, got {shown(told['parts'].get(key))}")
     return found
 
 
@@ -286,6 +296,8 @@ def array_of(recipe: Recipe, record: Mapping[str, Any], name: str) -> tuple[np.d
         return np.dtype(np.float32), (None, len(POINT_COLUMNS))
     if name == "truth":
         return np.dtype(np.float32), (None, len(TRUTH_COLUMNS))
+    if name == "parts":
+        return np.dtype(np.float32), (len(kept.names), *kept.size)
     if name == "adc":
         condition = next(each for each in recipe.conditions if each.name == record["condition"])
         radar = condition.radar or recipe.radar
@@ -301,6 +313,10 @@ def check_array(array: np.ndarray, dtype: np.dtype[Any], shape: Sizes, name: str
         raise InputError(f"{name} has NaN or infinite values")
     if name in MAPS and dtype.kind == "f" and array.max(initial=-np.inf) > LEAST_ABOVE_DB:
         raise InputError(f"{name} has levels above 0 dB, its greatest cell")
+    if name == "parts":
+        whole = array.sum(axis=-3)
+        if min(whole.min(initial=0.0), 1.0 - whole.max(initial=0.0)) < -BEYOND:
+            raise InputError("parts do not add up to 0..1, powers over that of the greatest cell")
 
 
 def _check_kind(given: np.dtype[Any], sizes: tuple[int, ...], dtype: np.dtype[Any], shape: Sizes, name: str) -> None:
@@ -461,13 +477,26 @@ def faults(folder: Path, recipe: Recipe) -> Iterator[str]:
         yield from shard_faults(folder, shard_number, recipe)
 
 
+def _check_parts(shard: Shard, index: int, arrays: Mapping[str, np.ndarray]) -> None:
+    """Refuses parts of a sample that do not add up to its map, as far as that is known."""
+    kept = shard.recipe.products.spectrogram
+    if "parts" not in arrays or kept is None:
+        return
+    power = 10.0 ** (kept.levels(arrays["spectrogram"]).astype(np.float64) / 10.0)
+    relative, least = kept.rounding
+    found = arrays["parts"].sum(axis=0, dtype=np.float64)
+    power = resized(power, (found.shape[0], found.shape[1]))
+    if np.any(np.abs(found - power) > relative * power + least + APART):
+        raise damaged(shard.path, f"parts of sample {index} do not add up to its spectrogram")
+
+
 def shard_faults(folder: Path, shard_number: int, recipe: Recipe) -> Iterator[str]:
     """What is wrong with one shard beside its checksums."""
     try:
         shard = Shard.of(folder, shard_number, recipe)
         indices = shard.rows("index").tolist()
-        for _ in shard.samples():
-            pass
+        for record, arrays in shard.samples():
+            _check_parts(shard, record["index"], arrays)
     except InputError as error:
         yield str(error)
         return

@@ -70,6 +70,8 @@ class Summary:
     """Reasons of the samples that failed."""
     classes: tuple[ClassSummary, ...]
     conditions: dict[str, int]
+    parts: dict[str, float]
+    """Fraction of the spectrograms' power that each part adds, in the mean over the first `MEASURED` samples."""
     errors_db: np.ndarray
     """Field errors, where they were measured [dB]."""
     clips: int
@@ -101,6 +103,8 @@ class Summary:
         ]
         if len(self.conditions) > 1:
             lines.append("conditions: " + ", ".join(f"{name} {count}" for name, count in self.conditions.items()))
+        if self.parts:
+            lines.append("power by part: " + ", ".join(f"{name} {part:.1%}" for name, part in self.parts.items()))
         if len(self.errors_db):
             lines.append(f"field error of {len(self.errors_db)} samples: {_spread(self.errors_db)} dB")
         lines.append(
@@ -121,10 +125,21 @@ def summarise(dataset: Dataset | str | Path) -> Summary:
         failures=tuple(str(each["failure"]) for each in source.failed),
         classes=tuple(_class(source, number) for number in range(len(source.classes))),
         conditions=dict(Counter(str(each["condition"]) for each in records)),
+        parts=_parts(source),
         errors_db=_known(records, "error_db"),
         clips=len(frozenset[str]().union(*(source_clips(each) for each in records))),
         groups=tuple(sorted(map(len, grouped(records, KINDS)), reverse=True)),
         seconds_left=_seconds_left(source),
+    )
+
+
+def _parts(dataset: Dataset) -> dict[str, float]:
+    """The mean fraction of the power that each part adds."""
+    if not dataset.parts:
+        return {}
+    powers = [dataset.values(place, "parts").sum(axis=(1, 2)) for place in range(min(MEASURED, len(dataset)))]
+    return dict(
+        zip(dataset.parts, np.mean([each / max(each.sum(), 1e-30) for each in powers], axis=0).tolist(), strict=True)
     )
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from t2d_rt.core.checks import call, integer, positive
+from t2d_rt.core.checks import call, choice, integer, positive
 from t2d_rt.core.errors import InputError, install
 from t2d_rt.dataset.dataset import TIME_AXIS, Dataset, Product
 from t2d_rt.dataset.products import POINT_COLUMNS
@@ -23,7 +23,7 @@ MAPS = "spectrogram", "range_doppler"
 
 
 class TorchDataset(MapDataset):  # type: ignore[misc, type-arg]
-    """Map-style: `self[k]` is the tensor of a sample and the number of its class. Each worker of a DataLoader reads for itself."""
+    """Map-style: `self[k]` is the tensor of a sample and its target. Each worker of a DataLoader reads for itself."""
 
     def __init__(
         self,
@@ -34,16 +34,19 @@ class TorchDataset(MapDataset):  # type: ignore[misc, type-arg]
         dynamic_range_db: float | None = None,
         length: int | None = None,
         transform: Callable[[Any], Any] | None = None,
+        target: Literal["class", "parts"] = "class",
     ) -> None:
         """Samples of a folder that `make_dataset` wrote, or `export_dataset` as parquet.
 
         product: "spectrogram" (speed, time) or "range_doppler" (frame, speed, range), levels [dB, 0 at the greatest cell]; "adc"
-            (chirp, antenna, sample), complex [sqrt(W)]; "points" (point, 6); or "truth" (time, column of `TRUTH_COLUMNS`).
+            (chirp, antenna, sample), complex [sqrt(W)]; "points" (point, 6); "truth" (time, column of `TRUTH_COLUMNS`); or "parts"
+            (part, speed, time), powers over that of the spectrogram's greatest cell, in the order of `Dataset.parts`.
         indices: of samples in their recipe, as a side of a split gives them; all by default.
         dynamic_range_db: scales levels to 0..1: 1 at the greatest cell, 0 so far below it [dB] and farther.
         length: cells or frames along time, or points, to which each sample is cut or padded: maps at the least level, samples of
             the ADC, truth and points with zeros. Of points the ones of greatest SNR are kept, of all others the beginning.
-        transform: called with each tensor, gives another one.
+        transform: called with each tensor, but not with targets, gives another one.
+        target: number of the "class", or the tensor of the "parts", to learn which limb makes a cell.
         """
         self.dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
         self.product = self.dataset.checked(product)
@@ -57,13 +60,18 @@ class TorchDataset(MapDataset):  # type: ignore[misc, type-arg]
                 raise InputError(f"dynamic_range_db is of {' and '.join(MAPS)}, got product {product!r}; leave it out")
             dynamic_range_db = self._within(positive("dynamic_range_db", dynamic_range_db, 200, unit="dB"))
         self.dynamic_range_db = dynamic_range_db
+        self.target = choice("target", target, ("class", "parts"))
+        if target == "parts":
+            self.dataset.checked("parts")
+            if length is not None:
+                raise InputError("length would cut the map and not its parts; leave it out where the target is parts")
         self.length = None if length is None else integer("length", length, 1, 10_000_000)
         self.transform = None if transform is None else call("transform", transform, "a function of a tensor")
 
     def __len__(self) -> int:
         return len(self.positions)
 
-    def __getitem__(self, number: int) -> tuple[Any, int]:
+    def __getitem__(self, number: int) -> tuple[Any, Any]:
         place = int(self.positions[number])
         values = self.dataset.values(place, self.product)
         if self.dynamic_range_db is not None:
@@ -71,7 +79,10 @@ class TorchDataset(MapDataset):  # type: ignore[misc, type-arg]
         if self.length is not None:
             values = fitted(values, self.product, self.length)
         tensor = torch.from_numpy(np.ascontiguousarray(values))
-        return tensor if self.transform is None else self.transform(tensor), int(self.labels[number])
+        target: Any = int(self.labels[number])
+        if self.target == "parts":
+            target = torch.from_numpy(self.dataset.values(place, "parts"))
+        return tensor if self.transform is None else self.transform(tensor), target
 
     def record(self, number: int) -> dict[str, Any]:
         """What is known of a sample."""

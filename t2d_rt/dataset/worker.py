@@ -21,7 +21,7 @@ from t2d_rt.accuracy import plan
 from t2d_rt.core.backend import limited_threads, one_blas_thread
 from t2d_rt.core.errors import InputError, T2DError, T2DWarning
 from t2d_rt.core.memory import keep_freed, release_above
-from t2d_rt.dataset.products import View, record_length_s
+from t2d_rt.dataset.products import View, parts_of, record_length_s
 from t2d_rt.dataset.recipe import Recipe, integer_seed
 from t2d_rt.dataset.sample import Cell, Sample, cell_of, description_of, provenance, sample
 from t2d_rt.dataset.shards import Made, write_whole
@@ -46,6 +46,7 @@ def view(recording: Recording, recipe: Recipe, index: int) -> View | None:
     image = recording.spectrogram
     velocity, time_s = image.velocity_mps.values, image.time_s.values
     power = _power(image.values)
+    parts = {} if recipe.products.parts is None else parts_of(recording, recipe.products.parts.split)
     added: np.ndarray | None = None
     details: dict[str, Any] = {}
     if recipe.background is not None:
@@ -59,6 +60,7 @@ def view(recording: Recording, recipe: Recipe, index: int) -> View | None:
         )
         added = background(velocity, time_s, settings).power_w(settings["level_db"]).astype(np.float64)
         power = power + added
+        parts |= {"background": added}
         details["background"] = settings
     if recipe.masks is not None:
         occluded = occlude(
@@ -75,8 +77,12 @@ def view(recording: Recording, recipe: Recipe, index: int) -> View | None:
                 "fewer or shorter windows"
             )
         power = occluded.power
+        parts = {
+            name: each if name == "background" else np.where(occluded.columns, 0.0, each)
+            for name, each in parts.items()
+        }
         details["masks_s"] = np.round(occluded.windows_s, 6).tolist()
-    return View(power, velocity, time_s, details)
+    return View(power, velocity, time_s, parts, details)
 
 
 def _power(level_db: np.ndarray) -> np.ndarray:
@@ -213,7 +219,9 @@ def _recorded(
 ) -> tuple[dict[str, np.ndarray], dict[str, Any], dict[str, float]]:
     """Arrays of a sample, what its record tells of them, and the time that it took."""
     begin = time.perf_counter()
-    recording = run(found.experiment, accuracy, measure_error=found.measured, device="cpu")
+    kept = recipe.products.parts
+    split = None if kept is None else kept.split
+    recording = run(found.experiment, accuracy, measure_error=found.measured, split=split, device="cpu")
     simulated = time.perf_counter()
     arrays, products = recipe.products.made(recording, view(recording, recipe, found.cell.index))
     record = {

@@ -22,7 +22,7 @@ OF_RECORDS = "class", "condition", "sentence", "description", "seed", "snr_db", 
 
 
 class _Levels(BackendArray):
-    """Levels [dB], (sample, ...), read sample by sample."""
+    """Levels [dB] or powers of parts, (sample, ...), read sample by sample."""
 
     def __init__(self, dataset: Dataset, product: Product) -> None:
         self._dataset, self._product = dataset, product
@@ -71,6 +71,9 @@ def xarray_view(dataset: Dataset, product: Product) -> xr.Dataset:
                 coordinates[name] = ("sample", renamed[place]), axes, about
     data = indexing.LazilyIndexedArray(levels)
     about = {"units": "dB", "long_name": "power relative to the greatest cell"}
+    if product == "parts":
+        coordinates["part"] = [*dataset.parts]
+        about = {"units": "1", "long_name": "power added to that of the spectrogram, over its greatest cell"}
     return xr.Dataset(
         {product: (("sample", *renamed), data, about)},
         coords=coordinates,

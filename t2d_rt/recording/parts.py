@@ -18,6 +18,8 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.factored_cubes import ProductRows
 from t2d_rt.pipeline.parts import PartNames
 from t2d_rt.plots.parts import Poses
+from t2d_rt.recording.maps import background, labelled
+from t2d_rt.signal.doppler import part_spectrograms
 from t2d_rt.types import Ellipsoids
 from t2d_rt.types.scatterer import EchoLabels
 
@@ -35,6 +37,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "feet": ("left_foot", "right_foot"),
 }
 """Limbs, by which the segments of a body are put together in pictures."""
+NONE = "the recording has no parts; simulate with split='segment', 'path', 'target' or 'bounce'"
 
 MOST_POSES = 24
 """Bodies above one spectrogram."""
@@ -124,6 +127,37 @@ class Parts(Mapping[str, "Recording"]):
             self._spectrogram = self._stacked([each.spectrogram for each in self.values()])
         return self._spectrogram
 
+    @property
+    def shares(self) -> xr.DataArray:
+        """What each part adds to the power of the whole's spectrogram [W], (part, velocity_mps, time_s); all of them add up to it.
+
+        A part's is Re(S_p S*), S_p its short-time spectrum and S that of all echoes: half of what two parts have in common by
+        interference counts for each, and where a part lowers the sum its share is negative. What the receiver adds to the power of
+        the echoes is a part of its own, `receiver`, and a learned background another, `background`.
+        """
+        whole = self._whole
+        if not self._cubes:
+            raise InputError(NONE)
+        options = {**whole.processing, "mti": whole._mti}
+        made = part_spectrograms([*self._cubes.values()], whole.radar, **options)
+        found = {name: each.power.astype(np.float64) for name, each in zip(self, made, strict=True)}
+        image, settings = whole.spectrogram, whole.settings.get("background")
+        left = 10.0 ** (image.values.astype(np.float64) / 10.0) - np.sum([*found.values()], axis=0)
+        added: dict[str, np.ndarray] = {}
+        if settings is not None:
+            learned = background(image.velocity_mps.values, image.time_s.values, settings)
+            added["background"] = learned.power_w(settings["level_db"]).astype(np.float64)
+        if whole.noise_dbm is not None:
+            added["receiver"] = left - sum(added.values())
+        if taken := sorted(found.keys() & added.keys()):
+            raise InputError(
+                f"a part has the name {taken[0]}, which another one of the shares has; group it by another name"
+            )
+        axes = {"velocity_mps": made[0].velocity_mps, "time_s": made[0].time_s}
+        found |= added
+        coordinates = {"part": [*found], **axes}
+        return labelled("shares", np.stack([*found.values()]), ("part", *axes), coordinates, {"units": "W"})
+
     def range_doppler_at(self, time_s: float | None = None, *, interval_s: float | None = None) -> xr.DataArray:
         """Range-Doppler maps of the parts, power [dB re 1 W] (part, velocity_mps, range_m); options as of `Recording`."""
         return self._stacked([each.range_doppler_at(time_s, interval_s=interval_s) for each in self.values()])
@@ -188,7 +222,7 @@ class Parts(Mapping[str, "Recording"]):
         import xarray as xr
 
         if not maps:
-            raise InputError("the recording has no parts; simulate with split='segment', 'path', 'target' or 'bounce'")
+            raise InputError(NONE)
         names = xr.DataArray(list(self), dims="part", name="part")
         return xr.concat(maps, dim=names, combine_attrs="override").rename(f"{maps[0].name}_of_parts")
 

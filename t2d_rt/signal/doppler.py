@@ -16,6 +16,7 @@ import numpy as np
 from t2d_rt.core.checks import array, choice, flag, integer, number, numeric, positive
 from t2d_rt.core.cubes import DiskCube, column_sums
 from t2d_rt.core.errors import InputError
+from t2d_rt.core.factored_cubes import ProductRows
 from t2d_rt.signal.maps import RangeDoppler, Spectrogram
 from t2d_rt.signal.mti import METHODS, PAPER_KERNEL
 from t2d_rt.signal.mti import mti as mti_filter
@@ -179,14 +180,47 @@ def spectrogram(
     overlap: number of chirps that neighbouring columns have in common; 200 of 256 by default.
     n_fft: number of Doppler bins; n_window by default.
     """
-    check_recording(adc, radar)
-    clutter_filter = Mti.of(mti, cutoff_mps, kernel)
-    adc, radar = separated(adc, radar)
+    clutter_filter, windows = Mti.of(mti, cutoff_mps, kernel), (n_window, overlap, n_fft)
+    options: dict[str, Any] = {
+        "range_window": range_window,
+        "range_gate_m": range_gate_m,
+        "combine": combine,
+        "window": window,
+    }
+    return _spectrograms([adc], radar, mti=clutter_filter, windows=windows, **options)[0]
+
+
+def part_spectrograms(parts: Sequence[Any], radar: Radar, **options: Any) -> list[Spectrogram]:
+    """Power that each of the cubes adds to the spectrogram of their sum [W]; options are those of `spectrogram`.
+
+    With S_p the short-time spectrum of a part and S that of the sum, it is Re(S_p S*): of what two parts have in common by
+    interference each has half. All of them add up to |S|^2, and that of a part which lowers the sum is negative.
+    """
+    given = _defaults() | options
+    given["mti"] = Mti.of(given["mti"], given.pop("cutoff_mps"), given.pop("kernel"))
+    windows = given.pop("n_window"), given.pop("overlap"), given.pop("n_fft")
+    return _spectrograms(parts, radar, windows=windows, **given)
+
+
+def _defaults() -> dict[str, Any]:
+    return {name: each.default for name, each in [*inspect.signature(spectrogram).parameters.items()][2:]}
+
+
+def _spectrograms(
+    cubes: Sequence[Any], radar: Radar, *, range_window: str, range_gate_m: tuple[float, float] | None, mti: Mti, combine: str,
+    window: str, windows: tuple[int | None, int | None, int | None],
+) -> list[Spectrogram]:  # fmt: skip
+    """What each of some cubes of one shape adds to the spectrogram of their sum; windows: n_window, overlap and n_fft."""
+    for each in cubes:
+        check_recording(each, radar)
+    pairs = [separated(each, radar) for each in cubes]
+    cubes, radar = [cube for cube, _ in pairs], pairs[0][1]
+    adc = cubes[0]
     bins = gate(radar.range_axis_m(), range_gate_m)
     fast = taper(range_window, radar.samples)
     _check_combine(combine, bins == slice(0, radar.samples), fast)
     burst = radar.loops_per_frame or adc.shape[0]
-    n_window, overlap, n_fft = checked_windows(radar, adc.shape[0], n_window, overlap, n_fft)
+    n_window, overlap, n_fft = checked_windows(radar, adc.shape[0], *windows)
     starts = window_starts(adc.shape[0], burst, n_window, n_window - overlap)
 
     antennas = 1 if adc.ndim == 2 else adc.shape[1]
@@ -206,23 +240,54 @@ def spectrogram(
             return part * (fast[some] * np.sqrt(step * radar.samples)).astype(part.real.dtype)
         return range_fft(part, window=range_window, bins=bins)
 
-    step_of = partial(sample_step, adc, range_window) if all_bins and clutter_filter.method == "none" else None
-    for first, windows, cells in filtered(adc, radar, starts, n_window, cells_of, clutter_filter, step_of):
-        if combine == "coherent":
-            cells = cells.sum(axis=-1, keepdims=True)
-        powers.append(_summed_power(cells.reshape(len(cells), -1), windows - first, slow, n_fft))
-    power = np.concatenate(powers, axis=1)
+    step_of = None
+    if all_bins and len(cubes) == 1 and mti.method == "none":
+        step_of = partial(sample_step, adc, range_window)
+    elif all_bins and len(cubes) > 1:  # one step for all, because beats of one part meet those of the others
+        step = _common_step(cubes, range_window)
+        cubes = cubes if step == 1 else [_Thinned(each, step) for each in cubes]
+        cells_of = partial(cells_of, step=step)
+    pieces = [filtered(each, radar, starts, n_window, cells_of, mti, step_of) for each in cubes]
+    for together in zip(*pieces, strict=True):
+        first, columns, _ = together[0]
+        parts = [cells.sum(axis=-1, keepdims=True) if combine == "coherent" else cells for *_, cells in together]
+        powers.append(_summed_powers([each.reshape(len(each), -1) for each in parts], columns - first, slow, n_fft))
+    power = np.concatenate(powers, axis=2)
     check_finite(power)
-    return Spectrogram(
-        power=ascending(power / (bandwidth_bins * antennas)),
-        velocity_mps=radar.speed_axis_mps(n_fft),
-        time_s=radar.chirp_starts_s(adc.shape[0])[starts] + n_window / 2 * radar.loop_interval_s,
-    )
+    axes = {
+        "velocity_mps": radar.speed_axis_mps(n_fft),
+        "time_s": radar.chirp_starts_s(adc.shape[0])[starts] + n_window / 2 * radar.loop_interval_s,
+    }
+    return [Spectrogram(power=ascending(each / (bandwidth_bins * antennas)), **axes) for each in power]
+
+
+def _common_step(cubes: Sequence[Any], window: str) -> int:
+    """Step of samples for the sum of cubes over the whole record, by how far any two beats in any of them lie apart."""
+    if not all(isinstance(each, DiskCube) and isinstance(each.rows, ProductRows) for each in cubes):
+        return 1
+    return sample_step(DiskCube(ProductRows.sum_of([each.rows for each in cubes])), window, 0, len(cubes[0]))
+
+
+class _Thinned:
+    """A cube on disk at every so many samples of a chirp."""
+
+    ndim = 3
+
+    def __init__(self, cube: DiskCube, step: int) -> None:
+        self._cube, self._step, self.dtype = cube, step, cube.dtype
+        self.shape = (*cube.shape[:2], len(range(0, cube.shape[2], step)))
+
+    def __getitem__(self, chirps: slice) -> np.ndarray:
+        start, stop, _ = chirps.indices(self.shape[0])
+        return self._cube.every(start, stop, self._step)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return np.asarray(self[:], dtype)
 
 
 def check_names(processing: Mapping[str, Any]) -> None:
     """Refuses names of options that `spectrogram` does not have."""
-    options = [*inspect.signature(spectrogram).parameters][2:]
+    options = _defaults()
     unknown = [name for name in processing if name not in options]
     if unknown:
         raise InputError(f"unknown spectrogram option {unknown[0]!r}; choose from {', '.join(options)}")
@@ -231,7 +296,7 @@ def check_names(processing: Mapping[str, Any]) -> None:
 def check_processing(radar: Radar, chirps: int, given: Mapping[str, Any]) -> None:
     """Refuses options of `spectrogram` that no record of so many chirps can be processed with, before there is one."""
     rows = chirps // len(radar.tx_offsets_m) if radar.multiplexing == "ddm" else chirps
-    options = {name: each.default for name, each in inspect.signature(spectrogram).parameters.items()} | dict(given)
+    options = _defaults() | dict(given)
     gate(radar.range_axis_m(), options["range_gate_m"])
     taper(options["range_window"], radar.samples)
     choice("MTI method", "none" if options["mti"] is None else options["mti"], METHODS)
@@ -289,31 +354,35 @@ def ascending(power: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.fft.fftshift(power, axes=0)[::-1])
 
 
-def _summed_power(cells: np.ndarray, starts: np.ndarray, weights: np.ndarray, n_fft: int) -> np.ndarray:
-    """Sum over cells of |short-time spectrum|^2, (n_fft, time), in FFT order; `cells` is (chirp, cell).
+def _summed_powers(parts: Sequence[np.ndarray], starts: np.ndarray, weights: np.ndarray, n_fft: int) -> np.ndarray:
+    """Sums over cells of Re(S_p S*), S_p the short-time spectrum of a part (chirp, cell) and S that of their sum, in FFT order,
+    (part, n_fft, time). Of one alone that is its power.
 
     Some cells at a time, window after window: these overlap and stay in cache, and the FFT along axis 0 runs on many cells at once.
     """
     from scipy import fft
 
-    real = cells.real.dtype
+    dtype, real = parts[0].dtype, parts[0].real.dtype
     columns = np.ascontiguousarray(weights.astype(real)[:, None])
-    power = np.zeros((len(starts), n_fft), dtype=real)
+    power = np.zeros((len(parts), len(starts), n_fft), dtype=real)
     # Real and imaginary parts in turn, as weights are real.
-    parts = np.ascontiguousarray(cells).view(real)
+    given = [np.ascontiguousarray(each).view(real) for each in parts]
 
     def run(chunk: np.ndarray) -> None:
-        for first in range(0, parts.shape[1], 2 * CELLS):
-            some = parts[:, first : first + 2 * CELLS]
+        for first in range(0, given[0].shape[1], 2 * CELLS):
+            some = [each[:, first : first + 2 * CELLS] for each in given]
             for index in chunk:
-                weighted = some[starts[index] : starts[index] + len(weights)] * columns
-                spectra = fft.fft(weighted.view(cells.dtype), n_fft, axis=0, overwrite_x=True).view(real)
-                power[index] += np.vecdot(spectra, spectra)
+                cut = slice(starts[index], starts[index] + len(weights))
+                weighted = [(each[cut] * columns).view(dtype) for each in some]
+                spectra = [fft.fft(each, n_fft, axis=0, overwrite_x=True).view(real) for each in weighted]
+                whole = spectra[0] if len(spectra) == 1 else np.sum(spectra, axis=0)
+                for into, each in zip(power, spectra, strict=True):
+                    into[index] += np.vecdot(each, whole)
 
     threads = min(os.cpu_count() or 1, len(starts))
     with ThreadPoolExecutor(threads) as pool:
         list(pool.map(run, np.array_split(np.arange(len(starts)), threads)))
-    return power.T
+    return power.swapaxes(1, 2)
 
 
 def _check_combine(combine: str, all_bins: bool, fast: np.ndarray) -> None:
