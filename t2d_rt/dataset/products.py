@@ -159,7 +159,7 @@ def parts_of(recording: Recording, split: Split) -> dict[str, np.ndarray]:
     elif far := [name for name in parts if name not in ("direct", STATIC)]:
         parts = parts.grouped({"reflected": far})
     found: dict[str, np.ndarray] = {}
-    for each in parts.shares:
+    for each in parts.contributions:
         name = str(each.part.values)
         whose, _, own = name.rpartition(": ")
         # Where something moves beside, the labelled person is the first target.

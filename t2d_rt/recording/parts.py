@@ -128,11 +128,11 @@ class Parts(Mapping[str, "Recording"]):
         return self._spectrogram
 
     @property
-    def shares(self) -> xr.DataArray:
+    def contributions(self) -> xr.DataArray:
         """What each part adds to the power of the whole's spectrogram [W], (part, velocity_mps, time_s); all of them add up to it.
 
         A part's is Re(S_p S*), S_p its short-time spectrum and S that of all echoes: half of what two parts have in common by
-        interference counts for each, and where a part lowers the sum its share is negative. What the receiver adds to the power of
+        interference counts for each, and a part that lowers the sum adds less than nothing. What the receiver adds to the power of
         the echoes is a part of its own, `receiver`, and a learned background another, `background`.
         """
         whole = self._whole
@@ -151,12 +151,12 @@ class Parts(Mapping[str, "Recording"]):
             added["receiver"] = left - sum(added.values())
         if taken := sorted(found.keys() & added.keys()):
             raise InputError(
-                f"a part has the name {taken[0]}, which another one of the shares has; group it by another name"
+                f"a part has the name {taken[0]}, which another one of the contributions has; group it by another name"
             )
         axes = {"velocity_mps": made[0].velocity_mps, "time_s": made[0].time_s}
         found |= added
         coordinates = {"part": [*found], **axes}
-        return labelled("shares", np.stack([*found.values()]), ("part", *axes), coordinates, {"units": "W"})
+        return labelled("contributions", np.stack([*found.values()]), ("part", *axes), coordinates, {"units": "W"})
 
     def range_doppler_at(self, time_s: float | None = None, *, interval_s: float | None = None) -> xr.DataArray:
         """Range-Doppler maps of the parts, power [dB re 1 W] (part, velocity_mps, range_m); options as of `Recording`."""

@@ -109,16 +109,16 @@ def test_parts_of_every_kind_of_echo_add_up(tmp_path: Path, name: str, changes: 
         assert not data.values(0, "parts")[:9, :, hidden].any()
 
 
-def test_shares_are_those_of_definition() -> None:
+def test_contributions_are_those_of_definition() -> None:
     """Re(S_p S*) by its own short-time spectra, of parts that interfere; the receiver's is what is left."""
     recipe = tiny()
     experiment = sample(recipe, 1).experiment
     found = t2d.run(experiment, split="segment").processed(mti="mean")
-    shares = found.parts.grouped().shares
-    assert shares.units == "W"
-    assert set(shares.part.values) == {*PARTS["segment"][:6], "receiver"}
+    added = found.parts.grouped().contributions
+    assert added.units == "W"
+    assert set(added.part.values) == {*PARTS["segment"][:6], "receiver"}
     whole = 10.0 ** (found.spectrogram.values.astype(float) / 10.0)
-    np.testing.assert_allclose(shares.sum("part"), whole, rtol=1e-6)
+    np.testing.assert_allclose(added.sum("part"), whole, rtol=1e-6)
     window = taper("hann", RADAR.samples)
     cubes = {name: np.asarray(each, complex) for name, each in found.parts.grouped().cubes.items()}
     cells = {name: (each - each.mean(axis=0)) * window for name, each in cubes.items()}
@@ -131,7 +131,7 @@ def test_shares_are_those_of_definition() -> None:
     expected = {name: np.sum((each * total.conj()).real, axis=1) for name, each in spectra.items()}
     expected = {name: np.fft.fftshift(each)[::-1] / np.sum(window**2) for name, each in expected.items()}
     for name, each in expected.items():
-        got = shares.sel(part=name).isel(time_s=column).values
+        got = added.sel(part=name).isel(time_s=column).values
         assert np.abs(got - each).max() < 2e-6 * whole[:, column].max()
     assert min(each.min() for each in expected.values()) < 0  # parts that cancel one another
 
