@@ -67,6 +67,12 @@ class DiskCube:
             return self.rows.read(start, stop, step)
         return self[start:stop, :, ::step]
 
+    def mixed(self, matrix: np.ndarray, start: int, step: int) -> np.ndarray:
+        """A matrix (mixture, chirp) times chirps from `start` on, complex64 (mixture, antenna, sample), at some samples."""
+        if isinstance(self.rows, ProductRows):
+            return self.rows.mixed(matrix, start, step)
+        return np.tensordot(matrix, self.every(start, start + matrix.shape[1], step), 1)
+
     def outer(self, axes: tuple[Any, ...]) -> np.ndarray:
         """An int, slice or list for each axis, every one by itself; only the blocks that hold such chirps are read."""
         if isinstance(axes[0], slice) and axes[0].step in (None, 1) and all(map(_is_all, axes[1:])):

@@ -183,10 +183,15 @@ class ProductRows:
 
     def spread(self, start: int, stop: int) -> float:
         """By how much the phases over x of anything in rows start..stop differ at most."""
+        low, high = self.phases(start, stop)
+        return high - low
+
+    def phases(self, start: int, stop: int) -> tuple[float, float]:
+        """Least and greatest phase over x of anything in rows start..stop; zeros where there is nothing."""
         pieces = (each.piece for layer in self._layers for each in layer.within(start, stop))
         some = [piece for piece in pieces if len(piece.theta)]
         low = min((float(piece.theta.min()) - piece.band for piece in some), default=0.0)
-        return max((float(piece.theta.max()) + piece.band for piece in some), default=0.0) - low
+        return low, max((float(piece.theta.max()) + piece.band for piece in some), default=0.0)
 
     def read(self, start: int, stop: int, every: int = 1) -> np.ndarray:
         """Rows start..stop, complex64 (row, antenna, sample), of `every` so many samples; the same bits whatever rows are read."""
@@ -202,6 +207,44 @@ class ProductRows:
                 rows = found if rows is None else rows + found
         assert rows is not None, "a whole sum has a layer"
         return rows
+
+    def mixed(self, matrix: np.ndarray, start: int, every: int = 1) -> np.ndarray:
+        """A matrix (mixture, row) times the rows from `start` on, complex64 (mixture, antenna, sample), of `every` so many samples.
+
+        It meets the coefficients first, which are fewer than the samples: short-time spectra take half the time of rows and FFT.
+        Bits depend on how BLAS is called.
+        """
+        found = np.zeros((len(matrix), self.shape[1], len(range(0, self.shape[2], every))), DTYPE)
+        for layer in self._layers:
+            for each in layer.within(start, start + matrix.shape[1]):
+                first, last = max(start, each.start), min(start + matrix.shape[1], each.stop)
+                piece = each.rows(self._file, first, last).at(slice(None, None, every))
+                some = matrix[:, first - start : last - start]
+                turned = some if piece.phase is None else (some * piece.phase).astype(DTYPE)
+                found[:, each.antenna] += replace(piece, coefficients=turned @ piece.coefficients, phase=None).samples()
+        return found
+
+    def column_sums(self) -> np.ndarray:
+        """Sum of all rows, complex128 (antenna, sample): coefficients of the same carriers are summed first."""
+        found = np.zeros(self.shape[1:], np.complex128)
+        summed: dict[tuple[int, bytes], tuple[Piece, dict[float, np.ndarray]]] = {}
+        for layer in self._layers:
+            for each in layer.within(0, self.shape[0]):
+                piece = each.rows(self._file, each.start, each.stop)
+                ones = np.ones(len(piece.coefficients), DTYPE) if piece.phase is None else piece.phase.astype(DTYPE)
+                total = (ones @ piece.coefficients).astype(np.complex128)
+                if piece.weights is None:
+                    found[each.antenna] += total
+                    continue
+                key = each.antenna, piece.weights.tobytes() + piece.x.tobytes()
+                _, by_theta = summed.setdefault(key, (piece, {}))
+                for theta, one in zip(piece.theta.tolist(), total.reshape(len(piece.theta), -1), strict=True):
+                    by_theta[theta] = by_theta.get(theta, 0) + one
+        for (antenna, _), (piece, by_theta) in summed.items():
+            coefficients = np.concatenate(list(by_theta.values()))[None].astype(DTYPE)
+            theta = np.array(list(by_theta))
+            found[antenna] += replace(piece, coefficients=coefficients, theta=theta, phase=None).samples()[0]
+        return found
 
     def _put(self, each: _Stored, start: int, rows: np.ndarray, samples: slice) -> None:
         """Puts some samples of a stored piece into rows from `start` on."""

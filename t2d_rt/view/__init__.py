@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from t2d_rt.recording.recording import Recording
 
 PAGE = Path(__file__).resolve().parent
-SCRIPTS = "room.js", "maps.js", "page.js"
+SCRIPTS = "room.js", "maps.js", "parts.js", "page.js"
 KINDS = {"uint8": "u1", "uint16": "u2", "uint32": "u4", "float32": "f4"}
 NOTEBOOK_PX = 760
 MOST_RECORDINGS = 2

@@ -18,6 +18,7 @@ from t2d_rt.plots.figures import outline
 from t2d_rt.recording.path_table import STEP_S, mean_range_m, pairs_of, path_table, record_times, target_names
 from t2d_rt.recording.truth import Person, persons, truth_table
 from t2d_rt.types import Accuracy, Ellipsoids, PathPair, Radar, Scene, Surface
+from t2d_rt.view.parts import coloured, parts_shown, tints
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -56,9 +57,13 @@ def gathered(recording: Recording) -> dict[str, Any]:
         "standing": None,
         **{name: [] for name in ("targets", "parts", "surfaces", "walls", "paths")},
     }
+    split = parts_shown(recording, found["maps"]["spectrogram"])
     if found["why_no_room"] is None:
-        found |= room(set_up_again(recording.experiment, recording.inputs).model, recording.accuracy or Accuracy())
-    return found
+        model = set_up_again(recording.experiment, recording.inputs).model
+        found |= room(model, recording.accuracy or Accuracy())
+        for number, target in enumerate(found["targets"] if split else ()):
+            target["tint"] = tints(model, number, split.get("names", ()))
+    return found if split is None else {**found, "split": split}
 
 
 def _caption(recording: Recording) -> str:
@@ -373,7 +378,9 @@ def _map(power_db: np.ndarray, up: tuple[str, np.ndarray], across: tuple[str, np
 
 
 def on_one_scale(recordings: list[dict[str, Any]]) -> None:
-    """Brings the maps of several recordings to the levels of the strongest of each kind, so that colours compare."""
+    """Brings the maps of several recordings to the levels of the strongest of each kind, so that colours compare; parts of one name
+    get one colour."""
+    coloured([each["split"] for each in recordings if "names" in each.get("split", ())])
     for kind in {name for each in recordings for name in each["maps"]}:
         some: list[dict[str, Any]] = [each["maps"][kind] for each in recordings if kind in each["maps"]]
         peak = max(each["high_db"] for each in some)

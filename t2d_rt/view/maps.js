@@ -45,7 +45,8 @@ class Chart {
     return [number(this.map.x, this.whole.x, x), number(this.map.y, this.whole.y, y)];
   }
 
-  level(x, y, frame = 0) {  // dB re 1 W; null where that is below all colours
+  level(x, y, frame = 0) {  // dB re 1 W, of the parts that are on; null where that is below all colours
+    if (this.split && !this.split.whole_on) { const level = this.split.made().sum_db[this.split.row(y) * this.split.x.count + this.split.column(x)]; return level > this.map.low_db ? level : null; }
     const [i, j] = this.cell(x, y), { values, x: across, y: up, low_db: low, high_db: high } = this.map, value = values[(frame * up.count + j) * across.count + i];
     return value ? low + value / 255 * (high - low) : null;
   }
@@ -53,8 +54,20 @@ class Chart {
   paint(frame, span_db) {
     const { values, x, y, low_db: low, high_db: high } = this.map, pen = penOf(this.image), made = pen.createImageData(x.count, y.count), words = new Uint32Array(made.data.buffer);
     const floor = 255 * (1 - span_db / (high - low)), hue = Array.from({ length: 256 }, (_, k) => { const c = 3 * Math.max(0, Math.round((k - floor) / (255 - floor) * 255)); return (255 << 24 | this.colours[c + 2] << 16 | this.colours[c + 1] << 8 | this.colours[c]) >>> 0; });
+    if (this.split && !(this.split.whole_on && !state.tinted)) { this.paintParts(words, hue, floor); pen.putImageData(made, 0, 0); return; }
     for (let j = 0; j < y.count; j++) for (let i = 0, from = (frame * y.count + j) * x.count, to = (y.count - 1 - j) * x.count; i < x.count; i++) words[to + i] = hue[values[from + i]];
     pen.putImageData(made, 0, 0);
+  }
+
+  paintParts(words, hue, floor) {  // levels are those of the map where all parts are on, else of their sum; the hue is that of the strongest one
+    const { values, x, y, low_db: low, high_db: high } = this.map, { sum_db, strongest, whole_on, rgb, x: { count } } = this.split.made(), { tinted } = state;
+    const near = Array.from({ length: x.count }, (_, i) => this.split.column(x.first + i * (x.last - x.first) / Math.max(1, x.count - 1)));
+    for (let j = 0; j < y.count; j++) for (let i = 0, to = (y.count - 1 - j) * x.count; i < x.count; i++) {
+      const cell = j * count + near[i], value = whole_on ? values[j * x.count + i] : Math.max(0, Math.min(255, Math.round(255 * (sum_db[cell] - low) / (high - low)))), own = rgb[strongest[cell]];
+      if (!tinted) { words[to + i] = hue[value]; continue; }
+      const light = value > floor && own ? FAINT + (1 - FAINT) * (value - floor) / (255 - floor) : 0, [r, g, b] = own || [0, 0, 0];
+      words[to + i] = (255 << 24 | b * light << 16 | g * light << 8 | r * light) >>> 0;
+    }
   }
 
   frame(pen, span_db) {  // axes, ticks, units, colour bar
@@ -73,7 +86,8 @@ class Chart {
     pen.save(); pen.translate(.2 * em, top + height / 2); pen.rotate(-Math.PI / 2); pen.textAlign = "center"; pen.textBaseline = "top";
     const label = LABELS[this.map.y.of], short = pen.measureText(label).width > height + 2 * em ? label.replace(/,.*/, "") : label;
     pen.fillText(short, 0, 0); pen.restore();
-    for (let k = 0; k < height; k++) { const c = 3 * Math.round((1 - k / height) * 255); pen.fillStyle = `rgb(${this.colours[c]},${this.colours[c + 1]},${this.colours[c + 2]})`; pen.fillRect(right + .5 * em, top + k, .7 * em, 1.5); }
+    const grey = this.split && state.tinted;
+    for (let k = 0; k < height; k++) { const c = 3 * Math.round((1 - k / height) * 255); pen.fillStyle = grey ? `rgb(${Array(3).fill(255 * (1 - k / height * (1 - FAINT)))})` : `rgb(${this.colours[c]},${this.colours[c + 1]},${this.colours[c + 2]})`; pen.fillRect(right + .5 * em, top + k, .7 * em, 1.5); }
     const levels = ticks(high - span_db, high, height / em / 2); pen.fillStyle = pen.strokeStyle = "#b6bbc2"; pen.textAlign = "left"; pen.textBaseline = "middle";
     for (const level of levels.found) { const y = top + (high - level) / span_db * height; line([right + 1.2 * em, y], [right + 1.4 * em, y]); pen.fillText(fixed(level, levels.digits), right + 1.5 * em, y); }
     pen.save(); pen.translate(this.plain.width - .2 * em, top + height / 2); pen.rotate(-Math.PI / 2); pen.textAlign = "center"; pen.textBaseline = "bottom"; pen.fillText("dB re 1 W", 0, 0); pen.restore();
@@ -88,11 +102,11 @@ class Chart {
   draw(frame, span_db, known, marks) {  // marks(pen, chart) draws over the image, if `known`, what they depend on, has changed
     const { canvas, plain, image } = this;
     this.measure();
-    const { em, left, top, width, height } = this.place, now = [canvas.width, canvas.height, span_db, em, this.span.x, this.span.y].join(), pen = penOf(canvas);
+    const { em, left, top, width, height } = this.place, now = [canvas.width, canvas.height, span_db, em, this.span.x, this.span.y, this.split ? [state.tinted, ...this.split.on] : ""].join(), pen = penOf(canvas);
     if (width < 1 || height < 1 || this.shown === frame + now + known) return;
     this.shown = frame + now + known;
-    const moved = this.painted !== frame + "/" + span_db;
-    if (moved) { this.paint(frame, span_db); this.painted = frame + "/" + span_db; }
+    const wanted = [frame, span_db, this.split ? [state.tinted, ...this.split.on] : ""].join("/"), moved = this.painted !== wanted;
+    if (moved) { this.paint(frame, span_db); this.painted = wanted; }
     if (this.framed !== now || moved && this.kind != "range_doppler") {
       plain.width = canvas.width; plain.height = canvas.height; this.framed = now;
       const back = penOf(plain);

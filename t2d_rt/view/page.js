@@ -2,7 +2,7 @@
 
 const $ = name => document.getElementById(name), LIGHT = .299792458;  // m/ns
 const MOST_ROWS = 7, MOST_SHOWN = 14, WEAKEST_DB = -45, STEPS = [0.05, 0.1, 0.25, 0.5, 1, 2];
-const state = { time: 0, playing: false, whole: false, camera: null, panels: [], grain: 1, fps: 0, written: 0 };
+const state = { time: 0, playing: false, tinted: false, whole: false, camera: null, panels: [], grain: 1, fps: 0, written: 0 };
 
 async function unpacked() {  // numbers of the page: each { at, kind, count, deltas } in the header stands for an array
   const meta = JSON.parse($("meta").textContent), text = atob($("data").textContent.trim()), packed = new Uint8Array(text.length);
@@ -45,7 +45,9 @@ function course(path, recording) {  // of a path by reflections, in words
 
 class Panel {
   constructor(recording, colours) {
-    this.recording = recording; this.parts = new Set(); this.paths = new Set(); this.cell = null;
+    this.recording = recording; this.parts = new Set(); this.paths = new Set(); this.lit = new Set(); this.cell = null;
+    this.split = recording.split && recording.split.names ? new Split(recording.split) : null;
+    this.ghosts = this.split && recording.paths.some(path => this.split.names.includes(path.name));  // split by path
     this.box = $("panels").appendChild(document.createElement("section")); this.box.className = "panel";
     this.box.appendChild(document.createElement("h2")).textContent = recording.title;
     const place = name => { const made = this.box.appendChild(document.createElement("div")); made.className = name; return made; };
@@ -70,10 +72,16 @@ class Panel {
         this.zoom = box.appendChild(document.createElement("button"));
         this.zoom.title = "w"; this.zoom.onclick = event => { event.stopPropagation(); whole(); };
       }
+      if (kind == "spectrogram") chart.split = this.split;
       box.onclick = event => { const at = chart.at(event); if (at) clicked(kind, at.x, at.y); };
       box.onmousemove = event => { const at = chart.at(event); box.title = at ? this.tip(chart, at) : ""; };
       return chart;
     });
+    if (recording.split) {
+      this.box.classList.add("parted");
+      const box = place("legend");
+      if (this.split) this.legend = new Legend(box, this); else box.textContent = recording.split.why;
+    }
   }
 
   steer(room) {
@@ -93,7 +101,7 @@ class Panel {
 
   tip(chart, { x, y }) {
     const level = chart.level(x, y, chart.kind == "range_doppler" ? this.moment(chart) : 0), unit = { time: "s", speed: "m/s", range: "m" };
-    return `${fixed(x, 2)} ${unit[chart.map.x.of]}, ${fixed(y, 2)} ${unit[chart.map.y.of]}, ${level === null ? "below the colours" : decibels(level) + " re 1 W"}`;
+    return `${fixed(x, 2)} ${unit[chart.map.x.of]}, ${fixed(y, 2)} ${unit[chart.map.y.of]}, ${level === null ? "below the colours" : decibels(level) + " re 1 W"}${this.split && chart.kind == "spectrogram" ? this.split.shares(y, x).parts.slice(0, 3).map(part => `\n${shortened(part.name)} ${decibels(part.relative)}`).join("") : ""}`;
   }
 
   nearby(all) {  // the part of a range-Doppler map that targets and their stronger paths reach; null where that is most of it
@@ -140,7 +148,7 @@ class Panel {
 
   choose(number) {
     const only = this.paths.size == 1 && this.paths.has(number);
-    this.paths = new Set(only ? [] : [number]); this.parts.clear(); this.cell = null;
+    this.paths = new Set(only ? [] : [number]); this.parts.clear(); this.lit.clear(); this.cell = null;
     const path = this.recording.paths[number];
     $("told").innerHTML = only ? "" : `Path <b>${safe(path.name)}</b>: ${path.order ? `${path.order} reflection${path.order > 1 ? "s" : ""} on the way out and back together` : "straight out and back"}. Its range over time is drawn in the range map, its place then as a ring in the range-Doppler map.`;
     draw();
@@ -218,6 +226,18 @@ class Panel {
     return who + (!echoes.length ? "No echo at that speed rises out of the map's floor then." : seen.length ? `The strongest echoes at that speed come from ${told.join("; from ")}.` : `The strongest echoes at that speed come from ${echoes.map(echo => `${echo.range.toFixed(2)} m`).join(", ")}.`);
   }
 
+  made(speed) {  // lights the parts that make the cell of the spectrogram at that speed now, within 10 dB of the strongest, and lists them
+    const found = this.split.shares(speed, state.time), { recording } = this;
+    this.lit = new Set(found.parts.filter(each => each.level > found.parts[0].level - LIT_DB).map(each => each.part));
+    if (this.ghosts) this.paths = new Set([...recording.paths.keys()].filter(k => this.lit.has(this.split.names.indexOf(recording.paths[k].name))));
+    else {
+      const lit = new Set();
+      for (const { owner, tint, first } of recording.targets) owner.forEach((k, i) => { if (this.lit.has(tint[i])) lit.add(first + k); });
+      if (recording.targets.some(({ tint }) => tint.some(k => k < this.split.names.length))) this.parts = lit;
+    }
+    return sharesTold(found, this.split);
+  }
+
   story(paths) {
     const { recording } = this, { standing, parts, frames_hz: rate, walls } = recording, time = state.time, said = [];
     if (standing) {
@@ -276,7 +296,9 @@ class Panel {
       }
       if (kind == "range_doppler") {
         const shown = this.paths.size ? paths.filter(path => this.paths.has(path.number)) : paths.slice(0, 4), { left, top, width, height } = chart.place;
-        const marked = shown.map(path => ({ x: chart.px(path.range), y: chart.py(this.folded(path.speed)), shade: colour(path.order), text: path.name }));
+        const peaks = this.ghosts ? this.split.ghosts(time, chart.map.high_db - Number($("span").value) - 10) : [], inside = ({ range, speed }) => range > chart.span.x[0] && range < chart.span.x[1] && speed > chart.span.y[0] && speed < chart.span.y[1];
+        const own = part => `rgb(${state.tinted ? this.split.rgb[part] : [255, 255, 255]})`, named = peaks.filter(each => inside(each) && (!this.lit.size || this.lit.has(each.part))).slice(0, MOST_GHOSTS);
+        const marked = this.ghosts ? named.map(({ name, part, level, range, speed }) => ({ x: chart.px(range), y: chart.py(speed), shade: own(part), text: `${name}  ${fixed(level - peaks[0].level, 0)} dB` })) : shown.map(path => ({ x: chart.px(path.range), y: chart.py(this.folded(path.speed)), shade: colour(path.order), text: path.name }));
         if (truth) for (const part of this.partsAt(time).filter(each => each.foot)) marked.push({ x: chart.px(part.range), y: chart.py(this.folded(part.speed)), shade: side(part), text: `${part.name}, middle` });
         const steep = ({ x, y }) => Math.atan2(y - top, left + width - x);
         marked.sort((a, b) => steep(a) - steep(b));  // so that few of the lines to the names cross
@@ -300,7 +322,8 @@ class Panel {
     if (this.room && all) this.tell(paths);  // before the room, whose height it leaves
     if (this.room) this.room.draw(state.time, state.camera, state.grain, this, paths.filter((path, i) => i < MOST_SHOWN || this.paths.has(path.number)), all);
     if (!all) return;
-    const known = JSON.stringify([$("truth").checked, [...this.paths], this.cell, this.focus]);
+    const known = JSON.stringify([$("truth").checked, [...this.paths], this.cell, this.focus, this.split && [state.tinted, [...this.lit], [...this.split.on]]]);
+    if (this.legend) this.legend.draw();
     for (const chart of this.charts) {
       const moving = chart.kind == "range_doppler";
       if (moving && this.zoom) { chart.span = state.whole ? chart.whole : this.near; this.zoom.textContent = state.whole ? "where targets are" : "whole map"; }
@@ -317,7 +340,8 @@ function clicked(kind, x, y) {  // a cell of a map, of all recordings alike
   const where = [`${state.time.toFixed(2)} s`, speed === null ? null : `${fixed(speed, 2)} m/s`, range === null ? null : `${range.toFixed(2)} m`].filter(Boolean).join(", ");
   $("told").innerHTML = `Clicked: ${where}. ` + state.panels.map(panel => {
     panel.cell = { spectrogram: speed === null ? [NaN, NaN] : [state.time, speed], range_time: range === null ? [NaN, NaN] : [state.time, range], range_doppler: speed === null || range === null ? [NaN, NaN] : [range, speed] };
-    const text = panel.explain(speed, range);
+    panel.lit.clear();
+    const moves = panel.explain(speed, range), text = (panel.split && range === null ? panel.made(speed) : "") + moves;
     return state.panels.length > 1 ? `<i>${safe(panel.recording.title)}:</i> ${text}` : text;
   }).join("<br>");
   draw();
@@ -325,7 +349,7 @@ function clicked(kind, x, y) {  // a cell of a map, of all recordings alike
 
 function whole() { state.whole = !state.whole; draw(); }
 
-function forget() { for (const panel of state.panels) { panel.parts.clear(); panel.paths.clear(); panel.cell = null; } $("told").innerHTML = HINT; draw(); }
+function forget() { for (const panel of state.panels) { panel.parts.clear(); panel.paths.clear(); panel.lit.clear(); panel.cell = null; } $("told").innerHTML = hint(); draw(); }
 
 function look(from) {
   const { recording } = state.panels.find(each => each.room) || {};
@@ -354,6 +378,10 @@ function look(from) {
 function seek(time) { state.time = Math.max(0, Math.min(state.duration, time)); draw(); }
 
 function draw() {
+  if (state.panels.some(({ legend }) => legend)) {  // sides and orders have no colours of their own where parts have
+    $("sides").hidden = state.tinted && state.panels.every(({ split, ghosts }) => split && !ghosts) || !state.panels.some(({ recording }) => recording.standing);
+    $("orders").hidden = state.tinted && state.panels.every(({ ghosts }) => ghosts) || $("lit").hidden || state.panels.every(({ recording }) => recording.paths.length < 2);
+  }
   const now = performance.now(), all = !state.playing || !SOFTWARE || now - state.written > 120;  // without a graphics card each thing that moves costs
   if (all) { $("clock").value = `${state.time.toFixed(2)} of ${state.duration.toFixed(2)} s`; $("time").value = state.time; state.written = now; }
   for (const panel of state.panels) panel.draw(all);
@@ -380,12 +408,14 @@ function play(on) {
 
 const HINT = "Click a cell of a map: the parts of the body that move at that speed then light up, and the paths whose delay and speed fit are named here.";
 
+const hint = () => HINT + (state.panels.some(({ split }) => split) ? " What the parts that the recording was split into return in that cell is listed, those that make it light up." : "");
+
 function keys(event) {
   if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName == "SELECT") return;
   const pace = (event.shiftKey ? 10 : 1) / state.frames_hz, speeds = $("speed"), action = {
     " ": () => play(!state.playing), ArrowLeft: () => { play(false); seek(state.time - pace); }, ArrowRight: () => { play(false); seek(state.time + pace); },
     ArrowUp: () => speeds.selectedIndex = Math.min(speeds.length - 1, speeds.selectedIndex + 1), ArrowDown: () => speeds.selectedIndex = Math.max(0, speeds.selectedIndex - 1),
-    Home: () => seek(0), End: () => seek(state.duration), Escape: forget, w: whole,
+    Home: () => seek(0), End: () => seek(state.duration), Escape: forget, w: whole, c: () => tint(!state.tinted),
   }[event.key];
   if (action) { action(); event.preventDefault(); }
 }
@@ -402,7 +432,8 @@ async function start() {
   state.time = Math.max(0, Math.min(state.duration, Number(asked.get("t") ?? .4 * state.duration) || 0));
   for (const panel of state.panels) if (panel.room) panel.tell(panel.pathsAt(state.time));  // what remains is the room's
   look(asked.get("look") || "room"); if (!state.camera) look("room");
-  $("told").textContent = HINT;
+  $("told").textContent = hint();
+  state.tinted = state.panels.some(({ split }) => split);
   $("play").onclick = () => play(!state.playing);
   $("time").oninput = event => { play(false); seek(Number(event.target.value)); };
   $("span").onchange = $("truth").onchange = draw;

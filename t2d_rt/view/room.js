@@ -110,7 +110,7 @@ class Room {
     const { gl } = this;
     return {
       ...target, count: target.faces.length, array: gl.createVertexArray(), buffer: this.buffer(target.vertices),
-      owners: this.buffer(Float32Array.from(target.owner)), index: this.buffer(Uint32Array.from(target.faces), gl.ELEMENT_ARRAY_BUFFER),
+      owners: this.buffer(Float32Array.from(target.owner)), tints: target.tint && this.buffer(Float32Array.from(target.tint, k => Math.min(k, MOST_PARTS - 1))), index: this.buffer(Uint32Array.from(target.faces), gl.ELEMENT_ARRAY_BUFFER),
     };
   }
 
@@ -230,7 +230,7 @@ class Room {
       gl.bindVertexArray(target.array);
       gl.bindBuffer(gl.ARRAY_BUFFER, target.buffer);
       for (const [place, frame] of [[0, k], [1, n]]) { gl.enableVertexAttribArray(place); gl.vertexAttribPointer(place, 3, gl.UNSIGNED_SHORT, false, 0, frame * size); }
-      gl.bindBuffer(gl.ARRAY_BUFFER, target.owners); gl.enableVertexAttribArray(2); gl.vertexAttribPointer(2, 1, gl.FLOAT, false, 0, 0);
+      gl.bindBuffer(gl.ARRAY_BUFFER, program === this.solid && this.tinted(target, state) ? target.tints : target.owners); gl.enableVertexAttribArray(2); gl.vertexAttribPointer(2, 1, gl.FLOAT, false, 0, 0);
       gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, target.index);
       gl.uniform1f(u.f, at - k); whole(target.low, target.pitch);
       if (program === this.solid) gl.uniform4fv(u.colours, this.colours(target, state));
@@ -251,11 +251,19 @@ class Room {
     gl.depthMask(true);
   }
 
-  colours(target, state) {
-    const found = new Float32Array(4 * MOST_PARTS), some = state.parts.size > 0;
+  tinted(target, { split }) { return split && state.tinted && target.tints; }
+
+  colours(target, panel) {
+    const found = new Float32Array(4 * MOST_PARTS), some = panel.parts.size > 0, { split, lit } = panel;
+    if (this.tinted(target, panel)) {
+      const clear = k => split.on.has(k) && (!lit.size || lit.has(k));
+      found.set([...OTHER.map(c => .5 * c), 1], 4 * (MOST_PARTS - 1));
+      split.rgb.forEach((own, k) => found.set(clear(k) ? [...own.map(c => c / 255), lit.size ? 2 : 1] : [.2, .21, .23, 1], 4 * k));
+      return found;
+    }
     this.recording.parts.slice(target.first, target.first + target.parts).forEach(({ side }, i) => {
-      const lit = state.parts.has(target.first + i), own = side == "left" ? LEFT : side == "right" ? RIGHT : side == "middle" ? TRUNK : OTHER;
-      found.set(lit ? [...FOUND, 2] : [...own.map(c => some ? .55 * c : c), 1], 4 * i);
+      const moves = panel.parts.has(target.first + i), own = side == "left" ? LEFT : side == "right" ? RIGHT : side == "middle" ? TRUNK : OTHER;
+      found.set(moves ? [...FOUND, 2] : [...own.map(c => some ? .55 * c : c), 1], 4 * i);
     });
     return found;
   }
@@ -291,9 +299,9 @@ class Room {
     if (names) this.drawNames(time, seen.matrix, state, shown);
   }
 
-  linesOf(path, state) {
+  linesOf(path, state) {  // `state` is the panel's
     const chosen = state.paths.has(path.number), some = state.paths.size > 0, scale = this.canvas.width / Math.max(1, this.canvas.clientWidth);
-    const width = scale * Math.max(1, 4.5 + path.level / 8) * (chosen ? 1.6 : 1), hue = [...ORDERS[Math.min(3, path.order)], some && !chosen ? .15 : .9];
+    const width = scale * Math.max(1, 4.5 + path.level / 8) * (chosen ? 1.6 : 1), hue = [...hueOf(path, state), some && !chosen ? .15 : .9];
     return path.points.slice(1).map((point, i) => [path.points[i], point, hue, width]);
   }
 
@@ -324,10 +332,16 @@ class Room {
         const name = path.meets[i], key = name + point.map(x => x.toFixed(2));
         if (name == "radar" || name == "target" || known.has(key)) return;
         known.add(key);
-        if (write(known.has(name) ? "" : called(name, this.recording), point, `rgb(${ORDERS[Math.min(3, path.order)].map(x => 255 * x)})`, true)) known.add(name);
+        if (write(known.has(name) ? "" : called(name, this.recording), point, `rgb(${hueOf(path, state).map(x => 255 * x)})`, true)) known.add(name);
       });
     }
   }
+}
+
+function hueOf(path, { split, ghosts }) {  // of a path by its reflections, or by the part of the recording that came over it
+  if (!ghosts || !state.tinted) return ORDERS[Math.min(3, path.order)];
+  const part = split.names.indexOf(path.name);
+  return split.rgb[part < 0 ? split.names.length - 1 : part].map(c => c / 255 * (split.on.has(part) ? 1 : .4));
 }
 
 function called(name, { surfaces, radar }) {  // a wall by where it is as seen from the radar, or by its axis; all else by its name

@@ -1,0 +1,179 @@
+"""The parts of a recording as a page shows them: their levels in each cell, how they add up, and what of the scene they are."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from t2d_rt.core.backend import one_blas_thread
+from t2d_rt.core.constants import decibel
+from t2d_rt.core.cubes import DiskCube
+from t2d_rt.pipeline import parts as labels
+from t2d_rt.pipeline.echo_model import Model
+from t2d_rt.signal.doppler import SpectraOfParts
+from t2d_rt.types import Ellipsoids
+
+if TYPE_CHECKING:
+    from t2d_rt.recording.recording import Recording
+
+MOST_PARTS = 22
+"""Parts of a page; of more the strongest ones, and the rest of the recording as one."""
+COLUMNS_OF_PARTS = 4000
+"""Columns of all parts together: of a long record fewer are kept than its spectrogram has."""
+LEVELS_DB = 80.0
+"""Below the strongest cell of all, as far as levels are kept."""
+SHOWN_DB, APART_DB = 65.0, 30.0
+"""Products of two parts are kept where both are that near to the strongest cell, and to one another."""
+SAMPLED, EVERY = 24, 16
+"""Instants, and one of so many samples, by which the strongest parts are found."""
+NONE = 255
+"""The number of no part."""
+COLOURS = (
+    "#e6194b", "#4fc3f7", "#ffe119", "#3cb44b", "#f58231", "#b07cff", "#42d4b0", "#f032e6", "#bfef45", "#fabed4", "#4363d8",
+    "#d2a679", "#00a5a5", "#ff8f80", "#a9a957", "#9fb6ff", "#c71585", "#7fbf7f", "#ffd8b1", "#aaffc3", "#8f6bb3", "#e0c341",
+)  # fmt: skip
+"""Of the parts in their order, far apart for neighbours."""
+SEGMENT_COLOURS = {
+    "head": "#f4f4f4", "neck": "#c9b8d6", "chest": "#9a8cff", "abdomen": "#6f79d8", "pelvis": "#c77dff",
+    "left_upper_arm": "#d7ccb0", "left_forearm": "#c2a878", "left_hand": "#fff3b0",
+    "right_upper_arm": "#a8d8d8", "right_forearm": "#5fb3b3", "right_hand": "#b8fff2",
+    "left_thigh": "#ff8fab", "left_shank": "#ff7a1a", "left_foot": "#ff3b30",
+    "right_thigh": "#8ce99a", "right_shank": "#22c55e", "right_foot": "#38a8ff",
+}  # fmt: skip
+"""Of a body's segments: its left leg in warm colours, its right one in cold ones."""
+REST = "#8a8f98"
+"""Of the rest, and of what stands still."""
+
+
+def parts_shown(recording: Recording, spectrogram: dict[str, Any]) -> dict[str, Any] | None:
+    """Levels and products of a recording's parts in the rows of a page's `spectrogram`, at some of its columns; None without parts.
+
+    A sum of parts has the power sum_p P_p + 2 sum_p<q r_pq sqrt(P_p P_q), where r_pq is what two of them have in common.
+    """
+    cubes = recording.parts.cubes
+    if not cubes:
+        return None
+    processing, radar = {**recording.processing, "mti": recording._mti}, recording.radar
+    if processing["mti"] not in ("none", "mean") or radar.multiplexing == "ddm":
+        made = "separated Doppler bands" if radar.multiplexing == "ddm" else f"mti={processing['mti']}"
+        return {"why": f"Its parts are not shown, as those of a recording with {made}; simulate or process it without."}
+    with one_blas_thread:
+        names, kept = _strongest(cubes, fixed=processing["mti"] == "mean")
+        left_out = len(cubes) - len(names)
+        whole = [recording.cube] if left_out else []
+        image = recording.spectrogram
+        rows = _rows(image.velocity_mps.values, spectrogram["y"])
+        most = max(1, COLUMNS_OF_PARTS // (len(kept) + len(whole)))
+        spectra = SpectraOfParts.of([*kept, *whole], radar, rows, most, processing)
+        work = partial(_column, spectra, whole=bool(whole))
+        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+            columns = list(pool.map(work, range(len(spectra.starts))))
+    if left_out:
+        noise = " and the receiver's noise" if recording.settings.get("noise") else ""
+        names = [*names, f"{left_out} others{noise}"]
+    times_s = spectra.time_s
+    own = image.values[rows][:, np.searchsorted(image.time_s.values, times_s - 1e-9)]
+    every = np.stack([each for each, _ in columns], axis=-1)  # (part, part, row, column)
+    found = {
+        "names": names,
+        "others": left_out,
+        "x": {"of": "time", "first": float(times_s[0]), "last": float(times_s[-1]), "count": len(times_s)},
+        "y": spectrogram["y"],
+        **_levels(every, own),
+    }
+    ranges, speeds, powers = np.stack([each for _, each in columns], axis=-1)  # each (part, column)
+    return found | {"ranges": ranges, "speeds": speeds, "peaks_db": decibel(powers).astype(np.float32)}
+
+
+def _strongest(cubes: dict[str, DiskCube], *, fixed: bool) -> tuple[list[str], list[DiskCube]]:
+    """At most `MOST_PARTS` parts, in their order: those with the most energy, which `fixed` counts without what stands."""
+    if len(cubes) <= MOST_PARTS + 1:
+        return list(cubes), list(cubes.values())
+    count = len(next(iter(cubes.values())))
+    energy = {}
+    for name, cube in cubes.items():
+        starts = np.linspace(0, max(0, count - 8), SAMPLED).astype(int).tolist()
+        some = np.concatenate([cube.every(first, first + 8, EVERY) for first in starts])
+        energy[name] = float(np.square(np.abs(some - some.mean(axis=0) * fixed)).sum())
+    best = set(sorted(energy, key=lambda name: -energy[name])[:MOST_PARTS])
+    return [name for name in cubes if name in best], [cube for name, cube in cubes.items() if name in best]
+
+
+def _rows(velocity_mps: np.ndarray, axis: dict[str, Any]) -> slice:
+    first = int(np.abs(velocity_mps - axis["first"]).argmin())
+    return slice(first, first + int(axis["count"]))
+
+
+def _column(spectra: SpectraOfParts, column: int, *, whole: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Powers of the parts and products of each two of them [W], float32 (part, part, row), and their peaks (3, part)."""
+    cells = spectra.at(column)
+    if whole:  # the last one, in place of which the rest of it stands
+        cells[-1] -= cells[:-1].sum(axis=0)
+    flat = np.ascontiguousarray(cells.reshape(*cells.shape[:2], -1).swapaxes(0, 1)).view(np.float32)
+    peaks = spectra.peaks(column, cells) if spectra.fast.by_samples else np.full((3, len(cells)), np.nan, np.float32)
+    return np.moveaxis(flat @ flat.swapaxes(1, 2), 0, -1), peaks
+
+
+def _levels(every: np.ndarray, whole_db: np.ndarray) -> dict[str, Any]:
+    """Levels in 8 bits, and products of two parts, as numbers from 1 to 255 for -1..1, where they matter, cell by cell."""
+    powers = np.einsum("iijk->ijk", every)
+    levels_db = decibel(powers)
+    peak = max(float(levels_db.max()), float(whole_db.max()))
+    scaled = np.clip((np.maximum(levels_db, peak - LEVELS_DB) - peak + LEVELS_DB) * (255 / LEVELS_DB), 0, 255)
+    whole = np.clip((np.maximum(whole_db, peak - LEVELS_DB) - peak + LEVELS_DB) * (255 / LEVELS_DB), 0, 255)
+    counts = np.zeros(whole_db.shape, np.uint32)
+    cells, pairs = [], []
+    for first in range(len(every)):
+        for second in range(first + 1, len(every)):
+            low, high = np.minimum(levels_db[first], levels_db[second]), np.maximum(levels_db[first], levels_db[second])
+            matters = (low > peak - SHOWN_DB) & (high - low < APART_DB)
+            place = np.flatnonzero(matters)
+            common = every[first, second].ravel()[place] / np.sqrt(powers[first] * powers[second]).ravel()[place]
+            counts += matters
+            cells.append(place)
+            pairs.append(
+                np.stack([np.full(len(place), first), np.full(len(place), second), np.round(127 * common + 128)])
+            )
+    order = np.argsort(np.concatenate(cells), kind="stable")
+    one, other, common = np.concatenate(pairs, axis=1)[:, order].astype(np.uint8)
+    return {
+        "low_db": peak - LEVELS_DB, "high_db": peak, "levels": np.round(scaled).astype(np.uint8),
+        "whole": np.round(whole).astype(np.uint8), "counts": counts, "one": one, "other": other, "common": common,
+    }  # fmt: skip
+
+
+def coloured(splits: Sequence[dict[str, Any]]) -> None:
+    """Gives the parts of a page's recordings their colours, (part, 3): a body's segments their own, all others in turn."""
+    names = list(dict.fromkeys(name for each in splits for name in each["names"]))
+    segments = [name.rpartition(": ")[2] for name in names]
+    colours = dict.fromkeys((labels.STATIC, labels.BETWEEN, labels.UNLABELLED), REST)
+    colours |= {each["names"][-1]: REST for each in splits if each["others"]}
+    if len(set(segments)) == len(names):
+        own = zip(names, segments, strict=True)
+        colours |= {name: SEGMENT_COLOURS[each] for name, each in own if each in SEGMENT_COLOURS}
+    free = itertools.cycle(COLOURS)
+    colours |= {name: next(free) for name in names if name not in colours}
+    for split in splits:
+        found = [colours[name] for name in split["names"]]
+        split["colours"] = np.array([[int(each[k : k + 2], 16) for k in (1, 3, 5)] for each in found], np.uint8)
+
+
+def tints(model: Model, number: int, names: Sequence[str]) -> np.ndarray:
+    """The part of each vertex of a target, by its segment, its piece or the whole target; `NONE` where it has none."""
+    geometry, target = model.geometries[number], labels.target_names(model)[number]
+    solid = geometry.solid()
+    place = {name: k for k, name in enumerate(names)}
+    found = np.full(solid.vertices, place.get(target, NONE), np.uint8)
+    before = "" if len(model.modelled) == 1 else f"{target}: "
+    if isinstance(geometry, Ellipsoids):
+        owners = [place.get(before + name, found[0]) for name in labels.ellipsoid_names(model, number)]
+        return found if not owners else np.repeat(np.array(owners, np.uint8), solid.vertices // len(owners))
+    for face, segment in zip(solid.faces, labels.face_segments(model, number), strict=False):
+        found[face] = place.get(before + segment, found[face[0]])
+    return found
