@@ -1,18 +1,22 @@
-"""Headless Chromium without network and without a graphics card, driven over the DevTools protocol by a pipe."""
+"""Headless Chromium without network and without a graphics card, driven over the DevTools protocol by a pipe; what pages hold."""
 
 from __future__ import annotations
 
 import base64
 import json
 import os
+import re
 import select
 import shutil
 import subprocess
 import time
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
+
+import numpy as np
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = (
@@ -20,6 +24,8 @@ FLAGS = (
     "--disable-dev-shm-usage", "--host-resolver-rules=MAP * ~NOTFOUND", "--remote-debugging-pipe",
 )  # fmt: skip
 LONGEST_S = 60.0
+KINDS = {"u1": np.uint8, "u2": np.uint16, "u4": np.uint32, "f4": np.float32}
+"""Of arrays in a page."""
 TOLD = "Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded"
 """What a page says on its console."""
 
@@ -122,3 +128,25 @@ class Browser:
             {} if box is None else {"clip": {**dict(zip(("x", "y", "width", "height"), box, strict=True)), "scale": 1}}
         )
         return base64.b64decode(self.call("Page.captureScreenshot", format="png", **clip)["data"])
+
+
+def numbers(html: str) -> Any:
+    """What a page holds, with its arrays."""
+    meta, packed = (
+        re.findall(rf'<script id="{name}"[^>]*>(.*?)</script>', html, re.DOTALL)[0] for name in ("meta", "data")
+    )
+    data = zlib.decompress(base64.b64decode(packed))
+
+    def read(value: Any) -> Any:
+        if isinstance(value, list):
+            return [read(each) for each in value]
+        if not isinstance(value, dict):
+            return value
+        if "at" not in value:
+            return {name: read(each) for name, each in value.items()}
+        array = np.frombuffer(data, KINDS[value["kind"]], value["count"], value["at"]).copy()
+        if "deltas" in value:
+            return array.reshape(-1, value["deltas"]).cumsum(axis=0, dtype=np.uint16)
+        return array
+
+    return read(json.loads(meta))

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from t2d_rt.cli.experiments import Job, OfCompare, OfScene, SceneMaterial, radar_of, substitutes_of
+from t2d_rt.cli.experiments import Asked, Job, OfCompare, OfScene, SceneMaterial, radar_of, substitutes_of
 from t2d_rt.cli.options import Capture, Given, Reading, Samples, Signal, yaml_kind
 from t2d_rt.cli.output import check_picture, say, stem_of, write_picture
 from t2d_rt.core.errors import InputError
@@ -181,31 +181,51 @@ def _given(**values: Any) -> Given:
 
 
 def view(
-    files: list[str] | None = None, output: str | None = None, overwrite: bool = False, *, capture: Capture
-) -> None:
+    files: list[str] | None = None, output: str | None = None, overwrite: bool = False, *, given: Asked, capture: Samples,
+    signal: Signal, radar_is_named: bool = False,
+) -> None:  # fmt: skip
     """Writes one HTML file that shows a recording: body, room and paths in three dimensions beside spectrogram and maps, with one
-    time cursor. It needs no network and no other file.
+    time cursor, and its parts, where it has any. It needs no network and no other file.
 
-    files: a result (.zarr), or measured ADC samples (.npy, or .bin of a DCA1000); or two of them.
+    files: a result (.zarr), measured ADC samples (.npy, or .bin of a DCA1000), or a motion file or an experiment (.yaml), which is
+        simulated; or two of them.
     output: page to write (.html); by default it has the (first) RECORDING's name.
 
     examples:
       t2d-rt view walk.zarr                             # walk.html: body, room, paths and maps on one timeline, for any browser
       t2d-rt view ellipsoids.zarr mesh.zarr -o both.html  # two recordings side by side
       t2d-rt view capture.npy --radar my_radar.yaml       # the maps of a measured recording
+      t2d-rt view walk --split segment                    # simulates a motion; which limb makes that line?
     """
+    from t2d_rt.cli.simulations import recorded
     from t2d_rt.recording.read import load_recording
     from t2d_rt.view import MOST_RECORDINGS, Viewer, check_page, told
 
     sources = [Path(each) for each in files or ()]
     if not 1 <= len(sources) <= MOST_RECORDINGS:
         raise InputError(f"view takes one recording, or two to show side by side, got {len(sources)} names")
-    target = check_page(output or sources[0].with_suffix(".html"), overwrite=overwrite)
-    measured = [each for each in sources if each.suffix.lower() in (".npy", ".bin")]
+    recorded_before = sources[0].suffix.lower() in RECORDINGS
+    target = check_page(
+        output or (sources[0].with_suffix(".html") if recorded_before else f"{stem_of(sources[0])}.html"),
+        overwrite=overwrite,
+    )
+    measured = [each for each in sources if each.suffix.lower() in RECORDINGS[1:]]
+    simulated = [each for each in sources if each.suffix.lower() not in RECORDINGS]
+    first = next((each for each in sources if each not in simulated), sources[0])
     if not measured:
-        refuse(capture, f"measured samples, and {sources[0]} is a result, which holds its own radar")
-    recordings = [load_recording(each, **(capture if each in measured else {})) for each in sources]
-    titles = [f"{each.stem}: {told(known)}" for each, known in zip(sources, recordings, strict=True)]
+        refuse(capture, f"measured samples, and {first} is {'a motion' if simulated else 'a result'}")
+    if not simulated:
+        refuse([name for name in given if name != "radar"], f"a simulation, and {first} is a recording")
+        if radar_is_named and not measured:
+            refuse(["radar"], f"measured samples, and {first} is a result, which holds its own radar")
+    known = {**capture, **({"radar": radar_of(given)} if radar_is_named else {})}
+    recordings = [
+        recorded(Job.of(str(each), given), signal)
+        if each in simulated
+        else load_recording(each, **(known if each in measured else {})).processed(**signal)
+        for each in sources
+    ]
+    titles = [f"{each.stem}: {told(found)}" for each, found in zip(sources, recordings, strict=True)]
     viewer = Viewer(recordings, titles)
     viewer.save(target, overwrite=overwrite)
     say(f"wrote {target} ({len(viewer.html) / 1e6:.1f} MB)")

@@ -236,6 +236,8 @@ class ProductRows:
                 if piece.weights is None:
                     found[each.antenna] += total
                     continue
+                if not len(piece.theta):
+                    continue
                 key = each.antenna, piece.weights.tobytes() + piece.x.tobytes()
                 _, by_theta = summed.setdefault(key, (piece, {}))
                 for theta, one in zip(piece.theta.tolist(), total.reshape(len(piece.theta), -1), strict=True):

@@ -229,7 +229,7 @@ class Panel {
   made(speed) {  // lights the parts that make the cell of the spectrogram at that speed now, within 10 dB of the strongest, and lists them
     const found = this.split.shares(speed, state.time), { recording } = this;
     this.lit = new Set(found.parts.filter(each => each.level > found.parts[0].level - LIT_DB).map(each => each.part));
-    if (this.ghosts) this.paths = new Set([...recording.paths.keys()].filter(k => this.lit.has(this.split.names.indexOf(recording.paths[k].name))));
+    if (this.ghosts) this.paths = new Set([...recording.paths.keys()].filter(k => this.lit.has(this.split.partOf(recording.paths[k]))));
     else {
       const lit = new Set();
       for (const { owner, tint, first } of recording.targets) owner.forEach((k, i) => { if (this.lit.has(tint[i])) lit.add(first + k); });
@@ -259,7 +259,7 @@ class Panel {
 
   rows(paths) {
     const head = `<caption>Level: of 1 m² at the ${this.recording.standing ? "pelvis" : "middle"}, both orders (there and back) together, in all cells, against direct</caption><tr><th>path: out, back<th>level<th>range<th>speed</tr>`;
-    return head + paths.slice(0, MOST_ROWS).map(path => `<tr data-path="${path.number}" class="${this.paths.has(path.number) ? "lit" : ""}"><td><i class="order${Math.min(3, path.order)}" style="height:${Math.max(1, 4.5 + path.level / 8).toFixed(1)}px"></i>${safe(path.name)}<td>${decibels(path.level)}<td>${path.range.toFixed(2)} m<td>${fixed(path.speed, 2)} m/s</tr>`).join("") + "<tr><td>\u00a0</tr>".repeat(Math.max(0, Math.min(MOST_ROWS, this.recording.paths.filter(path => path.target == this.focus).length) - paths.length));
+    return head + paths.slice(0, MOST_ROWS).map(path => `<tr data-path="${path.number}" class="${this.paths.has(path.number) ? "lit" : ""}"><td><i class="order${Math.min(3, path.order)}" style="background:rgb(${hueOf(path, this).map(x => 255 * x)});height:${Math.max(1, 4.5 + path.level / 8).toFixed(1)}px"></i>${safe(path.name)}<td>${decibels(path.level)}<td>${path.range.toFixed(2)} m<td>${fixed(path.speed, 2)} m/s</tr>`).join("") + "<tr><td>\u00a0</tr>".repeat(Math.max(0, Math.min(MOST_ROWS, this.recording.paths.filter(path => path.target == this.focus).length) - paths.length));
   }
 
   marks(chart, time, paths) {
@@ -283,7 +283,8 @@ class Panel {
           if (before && low <= high && before[1] <= before[2]) { pen.moveTo(before[0], chart.py(before[1])); pen.lineTo(x, chart.py(low)); pen.lineTo(x, chart.py(high)); pen.lineTo(before[0], chart.py(before[2])); }
           before = now;
         }
-        pen.fill(); pen.globalAlpha = .85; pen.lineWidth = .08 * em;
+        if (!this.split || !state.tinted) pen.fill();  // which would hide the colours of parts
+        pen.globalAlpha = .85; pen.lineWidth = .08 * em;
         curve(part.slow, rate, shade, true); curve(part.fast, rate, shade, true); pen.globalAlpha = 1;
       };
       const ring = (x, y, shade, thick = 1.5) => { pen.lineWidth = thick; pen.strokeStyle = shade; pen.beginPath(); pen.arc(x, y, .5 * em, 0, 7); pen.stroke(); };
@@ -299,7 +300,7 @@ class Panel {
         const peaks = this.ghosts ? this.split.ghosts(time, chart.map.high_db - Number($("span").value) - 10) : [], inside = ({ range, speed }) => range > chart.span.x[0] && range < chart.span.x[1] && speed > chart.span.y[0] && speed < chart.span.y[1];
         const own = part => `rgb(${state.tinted ? this.split.rgb[part] : [255, 255, 255]})`, named = peaks.filter(each => inside(each) && (!this.lit.size || this.lit.has(each.part))).slice(0, MOST_GHOSTS);
         const marked = this.ghosts ? named.map(({ name, part, level, range, speed }) => ({ x: chart.px(range), y: chart.py(speed), shade: own(part), text: `${name}  ${fixed(level - peaks[0].level, 0)} dB` })) : shown.map(path => ({ x: chart.px(path.range), y: chart.py(this.folded(path.speed)), shade: colour(path.order), text: path.name }));
-        if (truth) for (const part of this.partsAt(time).filter(each => each.foot)) marked.push({ x: chart.px(part.range), y: chart.py(this.folded(part.speed)), shade: side(part), text: `${part.name}, middle` });
+        if (truth && !this.ghosts) for (const part of this.partsAt(time).filter(each => each.foot)) marked.push({ x: chart.px(part.range), y: chart.py(this.folded(part.speed)), shade: side(part), text: `${part.name}, middle` });
         const steep = ({ x, y }) => Math.atan2(y - top, left + width - x);
         marked.sort((a, b) => steep(a) - steep(b));  // so that few of the lines to the names cross
         const below = shown.length && this.folded(shown[0].speed) < 0;  // names stand in the corner where no echoes are

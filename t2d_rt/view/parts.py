@@ -24,27 +24,27 @@ if TYPE_CHECKING:
 
 MOST_PARTS = 22
 """Parts of a page; of more the strongest ones, and the rest of the recording as one."""
-COLUMNS_OF_PARTS = 4000
+COLUMNS_OF_PARTS = 2800
 """Columns of all parts together: of a long record fewer are kept than its spectrogram has."""
 LEVELS_DB = 80.0
 """Below the strongest cell of all, as far as levels are kept."""
-SHOWN_DB, APART_DB = 65.0, 30.0
+SHOWN_DB, APART_DB = 80.0, 50.0
 """Products of two parts are kept where both are that near to the strongest cell, and to one another."""
 SAMPLED, EVERY = 24, 16
 """Instants, and one of so many samples, by which the strongest parts are found."""
 NONE = 255
 """The number of no part."""
 COLOURS = (
-    "#e6194b", "#4fc3f7", "#ffe119", "#3cb44b", "#f58231", "#b07cff", "#42d4b0", "#f032e6", "#bfef45", "#fabed4", "#4363d8",
-    "#d2a679", "#00a5a5", "#ff8f80", "#a9a957", "#9fb6ff", "#c71585", "#7fbf7f", "#ffd8b1", "#aaffc3", "#8f6bb3", "#e0c341",
+    "#ff6b6b", "#4fc3f7", "#ffe119", "#3cb44b", "#f58231", "#b07cff", "#42d4b0", "#f032e6", "#bfef45", "#fabed4", "#7d9bff",
+    "#d2a679", "#1fc7c7", "#ff8f80", "#a9a957", "#9fb6ff", "#ff5fb0", "#7fbf7f", "#ffd8b1", "#aaffc3", "#b79be0", "#e0c341",
 )  # fmt: skip
 """Of the parts in their order, far apart for neighbours."""
 SEGMENT_COLOURS = {
     "head": "#f4f4f4", "neck": "#c9b8d6", "chest": "#9a8cff", "abdomen": "#6f79d8", "pelvis": "#c77dff",
     "left_upper_arm": "#d7ccb0", "left_forearm": "#c2a878", "left_hand": "#fff3b0",
     "right_upper_arm": "#a8d8d8", "right_forearm": "#5fb3b3", "right_hand": "#b8fff2",
-    "left_thigh": "#ff8fab", "left_shank": "#ff7a1a", "left_foot": "#ff3b30",
-    "right_thigh": "#8ce99a", "right_shank": "#22c55e", "right_foot": "#38a8ff",
+    "left_thigh": "#ff9ec4", "left_shank": "#f0412e", "left_foot": "#ff8c42",
+    "right_thigh": "#a6e88f", "right_shank": "#22c55e", "right_foot": "#56b4e9",
 }  # fmt: skip
 """Of a body's segments: its left leg in warm colours, its right one in cold ones."""
 REST = "#8a8f98"
@@ -121,31 +121,36 @@ def _column(spectra: SpectraOfParts, column: int, *, whole: bool) -> tuple[np.nd
 
 
 def _levels(every: np.ndarray, whole_db: np.ndarray) -> dict[str, Any]:
-    """Levels in 8 bits, and products of two parts, as numbers from 1 to 255 for -1..1, where they matter, cell by cell."""
+    """Levels in 16 bits, and products of two parts where they matter, cell by cell, as numbers from 1 to 65535 for -1..1."""
     powers = np.einsum("iijk->ijk", every)
-    levels_db = decibel(powers)
+    levels_db, amplitudes = decibel(powers), np.sqrt(powers, dtype=float)
     peak = max(float(levels_db.max()), float(whole_db.max()))
-    scaled = np.clip((np.maximum(levels_db, peak - LEVELS_DB) - peak + LEVELS_DB) * (255 / LEVELS_DB), 0, 255)
-    whole = np.clip((np.maximum(whole_db, peak - LEVELS_DB) - peak + LEVELS_DB) * (255 / LEVELS_DB), 0, 255)
     counts = np.zeros(whole_db.shape, np.uint32)
-    cells, pairs = [], []
-    for first in range(len(every)):
-        for second in range(first + 1, len(every)):
-            low, high = np.minimum(levels_db[first], levels_db[second]), np.maximum(levels_db[first], levels_db[second])
-            matters = (low > peak - SHOWN_DB) & (high - low < APART_DB)
-            place = np.flatnonzero(matters)
-            common = every[first, second].ravel()[place] / np.sqrt(powers[first] * powers[second]).ravel()[place]
-            counts += matters
-            cells.append(place)
-            pairs.append(
-                np.stack([np.full(len(place), first), np.full(len(place), second), np.round(127 * common + 128)])
-            )
-    order = np.argsort(np.concatenate(cells), kind="stable")
-    one, other, common = np.concatenate(pairs, axis=1)[:, order].astype(np.uint8)
+    cells, pairs = [np.zeros(0, int)], [np.zeros((3, 0))]
+    for first, second in itertools.combinations(range(len(every)), 2):
+        low, high = np.minimum(levels_db[first], levels_db[second]), np.maximum(levels_db[first], levels_db[second])
+        matters = (low > peak - SHOWN_DB) & (high - low < APART_DB)
+        place = np.flatnonzero(matters)
+        common = every[first, second].ravel()[place] / (amplitudes[first] * amplitudes[second]).ravel()[place]
+        counts += matters
+        cells.append(place)
+        pairs.append(np.stack([np.full(len(place), first), np.full(len(place), second), 32767 * common + 32768]))
+    one, other, common = np.concatenate(pairs, axis=1)[:, np.argsort(np.concatenate(cells), kind="stable")]
     return {
-        "low_db": peak - LEVELS_DB, "high_db": peak, "levels": np.round(scaled).astype(np.uint8),
-        "whole": np.round(whole).astype(np.uint8), "counts": counts, "one": one, "other": other, "common": common,
-    }  # fmt: skip
+        "low_db": peak - LEVELS_DB,
+        "high_db": peak,
+        "levels": _in_16_bits(levels_db, peak),
+        "whole": _in_16_bits(whole_db, peak),
+        "counts": counts,
+        "one": one.astype(np.uint8),
+        "other": other.astype(np.uint8),
+        "common": np.round(common.clip(1, 65535)).astype(np.uint16),
+    }
+
+
+def _in_16_bits(levels_db: np.ndarray, peak_db: float) -> np.ndarray:
+    """0 at `LEVELS_DB` below the peak and less, 65535 at it."""
+    return np.round(np.clip(levels_db - peak_db + LEVELS_DB, 0, LEVELS_DB) * (65535 / LEVELS_DB)).astype(np.uint16)
 
 
 def coloured(splits: Sequence[dict[str, Any]]) -> None:

@@ -256,9 +256,8 @@ class Room {
   colours(target, panel) {
     const found = new Float32Array(4 * MOST_PARTS), some = panel.parts.size > 0, { split, lit } = panel;
     if (this.tinted(target, panel)) {
-      const clear = k => split.on.has(k) && (!lit.size || lit.has(k));
       found.set([...OTHER.map(c => .5 * c), 1], 4 * (MOST_PARTS - 1));
-      split.rgb.forEach((own, k) => found.set(clear(k) ? [...own.map(c => c / 255), lit.size ? 2 : 1] : [.2, .21, .23, 1], 4 * k));
+      split.rgb.forEach((own, k) => found.set(!split.on.has(k) ? [.2, .21, .23, 1] : lit.has(k) ? [...own.map(c => c / 255), 2] : [...own.map(c => (lit.size ? .5 : 1) * c / 255), 1], 4 * k));
       return found;
     }
     this.recording.parts.slice(target.first, target.first + target.parts).forEach(({ side }, i) => {
@@ -340,8 +339,8 @@ class Room {
 
 function hueOf(path, { split, ghosts }) {  // of a path by its reflections, or by the part of the recording that came over it
   if (!ghosts || !state.tinted) return ORDERS[Math.min(3, path.order)];
-  const part = split.names.indexOf(path.name);
-  return split.rgb[part < 0 ? split.names.length - 1 : part].map(c => c / 255 * (split.on.has(part) ? 1 : .4));
+  const part = split.partOf(path);
+  return part < 0 ? [.3, .3, .3] : split.rgb[part].map(c => c / 255 * (split.on.has(part) ? 1 : .4));
 }
 
 function called(name, { surfaces, radar }) {  // a wall by where it is as seen from the radar, or by its axis; all else by its name

@@ -80,11 +80,9 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
     assert "gone.bvh does not exist" in refused("info", "gone.bvh")
     assert "empty.zarr does not hold a t2d-rt result" in refused("info", "empty.zarr")
     assert "motions come as .bvh" in refused("info", "file.zarr")
-    for command in ("view", "plot"):
-        said = refused(command, "walks")
-        assert (
-            "cannot read recording walks: there is none of that name; give the .zarr folder that simulate wrote" in said
-        )
+    sentence = "cannot read recording walks: there is none of that name; give the .zarr folder that simulate wrote"
+    assert sentence in refused("plot", "walks")
+    assert "no motion file 'walks' and no bundled motion of that name; did you mean walk?" in refused("view", "walks")
     np.save("frames.npy", np.zeros((64, 1, 32), np.complex64))
     assert "a radar's samples are no motion, load_recording reads them" in refused("paths", "frames.npy")
 

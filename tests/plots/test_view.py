@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import io
-import json
 import re
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,7 +13,7 @@ import pytest
 from PIL import Image
 
 import t2d_rt as t2d
-from browser import CHROMIUM, Browser
+from browser import CHROMIUM, Browser, numbers
 from command_line import Command
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError
@@ -26,7 +23,6 @@ from t2d_rt.types import MovingMesh, Radar
 from t2d_rt.view import Viewer, gather
 
 TABLE2 = Radar.preset("table2")
-KINDS = {"u1": np.uint8, "u2": np.uint16, "u4": np.uint32, "f4": np.float32}
 DARK = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed (apt-get install chromium)")
 
 
@@ -59,28 +55,6 @@ def page(viewer: Viewer, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "walk & turn.html"
     viewer.save(path)
     return path
-
-
-def numbers(html: str) -> Any:
-    """What a page holds, with its arrays."""
-    meta, packed = (
-        re.findall(rf'<script id="{name}"[^>]*>(.*?)</script>', html, re.DOTALL)[0] for name in ("meta", "data")
-    )
-    data = zlib.decompress(base64.b64decode(packed))
-
-    def read(value: Any) -> Any:
-        if isinstance(value, list):
-            return [read(each) for each in value]
-        if not isinstance(value, dict):
-            return value
-        if "at" not in value:
-            return {name: read(each) for name, each in value.items()}
-        array = np.frombuffer(data, KINDS[value["kind"]], value["count"], value["at"]).copy()
-        if "deltas" in value:
-            return array.reshape(-1, value["deltas"]).cumsum(axis=0, dtype=np.uint16)
-        return array
-
-    return read(json.loads(meta))
 
 
 # --- its numbers ----------------------------------------------------------------------------------------------------
