@@ -61,8 +61,9 @@ def gathered(recording: Recording) -> dict[str, Any]:
     if found["why_no_room"] is None:
         model = set_up_again(recording.experiment, recording.inputs).model
         found |= room(model, recording.accuracy or Accuracy())
-        for number, target in enumerate(found["targets"] if split else ()):
-            target["tint"] = tints(model, number, split.get("names", ()))
+        if split is not None:
+            for number, target in enumerate(found["targets"]):
+                target["tint"] = tints(model, number, split.get("names", ()))
     return found if split is None else {**found, "split": split}
 
 
