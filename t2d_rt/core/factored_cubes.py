@@ -220,8 +220,8 @@ class ProductRows:
                 first, last = max(start, each.start), min(start + matrix.shape[1], each.stop)
                 piece = each.rows(self._file, first, last).at(slice(None, None, every))
                 some = matrix[:, first - start : last - start]
-                turned = some if piece.phase is None else (some * piece.phase).astype(DTYPE)
-                found[:, each.antenna] += replace(piece, coefficients=turned @ piece.coefficients, phase=None).samples()
+                with_phase = some if piece.phase is None else (some * piece.phase).astype(DTYPE)
+                found[:, each.antenna] += replace(piece, coefficients=with_phase @ piece.coefficients, phase=None).samples()
         return found
 
     def column_sums(self) -> np.ndarray:
