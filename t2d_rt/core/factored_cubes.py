@@ -221,7 +221,9 @@ class ProductRows:
                 piece = each.rows(self._file, first, last).at(slice(None, None, every))
                 some = matrix[:, first - start : last - start]
                 with_phase = some if piece.phase is None else (some * piece.phase).astype(DTYPE)
-                found[:, each.antenna] += replace(piece, coefficients=with_phase @ piece.coefficients, phase=None).samples()
+                found[:, each.antenna] += replace(
+                    piece, coefficients=with_phase @ piece.coefficients, phase=None
+                ).samples()
         return found
 
     def column_sums(self) -> np.ndarray:
