@@ -67,6 +67,12 @@ class PartNames:
         """Most parts of segments and targets that there can be."""
         return len(self._names) + 3
 
+    def of_target(self, number: int, *, ellipsoids: bool) -> tuple[str, list[str]]:
+        """The part that a target is, and those of its faces, or of its ellipsoids, where they are split by segment."""
+        segments = self._segments[number]
+        names = segments.of_ellipsoids if ellipsoids else segments.of_faces
+        return self._names[number, ""], [self._names[number, each] for each in names]
+
     def of(self, labels: EchoLabels) -> np.ndarray:
         """The part that each of N echoes belongs to, names (N,)."""
         if self.split == "bounce":

@@ -171,14 +171,14 @@ def coloured(splits: Sequence[dict[str, Any]]) -> None:
 
 def tints(model: Model, number: int, names: Sequence[str]) -> np.ndarray:
     """The part of each vertex of a target, by its segment, its piece or the whole target; `NONE` where it has none."""
-    geometry, target = model.geometries[number], labels.target_names(model)[number]
-    solid = geometry.solid()
-    place = {name: k for k, name in enumerate(names)}
+    geometry = model.geometries[number]
+    solid, place = geometry.solid(), {name: k for k, name in enumerate(names)}
+    by_ellipsoid = isinstance(geometry, Ellipsoids)
+    target, parts = labels.PartNames("segment", model).of_target(number, ellipsoids=by_ellipsoid)
     found = np.full(solid.vertices, place.get(target, NONE), np.uint8)
-    before = "" if len(model.modelled) == 1 else f"{target}: "
-    if isinstance(geometry, Ellipsoids):
-        owners = [place.get(before + name, found[0]) for name in labels.ellipsoid_names(model, number)]
-        return found if not owners else np.repeat(np.array(owners, np.uint8), solid.vertices // len(owners))
-    for face, segment in zip(solid.faces, labels.face_segments(model, number), strict=False):
-        found[face] = place.get(before + segment, found[face[0]])
+    owners = np.array([place.get(name, found[0]) for name in parts], np.uint8)
+    if by_ellipsoid:
+        return np.repeat(owners, solid.vertices // len(owners)) if len(owners) else found
+    if len(owners) == len(solid.faces):
+        found[solid.faces] = owners[:, None]
     return found
