@@ -16,7 +16,7 @@ from t2d_rt.core.constants import decibel
 from t2d_rt.core.cubes import DiskCube
 from t2d_rt.pipeline import parts as labels
 from t2d_rt.pipeline.echo_model import Model
-from t2d_rt.signal.doppler import SpectraOfParts
+from t2d_rt.signal.parts import SpectraOfParts
 from t2d_rt.types import Ellipsoids
 
 if TYPE_CHECKING:
