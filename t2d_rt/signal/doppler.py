@@ -386,7 +386,6 @@ def _summed_powers(parts: Sequence[np.ndarray], starts: np.ndarray, weights: np.
 
 
 def check_combine(combine: str, all_bins: bool, fast: np.ndarray) -> None:
-    """Refuses other ways to combine range bins, and a coherent sum over all of them where the window lets next to nothing of it by."""
     """Refuses what is no way to combine range bins, and one whose sum the window sets to zero."""
     choice("combine", combine, ("noncoherent", "coherent"))
     if combine == "coherent" and all_bins and fast[0] < 1e-3 * fast.mean():
