@@ -266,7 +266,10 @@ def test_missing_llvm(refused: Callable[..., str], tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(backend, "_has_cuda", lambda: False)
     backend.require_llvm.cache_clear()
     try:
-        assert "install LLVM (Debian, Ubuntu: apt-get install libllvm19)" in refused("simulate", "walk.bvh", *QUICK)
+        assert (
+            "install LLVM (Debian, Ubuntu: apt-get install libllvm19; anywhere on x86-64: pip install 't2d-rt[llvm]')"
+            in refused("simulate", "walk.bvh", *QUICK)
+        )
     finally:
         backend.require_llvm.cache_clear()
 

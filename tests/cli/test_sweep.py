@@ -262,7 +262,7 @@ def test_a_sweep_tells_which_limb_is_hidden(by_segment: sweeps.Sweep) -> None:
     assert parts is not None
     single = t2d.run(t2d.Experiment(**{**FIELDS, "targets": [WALKER, NEAR]}), split="segment").parts.levels()
     beside = parts.isel(recording=1)
-    for name, whole in (("left_foot", "person: left_foot"), ("fan: fan piece 1", "fan: fan piece 1")):
+    for name, whole in (("left_foot", "person: left_foot"), ("fan: piece 1", "fan: piece 1")):
         for figure in ("level_db", "strongest_fraction"):
             assert float(beside[figure].sel(part=name)) == pytest.approx(
                 float(single[figure].sel(part=whole)), abs=1e-4
@@ -272,7 +272,7 @@ def test_a_sweep_tells_which_limb_is_hidden(by_segment: sweeps.Sweep) -> None:
     assert np.isnan(parts.level_db[0]).sum() == parts.sizes["part"] - 17  # no fan
     levels = parts.level_db.sel(part=limbs).values
     assert parts.level_difference_db.sel(part=limbs).values == pytest.approx(levels - levels[0])
-    assert np.isnan(beside.level_difference_db.sel(part="fan: fan piece 1"))
+    assert np.isnan(beside.level_difference_db.sel(part="fan: piece 1"))
     hidden = parts.strongest_fraction.sel(part=limbs).values
     assert (hidden[1] <= hidden[0] + 1e-6).all()  # what the fan adds is stronger in some cells
     assert (hidden[1] < hidden[0] - 0.1).any()
@@ -287,7 +287,7 @@ def test_the_table_and_the_picture_of_parts(by_segment: sweeps.Sweep) -> None:
     own = parts.isel(recording=1).sel(part="head")
     assert float(row["level_db"]) == pytest.approx(float(own.level_db), abs=1e-3)
     assert float(row["strongest_fraction"]) == pytest.approx(float(own.strongest_fraction), abs=1e-4)
-    assert [row["level_difference_db"] for row in rows if row["part"] == "fan: fan piece 1"] == [""]
+    assert [row["level_difference_db"] for row in rows if row["part"] == "fan: piece 1"] == [""]
     told = str(by_segment).splitlines()
     assert told[-1] == "and 1 weaker parts, which are in parts.csv"
     head = next(line.split() for line in told if line.startswith("head "))

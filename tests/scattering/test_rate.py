@@ -242,7 +242,7 @@ def test_a_jerk_between_the_short_records_counts() -> None:
 
 
 def test_a_stand_in_tells_of_a_body_too_large_to_be_probed_in_full() -> None:
-    motion = t2d.trim(t2d.load_motion(Path(__file__).parents[1] / "validation/motions/131_01.bvh.gz"), 1.0, 2.2)
+    motion = t2d.trim(t2d.load_motion(Path(__file__).parents[2] / "validation/motions/131_01.bvh.gz"), 1.0, 2.2)
     body, limbs = t2d.skin(motion), t2d.segments(motion)
     span_s = float(motion.times_s[0]), float(motion.times_s[-1])
     # A foot jerks at 21.8 m/s once in this recording; the spline of the whole asks for 225.
