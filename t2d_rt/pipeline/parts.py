@@ -101,7 +101,7 @@ class _Segments:
 
     @property
     def names(self) -> list[str]:
-        """Each once."""
+        """Names of the segments of faces and ellipsoids, each once, in their order."""
         return list(dict.fromkeys([*self.of_faces, *self.of_ellipsoids]))
 
     @classmethod

@@ -145,6 +145,43 @@ def stft(
     return np.moveaxis(spectra, -1, 0), frequency, (starts + n_window / 2) / prf_hz
 
 
+@dataclass(frozen=True, slots=True)
+class FastTime:
+    """What a spectrogram does to the samples of a chirp before slow time."""
+
+    window: str
+    weights: np.ndarray
+    """Of the samples (sample,)."""
+    bins: slice
+    coherent: bool
+    by_samples: bool
+    """Whether the powers of all bins are added, which are those of the weighted samples (Parseval)."""
+
+    @classmethod
+    def of(cls, radar: Radar, window: str, gate_m: tuple[float, float] | None, combine: str) -> FastTime:
+        """From options of `spectrogram`, which are checked."""
+        bins, weights = gate(radar.range_axis_m(), gate_m), taper(window, radar.samples)
+        every = bins == slice(0, radar.samples)
+        _check_combine(combine, every, weights)
+        return cls(window, weights, bins, combine == "coherent", every and combine == "noncoherent")
+
+    @property
+    def bandwidth_bins(self) -> float:
+        """The window's noise bandwidth, which a point's bins add up to; 1 where they are added before the STFT."""
+        return 1.0 if self.coherent else len(self.weights) * float(self.weights @ self.weights)
+
+    def cells(self, part: Any, step: int = 1) -> np.ndarray:
+        """Range bins of chirps (chirp, ..., bin), or the weighted samples that have the same power; of these only one in `step` was
+        given."""
+        if not self.by_samples:
+            return range_fft(part, window=self.window, bins=self.bins)
+        # Parseval: over all bins the powers add up to those of the samples, to which slow time does the same.
+        part = np.asarray(part)
+        some = slice(None, None, step) if step > 1 else weighed(self.weights)
+        part = part if step > 1 else part[..., some]
+        return part * (self.weights[some] * np.sqrt(step * len(self.weights))).astype(part.real.dtype)
+
+
 def spectrogram(
     adc: Any,
     radar: Radar,
@@ -216,41 +253,27 @@ def _spectrograms(
     pairs = [separated(each, radar) for each in cubes]
     cubes, radar = [cube for cube, _ in pairs], pairs[0][1]
     adc = cubes[0]
-    bins = gate(radar.range_axis_m(), range_gate_m)
-    fast = taper(range_window, radar.samples)
-    check_combine(combine, bins == slice(0, radar.samples), fast)
+    fast = FastTime.of(radar, range_window, range_gate_m, combine)
     burst = radar.loops_per_frame or adc.shape[0]
     n_window, overlap, n_fft = checked_windows(radar, adc.shape[0], *windows)
     starts = window_starts(adc.shape[0], burst, n_window, n_window - overlap)
 
     antennas = 1 if adc.ndim == 2 else adc.shape[1]
-    # The noise bandwidth is what a point's bins add up to.
-    bandwidth_bins = 1.0 if combine == "coherent" else radar.samples * float(fast @ fast)
     slow = taper(window, n_window, periodic=True)
     powers = []
 
-    all_bins, kept = combine == "noncoherent" and bins == slice(0, radar.samples), weighed(fast)
-
-    def cells_of(part: Any, step: int = 1) -> np.ndarray:
-        if all_bins:
-            # Parseval: over all bins the powers add up to those of the samples, to which slow time does the same.
-            part = np.asarray(part)
-            some = slice(None, None, step) if step > 1 else kept
-            part = part if step > 1 else part[..., some]
-            return part * (fast[some] * np.sqrt(step * radar.samples)).astype(part.real.dtype)
-        return range_fft(part, window=range_window, bins=bins)
-
+    cells_of: Callable[[Any], np.ndarray] = fast.cells
     step_of = None
-    if all_bins and len(cubes) == 1 and mti.method == "none":
+    if fast.by_samples and len(cubes) == 1 and mti.method == "none":
         step_of = partial(sample_step, adc, range_window)
-    elif all_bins and len(cubes) > 1:  # one step for all, because beats of one part meet those of the others
+    elif fast.by_samples and len(cubes) > 1:  # one step for all, because beats of one part meet those of the others
         step = _common_step(cubes, range_window)
         cubes = cubes if step == 1 else [_Thinned(each, step) for each in cubes]
-        cells_of = partial(cells_of, step=step)
+        cells_of = partial(fast.cells, step=step)
     pieces = [filtered(each, radar, starts, n_window, cells_of, mti, step_of) for each in cubes]
     for together in zip(*pieces, strict=True):
         first, columns, _ = together[0]
-        parts = [cells.sum(axis=-1, keepdims=True) if combine == "coherent" else cells for *_, cells in together]
+        parts = [cells.sum(axis=-1, keepdims=True) if fast.coherent else cells for *_, cells in together]
         powers.append(_summed_powers([each.reshape(len(each), -1) for each in parts], columns - first, slow, n_fft))
     power = np.concatenate(powers, axis=2)
     check_finite(power)
@@ -258,7 +281,7 @@ def _spectrograms(
         "velocity_mps": radar.speed_axis_mps(n_fft),
         "time_s": radar.chirp_starts_s(adc.shape[0])[starts] + n_window / 2 * radar.loop_interval_s,
     }
-    return [Spectrogram(power=ascending(each / (bandwidth_bins * antennas)), **axes) for each in power]
+    return [Spectrogram(power=ascending(each / (fast.bandwidth_bins * antennas)), **axes) for each in power]
 
 
 def _common_step(cubes: Sequence[Any], window: str) -> int:
@@ -385,7 +408,7 @@ def _summed_powers(parts: Sequence[np.ndarray], starts: np.ndarray, weights: np.
     return power.swapaxes(1, 2)
 
 
-def check_combine(combine: str, all_bins: bool, fast: np.ndarray) -> None:
+def _check_combine(combine: str, all_bins: bool, fast: np.ndarray) -> None:
     """Refuses what is no way to combine range bins, and one whose sum the window sets to zero."""
     choice("combine", combine, ("noncoherent", "coherent"))
     if combine == "coherent" and all_bins and fast[0] < 1e-3 * fast.mean():

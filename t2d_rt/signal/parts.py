@@ -14,49 +14,14 @@ from t2d_rt.core.cubes import DiskCube, column_sums
 from t2d_rt.core.factored_cubes import ProductRows
 from t2d_rt.signal.doppler import (
     PIECE,
-    check_combine,
+    FastTime,
     checked_windows,
     sample_step,
     spectrogram,
-    weighed,
     window_starts,
 )
-from t2d_rt.signal.range import gate, range_fft, taper
+from t2d_rt.signal.range import taper
 from t2d_rt.types.radar import Radar
-
-
-@dataclass(frozen=True, slots=True)
-class _FastTime:
-    """What `spectrogram` does to the samples of a chirp."""
-
-    window: str
-    weights: np.ndarray
-    bins: slice
-    coherent: bool
-    by_samples: bool
-    """Whether the powers of all bins are added, which are those of the weighted samples (Parseval)."""
-
-    @classmethod
-    def of(cls, radar: Radar, window: str, gate_m: tuple[float, float] | None, combine: str) -> _FastTime:
-        """From options of `spectrogram`, which are checked."""
-        bins, weights = gate(radar.range_axis_m(), gate_m), taper(window, radar.samples)
-        every = bins == slice(0, radar.samples)
-        check_combine(combine, every, weights)
-        return cls(window, weights, bins, combine == "coherent", every and combine == "noncoherent")
-
-    @property
-    def bandwidth_bins(self) -> float:
-        """The window's noise bandwidth, which a point's bins add up to; 1 where they are added before the STFT."""
-        return 1.0 if self.coherent else len(self.weights) * float(self.weights @ self.weights)
-
-    def cells(self, part: Any, step: int = 1) -> np.ndarray:
-        """Range bins of chirps, or the weighted samples that have the same power; of these only one in `step` was given."""
-        if not self.by_samples:
-            return range_fft(part, window=self.window, bins=self.bins)
-        part = np.asarray(part)
-        some = slice(None, None, step) if step > 1 else weighed(self.weights)
-        part = part if step > 1 else part[..., some]
-        return part * (self.weights[some] * np.sqrt(step * len(self.weights))).astype(part.real.dtype)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +30,7 @@ class SpectraOfParts:
 
     cubes: Sequence[Any]
     radar: Radar
-    fast: _FastTime
+    fast: FastTime
     starts: np.ndarray
     """First chirps of the columns' windows."""
     transform: np.ndarray
@@ -85,7 +50,7 @@ class SpectraOfParts:
         given = {name: each.default for name, each in inspect.signature(spectrogram).parameters.items()}
         given |= dict(processing)
         radar, chirps = radar.separated, len(cubes[0])
-        fast = _FastTime.of(radar, given["range_window"], given["range_gate_m"], given["combine"])
+        fast = FastTime.of(radar, given["range_window"], given["range_gate_m"], given["combine"])
         n_window, overlap, n_fft = checked_windows(radar, chirps, given["n_window"], given["overlap"], given["n_fft"])
         starts = window_starts(chirps, radar.loops_per_frame or chirps, n_window, n_window - overlap)
         most_step = min(sample_step(each, given["range_window"], 0, chirps) for each in cubes) if fast.by_samples else 1
