@@ -135,7 +135,7 @@ class Sweep:
         return [
             "level of each part [dB re 1 W] or its difference from the first [dB], the fraction where no part is stronger",
             *("".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows),
-            *([f"and {left_out} weaker parts, which are in {PARTS_TABLE}"] if left_out else []),
+            *([f"and {left_out} more, weaker, in {PARTS_TABLE}"] if left_out else []),
         ]
 
     def table(self) -> str:
