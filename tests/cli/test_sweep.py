@@ -289,7 +289,7 @@ def test_the_table_and_the_picture_of_parts(by_segment: sweeps.Sweep) -> None:
     assert float(row["strongest_fraction"]) == pytest.approx(float(own.strongest_fraction), abs=1e-4)
     assert [row["level_difference_db"] for row in rows if row["part"] == "fan: piece 1"] == [""]
     told = str(by_segment).splitlines()
-    assert told[-1] == "and 1 weaker parts, which are in parts.csv"
+    assert told[-1] == "and 1 more, weaker, in parts.csv"
     head = next(line.split() for line in told if line.startswith("head "))
     assert head[1] == f"{float(parts.level_db.sel(part='head')[0]):.1f}"
     assert head[3] == f"{float(own.level_difference_db):+.1f}"
