@@ -111,6 +111,8 @@ def unknown_name(noun: str, value: Any, known: Collection[str], *, hint: str = "
     unknown fruit 'Aple'; did you mean apple?
     >>> print(unknown_name("fruit", "nut", ["apple", "pear"], hint=", or grow one"))
     unknown fruit 'nut'; choose one of apple, pear, or grow one
+    >>> print(unknown_name("path pair", "wall", ["direct", "floor, left"]))
+    unknown path pair 'wall'; choose one of direct; floor, left
     """
     return InputError(f"unknown {noun} {shown(value)}; {names_advice(value, known, hint=hint)}")
 
@@ -119,7 +121,8 @@ def names_advice(value: Any, known: Collection[str], *, hint: str = "") -> str:
     """End of a sentence about a name that is not known: the one that it is close to, or else all of them and the hint."""
     plain = {_plain_name(each): each for each in known}
     close = difflib.get_close_matches(_plain_name(str(value)[:LONGEST_NAME]), plain, n=1)
-    return f"did you mean {plain[close[0]]}?" if close else f"choose one of {', '.join(known)}{hint}"
+    apart = "; " if any("," in each for each in known) else ", "
+    return f"did you mean {plain[close[0]]}?" if close else f"choose one of {apart.join(known)}{hint}"
 
 
 def _plain_name(name: str) -> str:

@@ -102,7 +102,7 @@ def test_switched_paths_are_recorded_and_made_again(tmp_path: Path) -> None:
     ("options", "sentence"),
     [
         ({"only_paths": ["direct, flor"]}, r"only_paths: unknown path pair 'direct, flor'; did you mean direct, floor\?"),
-        ({"without_paths": ["stairs"]}, "without_paths: unknown path pair 'stairs'; choose one of direct, direct, left"),
+        ({"without_paths": ["stairs"]}, "without_paths: unknown path pair 'stairs'; choose one of direct; direct, left"),
         ({"only_paths": ["*wall*"]}, r"only_paths: unknown path pair '\*wall\*'"),
         ({"only_paths": ["direct"], "without_paths": ["d*"]}, "leave no path pair, and so no echo; keep one of direct"),
         ({"only_paths": []}, "only_paths is empty; give at least one"),

@@ -13,8 +13,8 @@ import t2d_rt as t2d
 from browser import CHROMIUM, Browser, numbers
 from command_line import Command
 from t2d_rt.recording.recording import Recording
-from t2d_rt.signal.parts import mean_chirp
 from t2d_rt.view import parts
+from t2d_rt.view.parts import mean_chirp
 
 DARK = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed (apt-get install chromium)")
 STEP_DB = 2e-3

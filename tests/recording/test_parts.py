@@ -31,6 +31,11 @@ def piece(start_s: float = 1.0, stop_s: float = 1.3) -> t2d.Motion:
     return t2d.place(t2d.trim(walk(), start_s, stop_s), distance_m=3.0)
 
 
+def still_ball() -> t2d.MovingMesh:
+    shape = ball((3.0, 0.5, 1.0))
+    return t2d.MovingMesh(shape.vertices[[0, 0]], shape.faces, np.array([0.0, 0.3]), material="pec", name="ball")
+
+
 def total(recording: t2d.Recording) -> np.ndarray:
     return np.sum([np.asarray(each, np.complex128) for each in recording.parts.cubes.values()], axis=0)
 
@@ -46,6 +51,8 @@ CASES: dict[str, Any] = {
     "two bounces": ("bounce", lambda: [ball((3.0, 0.0, 1.0)), ball((3.1, 0.5, 1.0))], {"bounces": 2}, 2),
     "transmitters in turn": ("segment", piece, {"radar": RADAR.replace(prf_hz=12e3, multiplexing="tdm", **PAIR)}, 17),
     "transmitters by Doppler": ("segment", piece, {"radar": RADAR.replace(prf_hz=24e3, multiplexing="ddm", **PAIR)}, 17),
+    "some of the paths": ("segment", piece, {"scene": small_room(), "only_paths": ["direct", "*left*"]}, 18),
+    "what stands still": ("segment", lambda: [still_ball(), piece()], {}, 18),
 }  # fmt: skip
 
 
@@ -58,6 +65,15 @@ def test_parts_add_up_to_what_is_recorded_without_them(case: str) -> None:
     assert nmse_db(found.cube, plain.cube) < -120
     assert nmse_db(total(found), plain.cube) < -120
     assert not plain.parts
+
+
+def test_noise_is_in_no_part() -> None:
+    """The parts add up to what the targets return; the receiver's noise is in the recording alone."""
+    options: dict[str, Any] = {"radar": RADAR, "method": "ellipsoid", "split": "segment"}
+    noisy = t2d.simulate(piece(), noise="receiver", **options)
+    plain = t2d.simulate(piece(), **options)
+    assert nmse_db(noisy.cube, plain.cube) > -30
+    np.testing.assert_array_equal(total(noisy), total(plain))
 
 
 @pytest.fixture(scope="module")
