@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -99,10 +100,12 @@ def test_parrad_reads_labels_that_are_bytes(tmp_path: Path) -> None:
     assert read_real(path, "parrad", AdapterOptions(classes=CLASSES)).maps.counts.tolist() == [4, 2, 2]
 
 
-def radhar(folder: Path, name: str, speed: float, frames: int = 45) -> None:
+def radhar(folder: Path, name: str, speed: float, frames: int = 45, speeds: Sequence[float] = ()) -> None:
+    """Two points a frame; `speeds` are those of the frames' points in place of one."""
     folder.mkdir(parents=True, exist_ok=True)
     lines = []
     for frame in range(frames):
+        speed = speeds[frame % len(speeds)] if speeds else speed
         for point in range(2):
             lines += [
                 "header: ", "  stamp: ", f"    secs: {1000 + frame // 10}", f"    nsecs: {frame % 10 * 100_000_000}",
@@ -122,7 +125,7 @@ def test_point_clouds_give_windows_of_power_over_speed_and_time(tmp_path: Path) 
     for level, label in zip(maps.levels, maps.labels, strict=True):
         speed = maps.velocity_mps[np.unravel_index(np.argmax(level), level.shape)[0]]
         assert abs(speed - (1.0 if label == 1 else -2.0)) <= 0.25
-    with pytest.raises(InputError, match=r"points of up to 2 m/s, the axis ends at 1\.5 m/s; raise speed_mps"):
+    with pytest.raises(InputError, match=r"up to 2 m/s, 50 % of them beyond the axis of 1\.5 m/s; raise speed_mps"):
         read_real(tmp_path, "radhar", replace(options, speed_mps=1.5))
     radhar(tmp_path / "walk", "c.txt", -1.0, frames=15)
     with pytest.warns(T2DWarning, match=r"1 of 3 files of .* are shorter than a map of 2 s and give none"):
@@ -141,6 +144,28 @@ def test_point_clouds_give_windows_of_power_over_speed_and_time(tmp_path: Path) 
         read_real(tmp_path, "radhar", options)
 
 
+def test_single_points_beyond_the_axis_are_counted_and_left_out(tmp_path: Path) -> None:
+    radhar(tmp_path / "walk", "a.txt", 0.0, frames=1500, speeds=[*[-1.0] * 1499, -31.0])
+    radhar(tmp_path / "jack", "b.txt", 2.0)
+    options = AdapterOptions(size=(32, 16), speed_mps=4.0, duration_s=2.0)
+    with pytest.warns(T2DWarning, match=r"2 of 3090 points of .* are faster than 4 m/s and were left out"):
+        maps = read_real(tmp_path, "radhar", options).maps
+    assert maps.counts.tolist() == [2, 74]
+
+
+def test_points_fill_the_doppler_cells_of_their_device(tmp_path: Path) -> None:
+    """Of a device that tells multiples of 0.6 m/s no row between two of its speeds is empty."""
+    speeds = (0.6 * np.arange(-4, 5)).round(3).tolist()
+    radhar(tmp_path / "walk", "a.txt", 0.0, speeds=speeds)
+    radhar(tmp_path / "jack", "b.txt", 1.2)
+    options = AdapterOptions(size=(64, 8), speed_mps=3.2, duration_s=2.0)
+    maps = read_real(tmp_path, "radhar", options).maps
+    level = (10 ** (maps.levels[maps.labels == 1] / 10)).mean(axis=(0, 2))
+    speed = np.abs(maps.velocity_mps)
+    assert level[speed < 2.55].min() > 0.3 * level.max()
+    assert level[speed > 2.8].max() < 1e-3
+
+
 @pytest.mark.parametrize("adapter", ["png", "ci4r"])
 def test_pictures_are_read_by_colour(tmp_path: Path, adapter: str) -> None:
     import matplotlib
@@ -157,6 +182,11 @@ def test_pictures_are_read_by_colour(tmp_path: Path, adapter: str) -> None:
     assert len(maps) == 2
     expected = 45.0 * (levels[::-1] - 1.0)
     assert np.abs(maps.levels[0] - expected).max() < 0.5
+    if adapter == "png":
+        coloured = (matplotlib.colormaps["viridis"](levels) * 255).astype(np.uint8)[:, :, :3]
+        Image.fromarray(coloured).save(tmp_path / "walk" / "1.png")
+        with pytest.raises(InputError, match=r"1\.png is in colours, whose grey does not tell the level"):
+            read_real(tmp_path, adapter, options)
     if adapter == "ci4r":
         Image.fromarray(np.full((24, 16, 3), 255, np.uint8)).save(tmp_path / "walk" / "1.png")
         with pytest.raises(InputError, match="not those of the colour map jet"):

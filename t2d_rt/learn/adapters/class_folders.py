@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -13,10 +15,14 @@ from t2d_rt.core.files import read_bytes
 from t2d_rt.learn.adapters.interface import MAX_BYTES, Adapter, AdapterOptions, Piece, class_of, files_below, maps_from
 from t2d_rt.learn.maps import LabelledMaps
 
+LUMA = np.array([0.299, 0.587, 0.114])
+"""Of grey, by red, green and blue (ITU-R BT.601)."""
 ENDINGS = ".png", ".jpg", ".jpeg", ".bmp"
 MAX_CELLS = 16_000_000
 COLOUR_ERROR = 60.0
 """Greatest mean distance of a picture's colours from the colour map, of 442 between black and white; JPEG stays far below."""
+MOST_CHROMA = 16.0
+"""Greatest mean difference between the channels of a grey picture, of 255; JPEG stays below."""
 
 
 def read_pictures(path: Path, options: AdapterOptions, *, colours: str) -> tuple[LabelledMaps, list[Path]]:
@@ -40,13 +46,18 @@ def _fractions(path: Path, colours: str) -> np.ndarray:
         with Image.open(path) as picture:
             if picture.width * picture.height > MAX_CELLS:
                 raise InputError(f"{path} has {picture.width} x {picture.height} pixels; {MAX_CELLS} are read at most")
-            if colours == "grey":
-                return np.asarray(picture.convert("L"), dtype=np.float64) / 255.0
             pixels = np.asarray(picture.convert("RGB"), dtype=np.float64)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"cannot read picture {path}: {error or type(error).__name__}; leave it out") from None
+    if colours == "grey":
+        if float(np.ptp(pixels, axis=2).mean()) > MOST_CHROMA:
+            raise InputError(
+                f"{path} is in colours, whose grey does not tell the level; read pictures in the colour map jet with ci4r, and "
+                "save others in grey"
+            )
+        return np.asarray(pixels @ LUMA, dtype=np.float64) / 255.0
     import matplotlib
     from scipy.spatial import KDTree
 
@@ -74,6 +85,10 @@ PNG = Adapter(
 
 
 POINT_FIELD = re.compile(r"^\s*(point_id|velocity|intensity|secs|nsecs):\s*(\S+)", re.MULTILINE)
+MOST_OUTLIERS = 1e-3
+"""Fraction of points beyond the axis up to which they are left out: single wrong ones are in every long recording."""
+FEWEST_SPEEDS = 8
+"""Different speeds by which the distance of a device's Doppler cells is known."""
 LONGEST_S = 86_400.0
 """Longest time that the stamps of one file may span; a wrong stamp would make millions of empty windows."""
 EMPTY_CELL = 1e-6
@@ -83,38 +98,68 @@ EMPTY_CELL = 1e-6
 def read_point_clouds(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[Path]]:
     """A map for every `duration_s` of every file that has points: their power over speed and time. The class is the file's folder.
 
-    Speed is taken as positive = receding, as the devices of these files tell the rate of range, and turned round.
+    Speed is taken as positive = receding, as the devices of these files tell the rate of range, and turned round. A point stands
+    for all speeds of the device's Doppler cell. Single points beyond `speed_mps` are counted and left out.
     """
     files = files_below(path, (".txt",), "point clouds")
+    clouds = {each: _points(each) for each in files if class_of(each.parent.name, options) is not None}
+    rows = _Rows.of([speed for _, speed, _ in clouds.values()], options, path)
     pieces: list[Piece] = []
     short = 0
-    for each in files:
-        label = each.parent.name
-        if class_of(label, options) is None:
-            continue
-        time_s, speed, power = _points(each)
-        beyond = float(np.abs(speed).max())
-        if beyond > options.speed_mps:
-            raise InputError(
-                f"{each} has points of up to {beyond:.3g} m/s, the axis ends at {options.speed_mps:g} m/s; raise speed_mps"
-            )
+    for each, (time_s, speed, power) in clouds.items():
         short += int(time_s[-1] - time_s[0] < options.duration_s)
+        event = each.relative_to(path).as_posix()
         for number in range(int((time_s[-1] - time_s[0]) / options.duration_s)):
-            first = time_s[0] + number * options.duration_s
-            inside = (time_s >= first) & (time_s < first + options.duration_s)
-            ends = (-options.speed_mps, options.speed_mps), (0.0, options.duration_s)
-            cells, _, _ = np.histogram2d(
-                speed[inside], time_s[inside] - first, bins=options.size, weights=power[inside], range=ends
-            )
+            after_s = time_s - time_s[0] - number * options.duration_s
+            inside = (after_s >= 0) & (after_s < options.duration_s)
+            cells = rows.powers(speed[inside], after_s[inside], power[inside], options)
             if cells.any():
-                event = each.relative_to(path).as_posix()
-                pieces.append(Piece(cells + EMPTY_CELL, label, f"{event} {number}", {"event": event}))
+                pieces.append(Piece(cells + EMPTY_CELL, each.parent.name, f"{event} {number}", {"event": event}))
     if short:
         warn(
             f"{short} of {len(files)} files of {path} are shorter than a map of {options.duration_s:g} s and give none; "
             "lower duration_s"
         )
     return maps_from(pieces, options, path, [each.parent.name for each in files]), files
+
+
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """Rows of maps over speed that are filled by points of a device whose Doppler cells may be wider."""
+
+    step_mps: float
+    """Distance of the speeds that the device tells [m/s]; 0 where they are continuous."""
+    edges_mps: np.ndarray
+    """Of the rows, (row + 1,)."""
+
+    @classmethod
+    def of(cls, speeds: Sequence[np.ndarray], options: AdapterOptions, path: Path) -> _Rows:
+        """For points of these speeds [m/s]; refuses those of which too many lie beyond the axis."""
+        every = np.concatenate([*speeds, [0.0]])
+        beyond = np.abs(every) > options.speed_mps
+        if beyond.mean() > MOST_OUTLIERS:
+            raise InputError(
+                f"{path} has points of up to {np.abs(every).max():.3g} m/s, {100 * beyond.mean():.2g} % of them beyond the axis of "
+                f"{options.speed_mps:g} m/s; raise speed_mps"
+            )
+        if beyond.any():
+            warn(
+                f"{int(beyond.sum())} of {len(every) - 1} points of {path} are faster than {options.speed_mps:g} m/s and were left "
+                "out; raise speed_mps if they are no errors"
+            )
+        told = np.unique(np.round(every[~beyond], 6))
+        step = float(np.diff(told).min()) if len(told) >= FEWEST_SPEEDS else 0.0
+        whole = np.abs(told / step - np.round(told / step)).max() < 0.1 if step > 0 else False
+        return cls(step if whole else 0.0, np.linspace(-options.speed_mps, options.speed_mps, options.size[0] + 1))
+
+    def powers(self, speed: np.ndarray, time_s: np.ndarray, power: np.ndarray, options: AdapterOptions) -> np.ndarray:
+        """Power of points in each cell of a map (speed, time); that of each point is spread over its Doppler cell."""
+        columns = np.minimum((time_s * options.size[1] / options.duration_s).astype(int), options.size[1] - 1)
+        half = max(self.step_mps, 1e-9) / 2
+        below = np.clip((self.edges_mps[:, None] - speed + half) / (2 * half), 0, 1)
+        found = np.zeros((options.size[1], options.size[0]))
+        np.add.at(found, columns, (np.diff(below, axis=0) * power).T)
+        return found.T
 
 
 def _points(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
