@@ -280,6 +280,7 @@ def _ellipsoids(
         phase_from=model.phase_from,
         views=views,
         target=number,
+        at_instants=preparation.at_instants,
     )
 
 

@@ -254,7 +254,7 @@ def _unblocked(
 ) -> dict[PathKey, Fraction]:
     """Fraction of the field that the scene does not block, by one-way path."""
     by_key = {path.key: path for path in paths}
-    return {key: over.over(path, scene, in_the_mean=fast_rotating) for key, path in by_key.items()}
+    return dict(zip(by_key, over.over(list(by_key.values()), scene, in_the_mean=fast_rotating), strict=True))
 
 
 def _ends(pair: PathPair | None) -> Iterator[tuple[int, OneWayPath | None]]:

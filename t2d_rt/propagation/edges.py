@@ -5,13 +5,15 @@ It fades with the free fraction of the rays that fill the first Fresnel zone alo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from operator import methodcaller
+from typing import NamedTuple
 
 import numpy as np
 
+from t2d_rt.core.memory import blocks
 from t2d_rt.propagation.images import unfolded_vertices
 from t2d_rt.propagation.mirrors import OUTLINE_M, SKIN_M, Mirrors
 from t2d_rt.types import OneWayPath
@@ -122,47 +124,67 @@ class Edges:
 
     def fraction(self, path: OneWayPath, points: np.ndarray) -> np.ndarray:
         """Fraction of the path's field that reaches points (..., 3) m, float32 (...)."""
+        return self.fractions([path], points)[0]
+
+    def fractions(self, paths: Sequence[OneWayPath], points: np.ndarray) -> np.ndarray:
+        """Fraction of the fields of P paths that reaches points (..., 3) m, float32 (P, ...)."""
         flat = points.reshape(-1, 3)
         corner, cell = np.unique(_codes(flat), return_inverse=True)
-        found, near, rims = self._cells((_places(corner) + 0.5) * CELL_M, path)
-        fraction = found[cell]
-        doubtful = np.flatnonzero(np.isnan(fraction))
-        for first in range(0, len(doubtful), POINTS_AT_ONCE):
-            some = doubtful[first : first + POINTS_AT_ONCE]
-            fraction[some] = self._points(flat[some], near[:, cell[some]], rims[:, cell[some]], path)
-        return fraction.reshape(points.shape[:-1])
+        centres = (_places(corner) + 0.5) * CELL_M
+        found = np.empty((len(paths), len(flat)), np.float32)
+        lengths = np.array([len(path.chain) for path in paths])
+        for length in np.unique(lengths):
+            rows = np.flatnonzero(lengths == length)
+            for some in blocks(rows, len(centres) * (length + 1) * len(self.normals)):
+                found[some] = self._together([paths[row] for row in some.tolist()], flat, centres, cell)
+        return found.reshape(-1, *points.shape[:-1])
 
-    def _points(self, points: np.ndarray, near: np.ndarray, rims: np.ndarray, path: OneWayPath) -> np.ndarray:
-        """Of points (P, 3): pieces of their paths that have something `near` (S, P), mirrors met near their `rims` (m, P)."""
-        asked, stops = unfolded_vertices(path, points)
-        fraction = np.zeros(len(points), np.float32)
+    def _together(
+        self, paths: Sequence[OneWayPath], points: np.ndarray, centres: np.ndarray, cell: np.ndarray
+    ) -> np.ndarray:
+        """Those of paths of equal length at points (Q, 3) in cells (Q,) with centres (C, 3), (P, Q)."""
+        of_cells = _Courses.of(paths, [centres] * len(paths))
+        known, near, rims = self._cells(of_cells)
+        fraction = known.reshape(len(paths), -1)[:, cell]
+        path, point = np.nonzero(np.isnan(fraction))
+        for first in range(0, len(path), POINTS_AT_ONCE):
+            of, some = (each[first : first + POINTS_AT_ONCE] for each in (path, point))
+            place = of * len(centres) + cell[some]
+            courses = _Courses.of(paths, [points[some[of == number]] for number in range(len(paths))])
+            fraction[of, some] = self._points(courses, near[:, place], rims[:, place])
+        return fraction
+
+    def _points(self, courses: _Courses, near: np.ndarray, rims: np.ndarray) -> np.ndarray:
+        """Of courses: their pieces that have something `near` (S, N), mirrors met near their `rims` (m, N)."""
+        asked = courses.good
+        fraction = np.zeros(len(asked), np.float32)
         for places in (FEW, MANY):
             if asked.any():
                 # In float32: a wavelength is 4 mm.
-                some = np.stack([self.mirrors.local(stop[asked]) for stop in stops]).astype(np.float32)
-                fraction[asked] = self._free_rays(some, near[:, asked], rims[:, asked], places, path.elements.mirror)
+                some = self.mirrors.local(courses.stops_m[:, asked]).astype(np.float32)
+                fraction[asked] = self._free_rays(some, near[:, asked], rims[:, asked], places, courses.chain[:, asked])
             asked = (fraction > 0) & (fraction < 1)
         return fraction
 
     def _free_rays(
         self, stops: np.ndarray, near: np.ndarray, rims: np.ndarray, places: np.ndarray, chain: np.ndarray
     ) -> np.ndarray:
-        """The free fraction of the rays around paths (stop, P, 3), `local` to the mirrors, (P,).
+        """The free fraction of the rays around courses (stop, N, 3), `local` to the mirrors, over a chain (m, N): (N,).
 
         A plane that both ends of a straight part stand before cuts no path from one to the other, and what it reflects has an image
         of its own: rays bent into it are left out.
         """
-        pieces, used = _pieces(chain), [self.mirrors.each[number] for number in chain]
+        pieces = _pieces(len(chain))
         offsets_m = self.offsets_m
         if self.mirrors.origin_m is not None:
             offsets_m = offsets_m - self.normals @ self.mirrors.origin_m
         rays = bundle(stops, self.wavelength_m, places, pieces)
-        for k, mirror in enumerate(used):  # from the cross-section on to the mirror's plane
-            ahead, normal = stops[k + 1] - stops[k], mirror.normal.astype(np.float32)
-            towards = ahead @ normal
+        for k, number in enumerate(chain):  # from the cross-section on to the mirror's plane
+            ahead, normal = stops[k + 1] - stops[k], self.normals[number].astype(np.float32)
+            towards = np.einsum("ni,ni->n", ahead, normal)
             # Where two mirrors meet the path between them has no length, and so no direction: its rays stay where they are.
             towards = np.where(np.abs(towards) > NO_LENGTH_M, towards, np.float32(np.inf))
-            height = ((rays[k, -1] - stops[k + 1, :, None]) @ normal) / towards[:, None]
+            height = np.einsum("nri,ni->nr", rays[k, -1] - stops[k + 1, :, None], normal) / towards[:, None]
             rays[k, -1] = rays[k + 1, 0] = rays[k, -1] - height[..., None] * ahead[:, None]
         fate = np.zeros((len(near), *rays.shape[2:4]), np.int8)
         piece, point = np.nonzero(near)
@@ -177,9 +199,11 @@ class Edges:
             )
             parted = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > SKIN_M)
             fate[piece, point, ray] = np.where(parted, STOPPED, LEFT_OUT)
-        for k, mirror in enumerate(used):
-            some, after_it = np.flatnonzero(rims[k]), fate[pieces * (k + 1)]
-            after_it[some] = np.where(mirror.holds(self.mirrors.world(rays[k, -1, some])), after_it[some], STOPPED)
+        for k, number in enumerate(chain):
+            after_it = fate[pieces * (k + 1)]
+            for mirror, some in _by_mirror(number, rims[k]):
+                held = self.mirrors.each[mirror].holds(self.mirrors.world(rays[k, -1, some]))
+                after_it[some] = np.where(held, after_it[some], STOPPED)
         # What happens to a ray first counts.
         first = np.take_along_axis(fate, np.argmax(fate > 0, axis=0)[None], axis=0)[0]
         return np.asarray((first == 0).sum(axis=1) / np.maximum((first != LEFT_OUT).sum(axis=1), 1))
@@ -198,44 +222,52 @@ class Edges:
         distance, mirror = self.mirrors.first_of_local(starts + skin[..., None] * ahead, ahead, length - skin - other)
         return np.isfinite(distance), mirror
 
-    def _cells(self, centres: np.ndarray, path: OneWayPath) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The fraction in all of a cell where no ray is needed to know it, else NaN, float32 (C,); which pieces of paths to it
-        may meet something, bool (S, C); which mirrors of the chain may be met outside, bool (m, C)."""
-        (good, found), chain = unfolded_vertices(path, centres), path.elements.mirror
-        stops = np.stack(found)
-        middle, fraction, radius = zone(stops, self.wavelength_m, _pieces(chain))
+    def _cells(self, courses: _Courses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of courses to cells' centres: the fraction in all of the cell where no ray is needed to know it, else NaN, float32 (N,);
+        which pieces of paths to it may meet something, bool (S, N); which mirrors of the chain may be met outside, bool (m, N)."""
+        good, stops, chain = courses.good, courses.stops_m, courses.chain
+        middle, fraction, radius = zone(stops, self.wavelength_m, _pieces(len(chain)))
         # Points of the cell lie in a ball around its centre. Seen from the antenna's image, paths to them lie within a cone, whose
         # radius grows with the fraction of the path that is done; the rays of each fill the zone's radius beyond that.
         wide = fraction * (CELL_M * np.sqrt(3) / 2)
-        dark, rims = np.zeros(len(centres), bool), np.zeros((len(chain), len(centres)), bool)
+        dark, rims = np.zeros(len(good), bool), np.zeros(chain.shape, bool)
         for k, number in enumerate(chain):
-            mirror, ahead = self.mirrors.each[number], stops[k + 1] - stops[k]
+            ahead = stops[k + 1] - stops[k]
             # On a plane that is met at a slant, a cone's cross-section is as much longer.
-            aslant = np.linalg.norm(ahead, axis=1) / np.maximum(np.abs(ahead @ mirror.normal), 1e-9)
+            towards = np.abs(np.einsum("ni,ni->n", ahead, self.normals[number]))
+            aslant = np.linalg.norm(ahead, axis=1) / np.maximum(towards, 1e-9)
             for at in ((k, -1), (k + 1, 0)):
                 wide[at] *= aslant
                 radius[at] *= aslant
-            rims[k] = _distance(stops[k + 1], self.outlines_m[number]) < wide[k, -1] + radius[k, -1]
-            dark |= ~mirror.holds(stops[k + 1]) & ~rims[k]
-        parting = self._parting(stops, wide[:, -1], chain)
+            within = wide[k, -1] + radius[k, -1]
+            for mirror, some in _by_mirror(number):
+                here = stops[k + 1, some]
+                rims[k, some] = _distance(here, self.outlines_m[mirror]) < within[some]
+                dark[some] |= ~self.mirrors.each[mirror].holds(here) & ~rims[k, some]
+        live = np.flatnonzero(~dark)
+        parting = self._parting(stops[:, live], wide[:, -1, live], chain[:, live])
         # Near a rim any plane may have rays left out, but for the mirror itself.
-        asked = (parting | np.asarray(rims.any(axis=0))[:, None]) & ~dark[:, None]
-        for k, number in enumerate(chain):
-            asked[k : k + 2, :, number] &= parting[k : k + 2, :, number]
-        near = self._touched(middle, wide + radius, asked).reshape(-1, len(centres))
+        asked = parting | np.asarray(rims[:, live].any(axis=0))[:, None]
+        cells = np.arange(len(live))
+        for k, number in enumerate(chain[:, live]):
+            asked[k : k + 2, cells, number] &= parting[k : k + 2, cells, number]
+        near = np.zeros((len(middle) * (middle.shape[1] - 1), len(good)), bool)
+        near[:, live] = self._touched(middle[:, :, live], (wide + radius)[:, :, live], asked).reshape(len(near), -1)
         near[:, ~good], rims[:, ~good] = True, True
         known = np.where(rims.any(axis=0) | near.any(axis=0), np.nan, 1)
         return np.where(dark & good, 0, known).astype(np.float32), near, rims
 
     def _parting(self, stops: np.ndarray, wide: np.ndarray, chain: np.ndarray) -> np.ndarray:
-        """Which mirrors' planes may stand between the ends of straight parts of paths to cells, bool (part, C, M).
+        """Which mirrors' planes may stand between the ends of straight parts of courses to cells over a chain (m, N), bool
+        (part, N, M).
 
-        Stops (stop, C, 3) are off by up to `wide` (part, C) at their ends, though not off the mirrors, and by half a cell at last.
+        Stops (stop, N, 3) are off by up to `wide` (part, N) at their ends, though not off the mirrors, and by half a cell at last.
         """
         height = stops @ self.normals.T - self.offsets_m
         slack = np.zeros(height.shape)
+        aslant = np.linalg.norm(np.cross(self.normals[:, None], self.normals), axis=2)
         for k, number in enumerate(chain):
-            slack[k + 1] = wide[k, :, None] * np.linalg.norm(np.cross(self.normals, self.normals[number]), axis=1)
+            slack[k + 1] = wide[k, :, None] * aslant[number]
         slack[-1] = CELL_M / 2 * np.abs(self.normals).sum(axis=1)
         low, high = height - slack, height + slack
         least, most = np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])
@@ -271,7 +303,49 @@ class SceneBlockage:
 
     def fraction(self, path: OneWayPath, points: np.ndarray) -> np.ndarray:
         """Fraction of a path's field that reaches points (..., 3) m, faded at edges of mirrors and obstacles, float32 (...)."""
-        return self.edges[path.antenna_m.tobytes()].fraction(path, points)
+        return self.fractions([path], points)[0]
+
+    def fractions(self, paths: Sequence[OneWayPath], points: np.ndarray) -> np.ndarray:
+        """The same of P paths, float32 (P, ...)."""
+        found = np.empty((len(paths), *points.shape[:-1]), np.float32)
+        antennas = [path.antenna_m.tobytes() for path in paths]
+        for place in set(antennas):
+            rows = [row for row, antenna in enumerate(antennas) if antenna == place]
+            found[rows] = self.edges[place].fractions([paths[row] for row in rows], points)
+        return found
+
+
+class _Courses(NamedTuple):
+    """Where N paths of m elements each run."""
+
+    good: np.ndarray
+    """Whether every plane is met between its neighbours, bool (N,)."""
+    stops_m: np.ndarray
+    """Antenna, intersections with the planes, target, (m + 2, N, 3)."""
+    chain: np.ndarray
+    """The mirrors' numbers, (m, N)."""
+
+    @classmethod
+    def of(cls, paths: Sequence[OneWayPath], points: Sequence[np.ndarray]) -> _Courses:
+        """Of each path to its own points (n, 3) m, path by path."""
+        found = [unfolded_vertices(path, mine) for path, mine in zip(paths, points, strict=True)]
+        good, stops = zip(*found, strict=True)
+        chain = [
+            np.repeat(path.elements.mirror[:, None], len(mine), axis=1)
+            for path, mine in zip(paths, points, strict=True)
+        ]
+        return cls(
+            np.concatenate(good),
+            np.concatenate([np.stack(each) for each in stops], axis=1),
+            np.concatenate(chain, axis=1),
+        )
+
+
+def _by_mirror(numbers: np.ndarray, counts: np.ndarray | None = None) -> Iterator[tuple[int, np.ndarray]]:
+    """Mirrors of these numbers (N,), and at which of the N each stands; of those that `counts`, bool (N,), all by default."""
+    places = np.arange(len(numbers)) if counts is None else np.flatnonzero(counts)
+    for number in np.unique(numbers[places]).tolist():
+        yield number, places[numbers[places] == number]
 
 
 def _codes(points: np.ndarray) -> np.ndarray:
@@ -285,8 +359,8 @@ def _places(codes: np.ndarray) -> np.ndarray:
     return np.stack([codes >> 42, (codes >> 21) & ((1 << 21) - 1), codes & ((1 << 21) - 1)], axis=1) - (1 << 20)
 
 
-def _pieces(chain: np.ndarray) -> int:
-    return -(-PIECES // (len(chain) + 1))
+def _pieces(length: int) -> int:
+    return -(-PIECES // (length + 1))
 
 
 def _outline(triangles: np.ndarray) -> np.ndarray:

@@ -127,15 +127,15 @@ class Blockage:
         """Of ellipsoids: their centres and far ends; across them, the field fades over about their width."""
         return cls(partial(_centres_and_ends_at, ellipsoids), samples_s)
 
-    def over(self, path: OneWayPath, scene: SceneBlockage, *, in_the_mean: bool = False) -> Unblocked:
-        """Unblocked fractions; `in_the_mean`: their mean over the N."""
+    def over(self, paths: Sequence[OneWayPath], scene: SceneBlockage, *, in_the_mean: bool = False) -> list[Unblocked]:
+        """Unblocked fractions of each path; `in_the_mean`: their mean over the N."""
         # All at once: a kernel's start costs as much as some thousand rays.
-        fraction = scene.fraction(path, self._points).mean(axis=2)
+        fractions = scene.fractions(paths, self._points).mean(axis=3)
         if in_the_mean:
-            fraction = fraction.mean(axis=1, keepdims=True)
-        return Unblocked(
-            self._samples_s, fraction if self._pose is None else fraction[self._pose], self._points.shape[1]
-        )
+            fractions = fractions.mean(axis=2, keepdims=True)
+        if self._pose is not None:
+            fractions = fractions[:, self._pose]
+        return [Unblocked(self._samples_s, each, self._points.shape[1]) for each in fractions]
 
 
 def _vertices_at(mesh: MovingMesh, vertices: np.ndarray, times_s: np.ndarray) -> np.ndarray:

@@ -155,19 +155,21 @@ def _rows(
     model: Model, pairs: Sequence[PathPair], points: np.ndarray, velocity: np.ndarray
 ) -> dict[str, list[np.ndarray]]:
     """Of each pair all but the points it runs over, arrays (target, time)."""
-    radar, arrivals = model.radar, Arrivals(model.radar, points, frequencies=1)
+    radar, arrivals = model.radar, Arrivals.of(model.radar, pairs, points, frequencies=1)
     one_way = {path.key: path for pair in pairs for path in (pair.out, pair.back)}
     free = {
         key: np.ones(points.shape[:2]) if model.scene is None else model.blockage.fraction(path, points).astype(float)
         for key, path in one_way.items()
     }
     rows: dict[str, list[np.ndarray]] = {name: [] for name in VARIABLES}
-    for pair in pairs:
+    for number, pair in enumerate(pairs):
         towards = [points - path.image_m for path in (pair.out, pair.back)]
         lengths = [np.linalg.norm(each, axis=-1) for each in towards]
         passes = free[pair.out.key] * free[pair.back.key]
         rate = sum(np.einsum("...i,...i->...", each, velocity) / m for each, m in zip(towards, lengths, strict=True))
-        power = radar.received_power_w(1.0, *lengths) * np.abs(arrivals.spectrum(pair)[0]) ** 2 * passes**2
+        power = (
+            radar.received_power_w(1.0, *lengths) * np.abs(arrivals.spectra(np.array([number]))[0, 0]) ** 2 * passes**2
+        )
         with np.errstate(divide="ignore"):
             level_dbm = 10 * np.log10(power) + 30
         departure, arrival = (

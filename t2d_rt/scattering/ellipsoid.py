@@ -14,8 +14,8 @@ from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.scattering.antennas import seen_by, side_by_side
-from t2d_rt.scattering.paths import Arrivals, View, product, unfolded, weighted
-from t2d_rt.types import EchoArrays, Ellipsoids, Material, MovingMesh, Radar
+from t2d_rt.scattering.paths import Arrivals, View, faded_weights, product, unfolded
+from t2d_rt.types import EchoArrays, Ellipsoids, Material, MovingMesh, PathPair, Radar
 from t2d_rt.types.scatterer import EchoLabels, Fraction, FrameBlock, Poses, Scatterer, Visibility
 
 FORWARD = 0.08, 0.2
@@ -36,12 +36,14 @@ def ellipsoid_echoes(
     phase_from: PhaseFrom = "specular",
     views: Sequence[View] = (View(),),
     target: int = 0,
+    at_instants: bool = False,
 ) -> EllipsoidScatterer:
     """One echo per ellipsoid and view at surface frames `times_s`; ellipsoids do not occlude one another.
 
     "specular" takes phase, range and curvature from the point of shortest path, exact also in the near field; "centre" is the
     Text2Doppler paper's form: range of the centre, far-field RCS from the aspect of the long axis (its eq. 1). `views` give
-    the path pairs and the visibility of each ellipsoid over them, `target` is their number among the targets.
+    the path pairs and the visibility of each ellipsoid over them, `target` is their number among the targets; frames may be
+    instants unrelated to one another.
     """
     return EllipsoidScatterer(
         times_s=times_s,
@@ -51,6 +53,7 @@ def ellipsoid_echoes(
         views=tuple(views),
         reflection=complex(material.reflection(radar.mid_frequency_hz)).conjugate(),  # IF = tx conj(rx)
         phase_from=phase_from,
+        at_instants=at_instants,
         echoes=len(views) * len(ellipsoids.semi_axes_m),
     )
 
@@ -65,6 +68,8 @@ class EllipsoidScatterer(Scatterer):
     views: tuple[View, ...]
     reflection: complex
     phase_from: PhaseFrom
+    at_instants: bool = False
+    """Whether frames are instants unrelated to one another."""
 
     reach = REACH_FRAMES
 
@@ -113,20 +118,32 @@ class EllipsoidScatterer(Scatterer):
         lit = (lit[0][known], lit[1][known])
         path[lit], field[lit], ends[0][lit], ends[1][lit] = (each[known] for each in found)
         field *= radar.link_amplitude * fade * fade * (3 - 2 * fade)
-        amplitude = (self.reflection * field * shown).astype(np.complex64)
-        arrivals = Arrivals(radar, centres)
+        echoes = EchoArrays(path / SPEED_OF_LIGHT, (self.reflection * field * shown).astype(np.complex64))
+        pairs = [view.paths for view in views if view.paths is not None]
+        if not pairs:  # in free space
+            return seen_by(radar, echoes, *ends)
+        echoes = self._over(pairs, echoes, block, centres)
+        if not radar.is_array:
+            return echoes
         parts = []
-        for number, view in enumerate(views):
+        for number, pair in enumerate(pairs):
             mine = slice(number * count, (number + 1) * count)
-            extra_s = 0.0 if view.paths is None else view.paths.delay_s
-            echoes = EchoArrays(path[:, mine] / SPEED_OF_LIGHT + extra_s, amplitude[:, mine])
-            departure, arrival = (end[:, mine] for end in ends)
-            if view.paths is None:
-                parts.append(seen_by(radar, echoes, departure, arrival))
-            else:
-                echoes = weighted(echoes, *arrivals.weight(view.paths))
-                parts.append(unfolded(radar, echoes, view.paths, departure, arrival))
+            of_pair = EchoArrays(*(each[:, mine] for each in echoes if each is not None))
+            parts.append(unfolded(radar, of_pair, pair, *(end[:, mine] for end in ends)))
         return side_by_side(parts)
+
+    def _over(
+        self, pairs: Sequence[PathPair], echoes: EchoArrays, block: FrameBlock, centres: np.ndarray
+    ) -> EchoArrays:
+        """Echoes (T, N) of all ellipsoids, at centres (T, n, 3), over one pair after another, with the paths' fields."""
+        if self.at_instants:
+            weights = Arrivals.of(self.radar, pairs, centres).weights()
+        else:
+            weights = faded_weights(self.radar, pairs, block, centres, self.ellipsoids.points_at)
+        factors = (each.swapaxes(0, 1).reshape(echoes.amplitude.shape) for each in weights)
+        amplitude, slope = ((echoes.amplitude * factor).astype(np.complex64) for factor in factors)
+        extra_s = np.repeat([pair.delay_s for pair in pairs], centres.shape[1])
+        return echoes._replace(delay_s=echoes.delay_s + extra_s, amplitude=amplitude, slope=slope)
 
 
 def _shown(views: Sequence[View], block: FrameBlock, seen: Visibility, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -29,7 +29,7 @@ from t2d_rt.scattering.patches import (
     patches,
     tilts,
 )
-from t2d_rt.scattering.paths import Anchors, Arrivals, FadedArrivals, View, anchor_vertices, product, unfolded
+from t2d_rt.scattering.paths import Anchors, Arrivals, View, anchor_vertices, faded_weights, product, unfolded
 from t2d_rt.scattering.points import DiffusePoints, Seen, VisibilityMesh, sampled_visibility
 from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD, Sagitta, carried, refined
 from t2d_rt.scattering.streams import joined, most_echoes
@@ -144,21 +144,28 @@ class MeshScatterer(Scatterer):
         cage = poses[self.target]
         posed = model.posed(cage, self.backend)
         made = Block(len(times_s), self.echoes, self.backend)
-        arrivals: Arrivals | FadedArrivals | None = None
-        if anchors is not None and model.at_instants:
-            arrivals = Arrivals(radar, cage[:, anchors.vertices])
-        elif anchors is not None:
-            arrivals = FadedArrivals.of(radar, self.surface, anchors.vertices, block)
+        weights: Iterable[tuple[np.ndarray, np.ndarray] | None] = [None] * len(self.selections)
+        if anchors is not None:
+            weights = zip(*self._weights(anchors, block, cage[:, anchors.vertices]), strict=True)
         lit = [model.lit_faces(posed, selection.pair) for selection in self.selections]
         traced = any(each.view.facet_visibility is not None for each in self.selections)
         facets = Facets.of(posed, model.operator, model.visibility_meshes, np.any(lit, axis=0), with_places=traced)
-        for selection, faces in zip(self.selections, lit, strict=True):
-            of_view = _seen(selection.view, times_s, seen, anchors, arrivals, self.backend)
+        for selection, faces, weight in zip(self.selections, lit, weights, strict=True):
+            of_view = _seen(selection.view, times_s, seen, anchors, weight, self.backend)
             model.put(made, facets, selection, of_view, faces)
         found = made.arrays()
         if not (radar.is_array or radar.directional):
             return found
         return side_by_side([each.with_ends(radar, found, posed.centre.swapaxes(0, 1)) for each in self.selections])
+
+    def _weights(self, anchors: Anchors, block: FrameBlock, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of the path pairs of all selections at the anchors (T, A, 3) m: `faded_weights`, at instants none is faded."""
+        pairs = [each.view.paths for each in self.selections if each.view.paths is not None]
+        if self.model.at_instants:
+            return Arrivals.of(self.radar, pairs, points_m).weights()
+        return faded_weights(
+            self.radar, pairs, block, points_m, lambda times_s: self.surface.at(times_s)[:, anchors.vertices]
+        )
 
 
 def _frames_at_once(views: Sequence[View]) -> int:
@@ -174,14 +181,14 @@ def _seen(
     times_s: np.ndarray,
     fractions: Visibility,
     anchors: Anchors | None,
-    arrivals: Arrivals | FadedArrivals | None,
+    weight: tuple[np.ndarray, np.ndarray] | None,
     backend: Backend,
 ) -> Seen:
     """How a mesh is seen in a view at some times."""
     weights = None
-    if view.paths is not None and arrivals is not None and anchors is not None:
+    if weight is not None and anchors is not None:
         unblocked = product([fractions[each] for each in view.unblocked])
-        weights = anchors.weights(*arrivals.weight(view.paths), unblocked, backend)
+        weights = anchors.weights(*weight, unblocked, backend)
     return Seen(
         visibility={each: fractions[each] for each in view.visibility},
         facet_visibility=None if view.facet_visibility is None else partial(view.facet_visibility, times_s),

@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from t2d_rt.core.backend import Backend, aligned_empty
+from t2d_rt.core.memory import blocks
+from t2d_rt.geometry.vectors import dot
 from t2d_rt.scattering.lanes import Weights
-from t2d_rt.types import EchoArrays, MovingMesh, OneWayPath, PathPair, PathSet, Radar
-from t2d_rt.types.path_fields import SweepNodes, field_over
-from t2d_rt.types.paths import PathKey
+from t2d_rt.types import EchoArrays, PathPair, PathSet, Radar
+from t2d_rt.types.path_fields import SweepNodes, fields_over
 from t2d_rt.types.scatterer import Fraction, FrameBlock
 
 ANCHORS, APART_M = 150, 0.04
@@ -113,92 +114,99 @@ class Anchors:
         )
 
 
-class Arrivals:
-    """Fields of one-way paths at points (..., 3) m, each path computed once, at so many frequencies of the sweep."""
+class _End(NamedTuple):
+    """What P one-way paths bring to points (...), components first."""
 
-    def __init__(self, radar: Radar, points_m: np.ndarray, frequencies: int = 3) -> None:
-        self._radar, self._points, self._axes = radar, points_m, radar.axes
-        self.nodes = SweepNodes.of(radar, frequencies)
-        self._one_end = (
+    towards: np.ndarray
+    """Unit vectors to the antenna's images, (3, P, ...)."""
+    field: np.ndarray
+    """Complex (3, F, P, ...), with the antenna's pattern."""
+
+
+@dataclass(frozen=True, slots=True)
+class Arrivals:
+    """Fields over N path pairs at points (...), each one-way path's computed once, at some frequencies of the sweep."""
+
+    ends: tuple[_End, _End]
+    """The transmitters' and the receivers'."""
+    numbers: np.ndarray
+    """Of each pair's paths among those of either end, (2, N)."""
+    copies: np.ndarray
+    """(N,)."""
+    nodes: SweepNodes
+
+    @classmethod
+    def of(cls, radar: Radar, pairs: Sequence[PathPair], points_m: np.ndarray, frequencies: int = 3) -> Arrivals:
+        """At points (..., 3) m and so many frequencies."""
+        nodes = SweepNodes.of(radar, frequencies)
+        one_end = (
             radar.tx_pattern == radar.rx_pattern
             and radar.tx_polarization_deg == radar.rx_polarization_deg
             and np.array_equal(radar.tx_position_m, radar.rx_position_m)
         )
-        self._known: dict[tuple[PathKey, int], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+        out, back = [pair.out for pair in pairs], [pair.back for pair in pairs]
+        numbers: list[int] = []
+        ends: list[_End] = []
+        for paths, pattern in (
+            [(out + back, radar.tx_pattern)] if one_end else [(out, radar.tx_pattern), (back, radar.rx_pattern)]
+        ):
+            each = {path.key: path for path in paths}
+            place = {key: number for number, key in enumerate(each)}
+            numbers += [place[path.key] for path in paths]
+            found = fields_over(list(each.values()), points_m, nodes.frequencies_hz)
+            gain = pattern.gain(np.moveaxis(found.departure, 0, -1) @ radar.axes.T)
+            ends.append(_End(-found.arrival, found.field * np.sqrt(gain)))
+        copies = np.array([pair.copies for pair in pairs])
+        return cls((ends[0], ends[-1]), np.array(numbers).reshape(2, -1), copies, nodes)
 
-    def weight(self, paths: PathPair) -> tuple[np.ndarray, np.ndarray]:
-        """Factor of a path pair on the amplitude of a reflector there, and its slope over frequency [1/Hz], complex (...)."""
-        return self.nodes.line(self.spectrum(paths))
-
-    def spectrum(self, paths: PathPair) -> np.ndarray:
-        """That factor at the nodes' frequencies, complex (F, ...).
+    def spectra(self, some: slice | np.ndarray = slice(None)) -> np.ndarray:
+        """Factor of `some` of the pairs on the amplitude of a reflector there, complex (F, N, ...).
 
         Patterns, both paths' coefficients and the change of polarisation at the reflector, that of a facet whose normal n bisects
         the paths: e_out . e_back - 2 (n . e_out)(n . e_back); conjugated, as IF = tx conj(rx).
         """
-        (towards, gain_out, out), (from_there, gain_back, back) = self._of(paths.out, 0), self._of(paths.back, 1)
-        # Fields are transverse: of twice the bisector, only the other path's part has a component along them.
-        double = 2 + 2 * _dot(towards, from_there)
-        along = _dot(from_there, out) * _dot(towards, back)
-        found = np.conj(_dot(out, back) - 2 / np.maximum(double, 1e-18) * along)
-        return np.asarray(paths.copies * np.sqrt(gain_out * gain_back) * found)
-
-    def _of(self, path: OneWayPath, end: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Directions to the image, gain, and the field at the nodes; end 0 is the transmitters', 1 the receivers'."""
-        end = 0 if self._one_end else end
-        if (path.key, end) not in self._known:
-            radar = self._radar
-            pattern = (radar.tx_pattern, radar.rx_pattern)[end]
-            towards = path.image_m - self._points
-            length = np.linalg.norm(towards, axis=-1, keepdims=True)
-            gain = pattern.gain((path.unfolded(self._points) - path.antenna_m) / length @ self._axes.T)
-            field = field_over(path, self._points, self.nodes.frequencies_hz)
-            self._known[path.key, end] = towards / length, gain, field
-        return self._known[path.key, end]
-
-
-@dataclass(frozen=True, slots=True)
-class FadedArrivals:
-    """Fields of one-way paths at points that move, known at some nodes in time and linear in between."""
-
-    at_nodes: Arrivals
-    """At points (K, A, 3) m."""
-    fractions: np.ndarray
-    """Of the nodes at each frame, (T, K)."""
-
-    @classmethod
-    def of(cls, radar: Radar, surface: MovingMesh, vertices: np.ndarray, block: FrameBlock) -> FadedArrivals:
-        """At some vertices (A,) of a mesh and the frames of a block: nodes are the same wherever a block begins and ends."""
-        times_s, start, stop = block.record_s, block.first, block.last
-        last = len(times_s) - 1
-        every = max(1, int(last / (times_s[-1] - times_s[0]) / NODE_RATE_HZ))
-        nodes = np.unique(np.minimum(np.arange(start // every, -(-(stop - 1) // every) + 1) * every, last))
-        frame = np.arange(start, stop)
-        above = (
-            np.clip(np.searchsorted(nodes, frame), 1, len(nodes) - 1) if len(nodes) > 1 else np.zeros(len(frame), int)
+        (towards, out), (from_there, back) = (
+            (end.towards[:, mine], end.field[:, :, mine])
+            for end, mine in zip(self.ends, self.numbers[:, some], strict=True)
         )
-        fractions = np.zeros((len(frame), len(nodes)), np.float32)
-        if len(nodes) == 1:
-            fractions[:] = 1
-        else:
-            u = (frame - nodes[above - 1]) / (nodes[above] - nodes[above - 1])
-            fractions[frame - start, above - 1], fractions[frame - start, above] = 1 - u, u
-        return cls(Arrivals(radar, surface.at(times_s[nodes])[:, vertices]), fractions)
+        # Fields are transverse: of twice the bisector, only the other path's part has a component along them.
+        double = 2 + 2 * dot(towards, from_there)
+        along = dot(from_there, out) * dot(towards, back)
+        found = np.conj(dot(out, back) - 2 / np.maximum(double, 1e-18) * along)
+        return np.asarray(self.copies[some].reshape(-1, *[1] * (double.ndim - 1)) * found)
 
-    def weight(self, paths: PathPair) -> tuple[np.ndarray, np.ndarray]:
-        """As that of `Arrivals`, (T, A)."""
-        weight, slope = self.at_nodes.weight(paths)
-        return self.fractions @ weight, self.fractions @ slope
-
-
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.einsum("...i,...i->...", a, b)
+    def weights(self) -> tuple[np.ndarray, np.ndarray]:
+        """That factor at mid-sweep and its slope over frequency [1/Hz] of all pairs, complex (N, ...)."""
+        points = math.prod(self.ends[0].towards.shape[2:])
+        parts = blocks(np.arange(len(self.copies)), len(self.nodes.frequencies_hz) * points)
+        weight, slope = zip(*(self.nodes.line(self.spectra(some)) for some in parts), strict=True)
+        return np.concatenate(weight), np.concatenate(slope)
 
 
-def weighted(echoes: EchoArrays, weight: np.ndarray, slope: np.ndarray) -> EchoArrays:
-    """`echoes` (T, N) of a flat spectrum times weights that have slopes over frequency, complex (T, N)."""
-    values = (echoes.amplitude * factor for factor in (weight, slope))
-    return echoes._replace(**{k: v.astype(np.complex64) for k, v in zip(("amplitude", "slope"), values, strict=True)})
+def faded_weights(
+    radar: Radar,
+    pairs: Sequence[PathPair],
+    block: FrameBlock,
+    points_m: np.ndarray,
+    points_at: Callable[[np.ndarray], np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """`Arrivals.weights` at points that move, complex (N, T, A): known at some nodes in time and linear in between.
+
+    The points are (T, A, 3) m at the frames of a block, and `points_at` other times [s]; nodes are the same wherever it begins.
+    """
+    times_s, start, stop = block.record_s, block.first, block.last
+    last = len(times_s) - 1
+    every = max(1, int(last / (times_s[-1] - times_s[0]) / NODE_RATE_HZ))
+    nodes = np.unique(np.minimum(np.arange(start // every, -(-(stop - 1) // every) + 1) * every, last))
+    beyond = (nodes < start) | (nodes >= stop)
+    at_nodes = points_m[np.clip(nodes, start, stop - 1) - start]
+    if beyond.any():
+        at_nodes[beyond] = points_at(times_s[nodes[beyond]])
+    weight, slope = Arrivals.of(radar, pairs, at_nodes).weights()
+    frame, column = np.arange(start, stop), np.arange(len(nodes))
+    place = np.interp(frame, nodes, column)[:, None]
+    fractions = np.maximum(0, 1 - np.abs(place - column))
+    return fractions @ weight, fractions @ slope
 
 
 def unfolded(
@@ -252,26 +260,29 @@ def ranked_pairs(radar: Radar, probed: Probed, *, order: int, transmissions: int
     Out and back may be swapped where one antenna does both: then one pair stands for two.
     """
     joined = probed.one_antenna and not radar.is_array and radar.tx_pattern == radar.rx_pattern
-    found: list[tuple[PathPair, float, float, float]] = []
-    arrivals = Arrivals(radar, probed.probes_m, RANKING_NODES)
-    amounts = list(probed.spreading())
     out, back = list(probed.out), list(probed.back)
-    for i, first in enumerate(out):
-        for j, second in enumerate(back):
-            pair = PathPair(out=first, back=second, copies=2 if joined and j > i else 1)
-            if pair.order > order or pair.transmissions > transmissions or (joined and j < i):
-                continue
-            both = amounts[0][i] * amounts[1][j]
-            if both.any():
-                power, bent = (each * both**2 for each in arrivals.nodes.powers(arrivals.spectrum(pair)))
-                found.append((pair, float(power.max()), float(power.mean()), float(bent.mean())))
-    best_of_all = max((best for _, best, _, _ in found), default=0.0)
-    most = max((mean for _, _, mean, _ in found), default=0.0)
-    levels = [
-        Ranked(pair, _db(best / best_of_all), _db(mean / most), _db(bent / most)) for pair, best, mean, bent in found
-    ]
-    return sorted(levels, key=lambda each: -each.mean_db)
+    allowed = np.ones((len(out), len(back)), bool)
+    for name, most in (("order", order), ("transmissions", transmissions)):
+        mine = [np.array([getattr(path, name) for path in some], int) for some in (out, back)]
+        allowed &= np.add.outer(*mine) <= most
+    if joined:
+        allowed = np.triu(allowed)
+    spread = list(probed.spreading())
+    reached = (spread[0] > 0).astype(np.float32) @ (spread[1] > 0).T.astype(np.float32) > 0  # by both paths at once
+    rows = np.argwhere(allowed & reached)
+    if not len(rows):
+        return []
+    pairs = [PathPair(out=out[i], back=back[j], copies=2 if joined and j > i else 1) for i, j in rows.tolist()]
+    arrivals = Arrivals.of(radar, pairs, probed.probes_m, RANKING_NODES)
+    found = []
+    for some in blocks(np.arange(len(pairs)), RANKING_NODES * len(probed.probes_m)):
+        amount = (spread[0][rows[some, 0]] * spread[1][rows[some, 1]]) ** 2
+        power, bent = (each * amount for each in arrivals.nodes.powers(arrivals.spectra(some)))
+        found.append((power.max(axis=1), power.mean(axis=1), bent.mean(axis=1)))
+    best, mean, bent = (np.concatenate(each) for each in zip(*found, strict=True))
+    levels = zip(pairs, _db(best / best.max()), _db(mean / mean.max()), _db(bent / mean.max()), strict=True)
+    return sorted((Ranked(*each) for each in levels), key=lambda each: -each.mean_db)
 
 
-def _db(ratio: float) -> float:
-    return 10 * math.log10(max(ratio, 1e-30))
+def _db(ratio: np.ndarray) -> list[float]:
+    return (10 * np.log10(np.maximum(ratio, 1e-30))).tolist()  # type: ignore[no-any-return]

@@ -7,14 +7,15 @@ and transmits nothing.
 
 from __future__ import annotations
 
-import cmath
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from t2d_rt.core.constants import SPEED_OF_LIGHT
-from t2d_rt.geometry.vectors import cross
+from t2d_rt.core.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
+from t2d_rt.geometry.vectors import cross, dot
 from t2d_rt.types import Material, OneWayPath, Radar, StaticPath
 from t2d_rt.types.paths import Elements
 
@@ -24,34 +25,39 @@ Polarized = tuple[np.ndarray, np.ndarray]
 
 def reflection(material: Material, thickness_m: float, cosine: np.ndarray, frequency_hz: float) -> Polarized:
     """Reflection coefficients R_TE and R_TM of a slab of that thickness [m] (...), complex (...)."""
-    if math.isinf(material.relative_permittivity):
-        one = np.ones(np.shape(cosine), complex)
-        return -one, one
-    (te, tm), once = _waves(material, thickness_m, cosine, frequency_hz)
-    twice = once**2
-    rest = 1 - twice
-    return te * rest / (1 - te**2 * twice), tm * rest / (1 - tm**2 * twice)
+    return _reflection(np.asarray(material.permittivity(frequency_hz)), thickness_m, cosine, frequency_hz)
 
 
 def transmission(material: Material, thickness_m: float, cosine: np.ndarray, frequency_hz: float) -> Polarized:
     """Transmission coefficients T_TE and T_TM of such a slab from face to face, complex (...)."""
-    if math.isinf(material.relative_permittivity):
-        return np.zeros(np.shape(cosine), complex), np.zeros(np.shape(cosine), complex)
-    singles, once = _waves(material, thickness_m, cosine, frequency_hz)
+    return _transmission(np.asarray(material.permittivity(frequency_hz)), thickness_m, cosine, frequency_hz)
+
+
+def _reflection(eta: np.ndarray, thickness_m: Any, cosine: np.ndarray, frequency_hz: Any) -> Polarized:
+    """`reflection` by slabs of relative permittivities (...)."""
+    perfect = np.isinf(eta.real)
+    (te, tm), once = _waves(np.where(perfect, 1, eta), thickness_m, cosine, frequency_hz)
+    twice = once**2
+    rest = 1 - twice
+    te, tm = (single * rest / (1 - single**2 * twice) for single in (te, tm))
+    return np.where(perfect, -1, te), np.where(perfect, 1, tm)
+
+
+def _transmission(eta: np.ndarray, thickness_m: Any, cosine: np.ndarray, frequency_hz: Any) -> Polarized:
+    """`transmission` through such slabs."""
+    perfect = np.isinf(eta.real)
+    singles, once = _waves(np.where(perfect, 1, eta), thickness_m, cosine, frequency_hz)
     squares, twice = [single**2 for single in singles], once**2
-    te, tm = ((1 - square) * once / (1 - square * twice) for square in squares)
+    te, tm = (np.where(perfect, 0, (1 - square) * once / (1 - square * twice)) for square in squares)
     return te, tm
 
 
-def _waves(
-    material: Material, thickness_m: float, cosine: np.ndarray, frequency_hz: float
-) -> tuple[Polarized, np.ndarray]:
+def _waves(eta: np.ndarray, thickness_m: Any, cosine: np.ndarray, frequency_hz: Any) -> tuple[Polarized, np.ndarray]:
     """Reflection at one face alone, TE and TM, and the factor of the field from face to face."""
     cosine = np.asarray(cosine, float)
-    eta = material.permittivity(frequency_hz)
     root = np.sqrt(eta - (1 - cosine**2))
     # e^{-jq}: an evanescent or lossy wave decays.
-    once = np.exp(-2j * math.pi * frequency_hz / SPEED_OF_LIGHT * thickness_m * root)
+    once = np.exp(-2j * math.pi / SPEED_OF_LIGHT * frequency_hz * thickness_m * root)
     return ((cosine - root) / (cosine + root), (eta * cosine - root) / (eta * cosine + root)), once
 
 
@@ -93,20 +99,48 @@ class SweepNodes:
         return whole, left_out
 
 
-def field_over(path: OneWayPath, points: np.ndarray, frequencies_hz: np.ndarray) -> np.ndarray:
-    """The field that an antenna of gain 1 radiates over a path to points (..., 3) m at frequencies (F,) Hz, complex (F, ..., 3).
+class PathFields(NamedTuple):
+    """Fields that an antenna of gain 1 radiates over P one-way paths to points (...), components first."""
 
-    It is without the attenuation and phase of distance and of the path's `delay_s`, so of length 1 in the line of sight.
-    """
-    # The straight path from the image, folded back mirror by mirror, begins at the antenna.
-    ahead = path.unfolded(points) - path.antenna_m
-    ahead = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
-    wave = (path.polarization - (ahead @ path.polarization)[..., None] * ahead).astype(complex)
-    wave /= np.maximum(np.linalg.norm(wave, axis=-1, keepdims=True), 1e-12)
-    wave = np.repeat(wave[None], len(frequencies_hz), axis=0)
-    for number in range(len(path.chain)):
-        wave, ahead = _after(wave, ahead, path.elements.taken(number), frequencies_hz)
-    return wave
+    departure: np.ndarray
+    """Unit vectors from the antenna, (3, P, ...)."""
+    arrival: np.ndarray
+    """Unit vectors on to the points, (3, P, ...)."""
+    field: np.ndarray
+    """Complex (3, F, P, ...), without the attenuation and phase of distance and of the path's `delay_s`, so of length 1 in the line
+    of sight."""
+
+
+def fields_over(paths: Sequence[OneWayPath], points: np.ndarray, frequencies_hz: np.ndarray) -> PathFields:
+    """Those over P paths to points (..., 3) m at frequencies (F,) Hz: paths of as many elements all at once."""
+    flat = points.reshape(-1, 3)
+    departure, arrival = np.empty((2, 3, len(paths), len(flat)))
+    field = np.empty((3, len(frequencies_hz), len(paths), len(flat)), complex)
+    lengths = np.array([len(path.chain) for path in paths])
+    for length in np.unique(lengths).tolist():
+        rows = np.flatnonzero(lengths == length)
+        some = [paths[row] for row in rows.tolist()]
+        antenna, polarization = (
+            np.stack([getattr(path, name) for path in some], axis=1)[..., None]
+            for name in ("antenna_m", "polarization")
+        )
+        # The straight path from the image, folded back mirror by mirror, begins at the antenna.
+        ahead = np.stack([path.unfolded(flat).T for path in some], axis=1) - antenna
+        ahead /= np.sqrt(dot(ahead, ahead))
+        departure[:, rows] = ahead
+        wave = polarization - dot(polarization, ahead) * ahead
+        wave = (wave / np.maximum(np.sqrt(dot(wave, wave)), 1e-12))[:, None]
+        elements = Elements.stacked([path.elements for path in some])
+        for number in range(length):
+            wave, ahead = _after(wave, ahead, elements.taken((slice(None), number)), frequencies_hz)
+        arrival[:, rows], field[:, :, rows] = ahead, wave
+    shape = points.shape[:-1]
+    return PathFields(*(each.reshape(*each.shape[:-1], *shape) for each in (departure, arrival, field)))
+
+
+def field_over(path: OneWayPath, points: np.ndarray, frequencies_hz: np.ndarray) -> np.ndarray:
+    """The field over one path to points (..., 3) m at frequencies (F,) Hz, complex (F, ..., 3)."""
+    return np.moveaxis(fields_over([path], points, frequencies_hz).field[:, :, 0], 0, -1)
 
 
 def received(path: StaticPath, frequencies_hz: np.ndarray) -> np.ndarray:
@@ -118,49 +152,43 @@ def received(path: StaticPath, frequencies_hz: np.ndarray) -> np.ndarray:
 def _after(
     wave: np.ndarray, ahead: np.ndarray, element: Elements, frequencies_hz: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The field (F, ..., 3) and its direction (..., 3) after one element.
+    """The fields (3, F, P, Q) and their directions (3, P, Q) after one element (P,) of each path.
 
     TE is across the plane of incidence, TM = TE x direction before and after: at normal incidence R_TE = -R_TM is one and the same,
     and so is T_TE = T_TM.
     """
-    normal = element.normal
-    cosine = ahead @ normal
+    normal = element.normal.T[..., None]
+    cosine = dot(ahead, normal)
     # A slab lets the wave through without bending it: what refraction does within it is in the coefficient.
-    onward = ahead if element.through else ahead - 2 * cosine[..., None] * normal
-    across = _cross(ahead, normal)
-    length = np.sqrt(np.einsum("...i,...i->...", across, across))[..., None]
+    onward = ahead - np.where(element.through, 0, 2)[:, None] * cosine * normal
+    across = np.stack(cross(ahead, normal))
+    length = np.sqrt(dot(across, across))
     # At normal incidence any direction across will do.
-    helper = _cross(normal, np.eye(3)[0 if abs(normal[0]) < 0.6 else 1])
-    across = np.where(length > 1e-9, across / np.maximum(length, 1e-12), helper / np.linalg.norm(helper))
+    helper = np.stack(cross(normal, np.where(np.abs(normal[0]) < 0.6, *np.eye(3)[:2, :, None, None])))
+    helper /= np.sqrt(dot(helper, helper))
+    across = np.where(length > 1e-9, across / np.maximum(length, 1e-12), helper)
     te, tm = _coefficients(element, np.abs(cosine), frequencies_hz)
-    before, after = _cross(across, ahead), _cross(across, onward)
-    te *= np.einsum("f...i,...i->f...", wave, across)
-    tm *= np.einsum("f...i,...i->f...", wave, before)
-    return te[..., None] * across + tm[..., None] * after, onward
+    before, after = (np.stack(cross(across, each))[:, None] for each in (ahead, onward))
+    across = across[:, None]
+    te *= dot(wave, across)
+    tm *= dot(wave, before)
+    return te * across + tm * after, onward
 
 
-def _coefficients(element: Elements, cosine: np.ndarray, frequencies_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """TE and TM coefficients (F, ...) of one element at angles of incidence given by their cosine (...): of reflection, or of
-    transmission without the phase of `delay_s`."""
-    material = Material(
-        relative_permittivity=float(element.relative_permittivity),
-        conductivity_s_per_m=float(element.conductivity_s_per_m),
-    )
+def _coefficients(element: Elements, cosine: np.ndarray, frequencies_hz: np.ndarray) -> Polarized:
+    """TE and TM coefficients (F, P, Q) of one element (P,) of each path at angles of incidence given by their cosine (P, Q): of
+    reflection, or of transmission without the phase of `delay_s`."""
+    frequency_hz = frequencies_hz[:, None, None]
+    te, tm = np.empty((2, len(frequencies_hz), *cosine.shape), complex)
     # What a rough surface scatters is missing from what it reflects (docs/physics.md, eq. 9), not from what it transmits.
-    thickness_m, specular, delay_s = float(element.thickness_m), float(element.specular), float(element.delay_s)
-    found = []
-    for frequency in map(float, frequencies_hz):
-        if element.through:
-            te, tm = transmission(material, thickness_m, cosine, frequency)
-            factor = cmath.exp(2j * math.pi * frequency * delay_s)
-        else:
-            te, tm = reflection(material, thickness_m, cosine, frequency)
-            factor = specular
-        found.append((factor * te, factor * tm))
-    te, tm = np.stack(found, axis=1)
+    passing = np.exp(2j * math.pi * frequencies_hz[:, None] * element.delay_s)
+    for of, some, factor in (
+        (_reflection, ~element.through, np.broadcast_to(element.specular, passing.shape)),
+        (_transmission, element.through, passing),
+    ):
+        if some.any():
+            loss = element.conductivity_s_per_m[some] / (2 * math.pi * VACUUM_PERMITTIVITY * frequencies_hz[:, None])
+            eta = (element.relative_permittivity[some] - 1j * loss)[..., None]
+            found = of(eta, element.thickness_m[some, None], cosine[some], frequency_hz)
+            te[:, some], tm[:, some] = (factor[:, some, None] * each for each in found)
     return te, tm
-
-
-def _cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Cross products of vectors (..., 3)."""
-    return np.stack(cross(*([each[..., axis] for axis in range(3)] for each in (u, v))), axis=-1)

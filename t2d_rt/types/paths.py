@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -52,6 +52,11 @@ class Elements(_Compared):
         kinds: dict[str, Any] = {"mirror": np.int64, "through": bool}
         names = [each.name for each in fields(cls)]
         return cls(**{name: np.zeros(shapes.get(name, 0), kinds.get(name, np.float64)) for name in names})
+
+    @classmethod
+    def stacked(cls, each: Sequence[Elements]) -> Elements:
+        """Those of P paths of as many elements each, (P, n)."""
+        return cls(**{field.name: np.array([getattr(one, field.name) for one in each]) for field in fields(cls)})
 
     def taken(self, index: Any) -> Elements:
         """Those at an index of the arrays' leading axes."""

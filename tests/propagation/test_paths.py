@@ -20,7 +20,7 @@ from t2d_rt.propagation.paths import FoundPaths, find_paths
 from t2d_rt.propagation.surroundings import radar_paths
 from t2d_rt.scattering.paths import ranked_pairs
 from t2d_rt.types import PEC, Material, OneWayPath, PathSet, Radar, Scene
-from t2d_rt.types.path_fields import SweepNodes, field_over, received
+from t2d_rt.types.path_fields import SweepNodes, field_over, fields_over, received
 
 FREQUENCY_HZ = 77.87e9
 FREQUENCIES_HZ = FREQUENCY_HZ + 1e9 * np.array([-0.5, 0.0, 0.5])
@@ -118,6 +118,23 @@ def test_a_set_is_evaluated_as_its_rows_are(found: FoundPaths, points: np.ndarra
         assert np.array_equal(
             field_over(alone[0], points, FREQUENCIES_HZ), field_over(paths[row], points, FREQUENCIES_HZ)
         )
+
+
+def test_paths_of_all_orders_are_evaluated_together_as_they_are_alone(found: FoundPaths, points: np.ndarray) -> None:
+    """Fields and what reaches the points, of reflections and transmissions, in any order."""
+    paths = list(found.paths)[::-1]
+    assert len({len(path.chain) for path in paths}) > 1
+    both = fields_over(paths, points, FREQUENCIES_HZ)
+    reached = found.edges.fractions(paths, points)
+    for row, path in enumerate(paths):
+        np.testing.assert_allclose(
+            np.moveaxis(both.field[:, :, row], 0, -1), field_over(path, points, FREQUENCIES_HZ), atol=1e-12
+        )
+        straight = points - path.image_m
+        straight /= np.linalg.norm(straight, axis=1, keepdims=True)
+        np.testing.assert_allclose(both.arrival[:, row].T, straight, atol=1e-9)
+        np.testing.assert_allclose(path.mirror_matrix @ straight.T, both.departure[:, row], atol=1e-9)
+        np.testing.assert_allclose(reached[row], found.edges.fraction(path, points), atol=1e-6)
 
 
 def test_existing_says_the_same_in_blocks(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -302,6 +302,9 @@ class Passing:
         return (
             passing(points).astype(np.float32) if callable(passing) else np.full(points.shape[:-1], passing, np.float32)
         )
+
+    def fractions(self, paths: Sequence[OneWayPath], points: np.ndarray) -> np.ndarray:
+        return np.array([self.fraction(path, points) for path in paths])
 
 
 def test_antennas_apart_have_visibility_of_their_own() -> None:
