@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from t2d_rt.core.backend import in_threads
 from t2d_rt.core.memory import blocks
 from t2d_rt.propagation.images import unfolded_vertices
 from t2d_rt.propagation.mirrors import OUTLINE_M, SKIN_M, Mirrors
@@ -132,11 +133,16 @@ class Edges:
         corner, cell = np.unique(_codes(flat), return_inverse=True)
         centres = (_places(corner) + 0.5) * CELL_M
         found = np.empty((len(paths), len(flat)), np.float32)
-        lengths = np.array([len(path.chain) for path in paths])
+        lengths, groups = np.array([len(path.chain) for path in paths]), []
         for length in np.unique(lengths):
             rows = np.flatnonzero(lengths == length)
-            for some in blocks(rows, len(centres) * (length + 1) * len(self.normals)):
-                found[some] = self._together([paths[row] for row in some.tolist()], flat, centres, cell)
+            groups += list(blocks(rows, 2 * len(centres) * (length + 1) * len(self.normals)))
+
+        def find(number: int) -> None:
+            some = groups[number]
+            found[some] = self._together([paths[row] for row in some.tolist()], flat, centres, cell)
+
+        in_threads(find, range(len(groups)))
         return found.reshape(-1, *points.shape[:-1])
 
     def _together(

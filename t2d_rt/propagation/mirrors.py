@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.core.backend import Backend, aligned
+from t2d_rt.core.backend import Backend, aligned, one_thread_at_a_time
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import LastUsed, blocks
 from t2d_rt.geometry import winding
@@ -261,6 +261,7 @@ class Mirrors:
         """How far along rays (..., 3) the first mirror stands, infinite where none within their length, and which, (...)."""
         return self.first_of_local(self.local(origin_m), direction, length_m)
 
+    @one_thread_at_a_time
     def first_of_local(
         self, origin_m: np.ndarray, direction: np.ndarray, length_m: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:

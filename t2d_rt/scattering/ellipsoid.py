@@ -12,7 +12,7 @@ from typing_extensions import override
 
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError
-from t2d_rt.geometry.vectors import unit
+from t2d_rt.geometry.vectors import cross, dot, unit
 from t2d_rt.scattering.antennas import seen_by, side_by_side
 from t2d_rt.scattering.paths import Arrivals, View, faded_weights, product, unfolded
 from t2d_rt.types import EchoArrays, Ellipsoids, Material, MovingMesh, PathPair, Radar
@@ -190,44 +190,68 @@ def specular_points(
     the bisector as the next normal would diverge where the radius of curvature exceeds the range).
     """
     shape = centres.shape
-    tx, rx = (np.einsum("...ji,...j->...i", axes, antenna - centres).reshape(-1, 3) for antenna in (tx_m, rx_m))
-    semi_axes = np.broadcast_to(semi_axes_m, shape).reshape(-1, 3)
-    normal = unit(unit(tx) / semi_axes + unit(rx) / semi_axes)
-    going = np.arange(len(normal))
+    flat = np.reshape(axes, (-1, 3, 3))
+    middle, *antennas = (np.broadcast_to(each, shape).reshape(-1, 3).T for each in (centres, tx_m, rx_m))
+    semi_axes = np.broadcast_to(semi_axes_m, shape).reshape(-1, 3).T
+    point, normal = _nearest(semi_axes, *(_rotated(flat.swapaxes(1, 2), each - middle) for each in antennas))
+    return (middle + _rotated(flat, point)).T.reshape(shape), _rotated(flat, normal).T.reshape(shape)
+
+
+def _nearest(semi_axes_m: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The points and normals of `specular_points` in the ellipsoids' axes, components first as all that is given, (3, M)."""
+    normal = _unit(_unit(tx) / semi_axes_m + _unit(rx) / semi_axes_m)
+    going = np.arange(normal.shape[1])
     for _ in range(MOST_STEPS):
-        normal[going], step = _nearer(normal[going], semi_axes[going], tx[going], rx[going])
+        normal[:, going], step = _nearer(*(each[:, going] for each in (normal, semi_axes_m, tx, rx)))
         going = going[step >= CONVERGED_RAD]
         if not len(going):
             break
-    point = (semi_axes**2 * normal / np.linalg.norm(semi_axes * normal, axis=-1, keepdims=True)).reshape(shape)
-    normal = normal.reshape(shape)
-    return centres + np.einsum("...ij,...j->...i", axes, point), np.einsum("...ij,...j->...i", axes, normal)
+    return semi_axes_m**2 * normal / _length(semi_axes_m * normal), normal
 
 
 def _nearer(
     normal: np.ndarray, semi_axes_m: np.ndarray, tx: np.ndarray, rx: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A step of Newton's towards the shortest path, all (M, 3) in the ellipsoids' axes: the new normals and how far they
-    rotated."""
-    plane = np.linalg.norm(semi_axes_m * normal, axis=-1)
-    point = semi_axes_m**2 * normal / plane[:, None]
+    """A step of Newton's towards the shortest path: the new normals (3, M) and how far they rotated (M,)."""
     tangents = _tangents(normal)
-    bend = np.zeros((len(normal), 2, 2))
-    towards = np.zeros_like(normal)
-    for antenna in (tx, rx):
-        offset = antenna - point
-        distance = np.linalg.norm(offset, axis=-1)
-        towards += offset / distance[:, None]
-        along = np.einsum("mti,mi->mt", tangents, offset / distance[:, None])
-        bend += (np.eye(2) - along[:, :, None] * along[:, None, :]) / distance[:, None, None]
-    curvature = np.einsum("mti,mi,msi->mts", tangents, 1 / semi_axes_m**2, tangents) * plane[:, None, None]
-    facing = np.maximum(np.einsum("mi,mi->m", normal, towards), FORWARD[0] / 2)
-    hessian = bend + facing[:, None, None] * curvature
-    descent = _solved(hessian, np.einsum("mti,mi->mt", tangents, towards))
-    step = np.einsum("mts,ms->mt", curvature, descent)
+    curvature = _curvature(normal, tangents, semi_axes_m)
+    bend, towards, _ = _seen_from((tx, rx), semi_axes_m**2 * normal / _length(semi_axes_m * normal), tangents)
+    facing = np.maximum(dot(normal, towards), FORWARD[0] / 2)
+    a, b, c = (one + facing * other for one, other in zip(bend, curvature, strict=True))
+    x, y = (dot(tangent, towards) for tangent in tangents)
+    x, y = ((c * x - b * y) / (a * c - b * b), (a * y - b * x) / (a * c - b * b))
+    x, y = curvature[0] * x + curvature[1] * y, curvature[1] * x + curvature[2] * y
     # The normal rotates by at most half a radian at once.
-    step /= np.maximum(1, 2 * np.linalg.norm(step, axis=-1, keepdims=True))
-    return unit(normal + np.einsum("mt,mti->mi", step, tangents)), np.abs(step).max(axis=1)
+    most = np.maximum(1, 2 * np.sqrt(x**2 + y**2))
+    x, y = x / most, y / most
+    return _unit(normal + x * tangents[0] + y * tangents[1]), np.maximum(np.abs(x), np.abs(y))
+
+
+def _seen_from(
+    antennas: Sequence[np.ndarray], point: np.ndarray, tangents: Sequence[np.ndarray]
+) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray]]:
+    """Along two tangents at points (3, M) the Hessian of the distances from antennas, were the surface flat (xx, xy, yy); the sum
+    of the unit vectors to them, and the distances."""
+    bend, ranges = [np.zeros(point.shape[1]) for _ in range(3)], []
+    towards = np.zeros_like(point)
+    for antenna in antennas:
+        offset = antenna - point
+        distance = _length(offset)
+        offset /= distance
+        towards += offset
+        x, y = (dot(tangent, offset) for tangent in tangents)
+        for total, more in zip(bend, (1 - x * x, -x * y, 1 - y * y), strict=True):
+            total += more / distance
+        ranges.append(distance)
+    return bend, towards, ranges
+
+
+def _curvature(normal: np.ndarray, tangents: Sequence[np.ndarray], semi_axes_m: np.ndarray) -> list[np.ndarray]:
+    """Of sum (x_i/a_i)^2 = 1 along two tangents, (xx, xy, yy): p T^t diag(1/a^2) T, p = |D n| the distance of the tangent plane
+    from the centre."""
+    plane = _length(semi_axes_m * normal)
+    scaled = [tangent / semi_axes_m**2 for tangent in tangents]
+    return [dot(scaled[i], tangents[k]) * plane for i, k in ((0, 0), (0, 1), (1, 1))]
 
 
 def _specular(
@@ -238,31 +262,19 @@ def _specular(
 
     Monostatic, det H = 4 (k1 + 1/R)(k2 + 1/R): sigma = pi R1 R2/((1 + R1/R)(1 + R2/R)).
     """
-    point, normal = specular_points(centres, axes, semi_axes_m, tx_m, rx_m)
+    antennas = [_rotated(axes.swapaxes(1, 2), (place - centres).T) for place in (tx_m, rx_m)]
+    point, normal = _nearest(semi_axes_m.T, *antennas)
     tangents = _tangents(normal)
-    hessian = np.zeros((*normal.shape[:-1], 2, 2))
-    cosine = np.zeros(normal.shape[:-1])
-    ranges = []
-    for antenna in (tx_m, rx_m):
-        offset = antenna - point
-        distance = np.linalg.norm(offset, axis=-1)
-        along = np.einsum("...ti,...i->...t", tangents, offset / distance[..., None])
-        hessian += (np.eye(2) - along[..., :, None] * along[..., None, :]) / distance[..., None, None]
-        cosine += np.einsum("...i,...i->...", normal, offset) / distance
-        ranges.append(distance)
-    # Curvature of sum (x_i/a_i)^2 = 1: p T^t diag(1/a^2) T, p = |D n| the distance of the tangent plane from the centre.
-    body_tangents = np.einsum("...ti,...ij->...tj", tangents, axes)
-    body_normal = np.einsum("...ij,...i->...j", axes, normal)
-    plane = np.linalg.norm(semi_axes_m * body_normal, axis=-1)
-    curvature = (
-        np.einsum("...ti,...i,...si->...ts", body_tangents, 1 / semi_axes_m**2, body_tangents) * plane[..., None, None]
-    )
-    hessian += cosine[..., None, None] * curvature
-    field = math.sqrt(math.pi) * cosine / np.sqrt(np.linalg.det(hessian)) / (ranges[0] * ranges[1])
+    curvature = _curvature(normal, tangents, semi_axes_m.T)
+    bend, towards, ranges = _seen_from(antennas, point, tangents)
+    cosine = dot(normal, towards)
+    a, b, c = (one + cosine * other for one, other in zip(bend, curvature, strict=True))
+    field = math.sqrt(math.pi) * cosine / np.sqrt(a * c - b * b) / (ranges[0] * ranges[1])
     # Seen from a little aside, the nearest point moves on the surface, as if the echo came from its centre of curvature.
-    radius = 2 / np.trace(curvature, axis1=-2, axis2=-1)
+    radius = 2 / (curvature[0] + curvature[2])
+    place = centres + _rotated(axes, point).T
     apparent = (
-        antenna + (1 + radius / distance)[..., None] * (point - antenna)
+        antenna + (1 + radius / distance)[:, None] * (place - antenna)
         for antenna, distance in zip((tx_m, rx_m), ranges, strict=True)
     )
     return (ranges[0] + ranges[1], field, *apparent)
@@ -284,15 +296,23 @@ def _centre(
     return r_tx + r_rx, np.sqrt(rcs) / (r_tx * r_rx), centres, centres
 
 
-def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solutions (M, 2) of symmetric equations (M, 2, 2)."""
-    (a, b), (_, c) = matrix.transpose(1, 2, 0)
-    x, y = right.T
-    return np.stack([c * x - b * y, a * y - b * x], axis=1) / (a * c - b * b)[:, None]
+def _tangents(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit tangents of unit normals (3, M)."""
+    helper = np.where(np.abs(normal[0]) < 0.6, *np.eye(3)[:2, :, None])
+    first = _unit(np.stack(cross(normal, helper)))
+    return first, np.stack(cross(normal, first))
 
 
-def _tangents(normal: np.ndarray) -> np.ndarray:
-    """Two unit tangents (..., 2, 3) of unit normals (..., 3)."""
-    helper = np.where(np.abs(normal[..., :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-    first = unit(np.cross(normal, helper))
-    return np.stack([first, np.cross(normal, first)], axis=-2)
+def _rotated(axes: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Products of matrices (M, 3, 3) and vectors (3, M)."""
+    return np.stack([dot(axes[:, row].T, vectors) for row in range(3)])
+
+
+def _length(vectors: np.ndarray) -> np.ndarray:
+    """Of vectors (3, M)."""
+    return np.asarray(np.sqrt(dot(vectors, vectors)))
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (3, M) of length one."""
+    return np.asarray(vectors / _length(vectors))

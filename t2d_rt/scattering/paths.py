@@ -20,8 +20,9 @@ from t2d_rt.types.scatterer import Fraction, FrameBlock
 ANCHORS, APART_M = 150, 0.04
 """Points of a target at which coefficients are worked out: at most so many, and no nearer to each other than needed."""
 NODE_RATE_HZ = 20.0
-"""Rate at which a path's field is worked out at the anchors, linear in between: reflection and pattern change by little while a
-limb moves by some 10 cm. In a furnished room that errs by -37 dB over the worst pair, and by -58 dB over the median one."""
+"""About the rate at which a path's field is worked out at the anchors, linear in between: reflection and pattern change by little
+while a limb moves by some 10 cm. In a furnished room that errs by -37 dB over the worst pair, and by -58 dB over the median
+one."""
 NEIGHBOURS = 3
 """Anchors that an echo takes its coefficient from."""
 RANKING_NODES = 7
@@ -196,7 +197,7 @@ def faded_weights(
     """
     times_s, start, stop = block.record_s, block.first, block.last
     last = len(times_s) - 1
-    every = max(1, int(last / (times_s[-1] - times_s[0]) / NODE_RATE_HZ))
+    every = max(1, round(last / (times_s[-1] - times_s[0]) / NODE_RATE_HZ))
     nodes = np.unique(np.minimum(np.arange(start // every, -(-(stop - 1) // every) + 1) * every, last))
     beyond = (nodes < start) | (nodes >= stop)
     at_nodes = points_m[np.clip(nodes, start, stop - 1) - start]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from typing_extensions import override
 
+from t2d_rt.core.backend import in_threads
 from t2d_rt.scattering.antennas import side_by_side
 from t2d_rt.types import EchoArrays, Radar
 from t2d_rt.types.scatterer import EchoLabels, FrameBlock, Poses, Scatterer, Visibility
@@ -34,7 +35,13 @@ class Joined(Scatterer):
 
     @override
     def scatter(self, block: FrameBlock, poses: Poses, seen: Visibility) -> EchoArrays:
-        return side_by_side([each.scatter(block, poses, seen) for each in self.each])
+        found: list[EchoArrays | None] = [None] * len(self.each)
+
+        def scatter(number: int) -> None:
+            found[number] = self.each[number].scatter(block, poses, seen)
+
+        in_threads(scatter, range(len(self.each)))
+        return side_by_side([each for each in found if each is not None])
 
 
 def joined(scatterers: Sequence[Scatterer]) -> Scatterer:
