@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,9 +34,10 @@ from t2d_rt.propagation.collisions import Collisions
 from t2d_rt.radar.repetition import add_repeated
 from t2d_rt.radar.synthesize import Progress, Synthesis
 from t2d_rt.recording.recording import Recording
-from t2d_rt.recording.remake import again, received
+from t2d_rt.recording.remake import again, gated, received
 from t2d_rt.scattering.ellipsoid import PhaseFrom
 from t2d_rt.scene import Room
+from t2d_rt.signal.gated import RangeGate
 from t2d_rt.types import Accuracy, EchoArrays, Material, Radar, Receiver, Scene
 from t2d_rt.types.scatterer import FrameBlock, Scatterer, pose, visibility
 from t2d_rt.types.target import Method
@@ -144,10 +146,23 @@ def run(
     return recording
 
 
+def run_gated(
+    experiment: Experiment, accuracy: Accuracy | None, range_gate_m: tuple[float, float], *, measure_error: bool | None = None,
+    device: Device = "auto",
+) -> Recording:  # fmt: skip
+    """As `run`, of which only the range cells between nearest and farthest [m] are kept: enough for its spectrogram, not for what
+    needs ADC samples. These are made only where an effect of the receiver must act on them."""
+    wanted = replace(Wanted.of(accuracy, None, measure_error), factored=True)
+    with one_blas_thread:
+        setup = set_up_stored(experiment, {}, device=device, memory_gb=LIMIT_GB)
+        return recorded(setup, wanted, device, None, gate=RangeGate.of(experiment.radar, range_gate_m))
+
+
 def recorded(
-    setup: Setup, wanted: Wanted, device: Device, progress: Progress | None, split: Split | None = None
-) -> Recording:
-    """The recording of an experiment that is set up."""
+    setup: Setup, wanted: Wanted, device: Device, progress: Progress | None, split: Split | None = None,
+    gate: RangeGate | None = None,
+) -> Recording:  # fmt: skip
+    """The recording of an experiment that is set up; with a gate that of the gate's cells."""
     if wanted.measured and setup.model.paths_on is not None:
         raise InputError(
             "the error of a recording is that of all paths; give measure_error=False beside only_paths and without_paths"
@@ -156,12 +171,15 @@ def recorded(
     if wanted.tolerance_db is not None and not (wanted.measured and measured_directly(plan)):
         warn_out_of_reach(plan)
     plan, cube, parts, settings = planned_run(setup, plan, wanted, device, progress, split)
-    cube, levels = received(cube, setup.experiment)
+    if gate is None:
+        cube, levels = received(cube, setup.experiment)
+    else:
+        cube, levels = gated(cube, setup.experiment, gate)
     settings |= levels
     after_call()
     return Recording(
         cube, plan.model.radar, experiment=setup.experiment, accuracy=plan.accuracy, inputs=setup.inputs, settings=settings,
-        versions=versions(), parts=parts.cubes,
+        versions=versions(), processing={} if gate is None else gate.processing, parts=parts.cubes,
     )  # fmt: skip
 
 
@@ -173,7 +191,7 @@ def planned_run(
     most. A warning where the last one misses its tolerance."""
     model, accuracy = plan.model, plan.accuracy
     prepared = prepare(model, accuracy, setup.experiment.clutter)
-    parts = PartCubes(split, model)
+    parts = PartCubes(split, model, factored=wanted.factored)
     needed_bytes = check_memory(prepared, measured=wanted.measured, parts=parts.most(accuracy))
     repeatable = most_again > 0 and wanted.measured and measured_directly(plan)
     cube = summed(prepared, device, stretch(progress, 0, FIRST_RUN) if repeatable else progress, parts)
@@ -199,7 +217,7 @@ def planned_run(
 def summed(prepared: Prepared, device: Device, progress: Progress | None, into: PartCubes | None = None) -> Cube:
     """The ADC cube of all echoes; what each part of them returns goes `into` a cube of its own."""
     into = into or PartCubes(None, prepared.model)
-    cube, radar, parts = None, prepared.model.radar, prepared.parts
+    cube, radar, parts = into.whole, prepared.model.radar, prepared.parts
     always = {"tolerance_db": prepared.synthesis_error_db, "device": device, "memory": prepared.model.memory}
     for part, told in zip(parts, split_progress(progress, len(parts)), strict=True):
         options: dict[str, Any] = always | {"onto": cube, "progress": told, "parts": into.of(part)}

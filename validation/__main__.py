@@ -20,7 +20,7 @@ SECTIONS = {
     "human_rcs": "physics", "receiver": "physics", "background": "physics", "blockage": "physics", "stability": "methods",
     "working_directories": "robustness", "results": "robustness", "datasets": "robustness", "memory": "robustness",
     "corruptions": "robustness", "fuzz": "robustness", "soak": "robustness",
-    "nearest_centroid": "datasets", "limb_labels": "datasets",
+    "nearest_centroid": "datasets", "limb_labels": "datasets", "lost_worker": "datasets", "gated_cells": "datasets",
 }  # fmt: skip
 """Sections in the order of the report, each with the package that it lies in."""
 

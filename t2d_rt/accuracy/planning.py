@@ -35,6 +35,8 @@ class Wanted:
     tolerance_db: float | None
     measured: bool
     """Whether the error is measured after the run."""
+    factored: bool = False
+    """Whether the cube keeps products, of which samples are made when they are read."""
 
     @classmethod
     def of(

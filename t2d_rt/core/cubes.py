@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,16 +20,42 @@ LARGE_BYTES = 512 * 2**20
 LARGE_FRACTION = 1 / 8
 
 
+@dataclass(frozen=True, slots=True)
+class GatedRows:
+    """Rows of a cube of which only the cells of a range gate are kept."""
+
+    cells: np.ndarray
+    """Windowed range FFT of each chirp, complex64 (chirp, antenna, cell)."""
+    bins: slice
+    """Range bins of the gate."""
+    window: str
+    """That over the samples of a chirp."""
+    samples: int
+    """That a chirp has."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Numbers of chirps, antennas and samples."""
+        return (*self.cells.shape[:2], self.samples)
+
+    def read(self, start: int, stop: int) -> np.ndarray:
+        """Refuses to make samples."""
+        raise InputError(
+            "this recording keeps the range cells of its gate and no ADC samples; simulate it without a range gate"
+        )
+
+
 class DiskCube:
     """A complex64 cube (chirp, antenna, sample) whose rows, or what they are made of, lie on disk: read by ranges of chirps.
 
-    Whoever holds it, or an array that reads from it, can read it: see `ScratchRows`, `ProductRows`, `SavedRows` and `FileRows`.
+    Whoever holds it, or an array that reads from it, can read it: see `ScratchRows`, `ProductRows`, `SavedRows` and `FileRows`. Of
+    `GatedRows` there are range cells alone.
     """
 
     ndim = 3
     dtype = DTYPE
 
-    def __init__(self, rows: ScratchRows | ProductRows | SavedRows | FileRows) -> None:
+    def __init__(self, rows: ScratchRows | ProductRows | SavedRows | FileRows | GatedRows) -> None:
         self.rows = rows
 
     @property
@@ -43,6 +70,8 @@ class DiskCube:
         where: Any = "a temporary file"
         if isinstance(self.rows, SavedRows | FileRows):
             where = self.rows.folder if isinstance(self.rows, SavedRows) else self.rows.path
+        if isinstance(self.rows, GatedRows):
+            where = "cells of a range gate"
         return f"DiskCube({' x '.join(map(str, self.shape))} in {where})"
 
     def __getitem__(self, place: Any) -> np.ndarray:

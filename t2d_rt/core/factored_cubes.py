@@ -50,6 +50,12 @@ class Piece:
         """Samples (chirp, sample) as they are, of which nothing is known."""
         return cls(samples, np.zeros(1), None, np.zeros(0), phase, np.inf)
 
+    def as_samples(self) -> Piece:
+        """The same as samples, of which it stays known how far the beats lie apart."""
+        low, high = float(self.theta.min()) - self.band, float(self.theta.max()) + self.band
+        middle = np.array([(low + high) / 2])
+        return Piece(self.samples(), middle, None, np.zeros(0), self.phase, (high - low) / 2)
+
     def at(self, samples: slice) -> Piece:
         """The same at some of the samples."""
         if self.weights is None:
@@ -72,6 +78,13 @@ class Piece:
         out = np.empty((len(self.coefficients), len(self.x)), DTYPE)
         self._multiply(out)
         return out
+
+    def through(self, matrix: np.ndarray) -> np.ndarray:
+        """Samples, with the phase, times a matrix (sample, cell), complex64 (chirp, cell): it meets the few functions of the sample
+        first."""
+        functions = matrix if self.weights is None else _functions(self)[1].astype(DTYPE) @ matrix
+        found = self.coefficients @ functions
+        return found if self.phase is None else (found * self.phase[:, None]).astype(DTYPE)
 
     def _multiply(self, out: np.ndarray) -> None:
         assert self.weights is not None
@@ -165,7 +178,7 @@ class ProductRows:
     def add(self, row: int, antenna: int, piece: Piece) -> None:
         """A piece from a row on, to the last layer."""
         many = piece.coefficients.shape[1] > self.shape[2]
-        self._append(row, antenna, Piece.of_samples(piece.samples(), piece.phase) if many else piece)
+        self._append(row, antenna, piece.as_samples() if many else piece)
 
     def add_samples(self, row: int, samples: np.ndarray) -> None:
         """Samples (row, antenna, sample) from a row on, to the last layer; where they are zero nothing is kept."""
@@ -207,6 +220,15 @@ class ProductRows:
                 rows = found if rows is None else rows + found
         assert rows is not None, "a whole sum has a layer"
         return rows
+
+    def through(self, matrix: np.ndarray, start: int, stop: int) -> np.ndarray:
+        """Rows start..stop times a matrix (sample, cell), complex64 (row, antenna, cell), of which no samples are made."""
+        found = np.zeros((stop - start, self.shape[1], matrix.shape[1]), DTYPE)
+        for layer in self._layers:
+            for each in layer.within(start, stop):
+                first, last = max(start, each.start), min(stop, each.stop)
+                found[first - start : last - start, each.antenna] += each.rows(self._file, first, last).through(matrix)
+        return found
 
     def mixed(self, matrix: np.ndarray, start: int, every: int = 1) -> np.ndarray:
         """A matrix (mixture, row) times the rows from `start` on, complex64 (mixture, antenna, sample), of `every` so many samples.

@@ -26,6 +26,7 @@ ROUNDING = 1e-6
 """How far the part of a map that another one covers may reach beyond 0..1: the edges of axes are rounded to 1e-9."""
 
 Size = Annotated[Count, Field(ge=2, le=4096)]
+RangeLimits = tuple[Number, Number]
 MapDtype = Literal["float16", "uint8"]
 
 POINT_COLUMNS = "time_s", "range_m", "azimuth_rad", "elevation_rad", "speed_mps", "snr_db"
@@ -117,6 +118,25 @@ class SpectrogramProduct(_Map):
 
     size: tuple[Size, Size] = (128, 128)
     """Cells of speed and of time; powers are averaged over what a cell covers."""
+    range_gate_m: RangeLimits | Literal["scene"] | None = None
+    """Nearest and farthest range whose cells are added up [m]; "scene" is the depth of the room, or in free space the ranges that
+    the person reaches; all ranges by default."""
+
+    @model_serializer(mode="wrap")
+    def _written(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Without a gate where there is none: so was the text of recipes before there were any, and with it their hash."""
+        found: dict[str, Any] = plain(self)
+        if self.range_gate_m is None:
+            del found["range_gate_m"]
+        return found
+
+    @model_validator(mode="after")
+    def _rising(self) -> Self:
+        if isinstance(self.range_gate_m, tuple) and not 0 <= self.range_gate_m[0] < self.range_gate_m[1]:
+            raise InputError(
+                f'range_gate_m must be nearest and farthest range [m], got {list(self.range_gate_m)}; give [0.5, 6] or "scene"'
+            )
+        return self
 
     def made(self, view: View) -> tuple[np.ndarray, dict[str, Any]]:
         """The array (speed, time), and what goes into the record."""
@@ -290,6 +310,11 @@ class Products(_Product):
         if self.parts is None:
             del found["parts"]
         return found
+
+    @property
+    def needs_samples(self) -> bool:
+        """Whether anything but the spectrogram and truth is made, for which the cells of a range gate do not do."""
+        return bool(set(self.kept) - {"spectrogram", "truth"})
 
     @property
     def kept(self) -> dict[str, Any]:

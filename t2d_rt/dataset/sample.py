@@ -224,6 +224,32 @@ def _moved(track: np.ndarray, distance_m: float, angle_deg: float, aside_m: floa
     return np.stack([x, y, local[..., 2]], axis=-1)
 
 
+BODY_M = 0.5
+"""How far from its joints a body and its cells reach: hands, head and belly, and two range bins by the window."""
+NEAREST_GATE_M = 0.3
+"""Nearer cells hold the receiver's offset and leakage."""
+
+
+def range_gate(recipe: Recipe, found: Sample) -> tuple[float, float] | None:
+    """Nearest and farthest range of the spectrogram's cells [m]; None for all.
+
+    By the scene they are the room's depth, that is the range of its farthest corner, or in free space the ranges of the person.
+    """
+    kept = recipe.products.spectrogram
+    asked = None if kept is None else kept.range_gate_m
+    if asked is None or isinstance(asked, tuple):
+        return asked
+    radar = np.array(found.experiment.radar.position_m)
+    if found.experiment.scene != "free_space":
+        low, high, _ = surroundings(str(found.experiment.scene))
+        farthest_m = float(np.linalg.norm(np.maximum(np.abs(high - radar), np.abs(low - radar))))
+        return NEAREST_GATE_M, round(farthest_m, 3)
+    base = place(found.cut.motion, distance_m=1.0, radar_position_m=(0.0, 0.0, 1.0))
+    at = found.place
+    ranges = np.linalg.norm(_moved(base.joints, at.distance_m, at.angle_deg, at.aside_m) - radar, axis=-1)
+    return max(NEAREST_GATE_M, round(float(ranges.min()) - BODY_M, 3)), round(float(ranges.max()) + BODY_M, 3)
+
+
 def _overlap(track: np.ndarray, low: np.ndarray, high: np.ndarray, boxes: np.ndarray) -> float:
     """How far (T, J, 3) goes at most beyond the walls, into boxes (B, 2, 3) or to within reach of the radar [m]."""
     outside = np.maximum(low + CLEARANCE_M - track, track - high + CLEARANCE_M)[..., :2].max()

@@ -23,18 +23,21 @@ from t2d_rt.core.errors import InputError, T2DError, T2DWarning
 from t2d_rt.core.memory import keep_freed, release_above
 from t2d_rt.dataset.products import View, parts_of, record_length_s
 from t2d_rt.dataset.recipe import Recipe, integer_seed
-from t2d_rt.dataset.sample import Cell, Sample, cell_of, description_of, provenance, sample
+from t2d_rt.dataset.sample import Cell, Sample, cell_of, description_of, provenance, range_gate, sample
 from t2d_rt.dataset.shards import Made, write_whole
 from t2d_rt.experiment.sources import MotionText
 from t2d_rt.noise.masks import occlude
 from t2d_rt.recording.maps import background, background_settings
 from t2d_rt.recording.recording import Recording
-from t2d_rt.simulate import run
+from t2d_rt.simulate import run, run_gated
 from t2d_rt.types import Accuracy
 
 
-def view(recording: Recording, recipe: Recipe, index: int) -> View | None:
-    """The spectrogram of a sample by its index, with its background and its occluded windows; None where the recipe keeps none.
+def view(
+    recording: Recording, recipe: Recipe, index: int, range_gate_m: tuple[float, float] | None = None
+) -> View | None:
+    """The spectrogram of a sample by its index and its range gate, with its background and its occluded windows; None where the
+    recipe keeps none.
 
     A background is added as power, in which echoes and noise add up in the mean (`add_background`).
     Raises InputError where occluded windows leave nothing of the record.
@@ -42,13 +45,13 @@ def view(recording: Recording, recipe: Recipe, index: int) -> View | None:
     kept = recipe.products.spectrogram
     if kept is None:
         return None
-    recording = recording.processed(mti=kept.mti)
+    recording = recording.processed(mti=kept.mti, range_gate_m=range_gate_m)
     image = recording.spectrogram
     velocity, time_s = image.velocity_mps.values, image.time_s.values
     power = _power(image.values)
     parts = {} if recipe.products.parts is None else parts_of(recording, recipe.products.parts.split)
     added: np.ndarray | None = None
-    details: dict[str, Any] = {}
+    details: dict[str, Any] = {} if range_gate_m is None else {"range_gate_m": list(range_gate_m)}
     if recipe.background is not None:
         seed = integer_seed(recipe.seeds(index, "background"))
         settings = background_settings(
@@ -221,9 +224,13 @@ def _recorded(
     begin = time.perf_counter()
     kept = recipe.products.parts
     split = None if kept is None else kept.split
-    recording = run(found.experiment, accuracy, measure_error=found.measured, split=split, device="cpu")
+    gate_m = range_gate(recipe, found)
+    if gate_m is None or recipe.products.needs_samples or found.experiment.radar.multiplexing == "ddm":
+        recording = run(found.experiment, accuracy, measure_error=found.measured, split=split, device="cpu")
+    else:
+        recording = run_gated(found.experiment, accuracy, gate_m, measure_error=found.measured, device="cpu")
     simulated = time.perf_counter()
-    arrays, products = recipe.products.made(recording, view(recording, recipe, found.cell.index))
+    arrays, products = recipe.products.made(recording, view(recording, recipe, found.cell.index, gate_m))
     record = {
         "duration_s": round(record_length_s(recording), 9),
         "error_db": None if recording.error_db is None else round(recording.error_db, 3),

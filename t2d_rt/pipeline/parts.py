@@ -14,7 +14,7 @@ from t2d_rt.body.segments import SEGMENTS, segment_of_faces
 from t2d_rt.body.template import template
 from t2d_rt.core.checks import shown
 from t2d_rt.core.cube_storage import ScratchFile
-from t2d_rt.core.cubes import DiskCube
+from t2d_rt.core.cubes import Cube, DiskCube
 from t2d_rt.core.errors import InputError, warn
 from t2d_rt.core.factored_cubes import ProductRows
 from t2d_rt.pipeline.echo_model import Model
@@ -161,10 +161,18 @@ class PartCubes:
     They hold products of which samples are made when they are read (`ProductRows`), all in one file.
     """
 
-    def __init__(self, split: Split | None, model: Model) -> None:
+    def __init__(self, split: Split | None, model: Model, *, factored: bool = False) -> None:
+        """factored: whether the cube of the whole holds products, too."""
         self._model, self._file = model, ScratchFile() if split else None
         self._names = PartNames(split, model) if split else None
         self._rows: dict[str, ProductRows] = {}
+        self.whole: Cube | None = DiskCube(ProductRows(self._axes)) if factored else None
+        """What all echoes are added to; None where the sum makes a cube of its own."""
+
+    @property
+    def _axes(self) -> tuple[int, int, int]:
+        radar, (start_s, stop_s) = self._model.radar, self._model.span_s
+        return len(radar.chirp_times_s(stop_s - start_s)), radar.antennas, radar.samples
 
     @property
     def cubes(self) -> dict[str, DiskCube]:
@@ -203,9 +211,7 @@ class PartCubes:
     def _part(self, name: str) -> ProductRows:
         """The rows of a part, new ones where it has had no echo."""
         if name not in self._rows:
-            model, radar = self._model, self._model.radar
-            shape = len(radar.chirp_times_s(model.span_s[1] - model.span_s[0])), radar.antennas, radar.samples
-            self._rows[name] = ProductRows(shape, self._file)
+            self._rows[name] = ProductRows(self._axes, self._file)
             if self._names is not None and (plain := self._names.renamed.get(name)):
                 warn(f"the part {plain} is called {name}, as another part has that name; give the target another name")
         return self._rows[name]

@@ -8,15 +8,18 @@ from typing import Any
 
 from t2d_rt.core.backend import one_blas_thread
 from t2d_rt.core.checks import instance, integer
-from t2d_rt.core.cubes import Cube, DiskCube
+from t2d_rt.core.cubes import Cube, DiskCube, GatedRows
 from t2d_rt.core.errors import InputError, warn
+from t2d_rt.core.factored_cubes import ProductRows
 from t2d_rt.core.stored_arrays import Inputs
 from t2d_rt.experiment.catalog import noise_named
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import repeatable
 from t2d_rt.noise.receiver import receive
+from t2d_rt.noise.receiver.gated import receive_gated
 from t2d_rt.pipeline.prepare import plugin_finders
 from t2d_rt.recording.recording import Recording, whole
+from t2d_rt.signal.gated import RangeGate
 from t2d_rt.types import Accuracy, Receiver
 
 KNOWN = "error_db", "error_scatter_db", "error_chirps", "tolerance_db"
@@ -71,6 +74,15 @@ def add_noise(
     cube = recording.cube if isinstance(recording.cube, DiskCube) else recording.cube.copy()
     cube, levels = received(cube, experiment)
     return recording._with(cube=cube, experiment=experiment, settings=recording.settings | levels)
+
+
+def gated(cube: Cube, experiment: Experiment, gate: RangeGate) -> tuple[Cube, dict[str, Any]]:
+    """As `received`, the cells of a range gate alone, of a cube that keeps products."""
+    assert isinstance(cube, DiskCube), "gated cells are made of products"
+    assert isinstance(cube.rows, ProductRows), "gated cells are made of products"
+    receiver = experiment.noise if isinstance(experiment.noise, Receiver) else None
+    cells, levels = receive_gated(cube.rows, experiment.radar, receiver, experiment.seed, gate.matrix, gate.bins)
+    return DiskCube(GatedRows(cells, gate.bins, gate.window, experiment.radar.samples)), levels
 
 
 def received(cube: Cube, experiment: Experiment) -> tuple[Cube, dict[str, Any]]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.core.checks import array, choice, flag, integer, number, numeric, positive
-from t2d_rt.core.cubes import DiskCube, column_sums
+from t2d_rt.core.cubes import DiskCube, GatedRows, column_sums
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.factored_cubes import ProductRows
 from t2d_rt.signal.maps import RangeDoppler, Spectrogram
@@ -264,7 +264,9 @@ def _spectrograms(
 
     cells_of: Callable[[Any], np.ndarray] = fast.cells
     step_of = None
-    if fast.by_samples and len(cubes) == 1 and mti.method == "none":
+    if isinstance(adc, DiskCube) and isinstance(adc.rows, GatedRows):
+        cubes, cells_of = [_gated_cells(adc.rows, fast)], np.array  # copies: MTI subtracts in place
+    elif fast.by_samples and len(cubes) == 1 and mti.method == "none":
         step_of = partial(sample_step, adc, range_window)
     elif fast.by_samples and len(cubes) > 1:  # one step for all, because beats of one part meet those of the others
         step = _common_step(cubes, range_window)
@@ -289,6 +291,16 @@ def _common_step(cubes: Sequence[Any], window: str) -> int:
     if not all(isinstance(each, DiskCube) and isinstance(each.rows, ProductRows) for each in cubes):
         return 1
     return sample_step(DiskCube(ProductRows.sum_of([each.rows for each in cubes])), window, 0, len(cubes[0]))
+
+
+def _gated_cells(rows: GatedRows, fast: FastTime) -> np.ndarray:
+    """The cells that are kept, if they are those of this gate and window."""
+    if (rows.bins, rows.window) != (fast.bins, fast.window):
+        raise InputError(
+            f"this recording keeps range cells {rows.bins.start}..{rows.bins.stop - 1} by window {rows.window!r} alone; "
+            "simulate it without a range gate"
+        )
+    return rows.cells
 
 
 class _Thinned:

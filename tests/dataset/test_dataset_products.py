@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from t2d_rt.core.errors import T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.dataset.products import (
     Products,
     RangeDopplerProduct,
@@ -18,9 +18,11 @@ from t2d_rt.dataset.products import (
     resized,
 )
 from t2d_rt.dataset.recipe import Recipe
-from t2d_rt.dataset.worker import view
+from t2d_rt.dataset.sample import range_gate, sample, surroundings
+from t2d_rt.dataset.worker import make_sample, view
 from t2d_rt.recording.maps import background, background_settings
 from t2d_rt.recording.recording import Recording
+from t2d_rt.simulate import run
 from t2d_rt.types import Radar
 
 RADAR = Radar.preset("table2")
@@ -98,3 +100,36 @@ def test_cells_are_means_over_what_they_cover() -> None:
     np.testing.assert_allclose(
         resized(power, (2, 10), (1 / 7, 5 / 7)), [power[1:3].mean(axis=0), power[3:5].mean(axis=0)]
     )
+
+
+def test_a_gate_by_the_scene_is_what_the_person_reaches_or_the_room() -> None:
+    gated = {"spectrogram": {"size": [32, 32], "range_gate_m": "scene"}}
+    conditions = [{"name": "free", "method": "ellipsoid"}, {"name": "room", "scene": "empty_room"}]
+    recipe = Recipe(
+        name="gated", classes=["bending"], descriptions_per_class=1, samples_per_description=1, radar="table2",
+        conditions=conditions, each_condition=True, products=gated, duration_s=1.0, noise="none",
+    )  # fmt: skip
+    free, room = (range_gate(recipe, sample(recipe, index)) for index in (0, 1))
+    start_m = sample(recipe, 0).place.distance_m
+    assert free is not None
+    assert free[0] < start_m - 0.5
+    assert start_m + 0.5 < free[1] < start_m + 2.5
+    low, high, _ = surroundings("empty_room")
+    corner_m = np.linalg.norm([max(-low[0], high[0]), max(-low[1], high[1]), high[2] - 1.0])
+    assert room == (0.3, pytest.approx(corner_m, abs=1e-3))
+
+    made = make_sample(recipe, {}, 0)
+    assert made.record["products"]["spectrogram"]["range_gate_m"] == list(free)
+    by_samples = run(sample(recipe, 0).experiment, device="cpu")
+    shown = view(by_samples, recipe, 0, free)
+    assert shown is not None
+    levels, told = SpectrogramProduct(size=(32, 32)).made(shown)
+    above = levels > -90  # below, it is rounding
+    assert np.abs(made.arrays["spectrogram"].astype(float) - levels)[above].max() < 0.1
+    assert told["peak_db"] == pytest.approx(made.record["products"]["spectrogram"]["peak_db"], abs=1e-3)
+
+
+def test_a_recipe_without_a_gate_has_the_hash_of_before() -> None:
+    assert "range_gate_m" not in Products().model_dump()["spectrogram"]
+    with pytest.raises(InputError, match="nearest and farthest"):
+        SpectrogramProduct(range_gate_m=(3.0, 1.0))

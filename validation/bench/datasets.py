@@ -104,6 +104,7 @@ def recipe_of(kind: Kind, seed: int = 0) -> Recipe:
     return Recipe(
         name="bench", descriptions_per_class=20, samples_per_description=1, radar=kind.radar, gait_factors=(0.85, 1.2),
         gait_spread=0.025, conditions=[{"name": "only", **kind.condition}], samples_per_shard=16, seed=seed,
+        products={"spectrogram": {"range_gate_m": "scene"}},
     )  # fmt: skip
 
 

@@ -40,7 +40,7 @@ as they are."""
 @lru_cache(maxsize=16)
 def check_receiver(radar: Radar, receiver: Receiver) -> None:
     """Refuses a receiver that this radar cannot have, before anything is simulated."""
-    _Receiver(radar, receiver, Draws(0))
+    Effects(radar, receiver, Draws(0))
 
 
 def receive(cube: Cube, radar: Radar, receiver: Receiver, seed: int) -> tuple[Cube, dict[str, Any]]:
@@ -49,7 +49,7 @@ def receive(cube: Cube, radar: Radar, receiver: Receiver, seed: int) -> tuple[Cu
     A cube in memory is changed in place; of one on disk a new one is written. A row is the same bits whatever the blocks.
     seed: of what is drawn, where the receiver has none of its own.
     """
-    effects = _Receiver(radar, receiver, Draws(seed if receiver.seed is None else receiver.seed))
+    effects = Effects(radar, receiver, Draws(seed if receiver.seed is None else receiver.seed))
     levels = ReceiverLevels(receiver, radar, effects.offsets)
     result: Cube = DiskCube(ScratchRows(cube.shape)) if isinstance(cube, DiskCube) else cube
     rows = group_rows(math.prod(cube.shape[1:]))
@@ -64,36 +64,36 @@ def receive(cube: Cube, radar: Radar, receiver: Receiver, seed: int) -> tuple[Cu
     return result, levels.described()
 
 
-class _Receiver:
+class Effects:
     """The effects that are on, from the antenna to the ADC."""
 
     def __init__(self, radar: Radar, receiver: Receiver, draws: Draws) -> None:
         power_w = receiver.thermal_power_w(radar)
-        self._first = list(_first_effects(radar, receiver, draws, power_w))
-        self._flicker = None
+        self.first = list(_first_effects(radar, receiver, draws, power_w))
+        self.flicker = None
         if receiver.flicker_corner_hz is not None:
-            self._flicker = Flicker(radar, receiver.flicker_density_w(radar), receiver.flicker_corner_hz, draws)
+            self.flicker = Flicker(radar, receiver.flicker_density_w(radar), receiver.flicker_corner_hz, draws)
         self.offsets = np.zeros(radar.antennas, np.complex64)
         if receiver.dc_offset_dbm is not None:
             self.offsets = dc_offsets(radar, receiver.dc_offset_dbm, draws)
-        self._stages = Stages(
+        self.stages = Stages(
             draws=draws,
             thermal_w=power_w,
             imbalance=receiver.iq_imbalance,
             adc=receiver.adc,
-            flicker=self._flicker.filter if self._flicker else None,
-            flicker_w=self._flicker.power_w if self._flicker else 0.0,
+            flicker=self.flicker.filter if self.flicker else None,
+            flicker_w=self.flicker.power_w if self.flicker else 0.0,
         )
 
     def received(self, block: np.ndarray, first_row: int, reference: np.ndarray) -> Received:
         """A block of rows, from the first one of a group on, after all effects."""
         changed = block
-        for effect in self._first:
+        for effect in self.first:
             changed = effect(changed, first_row)
         slow = np.zeros(block.shape[:2], np.complex64)
-        if self._flicker:
-            slow = self._flicker.slow(first_row, len(block))
-        return through(self._stages, first_row, block, changed, slow, self.offsets, reference)
+        if self.flicker:
+            slow = self.flicker.slow(first_row, len(block))
+        return through(self.stages, first_row, block, changed, slow, self.offsets, reference)
 
 
 def _warn_of_angles(radar: Radar, receiver: Receiver) -> None:
@@ -199,6 +199,10 @@ class ReceiverLevels:
         before, after = column_sums(clean), column_sums(received.samples)
         self.clean.add(clean.shape, received.clean_w, before)
         self.added.add(clean.shape, received.added_w, after - before)
+        self.note(received)
+
+    def note(self, received: Received) -> None:
+        """Counts what the converters did."""
         self.peak = max(self.peak, float(received.peak.max()))
         self.input_w += float(received.input_w.sum(dtype=np.float64))
         self.lost += int(received.lost.sum(dtype=np.float64))

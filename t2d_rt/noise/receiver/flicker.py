@@ -36,6 +36,11 @@ class Filter:
     begin: np.ndarray
     """Lower triangle (pole, pole) that makes independent numbers of power 1 the stationary state before the first sample."""
 
+    def correlation(self, count: int) -> np.ndarray:
+        """Mean of y[n + m] conj(y[n]) for m from 0 on, (count,)."""
+        state = np.outer(self.gains, self.gains) / (1 - np.outer(self.poles, self.poles))
+        return np.asarray(state.sum(axis=0) @ self.poles[:, None] ** np.arange(count))
+
     def density(self, frequency: np.ndarray) -> np.ndarray:
         """Density of the filter's noise over frequency [cycles per sample] (K,): |sum c_i / (1 - p_i e^(-2 pi j f))|^2."""
         delay = np.exp(-2j * np.pi * frequency)[:, None]

@@ -158,6 +158,10 @@ class PhaseNoise:
         levels = lags(samples, BOUND_ORDER) @ self._design.bound / samples.shape[2]
         return np.asarray(levels.max(axis=1) > NEGLIGIBLE * self._thermal_w)
 
+    def may_count(self, power_w: float, bins: slice) -> bool:
+        """Whether phase noise may count in a row of that power, of beats within some range bins."""
+        return power_w * float(self._design.greatest[bins].max(initial=0.0)) > NEGLIGIBLE * self._thermal_w
+
     def _rows(self, spectrum: np.ndarray) -> np.ndarray:
         """Which rows of a spectrum (row, antenna, sample) have phase noise that counts."""
         if self._thermal_w <= 0:

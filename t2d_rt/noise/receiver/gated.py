@@ -1,0 +1,169 @@
+"""Range cells of a gate as a receiver gives them, without ADC samples wherever these need not be made.
+
+Cells are linear in the samples, z = M v. Of v = a x + b conj(x) + noise, with the coefficients a and b of I/Q imbalance (eq. 35),
+thermal noise through these, 1/f noise and the rounding of the converters are Gaussian in the cells, with the covariance that M
+gives them: neighbours are correlated by the window. Where echoes' images b conj(x) fall into the gate, phase noise may count, or
+converters saturate, rows go through the receiver sample by sample; so do all beside interferers, and all of converters too coarse
+for their rounding to be white noise.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from scipy.linalg import toeplitz
+
+from t2d_rt.core.backend import one_blas_thread
+from t2d_rt.core.factored_cubes import ProductRows
+from t2d_rt.noise.receiver.chain import Effects, ReceiverLevels
+from t2d_rt.noise.receiver.draws import Draws, group_rows
+from t2d_rt.noise.receiver.phase_noise import PhaseNoise
+from t2d_rt.types import Radar, Receiver
+from t2d_rt.types.receiver import IqImbalance
+
+BLOCK_ROWS = 2048
+"""Rows that are worked on at once; a receiver acts on the samples of all of them or of none."""
+LEVEL_SAMPLES = 32
+"""Samples of a chirp by which powers are told, evenly over the sweep."""
+COARSEST = 2.5
+"""Step of the converters over the standard deviation of the noise in I: the correlation of rounding with the samples, and its
+departure from white noise of step^2 / 12, is then 2 exp(-2 pi^2 / COARSEST^2) = 8 % of its power (Widrow and Kollar 2008, 4.3)."""
+IMAGE_BINS = 16
+"""Range bins beyond which an echo leaves 120 dB less, and an image, which is weaker, nothing."""
+DEVIATIONS = 6.0
+"""Standard deviations of the noise that the converters have room for."""
+
+
+@one_blas_thread
+def receive_gated(
+    rows: ProductRows, radar: Radar, receiver: Receiver | None, seed: int, matrix: np.ndarray, bins: slice
+) -> tuple[np.ndarray, dict[str, Any]]:
+    """Cells complex64 (chirp, antenna, cell) of a cube's rows, and settings that tell the receiver's levels.
+
+    matrix: what each sample adds to each cell, complex64 (sample, cell): the windowed FFT of a chirp at `bins`.
+    seed: of what is drawn, where the receiver has none of its own. Rows whose samples are made are those of `receive`.
+    """
+    count, *_ = rows.shape
+    cells = np.empty((*rows.shape[:2], matrix.shape[1]), np.complex64)
+    if receiver is None:
+        for first in range(0, count, BLOCK_ROWS):
+            cells[first : first + BLOCK_ROWS] = rows.through(matrix, first, min(first + BLOCK_ROWS, count))
+        return cells, {}
+    work = _Gated(radar, receiver, Draws(seed if receiver.seed is None else receiver.seed), matrix, bins)
+    group = group_rows(math.prod(rows.shape[1:]))
+    block = -(-BLOCK_ROWS // group) * group
+    for first in range(0, count, block):
+        stop = min(first + block, count)
+        cells[first:stop] = work.cells(rows, first, stop)
+    work.levels.warn()
+    told = work.levels.described()
+    told.pop("adc_peak_dbfs", None)  # of rows without samples there is none
+    return cells, told
+
+
+class _Gated:
+    """A receiver before a gate."""
+
+    def __init__(self, radar: Radar, receiver: Receiver, draws: Draws, matrix: np.ndarray, bins: slice) -> None:
+        self._radar, self._draws, self._matrix, self._bins = radar, draws, matrix, bins
+        self._effects = Effects(radar, receiver, draws)
+        self.levels = ReceiverLevels(receiver, radar, self._effects.offsets)
+        stages, count = self._effects.stages, radar.samples
+        imbalance = stages.imbalance or IqImbalance()
+        self._direct, self._image = imbalance.coefficients
+        covariance = np.zeros(count)
+        covariance[0] = stages.thermal_w * (abs(self._direct) ** 2 + abs(self._image) ** 2)
+        covariance[0] += stages.adc.noise_power_w if stages.adc else 0.0
+        if stages.flicker is not None:
+            covariance += stages.flicker_w * stages.flicker.correlation(count)
+        self._noise_w = float(covariance[0])
+        weights = matrix.astype(complex)
+        self._factor = _real_factor(
+            weights.T @ toeplitz(covariance) @ weights.conj(),
+            2 * self._direct * self._image * stages.thermal_w * weights.T @ weights,
+        )
+        every = max(1, count // LEVEL_SAMPLES)
+        self._every, self._width = every, matrix.shape[1]
+        self._both = np.concatenate([self._direct * weights, np.eye(count)[:, every // 2 :: every]], axis=1).astype(
+            np.complex64
+        )
+
+    def cells(self, rows: ProductRows, first: int, stop: int) -> np.ndarray:
+        """Those of some rows, from the first of a group on, complex64 (row, antenna, cell)."""
+        both = rows.through(self._both, first, stop)
+        found, some = both[..., : self._width], both[..., self._width :]
+        if self._acts_on_samples(some, rows.phases(first, stop)):
+            return self._by_samples(rows.read(first, stop), first)
+        drawn = self._draws.normal("noise of cells", first, found.shape).view(np.float32)
+        noise = (drawn.reshape(-1, 2 * self._width) @ self._factor).view(np.complex64).reshape(found.shape)
+        constants = np.zeros(some.shape[:2], np.complex64)
+        if self._effects.flicker:
+            constants = self._effects.flicker.slow(first, stop - first)
+        noise += (constants + self._effects.offsets)[..., None] * self._matrix.sum(axis=0)
+        departure = (
+            np.complex64(self._direct - 1) * some + np.complex64(self._image) * some.conj() + constants[..., None]
+        )
+        self._count(some, departure, self._noise_w)
+        return found + noise
+
+    def _acts_on_samples(self, some: np.ndarray, phases: tuple[float, float]) -> bool:
+        """Whether an effect that is not linear may count in rows of these samples, whose beats lie between such phases over x."""
+        stages, count = self._effects.stages, self._radar.samples
+        power_w = float((some.real**2 + some.imag**2).mean(axis=2).max())
+        low, high = (0, count) if not np.isfinite(phases).all() else _bins(phases, count)
+        if self._image and self._bins.start < count - low + IMAGE_BINS and count - high - IMAGE_BINS < self._bins.stop:
+            return True
+        for effect in self._effects.first:
+            if not isinstance(effect, PhaseNoise) or effect.may_count(power_w, slice(low, high)):
+                return True
+        if stages.adc is None:
+            return False
+        deviation = math.sqrt((self._noise_w - stages.adc.noise_power_w) / 2)
+        # A chirp's peak is at most its energy's root: all of it in one sample.
+        peak = math.sqrt(count * power_w) + float(np.abs(self._effects.offsets).max()) + DEVIATIONS * deviation
+        return peak > math.sqrt(stages.adc.full_scale_w) or stages.adc.step > COARSEST * deviation
+
+    def _by_samples(self, samples: np.ndarray, first: int) -> np.ndarray:
+        received = self._effects.received(samples, first, samples[0])
+        some = samples[..., self._every // 2 :: self._every]
+        offsets = self._effects.offsets[:, None]
+        self._count(some, received.samples[..., self._every // 2 :: self._every] - some - offsets, 0.0)
+        self.levels.note(received)
+        return received.samples @ self._matrix
+
+    def _count(self, some: np.ndarray, departure: np.ndarray, noise_w: float) -> None:
+        """Counts rows for the levels: some of their clean samples, and what is added to these beside noise of that power."""
+        levels, shape = self.levels, (*some.shape[:2], self._radar.samples)
+        for power, values, about, more_w in (
+            (levels.clean, some, levels.reference(some), 0.0),
+            (levels.added, departure, 0.0, noise_w),
+        ):
+            power.reference = about
+            apart = values - about
+            sums_w = shape[2] * ((apart.real**2 + apart.imag**2).mean(axis=2) + more_w)
+            power.add(shape, sums_w, values.sum(axis=0, dtype=np.complex128))
+
+
+def _bins(phases: tuple[float, float], count: int) -> tuple[int, int]:
+    """The range bins, as first and one after the last, that beats between two phases over x lie in."""
+    low, high = (each * count / (math.pi * (count - 1)) for each in phases)
+    return max(0, math.floor(low)), min(count, math.ceil(high) + 1)
+
+
+def _real_factor(covariance: np.ndarray, relation: np.ndarray) -> np.ndarray:
+    """Matrix (2 cell, 2 cell), float32, that makes noise z of cells from independent numbers of variance 1/2, both as real and
+    imaginary parts in turn.
+
+    covariance, relation: mean of z z^H and of z z^T, (cell, cell).
+    """
+    cells = len(covariance)
+    found = np.empty((2 * cells, 2 * cells))
+    for part, each in enumerate((covariance + relation, relation - covariance)):
+        sign = 1 - 2 * part
+        found[part::2, part::2] = sign * each.real / 2
+        found[1 - part :: 2, part::2] = each.imag / 2
+    # By eigenvalues: a window of zeros at its ends leaves the covariance of all cells singular.
+    values, vectors = np.linalg.eigh(found)
+    return np.asarray((vectors * np.sqrt(2 * np.maximum(values, 0.0))).T, np.float32)

@@ -1,0 +1,128 @@
+"""Range cells of a gate against those of the samples: echoes to float error, noise by its covariance, strong echoes bit for bit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import ks_2samp
+
+from t2d_rt.core.constants import SPEED_OF_LIGHT
+from t2d_rt.core.cubes import DiskCube, GatedRows
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.factored_cubes import ProductRows
+from t2d_rt.noise.receiver import receive
+from t2d_rt.noise.receiver.gated import receive_gated
+from t2d_rt.radar.synthesize import synthesize
+from t2d_rt.signal import range_fft, spectrogram
+from t2d_rt.signal.gated import RangeGate
+from t2d_rt.types import Echoes, Radar, Receiver
+
+RADAR = Radar.preset("table2", prf_hz=4000)
+GATE = RangeGate.of(RADAR, (0.5, 3.0))
+QUIET = Receiver.preset(RADAR).replace(phase_noise=None)
+
+
+def near(amplitude: float, radar: Radar = RADAR) -> ProductRows:
+    """A cube that keeps products: three echoes within the gate, of which one moves, for half a second."""
+    times_s = np.arange(51) / 100
+    range_m = np.array([1.0, 1.5, 2.2]) + np.outer(times_s, [0.0, 0.0, -0.8])
+    echoes = Echoes(times_s=times_s, delay_s=2 * range_m / SPEED_OF_LIGHT, amplitude=np.full(range_m.shape, amplitude))
+    rows = ProductRows((len(radar.chirp_times_s(0.5)), radar.antennas, radar.samples))
+    synthesize(echoes, radar, onto=DiskCube(rows), device="cpu")
+    return rows
+
+
+def by_cells(rows: ProductRows, receiver: Receiver | None, seed: int = 0) -> tuple[np.ndarray, dict[str, Any]]:
+    return receive_gated(rows, RADAR, receiver, seed, GATE.matrix, GATE.bins)
+
+
+def by_samples(rows: ProductRows, receiver: Receiver | None, seed: int = 0) -> tuple[np.ndarray, dict[str, Any]]:
+    cube, levels = rows.read(0, rows.shape[0]), {}
+    if receiver is not None:
+        cube, levels = receive(cube, RADAR, receiver, seed)
+    return range_fft(cube, bins=GATE.bins), levels
+
+
+def nmse_db(found: np.ndarray, wanted: np.ndarray) -> float:
+    return float(10 * np.log10(np.sum(np.abs(found - wanted) ** 2) / np.sum(np.abs(wanted) ** 2)))
+
+
+def test_cells_without_noise_are_those_of_the_samples() -> None:
+    rows = near(1e-5)
+    found, levels = by_cells(rows, None)
+    assert nmse_db(found, by_samples(rows, None)[0]) < -120
+    assert levels == {}
+
+
+def test_their_spectrogram_is_that_of_the_samples() -> None:
+    rows = near(1e-5)
+    kept = DiskCube(GatedRows(by_cells(rows, None)[0], GATE.bins, GATE.window, RADAR.samples))
+    for mti in ("mean", "highpass", "none"):
+        options: dict[str, Any] = {"mti": mti, "n_window": 128, **GATE.processing}
+        found, wanted = (spectrogram(each, RADAR, **options).power for each in (kept, rows.read(0, rows.shape[0])))
+        assert nmse_db(found, wanted) < -100, mti
+    with pytest.raises(InputError, match="range cells 6"):
+        spectrogram(kept, RADAR, range_gate_m=(1.0, 2.0))
+    with pytest.raises(InputError, match="no ADC samples"):
+        kept[:4]
+
+
+@pytest.mark.parametrize(
+    "receiver",
+    [Receiver(), QUIET, QUIET.replace(iq_imbalance={"gain_db": 3.0, "phase_deg": 20.0}, adc=None)],
+    ids=["thermal", "all but phase noise", "imbalance"],
+)
+def test_noise_of_cells_is_distributed_as_that_of_the_samples(receiver: Receiver) -> None:
+    rows = near(1e-9)
+    found, levels = by_cells(rows, receiver)  # the slow part of 1/f noise is the same, all else another draw
+    wanted, told = by_samples(rows, receiver)
+    assert levels["noise_dbm"] == pytest.approx(told["noise_dbm"], abs=0.1)
+    found, wanted = (each[:, 0] - each[:, 0].mean(axis=0) for each in (found, wanted))
+    scale = np.sqrt(np.mean(np.abs(wanted) ** 2, axis=0))
+    covariances = [(each / scale).T @ (each / scale).conj() / len(each) for each in (found, wanted)]
+    # Of 2000 chirps a covariance is known to 1/sqrt(2000) = 0.022.
+    assert np.abs(covariances[0] - covariances[1]).max() < 6 * 0.022 * np.sqrt(2)
+    assert abs(covariances[0][10, 11] + 2 / 3) < 0.1  # neighbours of a Hann window
+    assert abs(covariances[0][10, 12] - 1 / 6) < 0.1
+    assert min(ks_2samp(abs(found[:, k]), abs(wanted[:, k])).pvalue for k in range(found.shape[1])) > 1e-4
+
+
+def test_snr_is_that_of_the_samples() -> None:
+    rows = near(3e-6)
+    (_, levels), (_, told) = by_cells(rows, QUIET), by_samples(rows, QUIET)
+    for name in ("snr_db", "clutter_to_noise_db", "noise_floor_dbm"):
+        assert levels[name] == pytest.approx(told[name], abs=0.15), name
+    assert "adc_peak_dbfs" not in levels
+
+
+def test_images_within_the_gate_come_from_samples() -> None:
+    rows, receiver = near(1e-4), QUIET.replace(adc=None)
+    gate = RangeGate.of(RADAR, (0.5, 22.0))
+    found, _ = receive_gated(rows, RADAR, receiver, 0, gate.matrix, gate.bins)
+    cube, _ = receive(rows.read(0, rows.shape[0]), RADAR, receiver, 0)
+    assert nmse_db(found, range_fft(cube, bins=gate.bins)) < -100
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "receiver"),
+    [
+        (1e-4, Receiver.preset(RADAR)),  # phase noise counts
+        (4e-4, QUIET),  # the converters may saturate
+        (1e-9, QUIET.replace(adc={"bits": 12, "full_scale_dbm": 9.1, "gain_db": 26.0})),  # they are coarse
+    ],
+)
+def test_what_is_not_linear_acts_on_samples(amplitude: float, receiver: Receiver) -> None:
+    rows = near(amplitude)
+    found, wanted = by_cells(rows, receiver)[0], by_samples(rows, receiver)[0]
+    assert nmse_db(found, wanted) < -100
+
+
+def test_echoes_have_the_gain_of_imbalance() -> None:
+    receiver = QUIET.replace(adc=None, iq_imbalance={"gain_db": 3.0, "phase_deg": 20.0})
+    rows = near(1e-6)
+    clean = by_samples(rows, None)[0]
+    found, wanted = (np.vdot(clean, way(rows, receiver)[0]) / np.vdot(clean, clean) for way in (by_cells, by_samples))
+    assert abs(found - wanted) < 0.01
+    assert abs(wanted - 1) > 0.1
