@@ -77,6 +77,7 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: 
     found: list[Level] = []
     samples, width = rates[0], FIRST_BINS
     low = high = np.concatenate([cycles, bins])
+    middles = len(cycles) // 2, len(cycles) + len(bins) // 2
     here, delay, slope = low.shape[1], window.delay, window.delay_slope
     work, spent = [here * rate * WORK_ECHO], 0.0
     # work[k]: that of k levels and of a sum over the groups of the last one at every chirp; the least decides how many there are.
@@ -87,7 +88,7 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: 
             break
         limits = np.repeat(np.array([allowed * samples, width], np.float32), [len(cycles), len(bins)])[:, None]
         scaled = low / limits
-        group = _grouped(scaled, scaled if low is high else high / limits)
+        group = _grouped(scaled, scaled if low is high else high / limits, middles)
         mean = _mean(group)
         delay, slope = delay @ mean, slope @ mean
         found.append(Level(samples, points, width, group, mean, delay, slope))
@@ -194,37 +195,42 @@ def _features(
     return cycles, bins
 
 
-def _grouped(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Groups items, (N,) numbers 0, 1, ..., by halving along the widest feature until none spans more than 1 in a group.
+def _grouped(low: np.ndarray, high: np.ndarray, cells: Sequence[int]) -> np.ndarray:
+    """Groups items, (N,) numbers 0, 1, ..., none of which spans more than 1: cells of a grid of that width in some features,
+    `cells`, are halved along their widest feature for as long as they span more.
 
-    low, high (C, N): what each item spans itself; both may be one. The items of a part lie side by side in memory.
+    low, high (C, N): what each item spans itself, at most 1; both may be one. The items of a part lie side by side in memory.
     """
-    order = np.arange(low.shape[1])
-    starts = np.array([0])
+    rows = order = np.arange(low.shape[1])
+    key = np.zeros(len(order), np.int64)
+    for feature in cells:
+        middle = 0.5 * (low[feature] + high[feature])
+        cell = (middle - middle.min()).astype(np.int64)
+        key = key * (cell.max() + 1) + cell
     group = np.empty(len(order), np.int64)
     count = 0
-    while len(order):
-        bottom, top = np.minimum.reduceat(low, starts, axis=1), np.maximum.reduceat(high, starts, axis=1)
-        sizes = np.diff(np.append(starts, len(order)))
-        widest, part = np.argmax(top - bottom, axis=0), np.arange(len(starts))
-        small = ((top - bottom)[widest, part] <= 1) | (sizes == 1)
-        middle = (top + bottom)[widest, part]
-        number = np.cumsum(small) - 1 + count
-        part = np.repeat(part, sizes)
-        done = small[part]
-        group[order[done]] = number[part[done]]
-        count += int(small.sum())
-        rows = np.flatnonzero(~done)
-        part = part[rows]
-        place = widest[part] * len(order) + rows
-        upper = np.take(low, place) + np.take(high, place) > middle[part]
-        key = 2 * part + upper
+    while len(rows):
         by_key = np.argsort(key, kind="stable")
         rows, key = rows[by_key], key[by_key]
         # Echoes span nothing themselves, so that both are one.
         taken = np.take(low, rows, axis=1)
         low, high, order = taken, taken if low is high else np.take(high, rows, axis=1), order[rows]
         starts = np.flatnonzero(np.diff(key, prepend=-1))
+        bottom, top = np.minimum.reduceat(low, starts, axis=1), np.maximum.reduceat(high, starts, axis=1)
+        sizes = np.diff(starts, append=len(order))
+        widest, part = np.argmax(top - bottom, axis=0), np.arange(len(starts))
+        small = ((top - bottom)[widest, part] <= 1) | (sizes == 1)
+        middle = (top + bottom)[widest, part]
+        number = np.cumsum(small) - 1 + count
+        count += int(small.sum())
+        part = np.repeat(part, sizes)
+        done = small[part]
+        group[order[done]] = number[part[done]]
+        rows = np.flatnonzero(~done)
+        part = part[rows]
+        place = widest[part] * len(order) + rows
+        upper = np.take(low, place) + np.take(high, place) > middle[part]
+        key = 2 * part + upper
     return group
 
 

@@ -406,7 +406,8 @@ class Facing:
     @classmethod
     def of(cls, cage: np.ndarray, faces: np.ndarray) -> Facing:
         """Of the cage's vertices (K, V, 3) m."""
-        return cls(normals(cage, faces), cage[:, faces].mean(axis=2))
+        corners = cage[:, faces]
+        return cls(normals(corners), corners.mean(axis=2))
 
     def lit(self, pair: Pair, tilt_rad: np.ndarray) -> np.ndarray:
         """Faces, bool (F,), that may hold facets lit by the transmitter and visible to the receiver at or between the instants;
@@ -465,7 +466,8 @@ class Posed:
     def local(self) -> np.ndarray:
         """Control points relative to the origin, and 1, float32 (T, V, 4)."""
         # Positions within the body need no more than float32: 1e-7 of its size.
-        values = np.ones((*self.cage.shape[:2], 4), np.float32)
+        frames, count, _ = self.cage.shape
+        values = np.ones((count, frames, 4), np.float32).swapaxes(0, 1)  # in memory as `carried` reads them
         np.subtract(self.cage, self.origin[:, None], out=values[..., :3], casting="same_kind")
         return values
 

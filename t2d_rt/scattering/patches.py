@@ -13,7 +13,7 @@ from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import warn
 from t2d_rt.core.memory import blocks
 from t2d_rt.geometry import Refinement
-from t2d_rt.geometry.vectors import edge_cross
+from t2d_rt.geometry.vectors import edge_cross, norms
 from t2d_rt.types import MovingMesh, Radar
 
 Csr = Any
@@ -171,7 +171,7 @@ def rounded_range_m(range_m: float) -> float:
 
 def tilts(surface: MovingMesh, fine: Refinement) -> np.ndarray:
     """Largest angle at rest between each unrefined face and a facet that lies in it [rad], (unrefined faces,)."""
-    normal = normals(fine.controlled(surface.rest)[None], surface.faces)[0]
+    normal = normals(fine.controlled(surface.rest)[surface.faces])
     facet = fine.corner_normals(surface.rest)
     cosine = np.einsum("fci,fi->fc", facet, normal[fine.base_face]).min(axis=1)
     largest = np.zeros(len(normal))
@@ -179,10 +179,10 @@ def tilts(surface: MovingMesh, fine: Refinement) -> np.ndarray:
     return largest
 
 
-def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Unit normals (K, F, 3) of the faces of vertices (K, V, 3)."""
-    across = edge_cross(vertices[:, faces])
-    return across / np.maximum(np.linalg.norm(across, axis=2, keepdims=True), 1e-30)
+def normals(corners: np.ndarray) -> np.ndarray:
+    """Unit normals (..., 3) of faces with corners (..., 3, 3)."""
+    across = edge_cross(corners)
+    return across / np.maximum(norms(across)[..., None], 1e-30)
 
 
 def _path_speeds(surface: MovingMesh, seen_from: Sequence[Ends], times_s: np.ndarray) -> Iterator[np.ndarray]:

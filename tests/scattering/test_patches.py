@@ -279,7 +279,7 @@ def test_tilts_of_an_icosahedron_that_stands_for_a_sphere() -> None:
 def test_normals_are_unit_and_follow_the_right_hand() -> None:
     vertices = np.array([[[0, 0, 0], [2, 0, 0], [0, 3, 0], [0, 0, 0]]], float)
     faces = np.array([[0, 1, 2], [0, 2, 1], [0, 3, 1]])
-    assert normals(vertices, faces)[0].tolist() == [[0, 0, 1], [0, 0, -1], [0, 0, 0]]
+    assert normals(vertices[:, faces])[0].tolist() == [[0, 0, 1], [0, 0, -1], [0, 0, 0]]
 
 
 def test_visible_patches_may_hold_no_diffuse_point(monkeypatch: pytest.MonkeyPatch) -> None:
