@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from builders import slow_after
 from t2d_rt.core.errors import InputError
+from t2d_rt.motion.check.verdict import Evidence, not_normal, shipped_limits
 from t2d_rt.motion.contacts import contacts, runs, soles
 from t2d_rt.motion.descriptions.slots import GAIT_TYPES, GaitType, Side
 from t2d_rt.motion.interpolate import low_pass
@@ -225,3 +230,32 @@ def test_the_feet_hang_in_swing_where_they_drop(walk: Poses) -> None:
     )
     assert np.median(after) < np.median(before) - 0.15
     assert INDEX["left_foot"]
+
+
+SENTENCES = {
+    "parkinsonian": "a person walks with a parkinsonian gait", "festinating": "a person walks with a festinating gait",
+    "freezing": "a person walks with freezing of gait", "waddling": "a person waddles",
+    "ataxic": "a person walks with an ataxic gait", "scissor": "a person walks with a scissor gait",
+    "steppage": "a person walks with a steppage gait", "limping": "a person limps forward",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", slow_after(1, range(9, 14)))
+def test_no_abnormal_gait_passes_for_a_normal_walk(seed: int) -> None:
+    assert set(SENTENCES) == set(GAIT_TYPES)
+    for type, sentence in SENTENCES.items():
+        made = t2d.motion_from_text(sentence, seed=seed)
+        severity = re.search(r"severity (\d\.\d\d)", " ".join(made.origin))
+        assert severity is not None
+        assert 0.4 <= float(severity[1]) <= 1.0
+        assert not t2d.check_motion(made, expected="walking").passed, type
+
+
+def test_one_figure_far_outside_makes_a_walk_abnormal() -> None:
+    """But no short steps alone, which strollers have."""
+    limits = shipped_limits()
+    middle = {name: (low + high) / 2 for name, (low, high) in limits.gait.items()}
+    for name, (low, high) in limits.gait.items():
+        gait: Any = SimpleNamespace(**middle | {name: high + 1.2 * (high - low)})
+        faults = not_normal(Evidence(None, gait, limits))  # type: ignore[arg-type]
+        assert bool(faults) == (name not in ("cadence_per_min", "step_length", "halted_s")), name

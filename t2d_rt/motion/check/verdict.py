@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from types import MappingProxyType
@@ -93,6 +93,11 @@ MOST_SIGNS = 3
 """A normal walk has fewer: a slow one has short steps and a low cadence. As many figures outside the range itself are signs, too: 4
 of the 70 have them."""
 
+FAR_MARGIN = 1.0
+"""So far outside one figure alone makes a walk no normal one; none of the recorded normal walks has such."""
+OF_PACE = "cadence_per_min", "step_length"
+"""Figures of which a single one says little: who strolls takes short steps, seldom."""
+
 TURN_DEG = 45.0
 """Change of heading from which a walk is no straight one: its inner steps are shorter, and the trunk leans."""
 
@@ -142,9 +147,8 @@ def _walking(seen: Evidence) -> list[str]:
     faults = []
     for piece in seen.pieces(0.2, gap_s=0.5):
         faults = _steps(piece, (20, 160) if _on_stairs(piece) else (60, 160), (0.15, 2.5)) + _no_flight(piece)
-        signs = gait_signs(piece.gait, seen.limits)
-        if len(signs) >= MOST_SIGNS and piece.turn_deg < TURN_DEG and not _on_stairs(piece):
-            faults.append(f"the gait is not a normal one: {', '.join(signs)}")
+        if not faults and piece.turn_deg < TURN_DEG and not _on_stairs(piece):
+            return not_normal(piece)  # the farthest piece tells; shorter ones have too few steps
         if not faults:
             return []
     if seen.turn_deg > TURN_DEG and seen.hips.min() > UPRIGHT:
@@ -165,15 +169,26 @@ def _abnormal_walking(seen: Evidence) -> list[str]:
     return faults
 
 
+def not_normal(walk: Evidence) -> list[str]:
+    """Why the gait of a straight walk is not a normal one; nothing where it is."""
+    signs = gait_signs(walk.gait, walk.limits)
+    far = gait_signs(walk.gait, walk.limits, margin=FAR_MARGIN, names=set(walk.limits.gait) - set(OF_PACE))
+    return [f"the gait is not a normal one: {', '.join(signs)}"] if far or len(signs) >= MOST_SIGNS else []
+
+
 def _on_stairs(seen: Evidence) -> bool:
     levels = [float(each.place[2]) for each in contacts(seen.body)]
     return bool(levels and np.ptp(levels) > STAIRS_M)
 
 
-def gait_signs(gait: Gait, limits: Limits, *, margin: float = SIGN_MARGIN) -> list[str]:
+def gait_signs(
+    gait: Gait, limits: Limits, *, margin: float = SIGN_MARGIN, names: Collection[str] = GAIT_SIGNS
+) -> list[str]:
     """What of a gait lies outside the range of recorded normal walks, as phrases with figure and range; `margin` over the range."""
     found = []
     for name, (low, high) in limits.gait.items():
+        if name not in names:
+            continue
         value, more = float(getattr(gait, name)), margin * (high - low)
         if not math.isnan(value) and not low - more <= value <= high + more:
             found.append(f"{name.replace('_', ' ')} {value:.3g} (normal {low:.3g} to {high:.3g})")

@@ -14,7 +14,7 @@ import numpy as np
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.check import check_motion, detect_fall
 from t2d_rt.motion.contacts import contacts, plant
-from t2d_rt.motion.descriptions.slots import GAIT_TYPES, Action, Description, Step
+from t2d_rt.motion.descriptions.slots import GAIT_TYPES, Action, Description, GaitType, Side, Step
 from t2d_rt.motion.generate import LONGEST_S, NOT_MADE
 from t2d_rt.motion.generate.chain import Piece, best_seam, joined
 from t2d_rt.motion.generate.library import edits
@@ -25,7 +25,7 @@ from t2d_rt.motion.generate.library.store import RATE_HZ, Store, shipped
 from t2d_rt.motion.generate.library.users import with_users
 from t2d_rt.motion.generate.made import Posture, make
 from t2d_rt.motion.interpolate import resample
-from t2d_rt.motion.kinematics import motion_of, poses_of
+from t2d_rt.motion.kinematics import Poses, motion_of, poses_of
 from t2d_rt.motion.read.passes import file_origin
 from t2d_rt.types.motion import Motion
 
@@ -107,6 +107,10 @@ ATTEMPTS = 8
 
 DIRECTED_ATTEMPTS = 4
 """Falls that are tried until the body topples where the description says, head away from the feet."""
+
+LEAST_SEVERITY, MORE_SEVERE = 0.4, 0.2
+"""Least severity of an abnormal gait that is drawn, and by how much one grows that the filter takes for a normal walk: of those
+drawn from 0 on three in five were."""
 
 DANCES = 3
 """Dances that are made until the filter lets one pass; the last is taken as it is."""
@@ -315,19 +319,27 @@ def _of_clips(maker: Maker, step: Step, alone: bool) -> Piece:
             return _danced(maker, step, alone)
         piece = lively(made_of_clips(maker, step, alone=alone), maker.person, maker.rng)
         return replace(piece, poses=plant(piece.poses, piece.planted, floor_m=0.0))
-    from t2d_rt.motion.vary.abnormal import abnormal_walk
-
     straight = step.model_copy(update={"type": None, "body_part": None, "side": None, "direction": None})
     walk = made_of_clips(maker, straight, alone=alone)
-    severity = float(maker.rng.uniform(0, 1))
-    planted = plant(walk.poses, walk.planted, floor_m=0.0)
-    poses = abnormal_walk(planted, step.type, severity=severity, rng=maker.rng, side=step.side)
-    note = f"{step.type} gait, severity {severity:.2f}"
+    poses, note = _disturbed(maker, step.type, step.side, plant(walk.poses, walk.planted, floor_m=0.0))
     piece = Piece(poses=poses, planted=contacts(poses), notes=(*walk.notes, note))
     piece = directed(maker, lively(piece, maker.person, maker.rng, quiet=0.5), step)
     if step.duration_s is not None:
         piece = piece.part(0, round(step.duration_s * RATE_HZ) + 1)
     return replace(piece, poses=plant(piece.poses, piece.planted, level=False, floor_m=0.0))
+
+
+def _disturbed(maker: Maker, type: GaitType, side: Side | None, walk: Poses) -> tuple[Poses, str]:
+    """A patient's gait, as severe as it takes to tell it from a normal one, and a note of that."""
+    from t2d_rt.motion.vary.abnormal import abnormal_walk
+
+    severity, patient = float(maker.rng.uniform(LEAST_SEVERITY, 1)), int(maker.rng.integers(2**63))
+    while True:
+        rng = np.random.default_rng(patient)
+        poses = abnormal_walk(walk, type, severity=severity, rng=rng, side=side)
+        if severity >= 1 or not check_motion(motion_of(poses), expected="walking").passed:
+            return poses, f"{type} gait, severity {severity:.2f}"
+        severity = min(1.0, severity + MORE_SEVERE)
 
 
 def _danced(maker: Maker, step: Step, alone: bool) -> Piece:
