@@ -5,6 +5,7 @@ Processes of this machine (joblib) work, or those of a cluster (dask.distributed
 
 from __future__ import annotations
 
+import itertools
 import json
 import logging
 import os
@@ -51,6 +52,8 @@ Scheduler = Callable[[Sequence[Task]], Iterator[list[Made]]]
 """Takes the arguments of calls of `make_samples` and gives what they return, in any order."""
 
 ADDRESS = re.compile(r"(tcp|tls)://([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]):[0-9]{1,5}")
+AT_ONCE = 10_000
+"""Calls that a scheduler holds at most: ten for each of a thousand workers. A million would take it gigabytes."""
 RETRIES = 2
 """How often a call is repeated whose worker was lost."""
 
@@ -128,8 +131,11 @@ def on_a_cluster(tasks: Sequence[Task], address: str | None, workers: int) -> It
     try:
         if cluster is not None:
             client.run(end_with, os.getpid())
-        futures = [client.submit(make_samples, *task, pure=False, retries=RETRIES) for task in tasks]
-        for future in as_completed(futures):
+        submit, coming = partial(client.submit, make_samples, pure=False, retries=RETRIES), iter(tasks)
+        running = as_completed([submit(*task) for task in itertools.islice(coming, AT_ONCE)])
+        for future in running:
+            for task in itertools.islice(coming, 1):
+                running.add(submit(*task))
             yield future.result()
             future.release()
     except (CancelledError, CommClosedError, KilledWorker) as error:

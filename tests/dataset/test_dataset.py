@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import errno
 import gc
 import json
@@ -604,6 +605,32 @@ def test_a_run_that_is_killed_while_it_replaces_a_smaller_shard_goes_on(
     monkeypatch.undo()
     make_dataset(tiny(), copy, workers=1)
     assert contents(copy) == before
+
+
+def test_a_scheduler_holds_few_calls_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed (extra [cluster])")
+    held: list[Any] = []
+
+    class Client:
+        def __init__(self, *_: Any, **__: Any) -> None: ...
+
+        def submit(self, _: Any, number: int, **__: Any) -> Any:
+            held.append(number)
+            assert len(held) <= 3
+            future: Any = concurrent.futures.Future()
+            future.set_result(number)
+            future.release = lambda: held.remove(number)
+            return future
+
+        def close(self) -> None: ...
+
+    class AsCompleted(list[Any]):
+        add = list.append
+
+    monkeypatch.setattr(distributed, "Client", Client)
+    monkeypatch.setattr(distributed, "as_completed", AsCompleted)
+    monkeypatch.setattr("t2d_rt.dataset.making.AT_ONCE", 2)
+    assert list(on_a_cluster([(number,) for number in range(7)], "tcp://head:8786", 0)) == list(range(7))
 
 
 def test_a_lost_scheduler_is_one_sentence(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
