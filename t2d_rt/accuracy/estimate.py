@@ -39,7 +39,8 @@ class Chirps:
 
     @classmethod
     def random(cls, radar: Radar, span_s: tuple[float, float], *, seed: int, count: int) -> Chirps:
-        """One random chirp in each of `count` equal parts of the record, each of a random antenna; every other part first."""
+        """One random chirp in each of `count` equal parts of the record, each of a random antenna; every fourth
+        part first, then the ones midway between these."""
         starts = radar.chirp_times_s(span_s[1] - span_s[0])
         count = min(count, len(starts))
         edges = np.linspace(0, len(starts), count + 1)
@@ -47,7 +48,7 @@ class Chirps:
         rows = np.unique((edges[:-1] + rng.random(count) * np.diff(edges)).astype(int))
         antennas = rng.integers(radar.antennas, size=len(rows))
         begin = span_s[0] + starts[rows] + radar.antenna_delays_s[antennas]
-        order = np.concatenate([np.arange(first, len(rows), 2) for first in (0, 1)])
+        order = np.concatenate([np.arange(first, len(rows), step) for first, step in ((0, 4), (2, 4), (1, 2))])
         step = max(1, radar.samples // SAMPLES)
         return cls(rows[order], antennas[order], begin[order], np.arange(step // 2, radar.samples, step))
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.accuracy.budget import Budget, Total, db, ratio
+from t2d_rt.accuracy.budget import Budget, Total, db, patches_db, ratio
 from t2d_rt.accuracy.cost import predicted_bytes
 from t2d_rt.accuracy.estimate import Chirps, Field, of_cube
 from t2d_rt.accuracy.laws import COARSER
@@ -24,12 +24,13 @@ from t2d_rt.types import Accuracy
 from t2d_rt.types.accuracy import DEFAULT_TIERS
 from t2d_rt.types.scatterer import Scatterer
 
-FIRST_CHIRPS, MOST_CHIRPS = 8, 16
-"""So many chirps are held against the coarser model, all of them where the first ones do not tell well enough."""
+CHIRPS = 4, 8, 16
+"""So many chirps are held against the coarser model, more of them where the first ones do not tell well enough."""
 ENOUGH_DB = 1.4
 """Standard error of the mean over chirps at which no more are asked."""
-CLEARLY = 2.5
-"""A tolerance that the error keeps by so many standard deviations is decided; one that it misses asks for all chirps."""
+CLEARLY = 1.5
+"""A tolerance that the error keeps by so many standard deviations is decided, and visibility costs what the law says where this
+decides it; one that it misses asks for all chirps."""
 FEWER = 1.5
 """Facets that are so many times fewer are coarser in fact."""
 FINER_CHIRPS, FINER_DB = 24, 1.0
@@ -85,28 +86,27 @@ def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> Measu
     budget, model, accuracy = plan.budget, plan.model, plan.accuracy
     coarser, expected, fraction = compared_with(budget, accuracy)
     to_finer = finer(budget, accuracy)
-    count = FINER_CHIRPS if to_finer else MOST_CHIRPS
+    count = FINER_CHIRPS if to_finer else CHIRPS[-1]
     chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1, count=count)
     full = with_method(model, "mesh") if model.method == "ellipsoid" and budget.of_bodies else model
-    exact = None
+    matter = False
     if to_finer is not None:
         again = Field(full, to_finer, chirps)
     else:
         samples_s = chirps.nearest(sample_times(*model.span_s, accuracy.visibility_rate_hz), model.radar)
         again = Field(full, coarser, chirps, samples_s=samples_s)
-        if shadows_matter(budget, accuracy, coarser, expected * fraction):
-            exact = Field(full, coarser.replace(**EXACT), chirps)
+        matter = shadows_matter(budget, accuracy, coarser, expected * fraction)
+    exact = None
     facets, shadows, energy, with_all_echoes = np.zeros(0), np.zeros(0), 0.0, 0.0
-    finest = []
+    compared = np.zeros((0, len(chirps.samples)))
     count = len(chirps.rows)
-    for first, last in pairwise(sorted({0, min(FIRST_CHIRPS, count), count})):
+    enough = CHIRPS if plan.tolerance_db is not None else CHIRPS[1:]  # a tolerance may be kept by far
+    for first, last in pairwise(sorted({0, count, *(each for each in enough if each < count)})):
         found, with_static = (of_cube(model, cube, each, chirps[first:last]) for each in (static, ()))
         energy += float(np.sum(np.abs(found) ** 2))
         with_all_echoes += float(np.sum(np.abs(with_static) ** 2))
-        compared = again.samples(first, last)
-        facets = np.append(facets, np.sum(np.abs(found - compared) ** 2, axis=1))
-        if exact:
-            shadows = np.append(shadows, np.sum(np.abs(exact.samples(first, last) - compared) ** 2, axis=1))
+        compared = np.concatenate([compared, again.samples(first, last)])
+        facets = np.append(facets, np.sum(np.abs(found - compared[first:]) ** 2, axis=1))
         # Of float32 samples less the static echoes in them something remains in any case.
         silent = energy <= ROUNDING * with_all_echoes
         if silent:
@@ -115,21 +115,33 @@ def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> Measu
             of_chirps_db = min(_standard_error_db(facets), LONE_DB / math.sqrt(len(facets)))
             scatter_db = math.hypot(FINER_DB, of_chirps_db)
             result = MeasuredError(db(facets.sum() / energy), scatter_db, len(facets))
-            finest.append(compared)
             continue
         result = _combined(budget, accuracy, expected, fraction, facets / energy, shadows / energy)
+        if matter and not _clearly(result, plan.tolerance_db):
+            exact = exact or Field(full, coarser.replace(**EXACT), chirps)
+            done = len(shadows)
+            traced = exact.samples(done, last)
+            shadows = np.append(shadows, np.sum(np.abs(traced - compared[done:]) ** 2, axis=1))
+            result = _combined(budget, accuracy, expected, fraction, facets / energy, shadows / energy)
+        if plan.tolerance_db is None or _clearly(result, plan.tolerance_db):
+            break
         uncertain_db = max(_standard_error_db(each) for each in ([facets, shadows] if exact else [facets]))
-        missed_db = -math.inf if plan.tolerance_db is None else result.error_db - plan.tolerance_db
-        if missed_db < -CLEARLY * result.scatter_db or (uncertain_db <= ENOUGH_DB and missed_db <= 0):
+        if uncertain_db <= ENOUGH_DB and result.error_db <= plan.tolerance_db:
             break
     if silent:
         warn("there is no echo at the chirps compared, so the error is not known")
         return MeasuredError(math.nan, math.nan, len(facets))
-    if finest and plan.tolerance_db is not None and result.error_db + result.scatter_db > plan.tolerance_db:
+    most_db = math.inf if to_finer is None or plan.tolerance_db is None else plan.tolerance_db
+    if result.error_db + result.scatter_db > most_db:
         own = Field(full, accuracy.replace(**EXACT), chirps).samples()
-        of_facets = float(np.sum(np.abs(own - np.concatenate(finest)) ** 2))
+        of_facets = float(np.sum(np.abs(own - compared) ** 2))
         return replace(result, facets_db=db(of_facets / energy))
     return result
+
+
+def _clearly(result: MeasuredError, tolerance_db: float | None) -> bool:
+    """Whether the error keeps the tolerance, if there is one, beyond doubt."""
+    return tolerance_db is not None and result.error_db + CLEARLY * result.scatter_db < tolerance_db
 
 
 def measured_directly(plan: Plan) -> bool:
@@ -221,8 +233,9 @@ def compared_with(budget: Budget, accuracy: Accuracy) -> tuple[Accuracy, float, 
             )
         elif budget.counts:
             sagitta, law = budget.facets(tier, accuracy.sagitta_scale)
-            error += power * ratio(law.error_db(sagitta))
-            apart += power * ratio(law.difference_db(sagitta))
+            in_patches = ratio(patches_db(tier.patch_phase_scale))
+            error += power * (ratio(law.error_db(sagitta)) + in_patches)
+            apart += power * (ratio(law.difference_db(sagitta)) + in_patches)
     in_time = sum(each.energy for each in budget.in_time(accuracy))
     error, apart = error + in_time, apart + in_time
     coarser = _coarser(accuracy, without_limbs=budget.of_bodies)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.accuracy.budget import FAST_OCCLUSION, SURELY, Budget, Total, ratio
+from t2d_rt.accuracy.budget import FAST_OCCLUSION, PATCHES_SCATTER_DB, SURELY, Budget, Total, patches_db, ratio
 from t2d_rt.accuracy.laws import Laws
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.core.checks import number
@@ -31,6 +31,8 @@ FLAT_PER_M, FLAT_FRACTION = 4.0, 0.1
 """Vertices where a surface curves less [1/m] are flat, and so large a fraction of them is a good part."""
 VISIBILITY = (12.5, 0), (25.0, 0), (25.0, 1), (50.0, 1), (50.0, 2), (100.0, 2)
 """Rates [Hz] at which visibility may be sampled, and subdivisions, cheapest first."""
+PLANNED = VISIBILITY[1:]
+"""What a plan chooses from: at 12.5 Hz a run and a fall erred by 8 and 4 dB more than said, for a twentieth of the time."""
 MOST_SUBDIVISION = 2
 MOST_VISIBILITY_HZ = 400.0
 """Greatest rate at which a run that missed its tolerance samples visibility when it is made again."""
@@ -46,11 +48,12 @@ GREATEST_SAGITTA_RAD = 6.0
 """Limit of secondary facets' phase sagitta: beyond it they say nothing."""
 LEAST_FRACTION = 0.3
 """Facets are not made finer than that fraction of the error allowed asks for, even where visibility alone costs more."""
-SPLINES_BELOW_DB, SYNTHESIS_BELOW_DB = 9.0, 20.0
-"""What the splines and the sum may add lies that far below the tolerance; the splines' error is never more than the default's, for
-at lower surface rates their law says too little."""
-GREATEST_SYNTHESIS_DB = -40.0
-"""Greatest error of the sum."""
+SPLINES_BELOW_DB, PATCHES_BELOW_DB, SYNTHESIS_BELOW_DB = 9.0, 6.5, 20.0
+"""What the splines, larger patches and the sum may add lies that far below the tolerance."""
+GREATEST_SPLINES_DB, GREATEST_SYNTHESIS_DB = -20.0, -40.0
+"""Greatest errors of the splines and of the sum: at lower surface rates the splines' law says too little."""
+PATCH_PHASES = 4.0, 2.0
+"""How much more the phase within a body's patches may change from frame to frame than by default, loosest first."""
 OTHER_TIERS = 1.15
 """The default's tiers stay unless others are expected to take so many times less: the law of cost scatters by as much."""
 OVER_DB = 1.0
@@ -74,14 +77,17 @@ def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
     check_tolerance(tolerance_db)
     model = as_given(model, given)
     allowed, asked = ratio(tolerance_db), given.model_fields_set
+    bodies = [isinstance(target, Motion) for target in model.targets]
     in_time: dict[str, Any] = {
-        "spline_error_db": min(SPLINE_ERROR_DB, tolerance_db - SPLINES_BELOW_DB),
+        "spline_error_db": min(
+            GREATEST_SPLINES_DB if all(bodies) else SPLINE_ERROR_DB, tolerance_db - SPLINES_BELOW_DB
+        ),
         "synthesis_error_db": min(GREATEST_SYNTHESIS_DB, tolerance_db - SYNTHESIS_BELOW_DB),
         "fast_rotating_hz": given.fastest_sampled_hz,
         "clutter_occlusion": given.occludes_clutter,
+        "tiers": _in_patches(given.tiers, tolerance_db) if all(bodies) else given.tiers,
     }
     start = given.replace(**{name: value for name, value in in_time.items() if name not in asked})
-    bodies = [isinstance(target, Motion) for target in model.targets]
     # Ellipsoids err by more than the field itself: to fit them would be in vain.
     by_ellipsoids = ratio(Laws.fitted().limbs.mean_db) <= allowed
     if model.method == "mesh" and all(bodies) and not asked and by_ellipsoids:
@@ -102,6 +108,13 @@ def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
 
     best = min(good, key=judged_s) if good else min(found, key=lambda each: each[1])[0]
     return Plan(budget, float(tolerance_db), best)
+
+
+def _in_patches(tiers: tuple[PathTier, ...], tolerance_db: float) -> tuple[PathTier, ...]:
+    """The tiers with patches as large as the tolerance allows."""
+    most_db = tolerance_db - PATCHES_BELOW_DB - SURELY * PATCHES_SCATTER_DB
+    scale = next((each for each in PATCH_PHASES if patches_db(each) <= most_db), 1.0)
+    return tuple(tier.model_copy(update={"patch_phase_scale": max(scale, tier.patch_phase_scale)}) for tier in tiers)
 
 
 def finer_plan(plan: Plan, *, facets: bool, visibility: bool) -> Plan | None:
@@ -187,7 +200,7 @@ def _visibilities(
     found: list[dict[str, Any]] = [{"occlusion": False}]
     if start.occlusion:
         rates = [start.visibility_rate_hz] if "visibility_rate_hz" in asked else []
-        ladder = [(rate, n) for rate in rates for n in range(MOST_SUBDIVISION + 1)] or list(VISIBILITY)
+        ladder = [(rate, n) for rate in rates for n in range(MOST_SUBDIVISION + 1)] or list(PLANNED)
         if "visibility_subdivision" in asked:
             ladder = list(dict.fromkeys((rate, start.visibility_subdivision) for rate, _ in ladder))
         sampled: list[dict[str, Any]] = [
@@ -217,7 +230,8 @@ def _paths(budget: Budget, start: Accuracy, asked: set[str], allowed: float) -> 
     )
     found: list[dict[str, Any]] = [{}]
     for level_db in least:
-        found.append({"least_level_db": level_db, "tiers": (PathTier(level_db=EVERY_PATH_DB),)})
+        first = PathTier(level_db=EVERY_PATH_DB, patch_phase_scale=start.tiers[0].patch_phase_scale)
+        found.append({"least_level_db": level_db, "tiers": (first,)})
         for high_db, scale in itertools.product(
             (each for each in SECONDARY_BELOW_DB if each > level_db), SECONDARY_SCALES
         ):
@@ -225,9 +239,10 @@ def _paths(budget: Budget, start: Accuracy, asked: set[str], allowed: float) -> 
                 level_db=EVERY_PATH_DB,
                 sagitta_scale=scale,
                 greatest_sagitta_rad=GREATEST_SAGITTA_RAD,
-                patch_phase_scale=2.0,
+                patch_phase_scale=max(2.0, first.patch_phase_scale),
             )
-            found.append({"least_level_db": level_db, "tiers": (PathTier(level_db=high_db), secondary)})
+            dominant = first.model_copy(update={"level_db": high_db})
+            found.append({"least_level_db": level_db, "tiers": (dominant, secondary)})
     return found
 
 

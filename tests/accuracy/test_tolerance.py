@@ -252,6 +252,23 @@ def test_a_tolerance_is_kept_and_asks_for_no_more_than_it_needs(walk: Motion) ->
     assert loose.settings["tolerance_db"] == -12.0
 
 
+def test_a_loose_tolerance_is_looser_in_all_that_costs(walk: Motion) -> None:
+    loose, fine = (t2d.plan(walk, radar=RADAR, tolerance_db=db).accuracy for db in (-10.0, -25.0))
+    assert loose.spline_error_db > -24 > -32 >= fine.spline_error_db
+    assert [each.tiers[0].patch_phase_scale for each in (loose, fine)] == [4.0, 1.0]
+    assert loose.sagitta_scale > 1.5 > fine.sagitta_scale
+    beside = t2d.plan([walk, *balls((4, 1, 1), time_s=0.2)], radar=RADAR, tolerance_db=-10.0).accuracy
+    assert beside.spline_error_db <= -32, "the laws of loose splines and patches are those of bodies"
+    assert beside.tiers[0].patch_phase_scale == 1.0
+
+
+def test_the_edges_of_a_deep_shadow_ask_for_no_finer_visibility_at_a_loose_tolerance() -> None:
+    across = t2d.trim(t2d.place(builders.walk(), distance_m=3.0, angle_deg=80.0), 1.0, 1.3)
+    accuracy = t2d.plan(across, radar=RADAR, tolerance_db=-10.0).accuracy
+    assert accuracy.occlusion
+    assert accuracy.visibility_subdivision == 0
+
+
 def test_ellipsoids_where_they_suffice(walk: Motion) -> None:
     assert t2d.simulate(walk, radar=RADAR, tolerance_db=5.0, measure_error=False).settings["method"] == "ellipsoid"
 
