@@ -15,7 +15,7 @@ import builders
 import t2d_rt as t2d
 from builders import icosphere, static_mesh
 from measures import nmse_db
-from t2d_rt.core.backend import Backend
+from t2d_rt.core.backend import Backend, limited_threads
 from t2d_rt.core.errors import BackendError, InputError, T2DWarning
 from t2d_rt.geometry import refinements
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
@@ -317,3 +317,17 @@ def test_a_float32_track_is_a_track() -> None:
     doubles = static_mesh(vertices.astype(np.float64), faces, 0.1)
     # The vertices are the same numbers; only what is worked out from them is rounded to float32.
     assert nmse_db(t2d.simulate(mesh).cube, t2d.simulate(doubles).cube) < -100
+
+
+@pytest.mark.slow
+def test_rooms_are_the_same_bits_on_any_number_of_threads(walk: Motion) -> None:
+    """Facets of two tiers and ellipsoids, made side by side in threads, and blockage of paths in chunks."""
+
+    def run() -> np.ndarray:
+        piece = t2d.trim(walk, 0.0, 0.05)
+        recording = t2d.simulate(piece, radar=RADAR, scene="empty_room", collisions="ignore", device="cpu")
+        return np.asarray(recording.adc)
+
+    with limited_threads(1):
+        alone = run()
+    assert np.array_equal(run(), alone)
