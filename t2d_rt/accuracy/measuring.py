@@ -79,9 +79,10 @@ def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> Measu
 
     The chirps are held against a model with coarser facets, which costs little. Facets' errors fall with their phase sagitta by a
     fitted law, so the difference tells the run's own (`Budget`, as in Richardson's extrapolation). In free space the coarser model
-    tells what sampled visibility costs, too, beside one that traces it at each chirp. Ellipsoids that stand for bodies over minor
-    path pairs are not in the coarser model: the difference has their power. Small bodies and meshes in free space are held against
-    finer facets, visibility traced at each chirp: the difference is the error.
+    tells what sampled visibility costs, too, beside one that traces it at each chirp, where the law of shadows' edges leaves in
+    doubt whether the tolerance is kept. Ellipsoids that stand for bodies over minor path pairs are not in the coarser model: the
+    difference has their power. Small bodies and meshes in free space are held against finer facets, visibility traced at each
+    chirp: the difference is the error.
     """
     budget, model, accuracy = plan.budget, plan.model, plan.accuracy
     coarser, expected, fraction = compared_with(budget, accuracy)
