@@ -56,7 +56,6 @@ DEFAULT_TIERS = (
         greatest_sagitta_rad=3.5,
         patch_span_scale=2.0,
         patch_phase_scale=4.0,
-        visibility="shared",
     ),
     PathTier(
         level_db=EVERY_PATH_DB,
