@@ -261,7 +261,11 @@ def test_rays_where_two_mirrors_meet() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         fraction = edges._free_rays(
-            stops, near, np.ones((2, 1), bool), np.array([[0.1, 0.1], [-0.1, 0.1]], np.float32), [floor, wall]
+            stops,
+            near,
+            np.ones((2, 1), bool),
+            np.array([[0.1, 0.1], [-0.1, 0.1]], np.float32),
+            np.array([[floor], [wall]]),
         )
     assert np.isfinite(fraction).all()
 

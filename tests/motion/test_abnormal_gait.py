@@ -240,15 +240,14 @@ SENTENCES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("seed", slow_after(1, range(9, 14)))
-def test_no_abnormal_gait_passes_for_a_normal_walk(seed: int) -> None:
-    assert set(SENTENCES) == set(GAIT_TYPES)
-    for type, sentence in SENTENCES.items():
-        made = t2d.motion_from_text(sentence, seed=seed)
+@pytest.mark.parametrize("type", slow_after(2, GAIT_TYPES))
+def test_no_abnormal_gait_passes_for_a_normal_walk(type: GaitType) -> None:
+    for seed in (9, 10):
+        made = t2d.motion_from_text(SENTENCES[type], seed=seed)
         severity = re.search(r"severity (\d\.\d\d)", " ".join(made.origin))
         assert severity is not None
         assert 0.4 <= float(severity[1]) <= 1.0
-        assert not t2d.check_motion(made, expected="walking").passed, type
+        assert not t2d.check_motion(made, expected="walking").passed, seed
 
 
 def test_one_figure_far_outside_makes_a_walk_abnormal() -> None:

@@ -72,7 +72,7 @@ PROCESSING: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize("processing", PROCESSING)
+@pytest.mark.parametrize("processing", slow_after(2, PROCESSING))
 def test_levels_are_those_of_the_parts_and_their_sums_those_of_their_samples(
     limbs: Recording, processing: dict[str, Any]
 ) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from builders import slow_after
 from measures import nmse_db
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.cubes import DiskCube
@@ -16,7 +17,7 @@ from t2d_rt.types import EchoArrays
 from t2d_rt.types.scatterer import EchoParts
 
 
-@pytest.mark.parametrize(("preset", "count"), [("table2", 30), ("table2", 3000), ("array-3x4", 400)])
+@pytest.mark.parametrize(("preset", "count"), slow_after(2, [("table2", 30), ("table2", 3000), ("array-3x4", 400)]))
 def test_parts_are_what_their_echoes_return_and_add_up_to_the_whole(preset: str, count: int) -> None:
     """Echo by echo and in groups, whatever the parts: these are drawn at random, and some echoes belong to none."""
     radar, rng = t2d.Radar.preset(preset), np.random.default_rng(3)

@@ -56,7 +56,7 @@ CASES: dict[str, Any] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", slow_after(4, list(CASES)))
+@pytest.mark.parametrize("case", slow_after(3, list(CASES)))
 def test_parts_add_up_to_what_is_recorded_without_them(case: str) -> None:
     split, make, options, count = CASES[case]
     options = {"radar": RADAR, "collisions": "ignore", **options}
@@ -380,6 +380,7 @@ def test_echoes_of_no_target_are_told_from_those_of_several_bounces() -> None:
     assert PartNames("bounce", nobody).of(labels).tolist() == ["static scene", "1 bounce", "2 bounces", "3 bounces"]
 
 
+@pytest.mark.slow
 def test_parts_of_one_name_are_told_apart() -> None:
     """A target may be called like the static scene, a segment or another target."""
     shape = ball((0.0, 0.0, 1.0))
