@@ -11,6 +11,7 @@ import pytest
 
 import t2d_rt as t2d
 from browser import CHROMIUM, Browser, numbers
+from builders import slow_after
 from command_line import Command
 from t2d_rt.recording.recording import Recording
 from t2d_rt.view import parts
