@@ -25,8 +25,8 @@ SURELY = 2.0
 """Standard deviations of a law that are added to its prediction before this is compared with the tolerance."""
 PATCHES_DB, PATCHES_SCATTER_DB = -35.0, 3.0
 """Error of a body's patches over which the phase may change from frame to frame as by default, which facets' law holds already, and
-its standard deviation; it goes with the square of that phase (of eleven motions the worst erred by -23 dB at twice of it, by -17 dB
-at four times)."""
+its standard deviation; it goes with the square of that phase (of eleven motions, splines at -20 dB, the worst erred by -23 dB at
+twice of it, by -17 dB at four times)."""
 BODY_SAGITTA_RAD = 1.5
 """Phase sagitta of a body's facets that its own sagittas, one for each vertex, stand for."""
 

@@ -117,10 +117,10 @@ def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> Measu
             scatter_db = math.hypot(FINER_DB, of_chirps_db)
             result = MeasuredError(db(facets.sum() / energy), scatter_db, len(facets))
             continue
-        result = _combined(budget, accuracy, expected, fraction, facets / energy, shadows / energy)
-        if matter and not _clearly(result, plan.tolerance_db):
+        result = _combined(budget, accuracy, expected, fraction, facets / energy, np.zeros(0))
+        if matter and (exact or not _clearly(result, plan.tolerance_db)):
             exact = exact or Field(full, coarser.replace(**EXACT), chirps)
-            done = len(shadows)
+            done = len(shadows)  # of as many chirps as the energy
             traced = exact.samples(done, last)
             shadows = np.append(shadows, np.sum(np.abs(traced - compared[done:]) ** 2, axis=1))
             result = _combined(budget, accuracy, expected, fraction, facets / energy, shadows / energy)

@@ -160,9 +160,8 @@ def _carrier(twist_bone: str) -> str:
 def blend(basis: Csr, rotations: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Posed vertices (K, V, 3) from bone rotations (K, B, 3, 3) and origins (K, B, 3)."""
     bones = np.concatenate([rotations, origin[..., None]], -1).transpose(1, 3, 2, 0)
-    vertices = np.empty(
-        (basis.shape[0], len(rotations), 3)
-    )  # what is carried along reads all frames of a vertex together
+    # What is carried along reads all frames of a vertex together.
+    vertices = np.empty((basis.shape[0], len(rotations), 3))
     for start in range(0, len(rotations), FRAMES_AT_ONCE):
         block = slice(start, start + FRAMES_AT_ONCE)
         product = basis @ bones[..., block].reshape(basis.shape[1], -1)

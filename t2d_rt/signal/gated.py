@@ -18,7 +18,9 @@ class RangeGate:
     limits_m: tuple[float, float]
     """Nearest and farthest range [m]."""
     bins: slice
+    """Numbers of the range bins."""
     window: str
+    """Of the range FFT."""
     matrix: np.ndarray
     """What each sample adds to each cell, complex64 (sample, cell)."""
 

@@ -13,7 +13,7 @@ from t2d_rt.core.cubes import DiskCube, GatedRows
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.factored_cubes import ProductRows
 from t2d_rt.noise.receiver import receive
-from t2d_rt.noise.receiver.gated import receive_gated
+from t2d_rt.noise.receiver.gated import BLOCK_ROWS, receive_gated
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.signal import range_fft, spectrogram
 from t2d_rt.signal.gated import RangeGate
@@ -24,12 +24,14 @@ GATE = RangeGate.of(RADAR, (0.5, 3.0))
 QUIET = Receiver.preset(RADAR).replace(phase_noise=None)
 
 
-def near(amplitude: float, radar: Radar = RADAR) -> ProductRows:
-    """A cube that keeps products: three echoes within the gate, of which one moves, for half a second."""
-    times_s = np.arange(51) / 100
+def near(amplitude: float, radar: Radar = RADAR, *, until_s: float = 1.0) -> ProductRows:
+    """A cube that keeps products: three echoes within the gate, of which one moves, for 0.6 s, in which the receiver works on two
+    blocks of chirps; they end at `until_s`."""
+    times_s = np.arange(61) / 100
     range_m = np.array([1.0, 1.5, 2.2]) + np.outer(times_s, [0.0, 0.0, -0.8])
-    echoes = Echoes(times_s=times_s, delay_s=2 * range_m / SPEED_OF_LIGHT, amplitude=np.full(range_m.shape, amplitude))
-    rows = ProductRows((len(radar.chirp_times_s(0.5)), radar.antennas, radar.samples))
+    shown = np.broadcast_to((times_s < until_s)[:, None], range_m.shape)
+    echoes = Echoes(times_s=times_s, delay_s=2 * range_m / SPEED_OF_LIGHT, amplitude=shown * amplitude)
+    rows = ProductRows((len(radar.chirp_times_s(0.6)), radar.antennas, radar.samples))
     synthesize(echoes, radar, onto=DiskCube(rows), device="cpu")
     return rows
 
@@ -82,8 +84,8 @@ def test_noise_of_cells_is_distributed_as_that_of_the_samples(receiver: Receiver
     found, wanted = (each[:, 0] - each[:, 0].mean(axis=0) for each in (found, wanted))
     scale = np.sqrt(np.mean(np.abs(wanted) ** 2, axis=0))
     covariances = [(each / scale).T @ (each / scale).conj() / len(each) for each in (found, wanted)]
-    # Of 2000 chirps a covariance is known to 1/sqrt(2000) = 0.022.
-    assert np.abs(covariances[0] - covariances[1]).max() < 6 * 0.022 * np.sqrt(2)
+    # Of 2400 chirps a covariance is known to 1/sqrt(2400) = 0.020.
+    assert np.abs(covariances[0] - covariances[1]).max() < 6 * 0.020 * np.sqrt(2)
     assert abs(covariances[0][10, 11] + 2 / 3) < 0.1  # neighbours of a Hann window
     assert abs(covariances[0][10, 12] - 1 / 6) < 0.1
     assert min(ks_2samp(abs(found[:, k]), abs(wanted[:, k])).pvalue for k in range(found.shape[1])) > 1e-4
@@ -117,6 +119,16 @@ def test_what_is_not_linear_acts_on_samples(amplitude: float, receiver: Receiver
     rows = near(amplitude)
     found, wanted = by_cells(rows, receiver)[0], by_samples(rows, receiver)[0]
     assert nmse_db(found, wanted) < -100
+
+
+def test_blocks_by_samples_and_by_cells_follow_one_another() -> None:
+    rows, receiver = near(1e-4, until_s=0.48), Receiver.preset(RADAR)
+    found, wanted = by_cells(rows, receiver)[0], by_samples(rows, receiver)[0]
+    assert len(found) > BLOCK_ROWS
+    assert nmse_db(found[:BLOCK_ROWS], wanted[:BLOCK_ROWS]) < -100
+    powers = [np.mean(np.abs(each[BLOCK_ROWS:]) ** 2) for each in (found, wanted)]
+    assert nmse_db(found[BLOCK_ROWS:], wanted[BLOCK_ROWS:]) > 0  # another draw
+    assert powers[0] == pytest.approx(powers[1], rel=0.1)
 
 
 def test_echoes_have_the_gain_of_imbalance() -> None:

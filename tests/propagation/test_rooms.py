@@ -322,7 +322,7 @@ def visible(view: View, times_s: np.ndarray) -> np.ndarray | None:
     return product([fraction(times_s) for fraction in view.visibility])
 
 
-def test_secondary_pairs_are_occluded_along_the_paths_of_dominant_ones() -> None:
+def test_pairs_of_a_shared_tier_are_occluded_along_the_paths_of_dominant_ones() -> None:
     """Occlusion of the direct path is traced anyway; the scene leaves 0.5 of its field, and 0.25 out and back."""
     target, screen = (ball(where, time_s=0.1, radius_m=0.2) for where in ((3.0, 0.0, 1.0), (1.5, 0.2, 1.0)))
     direct, wall = over(image_m=(0.0, 0.0, 1.0)), over("wall", image_m=(0.0, 6.0, 1.0))
@@ -444,7 +444,7 @@ def test_a_material_without_values_is_named() -> None:
 
 @pytest.mark.slow
 def test_subdivided_visibility_with_every_tier() -> None:
-    """Secondary path pairs share the occlusion that dominant ones have traced, at its subdivision."""
+    """Dominant and secondary path pairs trace their occlusion at it."""
     target = [t2d.trim(walk(), 0, 0.06), t2d.TableFan(position_m=(2, -1, 1), rpm=900)]
     options = {"scene": small_room(), "clutter": "none", "collisions": "ignore"}
     cubes = [

@@ -70,8 +70,7 @@ def run() -> Section:
         "0.08 rad (0.12 rad for those 15 dB below the strongest and more), traces self-occlusion from each image "
         "and works out blockage and polarisation at every unrefined vertex. Without a tolerance `simulate` "
         "models the line of sight and what comes within 6 dB of it in full; secondary pairs have larger "
-        "facets, occluded along one-way "
-        "paths of dominant pairs alone, "
+        "facets, "
         "minor ones are ellipsoids: their power is right, their phases are not, and together they "
         "are over a third of the field. The table changes that step by step.",
         table=rows,

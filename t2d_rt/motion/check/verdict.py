@@ -95,8 +95,8 @@ of the 70 have them."""
 
 FAR_MARGIN = 1.0
 """So far outside one figure alone makes a walk no normal one; none of the recorded normal walks has such."""
-OF_PACE = "cadence_per_min", "step_length"
-"""Figures of which a single one says little: who strolls takes short steps, seldom."""
+NOT_ALONE = "cadence_per_min", "step_length", "halted_s"
+"""Figures that alone make no gait abnormal: strollers take short steps at a low cadence, and anyone may pause."""
 
 TURN_DEG = 45.0
 """Change of heading from which a walk is no straight one: its inner steps are shorter, and the trunk leans."""
@@ -148,7 +148,7 @@ def _walking(seen: Evidence) -> list[str]:
     for piece in seen.pieces(0.2, gap_s=0.5):
         faults = _steps(piece, (20, 160) if _on_stairs(piece) else (60, 160), (0.15, 2.5)) + _no_flight(piece)
         if not faults and piece.turn_deg < TURN_DEG and not _on_stairs(piece):
-            return not_normal(piece)  # the farthest piece tells; shorter ones have too few steps
+            return gait_faults(piece)  # the farthest piece tells; shorter ones have too few steps
         if not faults:
             return []
     if seen.turn_deg > TURN_DEG and seen.hips.min() > UPRIGHT:
@@ -169,10 +169,10 @@ def _abnormal_walking(seen: Evidence) -> list[str]:
     return faults
 
 
-def not_normal(walk: Evidence) -> list[str]:
+def gait_faults(walk: Evidence) -> list[str]:
     """Why the gait of a straight walk is not a normal one; nothing where it is."""
     signs = gait_signs(walk.gait, walk.limits)
-    far = gait_signs(walk.gait, walk.limits, margin=FAR_MARGIN, names=set(walk.limits.gait) - set(OF_PACE))
+    far = gait_signs(walk.gait, walk.limits, margin=FAR_MARGIN, names=set(walk.limits.gait) - set(NOT_ALONE))
     return [f"the gait is not a normal one: {', '.join(signs)}"] if far or len(signs) >= MOST_SIGNS else []
 
 
