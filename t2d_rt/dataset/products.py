@@ -8,8 +8,16 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import (
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
+from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.pipeline.parts import STATIC, Split
 from t2d_rt.recording.parts import GROUPS
@@ -130,13 +138,19 @@ class SpectrogramProduct(_Map):
             del found["range_gate_m"]
         return found
 
-    @model_validator(mode="after")
-    def _rising(self) -> Self:
-        if isinstance(self.range_gate_m, tuple) and not 0 <= self.range_gate_m[0] < self.range_gate_m[1]:
-            raise InputError(
-                f'range_gate_m must be nearest and farthest range [m], got {list(self.range_gate_m)}; give [0.5, 6] or "scene"'
-            )
-        return self
+    @field_validator("range_gate_m", mode="before")
+    @classmethod
+    def _limits(cls, value: Any) -> Any:
+        pair = (
+            isinstance(value, (list, tuple))
+            and len(value) == 2
+            and all(isinstance(each, (int, float)) for each in value)
+        )
+        if value is None or value == "scene" or (pair and 0 <= value[0] < value[1]):
+            return value
+        raise InputError(
+            f'range_gate_m must be nearest and farthest range [m], got {shown(value)}; give [0.5, 6] or "scene"'
+        )
 
     def made(self, view: View) -> tuple[np.ndarray, dict[str, Any]]:
         """The array (speed, time), and what goes into the record."""

@@ -22,6 +22,7 @@ from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
 from t2d_rt.noise.masks import OcclusionMask
 from t2d_rt.pipeline.path_pairs import Clutter
 from t2d_rt.propagation.scenes import SceneFile
+from t2d_rt.signal.gated import RangeGate
 from t2d_rt.types import Accuracy, Radar, Receiver
 from t2d_rt.types.fields import Count, Decibel, Fields, Number
 from t2d_rt.types.target import Method
@@ -159,6 +160,10 @@ class Recipe(Fields):
         for what, names in (("classes", self.classes), ("conditions", [each.name for each in self.conditions])):
             if len(set(names)) < len(names):
                 raise InputError(f"recipe key {what} names one of them twice; give each once")
+        gate = self.products.spectrogram.range_gate_m if self.products.spectrogram else None
+        if isinstance(gate, tuple):
+            for radar in {self.radar, *(each.radar for each in self.conditions if each.radar is not None)}:
+                RangeGate.of(radar, gate)  # refuses a gate without a cell
         for each in self.bodies:
             if each != OWN_BODY and each not in bodies():
                 raise unknown_name("body", each, (OWN_BODY, *bodies()))

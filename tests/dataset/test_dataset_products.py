@@ -102,6 +102,23 @@ def test_cells_are_means_over_what_they_cover() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("gate", "sentence"),
+    [
+        ([100, 200], r"range gate 100\.\.200 m holds no range bin"),
+        ([2.0, 2.05], r"range gate 2\.\.2\.05 m holds no range bin"),
+        ("Scene", r"range_gate_m must be nearest and farthest range \[m\], got 'Scene'"),
+        ([6, 0.5], r"range_gate_m must be nearest and farthest range \[m\], got \[6, 0\.5\]"),
+    ],
+)
+def test_gates_that_are_refused(gate: Any, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        Recipe(
+            name="gated", classes=["bending"], descriptions_per_class=1, samples_per_description=1, radar="table2",
+            conditions=[{"name": "free"}], products={"spectrogram": {"range_gate_m": gate}},
+        )  # fmt: skip
+
+
 def test_a_gate_by_the_scene_is_what_the_person_reaches_or_the_room() -> None:
     gated = {"spectrogram": {"size": [32, 32], "range_gate_m": "scene"}}
     conditions = [{"name": "free", "method": "ellipsoid"}, {"name": "room", "scene": "empty_room"}]

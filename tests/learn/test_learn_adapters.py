@@ -151,6 +151,9 @@ def test_single_points_beyond_the_axis_are_counted_and_left_out(tmp_path: Path) 
     with pytest.warns(T2DWarning, match=r"2 of 3090 points of .* are faster than 4 m/s and were left out"):
         maps = read_real(tmp_path, "radhar", options).maps
     assert maps.counts.tolist() == [2, 74]
+    radhar(tmp_path / "jack", "b.txt", 5.0, frames=1)
+    with pytest.raises(InputError, match="raise speed_mps"):
+        read_real(tmp_path, "radhar", options)
 
 
 def test_points_fill_the_doppler_cells_of_their_device(tmp_path: Path) -> None:
@@ -183,6 +186,9 @@ def test_pictures_are_read_by_colour(tmp_path: Path, adapter: str) -> None:
     expected = 45.0 * (levels[::-1] - 1.0)
     assert np.abs(maps.levels[0] - expected).max() < 0.5
     if adapter == "png":
+        deep = (levels * 65535).astype(np.uint16)
+        Image.fromarray(deep).save(tmp_path / "walk" / "0.png")
+        assert np.abs(read_real(tmp_path, adapter, options).maps.levels[1] - expected).max() < 0.5
         coloured = (matplotlib.colormaps["viridis"](levels) * 255).astype(np.uint8)[:, :, :3]
         Image.fromarray(coloured).save(tmp_path / "walk" / "1.png")
         with pytest.raises(InputError, match=r"1\.png is in colours, whose grey does not tell the level"):

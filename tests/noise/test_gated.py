@@ -24,14 +24,14 @@ GATE = RangeGate.of(RADAR, (0.5, 3.0))
 QUIET = Receiver.preset(RADAR).replace(phase_noise=None)
 
 
-def near(amplitude: float, radar: Radar = RADAR, *, until_s: float = 1.0) -> ProductRows:
-    """A cube that keeps products: three echoes within the gate, of which one moves, for 0.6 s, in which the receiver works on two
-    blocks of chirps; they end at `until_s`."""
-    times_s = np.arange(61) / 100
+def near(amplitude: float, radar: Radar = RADAR, *, stop_s: float = 0.6, until_s: float = 1.0) -> ProductRows:
+    """A cube that keeps products: three echoes within the gate, of which one moves, up to `stop_s`; they end at `until_s`. Of 0.6 s
+    the receiver works on two blocks of chirps."""
+    times_s = np.arange(round(100 * stop_s) + 1) / 100
     range_m = np.array([1.0, 1.5, 2.2]) + np.outer(times_s, [0.0, 0.0, -0.8])
     shown = np.broadcast_to((times_s < until_s)[:, None], range_m.shape)
     echoes = Echoes(times_s=times_s, delay_s=2 * range_m / SPEED_OF_LIGHT, amplitude=shown * amplitude)
-    rows = ProductRows((len(radar.chirp_times_s(0.6)), radar.antennas, radar.samples))
+    rows = ProductRows((len(radar.chirp_times_s(stop_s)), radar.antennas, radar.samples))
     synthesize(echoes, radar, onto=DiskCube(rows), device="cpu")
     return rows
 
@@ -97,6 +97,28 @@ def test_snr_is_that_of_the_samples() -> None:
     for name in ("snr_db", "clutter_to_noise_db", "noise_floor_dbm"):
         assert levels[name] == pytest.approx(told[name], abs=0.15), name
     assert "adc_peak_dbfs" not in levels
+
+
+def test_bursts_between_the_samples_that_levels_are_told_by_are_counted() -> None:
+    radar = Radar.preset("table2")
+    burst = {
+        "carrier_hz": 77e9, "slope_hz_per_s": 2e13, "duration_s": 9e-5, "interval_s": 1 / radar.prf_hz, "position_m": [5, 1, 1],
+    }  # fmt: skip
+    receiver = Receiver(interferers=[burst])
+    rows, gate = near(3e-6, radar, stop_s=0.1), RangeGate.of(radar, (0.5, 3.0))
+    for seed in range(4):  # draws when its chirps begin
+        _, levels = receive_gated(rows, radar, receiver, seed, gate.matrix, gate.bins)
+        _, told = receive(rows.read(0, rows.shape[0]), radar, receiver, seed)
+        assert levels["noise_dbm"] == pytest.approx(told["noise_dbm"], abs=0.05)
+
+
+def test_of_a_wide_gate_all_is_received_by_samples() -> None:
+    radar = Radar.preset("table2", prf_hz=4000, samples=1024)
+    rows, receiver = near(1e-9, radar), Receiver.preset(radar)
+    gate = RangeGate.of(radar, (0.0, 1e6))
+    found, _ = receive_gated(rows, radar, receiver, 0, gate.matrix, gate.bins)
+    cube, _ = receive(rows.read(0, rows.shape[0]), radar, receiver, 0)
+    assert nmse_db(found, range_fft(cube, bins=gate.bins)) < -100
 
 
 def test_images_within_the_gate_come_from_samples() -> None:

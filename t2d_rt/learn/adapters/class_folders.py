@@ -46,7 +46,10 @@ def _fractions(path: Path, colours: str) -> np.ndarray:
         with Image.open(path) as picture:
             if picture.width * picture.height > MAX_CELLS:
                 raise InputError(f"{path} has {picture.width} x {picture.height} pixels; {MAX_CELLS} are read at most")
-            pixels = np.asarray(picture.convert("RGB"), dtype=np.float64)
+            if picture.mode.startswith("I"):  # 16 bits of grey
+                pixels = np.repeat(np.asarray(picture, np.float64)[..., None] / 257.0, 3, axis=2)
+            else:
+                pixels = np.asarray(picture.convert("RGB"), dtype=np.float64)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         if isinstance(error, InputError):
             raise
@@ -87,6 +90,8 @@ PNG = Adapter(
 POINT_FIELD = re.compile(r"^\s*(point_id|velocity|intensity|secs|nsecs):\s*(\S+)", re.MULTILINE)
 MOST_OUTLIERS = 1e-3
 """Fraction of points beyond the axis up to which they are left out: single wrong ones are in every long recording."""
+MOST_OF_FILE = 0.1
+"""Fraction of one file's points beyond the axis up to which they are errors."""
 FEWEST_SPEEDS = 8
 """Different speeds by which the distance of a device's Doppler cells is known."""
 LONGEST_S = 86_400.0
@@ -137,7 +142,8 @@ class _Rows:
         """For points of these speeds [m/s]; refuses those of which too many lie beyond the axis."""
         every = np.concatenate([*speeds, [0.0]])
         beyond = np.abs(every) > options.speed_mps
-        if beyond.mean() > MOST_OUTLIERS:
+        worst = max((float((np.abs(each) > options.speed_mps).mean()) for each in speeds), default=0.0)
+        if beyond.mean() > MOST_OUTLIERS or worst > MOST_OF_FILE:
             raise InputError(
                 f"{path} has points of up to {np.abs(every).max():.3g} m/s, {100 * beyond.mean():.2g} % of them beyond the axis of "
                 f"{options.speed_mps:g} m/s; raise speed_mps"

@@ -13,7 +13,7 @@ import math
 from typing import Any
 
 import numpy as np
-from scipy.linalg import toeplitz
+from scipy.linalg import matmul_toeplitz
 
 from t2d_rt.core.backend import one_blas_thread
 from t2d_rt.core.factored_cubes import ProductRows
@@ -32,6 +32,8 @@ COARSEST = 2.5
 departure from white noise of step^2 / 12, is then 2 exp(-2 pi^2 / COARSEST^2) = 8 % of its power (Widrow and Kollar 2008, 4.3)."""
 IMAGE_BINS = 16
 """Range bins beyond which an echo leaves 120 dB less, and an image, which is weaker, nothing."""
+MOST_CELLS = 256
+"""Cells whose noise is drawn by their covariance; with more the receiver acts on samples, which is faster then."""
 DEVIATIONS = 6.0
 """Standard deviations of the noise that the converters have room for."""
 
@@ -80,15 +82,17 @@ class _Gated:
             covariance += stages.flicker_w * stages.flicker.correlation(count)
         self._noise_w = float(covariance[0])
         weights = matrix.astype(complex)
-        self._factor = _real_factor(
-            weights.T @ toeplitz(covariance) @ weights.conj(),
-            2 * self._direct * self._image * stages.thermal_w * weights.T @ weights,
-        )
+        self._factor = np.empty((0, 0), np.float32)
+        if matrix.shape[1] <= MOST_CELLS:
+            self._factor = _real_factor(
+                weights.T @ matmul_toeplitz(covariance, weights.conj()),
+                2 * self._direct * self._image * stages.thermal_w * weights.T @ weights,
+            )
         every = max(1, count // LEVEL_SAMPLES)
         self._every, self._width = every, matrix.shape[1]
-        self._both = np.concatenate([self._direct * weights, np.eye(count)[:, every // 2 :: every]], axis=1).astype(
-            np.complex64
-        )
+        self._both = np.concatenate(
+            [self._direct * weights, np.eye(count, dtype=np.complex64)[:, every // 2 :: every]], axis=1
+        ).astype(np.complex64)
 
     def cells(self, rows: ProductRows, first: int, stop: int) -> np.ndarray:
         """Those of some rows, from the first of a group on, complex64 (row, antenna, cell)."""
@@ -111,6 +115,8 @@ class _Gated:
     def _acts_on_samples(self, some: np.ndarray, phases: tuple[float, float]) -> bool:
         """Whether an effect that is not linear may count in rows of these samples, whose beats lie between such phases over x."""
         stages, count = self._effects.stages, self._radar.samples
+        if not len(self._factor):
+            return True
         power_w = float((some.real**2 + some.imag**2).mean(axis=2).max())
         low, high = (0, count) if not np.isfinite(phases).all() else _bins(phases, count)
         if self._image and self._bins.start < count - low + IMAGE_BINS and count - high - IMAGE_BINS < self._bins.stop:
@@ -127,14 +133,19 @@ class _Gated:
 
     def _by_samples(self, samples: np.ndarray, first: int) -> np.ndarray:
         received = self._effects.received(samples, first, samples[0])
-        some = samples[..., self._every // 2 :: self._every]
-        offsets = self._effects.offsets[:, None]
-        self._count(some, received.samples[..., self._every // 2 :: self._every] - some - offsets, 0.0)
+        departure = received.samples - samples - self._effects.offsets[:, None]
+        # A burst may lie between the samples that powers are told by.
+        added_w = (departure.real**2 + departure.imag**2).sum(axis=2)
+        some, departure = (each[..., self._every // 2 :: self._every] for each in (samples, departure))
+        self._count(some, departure, 0.0, added_w)
         self.levels.note(received)
         return received.samples @ self._matrix
 
-    def _count(self, some: np.ndarray, departure: np.ndarray, noise_w: float) -> None:
-        """Counts rows for the levels: some of their clean samples, and what is added to these beside noise of that power."""
+    def _count(
+        self, some: np.ndarray, departure: np.ndarray, noise_w: float, added_w: np.ndarray | None = None
+    ) -> None:
+        """Counts rows for the levels: some of their clean samples, and what is added to these beside noise of that power; `added_w`
+        (row, antenna) is the energy of that in all samples, where they are known."""
         levels, shape = self.levels, (*some.shape[:2], self._radar.samples)
         for power, values, about, more_w in (
             (levels.clean, some, levels.reference(some), 0.0),
@@ -143,6 +154,8 @@ class _Gated:
             power.reference = about
             apart = values - about
             sums_w = shape[2] * ((apart.real**2 + apart.imag**2).mean(axis=2) + more_w)
+            if power is levels.added and added_w is not None:
+                sums_w = added_w
             power.add(shape, sums_w, values.sum(axis=0, dtype=np.complex128))
 
 
