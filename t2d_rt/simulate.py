@@ -147,9 +147,13 @@ def run(
 
 
 def run_gated(
-    experiment: Experiment, accuracy: Accuracy | None, range_gate_m: tuple[float, float], *, measure_error: bool | None = None,
+    experiment: Experiment,
+    accuracy: Accuracy | None,
+    range_gate_m: tuple[float, float],
+    *,
+    measure_error: bool | None = None,
     device: Device = "auto",
-) -> Recording:  # fmt: skip
+) -> Recording:
     """As `run`, of which only the range cells between nearest and farthest [m] are kept: enough for its spectrogram, not for what
     needs ADC samples. These are made only where an effect of the receiver must act on them."""
     wanted = replace(Wanted.of(accuracy, None, measure_error), factored=True)
