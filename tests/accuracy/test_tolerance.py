@@ -501,3 +501,21 @@ def test_without_a_tolerance_the_defaults_are_those_that_the_help_names() -> Non
     assert np.array_equal(plain.cube, named)
     assert not np.array_equal(plain.cube, rarer)
     assert not np.array_equal(plain.cube, fewer)
+
+
+@pytest.mark.slow
+def test_shadows_are_traced_at_all_chirps_whose_energy_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A second batch of chirps, asked for because the first did not tell well enough."""
+    measuring = import_module("t2d_rt.accuracy.measuring")
+    combined, counts = measuring._combined, list[tuple[int, int]]()
+
+    def counted(*given: Any) -> MeasuredError:
+        counts.append((len(given[-2]), len(given[-1])))
+        return combined(*given)
+
+    monkeypatch.setattr(measuring, "_combined", counted)
+    across = t2d.trim(t2d.place(t2d.example("walk"), distance_m=3.0, angle_deg=80), 1, 1.4)
+    radar = Radar.preset("table2", samples=64, prf_hz=6000.0)
+    t2d.simulate(across, radar=radar, tolerance_db=-18, device="cpu")
+    assert counts[-1] == (8, 8)
+    assert all(shadows in (0, chirps) for chirps, shadows in counts)
