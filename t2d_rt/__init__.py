@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from t2d_rt.sweeps import sweep
     from t2d_rt.types import (
         Accuracy,
+        Breathing,
         Echoes,
         EchoStream,
         Ellipsoids,
@@ -82,6 +83,7 @@ _HOMES = {
     "t2d_rt.types": (
         *(
             "Accuracy",
+            "Breathing",
             "PathTier",
             "EchoStream",
             "Echoes",
@@ -101,6 +103,7 @@ _HOME = {name: module for module, names in _HOMES.items() for name in names}
 __all__ = [
     "Accuracy",
     "BackendError",
+    "Breathing",
     "CeilingFan",
     "Curtain",
     "Door",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from t2d_rt.body.chest import lies_on_front
 from t2d_rt.body.fit import SIDES, Fitted, fit
 from t2d_rt.body.pose import BONES, Posing, posing
 from t2d_rt.body.skin import JointTrack, linear_track
@@ -15,7 +16,7 @@ from t2d_rt.geometry.vectors import edge_cross, unit
 from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.material import Material
 from t2d_rt.types.mesh import Made
-from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
+from t2d_rt.types.motion import CANONICAL_JOINTS, Breathing, Motion, checked_motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +61,9 @@ def _segments() -> dict[str, Segment]:
 SEGMENTS: Mapping[str, Segment] = _segments()
 """The 17 segments."""
 
+BREATHING = [tuple(SEGMENTS).index(name) for name in ("abdomen", "chest")]
+"""Those that move as somebody breathes."""
+
 
 def segments(
     motion: Motion,
@@ -77,7 +81,7 @@ def segments(
     bones = [BONES.index(part.bone) for part in SEGMENTS.values()]
     offsets = centres - np.array([fitted.joints[part.bone] for part in SEGMENTS.values()])
 
-    carried = _Carried(pose, bones, offsets, axes, track or linear_track(motion))
+    carried = _Carried(pose, bones, offsets, axes, track or linear_track(motion), motion.breathing)
     return Ellipsoids.from_track(carried, semi_axes, motion.times_s, material, names=tuple(SEGMENTS), made=made)
 
 
@@ -93,10 +97,17 @@ class _Carried:
     axes: np.ndarray
     """At rest, (N, 3, 3)."""
     track: JointTrack
+    breathing: Breathing | None
 
     def __call__(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        rotations, origin = (moved[:, self.bones] for moved in self.pose.bones(*self.track(times_s)))
-        return (rotations @ self.offsets[..., None])[..., 0] + origin, rotations @ self.axes
+        bones = self.pose.bones(*self.track(times_s))
+        rotations, origin = (moved[:, self.bones] for moved in bones)
+        centres, axes = (rotations @ self.offsets[..., None])[..., 0] + origin, rotations @ self.axes
+        if self.breathing is not None:
+            # Semi-axes are constant: the whole ellipsoid follows its front, or its back where the front is on the floor.
+            out_m = self.breathing.displacement_m(times_s) * (1 - 2 * lies_on_front(*bones))
+            centres[:, BREATHING] += out_m[:, None, None] * axes[..., 0][:, BREATHING]
+        return centres, axes
 
 
 def segment_of_faces(body: Fitted) -> np.ndarray:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.body.chest import ChestWall
 from t2d_rt.body.fit import Fitted, fit
 from t2d_rt.body.pose import BONES, Posing, posing
 from t2d_rt.body.template import template
@@ -66,12 +67,13 @@ def skin(
     pose = posing(fitted, motion)
     basis = blend_basis(fitted)
     track = track or linear_track(motion)
+    chest = None if motion.breathing is None else ChestWall.of(fitted, motion.breathing)
     # Facets are those of the template at a like size: one person's bones hardly change where they should be fine.
     like = fitted.template.vertices * SIZE_STEP ** round(math.log(fitted.scale, SIZE_STEP))
     bend = 1 + curvature(like, fitted.template.faces, 180.0)  # 1/m: the curvature of a wave at indoor range
 
     return MovingMesh.from_track(
-        partial(_vertices, basis, pose, track, _on_floor(motion, basis, pose)),
+        partial(_vertices, basis, pose, track, chest, _on_floor(motion, basis, pose)),
         fitted.template.faces,
         motion.times_s,
         material,
@@ -85,8 +87,13 @@ def skin(
     )
 
 
-def _vertices(basis: Csr, pose: Posing, track: JointTrack, floor: bool, times_s: np.ndarray) -> np.ndarray:
-    vertices = blend(basis, *pose.bones(*track(times_s)))
+def _vertices(
+    basis: Csr, pose: Posing, track: JointTrack, chest: ChestWall | None, floor: bool, times_s: np.ndarray
+) -> np.ndarray:
+    bones = pose.bones(*track(times_s))
+    vertices = blend(basis, *bones)
+    if chest is not None:
+        chest.move(vertices, *bones, times_s)
     if floor:
         _flatten(vertices[..., 2])
     return vertices

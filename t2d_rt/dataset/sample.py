@@ -117,7 +117,7 @@ def _fitted(source: MotionText, recipe: Recipe, activity: Activity, attempts: in
     if lacking_s > 0:
         # A frame more than is needed: lengths are whole numbers of frames.
         source = source.model_copy(update={"hold_s": round(lacking_s + 1.0 / made.rate_hz, 6), "stop_s": length_s})
-        motion = trim(hold(made, source.hold_s), 0.0, length_s)
+        motion = trim(hold(made, source.hold_s, sway_seed=source.seed), 0.0, length_s)
         verdict = check_motion(motion, expected=activity)
         return _cut(source, motion, verdict.reasons, attempts, made)
     liveliest: SampleMotion | None = None

@@ -24,6 +24,7 @@ from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, OwnMover, Pet, TableF
 from t2d_rt.scene.movers import KINDS, kind_names
 from t2d_rt.types import Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
 from t2d_rt.types.fields import Count, Fields, Number
+from t2d_rt.types.motion import Breathing
 
 Substance = str | Material
 Fraction = Annotated[Number, Field(ge=-1e6, le=1e6)]
@@ -140,7 +141,7 @@ class MotionText(_Placed):
 
     def placed(self, motion: Motion, radar: Radar) -> Motion:
         """The piece of a motion that is used, held at its end, where it starts."""
-        return super().placed(hold(motion, self.hold_s) if self.hold_s else motion, radar)
+        return super().placed(hold(motion, self.hold_s, sway_seed=self.seed) if self.hold_s else motion, radar)
 
 
 def _generated(source: MotionText) -> Motion:
@@ -164,7 +165,7 @@ _composed = functools.lru_cache(maxsize=8)(_generated)
 class MotionArrays(Plain):
     """A motion whose joints are stored."""
 
-    _later: ClassVar[tuple[str, ...]] = ("activities",)
+    _later: ClassVar[tuple[str, ...]] = ("activities", "breathing")
     noun: ClassVar[str] = "motion"
 
     kind: Literal["motion"] = "motion"
@@ -180,6 +181,8 @@ class MotionArrays(Plain):
     """The file's name and the SHA-256 of its content, then each edit since."""
     activities: tuple[tuple[str, Number], ...] = ()
     """What the person does, and from when on [s]."""
+    breathing: Breathing | None = None
+    """How the person breathes."""
 
 
 class BodyMesh(Plain):
@@ -303,7 +306,7 @@ Source = Annotated[
     Discriminator("kind"),
 ]
 """Where a target comes from."""
-MOTION_FIELDS = "rate_hz", "names", "parents", "placed", "report", "origin", "activities"
+MOTION_FIELDS = "rate_hz", "names", "parents", "placed", "report", "origin", "activities", "breathing"
 """Of a `Motion` beside its arrays, which are stored as they are."""
 MESH_FIELDS = "material", "crease_deg", "curved", "name"
 """Of a `MovingMesh`, likewise."""

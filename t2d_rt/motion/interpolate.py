@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -119,9 +120,10 @@ def trim(motion: Motion, start_s: float = 0.0, stop_s: float | None = None) -> M
     first_s, last_s = span.start / motion.rate_hz, (span.stop - 1) / motion.rate_hz
     inside = [(name, begin_s - first_s) for name, begin_s in motion.activities if first_s < begin_s <= last_s]
     before = [(name, 0.0) for name, begin_s in motion.activities if begin_s <= first_s][-1:]
-    return motion.edited(
-        note, joints=motion.joints[span], rotations=motion.rotations[span], activities=(*before, *inside)
-    )
+    changes: dict[str, Any] = {"joints": motion.joints[span], "rotations": motion.rotations[span]}
+    if motion.breathing is not None:
+        changes["breathing"] = motion.breathing.from_time(first_s)
+    return motion.edited(note, **changes, activities=(*before, *inside))
 
 
 def smooth(motion: Motion, cutoff_hz: float = JITTER_CUTOFF_HZ) -> Motion:

@@ -50,8 +50,9 @@ TRUTH_COLUMNS: tuple[str, ...] = (
     *(f"{joint}_{axis}_m" for joint in CANONICAL_JOINTS for axis in XYZ),
     *(f"{segment}_{name}" for name in OF_SEGMENTS for segment in SEGMENTS),
     *(f"{side}_{part}_stands" for side in SIDES for part in PARTS),
+    "breathing_m",
 )
-"""Columns of a person's truth as one table: time, the 22 joints, five figures of each segment, contacts (0 or 1)."""
+"""Columns of a person's truth as one table: time, the 22 joints, five figures of each segment, contacts (0 or 1), breathing."""
 
 
 class Person(NamedTuple):
@@ -71,9 +72,10 @@ def truth_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = N
     from the radar; `segment_range_m`, `segment_speed_mps`, `segment_azimuth_rad` and `segment_elevation_rad` (segment) of the
     middles of the body's 17 segments; `segment_visible` (segment), the fraction of what faces the radar that neither the body
     itself, another target nor the scene hides; `contact` (foot, part), whether heel and ball of each foot stand; `activity`, what
-    the person does then, where the motion tells it, else "". Ranges and speeds are means over transmitters and receivers. A target
+    the person does then, where the motion tells it, else ""; `breathing_m`, how far the front of the trunk has come forward in a
+    breath. Ranges and speeds are means over transmitters and receivers. A target
     without joints, as a fan or a mesh, is no person. The coordinate `made_for` (person) is the class that all of a motion was made
-    for, "" of a file.
+    for, "" of a file; `breathing_hz` the breaths a second, 0 of who does not breathe.
     """
     import xarray as xr
 
@@ -103,6 +105,7 @@ def truth_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = N
             "foot": list(SIDES),
             "part": list(PARTS),
             "made_for": ("person", np.array([made_for(each.motion) for each in people], dtype=np.str_)),
+            "breathing_hz": ("person", np.array([b.rate_hz if (b := each.motion.breathing) else 0.0 for each in people])),
         },
     )
     for name, values in data.variables.items():
@@ -118,6 +121,7 @@ def person_rows(truth: xr.Dataset, person: int = 0) -> np.ndarray:
         own.joints_m.sel(joint=list(CANONICAL_JOINTS)).values.reshape(len(truth.time_s), -1),
         *(own[f"segment_{name}"].values for name in OF_SEGMENTS),
         own.contact.values.reshape(len(truth.time_s), -1),
+        own.breathing_m.values[:, None],
     ]
     return np.concatenate(columns, axis=1).astype(np.float32)
 
@@ -135,7 +139,7 @@ def _of_persons(
     shape = len(people), len(at.now)
     middles = Nearby(*(np.zeros((*shape, len(SEGMENTS), 3)) for _ in at))
     places, stands = np.zeros((*shape, len(joints), 3)), np.zeros((*shape, 2, 2), bool)
-    does: list[np.ndarray] = []
+    breathes, does = np.zeros(shape), list[np.ndarray]()
     for row, (_, motion, body) in enumerate(people):
         own = track(motion)(at.now)[0][:, [motion.index(name) for name in joints]]
         places[row] = (own - np.asarray(model.radar.position_m)) @ model.radar.axes.T
@@ -145,12 +149,15 @@ def _of_persons(
         frames = np.clip(np.rint(at.now * motion.rate_hz).astype(int), 0, len(motion.joints) - 1)
         stands[row] = contacts(poses_of(motion))[frames]
         does.append(motion.activity_at(at.now))
+        if motion.breathing is not None:
+            breathes[row] = motion.breathing.displacement_m(at.now)
     limbs_polar = _polar(model.radar, middles, (nearby_s.later - nearby_s.earlier)[:, None])
     return {
         "joints_m": (("person", "time_s", "joint", "xyz"), places),
         **{f"segment_{name}": (("person", "time_s", "segment"), values) for name, values in limbs_polar.items()},
         "contact": (("person", "time_s", "foot", "part"), stands),
         "activity": (("person", "time_s"), np.array(does, np.str_).reshape(shape)),
+        "breathing_m": (("person", "time_s"), breathes),
     }
 
 

@@ -6,7 +6,7 @@ from t2d_rt.types.echoes import EchoArrays, Echoes
 from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.material import PEC, Material
 from t2d_rt.types.mesh import MovingMesh
-from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Motion
+from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Breathing, Motion
 from t2d_rt.types.paths import OneWayPath, PathPair, PathSet, StaticPath
 from t2d_rt.types.radar import Radar
 from t2d_rt.types.receiver import Receiver
@@ -19,6 +19,7 @@ __all__ = [
     "OPTIONAL_JOINTS",
     "PEC",
     "Accuracy",
+    "Breathing",
     "EchoArrays",
     "EchoStream",
     "Echoes",
@@ -38,6 +39,6 @@ __all__ = [
     "stream",
 ]
 
-for _each in (Accuracy, EchoStream, Echoes, Ellipsoids, Material, Motion, MovingMesh, PathTier, Radar, Receiver, Scene):
+for _each in (Accuracy, Breathing, EchoStream, Echoes, Ellipsoids, Material, Motion, MovingMesh, PathTier, Radar, Receiver, Scene):
     public(_each)
 public(Surface)

@@ -45,6 +45,40 @@ _COORDINATES = {
 """What a motion's `placed` says."""
 
 
+BREATHS_HZ, BREATH_DEPTH_M = (0.01, 5.0), (0.0, 0.1)
+"""Rates and depths of breathing that are taken."""
+
+INHALES = 0.35
+"""How much earlier than half way a breath is fullest [rad]: breathing in takes 40 % of it, as at rest (1 : 1.5)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Breathing:
+    """How chest and abdomen rise and fall, whatever the rest of the body does."""
+
+    rate_hz: float
+    """Breaths a second; adults at rest take 12 to 20 a minute."""
+    depth_m: float
+    """How far the front of the trunk comes forward in a breath [m], from its least to its greatest."""
+    phase_rad: float = 0.0
+    """Of the breath at the first frame: 0 before the person breathes in."""
+
+    def __post_init__(self) -> None:
+        phase_rad = number("phase_rad", self.phase_rad, -1e6, 1e6, unit="rad")
+        rate_hz = number("rate_hz", self.rate_hz, *BREATHS_HZ, unit="Hz")
+        depth_m = number("depth_m", self.depth_m, *BREATH_DEPTH_M, unit="m")
+        set_fields(self, rate_hz=rate_hz, depth_m=depth_m, phase_rad=phase_rad)
+
+    def displacement_m(self, times_s: np.ndarray) -> np.ndarray:
+        """How far the front of the trunk has come forward at times [s] (K,) of the motion [m], from 0 to the depth."""
+        cycle = 2 * np.pi * self.rate_hz * np.asarray(times_s, float) + self.phase_rad
+        return np.asarray(0.5 * self.depth_m * (1 - np.cos(cycle + INHALES * (1 - np.cos(cycle)))))
+
+    def from_time(self, start_s: float) -> Breathing:
+        """The same breaths where time begins at another instant [s]."""
+        return replace(self, phase_rad=float((self.phase_rad + 2 * np.pi * self.rate_hz * start_s) % (2 * np.pi)))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
     """Joints of one person in time: metres, right-handed, z up.
@@ -69,6 +103,8 @@ class Motion:
     """Where it comes from: the file's name and the SHA-256 of its content, then each edit since."""
     activities: tuple[tuple[str, float], ...] = ()
     """What the person does and from when on [s], in order, each until the next one begins; () where it is not known."""
+    breathing: Breathing | None = None
+    """How the person breathes, which joints do not tell; None where nothing but the joints moves, as of a file."""
 
     def __post_init__(self) -> None:
         names, parents = _names(self.names), _parents(self.parents)
@@ -86,6 +122,8 @@ class Motion:
             )
         if self.placed is not None:
             flag("placed", self.placed)
+        if self.breathing is not None:
+            instance("breathing", self.breathing, Breathing, "a Breathing, as Breathing(rate_hz=0.25, depth_m=0.008)")
         origin = cast(Sequence[Any], instance("origin", self.origin, (list, tuple), "a list of texts"))
         set_fields(
             self,

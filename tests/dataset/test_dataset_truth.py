@@ -35,7 +35,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_truth_of_a_sample_is_that_of_its_recording(made: Path) -> None:
     data = Dataset(made)
     rows = data.values(1, "truth")
-    assert rows.shape == (16, len(TRUTH_COLUMNS)) == (16, 156)
+    assert rows.shape == (16, len(TRUTH_COLUMNS)) == (16, 157)
     assert rows.dtype == np.float32
     column = {name: rows[:, number] for number, name in enumerate(TRUTH_COLUMNS)}
     np.testing.assert_allclose(column["time_s"], np.arange(16) / RATE_HZ, atol=1e-7)
@@ -71,7 +71,7 @@ def test_exports_hold_the_same_truth(made: Path, tmp_path: Path, to: Any) -> Non
     (file,) = (tmp_path / to / "data").glob("*.parquet")
     assert np.array_equal(np.array(pq.read_table(file)["truth"][0].as_py(), np.float32), data.array(0, "truth"))
     card = (tmp_path / to / "README.md").read_text()
-    assert "`truth`: float32, (time, 156) of the labelled person at 20 Hz" in card
+    assert "`truth`: float32, (time, 157) of the labelled person at 20 Hz" in card
 
 
 def test_tensors_of_truth_have_one_length(made: Path) -> None:
@@ -79,8 +79,8 @@ def test_tensors_of_truth_have_one_length(made: Path) -> None:
     from t2d_rt.dataset import TorchDataset
 
     tensor, label = TorchDataset(made, "truth", length=20)[0]
-    assert tensor.shape == (20, 156)
-    assert torch.equal(tensor[16:], torch.zeros(4, 156))
+    assert tensor.shape == (20, 157)
+    assert torch.equal(tensor[16:], torch.zeros(4, 157))
     assert label == 0
 
 

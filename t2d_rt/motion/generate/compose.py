@@ -167,7 +167,8 @@ class Composer:
         steps = description.steps
         lacking = [each for number, step in enumerate(steps) for each in not_made(step, steps[number + 1 :])]
         origin = (made, who, *(f"{NOT_MADE}{each}" for each in lacking), *motion.origin)
-        return replace(motion, origin=origin, report=f"generated; {who}; floor at 0 m", placed=False)
+        report = f"generated; {who}; floor at 0 m"
+        return replace(motion, origin=origin, report=report, placed=False, breathing=person.breathing)
 
 
 def maker_of(step: Step, store: Store) -> By:

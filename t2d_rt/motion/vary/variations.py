@@ -9,7 +9,8 @@ import numpy as np
 from t2d_rt.core.checks import instance, integer, number
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.edit import main_direction
-from t2d_rt.motion.interpolate import low_pass, sample
+from t2d_rt.motion.generate.made.render import wander
+from t2d_rt.motion.interpolate import low_pass, minimum_jerk, sample
 from t2d_rt.types import Radar
 from t2d_rt.types.motion import Motion, checked_motion
 
@@ -78,8 +79,16 @@ STOPPING_S = 0.6
 LONGEST_S = 600.0
 
 
-def hold(motion: Motion, duration_s: float) -> Motion:
+SWAY_RAD, SWAY_HZ, SWAY_SLOPE = (0.0042, 0.0027), (0.08, 1.0), 1.2
+"""Standard deviations of the lean of who stands quietly, forward and sideways, its band and how its power falls in it: the centre of
+mass, some 0.95 m high, sways by 4 and 2.5 mm, most of it below 0.5 Hz (Winter 1995, Gait and Posture 3: 193)."""
+
+
+def hold(motion: Motion, duration_s: float, *, sway_seed: int | None = None) -> Motion:
     """The motion, longer by a time [s] in which its last pose is held.
+
+    sway_seed: seed of the small sway of a person at rest, which grows with the height over the floor: the feet stay, who lies hardly
+        moves. None holds the pose quite still.
 
     The last 0.3 s are shown more and more slowly, within 0.6 s, so that a person who moves at the end comes to rest without a jump
     of speed or acceleration; of a shorter hold or a shorter motion, as much as there is.
@@ -95,7 +104,19 @@ def hold(motion: Motion, duration_s: float) -> Motion:
     slowed_s = begin_s + stopping_s * (x - x**4 * (2.5 + x * (x - 3.0)))
     shown = np.where(times < begin_s, times, np.minimum(slowed_s, motion.duration_s))
     joints, rotations = sample(motion, shown)
+    if sway_seed is not None:
+        rests = minimum_jerk((times - begin_s) / max(stopping_s, 1e-12))
+        joints = joints + rests[:, None, None] * _swaying(motion, joints[-1], times, sway_seed)
     return motion.edited(f"held for {duration_s:g} s", joints=joints, rotations=rotations)
+
+
+def _swaying(motion: Motion, pose: np.ndarray, times_s: np.ndarray, seed: int) -> np.ndarray:
+    """How far each joint of a pose (J, 3) sways at times (T,) [m], (T, J, 3)."""
+    left = (pose[motion.index("left_hip")] - pose[motion.index("right_hip")])[:2]
+    left = left / max(float(np.linalg.norm(left)), 1e-9)
+    axes = np.array([[left[1], -left[0], 0.0], [*left, 0.0]])
+    lean = np.array(SWAY_RAD) * wander(np.random.default_rng(seed), times_s, 2, SWAY_HZ, SWAY_SLOPE)
+    return (lean @ axes)[:, None] * (pose[:, 2] - pose[:, 2].min())[:, None]
 
 
 # --- faster and slower gaits: the segments between foot peaks are stretched in time (Text2Doppler's change of gait)

@@ -71,18 +71,11 @@ def instants(motion: Motion, kind: str) -> list[tuple[int, str]]:
     return sorted(found)
 
 
-# --- what follows a fall: the last movements die away, and the body lies and breathes ---
+# --- what follows a fall: the last movements die away, and the body lies ---
 
 
 EASING_S = 0.4
 """Simulated time at the end that is stretched to twice its length, so that all speeds fall to nothing."""
-
-BREATHS_HZ = (0.2, 0.33)
-"""12 to 20 breaths a minute."""
-BREATH_RAD = (0.012, 0.024)
-"""Half the chest's rotation in a breath: the breastbone rises by 4 to 8 mm (De Groote et al. 1997, J. Appl. Physiol. 83)."""
-
-CHEST = tuple(CANONICAL_JOINTS.index(name) for name in ("spine2", "spine3", "left_collar", "right_collar"))
 
 
 def eased_out(qpos: np.ndarray) -> np.ndarray:
@@ -96,17 +89,6 @@ def eased_out(qpos: np.ndarray) -> np.ndarray:
     late = (1 - part) * qpos[low] + part * qpos[low + 1]
     late[:, 3:7] /= np.linalg.norm(late[:, 3:7], axis=1, keepdims=True)
     return np.concatenate([qpos[: len(qpos) - count], late])
-
-
-def breathing(segments: np.ndarray, frames: int, rng: np.random.Generator, *, from_frame: int) -> np.ndarray:
-    """Segments (T + frames, 22, 3, 3): those given, the last one held, and the chest rising and falling from a frame on."""
-    held = np.concatenate([segments, np.repeat(segments[-1:], frames, axis=0)])
-    times = np.maximum(np.arange(len(held)) - from_frame, 0) / RATE_HZ
-    angle = rng.uniform(*BREATH_RAD) * minimum_jerk(times / 0.8) * np.sin(2 * np.pi * rng.uniform(*BREATHS_HZ) * times)
-    turn = matrices(quaternions.about_axis(np.array([1.0, 0.0, 0.0]), angle))
-    for joint in CHEST:
-        held[:, joint] = held[:, joint] @ turn
-    return held
 
 
 # --- `fall`: a recorded walk, run or stance goes over into a simulated fall ---
@@ -347,14 +329,12 @@ def _candidate(scenario: Scenario, plan: FallPlan, choice: int, least: float) ->
 def _assembled(candidate: Candidate, plan: FallPlan, getups: Sequence[Motion]) -> Fall:
     scenario, drawn, found = candidate.scenario, candidate.drawn, candidate.figures
     lead, frame, bones = scenario.lead, scenario.frame, scenario.skeleton
-    rng = np.random.default_rng([plan.seed, 3])
     qpos = eased_out(candidate.run.qpos)
     joints, segments = joined(bones, lead, scenario.segments, frame, qpos[:, :3], reached(scenario.body, qpos))
     root = joints[:, 0]
     rested = len(qpos) - 1
     held = round(plan.rest_s * RATE_HZ)
-    segments = breathing(segments, held, rng, from_frame=rested)
-    root = np.concatenate([root, np.repeat(root[-1:], held, axis=0)])
+    root, segments = (np.concatenate([each, np.repeat(each[-1:], held, axis=0)]) for each in (root, segments))
     get_up_s = None
     if plan.get_up:
         get_up_s = (frame + len(root) - 1) / RATE_HZ

@@ -17,7 +17,7 @@ from t2d_rt.motion.generate.chain import Piece, from_rotation_vector, swung
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.store import RATE_HZ, Segment, Store
 from t2d_rt.motion.kinematics import INDEX, NAMES, Skeleton, retargeted, skeleton_of
-from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS
+from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS, Breathing
 
 # --- who moves: stature, proportions, handedness, tempo and habits of one person, drawn from a seed ---
 
@@ -43,6 +43,11 @@ POSTURE_RAD = {
 }  # fmt: skip
 """Standard deviations of a person's habitual posture per axis [rad]; between recorded walkers they are larger."""
 
+BREATHS_HZ, BREATH_DEPTH_M = (0.2, 0.35), (0.004, 0.012)
+"""Breaths a second of people at rest, and how far the front of the trunk comes forward in one: of five people who sat the ribs by 3
+to 5 mm, the abdomen almost straight forward (De Groote et al. 1997, J. Appl. Physiol. 83: 1531); up to 12 mm is met by radars (Shafiq
+and Veluvolu 2014, Sci. Rep. 4: 5093)."""
+
 SPINE = "lower_back", "spine1", "spine2", "spine3", "neck", "head", "head_top"
 
 SWAY = 0.35
@@ -67,6 +72,7 @@ class Individual:
     """Factor of the swing of the arms."""
     habit: np.ndarray
     """Rotation vectors of habitual posture [rad], (28, 3)."""
+    breathing: Breathing
 
 
 def individual(
@@ -80,6 +86,7 @@ def individual(
     if body is not None and body not in known:
         raise InputError(f"no body {body!r}; choose one of {', '.join(known)}")
     name = body or (name if name in known else "adult")
+    breaths = rng.spawn(1)[0].random(3)
     normal = rng.standard_normal(6)
     habit = np.zeros((len(NAMES), 3))
     for joint, size in POSTURE_RAD.items():
@@ -92,6 +99,11 @@ def individual(
         tempo=float(np.exp(0.05 * normal[3])),
         vigour=float(np.exp(0.2 * np.clip(normal[4], -2, 2))),
         habit=habit,
+        breathing=Breathing(
+            rate_hz=float(np.interp(breaths[0], (0, 1), BREATHS_HZ)),
+            depth_m=float(np.interp(breaths[1], (0, 1), BREATH_DEPTH_M)),
+            phase_rad=2 * np.pi * float(breaths[2]),
+        ),
     )
 
 

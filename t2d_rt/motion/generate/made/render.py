@@ -14,7 +14,7 @@ from t2d_rt.motion.generate.made.hands import Anatomy, Figure, Goal, Hand, Hang
 from t2d_rt.motion.interpolate import decompose
 from t2d_rt.motion.kinematics import LOWER_BACK, NAMES, PARENTS, Poses
 
-# --- what keeps a body from moving like a machine: sway, breath, and noise of the muscles that grows with the
+# --- what keeps a body from moving like a machine: sway, and noise of the muscles that grows with the
 # movement ---
 
 
@@ -42,7 +42,6 @@ SWAY_SLOPE, MOTOR_SLOPE = 1.2, 1.83
 are those of recorded bends."""
 
 HAND_SWAY_M, HAND_MOTOR_M = 0.006, 0.0032
-BREATH_RAD = 0.7 * DEG
 
 
 def wander(
@@ -82,10 +81,6 @@ def shaken(
         found[:, INDEX[name]] += amount * size * slow[:, number]
     for number, (name, size) in enumerate(MOTOR.items()):
         found[:, INDEX[name]] += amount * size * moving * fast[:, number]
-    breath = np.sin(2 * np.pi * (rng.uniform(0.2, 0.32) * times_s + rng.random()))
-    found[:, INDEX["flex"]] -= BREATH_RAD * breath
-    for side in ("left", "right"):
-        found[:, INDEX[f"{side}_shrug"]] += BREATH_RAD * breath
     return found
 
 
