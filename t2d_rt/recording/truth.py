@@ -105,7 +105,10 @@ def truth_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = N
             "foot": list(SIDES),
             "part": list(PARTS),
             "made_for": ("person", np.array([made_for(each.motion) for each in people], dtype=np.str_)),
-            "breathing_hz": ("person", np.array([b.rate_hz if (b := each.motion.breathing) else 0.0 for each in people])),
+            "breathing_hz": (
+                "person",
+                np.array([b.rate_hz if (b := each.motion.breathing) else 0.0 for each in people]),
+            ),
         },
     )
     for name, values in data.variables.items():

@@ -39,6 +39,19 @@ __all__ = [
     "stream",
 ]
 
-for _each in (Accuracy, Breathing, EchoStream, Echoes, Ellipsoids, Material, Motion, MovingMesh, PathTier, Radar, Receiver, Scene):
+for _each in (
+    Accuracy,
+    Breathing,
+    EchoStream,
+    Echoes,
+    Ellipsoids,
+    Material,
+    Motion,
+    MovingMesh,
+    PathTier,
+    Radar,
+    Receiver,
+    Scene,
+):
     public(_each)
 public(Surface)

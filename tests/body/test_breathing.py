@@ -81,7 +81,10 @@ def test_chest_and_abdomen_move_and_nothing_else(posture: str, moves: int) -> No
     limbs = segments(motion).at(times_s)[0]
     chest = limbs[:, segments(motion).names.index("chest"), moves]
     np.testing.assert_allclose(chest - chest[0], out_m - out_m[0], atol=1e-4)
-    assert np.ptp(np.delete(limbs, [segments(motion).names.index(each) for each in ("chest", "abdomen")], 1), 0).max() < 1e-9
+    assert (
+        np.ptp(np.delete(limbs, [segments(motion).names.index(each) for each in ("chest", "abdomen")], 1), 0).max()
+        < 1e-9
+    )
 
 
 def test_a_breath_has_its_depth_and_goes_out_longer_than_in() -> None:
@@ -113,7 +116,12 @@ def test_pieces_go_on_breathing_and_experiments_store_it() -> None:
     assert piece.breathing is not None
     assert piece.breathing.displacement_m(np.array([0.5])) == pytest.approx(BREATHS.displacement_m(np.array([2.0])))
     radar = t2d.Radar.preset("table2", prf_hz=200.0)
-    found = t2d.simulate(t2d.trim(replace(motion, joints=motion.joints + [2.0, 0.0, 0.0]), 0, 0.2), radar=radar, method="ellipsoid", measure_error=False)
+    found = t2d.simulate(
+        t2d.trim(replace(motion, joints=motion.joints + [2.0, 0.0, 0.0]), 0, 0.2),
+        radar=radar,
+        method="ellipsoid",
+        measure_error=False,
+    )
     assert found.again().experiment is not None
     assert found.experiment.targets_from(found.inputs)[0].breathing == BREATHS  # type: ignore[union-attr]
 

@@ -80,15 +80,15 @@ LONGEST_S = 600.0
 
 
 SWAY_RAD, SWAY_HZ, SWAY_SLOPE = (0.0042, 0.0027), (0.08, 1.0), 1.2
-"""Standard deviations of the lean of who stands quietly, forward and sideways, its band and how its power falls in it: the centre of
-mass, some 0.95 m high, sways by 4 and 2.5 mm, most of it below 0.5 Hz (Winter 1995, Gait and Posture 3: 193)."""
+"""Standard deviations of the lean of who stands quietly, forward and sideways, its band and how its power falls in it: the centre
+of mass, some 0.95 m high, sways by 4 and 2.5 mm, most of it below 0.5 Hz (Winter 1995, Gait and Posture 3: 193)."""
 
 
 def hold(motion: Motion, duration_s: float, *, sway_seed: int | None = None) -> Motion:
     """The motion, longer by a time [s] in which its last pose is held.
 
-    sway_seed: seed of the small sway of a person at rest, which grows with the height over the floor: the feet stay, who lies hardly
-        moves. None holds the pose quite still.
+    sway_seed: seed of the small sway of a person at rest, which grows with the height over the floor: the feet stay, who lies
+        hardly moves. None holds the pose quite still.
 
     The last 0.3 s are shown more and more slowly, within 0.6 s, so that a person who moves at the end comes to rest without a jump
     of speed or acceleration; of a shorter hold or a shorter motion, as much as there is.

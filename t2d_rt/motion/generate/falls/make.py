@@ -11,7 +11,6 @@ import numpy as np
 
 from t2d_rt.core.checks import instance
 from t2d_rt.core.errors import InputError
-from t2d_rt.motion import quaternions
 from t2d_rt.motion.descriptions.slots import FALL_TYPES, Description, FallType
 from t2d_rt.motion.generate.falls.draw import Draw, course, draw, heading_of
 from t2d_rt.motion.generate.falls.humanoid import (
@@ -22,7 +21,6 @@ from t2d_rt.motion.generate.falls.humanoid import (
     anatomy,
     coordinates,
     humanoid,
-    matrices,
     mujoco,
     reached,
     skeleton,
@@ -31,7 +29,7 @@ from t2d_rt.motion.generate.falls.humanoid import (
 from t2d_rt.motion.generate.falls.joining import Skeleton, got_up, joined, placed_joints, rotations_of, skeleton_at
 from t2d_rt.motion.generate.falls.measures import Figures, figures, fits, least_missing, missing
 from t2d_rt.motion.generate.falls.simulation import HEADINGS, FallEvents, FallPlan, Heading, Run, simulate
-from t2d_rt.motion.interpolate import low_pass, minimum_jerk, resample
+from t2d_rt.motion.interpolate import low_pass, resample
 from t2d_rt.motion.kinematics import facing, stature_m
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
 
