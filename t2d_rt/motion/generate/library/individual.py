@@ -44,9 +44,9 @@ POSTURE_RAD = {
 """Standard deviations of a person's habitual posture per axis [rad]; between recorded walkers they are larger."""
 
 BREATHS_HZ, BREATH_DEPTH_M = (0.2, 0.35), (0.004, 0.012)
-"""Breaths a second of people at rest, and how far the front of the trunk comes forward in one: of five people who sat the ribs by 3
-to 5 mm, the abdomen almost straight forward (De Groote et al. 1997, J. Appl. Physiol. 83: 1531); radars meet up to 12 mm (Shafiq and
-Veluvolu 2014, Sci. Rep. 4: 5093)."""
+"""Breaths a second of people at rest, and how far the front of the trunk comes forward in one: of five people who sat the ribs by
+3 to 5 mm, the abdomen almost straight forward (De Groote et al. 1997, J. Appl. Physiol. 83: 1531); radars meet up to 12 mm (Shafiq
+and Veluvolu 2014, Sci. Rep. 4: 5093)."""
 
 SPINE = "lower_back", "spine1", "spine2", "spine3", "neck", "head", "head_top"
 
