@@ -69,7 +69,8 @@ def skin(
     track = track or linear_track(motion)
     chest = None if motion.breathing is None else ChestWall.of(fitted, motion.breathing)
     # Facets are those of the template at a like size: one person's bones hardly change where they should be fine.
-    like = fitted.template.vertices * SIZE_STEP ** round(math.log(fitted.scale, SIZE_STEP))
+    rest = fitted.template.vertices if fitted.template.like is None else fitted.template.like
+    like = rest * SIZE_STEP ** round(math.log(fitted.scale, SIZE_STEP))
     bend = 1 + curvature(like, fitted.template.faces, 180.0)  # 1/m: the curvature of a wave at indoor range
 
     return MovingMesh.from_track(
