@@ -61,6 +61,16 @@ class Template:
         """Height over the soles at rest [m]."""
         return float(np.ptp(self.vertices[:, 2]))
 
+    @property
+    def bmi(self) -> float:
+        """Body mass index [kg/m^2]."""
+        return DENSITY_KG_PER_M3 * _volume_m3(self.vertices, self.faces) / self.stature_m**2
+
+    @property
+    def bmi_limits(self) -> tuple[float, float]:
+        """Least and greatest body mass index that this body is made for [kg/m^2]."""
+        return BMI[self.name.partition("@")[0]]
+
     def __reduce__(self) -> tuple[Any, ...]:
         return template, (self.name,)  # pickled by its name
 
@@ -101,7 +111,9 @@ def template(name: str = "adult") -> Template:
         wanted = math.nan
     low, high = BMI[base]
     if not low <= wanted <= high:
-        raise InputError(f"the body mass index of {base} must be {low:g} to {high:g} kg/m^2, got {bmi!r} in body {name!r}")
+        raise InputError(
+            f"the body mass index of {base} must be {low:g} to {high:g} kg/m^2, got {bmi!r} in body {name!r}"
+        )
     return _of_girth(name, base, wanted)
 
 

@@ -48,7 +48,7 @@ def dataset(
     products: of export: which arrays, as spectrogram,points; all by default.
     dynamic_range_db: of export to png: from white to black [dB]; 60 by default.
     fractions: of split: of train, val and test; 0.7,0.15,0.15 by default.
-    apart: of split: what is on one side only, of description, clip and seed; all of them by default.
+    apart: of split: what is on one side only, of description, clip, seed and subject; by default the first three.
     leave_out: of split: whether samples are left out that would put one source clip on two sides; without it samples that share a
         clip stay together.
     folds: of split: so many folds, a file each, in place of one split.
@@ -175,12 +175,12 @@ def _summary(folder: str, options: Given) -> None:
 def _split(folder: str, options: Given) -> None:
     from t2d_rt.core.atomic_write import check_place
     from t2d_rt.dataset import Dataset, folds, split
-    from t2d_rt.dataset.splits import FRACTIONS, KINDS
+    from t2d_rt.dataset.splits import APART, FRACTIONS
 
     if options["folds"] is not None and options["fractions"] is not None:
         raise InputError("dataset split takes --folds or --fractions; leave one of them out")
     target, records = Path(options["output"] or "split.json"), Dataset(folder).records
-    apart = KINDS if options["apart"] is None else tuple(_listed(options["apart"]) or ())
+    apart = APART if options["apart"] is None else tuple(_listed(options["apart"]) or ())
     how: Given = {"apart": apart, "leave_out": options["leave_out"], "seed": options["seed"] or 0}
     if options["folds"] is None:
         found = {target: split(records, _fractions(options["fractions"]) or FRACTIONS, **how)}

@@ -104,6 +104,9 @@ class Recipe(Fields):
     """What makes motions; one is drawn for each motion, and one that is named twice comes twice as often."""
     bodies: Annotated[tuple[str, ...], Field(min_length=1, max_length=100)] = (OWN_BODY,)
     """Bodies, drawn likewise; "own" is the one that suits the subject of the description."""
+    subjects: Annotated[Count, Field(ge=6, le=100_000)] | None = None
+    """How many persons there are, each with one body, stature, gait and breathing over many samples; by default every motion is that of
+    another person."""
     angles_deg: tuple[Number, Number] = (-180.0, 180.0)
     """Least and greatest angle of the motion's main direction against the line to the radar [deg]; at 0 the person comes nearer."""
     heights_m: tuple[Number, Number] = (1.0, 1.0)
@@ -160,6 +163,8 @@ class Recipe(Fields):
         for what, names in (("classes", self.classes), ("conditions", [each.name for each in self.conditions])):
             if len(set(names)) < len(names):
                 raise InputError(f"recipe key {what} names one of them twice; give each once")
+        if self.subjects is not None and self.bodies != (OWN_BODY,):
+            raise InputError("recipe key subjects gives each person a body of their own; leave bodies out")
         gate = self.products.spectrogram.range_gate_m if self.products.spectrogram else None
         if isinstance(gate, tuple):
             for radar in {self.radar, *(each.radar for each in self.conditions if each.radar is not None)}:
@@ -182,11 +187,13 @@ class Recipe(Fields):
 
     @functools.cached_property
     def hash(self) -> str:
-        """Hash of everything that samples follow from: of equal recipes the same, and without truth that of older versions, which
-        had none."""
+        """Hash of everything that samples follow from: of equal recipes the same, and without truth and subjects that of older
+        versions, which had none."""
         plain = self.model_dump(mode="json", exclude={"name", "about"})
         if self.products.truth is None:
             del plain["products"]["truth"]
+        if self.subjects is None:
+            del plain["subjects"]
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:32]
 
     def seeds(self, number: int, purpose: str) -> np.random.SeedSequence:

@@ -18,6 +18,7 @@ import numpy as np
 from t2d_rt.core.checks import integer
 from t2d_rt.core.errors import T2DError
 from t2d_rt.dataset.recipe import OWN_BODY, Beside, Condition, Recipe, integer_seed
+from t2d_rt.dataset.subjects import subject_of
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.sources import MotionText
 from t2d_rt.motion import place, trim
@@ -94,15 +95,19 @@ def _drawn(recipe: Recipe, activity: Activity, wanted: Description, number: int,
     provider_name = recipe.providers[int(np.random.default_rng(provider).integers(len(recipe.providers)))]
     values: dict[str, object] = {"gait_spread": recipe.gait_spread}
     factor = float(np.random.default_rng(gait).uniform(*recipe.gait_factors))
-    if factor != 1.0:
-        values["gait_factor"] = round(factor, 4)
-    if provider_name in COMPOSED:  # others choose the person themselves
+    who = subject_of(recipe, wanted.subject, number) if provider_name in COMPOSED else None
+    if who is not None:
+        factor = who.gait_factor
+        values |= {"body": who.body, "stature_m": who.stature_m, "person_seed": who.seed}
+    elif provider_name in COMPOSED:  # others choose the person themselves
         rng = np.random.default_rng(person)
         body = recipe.bodies[int(rng.integers(len(recipe.bodies)))]
         body, stature_m = drawn_person(wanted.subject, rng, body=None if body == OWN_BODY else body)
         values |= {"body": body, "stature_m": round(stature_m, 4)}
-        if activity in LASTING:
-            values["duration_s"] = round(recipe.duration_s * max(1.0, factor), 4)
+    if factor != 1.0:
+        values["gait_factor"] = round(factor, 4)
+    if provider_name in COMPOSED and activity in LASTING:
+        values["duration_s"] = round(recipe.duration_s * max(1.0, factor), 4)
     return MotionText(text=wanted.sentence, seed=integer_seed(motion), provider=provider_name, **values)
 
 
@@ -374,6 +379,8 @@ class Sample:
 
     cell: Cell
     description: Description
+    subject: int | None
+    """Number of the subject among those of the recipe; None where there are none."""
     cut: SampleMotion
     place: Place
     experiment: Experiment
@@ -441,9 +448,12 @@ def sample(recipe: Recipe, index: int) -> Sample:
         noise=recipe.noise,
     )
     chance = float(np.random.default_rng(recipe.seeds(index, "error")).random())
+    wanted = description_of(recipe, cell)
+    who = None if found.source.person_seed is None else subject_of(recipe, wanted.subject, cell.number)
     return Sample(
         cell=cell,
-        description=description_of(recipe, cell),
+        description=wanted,
+        subject=None if who is None else who.number,
         cut=found,
         place=place,
         experiment=experiment,

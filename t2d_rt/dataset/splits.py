@@ -1,4 +1,4 @@
-"""Splits of a data set: no description, source clip or motion seed on two sides; seeded, stratified by class, checked.
+"""Splits of a data set: no description, source clip, motion seed or subject on two sides; seeded, stratified by class, checked.
 
 Samples that have one of these in common, directly or by way of others, make one group, and a group is never divided. Clips of
 standing and walking begin many motions of every class, so that most samples may make one group; then a split by clips is refused,
@@ -29,10 +29,12 @@ from t2d_rt.core.checks import choice, flag, integer, number, shown, unknown_nam
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_bytes
 
-Kind = Literal["description", "clip", "seed"]
+Kind = Literal["description", "clip", "seed", "subject"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""What is held apart: a description by its sentence, a source clip by the recording that it was cut from, a motion by
-its seed."""
+"""What can be held apart: a description by its sentence, a source clip by the recording that it was cut from, a motion by
+its seed, a subject by the number."""
+APART: tuple[Kind, ...] = "description", "clip", "seed"
+"""What is held apart by default."""
 
 PLAIN = re.compile(r"[A-Za-z0-9_-]{1,100}")
 """Names of sides, which become names of files."""
@@ -115,6 +117,7 @@ def traits(record: Mapping[str, Any], apart: Collection[Kind]) -> frozenset[tupl
         "description": (str(record["sentence"]),),
         "clip": source_clips(record),
         "seed": map(str, seeds),
+        "subject": () if record.get("subject") is None else (str(record["subject"]),),
     }
     return frozenset((kind, value) for kind in apart for value in found[kind])
 
@@ -123,7 +126,7 @@ def split(
     records: Records,
     fractions: Mapping[str, float] | Sequence[float] = FRACTIONS,
     *,
-    apart: Collection[str] = KINDS,
+    apart: Collection[str] = APART,
     leave_out: bool = False,
     seed: int = 0,
 ) -> Split:
@@ -145,7 +148,7 @@ def split(
 
 
 def folds(
-    records: Records, count: int = 5, *, apart: Collection[str] = KINDS, leave_out: bool = False, seed: int = 0
+    records: Records, count: int = 5, *, apart: Collection[str] = APART, leave_out: bool = False, seed: int = 0
 ) -> tuple[Split, ...]:
     """`count` splits into train and test, for cross-validation.
 
@@ -177,7 +180,7 @@ def _checked_split(
 
 
 def leaks(
-    records: Records, sides: Mapping[str, Iterable[int]], apart: Collection[Kind] = KINDS
+    records: Records, sides: Mapping[str, Iterable[int]], apart: Collection[Kind] = APART
 ) -> list[tuple[Kind, str, tuple[str, ...]]]:
     """What is on more than one side: its kind, its name, and the sides."""
     known = {int(each["index"]): each for each in records}
@@ -193,8 +196,8 @@ def leaks(
     ]
 
 
-def check_split(records: Records, sides: Mapping[str, Iterable[int]], *, apart: Collection[str] = KINDS) -> None:
-    """Raises an InputError that names the leak, if a sample, description, source clip or motion seed is on two sides."""
+def check_split(records: Records, sides: Mapping[str, Iterable[int]], *, apart: Collection[str] = APART) -> None:
+    """Raises an InputError that names the leak, if a sample or something that is held apart is on two sides."""
     kinds = _kinds(apart)
     known = {int(each["index"]) for each in records}
     seen: dict[int, str] = {}
@@ -255,6 +258,10 @@ def _sides(
     if not records:
         raise InputError("there are no samples to split; give the records of finished ones")
     flag("leave_out", leave_out)
+    if "subject" in kinds and any(each.get("subject") is None for each in records):
+        raise InputError(
+            "some samples name no subject to hold apart; give the recipe subjects, or leave subject out of apart"
+        )
     rng = np.random.default_rng(integer("seed", seed, 0))
     divided = leave_out and "clip" in kinds
     groups = grouped(records, [kind for kind in kinds if not (divided and kind == "clip")])

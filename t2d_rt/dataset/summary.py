@@ -21,7 +21,7 @@ from t2d_rt.dataset.dataset import Dataset
 from t2d_rt.dataset.lock import in_use
 from t2d_rt.dataset.products import axis
 from t2d_rt.dataset.shards import SHARDS
-from t2d_rt.dataset.splits import KINDS, grouped, source_clips
+from t2d_rt.dataset.splits import APART, grouped, source_clips
 from t2d_rt.plots import VELOCITY_LABEL
 from t2d_rt.plots.canvas import blank_figure, drawable
 from t2d_rt.signal.envelope import envelope
@@ -128,7 +128,7 @@ def summarise(dataset: Dataset | str | Path) -> Summary:
         parts=_parts(source),
         errors_db=_known(records, "error_db"),
         clips=len(frozenset[str]().union(*(source_clips(each) for each in records))),
-        groups=tuple(sorted(map(len, grouped(records, KINDS)), reverse=True)),
+        groups=tuple(sorted(map(len, grouped(records, APART)), reverse=True)),
         seconds_left=_seconds_left(source),
     )
 

@@ -198,6 +198,7 @@ def _described(found: Sample) -> dict[str, Any]:
     source = found.cut.source
     return {
         "provider": source.provider,
+        "subject": found.subject,
         "body": found.experiment.body,
         "stature_m": source.stature_m,
         "seed": source.seed,

@@ -112,6 +112,8 @@ class MotionFile(_Placed):
 class MotionText(_Placed):
     """A motion that is made from a sentence."""
 
+    _later: ClassVar[tuple[str, ...]] = ("person_seed",)
+
     kind: Literal["text"] = "text"
     text: str
     """What a person does, as "a person walks slowly forward, slips and falls backward"."""
@@ -123,6 +125,8 @@ class MotionText(_Placed):
     """Body whose proportions are taken; by default one that suits the subject."""
     stature_m: Number | None = None
     """Stature of the person [m]; by default drawn for the subject."""
+    person_seed: Annotated[Count, Field(ge=0)] | None = None
+    """Seed of the person alone, that is of proportions, handedness, posture, tempo and breathing; by default the other one."""
     duration_s: Number | None = None
     """Duration of the main action [s], where the sentence says nothing of it."""
     gait_factor: Number = 1.0
@@ -151,6 +155,7 @@ def _generated(source: MotionText) -> Motion:
         seed=source.seed,
         body=source.body,
         stature_m=source.stature_m,
+        person_seed=source.person_seed,
         duration_s=source.duration_s,
     )
     if source.gait_factor == 1.0 and source.gait_spread == 0.0:

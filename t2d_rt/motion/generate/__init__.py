@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from t2d_rt.core.checks import instance, integer, number, shown, unknown_name
 from t2d_rt.core.errors import InputError, warn
@@ -53,6 +53,7 @@ def motion_from_text(
     seed: int = 0,
     body: str | None = None,
     stature_m: float | None = None,
+    person_seed: int | None = None,
     duration_s: float | None = None,
     library: str | Path | None = None,
 ) -> Motion:
@@ -62,11 +63,12 @@ def motion_from_text(
     seed: seed of all that is drawn: person, clips, speed, pauses; the same seed gives the same motion.
     body: body whose proportions are taken; by default one that suits the subject of the sentence.
     stature_m: stature of the person [m]; by default drawn for the subject.
+    person_seed: seed of the person alone, that is of proportions, handedness, posture, tempo and breathing; by default `seed`.
     duration_s: duration of the main action [s], where the sentence says nothing of it; files last as long as they do.
     library: index file of clips of your own that join those that ship (`t2d-rt library add` writes one); without it, those that
         ship alone, so that a sentence and a seed give the same motion on every machine.
 
-    The options body, stature_m and library are for auto, library and physics: other providers choose the person themselves.
+    The options body, stature_m, person_seed and library are for auto, library and physics: other providers choose the person themselves.
     What a sentence says that is not in the motion is a warning; of a Description the origin tells it ("not made").
     """
     seed = integer("seed", seed, 0, 2**63 - 1)
@@ -74,7 +76,10 @@ def motion_from_text(
         duration_s = number("duration_s", duration_s, 0.5, LONGEST_S, unit="s")
     found, left_out = understood(description) if isinstance(description, str) else (description, "")
     instance("description", found, Description, "a sentence or a Description")
-    _refuse_unused(provider, body=body, stature_m=stature_m, library=library, duration_s=duration_s)
+    if person_seed is not None:
+        person_seed = integer("person_seed", person_seed, 0, 2**63 - 1)
+    who = {"body": body, "stature_m": stature_m, "person_seed": person_seed, "library": library}
+    _refuse_unused(provider, **who, duration_s=duration_s)
     if duration_s is not None and found.duration_s is None:
         found = found.model_copy(update={"duration_s": duration_s})
     lasting_s = sum(step.duration_s or 0.0 for step in found.steps)
@@ -84,7 +89,7 @@ def motion_from_text(
         )
     make: Provider | Callable[..., Motion]
     if isinstance(provider, str):
-        make = provider_named(provider, body=body, stature_m=stature_m, library=library)
+        make = provider_named(provider, **who)
     elif callable(provider):
         make = provider
     else:
@@ -119,15 +124,13 @@ def understood(sentence: str) -> tuple[Description, str]:
     return parsed.description, str(parsed)
 
 
-def provider_named(
-    name: str, *, body: str | None = None, stature_m: float | None = None, library: str | Path | None = None
-) -> Provider:
-    """A provider by its name."""
+def provider_named(name: str, **who: Any) -> Provider:
+    """A provider by its name; `who` are options of `Composer`."""
     kind, _, folder = name.partition(":")
     if kind in COMPOSED:
         from t2d_rt.motion.generate.compose import Composer
 
-        return Composer(only=None if kind == "auto" else kind, body=body, stature_m=stature_m, library=library)
+        return Composer(only=None if kind == "auto" else kind, **who)
     if kind == "momask":
         from t2d_rt.motion.generate.momask import MoMask
 

@@ -138,6 +138,8 @@ class Composer:
     only: str | None = None
     body: str | None = None
     stature_m: float | None = None
+    person_seed: int | None = None
+    """Of the person alone; by default that of the motion."""
     library: str | Path | None = None
 
     def __call__(self, description: Description, *, seed: int) -> Motion:
@@ -154,7 +156,11 @@ class Composer:
                 f"provider {self.only} does not make {refused[0].replace('_', ' ')}; "
                 "leave the provider out, so that each step is made by what suits it"
             )
-        person = individual(description.subject, rng, body=self.body, stature_m=self.stature_m)
+        # One seed is one person, whatever a sentence calls them.
+        meant, own = description.subject, rng
+        if self.person_seed is not None:
+            meant, own = "person", np.random.default_rng(self.person_seed)
+        person = individual(meant, own, body=self.body, stature_m=self.stature_m)
         motion = _composed(Maker(store, person, rng), description)
         if motion.duration_s > LONGEST_S:
             raise InputError(

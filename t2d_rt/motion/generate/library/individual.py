@@ -83,7 +83,8 @@ def individual(
     if stature_m is not None:
         drawn = number("stature_m", stature_m, 0.6, 2.4, unit="m")
     known = [each.removesuffix(".npz") for each in listing("meshes", ".npz")]
-    if body is not None and body not in known:
+    shape = None if body is None else body.partition("@")[0]  # behind it, how thick
+    if shape is not None and shape not in known:
         raise InputError(f"no body {body!r}; choose one of {', '.join(known)}")
     name = body or (name if name in known else "adult")
     breaths = rng.spawn(1)[0].random(3)
@@ -94,7 +95,7 @@ def individual(
     return Individual(
         body=name,
         stature_m=drawn,
-        skeleton=_proportioned(_rest(name), drawn, normal[:3]),
+        skeleton=_proportioned(_rest(shape or name), drawn, normal[:3]),
         left_handed=bool(rng.random() < 0.1),
         tempo=float(np.exp(0.05 * normal[3])),
         vigour=float(np.exp(0.2 * np.clip(normal[4], -2, 2))),
