@@ -105,8 +105,8 @@ class Recipe(Fields):
     bodies: Annotated[tuple[str, ...], Field(min_length=1, max_length=100)] = (OWN_BODY,)
     """Bodies, drawn likewise; "own" is the one that suits the subject of the description."""
     subjects: Annotated[Count, Field(ge=6, le=100_000)] | None = None
-    """How many persons there are, each with one body, stature, gait and breathing over many samples; by default every motion is that of
-    another person."""
+    """How many persons there are, each with one body, stature, gait and breathing over many samples; by default every motion is
+    that of another person."""
     angles_deg: tuple[Number, Number] = (-180.0, 180.0)
     """Least and greatest angle of the motion's main direction against the line to the radar [deg]; at 0 the person comes nearer."""
     heights_m: tuple[Number, Number] = (1.0, 1.0)

@@ -20,8 +20,8 @@ from t2d_rt.dataset.subjects import KINDS, subject, subject_of
 def tiny(**changes: object) -> Recipe:
     return Recipe(
         **{
-            "name": "tiny", "classes": ["bending", "sitting"], "descriptions_per_class": 6, "samples_per_description": 3, "attempts": 1,
-            "subjects": 12, "gait_factors": [0.85, 1.2], "radar": "table2", "duration_s": 2.0,
+            "name": "tiny", "classes": ["bending", "sitting"], "descriptions_per_class": 6, "samples_per_description": 3,
+            "attempts": 1, "subjects": 12, "gait_factors": [0.85, 1.2], "radar": "table2", "duration_s": 2.0,
             "conditions": [{"name": "ellipsoids", "method": "ellipsoid"}], **changes,
         }
     )  # fmt: skip

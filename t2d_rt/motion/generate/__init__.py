@@ -68,7 +68,8 @@ def motion_from_text(
     library: index file of clips of your own that join those that ship (`t2d-rt library add` writes one); without it, those that
         ship alone, so that a sentence and a seed give the same motion on every machine.
 
-    The options body, stature_m, person_seed and library are for auto, library and physics: other providers choose the person themselves.
+    The options body, stature_m, person_seed and library are for auto, library and physics: other providers choose the person
+    themselves.
     What a sentence says that is not in the motion is a warning; of a Description the origin tells it ("not made").
     """
     seed = integer("seed", seed, 0, 2**63 - 1)
