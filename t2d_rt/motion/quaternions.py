@@ -86,12 +86,10 @@ def from_matrix(matrix: np.ndarray) -> np.ndarray:
     xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
     xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
     wx, wy, wz = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
-    rows = [
-        np.stack([1 + xx - yy - zz, xy, xz, wx], axis=-1),
-        np.stack([xy, 1 - xx + yy - zz, yz, wy], axis=-1),
-        np.stack([xz, yz, 1 - xx - yy + zz, wz], axis=-1),
-        np.stack([wx, wy, wz, 1 + xx + yy + zz], axis=-1),
-    ]
-    forms = np.stack(rows, axis=-2)
+    forms = np.empty((*m.shape[:-2], 4, 4))
+    forms[..., 0, 0], forms[..., 1, 1] = 1 + xx - yy - zz, 1 - xx + yy - zz
+    forms[..., 2, 2], forms[..., 3, 3] = 1 - xx - yy + zz, 1 + xx + yy + zz
+    for row, column, value in ((0, 1, xy), (0, 2, xz), (0, 3, wx), (1, 2, yz), (1, 3, wy), (2, 3, wz)):
+        forms[..., row, column] = forms[..., column, row] = value
     best = np.argmax(norms(forms), axis=-1)
     return normalise(np.take_along_axis(forms, best[..., None, None], axis=-2)[..., 0, :])

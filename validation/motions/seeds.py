@@ -46,7 +46,10 @@ def main() -> None:
         motions = [motion_from_text(SENTENCES[activity], seed=seed) for seed in range(options.n)]
         verdicts = [check_motion(each, expected=activity) for each in motions]
         own = diversity(motions)
-        print(f"{SENTENCES[activity]!r}: median {own.median_m:.3f} m, least {own.least_m:.3f} m")
+        print(
+            f"{SENTENCES[activity]!r}: median {own.median_m:.3f} m, least {own.least_m:.3f} m; median of the nearest "
+            f"{own.nearest:.3f} of the stature, of postures {own.nearest_posture:.3f}"
+        )
         theirs = [each for kind, each in recordings if kind == activity]
         if len(theirs) > 1:
             found = diversity(theirs)

@@ -137,6 +137,9 @@ def spans(active: np.ndarray, *, gap: int = 0, least: int = 1) -> list[tuple[int
 
 FOOT_POINTS = "ankle", "foot", "toe"
 
+LIFTED, LIFTED_S = 0.012, 0.25
+"""Height over stature by which a foot stands off the level that it has within so many seconds in a small, slow step."""
+
 PLANTED_MPS = 0.45
 """A foot whose slowest point is slower is planted; in swing none of its points is."""
 
@@ -237,6 +240,8 @@ def flights_s(body: Tracks) -> list[tuple[float, float, float]]:
 
 def contacts(body: Tracks) -> list[Contact]:
     """Times at which a foot is planted, in order of their begin."""
+    from scipy.ndimage import minimum_filter1d
+
     names, heights = feet_names(body), foot_heights(body)
     lowest = heights.min(axis=1)
     # The feet of one who sits or lies carry little and may be drawn over the floor.
@@ -245,7 +250,9 @@ def contacts(body: Tracks) -> list[Contact]:
     for side in ("left", "right"):
         own = [name for name in names if name.startswith(side)]
         speed = np.linalg.norm(body.velocity[:, body.columns(own)], axis=-1)
-        carrying = heights[:, [names.index(name) for name in own]].min(axis=1) - lowest < NEAR * body.stature_m
+        height = heights[:, [names.index(name) for name in own]].min(axis=1)
+        lifted = height - minimum_filter1d(height, 2 * round(LIFTED_S * RATE_HZ) + 1, mode="nearest") > LIFTED * body.stature_m
+        carrying = (height - lowest < NEAR * body.stature_m) & ~lifted
         active = (speed.min(axis=1) < PLANTED_MPS) & carrying & free
         for start, stop in spans(active, gap=3, least=round(LEAST_CONTACT_S * RATE_HZ)):
             found.append(_contact(body, side, start, stop))

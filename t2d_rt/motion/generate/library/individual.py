@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -140,6 +141,7 @@ def lively(piece: Piece, person: Individual, rng: np.random.Generator, *, quiet:
     return piece.posed(local=quaternions.normalise(local))
 
 
+@functools.cache
 def _rest(body: str) -> Skeleton:
     with np.load(resource("meshes", f"{body}.npz"), allow_pickle=False) as data:
         names, joints = [str(each) for each in data["joint_names"]], data["joints"].astype(float)

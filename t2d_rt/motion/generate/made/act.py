@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from t2d_rt.motion.descriptions.slots import Step
-from t2d_rt.motion.generate.made.hands import SIGN, Anatomy, Goal, Hang, InSpace, Triple
+from t2d_rt.motion.generate.made.hands import SIGN, Anatomy, Goal, Hang, InSpace, OnChest, OnPelvis, Triple
 from t2d_rt.motion.interpolate import minimum_jerk
 
 Posture = Literal["standing", "sitting", "sitting on the floor", "lying on the floor", "lying on a bed"]
@@ -52,7 +52,7 @@ SLUMP = {None: 0.0, "careful": 2.0, "happy": -3.0, "angry": 3.0, "sad": 13.0}
 """Flexion [degrees] that a manner adds to the spine, and half of it to the gaze; sad people hold the thorax flexed and the
 head down (Michalak 2009)."""
 
-BEFORE_S, AFTER_S = (0.2, 1.4), (0.0, 1.0)
+BEFORE_S, AFTER_S = (0.1, 2.4), (0.0, 2.2)
 """Time at rest before a motion and after it: recordings begin and end at no fixed instant, and motions differ by it."""
 
 PROMPT = 0.2
@@ -290,12 +290,12 @@ def stance(anatomy: Anatomy, rng: np.random.Generator, *, handed: str, step: Ste
     draw = rng.standard_normal(8).clip(-2, 2)
     apart = 1.6 if step.body_part in ("leg", "foot") and step.action in ("sit", "squat", "stand_up") else 1.0
     habits = Habits(
-        flex=(5 + 3 * draw[0] + slump) * DEG,
+        flex=(6 + 5 * draw[0] + slump) * DEG,
         gaze=(5 + 5 * draw[1] + 0.6 * slump) * DEG,
         out=(12 + 1.5 * draw[2]) * DEG,
-        half_width=apart * (0.056 + 0.011 * draw[3]) * anatomy.stature_m,
+        half_width=apart * (0.058 + 0.016 * draw[3]) * anatomy.stature_m,
         toe_out=(9 + 4.5 * draw[4]) * DEG,
-        ahead=0.02 * draw[5],
+        ahead=0.028 * draw[5],
         lean=0.36 + 0.05 * draw[6],
     )
     values = {"z": anatomy.standing_m, "balanced": 1.0, "com_x": habits.lean * anatomy.foot_m}
@@ -306,7 +306,7 @@ def stance(anatomy: Anatomy, rng: np.random.Generator, *, handed: str, step: Ste
         act.values |= {f"{side}_{part}": float(value) for part, value in feet.items()}
     act.values["tilt"] = act.about(0, 1.5) * DEG
     act.first = dict(act.values)
-    act.starts = {side: act.hang() for side in SIDES}
+    act.starts = at_ease(act)
     act.wait(waits * act.u(*BEFORE_S))
     return act
 
@@ -361,8 +361,18 @@ def stand_tall(act: Act, after_s: float, duration_s: float, *, arms: bool = True
     for channel, target in upright(act.habits).items():
         act.move(after_s + act.u(0.0, 0.12), duration_s * act.u(0.85, 1.15), **{channel: target})
     if arms:
-        for side in SIDES:
-            act.reach(side, act.hang(), after_s + act.u(0.05, 0.2), duration_s * act.u(0.75, 1.0), 0.04)
+        for side, goal in at_ease(act).items():
+            act.reach(side, goal, after_s + act.u(0.05, 0.2), duration_s * act.u(0.75, 1.0), 0.04)
+
+
+def at_ease(act: Act) -> dict[str, Goal]:
+    """Hands of one who stands: hanging, clasped before the belly, or one or both of them on the hips."""
+    how = act.rng.choice(["hang", "clasped", "hips", "one"], p=[0.45, 0.25, 0.15, 0.15])
+    if how == "clasped":
+        at = act.u(0.34, 0.46), -0.27, -act.u(0.4, 0.62)
+        return dict.fromkeys(SIDES, OnChest(at=at, elbow=(-0.5, 0.6, -0.6), fingers=(0.4, -0.8, -0.4), back=(0.8, 0.4, 0.2)))
+    on_hips = {"hang": (), "hips": SIDES, "one": (act.side(0.5),)}[how]
+    return {side: OnPelvis() if side in on_hips else act.hang() for side in SIDES}
 
 
 LATERAL = 0.30
@@ -433,7 +443,7 @@ def turn_on_the_spot(act: Act, angle_rad: float) -> None:
         x, y = stance_foot(act, side)
         there = act.place.local(centre[0] + c * x - s * y, centre[1] + s * x + c * y)
         yaw += SIGN[side] * act.habits.toe_out
-        step_to(act, side, there, yaw=yaw, duration_s=period, lift_m=act.u(0.03, 0.055))
+        step_to(act, side, there, yaw=yaw, duration_s=period, lift_m=act.u(0.045, 0.07))
         side = OTHER[side]
     act.move(-0.3, 0.6, look=0.0)
     act.place = replace(act.place, x_m=centre[0], y_m=centre[1], yaw_rad=begin + angle_rad)

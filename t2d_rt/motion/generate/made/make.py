@@ -13,6 +13,7 @@ from t2d_rt.motion.descriptions.slots import Step
 from t2d_rt.motion.generate.made import ground, seat, standing
 from t2d_rt.motion.generate.made.act import (
     AFTER_S,
+    DEG,
     INDEX,
     PROMPT,
     SIDES,
@@ -25,6 +26,7 @@ from t2d_rt.motion.generate.made.act import (
     shift,
     stance,
     tempo_of,
+    turn_on_the_spot,
 )
 from t2d_rt.motion.generate.made.hands import Anatomy
 from t2d_rt.motion.generate.made.render import render
@@ -46,8 +48,8 @@ T = TypeVar("T", Move, Grasp)
 CLIMBS = "climb", "walk", "run"
 """Those that go up or down a stair."""
 
-STEPS_AWAY = 0.8
-"""Chance of a step afterwards by who ends up standing."""
+STEPS_BEFORE, STEPS_AWAY, TURNS_TO_SEAT = 0.65, 0.65, 0.25
+"""Chances of a step before, of one afterwards by who ends up standing, and that who sits down turns the back to the seat first."""
 
 SLOWEST, FASTEST = 0.4, 2.0
 """Factors on the pace by which a wanted duration may be met; longer ones rest at the end."""
@@ -102,7 +104,10 @@ def make(
     act = _begun(Anatomy(skeleton), rng, handed, steps[0], begins)
     first = act.posture
     if free and first == "standing" and steps[0].action not in CLIMBS:
-        shift(act)
+        if steps[0].action == "sit" and steps[0].direction is None and act.chance(TURNS_TO_SEAT):
+            turn_on_the_spot(act, SIGN[act.side(0.5)] * act.u(60, 180) * DEG)
+        elif act.chance(STEPS_BEFORE):
+            shift(act)
     begins_s = []
     for step in steps:
         begins_s.append(act.now_s)

@@ -21,13 +21,13 @@ from t2d_rt.motion.generate.made.act import (
     stand_tall,
     turn_on_the_spot,
 )
-from t2d_rt.motion.generate.made.hands import Goal, OnBone
+from t2d_rt.motion.generate.made.hands import Goal, OnBone, OnChest
 from t2d_rt.motion.generate.made.render import still
 
 # --- sitting down on a chair and standing up from it ---
 
 
-SEAT_M = 0.40, 0.50
+SEAT_M = 0.38, 0.53
 """Heights of seats for a stature of 1.72 m; they grow with the person."""
 
 
@@ -35,58 +35,74 @@ STAIR_M = 0.31, 0.37
 """Two treads of a stair, on which one sits."""
 
 
+SHORTEST_SIT_S = 1.65
+"""Least time from the first movement to rest on the seat; of fourteen recorded sits the hips took 1.40 to 4.37 s, median 1.94, in most of them with
+a stay on the way and so at two peaks of speed. Fifty people took 1.97 s (Kerr 1997)."""
+
+HESITATING, LONGEST_WAY_S = 0.8, 2.4
+"""Chance of such a stay, and the time from which there is always one."""
+
+
 def sit(act: Act, step: Step, *, backrest: bool = True) -> None:
-    """Sit down on what stands behind: the trunk leans forward while the hips go back and down, and comes up when the seat carries
-    (Kralj 1990: 5 phases; Kerr 1997: 1.5 to 2.5 s).
+    """Sit down on what stands behind: the trunk leans forward while the hips go back and down over the feet, hesitate, and are let
+    down behind them; the trunk comes up when the seat carries (Kralj 1990: 5 phases).
     """
     if step.action == "sit" and step.direction in ("left", "right"):
         turn_on_the_spot(act, SIGN[step.direction] * act.u(78, 100) * DEG)
     on_stair = step.object == "stair"
     seat_m = act.u(*STAIR_M) if on_stair else act.u(*SEAT_M) * act.tall / 1.72
-    hips = seated_hips(act, seat_m, shank_rad=act.u(3, 15) * DEG)
-    down_s = act.u(1.15, 1.55)
+    hips = seated_hips(act, seat_m, shank_rad=act.u(2, 17) * DEG)
+    down_s = SHORTEST_SIT_S + float(np.exp(act.about(-0.3, 0.8)))
     plop = step.manner in ("angry", "sad") or act.chance(0.2)
     support = _support(act, step, seat_m)
     flex = act.habits.flex + act.about(13, 4) * DEG
-    pitch = counterbalance(act, hips, flex, behind_m=act.u(0.075, 0.105) * act.tall / 1.72)
-    act.move(0.0, 0.85 * down_s, pitch=pitch, flex=flex)
+    pitch = counterbalance(act, hips, flex, behind_m=act.u(0.05, 0.085) * act.tall / 1.72)
+    # Durations of both lowerings, what is between them is the stay, and the part of the way that the first one takes.
+    last_s = min(act.u(0.85, 1.35), 0.7 * down_s) if down_s > LONGEST_WAY_S or act.chance(HESITATING) else down_s
+    before_s = down_s - last_s
+    first_s, first = min(before_s, act.u(0.8, 1.2)), act.u(0.16, 0.36) if before_s else 0.0
+    act.move(0.0, 0.12 + before_s + 0.4 * last_s, pitch=pitch, flex=flex)
     act.move(0.12, 0.7 * down_s, gaze=act.about(30, 8) * DEG)
     if act.chance(0.4):
         _glance(act, down_s)
-    act.move(0.12, down_s, 1.12 if plop else 0.98, z=act.place.floor_m + hips[2])
-    act.move(0.12 + 0.3 * down_s, 0.7 * down_s, balanced=0.0)
-    act.put("hips", 0.12, down_s, hips[:2])
+    seat_z = act.place.floor_m + hips[2]
+    act.move(0.12, first_s, z=act.values["z"] + first * (seat_z - act.values["z"]))
+    act.move(0.12 + before_s, last_s, 1.12 if plop else 0.98, z=seat_z)
+    act.move(0.12 + before_s + 0.2 * last_s, 0.7 * last_s, balanced=0.0)
+    act.put("hips", 0.12, before_s + 0.9 * last_s, hips[:2])
     x, y = middle(act)
     act.put("com", 0.12, 0.8 * down_s, (x - 0.3 * act.anatomy.foot_m, y))
-    leans = backrest and not on_stair and act.chance(0.55)
-    rest = _resting_hands(act, leans=leans)
+    leans = backrest and not on_stair and act.chance(0.5)
+    rest = _resting_hands(act, seat_m, leans=leans)
     for side in SIDES:
         goal = support.get(side)
         if goal is not None:
-            act.reach(side, goal, 0.15 * down_s, 0.75 * down_s, 0.06)
-            act.reach(side, rest[side], 1.15 * down_s + act.u(0.1, 0.5), act.u(0.6, 0.9), 0.06)
+            act.reach(side, goal, act.u(0.05, 0.25) * down_s, 0.6 * down_s, 0.06)
+            act.reach(side, rest[side], 1.15 * down_s + act.u(0.1, 0.5), act.u(0.6, 0.9), 0.08)
         else:
-            act.reach(side, rest[side], 0.3 * down_s + act.u(0, 0.15), down_s * act.u(0.8, 1.0), 0.05)
-    act.wait(0.12 + down_s * 0.88)
+            act.reach(side, rest[side], 0.4 * down_s + act.u(0, 0.15), down_s * act.u(0.7, 0.9), 0.07)
+    act.wait(0.12 + down_s * 0.92)
     settle(act, step, leans=leans)
     act.posture = "sitting"
     act.notes.append(f"sits on a seat {seat_m:.2f} m high, whose middle is {-hips[0]:.2f} m behind the ankles")
 
 
 def settle(act: Act, step: Step, *, leans: bool) -> None:
-    """The trunk comes up once the seat carries, and rests, against the backrest or not."""
-    up_s = act.u(0.75, 1.1)
-    flex = act.habits.flex + act.about(16, 4) * DEG
-    pitch = act.about(-20 if leans else -11, 3) * DEG
-    act.move(0.0, up_s, pitch=pitch, side=act.about(0, 2) * DEG)
-    act.move(0.05, up_s * act.u(0.95, 1.2), flex=flex, twist=act.about(0, 3) * DEG)
-    act.move(0.1, up_s, gaze=act.habits.gaze + act.about(0, 4) * DEG, look=act.about(0, 10) * DEG)
-    if act.chance(0.35):  # one foot finds a better place
-        side = act.side(0.5)
-        x, y = act.at(side)
-        act.put(side, up_s * 0.6, 0.45, (x + act.u(0.03, 0.10), y + SIGN[side] * act.u(-0.01, 0.03)))
-        act.hump(f"{side}_z", up_s * 0.6, 0.45, 0.02)
-    act.wait(up_s + act.u(0.5, 1.1))
+    """The trunk comes up once the seat carries, and rests: against the backrest, upright, or bowed over the thighs."""
+    up_s = act.u(0.7, 1.3)
+    bowed = not leans and act.chance(0.3)
+    flex = act.habits.flex + (act.about(28, 5) if bowed else act.about(16, 6)) * DEG
+    pitch = (act.about(14, 9) if bowed else act.about(-24, 4) if leans else act.about(-8, 5)) * DEG
+    act.move(0.0, up_s, pitch=pitch, side=act.about(0, 4) * DEG)
+    act.move(0.05, up_s * act.u(0.95, 1.2), flex=flex, twist=act.about(0, 6) * DEG)
+    act.move(0.1, up_s, gaze=act.habits.gaze + act.about(4, 9) * DEG, look=act.about(0, 18) * DEG)
+    for number, side in enumerate(SIDES):  # a foot finds a better place
+        if act.chance(0.4):
+            x, y = act.at(side)
+            after = up_s * 0.6 + 0.3 * number
+            act.put(side, after, 0.5, (x + act.u(-0.03, 0.13) * act.tall / 1.72, y + SIGN[side] * act.u(-0.01, 0.07)))
+            act.hump(f"{side}_z", after, 0.5, 0.05)
+    act.wait(up_s + act.u(0.2, 2.2))
     if step.manner == "sad":
         act.move(-0.6, 0.9, gaze=act.values["gaze"] + 14 * DEG)
 
@@ -127,7 +143,7 @@ def stand_up(act: Act, step: Step) -> None:
     1.3 to 2.3 s from the first lean to standing, Kerr 1997).
     """
     _feet_back(act)
-    first_s, rise_s = act.u(0.50, 0.68), act.u(1.0, 1.3)
+    first_s, rise_s = act.u(0.50, 0.95), float(np.exp(act.about(0.35, 0.22)))
     flex = act.habits.flex + act.about(14, 4) * DEG
     hips = (*act.at("hips"), act.values["z"] - act.place.floor_m)
     pitch = counterbalance(act, hips, flex, behind_m=act.u(0.05, 0.08) * act.tall / 1.72)
@@ -145,7 +161,7 @@ def stand_up(act: Act, step: Step) -> None:
     act.move(0.25 * rise_s, 0.9 * rise_s, flex=act.habits.flex)
     act.move(0.3 * rise_s, 0.8 * rise_s, gaze=act.habits.gaze, tilt=0.0)
     for side in SIDES:
-        act.reach(side, act.hang(), (0.22 + act.u(0, 0.12)) * rise_s, rise_s * act.u(0.7, 0.9), 0.05)
+        act.reach(side, act.hang(), (0.22 + act.u(0, 0.12)) * rise_s, rise_s * act.u(0.7, 0.9), 0.07)
     act.wait(rise_s + act.u(0.1, 0.2))
     stand_tall(act, 0.0, 0.4, arms=False)
     act.wait(act.u(0.4, 0.7))
@@ -183,28 +199,39 @@ def _push(act: Act, step: Step, first_s: float) -> None:
 
 def _support(act: Act, step: Step, seat_m: float) -> dict[str, Goal]:
     """What the hands hold while sitting down: armrests, the own knees, or nothing."""
-    odds = [0.1, 0.5, 0.25, 0.15] if step.manner == "careful" else [0.5, 0.2, 0.15, 0.15]
+    odds = [0.1, 0.5, 0.25, 0.15] if step.manner == "careful" else [0.35, 0.25, 0.25, 0.15]
     if step.object == "stair":
         return {}
     how = act.rng.choice(["none", "arms", "knees", "one"], p=odds)
     sides = SIDES if how in ("arms", "knees") else (act.side(),) if how == "one" else ()
     if how == "knees":
         return {side: OnBone(along=act.u(0.7, 0.85)) for side in sides}
-    hips_x = seated_hips(act, seat_m, shank_rad=8 * DEG)[0]
-    height = seat_m + 0.22 * act.tall / 1.72
-    found: dict[str, Goal] = {}
-    for side in sides:
-        x, y = hips_x + act.u(0.14, 0.22), SIGN[side] * (act.anatomy.hips_m + 0.10 * act.tall)
-        found[side] = act.place.hold(x, y, height, elbow=(-0.9, 0.5, 0.2), fingers=(0.9, 0.0, -0.2))
-    return found
+    return {side: _armrest(act, seat_m, side) for side in sides}
 
 
-def _resting_hands(act: Act, *, leans: bool) -> dict[str, Goal]:
-    """Hands on the thighs, on the knees, or in the lap."""
-    how = act.rng.choice(["thighs", "knees", "lap"], p=[0.5, 0.25, 0.25])
+def _armrest(act: Act, seat_m: float, side: str) -> Goal:
+    """A hand on the end of a chair's arm."""
+    x = seated_hips(act, seat_m, shank_rad=8 * DEG)[0] + act.u(0.14, 0.22)
+    y, height = SIGN[side] * (act.anatomy.hips_m + 0.10 * act.tall), seat_m + 0.22 * act.tall / 1.72
+    return act.place.hold(x, y, height, elbow=(-0.9, 0.5, 0.2), fingers=(0.9, 0.0, -0.2))
+
+
+def _resting_hands(act: Act, seat_m: float, *, leans: bool) -> dict[str, Goal]:
+    """Hands on the thighs, on the knees, in the lap, folded before the belly, or on the chair's arms."""
+    how = act.rng.choice(["thighs", "knees", "lap", "belly"], p=[0.4, 0.2, 0.2, 0.2])
+    if how == "belly":
+        at = act.u(0.36, 0.44), -0.22, -act.u(0.32, 0.45)
+        folded = OnChest(at=at, elbow=(-0.5, 0.6, -0.6), fingers=(0.4, -0.8, 0.2), back=(0.9, 0.4, 0.2))
+        return dict.fromkeys(SIDES, folded)
     along = act.wobble({"thighs": 0.62, "knees": 0.84, "lap": 0.50}[how] * (0.68 if leans else 1.0))
     out = {"thighs": 0.0, "knees": 0.003, "lap": -0.022}[how]
-    return {side: OnBone(along=min(each, 0.92), out=out) for side, each in zip(SIDES, along, strict=True)}
+    found: dict[str, Goal] = {
+        side: OnBone(along=min(each, 0.92), out=out) for side, each in zip(SIDES, along, strict=True)
+    }
+    for side in SIDES:
+        if not leans and act.chance(0.2):
+            found[side] = _armrest(act, seat_m, side)
+    return found
 
 
 def _glance(act: Act, down_s: float) -> None:
