@@ -1,7 +1,7 @@
 """Sitting down, bending and standing up: how long the hips take, at how many peaks of speed, and how fast they get.
 
-`python -m validation.motions.transfers [RECORDED] [-n 40]`: RECORDED is a folder with iclone_002_06_bend_scoop_up.bvh.gz. Nothing of
-how motions are made is used, but positions of the hips alone.
+`python -m validation.motions.transfers [RECORDED] [-n 40]`: RECORDED is a folder with iclone_002_06_bend_scoop_up.bvh.gz. Nothing
+of how motions are made is used, but positions of the hips alone.
 """
 
 from __future__ import annotations

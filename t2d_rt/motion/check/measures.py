@@ -251,7 +251,10 @@ def contacts(body: Tracks) -> list[Contact]:
         own = [name for name in names if name.startswith(side)]
         speed = np.linalg.norm(body.velocity[:, body.columns(own)], axis=-1)
         height = heights[:, [names.index(name) for name in own]].min(axis=1)
-        lifted = height - minimum_filter1d(height, 2 * round(LIFTED_S * RATE_HZ) + 1, mode="nearest") > LIFTED * body.stature_m
+        lifted = (
+            height - minimum_filter1d(height, 2 * round(LIFTED_S * RATE_HZ) + 1, mode="nearest")
+            > LIFTED * body.stature_m
+        )
         carrying = (height - lowest < NEAR * body.stature_m) & ~lifted
         active = (speed.min(axis=1) < PLANTED_MPS) & carrying & free
         for start, stop in spans(active, gap=3, least=round(LEAST_CONTACT_S * RATE_HZ)):

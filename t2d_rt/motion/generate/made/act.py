@@ -370,7 +370,9 @@ def at_ease(act: Act) -> dict[str, Goal]:
     how = act.rng.choice(["hang", "clasped", "hips", "one"], p=[0.45, 0.25, 0.15, 0.15])
     if how == "clasped":
         at = act.u(0.34, 0.46), -0.27, -act.u(0.4, 0.62)
-        return dict.fromkeys(SIDES, OnChest(at=at, elbow=(-0.5, 0.6, -0.6), fingers=(0.4, -0.8, -0.4), back=(0.8, 0.4, 0.2)))
+        return dict.fromkeys(
+            SIDES, OnChest(at=at, elbow=(-0.5, 0.6, -0.6), fingers=(0.4, -0.8, -0.4), back=(0.8, 0.4, 0.2))
+        )
     on_hips = {"hang": (), "hips": SIDES, "one": (act.side(0.5),)}[how]
     return {side: OnPelvis() if side in on_hips else act.hang() for side in SIDES}
 
