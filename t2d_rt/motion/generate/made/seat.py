@@ -36,8 +36,8 @@ STAIR_M = 0.31, 0.37
 
 
 SHORTEST_SIT_S = 1.65
-"""Least time from the first movement to rest on the seat; of fourteen recorded sits the hips took 1.40 to 4.37 s, median 1.94, in most of them with
-a stay on the way and so at two peaks of speed. Fifty people took 1.97 s (Kerr 1997)."""
+"""Least time from the first movement to rest on the seat. Of fourteen recorded sits the hips took 1.40 to 4.37 s, median 1.94, in
+most of them with a stay on the way and so at two peaks of speed; fifty people took 1.97 s (Kerr 1997)."""
 
 HESITATING, LONGEST_WAY_S = 0.8, 2.4
 """Chance of such a stay, and the time from which there is always one."""
