@@ -26,7 +26,7 @@ SENTENCES = {
     "a person stands up from a chair": "fifty people took 1.91 s with the lean before the rise (Kerr 1997)",
 }
 
-WAY = 0.03
+REST = 0.03
 """Part of the way of the hips that counts as rest at each of its ends."""
 
 
@@ -37,8 +37,8 @@ def transfer(height_m: np.ndarray, rate_hz: float) -> tuple[float, int, float]:
     """
     height = gaussian_filter1d(height_m, 0.03 * rate_hz)
     high, low = np.percentile(height, [98, 2])
-    stop = int(np.argmax(height < low + WAY * (high - low)))
-    start = stop - int(np.argmax(height[stop::-1] > high - WAY * (high - low)))
+    stop = int(np.argmax(height < low + REST * (high - low)))
+    start = stop - int(np.argmax(height[stop::-1] > high - REST * (high - low)))
     margin = round(0.4 * rate_hz)
     speed = -np.gradient(height)[max(0, start - margin) : stop + margin] * rate_hz
     most = float(speed.max())

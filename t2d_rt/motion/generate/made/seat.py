@@ -39,7 +39,7 @@ SHORTEST_SIT_S = 1.65
 """Least time from the first movement to rest on the seat. Of fourteen recorded sits the hips took 1.40 to 4.37 s, median 1.94, in
 most of them with a stay on the way and so at two peaks of speed; fifty people took 1.97 s (Kerr 1997)."""
 
-HESITATING, LONGEST_WAY_S = 0.8, 2.4
+HESITATING, UNBROKEN_S = 0.8, 2.4
 """Chance of such a stay, and the time from which there is always one."""
 
 
@@ -58,7 +58,7 @@ def sit(act: Act, step: Step, *, backrest: bool = True) -> None:
     flex = act.habits.flex + act.about(13, 4) * DEG
     pitch = counterbalance(act, hips, flex, behind_m=act.u(0.05, 0.085) * act.tall / 1.72)
     # Durations of both lowerings, what is between them is the stay, and the part of the way that the first one takes.
-    last_s = min(act.u(0.85, 1.35), 0.7 * down_s) if down_s > LONGEST_WAY_S or act.chance(HESITATING) else down_s
+    last_s = min(act.u(0.85, 1.35), 0.7 * down_s) if down_s > UNBROKEN_S or act.chance(HESITATING) else down_s
     before_s = down_s - last_s
     first_s, first = min(before_s, act.u(0.8, 1.2)), act.u(0.16, 0.36) if before_s else 0.0
     act.move(0.0, 0.12 + before_s + 0.4 * last_s, pitch=pitch, flex=flex)
