@@ -308,7 +308,7 @@ def test_other_bodies_and_hands() -> None:
     found = made("sit", 0, small, rate_hz=120.0)
     assert found.poses.rate_hz == 120
     assert check_motion(on_floor(found), expected="sitting").passed
-    left, right = (made("pick up", 3, handed=hand) for hand in ("left", "right"))
+    left, right = (made("pick up", 4, handed=hand) for hand in ("left", "right"))
     lower = [
         min(("left", "right"), key=lambda side: float(height(each, f"{side}_hand").min())) for each in (left, right)
     ]
