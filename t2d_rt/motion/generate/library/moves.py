@@ -59,12 +59,43 @@ Fredrickson 2012). Care: shorter and slower steps, gaze to the floor, as on slip
 STRENGTH = 0.6, 1.3
 """Range of how much of a change a sample has."""
 
+STYLES: Mapping[str, Change] = {
+    "run": Change(1.0, 1.0, trunk_deg=3.0, head_deg=4.0, arms=0.2, elbows_deg=10.0, apart_deg=4.0, bounce=0.12, crouch=0.008),
+}
+"""Standard deviations of how runners differ at one speed: lean 3 degrees, swing of the arms 20 %, elbows 10 degrees, rise of the
+pelvis 12 % (Williams and Cavanagh 1987; Folland et al. 2017); factors by their logarithms."""
+
+CADENCE_SHARE = 0.5, 0.12
+"""Mean and deviation of the part of a change of speed (as a logarithm) that cadence takes; stride takes the rest."""
+
+
+def styled(maker: Maker, piece: Piece, step: Step) -> Piece:
+    """A run in the way of this runner."""
+    if step.action not in STYLES:
+        return piece
+    spread, draw = STYLES[step.action], maker.rng.standard_normal(7).clip(-2, 2)
+    own = Change(
+        trunk_deg=spread.trunk_deg * draw[0],
+        head_deg=spread.head_deg * draw[1],
+        arms=float(np.exp(spread.arms * draw[2])),
+        elbows_deg=spread.elbows_deg * draw[3],
+        apart_deg=spread.apart_deg * abs(draw[4]),
+        bounce=float(np.exp(spread.bounce * draw[5])),
+        crouch=spread.crouch * abs(draw[6]),
+    )
+    return _changed(piece, step, own, 1.0)
+
 
 def with_manner(piece: Piece, step: Step, rng: np.random.Generator) -> Piece:
     """The piece in the step's manner."""
     if step.manner is None:
         return piece
-    change, strength = CHANGES[step.manner], float(rng.uniform(*STRENGTH))
+    strength = float(rng.uniform(*STRENGTH))
+    return _changed(piece, step, CHANGES[step.manner], strength).noted(f"{step.manner} by {strength:.2f}")
+
+
+def _changed(piece: Piece, step: Step, change: Change, strength: float) -> Piece:
+    """The piece with so much of a change."""
     travels = step.action in ("walk", "run")
     # A manner brings its own pace; where the description says the speed, that is said already.
     pace = strength if step.speed == "normal" else 0.0
@@ -91,7 +122,7 @@ def with_manner(piece: Piece, step: Step, rng: np.random.Generator) -> Piece:
         middle = root[:, 2].mean()
         root[:, 2] = middle + (root[:, 2] - middle) * change.bounce**strength
     root[:, 2] -= strength * change.crouch * piece.poses.skeleton.leg_m
-    return piece.posed(root=root, local=local).noted(f"{step.manner} by {strength:.2f}")
+    return piece.posed(root=root, local=local)
 
 
 def _turned(local: np.ndarray, joint: str, vector: list[float]) -> None:
@@ -195,8 +226,9 @@ def gait(maker: Maker, step: Step, duration_s: float) -> Piece:
     mirror = bool(maker.rng.random() < 0.5)
     whole = maker.piece(first, mirror=mirror)
     factor = float(np.clip(wanted / max(edits.rate_of(whole.poses), 0.1), *WARP))
-    count = round(duration_s * RATE_HZ * np.sqrt(factor)) + 1
-    others = _alike(maker, first)
+    share = CADENCE_SHARE[0] + CADENCE_SHARE[1] * float(np.clip(maker.rng.standard_normal(), -2, 2))
+    count = round(duration_s * RATE_HZ * factor**share) + 1
+    others = _alike(maker, first) if step.action == "walk" else [first]  # of few runs one would be in every third
     begin = int(maker.rng.integers(0, max(1, len(whole) - count + 1))) if len(whole) > count else 0
     whole = whole.part(begin, len(whole))
     while len(whole) < count:
@@ -204,7 +236,8 @@ def gait(maker: Maker, step: Step, duration_s: float) -> Piece:
         seams = [best_crossing(whole, maker.piece(each, mirror=mirror)) for each in tries]
         whole = min(seams, key=attrgetter("apart_m")).joined()
     whole = whole.part(0, count)
-    whole = edits.strided(edits.tempo(whole, float(np.sqrt(factor))), float(np.sqrt(factor)))
+    whole = edits.strided(edits.tempo(whole, factor**share), factor ** (1 - share))
+    whole = styled(maker, whole, step)
     whole = whole.noted(f"speed {factor:.2f} times the clips', {edits.rate_of(whole.poses):.2f} m/s")
     return directed(maker, whole, step)
 
@@ -218,8 +251,9 @@ def _first(maker: Maker, step: Step, wanted: float) -> Segment:
         segments = acted if acted and maker.rng.random() < 0.4 else plain
     scaled = np.array([each.speed_mps for each in segments]) * np.sqrt(maker.person.skeleton.leg_m / LEG_M)
     misfit = np.log(np.maximum(scaled, 0.05) / wanted)
-    # Half as likely at 12 % beside the speed; the one that is nearest is always possible.
-    weights = np.exp(-((np.abs(misfit) - np.abs(misfit).min()) ** 2) / (2 * 0.1**2))
+    # Half as likely at 12 % beside the speed, of few recorded runs at 35 %; the one that is nearest is always possible.
+    width = 0.1 if step.action == "walk" else 0.3
+    weights = np.exp(-((np.abs(misfit) - np.abs(misfit).min()) ** 2) / (2 * width**2))
     return maker.draw(segments, list(weights))
 
 
@@ -322,8 +356,10 @@ def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
     chances = [(max(each.count, 1) / each.duration_s) ** often for each in segments]
     pieces: list[Piece] = []
     done, total = 0, 0.0
+    first = maker.draw(segments, chances)  # a person jumps in one way throughout
+    own = [each for each in segments if each.clip == first.clip]
     while not _enough(step, done, total, duration_s):
-        piece = maker.piece(maker.draw(segments, chances))
+        piece = maker.piece(maker.draw(own) if pieces else first)
         piece = edits.paced(piece, pace * float(np.exp(0.03 * maker.rng.standard_normal())))
         if step.count is not None:
             piece = _with_flights(piece, step.count - done)
