@@ -60,7 +60,9 @@ STRENGTH = 0.6, 1.3
 """Range of how much of a change a sample has."""
 
 STYLES: Mapping[str, Change] = {
-    "run": Change(1.0, 1.0, trunk_deg=3.0, head_deg=4.0, arms=0.2, elbows_deg=10.0, apart_deg=4.0, bounce=0.12, crouch=0.008),
+    "run": Change(
+        1.0, 1.0, trunk_deg=3.0, head_deg=4.0, arms=0.2, elbows_deg=10.0, apart_deg=4.0, bounce=0.12, crouch=0.008
+    ),
 }
 """Standard deviations of how runners differ at one speed: lean 3 degrees, swing of the arms 20 %, elbows 10 degrees, rise of the
 pelvis 12 % (Williams and Cavanagh 1987; Folland et al. 2017); factors by their logarithms."""
