@@ -537,7 +537,7 @@ def test_a_dance_in_a_circle_spins_the_same_way(direction: str) -> None:
 @pytest.mark.slow
 def test_motions_beyond_two_minutes_and_trips_backward_are_refused() -> None:
     with pytest.raises(InputError, match="more than 120 s; ask for fewer repetitions"):
-        motion_from_text("a person jumps 200 times", seed=0)
+        motion_from_text("a person jumps 100 times", seed=0)
     pytest.importorskip("mujoco")
     with pytest.raises(InputError, match="a trip throws nobody backward"):
         motion_from_text("a person trips and falls backward")
