@@ -67,7 +67,7 @@ STYLES: Mapping[str, Change] = {
 """Standard deviations of how runners differ at one speed: lean 3 degrees, swing of the arms 20 %, elbows 10 degrees, rise of the
 pelvis 12 % (Williams and Cavanagh 1987; Folland et al. 2017); factors by their logarithms."""
 
-CADENCE_SHARE = 0.5, 0.12
+CADENCE_FRACTION = 0.5, 0.12
 """Mean and deviation of the part of a change of speed (as a logarithm) that cadence takes; stride takes the rest."""
 
 
@@ -228,8 +228,8 @@ def gait(maker: Maker, step: Step, duration_s: float) -> Piece:
     mirror = bool(maker.rng.random() < 0.5)
     whole = maker.piece(first, mirror=mirror)
     factor = float(np.clip(wanted / max(edits.rate_of(whole.poses), 0.1), *WARP))
-    share = CADENCE_SHARE[0] + CADENCE_SHARE[1] * float(np.clip(maker.rng.standard_normal(), -2, 2))
-    count = round(duration_s * RATE_HZ * factor**share) + 1
+    fraction = CADENCE_FRACTION[0] + CADENCE_FRACTION[1] * float(np.clip(maker.rng.standard_normal(), -2, 2))
+    count = round(duration_s * RATE_HZ * factor**fraction) + 1
     others = _alike(maker, first) if step.action == "walk" else [first]  # of few runs one would be in every third
     begin = int(maker.rng.integers(0, max(1, len(whole) - count + 1))) if len(whole) > count else 0
     whole = whole.part(begin, len(whole))
@@ -238,7 +238,7 @@ def gait(maker: Maker, step: Step, duration_s: float) -> Piece:
         seams = [best_crossing(whole, maker.piece(each, mirror=mirror)) for each in tries]
         whole = min(seams, key=attrgetter("apart_m")).joined()
     whole = whole.part(0, count)
-    whole = edits.strided(edits.tempo(whole, factor**share), factor ** (1 - share))
+    whole = edits.strided(edits.tempo(whole, factor**fraction), factor ** (1 - fraction))
     whole = styled(maker, whole, step)
     whole = whole.noted(f"speed {factor:.2f} times the clips', {edits.rate_of(whole.poses):.2f} m/s")
     return directed(maker, whole, step)
