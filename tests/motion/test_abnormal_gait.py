@@ -20,6 +20,7 @@ from t2d_rt.motion.interpolate import low_pass
 from t2d_rt.motion.kinematics import INDEX, Poses, motion_of, poses_of
 from t2d_rt.motion.vary import step_times_s
 from t2d_rt.motion.vary.abnormal import GaitChange, abnormal_walk, along_x, changed_walk, gait_change
+from validation.motions.gaits import GAITS, Normal, figures
 
 
 @pytest.fixture(scope="module")
@@ -232,22 +233,32 @@ def test_the_feet_hang_in_swing_where_they_drop(walk: Poses) -> None:
     assert INDEX["left_foot"]
 
 
-SENTENCES = {
-    "parkinsonian": "a person walks with a parkinsonian gait", "festinating": "a person walks with a festinating gait",
-    "freezing": "a person walks with freezing of gait", "waddling": "a person waddles",
-    "ataxic": "a person walks with an ataxic gait", "scissor": "a person walks with a scissor gait",
-    "steppage": "a person walks with a steppage gait", "limping": "a person limps forward",
-}  # fmt: skip
-
-
 @pytest.mark.parametrize("type", slow_after(2, GAIT_TYPES))
 def test_no_abnormal_gait_passes_for_a_normal_walk(type: GaitType) -> None:
     for seed in (9, 10):
-        made = t2d.motion_from_text(SENTENCES[type], seed=seed)
+        made = t2d.motion_from_text(GAITS[type].sentence, seed=seed)
         severity = re.search(r"severity (\d\.\d\d)", " ".join(made.origin))
         assert severity is not None
         assert 0.4 <= float(severity[1]) <= 1.0
         assert not t2d.check_motion(made, expected="walking").passed, seed
+
+
+@pytest.fixture(scope="module")
+def normal() -> Normal:
+    made = [figures(t2d.motion_from_text("a person walks forward", seed=seed)) for seed in range(12)]
+    return Normal([each for each in made if each is not None])
+
+
+@pytest.mark.parametrize("type", GAIT_TYPES)
+def test_what_physicians_grade_grows_with_severity(type: GaitType, walk: Poses, normal: Normal) -> None:
+    def graded(severity: float) -> float:
+        made = [abnormal_walk(walk, type, severity=severity, rng=np.random.default_rng(seed)) for seed in range(3)]
+        seen = [figures(motion_of(each)) for each in made]
+        return float(np.mean([normal.severity(each, GAITS[type].signs) for each in seen if each is not None]))
+
+    grades = [graded(severity) for severity in (0.1, 0.55, 1.0)]
+    assert grades == sorted(grades)
+    assert grades[2] > 1.25 * grades[0]
 
 
 def test_one_figure_far_outside_makes_a_walk_abnormal() -> None:

@@ -44,7 +44,7 @@ def speed_spectrum(motion: Motion) -> np.ndarray:
     By Welch's method: Hann windows of 2 s, half overlapping; what is shorter is one window, padded with zeros and weighted so that
     its mean power stays.
     """
-    velocity = np.diff(_at_rate(motion)[:, : len(CANONICAL_JOINTS)], axis=0) * RATE_HZ
+    velocity = np.diff(joints_at_rate(motion)[:, : len(CANONICAL_JOINTS)], axis=0) * RATE_HZ
     width = round(SEGMENT_S * RATE_HZ)
     length = min(width, len(velocity))
     window = np.hanning(length + 2)[1:-1]
@@ -111,7 +111,7 @@ def _distances(tracks: np.ndarray) -> np.ndarray:
     return found
 
 
-def _at_rate(motion: Motion) -> np.ndarray:
+def joints_at_rate(motion: Motion) -> np.ndarray:
     """Joints at `RATE_HZ`; faster motions are filtered first, so that nothing folds back."""
     checked_motion(motion)
     joints = motion.joints

@@ -444,7 +444,7 @@ def changed_walk(walk: Poses, change: GaitChange, rng: np.random.Generator) -> P
 # --- abnormal gaits: the changes that make each type, by severity; abnormal.yaml has them with their clinical sources ---
 
 
-SPREAD = 0.12
+SPREAD = 0.06
 """Standard deviation of the logarithm of each drawn value about its range: no two patients are alike."""
 
 TEMPO_SPREAD = 0.04
@@ -501,7 +501,7 @@ def _change(drawn: dict[str, float], side: int, both: bool, rng: np.random.Gener
         own = side if whose != "other" else 1 - side
         fields[field] = ((affected, other) if own == 0 else (other, affected)) if whose else value
     if "freezes_s" in drawn:
-        count = int(rng.integers(1, 3))
-        fields["freezes_s"] = tuple(drawn["freezes_s"] * rng.uniform(0.6, 1.2) for _ in range(count))
+        share = float(rng.uniform(0.3, 0.7))  # of one halt, or of the first of two
+        fields["freezes_s"] = tuple(drawn["freezes_s"] * each for each in ((1.0,), (share, 1 - share))[rng.integers(2)])
         fields["tremble_hz"] = float(rng.uniform(4.0, 7.0))
     return GaitChange(**fields)
