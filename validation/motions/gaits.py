@@ -23,9 +23,10 @@ from scipy.stats import spearmanr
 from t2d_rt.core.errors import T2DWarning
 from t2d_rt.motion import load_motion
 from t2d_rt.motion.generate import motion_from_text
-from t2d_rt.types.motion import CANONICAL_JOINTS
 from t2d_rt.types import Motion
+from t2d_rt.types.motion import CANONICAL_JOINTS
 from validation.motions.population import RATE_HZ, joints_at_rate
+
 
 @dataclass(frozen=True, slots=True)
 class Kind:
@@ -196,9 +197,7 @@ class Normal:
 
 def limit_of(walks: Sequence[dict[str, float]]) -> float:
     """The distance that `NORMAL` of the walks lie within, each from all the others."""
-    distances = [
-        Normal([*walks[:number], *walks[number + 1 :]]).distance(walk) for number, walk in enumerate(walks)
-    ]
+    distances = [Normal([*walks[:number], *walks[number + 1 :]]).distance(walk) for number, walk in enumerate(walks)]
     return float(np.quantile(distances, NORMAL))
 
 
@@ -220,7 +219,9 @@ def _straight(motion: Motion) -> bool:
     track = gaussian_filter1d(joints_at_rate(motion)[:, 0, :2], 0.3 * RATE_HZ, axis=0)
     track = track[round(0.5 * RATE_HZ) : -round(0.5 * RATE_HZ)]  # smoothed tracks stand still at their ends
     speed = np.linalg.norm(np.diff(track, axis=0), axis=1)
-    return bool(np.linalg.norm(track[-1] - track[0]) > STRAIGHT * speed.sum() and speed.min() > PAUSE * np.median(speed))
+    return bool(
+        np.linalg.norm(track[-1] - track[0]) > STRAIGHT * speed.sum() and speed.min() > PAUSE * np.median(speed)
+    )
 
 
 def main() -> None:
@@ -243,13 +244,11 @@ def main() -> None:
         told = options.n - len(seen) + sum(normal.distance(found) > limit for _, found in seen)
         asked = [severity_of(each) for each, _ in seen]
         order = spearmanr(asked, [normal.severity(found, kind.signs) for _, found in seen]).statistic
-        departures = np.median([np.abs(normal.departures(found)) for _, found in seen], axis=0)
-        each_sign = [
-            f"{sign} {departures[k]:.1f} ({spearmanr(asked, [abs(normal.departures(found)[k]) for _, found in seen]).statistic:.2f})"
-            for sign in kind.signs
-            for k in [normal.names.index(sign)]
-        ]
-        print(f"{name:20} {told} of {options.n} told, severity {order:.2f}; {', '.join(each_sign)}", flush=True)
+        departures = np.abs([normal.departures(found) for _, found in seen])
+        each_sign = []
+        for column in (departures[:, normal.names.index(sign)] for sign in kind.signs):
+            each_sign.append(f"{np.median(column):.1f} ({spearmanr(asked, column).statistic:.2f})")
+        print(f"{name:20} {told} of {options.n} told, severity {order:.2f}; {', '.join(map(' '.join, zip(kind.signs, each_sign, strict=True)))}", flush=True)
 
 
 if __name__ == "__main__":
