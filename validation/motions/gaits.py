@@ -246,9 +246,13 @@ def main() -> None:
         order = spearmanr(asked, [normal.severity(found, kind.signs) for _, found in seen]).statistic
         departures = np.abs([normal.departures(found) for _, found in seen])
         each_sign = []
-        for column in (departures[:, normal.names.index(sign)] for sign in kind.signs):
-            each_sign.append(f"{np.median(column):.1f} ({spearmanr(asked, column).statistic:.2f})")
-        print(f"{name:20} {told} of {options.n} told, severity {order:.2f}; {', '.join(map(' '.join, zip(kind.signs, each_sign, strict=True)))}", flush=True)
+        for sign in kind.signs:
+            column = departures[:, normal.names.index(sign)]
+            each_sign.append(f"{sign} {np.median(column):.1f} ({spearmanr(asked, column).statistic:.2f})")
+        print(
+            f"{name:20} {told} of {options.n} told, severity {order:.2f}; {', '.join(each_sign)}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":
