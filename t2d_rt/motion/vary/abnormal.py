@@ -502,6 +502,8 @@ def _change(drawn: dict[str, float], side: int, both: bool, rng: np.random.Gener
         fields[field] = ((affected, other) if own == 0 else (other, affected)) if whose else value
     if "freezes_s" in drawn:
         fraction = float(rng.uniform(0.3, 0.7))  # of one halt, or of the first of two
-        fields["freezes_s"] = tuple(drawn["freezes_s"] * each for each in ((1.0,), (fraction, 1 - fraction))[rng.integers(2)])
+        fields["freezes_s"] = tuple(
+            drawn["freezes_s"] * each for each in ((1.0,), (fraction, 1 - fraction))[rng.integers(2)]
+        )
         fields["tremble_hz"] = float(rng.uniform(4.0, 7.0))
     return GaitChange(**fields)
