@@ -15,7 +15,6 @@ from t2d_rt.accuracy.occlusion import Occluded
 from t2d_rt.pipeline.echo_model import Model, sagitta_rad
 from t2d_rt.pipeline.path_pairs import Clutter
 from t2d_rt.types import Accuracy, Motion, MovingMesh, PathTier
-from t2d_rt.types.paths import PathKey
 
 OCCLUSION = "occlusion of targets by themselves and one another"
 FAST_OCCLUSION = "occlusion by targets that rotate fast, and of them by themselves"
@@ -185,28 +184,26 @@ class Budget:
         return [nothing, Omission(what, edges.mean_db, edges.scatter_db, law="shadows"), *never]
 
     def untraced(self, accuracy: Accuracy) -> list[Omission]:
-        """What it costs that occlusion is not traced over some path pairs, of tiers whose visibility is "shared" or "blockage".
+        """What it costs that occlusion is not traced over some path pairs, of tiers whose visibility is "blockage".
 
         Ellipsoids err by more, whatever hides them: their law says it all.
         """
         pairs = self.model.pairs(accuracy)
         if pairs is None or not accuracy.occlusion or not self.counts:
             return []
-        traced = {path.key for pair in pairs.occluded for path in (pair.out, pair.back)}
-        fractions = dict[tuple[PathKey, PathKey], float]()
-        for tier, some in pairs.by_tier(accuracy):
-            if tier.visibility != "occlusion" and not self.by_limbs(tier):
-                shared = traced if tier.visibility == "shared" else set()
-                for pair in some:
-                    both = pair.out.key, pair.back.key
-                    fractions[both] = sum(key not in shared for key in both) / 2
-        count = sum(fraction > 0 for fraction in fractions.values())
+        untraced = {
+            (pair.out.key, pair.back.key)
+            for tier, some in pairs.by_tier(accuracy)
+            if tier.visibility != "occlusion" and not self.by_limbs(tier)
+            for pair in some
+        }
+        count = len(untraced)
         if not count:
             return []
-        missing = [fractions.get((each.pair.out.key, each.pair.back.key), 0.0) for each in self.model.ranked]
+        missing = np.array([(each.pair.out.key, each.pair.back.key) in untraced for each in self.model.ranked])
         law, of_power = self.laws.occlusion, self.laws.pairs
         what = f"{OCCLUSION} over {count} path pair{'s' * (count > 1)}"
-        level_db = self._occluded.level_db(np.array(missing)) + law.mean_db + of_power.mean_db
+        level_db = self._occluded.level_db(missing) + law.mean_db + of_power.mean_db
         return [Omission(what, level_db, math.hypot(law.scatter_db, of_power.scatter_db), law="occlusion")]
 
     def of_spectra(self, accuracy: Accuracy) -> list[Omission]:

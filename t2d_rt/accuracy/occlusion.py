@@ -76,15 +76,15 @@ class Occluded:
         judged = _judged(model, accuracy, by_fast=by_fast)
         return cls(power, *(np.zeros((2, 0)) if judged is None else judged))
 
-    def level_db(self, fractions: np.ndarray | None = None) -> float:
-        """The power removed over the power that remains [dB]: of all pairs, or of so much of each, fractions (P,) in 0..1. Pairs
+    def level_db(self, some: np.ndarray | None = None) -> float:
+        """The power removed over the power that remains [dB]: of all pairs or of `some`, bool (P,). Pairs
         weaker than those judged lose as much as these do in the mean, weighted alike."""
         judged = len(self.removed)
         if not judged:
             return -math.inf
         removed = float(self.removed.sum())
-        if fractions is not None:
-            power, weights = self.power, np.asarray(fractions)
+        if some is not None:
+            power, weights = self.power, np.asarray(some, float)
             inside, beyond = float(weights[:judged] @ power[:judged]), float(weights[judged:] @ power[judged:])
             of_these = float(weights[:judged] @ self.removed)
             mean = of_these / inside if inside else removed / float(power[:judged].sum())

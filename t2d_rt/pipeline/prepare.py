@@ -210,9 +210,7 @@ def facets(preparation: Preparation, number: int, times_s: np.ndarray) -> Iterat
     for tier, pairs in preparation.tiers():
         if pairs and tier.scatterer == "ellipsoids" and target.ellipsoids() is not None:
             continue
-        if pairs and tier.visibility == "shared":
-            views = preparation.visibility.with_shared_occlusion(number, pairs, preparation.decimated_s)
-        elif pairs and tier.visibility != "occlusion":
+        if pairs and tier.visibility != "occlusion":
             views = preparation.coarse_views(target.mesh, pairs, preparation.decimated_s, fast)
         else:
             views = [close[pair] for pair in pairs or (None,)]

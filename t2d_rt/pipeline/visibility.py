@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -32,9 +31,6 @@ class VisibilityModel(Protocol):
     def views(self, number: int) -> list[View]:
         """Of a mesh over the path pairs whose occlusion is traced."""
 
-    def with_shared_occlusion(self, number: int, pairs: Sequence[PathPair], samples_s: np.ndarray) -> list[View]:
-        """Of a mesh over other pairs: as `coarse_views`, but occluded along one-way paths whose occlusion is traced anyway."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sight:
@@ -61,7 +57,6 @@ class Sampled:
 
     def __init__(self, sight: Sight, *, subdivision: int = 0) -> None:
         self._sight, self._one_way = sight, _OneWayVisibility(sight, solid=True, subdivision=subdivision)
-        self._known = {self._one_way.place(*end) for pair in sight.pairs for end in _ends(pair)}
 
     def views(self, number: int) -> list[View]:
         """Of a mesh over the path pairs whose occlusion is traced."""
@@ -70,35 +65,6 @@ class Sampled:
     def view(self, number: int, pair: PathPair | None) -> View:
         """Of a mesh over one pair."""
         return self._one_way.view(number, pair)
-
-    def with_shared_occlusion(self, number: int, pairs: Sequence[PathPair], samples_s: np.ndarray) -> list[View]:
-        """Of a mesh over other pairs: as `coarse_views`, but occluded along one-way paths whose occlusion is traced anyway."""
-        geometry, fast_rotating = self._sight.geometries[number], self._sight.fast_rotating[number]
-        over, scene = blockage(geometry, samples_s), self._sight.blockage
-        unknown = [
-            path
-            for pair in pairs
-            for end, path in enumerate((pair.out, pair.back))
-            if self._one_way.place(end, path) not in self._known
-        ]
-        unblocked = _unblocked(over, unknown, scene, fast_rotating=fast_rotating)
-        found = []
-        for pair in pairs:
-            ends = [(self._one_way.place(end, path), end, path) for end, path in enumerate((pair.out, pair.back))]
-            counts = Counter(place for place, _, _ in ends if place in self._known)
-            known = {place: (end, path) for place, end, path in ends if place in counts}
-            fractions = [self._one_way.fraction(number, *end, counts[place]) for place, end in known.items()]
-            others = [unblocked[path.key] for place, _, path in ends if place not in counts]
-            subdivision = 0 if fast_rotating else self._one_way.subdivision
-            found.append(
-                View(
-                    paths=pair,
-                    visibility=tuple(fractions),
-                    subdivision=subdivision,
-                    unblocked=tuple(others),
-                )
-            )
-        return found
 
 
 class Unoccluded:
@@ -110,13 +76,6 @@ class Unoccluded:
     def views(self, number: int) -> list[View]:
         """Of a mesh over the path pairs."""
         return [self._one_way.view(number, pair) for pair in self._sight.pairs]
-
-    def with_shared_occlusion(self, number: int, pairs: Sequence[PathPair], samples_s: np.ndarray) -> list[View]:
-        """As `coarse_views`: no occlusion is traced."""
-        rotates = self._sight.fast_rotating[number]
-        return coarse_views(
-            self._sight.geometries[number], pairs, samples_s, self._sight.blockage, fast_rotating=rotates
-        )
 
 
 class ExactOverStrongest:
@@ -137,10 +96,6 @@ class ExactOverStrongest:
             replace(view, facet_visibility=self._facet_visibility(view.paths)) for view in self._strongest.views(number)
         ]
         return strongest + self._others.views(number)
-
-    def with_shared_occlusion(self, number: int, pairs: Sequence[PathPair], samples_s: np.ndarray) -> list[View]:
-        """Of a mesh over other pairs."""
-        return self._others.with_shared_occlusion(number, pairs, samples_s)
 
     def _facet_visibility(self, pair: PathPair | None) -> FacetVisibility:
         """Traced from every facet's vertices."""

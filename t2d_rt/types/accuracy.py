@@ -39,9 +39,9 @@ class PathTier(Fields):
     """Span in delay of the patches into which facets are merged, relative to the first tier's."""
     patch_phase_scale: Scale = 1.0
     """Phase by which a patch may change from one surface frame to the next, relative to the first tier's."""
-    visibility: Literal["occlusion", "shared", "blockage"] = "occlusion"
-    """What is traced: "occlusion" by the targets and blockage by the scene; "shared": occlusion only along the one-way paths that
-    an "occlusion" tier uses; "blockage" by the scene alone, at a few points of each target."""
+    visibility: Literal["occlusion", "blockage"] = "occlusion"
+    """What is traced: "occlusion" by the targets and blockage by the scene, or "blockage" by the scene alone, at a few points of
+    each target."""
     diffuse_points: Annotated[Count, Field(ge=0, le=1_000_000)] = 4_000
     """Least number of diffuse points of a mesh; it does not change their power."""
     decimation: Annotated[Count, Field(ge=1, le=100)] = 1
@@ -130,7 +130,7 @@ class Accuracy(Fields):
             raise InputError(
                 "a path tier of facets comes after a first one of ellipsoids; make all of them ellipsoids, or the first one facets"
             )
-        finest = ("occlusion", "shared", "blockage")
+        finest = ("occlusion", "blockage")
         for one, next_ in pairwise(self.tiers):
             if not next_.level_db < one.level_db or finest.index(next_.visibility) < finest.index(one.visibility):
                 raise InputError(

@@ -28,7 +28,7 @@ from t2d_rt.propagation.surroundings import radar_paths
 from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
 from t2d_rt.scattering.mesh import _frames_at_once
-from t2d_rt.scattering.paths import View, product
+from t2d_rt.scattering.paths import View
 from t2d_rt.signal import range_doppler
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, OneWayPath, PathPair, Radar, Scene, Surface
 from t2d_rt.types.path_fields import field_over
@@ -315,37 +315,6 @@ def test_antennas_apart_have_visibility_of_their_own() -> None:
     views = coarse_views(target, pairs, sample_times(0.0, 0.1, 25.0), Passing((one, 0.5), (half, 0.25)))
     found = [[float(each(times).max()) for each in view.unblocked] for view in views]
     assert found == [[0.5, 0.25], [0.5, 0.5]]
-
-
-def visible(view: View, times_s: np.ndarray) -> np.ndarray | None:
-    """The product of what is visible at times (K,), (K, V)."""
-    return product([fraction(times_s) for fraction in view.visibility])
-
-
-def test_pairs_of_a_shared_tier_are_occluded_along_the_paths_of_dominant_ones() -> None:
-    """Occlusion of the direct path is traced anyway; the scene leaves 0.5 of its field, and 0.25 out and back."""
-    target, screen = (ball(where, time_s=0.1, radius_m=0.2) for where in ((3.0, 0.0, 1.0), (1.5, 0.2, 1.0)))
-    direct, wall = over(image_m=(0.0, 0.0, 1.0)), over("wall", image_m=(0.0, 6.0, 1.0))
-    radar, samples_s, times = Radar.preset("table2"), sample_times(0.0, 0.1, 25.0), np.linspace(0, 0.1, 3)
-    visibility = Sampled(
-        Sight(
-            geometries=[target, screen], radar=radar, pairs=[PathPair(out=direct, back=direct)],
-            fast_rotating=[False, False], samples_s=samples_s, backend=select("cpu"),
-            blockage=Passing((direct, 0.5), (wall, 0.125)),
-        )
-    )  # fmt: skip
-    dominant = visible(visibility.views(0)[0], times)
-    secondary, unoccluded = visibility.with_shared_occlusion(
-        0, [PathPair(out=direct, back=wall), PathPair(out=wall, back=wall)], samples_s
-    )
-    assert dominant is not None
-    np.testing.assert_allclose(visible(secondary, times), 2 * dominant, atol=1e-6)
-    assert dominant.min() == 0
-    assert 0.2 < dominant.max() <= 0.25
-    assert np.unique([each(times) for each in secondary.unblocked]).tolist() == [0.125]
-    assert visible(unoccluded, times) is None
-    assert np.unique([each(times) for each in unoccluded.unblocked]).tolist() == [0.125]
-    assert len(unoccluded.unblocked) == 2
 
 
 def test_frames_at_once_fit_the_visibility_of_all_meshes() -> None:
