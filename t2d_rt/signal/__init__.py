@@ -11,12 +11,15 @@ from t2d_rt.signal.maps import ArraySpectrum, PointCloud, RangeAngle, RangeDoppl
 from t2d_rt.signal.measured import load_cube
 from t2d_rt.signal.mti import mti
 from t2d_rt.signal.multiplex import separate_ddm
+from t2d_rt.signal.people_tracking import people_tracking_points
 from t2d_rt.signal.points import cfar, cfar_factor, point_cloud
 from t2d_rt.signal.range import gate, range_fft, range_profile, taper
 from t2d_rt.signal.range_time import coherent_interval, range_doppler_over, range_time
+from t2d_rt.types.ti_cfg import Detection
 
 __all__ = [
     "ArraySpectrum",
+    "Detection",
     "PointCloud",
     "RangeAngle",
     "RangeDoppler",
@@ -30,6 +33,7 @@ __all__ = [
     "gate",
     "load_cube",
     "mti",
+    "people_tracking_points",
     "point_cloud",
     "range_angle",
     "range_doppler",

@@ -244,7 +244,7 @@ def point_cloud(
         raise InputError(
             f"nearest_m must leave some of this radar's {radar.max_range_m:.3g} m of range, got {nearest_m:g} m; lower it"
         )
-    starts, chirps = _frames(len(adc), radar, frame_chirps)
+    starts, chirps = frames(len(adc), radar, frame_chirps)
     times_s = radar.chirp_starts_s(len(adc))[starts] + chirps / 2 * radar.loop_interval_s
     columns: list[np.ndarray] = []
     for start, time_s in zip(starts, times_s, strict=True):
@@ -363,7 +363,7 @@ def _is_peak(power: np.ndarray) -> np.ndarray:
     return power >= maximum_filter(power, size=3, mode="wrap")
 
 
-def _frames(chirps: int, radar: Radar, frame_chirps: int | None) -> tuple[np.ndarray, int]:
+def frames(chirps: int, radar: Radar, frame_chirps: int | None) -> tuple[np.ndarray, int]:
     """First rows of the frames, which lie within bursts, and the rows of each."""
     burst = radar.loops_per_frame or chirps
     if frame_chirps is not None:

@@ -8,7 +8,7 @@ speed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -25,6 +25,7 @@ from t2d_rt.core.files import read_yaml
 from t2d_rt.core.plugins import loaded, plugins
 from t2d_rt.types.antennas import Isotropic, Pattern, axes_along, one_view, polarization_product
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
+from t2d_rt.types.ti_cfg import radar_fields
 
 
 def preset_names() -> list[str]:
@@ -218,6 +219,14 @@ class Radar(Fields):
             return cls(**values)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
+
+    @classmethod
+    def from_ti_cfg(cls, source: str | Path | Sequence[str], **changes: Any) -> Radar:
+        """The radar of a configuration file (.cfg) of Texas Instruments' 3D people tracking, or of its lines.
+
+        The file tells waveform, bursts, back-off of the power and, by antGeometry, the antennas; `changes` tell the rest.
+        """
+        return cls(**{**radar_fields(source), **changes})
 
     def to_yaml(self, path: str | Path) -> None:
         """Write all fields to a YAML file that `from_yaml` reads back exactly; it is written whole or not at all."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +21,7 @@ from t2d_rt.learn.maps import LabelledMaps
 from t2d_rt.simulate import simulate
 from t2d_rt.types import Ellipsoids, Radar
 from validation.__main__ import main
-from validation.studies import benchmark, conditions, fidelity, gap, transfer, twins
+from validation.studies import benchmark, conditions, fidelity, gap, points, transfer, twins
 from validation.studies.benchmark import JUDGED, SCALES, Scale, cells_of
 from validation.studies.benchmark_report import claims, confused_pairs, interval, verdict
 from validation.studies.gap import domain_gap
@@ -317,3 +319,29 @@ def test_a_study_that_is_not_there_or_lacks_data(tmp_path: Path, capsys: Any) ->
         capsys.readouterr().err
         == f"study gap: {tmp_path / 'none.npz'} does not exist; give the path of your copy of the data\n"
     )
+
+
+@pytest.mark.usefixtures("coarse_bodies")
+def test_points_of_twins_beside_recorded_ones(tmp_path: Path) -> None:
+    cfg = [
+        "profileCfg 0 60.75 30 25 59.1 394758 0 54.71 1 96 2950 2 1 36", "frameCfg 0 2 96 0 55 1 0", "sensorPosition 2 0 15",
+        *(f"chirpCfg {k} {k} 0 0 0 0 0 {2**k}" for k in range(3)), "dynamicRACfarCfg -1 4 4 2 2 8 12 4 12 5 8 0.4 1 1",
+        "dynamicRangeAngleCfg -1 0.75 0.001 1 0", "dynamic2DAngleCfg -1 3 0.03 1 0 1 0.3 0.85 8", "fovCfg -1 70 70",
+        "antGeometry0 -1 -1 0 0 -3 -3 -2 -2 -1 -1 0 0", "antGeometry1 -1 0 -1 0 -3 -2 -3 -2 -3 -2 -3 -2",
+    ]  # fmt: skip
+    made = points.device(cfg).model_dump()
+    preset = Radar.preset("people-tracking-60").model_dump()
+    for name, value in made.items():
+        assert (
+            value == preset[name] if isinstance(value, (str, dict)) else np.allclose(value, preset[name], rtol=1e-6)
+        ), name
+    seen = [[0.1, 0.9, 1.5, -0.07, 9.0, 0.0, 255.0], [0.1, 0.9, 1.6, 0.21, 9.0, 0.0, 255.0]]
+    for posture in ("sit", "squat", "stand"):
+        for number in range(2):
+            frames = [{"frameData": {"pointCloud": seen}}, {"frameData": {}}]
+            with gzip.open(tmp_path / f"{posture}_{number}.json.gz", "wt") as file:
+                json.dump({"cfg": cfg, "data": frames}, file)
+    assert study("points", "--recordings", tmp_path, "--twins", 1, "-o", tmp_path / "table.md") == 0
+    rows = [line.split("|") for line in (tmp_path / "table.md").read_text().splitlines() if line.startswith("| st")]
+    assert [float(row[3]) for row in rows] == [2.0, 1.55, 0.14, 0.5]
+    assert study("points", "--recordings", tmp_path / "none", "-o", tmp_path / "table.md") == 2

@@ -1,0 +1,107 @@
+"""3D people tracking's detection on point targets summed from the IF formula, and the configuration file that it is read from."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from t2d_rt.core.errors import InputError
+from t2d_rt.signal import Detection, people_tracking_points, steering_vectors
+from t2d_rt.types.radar import Radar
+
+# Chirps and detection in the numbers of no device: two transmitters, two receivers in a row and one row above it.
+LINES = """
+sensorStop
+% a comment
+profileCfg 0 60 10.00 5.00 40.00 197379 0 50 1 64 2000 0 0 30
+chirpCfg 0 0 0 0 0 0 0 1
+chirpCfg 1 1 0 0 0 0 0 4
+frameCfg 0 1 32 0 50.00 1 0
+dynamicRACfarCfg -1 2 3 2 2 4 10 2 10 6.00 7.00 0.50 1 1
+dynamicRangeAngleCfg -1 1.0 0.0010 1 0
+dynamic2DAngleCfg -1 2.0 0.0300 1 0 1 0.30 0.85 8.00
+antGeometry0 0 -1 0 -1 -2 -3 -2 -3
+antGeometry1 0 0 -1 -1 0 0 -1 -1
+fovCfg -1 60.0 40.0
+""".splitlines()
+
+
+def cube(radar: Radar, bursts: int, moving: float, still: float, noise: float) -> np.ndarray:
+    """A mover that comes at 0.4 m/s from 2 m, 0.3 to the left and 0.2 up, and a still target in the same direction."""
+    direction = np.array([np.sqrt(1 - 0.3**2 - 0.2**2), 0.3, 0.2])
+    times = radar.chirp_starts_s(bursts * (radar.loops_per_frame or 0))
+    sent = times[:, None] + radar.antenna_delays_s
+    beat = np.exp(2j * np.pi * radar.beat_frequency_hz(2.0) * (radar.sample_times_s - radar.mid_time_s))
+    phase = np.exp(4j * np.pi / radar.wavelength_m * (2.0 - 0.4 * sent))
+    drawn = np.random.default_rng(0).standard_normal((2, *sent.shape, radar.samples))
+    echoes = (moving * phase + still)[:, :, None] * steering_vectors(radar, direction)[:, None] * beat
+    return echoes + noise * (drawn[0] + 1j * drawn[1])
+
+
+def changed(detection: Detection, **fields: object) -> Detection:
+    return Detection(**{**detection.model_dump(), **fields})
+
+
+def test_configuration_tells_the_radar() -> None:
+    radar = Radar.from_ti_cfg(LINES, noise_figure_db=12.0)
+    assert radar.carrier_hz == pytest.approx(60.25e9)  # 5 us after the ramp's start
+    assert (radar.prf_hz, radar.frame_interval_s) == pytest.approx((20e3, 0.05))
+    assert (radar.chirps_per_frame, radar.samples, radar.multiplexing) == (64, 64, "tdm")
+    assert radar.tx_power_dbm == pytest.approx(12 - 3)  # 197379 is 0x030303
+    assert radar.noise_figure_db == 12.0
+    half = radar.wavelength_m / 2
+    places = 2 * (radar.virtual_offsets_m - radar.virtual_offsets_m[0])
+    np.testing.assert_allclose(places[:, 1] / half, [0, 1, 0, 1, 2, 3, 2, 3], atol=1e-9)
+    np.testing.assert_allclose(places[:, 2] / half, [0, 0, -1, -1, 0, 0, -1, -1], atol=1e-9)
+    found = Detection.from_ti_cfg(LINES)
+    assert (found.range_skip, found.training_cells, found.guard_cells) == ((2, 3), (4, 10), (2, 10))
+    assert (found.thresholds, found.side_lobe, found.field_of_view_deg) == ((6.0, 7.0), 0.5, (60.0, 40.0))
+
+
+def test_points_lie_where_the_mover_is() -> None:
+    radar, detection = Radar.from_ti_cfg(LINES), Detection.from_ti_cfg(LINES)
+    points = people_tracking_points(cube(radar, 3, 1.0, 30.0, 0.5), radar, detection)
+    assert len(np.unique(points.time_s)) == 3
+    assert np.abs(points.range_m - 2.0).max() < 2 * radar.range_resolution_m
+    loudest = points.snr_db.argmax()
+    assert points.range_m[loudest] == pytest.approx(2.0, abs=radar.range_resolution_m / 2)
+    left = np.sin(points.azimuth_rad) * np.cos(points.elevation_rad)
+    assert left[loudest] == pytest.approx(0.3, abs=0.02)
+    assert np.sin(points.elevation_rad[loudest]) == pytest.approx(0.2, abs=0.04)
+    cell = radar.speed_axis_mps(32)
+    assert np.abs(points.speed_mps - 0.4).max() <= cell[1] - cell[0]
+
+
+def test_still_targets_and_noise_give_no_points() -> None:
+    radar, detection = Radar.from_ti_cfg(LINES), Detection.from_ti_cfg(LINES)
+    assert len(people_tracking_points(cube(radar, 10, 0.0, 30.0, 0.5), radar, detection).time_s) == 0
+
+
+def test_thresholds_view_and_number_bound_the_points() -> None:
+    radar, detection = Radar.from_ti_cfg(LINES), Detection.from_ti_cfg(LINES)
+    adc = cube(radar, 1, 1.0, 0.0, 0.5)
+    every = people_tracking_points(adc, radar, detection)
+    assert len(every.time_s) > 4
+    few = people_tracking_points(adc, radar, changed(detection, most_points=3))
+    assert len(few.time_s) == 3
+    assert few.snr_db.min() >= np.median(every.snr_db)
+    loud = 10 ** (every.snr_db.max() / 10)
+    beyond = changed(detection, thresholds=(loud * 1.01, 7.0))
+    assert len(people_tracking_points(adc, radar, beyond).time_s) == 0
+    near = people_tracking_points(adc, radar, changed(detection, range_skip=(40, 3))).range_m
+    assert not ((near > 1.5) & (near < 2.5)).any()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("profileCfg 0", "profile 0", "one line profileCfg"),
+        ("0 0 0 0 0 4", "0 0 0 0 0 5", "one transmitter after the other"),
+        ("antGeometry1 0 0 -1", "antGeometry1 0 0 -2", "no such array"),
+        ("fovCfg -1 60.0", "fovCfg -1 sixty", "a command and its numbers"),
+    ],
+)
+def test_configurations_that_tell_no_radar_are_refused(old: str, new: str, told: str) -> None:
+    lines = "\n".join(LINES).replace(old, new).splitlines()
+    with pytest.raises(InputError, match=told):
+        Radar.from_ti_cfg(lines)
