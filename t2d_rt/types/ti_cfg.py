@@ -25,11 +25,12 @@ Steps = Annotated[Count, Field(ge=0, le=1000)]
 
 def read_commands(source: Source) -> Commands:
     """The numbers of every line of a .cfg file, or of its lines, by the name of the command."""
-    lines = source
     if isinstance(source, (str, Path)):
         lines = (
             read_bytes(source, limit=MAX_YAML_BYTES, noun="radar configuration").decode("utf-8", "replace").splitlines()
         )
+    else:
+        lines = list(source)
     found: Commands = {}
     for line in lines:
         words = str(line).split("%")[0].split()
