@@ -22,7 +22,6 @@ from t2d_rt.dataset.dataset import Dataset, Product
 from t2d_rt.dataset.parquet import DATA, pyarrow, write_parquet
 from t2d_rt.dataset.shards import RAGGED, RECIPE, SHARDS, UNITS
 from t2d_rt.dataset.splits import Split, check_split
-from t2d_rt.recording.truth import TRUTH_COLUMNS
 
 if TYPE_CHECKING:
     from t2d_rt.dataset.products import SpectrogramProduct
@@ -189,7 +188,7 @@ def _write_npz(dataset: Dataset, path: Path, positions: np.ndarray, products: Se
         "sentence": np.array([each["sentence"] for each in records]),
     }
     if "truth" in products:
-        small["truth_columns"] = np.array(TRUTH_COLUMNS)
+        small["truth_columns"] = np.array(dataset.recipe.products.kept["truth"].columns)
     if "parts" in products:
         small["part_names"] = np.array(dataset.parts)
     for product in products:
@@ -336,10 +335,11 @@ def _meaning(dataset: Dataset, product: Product) -> str:
     if product == "points":
         return "(point, 6): time [s], range [m], azimuth [rad], elevation [rad], speed [m/s], SNR [dB]"
     if product == "truth":
+        seen = ", visible fraction" if kept.visible else ""
         return (
-            f"(time, {len(TRUTH_COLUMNS)}) of the labelled person at {kept.rate_hz:g} Hz: time [s], 22 joints forward, left and up "
-            "from the radar [m], then range [m], speed [m/s], azimuth [rad], elevation [rad] and visible fraction of 17 segments, "
-            "and whether heel and ball of the left and the right foot stand"
+            f"(time, {len(kept.columns)}) of the labelled person at {kept.rate_hz:g} Hz: time [s], 22 joints forward, left and up "
+            f"from the radar [m], then range [m], speed [m/s], azimuth [rad], elevation [rad]{seen} of 17 segments, whether heel "
+            "and ball of the left and the right foot stand, and breathing [m]"
         )
     if product == "parts":
         return (

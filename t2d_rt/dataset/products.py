@@ -23,7 +23,7 @@ from t2d_rt.pipeline.parts import STATIC, Split
 from t2d_rt.recording.parts import GROUPS
 from t2d_rt.recording.path_table import record_times
 from t2d_rt.recording.recording import Recording
-from t2d_rt.recording.truth import person_rows
+from t2d_rt.recording.truth import TRUTH_COLUMNS, person_rows
 from t2d_rt.signal.points import point_cloud
 from t2d_rt.types.fields import Count, Fields, Number
 
@@ -272,11 +272,26 @@ class TruthProduct(_Product):
 
     rate_hz: Annotated[Number, Field(gt=0, le=1000)] = 25.0
     """Instants a second, from 0 on [Hz]."""
+    visible: bool = True
+    """Whether visible fractions are among it, which take most of the time."""
+
+    @model_serializer(mode="wrap")
+    def _written(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """As before there was a choice, where all of it is kept."""
+        found: dict[str, Any] = plain(self)
+        if self.visible:
+            del found["visible"]
+        return found
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return TRUTH_COLUMNS if self.visible else tuple(each for each in TRUTH_COLUMNS if not each.endswith("_visible"))
 
     def made(self, recording: Recording) -> tuple[np.ndarray, dict[str, Any]]:
-        """The array (time, column), its columns those of `TRUTH_COLUMNS`, float32, and what goes into the record."""
+        """The array (time, column), its columns those of `columns`, float32, and what goes into the record."""
         times_s = record_times((0.0, record_length_s(recording) - recording.radar.loop_interval_s), self.rate_hz)
-        truth = recording.truth_at(times_s)
+        truth = recording.truth_at(times_s, visible=self.visible)
         does = truth.activity.values[0]
         begins = np.flatnonzero(np.append(True, does[1:] != does[:-1]))
         activities = [[str(does[each]), round(float(times_s[each]), 9)] for each in begins]

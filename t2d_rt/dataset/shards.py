@@ -28,7 +28,6 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import npy_header, read_bytes, regular_file
 from t2d_rt.dataset.products import POINT_COLUMNS, resized
 from t2d_rt.dataset.recipe import Recipe
-from t2d_rt.recording.truth import TRUTH_COLUMNS
 
 SHARDS = "shards"
 SPOOL = "spool"
@@ -295,7 +294,7 @@ def array_of(recipe: Recipe, record: Mapping[str, Any], name: str) -> tuple[np.d
     if name == "points":
         return np.dtype(np.float32), (None, len(POINT_COLUMNS))
     if name == "truth":
-        return np.dtype(np.float32), (None, len(TRUTH_COLUMNS))
+        return np.dtype(np.float32), (None, len(kept.columns))
     if name == "parts":
         return np.dtype(np.float32), (len(kept.names), *kept.size)
     if name == "adc":

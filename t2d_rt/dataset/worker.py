@@ -206,6 +206,8 @@ def _described(found: Sample) -> dict[str, Any]:
         **asdict(found.place),
         **provenance(found.cut),
         "second_person": _second_person(found),
+        "activities": [[name, round(begin_s, 6)] for name, begin_s in found.cut.motion.activities],
+        "breathing": None if (breathing := found.cut.motion.breathing) is None else asdict(breathing),
         "experiment": found.experiment.hash,
     }
 

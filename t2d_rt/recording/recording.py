@@ -266,9 +266,10 @@ class Recording:
         """Joints, segments and contacts of persons, range and speed of all targets, every 20 ms; worked out each time."""
         return self.truth_at()
 
-    def truth_at(self, times_s: Any = None) -> xr.Dataset:
-        """As `truth`, at instants of the record (K,) [s]; docs/results-and-files.md explains the variables."""
-        return truth_table(*self._set_up(times_s))
+    def truth_at(self, times_s: Any = None, *, visible: bool = True) -> xr.Dataset:
+        """As `truth`, at instants of the record (K,) [s]; docs/results-and-files.md explains the variables. Without `visible` the
+        visible fractions, which take most of the time, are left out."""
+        return truth_table(*self._set_up(times_s), visible=flag("visible", visible))
 
     def _set_up(self, times_s: Any) -> tuple[Model, Accuracy, np.ndarray | None]:
         whole(self.settings)

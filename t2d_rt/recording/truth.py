@@ -64,18 +64,20 @@ class Person(NamedTuple):
     body: str
 
 
-def truth_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = None) -> xr.Dataset:
+def truth_table(
+    model: Model, accuracy: Accuracy, times_s: np.ndarray | None = None, *, visible: bool = True
+) -> xr.Dataset:
     """What the radar has before it at instants of the record (K,) [s]; every 20 ms by default.
 
     Of all targets (target, time_s): `range_m`, `speed_mps` (positive = approaching), `azimuth_rad` (left > 0) and `elevation_rad`
-    of the reference point, the pelvis of a person. Of persons (person, time_s, ...): `joints_m` (joint, xyz), forward, left and up
-    from the radar; `segment_range_m`, `segment_speed_mps`, `segment_azimuth_rad` and `segment_elevation_rad` (segment) of the
+    of the reference point, the pelvis of a person. Of persons (person, time_s, ...): `joints_m` (joint, xyz), forward, left and
+    up from the radar; `segment_range_m`, `segment_speed_mps`, `segment_azimuth_rad` and `segment_elevation_rad` (segment) of the
     middles of the body's 17 segments; `segment_visible` (segment), the fraction of what faces the radar that neither the body
-    itself, another target nor the scene hides; `contact` (foot, part), whether heel and ball of each foot stand; `activity`, what
-    the person does then, where the motion tells it, else ""; `breathing_m`, how far the front of the trunk has come forward in a
-    breath. Ranges and speeds are means over transmitters and receivers. A target
-    without joints, as a fan or a mesh, is no person. The coordinate `made_for` (person) is the class that all of a motion was made
-    for, "" of a file; `breathing_hz` the breaths a second, 0 of who does not breathe.
+    itself, another target nor the scene hides, left out without `visible`; `contact` (foot, part), whether heel and ball of each
+    foot stand; `activity`, what the person does then, where the motion tells it, else ""; `breathing_m`, how far the front of the
+    trunk has come forward in a breath. Ranges and speeds are means over transmitters and receivers. A target without joints, as a
+    fan or a mesh, is no person. The coordinate `made_for` (person) is the class that all of a motion was made for, "" of a file;
+    `breathing_hz` the breaths a second, 0 of who does not breathe.
     """
     import xarray as xr
 
@@ -90,10 +92,6 @@ def truth_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = N
         {
             **{name: (("target", "time_s"), values) for name, values in overall.items()},
             **_of_persons(model, people, joints, nearby),
-            "segment_visible": (
-                ("person", "time_s", "segment"),
-                visible_fractions(model, accuracy, people, nearby.now),
-            ),
         },
         coords={
             "time_s": times_s,
@@ -111,18 +109,22 @@ def truth_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = N
             ),
         },
     )
+    if visible:
+        seen = visible_fractions(model, accuracy, people, nearby.now)
+        data["segment_visible"] = ("person", "time_s", "segment"), seen
     for name, values in data.variables.items():
         values.attrs["units"] = unit_of(str(name))
     return data
 
 
 def person_rows(truth: xr.Dataset, person: int = 0) -> np.ndarray:
-    """The truth of one person as a table with the columns of `TRUTH_COLUMNS`, float32 (time, column)."""
+    """The truth of one person as a table with the columns of `TRUTH_COLUMNS`, float32 (time, column); without those of visible
+    fractions where these were left out."""
     own = truth.isel(person=person)
     columns = [
         truth.time_s.values[:, None],
         own.joints_m.sel(joint=list(CANONICAL_JOINTS)).values.reshape(len(truth.time_s), -1),
-        *(own[f"segment_{name}"].values for name in OF_SEGMENTS),
+        *(own[f"segment_{name}"].values for name in OF_SEGMENTS if f"segment_{name}" in own),
         own.contact.values.reshape(len(truth.time_s), -1),
         own.breathing_m.values[:, None],
     ]
@@ -143,10 +145,11 @@ def _of_persons(
     middles = Nearby(*(np.zeros((*shape, len(SEGMENTS), 3)) for _ in at))
     places, stands = np.zeros((*shape, len(joints), 3)), np.zeros((*shape, 2, 2), bool)
     breathes, does = np.zeros(shape), list[np.ndarray]()
-    for row, (_, motion, body) in enumerate(people):
+    for row, (number, motion, body) in enumerate(people):
         own = track(motion)(at.now)[0][:, [motion.index(name) for name in joints]]
         places[row] = (own - np.asarray(model.radar.position_m)) @ model.radar.axes.T
-        limbs = segments(motion, body)
+        own_limbs = model.geometries[number]
+        limbs = own_limbs if isinstance(own_limbs, Ellipsoids) else segments(motion, body)
         for each, some_s in zip(middles, at, strict=True):
             each[row] = limbs.at(some_s)[0]
         frames = np.clip(np.rint(at.now * motion.rate_hz).astype(int), 0, len(motion.joints) - 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import t2d_rt as t2d
 from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import TRUTH_COLUMNS, Dataset, Recipe, export_dataset, make_dataset, sample
 from t2d_rt.dataset.products import Products
+from t2d_rt.dataset.worker import make_sample
 
 RATE_HZ = 20.0
 
@@ -55,6 +57,26 @@ def test_truth_of_a_sample_is_that_of_its_recording(made: Path) -> None:
     assert does[-1] == "walk"
     assert all(does[round(begin_s * RATE_HZ)] == name for name, begin_s in told["activities"])
     assert column["head_up_m"].mean() > column["pelvis_up_m"].mean() + 0.4
+
+
+def test_every_record_tells_activities_and_breathing(made: Path) -> None:
+    data = Dataset(made)
+    for index, record in enumerate(data.records):
+        motion = sample(data.recipe, index).cut.motion
+        assert record["activities"] == [[name, pytest.approx(begin_s, abs=1e-6)] for name, begin_s in motion.activities]
+        assert motion.breathing is not None
+        assert record["breathing"] == asdict(motion.breathing)
+        rows = data.values(index, "truth")
+        assert rows[:, -1] == pytest.approx(motion.breathing.displacement_m(rows[:, 0]), abs=1e-7)
+
+
+def test_truth_without_visible_fractions_has_the_other_columns() -> None:
+    recipe = tiny(truth={"rate_hz": RATE_HZ, "visible": False})
+    found = make_sample(recipe, {}, 1)
+    whole = make_sample(tiny(truth={"rate_hz": RATE_HZ}), {}, 1)
+    assert found.record["failure"] is whole.record["failure"] is None
+    assert found.arrays["truth"].shape == (16, len(recipe.products.kept["truth"].columns)) == (16, 140)
+    assert tiny(truth={}).hash == tiny(truth={"visible": True}).hash != tiny(truth={"visible": False}).hash
 
 
 @pytest.mark.parametrize("to", ["npz", "parquet"])
