@@ -602,3 +602,9 @@ def test_the_command_tells_what_rate_was_assumed(run: Command, tmp_path: Path) -
     np.savez(tmp_path / "a.npz", joints=motion.joints, names=np.array(motion.names))
     assert "  30 Hz assumed, the file does not say\n" in run("check-motion", str(tmp_path / "a.npz")).out
     assert "assumed" not in run("check-motion", str(WALK)).out
+
+
+def test_another_class_is_told_by_what_carries_the_body() -> None:
+    """A seat, a flight: bends passed as sitting where they are held low, sits and jumps as bending."""
+    assert any("carries the body" in each for each in check_motion(sitting(), expected="bending").reasons)
+    assert "it is a jump" in check_motion(jump(), expected="bending").reasons

@@ -109,6 +109,13 @@ SEATED, STANDING, LYING = 0.80, 0.85, 0.40
 at least of one who stands (1.05 when straight), and at most of one who lies or sits on the floor."""
 
 
+OFF_THE_FEET = 0.08
+"""How far behind the ankles the centre of mass is of one whom the feet do not carry, over the length of the leg."""
+
+LEAST_WALK = 0.8
+"""Least extent of a walk over the length of the leg, where it has fewer than four steps: people step about before they sit down."""
+
+
 @dataclass(frozen=True, slots=True)
 class Evidence:
     """What the rules look at."""
@@ -116,6 +123,13 @@ class Evidence:
     body: Tracks
     gait: Gait
     limits: Limits
+
+    def seated_s(self, *ankles: str) -> float:
+        """Longest stay with the centre of mass so far behind all of these ankles below a bent body that something else carries it [s]."""
+        body = self.body
+        ahead = np.max([((body.centre_of_mass - body[each]) * body.facing).sum(axis=1) for each in ankles], axis=0)
+        carried = (self.hips < SEATED) & (ahead < -OFF_THE_FEET * body.leg_m)
+        return max((stop - start for start, stop in spans(carried, gap=6, least=1)), default=0) / RATE_HZ
 
     def pieces(self, least_mps: float, *, gap_s: float) -> list[Evidence]:
         """Those in which the body goes at that speed, the one that gets farthest first."""
@@ -146,7 +160,8 @@ def _walking(seen: Evidence) -> list[str]:
     """Of walking, climbing stairs and turning; what comes before and after it is another matter."""
     faults = []
     for piece in seen.pieces(0.2, gap_s=0.5):
-        faults = _steps(piece, (20, 160) if _on_stairs(piece) else (60, 160), (0.15, 2.5)) + _no_flight(piece)
+        cadence = (20, 160) if _on_stairs(piece) else (60, 160)
+        faults = _steps(piece, cadence, (0.15, 2.5)) + _no_flight(piece) + _too_short(piece) + _arms_rise(piece)
         if not faults and piece.turn_deg < TURN_DEG and not _on_stairs(piece):
             return gait_faults(piece)  # the farthest piece tells; shorter ones have too few steps
         if not faults:
@@ -161,8 +176,8 @@ def _abnormal_walking(seen: Evidence) -> list[str]:
     if not pieces:
         return ["nobody walks: the hips go nowhere at 0.05 m/s or more"]
     piece = pieces[0]
-    faults = _steps(piece, (20, 260), (0.03, 2.5)) + _no_flight(piece)
-    if not gait_signs(piece.gait, seen.limits) and len(gait_signs(piece.gait, seen.limits, margin=0.0)) < MOST_SIGNS:
+    faults = _steps(piece, (20, 260), (0.03, 2.5)) + _no_flight(piece) + _too_short(piece) + _arms_rise(piece)
+    if not gait_faults(piece) and not _steps(piece, (60, 160), (0.15, 2.5)):
         faults.append(
             "the gait is a normal one: step length, timing, width, lift, posture and arm swing are those of recorded walks"
         )
@@ -208,6 +223,28 @@ def _steps(seen: Evidence, cadence: tuple[float, float], speed: tuple[float, flo
     return faults
 
 
+def _too_short(seen: Evidence) -> list[str]:
+    extent_m = float(np.linalg.norm(np.ptp(seen.body["hips"][:, :2], axis=0)))
+    if seen.gait.steps >= 4 or extent_m >= LEAST_WALK * seen.body.leg_m:
+        return []
+    return [f"{seen.gait.steps} steps over {extent_m:.2f} m are no walk"]
+
+
+def _arms_rise(seen: Evidence) -> list[str]:
+    rise = wrists_rise(seen.body)
+    return [f"the wrists rise and fall by {rise:.2f} of the stature, as in a dance"] if rise > DANCES else []
+
+
+DANCES = 0.065
+"""Deviation of the wrists' heights over the stature of a dance; of a walk it is less."""
+
+
+def wrists_rise(body: Tracks) -> float:
+    """Standard deviation of the heights of the wrists over the hips, mean of both, over the stature."""
+    heights = [np.std(body[f"{side}_wrist"][:, 2] - body["hips"][:, 2]) for side in ("left", "right")]
+    return float(np.mean(heights)) / body.stature_m
+
+
 def _no_flight(seen: Evidence) -> list[str]:
     fraction = float(airborne(seen.body).mean())
     return (
@@ -231,7 +268,13 @@ def _running(seen: Evidence) -> list[str]:
     return faults or ["nobody runs: the hips go nowhere at 0.9 m/s or more"]
 
 
+RUNS_MPS = 1.4
+"""Speed from one place to another from which flights are those of a run."""
+
+
 def _jumping(seen: Evidence) -> list[str]:
+    if seen.gait.net_mps > RUNS_MPS and not _running(seen):
+        return [f"it runs at {seen.gait.net_mps:.1f} m/s"]
     flights = flights_s(seen.body)
     longest = max((duration for _, duration, _ in flights), default=0.0)
     rise = max((rise for *_, rise in flights), default=0.0) / seen.body.stature_m
@@ -249,12 +292,18 @@ def _sitting(seen: Evidence) -> list[str]:
     stays = spans(seat, gap=round(0.1 * RATE_HZ), least=round(0.4 * RATE_HZ))
     if not stays:
         return [f"the hips never rest at a seat's height: lowest at {seen.hips.min():.2f} of the leg's length"]
+    if seen.seated_s("ankles") < LEAST_SEATED_S and seen.hips.min() > LYING:
+        return [f"the feet carry the body all the time: nothing else does for {LEAST_SEATED_S:g} s"]
     if seen.hips.max() < STANDING and not (seen.hips < SEATED).all():
         return [
             f"nobody sits down or stands up: hips between {seen.hips.min():.2f} and {seen.hips.max():.2f} of the "
             "leg's length"
         ]
     return []
+
+
+LEAST_SEATED_S, LONGEST_FALL_BACK_S = 0.3, 0.6
+"""Least time in which something else than the feet carries one who sits, and the longest in one who bends or squats."""
 
 
 def _bending(seen: Evidence) -> list[str]:
@@ -269,6 +318,11 @@ def _bending(seen: Evidence) -> list[str]:
         greatest = float(angle_deg(body.trunk, UP).max())
         return [f"the trunk bends by {greatest:.0f} degrees at most, and nobody squats or stretches"]
     feet = body["ankles"][:, :2]
+    seated_s = seen.seated_s("left_ankle", "right_ankle")
+    if seated_s > LONGEST_FALL_BACK_S:
+        return [f"a seat or the floor carries the body for {seated_s:.1f} s"]
+    if not _jumping(seen):
+        return ["it is a jump"]
     gone = min(float(np.linalg.norm(feet[stop - 1] - feet[start])) for start, stop in found)
     return [f"the feet go on by {gone:.2f} m during it"] if gone > 0.5 * body.leg_m else []
 
@@ -280,17 +334,17 @@ def _dancing(seen: Evidence) -> list[str]:
     arms = np.mean(
         [np.linalg.norm(rate_of(body[f"{side}_wrist"] - body["shoulders"]), axis=-1).mean() for side in sides]
     )
-    heights = np.mean([np.std(body[f"{side}_wrist"][:, 2] - body["hips"][:, 2]) for side in sides]) / body.stature_m
+    heights = wrists_rise(body)
     legs = np.mean([np.linalg.norm(rate_of(body[f"{side}_ankle"]), axis=-1).mean() for side in sides])
     angle = np.unwrap(np.arctan2(body.facing[:, 1], body.facing[:, 0]))
-    if arms < 0.3 and heights < 0.03 and np.ptp(angle) < math.pi:
+    if heights < (0.03 if arms > 0.3 and _jumping(seen) and _walking(seen) else DANCES) and np.ptp(angle) < math.pi:
         faults.append(f"the arms move at {arms:.2f} m/s only and the body does not turn")
     if legs < 0.12:
         faults.append(f"the feet move at {legs:.2f} m/s only")
     if heights < 0.03 and seen.gait.net_mps > 0.8 * seen.gait.speed_mps > 0.3:
         faults.append(f"it goes straight on at {seen.gait.net_mps:.2f} m/s with hanging arms: a walk")
-    if seen.gait.net_mps > 2.0:
-        faults.append(f"it travels at {seen.gait.net_mps:.2f} m/s")
+    if seen.gait.speed_mps > RUNS_MPS:
+        faults.append(f"it travels at {seen.gait.speed_mps:.2f} m/s")
     return faults
 
 
