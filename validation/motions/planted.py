@@ -88,7 +88,9 @@ def told(what: str, reasons: list[tuple[str, ...]]) -> None:
     """How many are refused, and the commonest reasons."""
     words = Counter(" ".join(each.split()[:5]) for some in reasons for each in some)
     refused = sum(map(bool, reasons))
-    print(f"{what}: {refused} of {len(reasons)} refused ({refused / max(len(reasons), 1):.1%}) {dict(words.most_common(4))}")
+    print(
+        f"{what}: {refused} of {len(reasons)} refused ({refused / max(len(reasons), 1):.1%}) {dict(words.most_common(4))}"
+    )
 
 
 def main() -> None:
@@ -113,7 +115,9 @@ def main() -> None:
         told(f"planted {name}", [check_motion(fault(each, rng)).reasons for each in sound])
     for activity, sentence in SENTENCES.items():
         plain = [motion_from_text(sentence, seed=seed) for seed in range(options.n)]
-        wrong = [check_motion(each, expected=asked).reasons for asked in ACTIVITIES if asked != activity for each in plain]
+        wrong = [
+            check_motion(each, expected=asked).reasons for asked in ACTIVITIES if asked != activity for each in plain
+        ]
         told(f"planted wrong class, {activity}", wrong)
     gentle = [check_motion(mild(number, rng), expected="abnormal_walking").reasons for number in range(options.n)]
     told("planted too mild", gentle)
