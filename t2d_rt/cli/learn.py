@@ -15,7 +15,7 @@ from t2d_rt.core.progress import ProgressBar
 
 if TYPE_CHECKING:
     from t2d_rt.dataset import Dataset
-    from t2d_rt.learn import LabelledMaps, Scores
+    from t2d_rt.learn import Ensemble, LabelledMaps, Scores
     from t2d_rt.learn.saved_models import Card
 
 PICTURES = "confusion.png", "reliability.png"
@@ -129,13 +129,26 @@ def _sides(dataset: Dataset, by: str, split: str | None, seed: int) -> dict[str,
 
 def _about(dataset: Dataset, parts: Mapping[str, np.ndarray], by: str) -> dict[str, Any]:
     """What the card tells of the data, for evaluation and prediction to compare with."""
+    from t2d_rt.signal.doppler import checked_windows
+
     recipe, known = dataset.recipe, np.concatenate([parts["train"], parts["val"]])
     radars = [recipe.radar if each.radar is None else each.radar for each in recipe.conditions]
+    cells = {
+        float(
+            np.diff(
+                radar.speed_axis_mps(
+                    checked_windows(radar, round(recipe.duration_s * radar.prf_hz), None, None, None)[2]
+                )[:2]
+            )[0]
+        )
+        for radar in (each.separated for each in radars)
+    }
     return {
         "recipe": recipe.name,
         "recipe_hash": recipe.hash,
         "split": by,
         "mti": _mti_of(dataset),
+        "cells_mps": sorted(cells),
         "carriers_hz": sorted({each.carrier_hz for each in radars}),
         "indices": {name: dataset.indices[places].tolist() for name, places in parts.items()},
         "descriptions": sorted({str(dataset.records[place]["sentence"]) for place in known}),
@@ -145,20 +158,23 @@ def _about(dataset: Dataset, parts: Mapping[str, np.ndarray], by: str) -> dict[s
 def evaluate(
     files: list[str] | None = None, model: str | None = None, output: str | None = None, overwrite: bool = False
 ) -> None:
-    """Tests a model that t2d-rt train wrote: on the side test of the data set that it was trained on, or on all of another one.
+    """Tests a model that t2d-rt train wrote on any labelled maps, or on a recording whose motions tell what is done when. Of the
+    data set that it was trained on, only the side test is taken.
 
-    files: folder of a data set.
-    model: folder that t2d-rt train wrote.
+    files: a data set, an .npz or HDF5 file, a folder of pictures or point clouds by class, or a simulated recording (.zarr). A
+        card beside it, card.yaml or FILE.card.yaml, tells what the files do not (docs/transfer.md).
+    model: folder that t2d-rt train wrote, or several by commas.
     output: folder for confusion and reliability as pictures; none by default.
 
     examples:
       t2d-rt evaluate small --model resnet -o figures            # on the samples that were kept apart when it was trained
       t2d-rt evaluate other --model resnet                       # on all of another data set of the same classes and speeds
+      t2d-rt evaluate real.npz --model resnet                    # on recordings of a radar
+      t2d-rt evaluate minute.zarr --model resnet                 # windows and events of a recording of one thing after another
     """
-    from t2d_rt.dataset import Dataset
-    from t2d_rt.learn import load_model, maps_of, scores_of
+    from t2d_rt.learn import scores_of
 
-    source = _one(files, "evaluate", "the folder of a data set")
+    source = _one(files, "evaluate", "labelled data or a recording")
     if model is None:
         raise InputError("evaluate needs --model, the folder that t2d-rt train wrote")
     pictures = None if output is None else Path(output)
@@ -167,27 +183,90 @@ def evaluate(
     if pictures is not None and pictures.is_dir():
         for name in PICTURES:
             check_picture(pictures / name, overwrite=overwrite)
-    known = load_model(model)
-    card, data = known.card, Dataset(source)
-    speeds = _speeds_of(data, card)
-    maps = maps_of(data, size=card.size, dynamic_range_db=card.dynamic_range_db, speeds_mps=speeds)
-    _check_like(source, maps, data, card)
-    if card.about.get("recipe_hash") == data.recipe.hash:
-        maps = maps.take(data.positions(_kept_apart(card, model)))
-        what = f"the test of the split by {card.about.get('split', 'unknown')}"
+    known = _networks(model)
+    if Path(source).suffix.lower() == ".zarr":
+        what, probabilities, labels = _windows_and_events(source, known)
     else:
-        _warn_of_seen(source, maps, card)
-        what = "all samples, of another recipe than it was trained on"
-    scores = scores_of(known.probabilities(maps.levels), maps.labels)
-    say(f"{card.model} on {what}: {_told(scores)}")
-    for number, name in enumerate(maps.classes):
+        maps, what = _labelled(source, known.card, model)
+        probabilities, labels = known.probabilities(maps.levels), maps.labels
+    scores, title = scores_of(probabilities, labels), ", ".join(each.card.model for each in known.members)
+    say(f"{title} on {what}: {_told(scores)}")
+    for number, name in enumerate(known.card.classes):
         row = scores.confusion[number]
         if row.sum():
             say(f"  {name:18}{100 * row[number] / row.sum():4.0f} % of {row.sum()}")
     if pictures is not None:
-        title = f"{card.model} on {data.recipe.name}"
-        _write_scores(made_folder(pictures), scores, maps.classes, title, overwrite=overwrite)
+        title = f"{title} on {Path(source).name}"
+        _write_scores(made_folder(pictures), scores, known.card.classes, title, overwrite=overwrite)
         say(f"wrote {pictures}")
+
+
+def _networks(model: str) -> Ensemble:
+    """Networks by their folders; a folder that has a comma in its name is one."""
+    from t2d_rt.learn import Ensemble, load_model
+
+    folders = [model] if Path(model).is_dir() else [each.strip() for each in model.split(",")]
+    return Ensemble(tuple(load_model(each) for each in folders))
+
+
+def _windows_and_events(source: str, known: Ensemble) -> tuple[str, np.ndarray, np.ndarray]:
+    """What is tested, and probabilities and labels of the windows of a recording; tells of its events."""
+    from t2d_rt.learn.prediction import events_of, labels_of_windows
+    from t2d_rt.learn.prediction import predict as predicted
+    from t2d_rt.learn.scores import event_scores
+    from t2d_rt.recording.read import load_recording
+
+    recording, classes = load_recording(source), known.card.classes
+    events = events_of(recording, classes)
+    if not events:
+        raise InputError(
+            f"nothing tells when a person of {source} does one of {', '.join(classes)}; simulate motions of sentences"
+        )
+    found = predicted(known, recording)
+    duration_s = float(found.starts_s[-1]) + found.duration_s
+    scores = event_scores([(events, found.pieces())], len(classes), duration_s)
+    say(
+        f"events: F1 {scores.f1:.2f} (overlap of a half), "
+        f"{scores.found.sum()} of {scores.true.sum()} found, {scores.told.sum()} told"
+    )
+    if len(scores.delays_s):
+        say(f"  told to begin {np.median(scores.delays_s):.2f} s later than they do, in the median")
+    for name, each in zip(classes, scores.false_alarms_per_hour, strict=True):
+        if each:
+            say(f"  {name:18}{each:6.0f} times an hour where there is none")
+    labels = labels_of_windows(events, found.starts_s, found.duration_s, len(classes))
+    return "windows", found.probabilities[labels >= 0], labels[labels >= 0]
+
+
+def _labelled(source: str, card: Card, model: str) -> tuple[LabelledMaps, str]:
+    """Maps on the axes of a model with labels of its classes, and what they are."""
+    from t2d_rt.dataset import Dataset
+    from t2d_rt.dataset.shards import RECIPE
+    from t2d_rt.learn import maps_of
+    from t2d_rt.learn.adapters import AdapterOptions, read_real
+
+    if not (Path(source) / RECIPE).is_file():
+        low, high = card.speeds_mps
+        axes = AdapterOptions(
+            size=card.size, speed_mps=max(-low, high), cut_mps=(low, high), duration_s=card.duration_s,
+            dynamic_range_db=card.dynamic_range_db,
+        )  # fmt: skip
+        real = read_real(source, options=axes)
+        maps = real.maps.resized(card.size, (low, high))  # of what has axes of its own
+        _check_like(source, maps, real.mti, card)
+        for each in card.unfamiliar(source, carrier_hz=real.carrier_hz, levels=maps.levels):
+            warn(each)
+        return maps.relabelled(card.classes), f"{len(maps)} maps by the adapter {real.adapter}"
+    data = Dataset(source)
+    maps = maps_of(data, size=card.size, dynamic_range_db=card.dynamic_range_db, speeds_mps=_speeds_of(data, card))
+    _check_like(source, maps, _mti_of(data), card)
+    if card.about.get("recipe_hash") == data.recipe.hash:
+        kept = maps.take(data.positions(_kept_apart(card, model)))
+        return kept.relabelled(card.classes), f"the test of the split by {card.about.get('split', 'unknown')}"
+    _warn_of_seen(source, maps, card)
+    for each in card.unfamiliar(source, levels=maps.levels):
+        warn(each)
+    return maps.relabelled(card.classes), "all samples, of another recipe than it was trained on"
 
 
 def _kept_apart(card: Card, folder: str) -> list[int]:
@@ -217,11 +296,13 @@ def _speeds_of(dataset: Dataset, card: Card) -> tuple[float, float]:
     return own
 
 
-def _check_like(source: str, maps: LabelledMaps, dataset: Dataset, card: Card) -> None:
+def _check_like(source: str, maps: LabelledMaps, mti: str | None, card: Card) -> None:
     """Refuses maps of other classes, speeds, duration or treatment of static echoes than those of the training."""
-    if maps.classes != card.classes:
+    unknown = [name for name in maps.classes if name not in card.classes]
+    if unknown:
         raise InputError(
-            f"{source} has the classes {', '.join(maps.classes)}, the model {', '.join(card.classes)}; take a like data set"
+            f"{source} has the classes {', '.join(maps.classes)}, the model {', '.join(card.classes)}; take a like data set, or "
+            "say on its card which label is which class"
         )
     cell = card.axis_mps[1] - card.axis_mps[0]
     if abs(maps.velocity_mps - card.axis_mps).max() > cell:
@@ -234,8 +315,8 @@ def _check_like(source: str, maps: LabelledMaps, dataset: Dataset, card: Card) -
             f"the maps of {source} cover {maps.duration_s:.3g} s, those of the training {card.duration_s:.3g} s; "
             "make it with the same duration_s"
         )
-    mti, known = _mti_of(dataset), card.about.get("mti")
-    if known is not None and mti != known:
+    known = card.about.get("mti")
+    if known is not None and mti is not None and mti != known:
         raise InputError(
             f"{source} was made with mti {mti}, the model was trained with {known}; make it with the same mti"
         )
@@ -274,7 +355,6 @@ def predict(
       t2d-rt predict walk.zarr --model one,two,three              # probabilities are means over several networks
       t2d-rt predict capture.npy --radar my_radar.yaml --model resnet --step-s 0.5 -o capture.png
     """
-    from t2d_rt.learn import Ensemble, load_model
     from t2d_rt.learn import predict as predicted
     from t2d_rt.recording.read import load_recording
 
@@ -283,9 +363,7 @@ def predict(
         raise InputError("predict needs --model, the folder that t2d-rt train wrote")
     picture = Path(output) if output else source.with_name(f"{source.stem}_classes.png")
     check_picture(picture, overwrite=overwrite)
-    # A folder that has a comma in its name is one.
-    folders = [model] if Path(model).is_dir() else [each.strip() for each in model.split(",")]
-    networks = Ensemble(tuple(load_model(each) for each in folders))
+    networks = _networks(model)
     from t2d_rt.learn.figures import prediction_figure
 
     recording = load_recording(source, **capture)

@@ -22,6 +22,8 @@ DYNAMIC_RANGE_DB = 60.0
 LEAST_SHARED = 0.95
 """Part of the span from the lowest to the highest speed of any map that all maps of a data set must cover."""
 LARGEST = 4096
+AT_ONCE = 64
+"""Maps that are checked at once."""
 LEAST_SPAN_DB = 1e-3
 """Least difference between the levels of a map that shows anything; rounding alone makes less [dB]."""
 
@@ -45,7 +47,7 @@ class LabelledMaps:
     """A name for each sample, by which it is found again."""
 
     def __post_init__(self) -> None:
-        levels = array("levels", self.levels, ("sample", "speed", "time"), hint="remove damaged samples first")
+        levels = checked_levels(self.levels)
         count, speeds, times = levels.shape
         if count == 0 or speeds < 2 or times < 2:
             raise InputError(f"levels must hold a sample and two cells or more along each axis, got {levels.shape}")
@@ -68,7 +70,7 @@ class LabelledMaps:
         if len(self.names) != count:
             raise InputError(f"names must be {count}, one for each map, got {len(self.names)}")
         positive("duration_s", self.duration_s, unit="s")
-        object.__setattr__(self, "levels", np.ascontiguousarray(levels, dtype=np.float32))
+        object.__setattr__(self, "levels", levels)
         object.__setattr__(self, "labels", labels.astype(np.int64))
         object.__setattr__(self, "velocity_mps", velocity)
         object.__setattr__(self, "groups", groups)
@@ -120,14 +122,28 @@ class LabelledMaps:
             names=tuple(self.names[place] for place in chosen),
         )
 
-    def resized(self, size: tuple[int, int]) -> LabelledMaps:
-        """Maps of another size: powers are averaged over what a cell covers, 0 dB is their greatest cell again."""
-        wanted = checked_size(size)
-        if wanted == self.size:
+    def resized(self, size: tuple[int, int], speeds_mps: tuple[float, float] | None = None) -> LabelledMaps:
+        """Maps of another size: powers are averaged over what a cell covers, 0 dB is their greatest cell again.
+
+        speeds_mps: outer edges of the lowest and the highest speed that they show then; by default those of now.
+        """
+        wanted, (low, high) = checked_size(size), edges(self.velocity_mps)
+        first, last = speeds_mps or (low, high)
+        if wanted == self.size and max(abs(first - low), abs(last - high)) < 1e-3 * (high - low) / wanted[0]:
             return self
         floor_db = float(self.levels.min())
-        levels = np.stack([relative_levels(10.0 ** (each / 10.0), wanted, -floor_db) for each in self.levels])
-        return replace(self, levels=levels, velocity_mps=axis(edges(self.velocity_mps), wanted[0]))
+        rows = (first - low) / (high - low), (last - low) / (high - low)
+        levels = np.stack([relative_levels(10.0 ** (each / 10.0), wanted, -floor_db, rows) for each in self.levels])
+        return replace(self, levels=levels, velocity_mps=axis((first, last), wanted[0]))
+
+    def relabelled(self, classes: Sequence[str], of: Mapping[str, str] | None = None) -> LabelledMaps:
+        """The samples of these classes, in this order; of: the new name of each class that is kept, its own by default."""
+        of = {name: name for name in self.classes if name in classes} if of is None else of
+        numbers = np.array([classes.index(of[name]) if name in of else -1 for name in self.classes])[self.labels]
+        if not (numbers >= 0).any():
+            raise InputError(f"there is no sample of {', '.join(classes)} among those of {', '.join(self.classes)}")
+        kept = self.take(np.flatnonzero(numbers >= 0))
+        return replace(kept, labels=numbers[numbers >= 0], classes=tuple(classes))
 
     def joined(self, *others: LabelledMaps) -> LabelledMaps:
         """These maps and those of others of the same classes and axes; a group that some lack holds each of their samples alone."""
@@ -228,6 +244,17 @@ def groups_of(records: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
         "seed": np.array([str(each["seed"]) for each in records]),
         "clip": clips,
     }
+
+
+def checked_levels(given: Any) -> np.ndarray:
+    """Levels (sample, speed, time), float32; those that are stored so, as in a file of many gigabytes, are not copied."""
+    hint = "remove damaged samples first"
+    shape = "sample", "speed", "time"
+    if not (isinstance(given, np.ndarray) and given.dtype == np.float32 and given.ndim == len(shape)):
+        return np.ascontiguousarray(array("levels", given, shape, hint=hint), dtype=np.float32)
+    for start in range(0, len(given), AT_ONCE):
+        array("levels", given[start : start + AT_ONCE], shape, hint=hint)
+    return np.ascontiguousarray(given)
 
 
 def relative_levels(

@@ -14,6 +14,8 @@ from t2d_rt.core.errors import InputError, warn
 from t2d_rt.dataset.products import averaging
 from t2d_rt.learn.maps import check_varied, relative_levels
 from t2d_rt.learn.saved_models import Card, Ensemble, SavedModel
+from t2d_rt.learn.scores import Event
+from t2d_rt.motion.descriptions.slots import ACTIONS_OF
 from t2d_rt.recording.recording import Recording
 
 STEPS, MOST_STEPS = 10, 200
@@ -28,8 +30,9 @@ LEAST = 0.8
 """The part of a window that an activity lasts at least, by default."""
 APART = 1e-3
 """The part of a step by which windows begin apart at least: a recording as long as a window, but for rounding, makes one window."""
-BAND = 0.1
-"""Relative difference of carriers from which a recording counts as of another band."""
+OVER_NOISE, BEYOND = 20.0, 0.01
+"""How far above the median cell an echo is for certain, as a factor: one cell of noise in a million is. And the part of the power
+in echoes at speeds that the training does not show, from which that is told."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,8 +88,8 @@ class Prediction:
         least = math.ceil(self.least_s * count / (last - first) - APART)
         return instants_s, likeliest_course(self.probabilities, self.middles_s, self.duration_s, edges_s, least)
 
-    def pieces(self) -> list[tuple[float, float, int]]:
-        """Beginning and end [s] of each activity of the course, and the number of its class."""
+    def pieces(self) -> list[Event]:
+        """Each activity of the course."""
         instants_s, found = self.course()
         changes = np.flatnonzero(np.diff(found)) + 1
         edges_s = [
@@ -95,7 +98,7 @@ class Prediction:
             self.starts_s[-1] + self.duration_s,
         ]
         return [
-            (float(begin), float(end), int(found[at]))
+            Event(float(begin), float(end), int(found[at]))
             for begin, end, at in zip(edges_s[:-1], edges_s[1:], [0, *changes], strict=True)
         ]
 
@@ -108,14 +111,14 @@ def predict(
     step_s: from one window to the next, a two-hundredth of a window or more; a tenth by default.
     least_s: what an activity lasts at least; 0.8 of a window by default, and 0 takes each window for itself.
 
-    Raises InputError where the recording is shorter than half a window or shows other speeds than the training; warns of another
-    carrier, and of a recording that is shorter than a window.
+    Raises InputError where the recording is shorter than half a window or shows other speeds than the training; warns of what the
+    model was not trained for: another carrier, Doppler resolution or contrast, power at other speeds, less than a window.
     """
     duration_s = model.card.duration_s
     step_s = duration_s / STEPS if step_s is None else number("step_s", step_s, duration_s / MOST_STEPS, 1e4, unit="s")
     least_s = LEAST * duration_s if least_s is None else number("least_s", least_s, 0.0, 1e4, unit="s")
     whole = model if isinstance(model, Ensemble) else Ensemble((model,))
-    starts_s, maps = windows_of(whole, recording, step_s)
+    starts_s, maps = windows_of([each.card for each in whole.members], recording, step_s)
     length_s = float(starts_s[-1] - starts_s[0]) + duration_s
     if least_s > length_s * (1 + APART):
         raise InputError(
@@ -132,16 +135,44 @@ def predict(
     )
 
 
-def windows_of(model: Ensemble, recording: Recording, step_s: float) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Starts of the windows [s] and for each network its maps (W, speed, time), static echoes taken away as for the training.
+def events_of(recording: Recording, classes: Sequence[str]) -> list[Event]:
+    """What the persons of a simulated recording do, as events of these classes, by person and time.
+
+    An action is of the class of its name, or else of the one to which the descriptions' grammar counts it, as sitting down and
+    standing up to sitting; what is of neither is no event. Actions of one class that follow one another are one event.
+    """
+    numbers: dict[str, int] = {
+        action: classes.index(name) for name, actions in ACTIONS_OF.items() if name in classes for action in actions
+    }
+    numbers |= {name: number for number, name in enumerate(classes)}
+    found: list[Event] = []
+    before = None
+    for person, activity, begin_s, end_s in recording.activities:
+        label = numbers.get(activity)
+        if label is not None and (person, begin_s, label) == before:
+            found[-1] = found[-1]._replace(end_s=end_s)
+        elif label is not None:
+            found.append(Event(begin_s, end_s, label))
+        before = person, end_s, label
+    return found
+
+
+def labels_of_windows(events: Sequence[Event], starts_s: np.ndarray, duration_s: float, classes: int) -> np.ndarray:
+    """Number of the class that lasts for most of each window, (W,); -1 where there is none in it."""
+    shared = np.zeros((len(starts_s), classes))
+    for begin_s, end_s, label in events:
+        shared[:, label] += np.maximum(np.minimum(starts_s + duration_s, end_s) - np.maximum(starts_s, begin_s), 0.0)
+    return np.where(shared.any(axis=1), shared.argmax(axis=1), -1)
+
+
+def windows_of(cards: Sequence[Card], recording: Recording, step_s: float) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Starts of the windows [s] and for each card its maps (W, speed, time), static echoes taken away as for the training.
 
     Where the mean is taken away it is that of each window, as it was that of each record of the training: somebody who rests in one
     part of a long recording would be a static echo in all of it. Cells of the maps are means over what they cover of the
     recording's cells. A recording that is shorter than a window makes one, which goes on at the recording's floor.
     """
-    cards = [each.card for each in model.members]
-    card = model.card
-    _warn_of_carrier(recording.radar.carrier_hz, cards)
+    card = cards[0]
     whole = _Columns.of(recording.processed(mti=_mti(card)))
     _check_speeds(whole, card)
     last = _last_start_s(whole, card)
@@ -163,17 +194,35 @@ def windows_of(model: Ensemble, recording: Recording, step_s: float) -> tuple[np
             maps[kind].append(relative_levels(power, each.size, each.dynamic_range_db))
             check_varied(maps[kind][-1], f"the window of the recording from {start + whole.times[0]:.3g} s")
     stacked = {kind: np.stack(each) for kind, each in maps.items()}
+    found = [
+        sentence
+        for each in cards
+        for sentence in each.unfamiliar(
+            "the recording", carrier_hz=recording.radar.carrier_hz, cell_mps=float(np.diff(whole.speeds[:2])[0]),
+            levels=stacked[each.size, each.velocity_mps, each.dynamic_range_db],
+        )
+    ]  # fmt: skip
+    for sentence in dict.fromkeys(found):
+        warn(sentence)
     return starts + whole.times[0], [stacked[each.size, each.velocity_mps, each.dynamic_range_db] for each in cards]
 
 
 def _check_speeds(whole: _Columns, card: Card) -> None:
-    """Refuses a recording that does not cover the speeds of the training."""
+    """Refuses a recording that does not cover the speeds of the training, and warns of one that shows others as well."""
     new = _edges(card.axis_mps)
     bin_mps = whole.speeds[1] - whole.speeds[0]
     if new[0] < whole.speeds[0] - bin_mps or new[-1] > whole.speeds[-1] + bin_mps:
         raise InputError(
             f"the recording shows {whole.speeds[0]:.3g} to {whole.speeds[-1]:.3g} m/s, the model was trained on {new[0]:.3g} to "
             f"{new[-1]:.3g} m/s; record with a higher chirp rate, or train on a recipe whose speed_mps is lower"
+        )
+    echoes = np.where(whole.power > OVER_NOISE * np.median(whole.power), whole.power, 0.0).sum(axis=1)
+    inside = (whole.speeds[1:] > new[0]) & (whole.speeds[:-1] < new[-1])
+    beyond = float(echoes[~inside].sum() / max(whole.power.sum(), 1e-300))
+    if beyond > BEYOND:
+        warn(
+            f"{100 * beyond:.0f} % of the recording's power is at speeds beyond {new[0]:.3g} to {new[-1]:.3g} m/s, which the model "
+            "does not see; train on a recipe whose speed_mps is higher"
         )
 
 
@@ -250,17 +299,6 @@ def _piece(recording: Recording, start_s: float, duration_s: float, length_s: fl
 def _mti(card: Card) -> Literal["mean", "none"]:
     """How static echoes were taken away for the training; the mean, where the card does not tell."""
     return "none" if card.about.get("mti") == "none" else "mean"
-
-
-def _warn_of_carrier(carrier_hz: float, cards: Sequence[Card]) -> None:
-    """Warns of another band than a training's: at the same speeds it has another Doppler resolution and other scattering."""
-    for known in dict.fromkeys(tuple(map(float, card.about.get("carriers_hz", []))) for card in cards):
-        if known and min(abs(carrier_hz - each) / each for each in known) > BAND:
-            told = ", ".join(f"{each / 1e9:g}" for each in known)
-            warn(
-                f"the recording is of {carrier_hz / 1e9:g} GHz, the model was trained on {told} GHz; its maps differ in Doppler "
-                "resolution, so do not trust the classes before a test at this carrier"
-            )
 
 
 def _edges(centres: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
 
-from t2d_rt.core.checks import file_path, positive, shown
+from t2d_rt.core.checks import file_path, interval, positive, shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_bytes
 from t2d_rt.learn.maps import LabelledMaps, checked_classes, checked_size
@@ -29,6 +29,17 @@ MOST_BYTES = 2_000_000_000
 PICKLES = b"PK", b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05"
 """How files of torch.save and of pickle begin."""
 BATCH = 64
+BAND = 0.1
+"""Relative difference of carriers from which a recording counts as of another band."""
+CELLS = 1.5
+"""Ratio of Doppler cells from which a recording counts as of another resolution."""
+RANGE, CONTRAST_DB = (0.05, 0.95), 3.0
+"""Quantiles of the contrasts of the training that a card tells, and by how much others may lie beyond [dB]."""
+
+
+def contrasts_db(levels: np.ndarray) -> np.ndarray:
+    """How far the greatest cell of each map lies above the median of all of its cells, which is mostly noise [dB], (N,)."""
+    return -np.median(levels, axis=(1, 2))
 
 
 Seconds = Annotated[Number, Field(gt=0)]
@@ -56,8 +67,11 @@ class Card(Fields):
         """Refuses speeds that do not rise, and an account of the training that cannot be what it is used for."""
         if not self.velocity_mps[0] < self.velocity_mps[1]:
             raise InputError("velocity_mps must rise")
-        for each in self.about.get("carriers_hz", []):
-            positive("carriers_hz", each, unit="Hz")
+        for name, unit in (("carriers_hz", "Hz"), ("cells_mps", "m/s")):
+            for each in self.about.get(name, []):
+                positive(name, each, unit=unit)
+        if "contrast_db" in self.about:
+            interval("contrast_db", self.about["contrast_db"], unit="dB")
         if self.about.get("mti", "mean") not in (None, "mean", "none"):
             raise InputError(f"mti must be mean or none, got {shown(self.about['mti'])}")
         if not all(isinstance(each, str) for each in self.about.get("descriptions", [])):
@@ -68,7 +82,7 @@ class Card(Fields):
     def of(
         cls, model: str, maps: LabelledMaps, dynamic_range_db: float, *, seed: int, about: Mapping[str, Any]
     ) -> Card:
-        """The card of a network for such maps."""
+        """The card of a network for such maps, which tells their contrast as well."""
         return cls(
             model=model,
             classes=maps.classes,
@@ -77,8 +91,45 @@ class Card(Fields):
             duration_s=maps.duration_s,
             dynamic_range_db=dynamic_range_db,
             seed=seed,
-            about=about,
+            about={"contrast_db": np.quantile(contrasts_db(maps.levels), RANGE).round(2).tolist(), **about},
         )
+
+    def unfamiliar(
+        self,
+        what: str,
+        *,
+        carrier_hz: float | None = None,
+        cell_mps: float | None = None,
+        levels: np.ndarray | None = None,
+    ) -> list[str]:
+        """Sentences on what the network was not trained for: another carrier, Doppler resolution or noise. What the card does not
+        tell is no matter.
+
+        what: what is told of, as "the recording"; levels: its maps, (N, speed, time) [dB below the greatest cell of each].
+        """
+        found = []
+        carriers = [float(each) for each in self.about.get("carriers_hz", [])]
+        if carrier_hz is not None and carriers and min(abs(carrier_hz / each - 1) for each in carriers) > BAND:
+            known = ", ".join(f"{each / 1e9:g}" for each in carriers)
+            found.append(
+                f"{what} is of {carrier_hz / 1e9:g} GHz, the model was trained on {known} GHz; its maps differ in Doppler "
+                "resolution, so do not trust the classes before a test at this carrier"
+            )
+        cells = [float(each) for each in self.about.get("cells_mps", [])]
+        if cell_mps is not None and cells and not min(cells) / CELLS < cell_mps < max(cells) * CELLS:
+            found.append(
+                f"{what} has Doppler cells of {cell_mps:.3g} m/s, those of the training {min(cells):.3g} to {max(cells):.3g} m/s; "
+                "choose n_window so that they are alike"
+            )
+        span = self.about.get("contrast_db")
+        if levels is not None and len(levels) and span is not None:
+            contrast = float(np.median(contrasts_db(levels)))
+            if not span[0] - CONTRAST_DB < contrast < span[1] + CONTRAST_DB:
+                found.append(
+                    f"the greatest cells of {what} are {contrast:.0f} dB above the median of all, in nine of ten maps of the "
+                    f"training {span[0]:.0f} to {span[1]:.0f} dB; train on maps of such noise"
+                )
+        return found
 
     def with_about(self, **more: Any) -> Card:
         """The same card that tells more."""

@@ -1,8 +1,10 @@
-"""How well probabilities agree with labels: accuracy, macro-F1, confusion, calibration."""
+"""How well probabilities agree with labels: accuracy, macro-F1, confusion, calibration; and how well events over time do."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -68,3 +70,74 @@ def scores_of(probabilities: np.ndarray, labels: np.ndarray) -> Scores:
         calibration_error=float(error),
         reliability=reliability,
     )
+
+
+class Event(NamedTuple):
+    """A class over an interval of a recording."""
+
+    begin_s: float
+    end_s: float
+    label: int
+    """Number of the class."""
+
+    def shared_s(self, other: Event) -> float:
+        """Time that both last [s]; below 0 where they are apart."""
+        return min(self.end_s, other.end_s) - max(self.begin_s, other.begin_s)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EventScores:
+    """How well events that were told agree with those that were."""
+
+    f1: float
+    """2 found / (told + true), over all classes and recordings."""
+    found: np.ndarray
+    """Events of each class that were found, (K,)."""
+    told: np.ndarray
+    true: np.ndarray
+    delays_s: np.ndarray
+    """By how much later than it was each found event is told to begin [s]."""
+    false_alarms: np.ndarray
+    """Told events of each class that share no time with one of it, (K,)."""
+    hours: float
+    """Duration of the recordings."""
+
+    @property
+    def false_alarms_per_hour(self) -> np.ndarray:
+        """Of each class, (K,)."""
+        return self.false_alarms / self.hours
+
+
+def event_scores(
+    pairs: Sequence[tuple[Sequence[Event], Sequence[Event]]], classes: int, duration_s: float, *, overlap: float = 0.5
+) -> EventScores:
+    """Scores of recordings, each with the events that were and those that were told; so many seconds in all.
+
+    overlap: a told event finds a true one of its class if the time that both last is at least so much of the time that either
+        lasts. Each finds one at most: those of the greatest overlap first (the F1@50 of Lea et al., CVPR 2017, for a half).
+    """
+    found, false, delays = np.zeros(classes, int), np.zeros(classes, int), []
+    counts = np.zeros((2, classes), int)
+    for sides in pairs:
+        for count, side in zip(counts, sides, strict=True):
+            np.add.at(count, [each.label for each in side], 1)
+        true, told = sides
+        alike = [(a, b, one.shared_s(other)) for a, one in enumerate(true) for b, other in enumerate(told)
+                 if one.label == other.label and one.shared_s(other) > 0]  # fmt: skip
+        for b in set(range(len(told))) - {b for _, b, _ in alike}:
+            false[told[b].label] += 1
+        parts = [
+            (both_s / (max(true[a].end_s, told[b].end_s) - min(true[a].begin_s, told[b].begin_s)), a, b)
+            for a, b, both_s in alike
+        ]
+        free, unused = set(range(len(true))), set(range(len(told)))
+        for part, a, b in sorted(parts, reverse=True):
+            if part >= overlap and a in free and b in unused:
+                free.remove(a)
+                unused.remove(b)
+                found[true[a].label] += 1
+                delays.append(told[b].begin_s - true[a].begin_s)
+    return EventScores(
+        f1=float(2 * found.sum() / max(counts.sum(), 1)), found=found, true=counts[0], told=counts[1], delays_s=np.array(delays),
+        false_alarms=false, hours=duration_s / 3600.0,
+    )  # fmt: skip

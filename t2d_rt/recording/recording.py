@@ -43,7 +43,7 @@ from t2d_rt.recording.maps import (
 )
 from t2d_rt.recording.parts import GROUPS, MOST_POSES, Parts, poses_of
 from t2d_rt.recording.path_table import checked_times, path_table
-from t2d_rt.recording.truth import prefixed, truth_table
+from t2d_rt.recording.truth import Doing, doings, prefixed, truth_table
 from t2d_rt.signal import point_cloud, range_doppler, range_profile, spectrogram
 from t2d_rt.signal.doppler import check_names, check_processing
 from t2d_rt.signal.multiplex import check_axes
@@ -270,6 +270,11 @@ class Recording:
         """As `truth`, at instants of the record (K,) [s]; docs/results-and-files.md explains the variables. Without `visible` the
         visible fractions, which take most of the time, are left out."""
         return truth_table(*self._set_up(times_s), visible=flag("visible", visible))
+
+    @property
+    def activities(self) -> list[Doing]:
+        """What each person does, by intervals of the record [s], as far as the motions tell it."""
+        return doings(self._set_up(None)[0])
 
     def _set_up(self, times_s: Any) -> tuple[Model, Accuracy, np.ndarray | None]:
         whole(self.settings)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -176,6 +177,27 @@ def persons(model: Model) -> list[Person]:
         elif isinstance(source, (MovingMesh, Ellipsoids)) and source.made and source.made.by in ("skin", "segments"):
             arguments: Mapping[str, Any] = source.made.arguments
             found.append(Person(number, arguments["motion"], arguments["body"]))
+    return found
+
+
+class Doing(NamedTuple):
+    """What a person does over an interval of a record."""
+
+    person: str
+    activity: str
+    begin_s: float
+    end_s: float
+
+
+def doings(model: Model) -> list[Doing]:
+    """What each person does and from when to when [s], as far as motions tell it, in order for each person."""
+    names, (first_s, last_s), found = target_names(model.modelled), model.span_s, []
+    for number, motion, _ in persons(model):
+        begins = [*motion.activities, ("", np.inf)]
+        for (activity, begin_s), (_, end_s) in pairwise(begins):
+            begin_s, end_s = max(begin_s - first_s, 0.0), min(end_s, last_s) - first_s
+            if end_s > begin_s:
+                found.append(Doing(names[number], activity, begin_s, end_s))
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dataset_folder import recipe, write_dataset
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.learn.adapters import AdapterOptions, read_real
 from t2d_rt.learn.adapters.parrad import BINS, FOUR, ROWS, ZERO_BIN
@@ -270,3 +272,86 @@ def test_hdf5_reads_the_same_or_names_the_extra(tmp_path: Path) -> None:
     maps = read_real(tmp_path / "maps.h5", "hdf5", AdapterOptions(size=(16, 12))).maps
     assert maps.classes == ("a", "b")
     assert maps.groups["event"].tolist() == ["1", "1", "2", "3"]
+
+
+def test_each_form_is_read_through_one_door_by_its_card(tmp_path: Path) -> None:
+    """A card tells what the files do not: labels, width of cells, columns a second, and which way positive speeds go."""
+    found = arrays()
+    del found["velocity_mps"], found["duration_s"]
+    np.savez(tmp_path / "maps.npz", **found)
+    options = AdapterOptions(size=(16, 12))
+    plain = read_real(tmp_path / "maps.npz", options=options)
+    assert plain.adapter == "npz"
+    card = tmp_path / "maps.npz.card.yaml"
+    card.write_text(
+        "classes: {a: walk, b: fall}\ncell_mps: 0.5\nrate_hz: 4\npositive: receding\ncarrier_hz: 60.0e+9\nmti: none\n"
+    )
+    real = read_real(tmp_path / "maps.npz", options=options)
+    assert (real.carrier_hz, real.mti, real.maps.classes) == (60e9, "none", ("walk", "fall"))
+    assert real.maps.duration_s == 3.0
+    np.testing.assert_allclose(real.maps.velocity_mps[[0, -1]], [-3.75, 3.75])
+    np.testing.assert_allclose(real.maps.levels, plain.maps.levels[:, ::-1])
+    slow = read_real(tmp_path / "maps.npz", options=replace(options, size=(8, 12), cut_mps=(-2.0, 2.0))).maps
+    np.testing.assert_allclose(slow.velocity_mps, real.maps.velocity_mps[4:12])
+    middle = real.maps.levels[:, 4:12]
+    np.testing.assert_allclose(slow.levels, middle - middle.max(axis=(1, 2), keepdims=True), atol=1e-4)
+    with pytest.raises(InputError, match=r"shows -4 to 4 m/s, and -5 to 5 m/s are wanted"):
+        read_real(tmp_path / "maps.npz", options=replace(options, cut_mps=(-5.0, 5.0)))
+    for text, told in (("sign: 1", "unknown name in .*card.yaml"), ("positive: up", "card.yaml: positive must be")):
+        card.write_text(text)
+        with pytest.raises(InputError, match=told):
+            read_real(tmp_path / "maps.npz", options=options)
+    radhar(tmp_path / "points" / "walk", "a.txt", -1.0)
+    radhar(tmp_path / "points" / "jack", "b.txt", 2.0)
+    (tmp_path / "points" / "card.yaml").write_text("speed_mps: 4\nduration_s: 2\npositive: approaching\n")
+    points = read_real(tmp_path / "points", options=options).maps
+    walks = points.levels[points.labels == 1].mean(axis=(0, 2))
+    assert -1.5 < points.velocity_mps[walks.argmax()] < -0.5  # as the file tells it
+    assert read_real(parrad(tmp_path / "real.npz"), options=AdapterOptions(classes=CLASSES)).adapter == "parrad"
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="is no data that an adapter reads"):
+        read_real(tmp_path / "empty")
+
+
+def test_a_data_set_of_our_own_goes_through_the_same_door(tmp_path: Path) -> None:
+    data = write_dataset(
+        tmp_path / "data", recipe(descriptions_per_class=2, products={"spectrogram": {"size": [24, 24]}})
+    )
+    own = read_real(data, options=AdapterOptions(size=(16, 16)))
+    assert own.adapter == "dataset"
+    assert len(set(own.maps.groups["event"])) == len(own.maps)
+    first, *_ = own.maps.classes
+    some = read_real(
+        data,
+        options=AdapterOptions(
+            size=(16, 16), classes={each: "x" if each == first else "y" for each in own.maps.classes}
+        ),
+    )
+    assert some.maps.classes == ("x", "y")
+    assert some.maps.counts[0] == own.maps.counts[0]
+
+
+def test_a_black_picture_with_some_coloured_lines_is_not_grey(tmp_path: Path) -> None:
+    from PIL import Image
+
+    pixels = np.zeros((100, 50, 3), np.uint8)
+    pixels[40:43] = (255, 40, 0)
+    for name in ("walk", "fall"):
+        (tmp_path / name).mkdir()
+        Image.fromarray(pixels).save(tmp_path / name / "0.png")
+    with pytest.raises(InputError, match="is in colours, whose grey does not tell the level"):
+        read_real(tmp_path, "png")
+
+
+def test_a_day_of_points_is_read_without_holding_its_maps(tmp_path: Path) -> None:
+    """Maps of 0.5 s; each takes 16 kB, and memory grows by that of the points alone."""
+    count = 4000
+    radhar(tmp_path / "walk", "a.txt", -1.0, frames=5 * count)
+    radhar(tmp_path / "jack", "b.txt", 2.0)
+    options = AdapterOptions(speed_mps=4.0, duration_s=0.5)
+    tracemalloc.start()
+    maps = read_real(tmp_path, options=options).maps
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert maps.counts[1] == count - 1
+    assert most < 0.4 * maps.levels.nbytes

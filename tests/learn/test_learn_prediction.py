@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from learn_maps import CLASSES
+from learn_maps import CLASSES, ridges
 from t2d_rt.cli import main
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.learn import Ensemble, SavedModel
@@ -97,3 +97,29 @@ def test_names_in_the_picture_do_not_overlap(recording: Recording) -> None:
 
 def test_of_no_map_there_is_no_probability(model: SavedModel) -> None:
     assert SavedModel(model.card, model.network).probabilities(np.zeros((0, 16, 16))).shape == (0, 3)
+
+
+def test_a_model_tells_what_it_was_not_trained_for() -> None:
+    """Carrier, Doppler cells and contrast beyond those of the training, each in a sentence; what is alike says nothing."""
+    levels = ridges(12).levels
+    about = {"carriers_hz": [77e9], "cells_mps": [0.075]}
+    card = Card.of("streaming", ridges(12), 60.0, seed=0, about=about)
+    assert card.unfamiliar("it", carrier_hz=76e9, cell_mps=0.09, levels=levels) == []
+    (carrier,) = card.unfamiliar("it", carrier_hz=24e9)
+    assert "it is of 24 GHz, the model was trained on 77 GHz" in carrier
+    (cell,) = card.unfamiliar("it", cell_mps=0.2)
+    assert "it has Doppler cells of 0.2 m/s, those of the training 0.075 to 0.075" in cell
+    (noise,) = card.unfamiliar("it", levels=levels / 3)
+    assert "of it are 10 dB above the median of all, in nine of ten maps of the training 3" in noise
+
+
+def test_echoes_beyond_the_speeds_of_the_training_are_told(model: SavedModel) -> None:
+    """A target at 1.1 m/s, of which a model of +-0.9 m/s sees nothing, with one at 0.5 m/s."""
+    times = np.arange(round(1.2 * RADAR.prf_hz)) / RADAR.prf_hz
+    echoes = sum(np.exp(-4j * np.pi / RADAR.wavelength_m * speed * times) for speed in (0.5, 1.1))
+    cube = np.broadcast_to(echoes[:, None, None], (len(times), 1, RADAR.samples)) + 0.1 * np.random.default_rng(
+        0
+    ).normal(size=(len(times), 1, RADAR.samples))
+    narrow = Even(model.card.model_copy(update={"velocity_mps": (-0.85, 0.85)}), model.network)
+    with pytest.warns(T2DWarning, match=r"\d\d % of the recording's power is at speeds beyond -0\.907 to 0\.907 m/s"):
+        predict(narrow, Recording(cube.astype(np.complex64), RADAR))

@@ -237,6 +237,7 @@ class Seen(SavedModel):
 maps_seen: list[np.ndarray] = []
 
 
+@pytest.mark.filterwarnings("ignore:the greatest cells of the recording")  # a tone with less noise than the ridges
 def test_a_recording_shorter_than_a_window_goes_on_at_its_floor(folder: Path) -> None:
     radar = Radar.preset("table2-uniform")
     found = load_model(folder)
@@ -257,6 +258,7 @@ def test_a_recording_shorter_than_a_window_goes_on_at_its_floor(folder: Path) ->
         predict(model, tone(radar, 1.2), step_s=1e-9)
 
 
+@pytest.mark.filterwarnings("ignore:the greatest cells of the recording")  # a tone with less noise than the ridges
 def test_networks_of_other_cells_are_averaged(folder: Path, tmp_path: Path) -> None:
     """Each sees the recording in its own cells."""
     radar, found = Radar.preset("table2-uniform"), load_model(folder)

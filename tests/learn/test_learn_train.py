@@ -201,6 +201,7 @@ def test_scores_in_closed_form() -> None:
     assert found.calibration_error == pytest.approx((0.1 + 0.6 + 0.2 + 0.3) / 4)
 
 
+@pytest.mark.filterwarnings("ignore:the greatest cells of the recording")  # a tone with less noise than the ridges
 def test_a_recording_is_brought_to_the_axes_of_the_training(
     trained: tuple[SavedModel, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:

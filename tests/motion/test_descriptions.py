@@ -337,7 +337,7 @@ def test_misspelt_words_and_a_circle_are_told() -> None:
         (" \n ", "a description needs words"),
         ("?!", "a description needs words"),
         ("12", "a description needs words"),
-        ("walks " * 100, "at most 500 characters, got 599"),
+        ("walks " * 400, "at most 2000 characters, got 2399"),
         (7, "a description must be a text, got 7; write it as"),
         (None, "a description must be a text"),
         ("Человек идёт вперёд", "is an English sentence"),
@@ -361,7 +361,7 @@ def test_misspelt_words_and_a_circle_are_told() -> None:
         ("runs 0 times", "1 to 100 times, got 0"),
         ("jumps 2.5 times", "1 to 100 times, got 2.5"),
         ("runs for 10000 seconds", "up to 600 s, got 10000 s"),
-        (", then ".join(["walks", "runs"] * 5), "at most 8 steps, got 10"),
+        (", then ".join(["walks", "runs"] * 16), "at most 30 steps, got 32"),
     ],
 )
 def test_what_cannot_be_used_is_refused_in_a_sentence(sentence: Any, message: str) -> None:

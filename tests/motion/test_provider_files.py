@@ -111,7 +111,7 @@ def test_momask_is_asked_for_the_durations_that_the_steps_have(checkout: Path) -
         ("momask", {"body": "child", "stature_m": 1.2}, "provider momask takes no body nor stature_m"),
         ("files:here", {"duration_s": 3.0}, "provider files takes no duration_s"),
         (momask, {"library": "mine.csv"}, "provider of your own takes no library"),
-        ("auto", {"duration_s": 121.0}, "duration_s must"),
+        ("auto", {"duration_s": 601.0}, "duration_s must"),
     ],
 )
 def test_options_that_a_provider_would_take_no_notice_of_are_refused(
@@ -122,8 +122,8 @@ def test_options_that_a_provider_would_take_no_notice_of_are_refused(
 
 
 def test_a_sentence_cannot_ask_for_more_than_a_motion_lasts() -> None:
-    with pytest.raises(InputError, match="asks for 500 s, a motion lasts 120 s at most"):
-        t2d.motion_from_text("a person walks for 500 seconds")
+    with pytest.raises(InputError, match="asks for 610 s, a motion lasts 600 s at most"):
+        t2d.motion_from_text("a person walks for 310 seconds and runs for 300 seconds")
 
 
 def test_momasks_results_do_not_pile_up(checkout: Path) -> None:

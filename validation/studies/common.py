@@ -10,7 +10,8 @@ from typing import Any
 
 from t2d_rt.core.atomic_write import replacing
 from t2d_rt.core.errors import InputError
-from t2d_rt.learn.adapters import AdapterOptions, RealMaps, read_real
+from t2d_rt.dataset.products import edges
+from t2d_rt.learn.adapters import AdapterOptions, RealMaps, adapter_for, read_real
 from t2d_rt.learn.adapters.parrad import FIVE, FOUR
 from t2d_rt.learn.maps import LabelledMaps
 
@@ -59,20 +60,38 @@ def made_folder(folder: Path, recipe: Path, told: str, files: str, noun: str) ->
 
 def add_real_options(parser: ArgumentParser) -> None:
     """Options of real recordings and their twins."""
-    parser.add_argument("real", help="real recordings, a file of PARrad")
-    parser.add_argument("twins", help="folder of their simulated twins, as the study twins writes it")
+    parser.add_argument("real", help="real recordings in any form that an adapter reads, with their card")
     parser.add_argument(
-        "--classes", choices=["four", "five"], default="four", help="in four, sitting and standing are one"
+        "twins", help="folder of their simulated twins, as the study twins writes it, or any labelled maps"
+    )
+    parser.add_argument(
+        "--classes", choices=["four", "five"], default="four", help="of PARrad: in four, sitting and standing are one"
     )
 
 
-def real_and_twins(options: Namespace) -> tuple[RealMaps, LabelledMaps]:
-    """Real maps and simulated ones of the same classes."""
-    from validation.studies.twins import MERGED, read_twins
+def real_and_twins(options: Namespace) -> tuple[RealMaps, LabelledMaps, str]:
+    """Real maps, simulated ones on their axes and of their classes, and what is told of these."""
+    from validation.studies.twins import MERGED, RECIPE, read_twins
 
     kinds: Mapping[str, tuple[Mapping[str, str], Mapping[str, str] | None]] = {
         "four": (FOUR, MERGED),
         "five": (FIVE, None),
     }
     labels, merged = kinds[options.classes]
-    return read_real(options.real, "parrad", AdapterOptions(classes=labels)), read_twins(options.twins, merged)
+    real, folder = read_labelled(options.real, labels), Path(options.twins)
+    if (folder / RECIPE).is_file():
+        told, simulated = (folder / RECIPE).read_text(encoding="utf-8").replace("\n", ""), read_twins(folder, merged)
+    else:
+        maps = real.maps
+        low, high = edges(maps.velocity_mps)
+        found = read_real(folder, options=AdapterOptions(
+            size=maps.size, speed_mps=max(-low, high), cut_mps=(low, high), duration_s=maps.duration_s,
+        ))  # fmt: skip
+        told, simulated = str(found), found.maps
+    return real, simulated.relabelled(real.maps.classes), told
+
+
+def read_labelled(path: str, parrad_classes: Mapping[str, str]) -> RealMaps:
+    """Labelled maps in any form; those of PARrad of these classes, whatever a card tells."""
+    own = Path(path).is_file() and adapter_for(Path(path)) == "parrad"
+    return read_real(path, options=AdapterOptions(classes=parrad_classes if own else None))

@@ -20,7 +20,6 @@ from t2d_rt.core.atomic_write import replacing
 from t2d_rt.core.checks import array, file_path
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.core.progress import ProgressBar
-from t2d_rt.learn.adapters import AdapterOptions, read_real
 from t2d_rt.learn.adapters.parrad import BINS, FOUR, RADARS, ROWS
 from t2d_rt.learn.fine_tuning import Events
 from t2d_rt.learn.maps import LabelledMaps
@@ -31,7 +30,7 @@ from t2d_rt.scattering.ellipsoid import PhaseFrom
 from t2d_rt.simulate import simulate
 from t2d_rt.types import Receiver
 from t2d_rt.types.target import Method
-from validation.studies.common import made_folder, read_cell, table, write_whole
+from validation.studies.common import made_folder, read_cell, read_labelled, table, write_whole
 from validation.studies.transfer import FINEST, extra_trees, gain, grouped_folds, with_interval
 from validation.studies.twins import MERGED, RECIPE, TwinRecipe, maps_of_events, noise_seed, range_mean_levels, staged
 
@@ -478,7 +477,7 @@ def add_options(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> str:
-    real = None if options.real is None else read_real(options.real, "parrad", AdapterOptions(classes=FOUR))
+    real = None if options.real is None else read_labelled(options.real, FOUR)
     recipe = TwinRecipe(per_class=options.per_class, seed=options.seed)
     folder = Path(options.output)
     # More events than before, or none that are real: cells of their own, and those of before stay.

@@ -243,7 +243,7 @@ def add_options(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> str:
     target = Path(options.output).with_suffix(".md")
-    real, simulated = real_and_twins(options)
-    write_whole(target, f"{domain_gap(simulated, real.maps)}\nReal: {real}\n")
+    real, simulated, told = real_and_twins(options)
+    write_whole(target, f"{domain_gap(simulated, real.maps)}\nReal: {real}\n\nSimulated: {told}\n")
     plot_gap(simulated, real.maps).savefig(target.with_suffix(".png"))
     return f"wrote {target} and {target.with_suffix('.png')}"

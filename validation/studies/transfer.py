@@ -462,10 +462,7 @@ def add_options(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> str:
-    from validation.studies.twins import RECIPE
-
-    real, simulated = real_and_twins(options)
-    recipe = (Path(options.twins) / RECIPE).read_text(encoding="utf-8").replace("\n", "")
+    real, simulated, recipe = real_and_twins(options)
     settings = StudyOptions(repeats=options.repeats, folds=options.folds, seed=options.seed)
     with ProgressBar("transfer") as progress:
         run_transfer(

@@ -2,39 +2,87 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from t2d_rt.core.checks import file_path, unknown_name
 from t2d_rt.core.errors import InputError
-from t2d_rt.learn.adapters.arrays import HDF5, NPZ
-from t2d_rt.learn.adapters.class_folders import CI4R, PNG, RADHAR
-from t2d_rt.learn.adapters.interface import Adapter, AdapterOptions, RealMaps, content_hash
-from t2d_rt.learn.adapters.parrad import PARRAD
+from t2d_rt.dataset import Dataset
+from t2d_rt.dataset.shards import RECIPE, SHARDS
+from t2d_rt.learn.adapters.arrays import HDF5, NPZ, npz_arrays
+from t2d_rt.learn.adapters.class_folders import CI4R, ENDINGS, PNG, RADHAR, picture_adapter
+from t2d_rt.learn.adapters.interface import Adapter, AdapterOptions, RealMaps, class_names, content_hash
+from t2d_rt.learn.adapters.parrad import PARRAD, RADARS
+from t2d_rt.learn.maps import LabelledMaps, maps_of
 
-ADAPTERS: dict[str, Adapter] = {each.name: each for each in (PARRAD, RADHAR, CI4R, PNG, HDF5, NPZ)}
+
+def read_dataset(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[Path]]:
+    """Maps of a data set of this program; its samples are events."""
+    data = Dataset(path)
+    maps = maps_of(data, size=options.size, dynamic_range_db=options.dynamic_range_db, speeds_mps=options.cut_mps)
+    if options.classes is not None:
+        names = class_names(list(maps.classes), options, path)
+        maps = maps.relabelled(names, options.classes)
+    events = {"event": np.array([f"sample {each}" for each in maps.names])}
+    return replace(maps, groups={**events, **maps.groups}), sorted((path / SHARDS).glob("*"))
+
+
+DATASET = Adapter(
+    name="dataset",
+    about="The folder of a data set that t2d-rt dataset wrote.",
+    licence="Terms of the motions are in its data card.",
+    read=read_dataset,
+)
+ADAPTERS: dict[str, Adapter] = {each.name: each for each in (PARRAD, RADHAR, CI4R, PNG, HDF5, NPZ, DATASET)}
 """By name; a new kind of data is one module and its entry here."""
 
-__all__ = ["ADAPTERS", "Adapter", "AdapterOptions", "RealMaps", "read_real"]
+__all__ = ["ADAPTERS", "Adapter", "AdapterOptions", "RealMaps", "adapter_for", "read_real"]
 
 
-def read_real(path: str | Path, adapter: str, options: AdapterOptions | None = None) -> RealMaps:
-    """Maps of real recordings.
+def read_real(path: str | Path, adapter: str | None = None, options: AdapterOptions | None = None) -> RealMaps:
+    """Labelled maps: of real recordings, or of a data set of this program.
 
-    path: a file or a folder, wherever it lies.
-    adapter: one of parrad, radhar, ci4r, png, hdf5, npz.
-    options: classes, size and axes, as far as the files do not tell them.
+    path: a file or a folder, wherever it lies. The card beside it (`card.yaml` in a folder, `maps.npz.card.yaml` beside maps.npz)
+        tells what the files do not: adapter, classes, speed_mps or cell_mps, duration_s or rate_hz, positive, carrier_hz, mti.
+    adapter: one of parrad, radhar, ci4r, png, hdf5, npz, dataset; by default the card's, or the one for such files.
+    options: classes, size and axes, as far as neither the files nor the card tell them.
     """
-    if adapter not in ADAPTERS:
-        raise unknown_name("adapter", adapter, ADAPTERS)
     source = file_path("the path of real data", path)
     if not source.exists():
         raise InputError(f"{source} does not exist; give the path of your copy of the data")
-    chosen = ADAPTERS[adapter]
-    maps, files = chosen.read(source, options or AdapterOptions())
+    options = (options or AdapterOptions()).with_card(source)
+    name = adapter or options.adapter or adapter_for(source)
+    if name not in ADAPTERS:
+        raise unknown_name("adapter", name, ADAPTERS)
+    chosen = ADAPTERS[name]
+    maps, files = chosen.read(source, options)
     return RealMaps(
         maps=maps.checked_for_training(),
         adapter=chosen.name,
         licence=chosen.licence,
         sha256=content_hash(source, files),
         files=len(files),
+        carrier_hz=options.carrier_hz,
+        mti=options.mti,
+    )
+
+
+def adapter_for(source: Path) -> str:
+    """The name of the adapter for such files."""
+    if source.is_file():
+        if source.suffix.lower() in (".h5", ".hdf5"):
+            return "hdf5"
+        if source.suffix.lower() == ".npz":
+            return "parrad" if npz_arrays(source, RADARS) else "npz"
+    elif (source / RECIPE).is_file():
+        return "dataset"
+    elif any(each.suffix.lower() in ENDINGS for each in source.rglob("*")):
+        return picture_adapter(source)
+    elif any(source.rglob("*.txt")):
+        return "radhar"
+    raise InputError(
+        f"{source} is no data that an adapter reads; give an .npz or HDF5 file, a folder of pictures or of point clouds for each "
+        "class, or a data set of this program"
     )

@@ -6,7 +6,7 @@ groups `group_NAME` (sample,) of texts.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -71,20 +71,28 @@ def _maps(path: Path, found: dict[str, np.ndarray], options: AdapterOptions) -> 
         f"levels of {path}", levels, ("sample", "speed", "time"), limit=1e3, unit="dB", hint="leave damaged maps out"
     )
     if "velocity_mps" in found:
-        options = replace(options, speed_mps=_greatest_speed(path, found["velocity_mps"], levels.shape[1]))
+        options = replace(
+            options, cell_mps=None, speed_mps=_greatest_speed(path, found["velocity_mps"], levels.shape[1])
+        )
     if "duration_s" in found:
-        options = replace(options, duration_s=float(array(f"duration_s of {path}", found["duration_s"], ())))
+        options = replace(
+            options, rate_hz=None, duration_s=float(array(f"duration_s of {path}", found["duration_s"], ()))
+        )
     groups = {name[len(GROUP) :]: each for name, each in found.items() if name.startswith(GROUP)}
     for name, each in groups.items():
         if each.shape != (len(levels),):
             raise InputError(f"{path}: {GROUP}{name} must name each of {len(levels)} samples, got shape {each.shape}")
-    pieces = []
+    return maps_from(_pieces(path, levels, labels, groups, options), options, path, labels)
+
+
+def _pieces(
+    path: Path, levels: np.ndarray, labels: list[str], groups: Mapping[str, np.ndarray], options: AdapterOptions
+) -> Iterator[Piece]:
     for place, label in enumerate(labels):
         if class_of(label, options) is not None:
             name = f"{path.name} {place}"
             told = {kind: str(each[place]) for kind, each in groups.items()}
-            pieces.append(Piece(10.0 ** (levels[place] / 10.0), label, name, {"event": name} | told))
-    return maps_from(pieces, options, path, labels)
+            yield Piece(10.0 ** (levels[place] / 10.0), label, name, {"event": name} | told)
 
 
 def _greatest_speed(path: Path, value: np.ndarray, count: int) -> float:

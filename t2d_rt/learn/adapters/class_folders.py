@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from t2d_rt.core.errors import InputError, warn
-from t2d_rt.core.files import read_bytes
+from t2d_rt.core.files import regular_file
 from t2d_rt.learn.adapters.interface import MAX_BYTES, Adapter, AdapterOptions, Piece, class_of, files_below, maps_from
 from t2d_rt.learn.maps import LabelledMaps
 
@@ -23,23 +24,29 @@ COLOUR_ERROR = 60.0
 """Greatest mean distance of a picture's colours from the colour map, of 442 between black and white; JPEG stays far below."""
 MOST_CHROMA = 16.0
 """Greatest mean difference between the channels of a grey picture, of 255; JPEG stays below."""
+COLOURED, MOST_COLOURED = 32.0, 1e-3
+"""Difference between the channels from which a pixel is coloured, and the most such pixels of a grey picture, as a fraction."""
 
 
 def read_pictures(path: Path, options: AdapterOptions, *, colours: str) -> tuple[LabelledMaps, list[Path]]:
     """A map for every picture; rows are speeds from the greatest down, columns times. The class is the file's folder."""
     files = files_below(path, ENDINGS, "pictures")
     labels = [each.parent.name for each in files]
-    pieces = []
-    for each, label in zip(files, labels, strict=True):
-        if class_of(label, options) is not None:
-            power = 10.0 ** ((_fractions(each, colours)[::-1] - 1.0) * options.dynamic_range_db / 10.0)
-            name = each.relative_to(path).as_posix()
-            pieces.append(Piece(power, label, name, {"event": name}))
+    pieces = (
+        _picture(each, each.relative_to(path).as_posix(), options, colours)
+        for each, label in zip(files, labels, strict=True)
+        if class_of(label, options) is not None
+    )
     return maps_from(pieces, options, path, labels), files
 
 
-def _fractions(path: Path, colours: str) -> np.ndarray:
-    """Where on the colour map each pixel lies, (row, column), 0..1."""
+def _picture(path: Path, name: str, options: AdapterOptions, colours: str) -> Piece:
+    power = 10.0 ** ((_fractions(path, colours)[::-1] - 1.0) * options.dynamic_range_db / 10.0)
+    return Piece(power, path.parent.name, name, {"event": name})
+
+
+def _pixels(path: Path) -> np.ndarray:
+    """Red, green and blue of a picture, (row, column, 3), 0..255."""
     from PIL import Image
 
     try:
@@ -47,15 +54,30 @@ def _fractions(path: Path, colours: str) -> np.ndarray:
             if picture.width * picture.height > MAX_CELLS:
                 raise InputError(f"{path} has {picture.width} x {picture.height} pixels; {MAX_CELLS} are read at most")
             if picture.mode.startswith("I"):  # 16 bits of grey
-                pixels = np.repeat(np.asarray(picture, np.float64)[..., None] / 257.0, 3, axis=2)
-            else:
-                pixels = np.asarray(picture.convert("RGB"), dtype=np.float64)
+                return np.repeat(np.asarray(picture, np.float64)[..., None] / 257.0, 3, axis=2)
+            return np.asarray(picture.convert("RGB"), dtype=np.float64)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"cannot read picture {path}: {error or type(error).__name__}; leave it out") from None
+
+
+def is_coloured(pixels: np.ndarray) -> bool:
+    """Whether a picture is in colours: a tint of all of it, or a few coloured lines on black."""
+    chroma = np.ptp(pixels, axis=2)
+    return bool(chroma.mean() > MOST_CHROMA or (chroma > COLOURED).mean() > MOST_COLOURED)
+
+
+def picture_adapter(folder: Path) -> str:
+    """The adapter for a folder's pictures, by the first one: grey or in the colour map jet."""
+    return "ci4r" if is_coloured(_pixels(files_below(folder, ENDINGS, "pictures")[0])) else "png"
+
+
+def _fractions(path: Path, colours: str) -> np.ndarray:
+    """Where on the colour map each pixel lies, (row, column), 0..1."""
+    pixels = _pixels(path)
     if colours == "grey":
-        if float(np.ptp(pixels, axis=2).mean()) > MOST_CHROMA:
+        if is_coloured(pixels):
             raise InputError(
                 f"{path} is in colours, whose grey does not tell the level; read pictures in the colour map jet with ci4r, and "
                 "save others in grey"
@@ -96,6 +118,8 @@ FEWEST_SPEEDS = 8
 """Different speeds by which the distance of a device's Doppler cells is known."""
 LONGEST_S = 86_400.0
 """Longest time that the stamps of one file may span; a wrong stamp would make millions of empty windows."""
+LINES_BYTES = 1 << 20
+"""Of a file of points, read at a time."""
 EMPTY_CELL = 1e-6
 """Power of a cell without points, relative to a point of 0 dB: no logarithm of zero."""
 
@@ -103,29 +127,39 @@ EMPTY_CELL = 1e-6
 def read_point_clouds(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[Path]]:
     """A map for every `duration_s` of every file that has points: their power over speed and time. The class is the file's folder.
 
-    Speed is taken as positive = receding, as the devices of these files tell the rate of range, and turned round. A point stands
+    Speed is taken as positive = receding, as the devices of these files tell the rate of range, unless options say so. A point stands
     for all speeds of the device's Doppler cell. Single points beyond `speed_mps` are counted and left out.
     """
     files = files_below(path, (".txt",), "point clouds")
     clouds = {each: _points(each) for each in files if class_of(each.parent.name, options) is not None}
     rows = _Rows.of([speed for _, speed, _ in clouds.values()], options, path)
-    pieces: list[Piece] = []
-    short = 0
-    for each, (time_s, speed, power) in clouds.items():
-        short += int(time_s[-1] - time_s[0] < options.duration_s)
-        event = each.relative_to(path).as_posix()
-        for number in range(int((time_s[-1] - time_s[0]) / options.duration_s)):
-            after_s = time_s - time_s[0] - number * options.duration_s
-            inside = (after_s >= 0) & (after_s < options.duration_s)
-            cells = rows.powers(speed[inside], after_s[inside], power[inside], options)
-            if cells.any():
-                pieces.append(Piece(cells + EMPTY_CELL, each.parent.name, f"{event} {number}", {"event": event}))
+    short = sum(time_s[-1] - time_s[0] < options.duration_s for time_s, *_ in clouds.values())
     if short:
         warn(
             f"{short} of {len(files)} files of {path} are shorter than a map of {options.duration_s:g} s and give none; "
             "lower duration_s"
         )
-    return maps_from(pieces, options, path, [each.parent.name for each in files]), files
+    options = replace(options, cell_mps=None, rate_hz=None)  # points have no cells but those of the maps
+    pieces = _windows(clouds, rows, options, path)
+    return maps_from(pieces, options, path, [each.parent.name for each in files], receding=True), files
+
+
+Cloud = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Time [s], ascending, float64; speed [m/s] as the device tells it, and power, both float32: of each point."""
+
+
+def _windows(clouds: Mapping[Path, Cloud], rows: _Rows, options: AdapterOptions, path: Path) -> Iterator[Piece]:
+    """A piece for every whole window of a file that has points."""
+    for each, (time_s, speed, power) in clouds.items():
+        event = each.relative_to(path).as_posix()
+        windows = int((time_s[-1] - time_s[0]) / options.duration_s)
+        begins_s = time_s[0] + options.duration_s * np.arange(windows + 1)
+        borders = np.searchsorted(time_s, begins_s)
+        for number in np.flatnonzero(np.diff(borders)):
+            some = slice(borders[number], borders[number + 1])
+            cells = rows.powers(speed[some], time_s[some] - begins_s[number], power[some], options)
+            if cells.any():
+                yield Piece(cells + EMPTY_CELL, each.parent.name, f"{event} {number}", {"event": event})
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,22 +202,27 @@ class _Rows:
         return found.T
 
 
-def _points(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time [s], speed, positive = approaching [m/s], and power of each point of a file."""
-    text = read_bytes(path, limit=MAX_BYTES, noun="point cloud").decode("utf-8", errors="replace")
-    columns: dict[str, list[str]] = {name: [] for name in ("point_id", "velocity", "intensity", "secs", "nsecs")}
-    for name, value in POINT_FIELD.findall(text):
-        columns[name].append(value)
+def _points(path: Path) -> Cloud:
+    """The points of a file, read line by line."""
+    columns: dict[str, array] = {name: array("d") for name in ("point_id", "velocity", "intensity", "secs", "nsecs")}
+    try:
+        with regular_file(path, noun="point cloud") as file:
+            if path.stat().st_size > MAX_BYTES:
+                raise InputError(f"{path} has more than {MAX_BYTES / 1e9:g} GB; split it")
+            while lines := file.readlines(LINES_BYTES):
+                for name, value in POINT_FIELD.findall(b"".join(lines).decode("utf-8", errors="replace")):
+                    columns[name].append(float(value))
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path} holds a field that is no number ({error}); repair the file") from None
     count = len(columns["point_id"])
     if count < 2 or any(len(each) != count for each in columns.values()):
         raise InputError(
             f"{path} must hold records of stamp (secs, nsecs), point_id, velocity and intensity, "
             f"got {count} points and {len(columns['velocity'])} velocities"
         )
-    try:
-        values = {name: np.array(each, dtype=np.float64) for name, each in columns.items()}
-    except ValueError as error:
-        raise InputError(f"{path} holds a field that is no number ({error}); repair the file") from None
+    values = {name: np.frombuffer(each) for name, each in columns.items()}
     if not all(np.isfinite(each).all() for each in values.values()):
         raise InputError(f"{path} has NaN or infinite fields; repair the file")
     time_s = values["secs"] + 1e-9 * values["nsecs"]
@@ -192,7 +231,8 @@ def _points(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             f"{path} spans {np.ptp(time_s):.3g} s by its stamps, {LONGEST_S:g} s are read at most; repair the stamps"
         )
     order = np.argsort(time_s, kind="stable")
-    return time_s[order], -values["velocity"][order], 10.0 ** (values["intensity"][order] / 10.0)
+    power = 10.0 ** (values["intensity"][order] / 10.0)
+    return time_s[order], values["velocity"][order].astype(np.float32), power.astype(np.float32)
 
 
 RADHAR = Adapter(

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import tempfile
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
-from t2d_rt.core.checks import file_path, positive
+from t2d_rt.core.checks import choice, file_path, positive, shown, unknown_name
 from t2d_rt.core.errors import InputError
-from t2d_rt.core.files import regular_file
+from t2d_rt.core.files import read_yaml, regular_file
 from t2d_rt.dataset.products import axis
 from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, SIZE, LabelledMaps, check_varied, checked_size, relative_levels
 
@@ -20,10 +22,18 @@ MAX_BYTES = 2_000_000_000
 MAX_FILES = 100_000
 
 
+CARD = "card.yaml"
+"""The card of a folder; that of a file has the file's name before it, as maps.npz.card.yaml."""
+ON_CARD = "adapter", "classes", "speed_mps", "cell_mps", "duration_s", "rate_hz", "positive", "carrier_hz", "mti"
+"""What a card may tell."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AdapterOptions:
     """What the user knows of the data beside the files; adapters of one recorded set ignore what the set itself tells."""
 
+    adapter: str | None = None
+    """Which adapter reads it; by default the one for such files."""
     classes: Mapping[str, str] | None = None
     """Class of each label that is used, in the order of the classes; by default each label is a class of its own."""
     size: tuple[int, int] = SIZE
@@ -32,6 +42,17 @@ class AdapterOptions:
     """Greatest speed of the axis, where the files do not tell it [m/s]."""
     duration_s: float = 5.0
     """Time that a map covers, where the files do not tell it [s]."""
+    cell_mps: float | None = None
+    """Width of the files' cells of speed [m/s], in place of the greatest speed."""
+    rate_hz: float | None = None
+    """The files' columns a second, in place of the duration."""
+    positive: Literal["approaching", "receding"] | None = None
+    """Which way positive speeds of the files go; by default receding in point clouds, else approaching."""
+    carrier_hz: float | None = None
+    mti: Literal["mean", "none"] | None = None
+    """How static echoes were taken away."""
+    cut_mps: tuple[float, float] | None = None
+    """Lowest and highest speed of the maps [m/s], where these are to show less than the files do."""
     dynamic_range_db: float = DYNAMIC_RANGE_DB
 
     def __post_init__(self) -> None:
@@ -39,6 +60,40 @@ class AdapterOptions:
         positive("speed_mps", self.speed_mps, 1e4, unit="m/s")
         positive("duration_s", self.duration_s, 1e5, unit="s")
         positive("dynamic_range_db", self.dynamic_range_db, 200, unit="dB")
+        for name, unit in (("cell_mps", "m/s"), ("rate_hz", "Hz"), ("carrier_hz", "Hz")):
+            if getattr(self, name) is not None:
+                positive(name, getattr(self, name), unit=unit)
+        for name, known in (("positive", ("approaching", "receding")), ("mti", ("mean", "none"))):
+            if getattr(self, name) is not None:
+                choice(name, getattr(self, name), known)
+        if self.classes is not None and not (
+            isinstance(self.classes, Mapping)
+            and all(isinstance(each, str) for pair in self.classes.items() for each in pair)
+        ):
+            raise InputError(f"classes must map labels to classes, as {{walk to bed: walk}}, got {shown(self.classes)}")
+
+    def with_card(self, source: Path) -> AdapterOptions:
+        """These options, and what the card beside a file or in a folder tells; given classes and a given adapter go first."""
+        path = source / CARD if source.is_dir() else source.with_name(f"{source.name}.{CARD}")
+        if not path.is_file():
+            return self
+        told: dict[str, Any] = read_yaml(
+            path, noun="card of real data", example="names and values such as carrier_hz: 77.0e+9"
+        )
+        for name in told:
+            if name not in ON_CARD:
+                raise unknown_name(f"name in {path}", name, ON_CARD)
+        kept = [name for name in ("adapter", "classes") if getattr(self, name) is not None]
+        try:
+            return replace(self, **{name: value for name, value in told.items() if name not in kept})
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+
+    def of_cells(self, speeds: int, times: int) -> AdapterOptions:
+        """These options for maps of so many cells, whose axes follow from a cell's width and the columns a second, if given."""
+        speed_mps = self.speed_mps if self.cell_mps is None else 0.5 * self.cell_mps * speeds
+        duration_s = self.duration_s if self.rate_hz is None else times / self.rate_hz
+        return replace(self, speed_mps=speed_mps, duration_s=duration_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +118,9 @@ class RealMaps:
     sha256: str
     """Hash of names and content of all files that were read."""
     files: int
+    carrier_hz: float | None = None
+    mti: str | None = None
+    """How static echoes were taken away, where it is known."""
 
     def __str__(self) -> str:
         counts = ", ".join(f"{name} {count}" for name, count in zip(self.maps.classes, self.maps.counts, strict=True))
@@ -110,32 +168,70 @@ def class_names(labels: list[str], options: AdapterOptions, path: Path) -> tuple
     return tuple(dict.fromkeys(options.classes.values()))
 
 
-def maps_from(pieces: list[Piece], options: AdapterOptions, path: Path, all_labels: list[str]) -> LabelledMaps:
-    """Pieces of the user's axes, brought to one size, as labelled maps."""
+def maps_from(
+    pieces: Iterable[Piece], options: AdapterOptions, path: Path, all_labels: list[str], *, receding: bool = False
+) -> LabelledMaps:
+    """Pieces, brought to one size, as labelled maps; each is held in memory only until the next one comes.
+
+    receding: which way positive speeds of the pieces go where the options do not tell it.
+    """
     classes = class_names(all_labels, options, path)
-    if not pieces:
-        raise InputError(f"{path} holds no map of the classes {', '.join(classes)}; check the path and the classes")
-    levels = []
-    for each in pieces:
-        if each.power.ndim != 2 or min(each.power.shape) < 2:
-            raise InputError(
-                f"{path}: map {each.name} must be an array of speeds and times, got shape {each.power.shape}"
+    turned = receding if options.positive is None else options.positive == "receding"
+    numbers: list[int] = []
+    names: list[str] = []
+    groups: dict[str, list[str]] = {}
+    axes: AdapterOptions | None = None
+    # A day of point clouds makes maps of gigabytes: they go into a file without a name, which the system frees with them.
+    with tempfile.TemporaryFile(prefix="t2d-rt-") as kept:
+        for each in pieces:
+            if each.power.ndim != 2 or min(each.power.shape) < 2:
+                raise InputError(
+                    f"{path}: map {each.name} must be an array of speeds and times, got shape {each.power.shape}"
+                )
+            if not np.isfinite(each.power).all():
+                raise InputError(f"{path}: map {each.name} has NaN or infinite cells; leave it out or repair it")
+            own = options.of_cells(*each.power.shape)
+            axes = own if axes is None else axes
+            if own != axes:
+                raise InputError(
+                    f"{path}: map {each.name} has {each.power.shape} cells and so other axes than those before it"
+                )
+            levels = relative_levels(
+                each.power[::-1] if turned else each.power, own.size, own.dynamic_range_db, _rows(own, path)
             )
-        if not np.isfinite(each.power).all():
-            raise InputError(f"{path}: map {each.name} has NaN or infinite cells; leave it out or repair it")
-        levels.append(relative_levels(each.power, options.size, options.dynamic_range_db))
-        check_varied(levels[-1], f"{path}: map {each.name}")
-    numbers = [classes.index(str(class_of(each.label, options))) for each in pieces]
-    kinds = sorted({kind for each in pieces for kind in each.groups})
+            check_varied(levels, f"{path}: map {each.name}")
+            kept.write(levels.tobytes())
+            numbers.append(classes.index(str(class_of(each.label, options))))
+            names.append(each.name)
+            for kind, value in each.groups.items():
+                groups.setdefault(kind, []).append(value)
+        if axes is None:
+            raise InputError(f"{path} holds no map of the classes {', '.join(classes)}; check the path and the classes")
+        kept.flush()
+        stored = np.memmap(kept, np.float32, "r", shape=(len(numbers), *axes.size))
     return LabelledMaps(
-        levels=np.stack(levels),
+        levels=stored,
         labels=np.array(numbers),
         classes=classes,
-        groups={kind: np.array([each.groups[kind] for each in pieces]) for kind in kinds},
-        velocity_mps=axis((-options.speed_mps, options.speed_mps), options.size[0]),
-        duration_s=options.duration_s,
-        names=tuple(each.name for each in pieces),
+        groups={kind: np.array(values) for kind, values in groups.items()},
+        velocity_mps=axis(axes.cut_mps or (-axes.speed_mps, axes.speed_mps), axes.size[0]),
+        duration_s=axes.duration_s,
+        names=tuple(names),
     )
+
+
+def _rows(options: AdapterOptions, path: Path) -> tuple[float, float]:
+    """The part of the files' speeds that maps show."""
+    if options.cut_mps is None:
+        return 0.0, 1.0
+    first, last = (0.5 + 0.5 * each / options.speed_mps for each in options.cut_mps)
+    if first < -1e-6 or last > 1 + 1e-6:
+        low, high = options.cut_mps
+        raise InputError(
+            f"{path} shows {-options.speed_mps:.3g} to {options.speed_mps:.3g} m/s, and {low:.3g} to {high:.3g} m/s are wanted; "
+            "take a set that covers these speeds"
+        )
+    return max(first, 0.0), min(last, 1.0)
 
 
 def files_below(path: Path, endings: tuple[str, ...], noun: str) -> list[Path]:

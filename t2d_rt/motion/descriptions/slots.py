@@ -78,7 +78,7 @@ DIRECTIONS_OF: dict[Action, tuple[Direction, ...]] = {
 
 MOST_TIMES, LONGEST_S = 100, 600.0
 """Of `count` and of `duration_s` [s]."""
-LONGEST_SENTENCE, MOST_STEPS = 500, 8
+LONGEST_SENTENCE, MOST_STEPS = 2000, 30
 """Characters of a sentence; steps of an activity."""
 
 

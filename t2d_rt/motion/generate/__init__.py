@@ -39,7 +39,7 @@ PROVIDERS: Mapping[str, str] = {
 COMPOSED = "auto", "library", "physics"
 """Providers that make motions of what ships, one person throughout."""
 
-LONGEST_S = 120.0
+LONGEST_S = 600.0
 """Longest motion that is made."""
 
 NOT_MADE = "not made: "
