@@ -127,7 +127,7 @@ EMPTY_CELL = 1e-6
 def read_point_clouds(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[Path]]:
     """A map for every `duration_s` of every file that has points: their power over speed and time. The class is the file's folder.
 
-    Speed is taken as positive = receding, as the devices of these files tell the rate of range, unless options say so. A point stands
+    Speed is taken as positive = receding, as the devices of these files tell the rate of range, unless told. A point stands
     for all speeds of the device's Doppler cell. Single points beyond `speed_mps` are counted and left out.
     """
     files = files_below(path, (".txt",), "point clouds")
