@@ -176,7 +176,7 @@ def maps_from(
     receding: which way positive speeds of the pieces go where the options do not tell it.
     """
     classes = class_names(all_labels, options, path)
-    turned = receding if options.positive is None else options.positive == "receding"
+    mirrored = receding if options.positive is None else options.positive == "receding"
     numbers: list[int] = []
     names: list[str] = []
     groups: dict[str, list[str]] = {}
@@ -197,7 +197,7 @@ def maps_from(
                     f"{path}: map {each.name} has {each.power.shape} cells and so other axes than those before it"
                 )
             levels = relative_levels(
-                each.power[::-1] if turned else each.power, own.size, own.dynamic_range_db, _rows(own, path)
+                each.power[::-1] if mirrored else each.power, own.size, own.dynamic_range_db, _rows(own, path)
             )
             check_varied(levels, f"{path}: map {each.name}")
             kept.write(levels.tobytes())
