@@ -128,7 +128,7 @@ class SpectrogramProduct(_Map):
     """Cells of speed and of time; powers are averaged over what a cell covers."""
     range_gate_m: RangeLimits | Literal["scene"] | None = None
     """Nearest and farthest range whose cells are added up [m]; "scene" is the depth of the room, or in free space the ranges that
-    the person reaches; all ranges by default."""
+    persons of the recipe reach; all ranges by default."""
 
     @model_serializer(mode="wrap")
     def _written(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:

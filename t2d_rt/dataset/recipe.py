@@ -111,8 +111,10 @@ class Recipe(Fields):
     """Least and greatest angle of the motion's main direction against the line to the radar [deg]; at 0 the person comes nearer."""
     heights_m: tuple[Number, Number] = (1.0, 1.0)
     """Least and greatest height of the radar [m]."""
-    distances_m: tuple[Number, Number] = (2.0, 4.5)
-    """Least and greatest range at which a motion starts [m]."""
+    distances_m: tuple[Number, Number] = (2.5, 5.0)
+    """Least and greatest mean range of the person [m]."""
+    moving_fractions: tuple[Number, Number] = (0.6, 0.8)
+    """Least and greatest fraction of a record in which the person moves, as nearly as the motion has such a piece."""
     gait_factors: tuple[Number, Number] = (1.0, 1.0)
     """Least and greatest tempo of the motion, relative to what was made."""
     gait_spread: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
@@ -268,6 +270,7 @@ LIMITS = {
     "angles_deg": (-360.0, 360.0),
     "heights_m": (0.05, 10.0),
     "distances_m": (0.5, 100.0),
+    "moving_fractions": (0.0, 1.0),
     "gait_factors": (0.25, 4.0),
 }
 """Least and greatest value that each of the ranges of a recipe may reach."""

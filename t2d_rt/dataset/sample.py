@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 
 from t2d_rt.core.checks import integer
+from t2d_rt.core.constants import STANDARD_GRAVITY
 from t2d_rt.core.errors import T2DError
 from t2d_rt.dataset.recipe import OWN_BODY, Beside, Condition, Recipe, integer_seed
 from t2d_rt.dataset.subjects import subject_of
@@ -27,7 +28,7 @@ from t2d_rt.motion.descriptions.grammar import grammar_descriptions
 from t2d_rt.motion.descriptions.slots import Activity, Description
 from t2d_rt.motion.generate import COMPOSED
 from t2d_rt.motion.generate.library.individual import drawn_person
-from t2d_rt.motion.vary import hold
+from t2d_rt.motion.vary import arc, hold
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.scene import Curtain, Mover, Pet, TableFan
 from t2d_rt.types import Motion, Radar
@@ -36,6 +37,16 @@ LASTING: frozenset[Activity] = frozenset({"walking", "abnormal_walking", "runnin
 """Classes that go on as long as they are asked to: their main action is made as long as a record."""
 STEP_S = 0.25
 """Pieces of a motion that begin so far apart are compared."""
+MOVING_MPS = 0.08
+"""Mean speed of the joints above which a person moves; people who stand sway at 0.01 to 0.07 m/s."""
+GOING: frozenset[str] = frozenset({"walk", "run", "dance", "jump", "turn", "climb"})
+"""Actions after which a person comes to stand: to freeze amid them would be none."""
+REACH_M = 2.0
+"""How far the pelvis may stray from its mean place; longer paths are bent to arcs."""
+RADII_M = 6.0, 4.5, 3.5, 2.8, 2.3, 1.9, 1.6, 1.3, 1.0
+"""Of the arcs that are tried."""
+MOST_LEAN_DEG = 25.0
+"""Greatest lean into a curve: that of 3 m/s round a circle of 2 m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +85,7 @@ def sample_motion(recipe: Recipe, activity: Activity, description: int, number: 
     for attempt in range(recipe.attempts):
         source = _drawn(recipe, activity, wanted, number, attempt)
         try:
-            found = _fitted(source, recipe, activity, attempt + 1)
+            found = _fitted(source, recipe, number, activity, attempt + 1)
         except T2DError as error:  # of falls, some do not come to one
             failure = failure or error
             continue
@@ -106,49 +117,82 @@ def _drawn(recipe: Recipe, activity: Activity, wanted: Description, number: int,
         values |= {"body": body, "stature_m": round(stature_m, 4)}
     if factor != 1.0:
         values["gait_factor"] = round(factor, 4)
+    if provider_name in COMPOSED and wanted.steps[-1].action in GOING:
+        values["stand_s"] = round((1.0 - recipe.moving_fractions[0]) * recipe.duration_s, 4)
     if provider_name in COMPOSED and activity in LASTING:
         values["duration_s"] = round(recipe.duration_s * max(1.0, factor), 4)
     return MotionText(text=wanted.sentence, seed=integer_seed(motion), provider=provider_name, **values)
 
 
-def _fitted(source: MotionText, recipe: Recipe, activity: Activity, attempts: int) -> SampleMotion:
-    """Cut or held to the length of a record, and judged.
+def _fitted(source: MotionText, recipe: Recipe, number: int, activity: Activity, attempts: int) -> SampleMotion:
+    """Cut or held to the length of a record, bent to an arc where its path is long, and judged.
 
-    A motion that is too long is cut to its liveliest piece that the filter takes for one of the class: the greatest mean square of
-    the joints' speeds. Where it takes none, to the liveliest.
+    Of the pieces of a motion, which may end in rest, the first one is taken that the filter takes for one of the class, in the order
+    of `_starts`; where it takes none, the first.
     """
+    rng = np.random.default_rng(recipe.seeds(number, "moving"))
+    moving, side = float(rng.uniform(*recipe.moving_fractions)), float(rng.choice([-1.0, 1.0]))
     made, length_s = source.made(), recipe.duration_s
-    lacking_s = length_s - made.duration_s
-    if lacking_s > 0:
-        # A frame more than is needed: lengths are whole numbers of frames.
-        source = source.model_copy(update={"hold_s": round(lacking_s + 1.0 / made.rate_hz, 6), "stop_s": length_s})
-        motion = trim(hold(made, source.hold_s, sway_seed=source.seed), 0.0, length_s)
-        verdict = check_motion(motion, expected=activity)
-        return _cut(source, motion, verdict.reasons, attempts, made)
-    liveliest: SampleMotion | None = None
-    for start_s in _starts(made, length_s):
-        cut = source.model_copy(update={"start_s": start_s, "stop_s": start_s + length_s})
-        motion = trim(made, start_s, start_s + length_s)
+    # A frame more than is needed: lengths are whole numbers of frames.
+    rest_s = max(length_s - made.duration_s, (1.0 - moving) * length_s) + 1.0 / made.rate_hz
+    source = source.model_copy(update={"hold_s": round(rest_s, 6)})
+    held = hold(made, source.hold_s, sway_seed=source.seed)
+    first: SampleMotion | None = None
+    for start_s in _starts(held, length_s, moving):
+        motion = trim(held, start_s, start_s + length_s)
+        radius_m = arc_radius_m(motion, side)
+        motion = arc(motion, radius_m) if radius_m else motion
+        cut = source.model_copy(update={"start_s": start_s, "stop_s": start_s + length_s, "radius_m": radius_m})
         found = _cut(cut, motion, check_motion(motion, expected=activity).reasons, attempts, made)
         if found.passed:
             return found
-        liveliest = liveliest or found
-    assert liveliest is not None, "there is at least one piece"
-    return liveliest
+        first = first or found
+    assert first is not None, "there is at least one piece"
+    return first
 
 
 def _cut(source: MotionText, motion: Motion, reasons: tuple[str, ...], attempts: int, made: Motion) -> SampleMotion:
     return SampleMotion(source, motion, not reasons, reasons, attempts, made.duration_s, made.origin)
 
 
-def _starts(motion: Motion, length_s: float) -> list[float]:
-    """First instants of the pieces of a motion [s], the liveliest first: those of the greatest sum of squared joint steps."""
+def moves(motion: Motion) -> np.ndarray:
+    """Whether the person moves in each interval between frames, (T - 1,)."""
+    steps = np.linalg.norm(np.diff(motion.joints, axis=0), axis=-1)
+    return np.asarray(steps.mean(axis=1) * motion.rate_hz > MOVING_MPS)
+
+
+def _starts(motion: Motion, length_s: float, moving: float) -> list[float]:
+    """First instants of the pieces of a motion [s]: those first in which the person moves for about that fraction of the time, to a
+    twentieth; of these the liveliest, of the greatest sum of squared joint steps."""
     squares = np.sum(np.diff(motion.joints, axis=0) ** 2, axis=(1, 2))
-    total = np.concatenate([[0.0], np.cumsum(squares)])
+    total, moved = (np.concatenate([[0.0], np.cumsum(each)]) for each in (squares, moves(motion)))
     starts = np.arange(0.0, motion.duration_s - length_s + 1e-9, STEP_S)
     frames = np.rint(starts * motion.rate_hz).astype(int)
-    energy = total[np.minimum(frames + round(length_s * motion.rate_hz), len(squares))] - total[frames]
-    return [float(starts[at]) for at in np.argsort(-energy, kind="stable")]
+    count = round(length_s * motion.rate_hz)
+    ends = np.minimum(frames + count, len(squares))
+    energy, fraction = total[ends] - total[frames], (moved[ends] - moved[frames]) / count
+    return [float(starts[at]) for at in np.lexsort((-energy, np.rint(20.0 * np.abs(fraction - moving))))]
+
+
+def arc_radius_m(motion: Motion, side: float) -> float:
+    """Radius of the arc, to the left where positive, by which the pelvis stays within `REACH_M` of its mean place; 0 where it does.
+
+    The widest of `RADII_M` that does, to the `side` (1 or -1) if possible; where none does, that by which it strays least. None is
+    so narrow that the person would have to lean in by more than `MOST_LEAN_DEG`.
+    """
+    steps = np.diff(motion.joints[:, 0, :2], axis=0) @ [1.0, 1.0j]
+    way = np.cumsum(np.abs(steps))
+    fastest = np.percentile(np.abs(steps), 90) * motion.rate_hz
+    least_m = fastest**2 / (STANDARD_GRAVITY * math.tan(math.radians(MOST_LEAN_DEG)))
+    best, strays_m = 0.0, math.inf
+    for radius_m in (math.inf, *(sign * each for each in RADII_M for sign in (side, -side))):
+        track = np.cumsum(steps * np.exp(1j * way / radius_m))
+        reach_m = float(np.abs(track - track.mean()).max())
+        if abs(radius_m) >= least_m and reach_m < strays_m:
+            best, strays_m = 0.0 if math.isinf(radius_m) else radius_m, reach_m
+        if strays_m <= REACH_M:
+            break
+    return best
 
 
 def provenance(found: SampleMotion) -> Mapping[str, object]:
@@ -160,6 +204,8 @@ def provenance(found: SampleMotion) -> Mapping[str, object]:
         "made_s": round(found.made_s, 6),
         "start_s": found.source.start_s,
         "held_s": found.source.hold_s,
+        "moving": round(float(moves(found.motion).mean()), 4),
+        "arc_m": found.source.radius_m,
         "sources": list(found.origin),
     }
 
@@ -173,13 +219,23 @@ NEAREST_M = 0.8
 LOW_M = 0.12
 """Things that are lower can be stepped over."""
 WIDTH_M = 1.5
-"""Greatest offset from the boresight's line in a room."""
+"""Greatest offset of the middle of a path from the boresight's line in a room."""
+STILL_MPS = 0.05
+"""Radial speed up to which somebody neither comes nor goes."""
+RANGE_ERROR_M = 0.002
+"""How far the mean range may be from what was drawn, with what it overlaps."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """Where a motion starts."""
+    """Where a motion is seen."""
 
+    range_m: float
+    """Mean range of the pelvis [m]."""
+    approaching: float
+    """Fraction of the time in which its range changes by more than `STILL_MPS` in which it shrinks; 0.5 where it never does."""
+    nearer_m: float
+    """By how much nearer it is at the end [m]; negative where it has gone away."""
     angle_deg: float
     distance_m: float
     aside_m: float
@@ -190,33 +246,61 @@ class Place:
 
 
 def placing(recipe: Recipe, number: int, scene: str, motion: Motion) -> Place:
-    """The place of a motion's number: of those drawn, the first at which the motion has room, or that at which it lacks least."""
+    """The place of a motion's number: of those drawn, the first at which the motion has room, or that at which it lacks least.
+
+    What is drawn is the mean range of the person, not that of the start, and it stays for the first half of the tries: so classes
+    that travel have the ranges of those that do not, and come as often as they go.
+    """
     rng = np.random.default_rng(recipe.seeds(number, "view"))
     height_m = round(float(rng.uniform(*recipe.heights_m)), 4)
+    range_m = float(rng.uniform(*recipe.distances_m))
     # 10 poses a second tell where a body goes.
     stride = max(1, round(motion.rate_hz / 10.0))
     base = place(motion, distance_m=1.0, radar_position_m=(0.0, 0.0, 1.0))
     track = base.joints[::stride]
     low, high, boxes = surroundings(scene)
-    best: Place | None = None
-    for _ in range(TRIES):
-        distance_m = round(float(rng.uniform(*recipe.distances_m)), 4)
+    best, least = None, math.inf
+    for tried in range(TRIES):
+        if tried >= TRIES // 2:
+            range_m = float(rng.uniform(*recipe.distances_m))
         angle_deg = round(float(rng.uniform(*recipe.angles_deg)), 3)
-        aside_m = 0.0 if scene == "free_space" else round(float(rng.uniform(-WIDTH_M, WIDTH_M)), 4)
+        # The middle of the path lies on the boresight, or so far beside: were it the start, more would go than come.
+        middle_m = 0.0 if scene == "free_space" else float(rng.uniform(-WIDTH_M, WIDTH_M))
+        pelvis = _moved(track[:, :1], 0.0, angle_deg, 0.0)[:, 0] - [0.0, 0.0, height_m]
+        aside_m = round(middle_m - float(pelvis[:, 1].mean()), 4)
+        pelvis[:, 1] += aside_m
+        distance_m = round(_start_m(pelvis, range_m), 4)
         overlap_m = _overlap(_moved(track, distance_m, angle_deg, aside_m), low, high, boxes)
-        found = Place(
-            distance_m=distance_m,
-            angle_deg=angle_deg,
-            aside_m=aside_m,
-            height_m=height_m,
-            overlap_m=round(overlap_m, 3),
-        )
-        if found.overlap_m == 0:
-            return found
-        if best is None or found.overlap_m < best.overlap_m:
-            best = found
+        ranges_m = np.linalg.norm(pelvis + [distance_m, 0.0, 0.0], axis=-1)
+        mean_m = float(ranges_m.mean())
+        lacks = overlap_m + abs(mean_m - range_m)
+        if lacks < least:
+            least = lacks
+            rates = np.diff(ranges_m) * motion.rate_hz / stride
+            comes, goes = (int(np.sum(sign * rates > STILL_MPS)) for sign in (-1.0, 1.0))
+            best = Place(
+                range_m=round(mean_m, 3),
+                approaching=round(comes / (comes + goes), 4) if comes + goes else 0.5,
+                nearer_m=round(float(ranges_m[0] - ranges_m[-1]), 3),
+                distance_m=distance_m,
+                angle_deg=angle_deg,
+                aside_m=aside_m,
+                height_m=height_m,
+                overlap_m=round(overlap_m, 3),
+            )
+        if lacks < RANGE_ERROR_M:
+            break
     assert best is not None, "places were drawn"
     return best
+
+
+def _start_m(pelvis: np.ndarray, range_m: float) -> float:
+    """Distance of the start at which the mean range of a track (T, 3), from the radar were the start beside it, is `range_m`; the
+    nearest where there is none, but 0.3 m at least."""
+    found = range_m
+    for _ in range(20):  # the mean grows by nearly as much as the distance
+        found = max(0.3, found + range_m - float(np.linalg.norm(pelvis + [found, 0.0, 0.0], axis=-1).mean()))
+    return found
 
 
 def _moved(track: np.ndarray, distance_m: float, angle_deg: float, aside_m: float) -> np.ndarray:
@@ -238,7 +322,8 @@ NEAREST_GATE_M = 0.3
 def range_gate(recipe: Recipe, found: Sample) -> tuple[float, float] | None:
     """Nearest and farthest range of the spectrogram's cells [m]; None for all.
 
-    By the scene they are the room's depth, that is the range of its farthest corner, or in free space the ranges of the person.
+    By the scene they are the room's depth, that is the range of its farthest corner, or in free space all ranges that persons of the
+    recipe reach: were they those of the one person, the level of the noise would tell how far somebody goes.
     """
     kept = recipe.products.spectrogram
     asked = None if kept is None else kept.range_gate_m
@@ -249,10 +334,7 @@ def range_gate(recipe: Recipe, found: Sample) -> tuple[float, float] | None:
         low, high, _ = surroundings(str(found.experiment.scene))
         farthest_m = float(np.linalg.norm(np.maximum(np.abs(high - radar), np.abs(low - radar))))
         return NEAREST_GATE_M, round(farthest_m, 3)
-    base = place(found.cut.motion, distance_m=1.0, radar_position_m=(0.0, 0.0, 1.0))
-    at = found.place
-    ranges = np.linalg.norm(_moved(base.joints, at.distance_m, at.angle_deg, at.aside_m) - radar, axis=-1)
-    return max(NEAREST_GATE_M, round(float(ranges.min()) - BODY_M, 3)), round(float(ranges.max()) + BODY_M, 3)
+    return NEAREST_GATE_M, round(recipe.distances_m[1] + REACH_M + BODY_M, 3)
 
 
 def _overlap(track: np.ndarray, low: np.ndarray, high: np.ndarray, boxes: np.ndarray) -> float:

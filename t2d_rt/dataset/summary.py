@@ -52,6 +52,14 @@ class ClassSummary:
     """Lengths of the motions before they were cut or held [s]."""
     snr_db: np.ndarray
     """Signal-to-noise ratios of the samples whose noise is known [dB]."""
+    angle_deg: np.ndarray
+    """Angles against the line to the radar [deg]."""
+    range_m: np.ndarray
+    """Mean ranges of the person [m]; of records of older versions, which lack this and the next two, none."""
+    approaching: np.ndarray
+    """Fractions of the time of coming and going in which the person comes."""
+    moving: np.ndarray
+    """Fractions of the record in which the person moves."""
     lower_mps: np.ndarray
     """Least speed in each of the first `MEASURED` spectrograms [m/s]; none where there are no spectrograms."""
     upper_mps: np.ndarray
@@ -97,7 +105,11 @@ class Summary:
             "approaching [m/s]",
         )
         lines += _table([head, *(_row(each) for each in self.classes)])
-        lines.append("three figures: of 5 %, 50 % and 95 % of the samples")
+        head = "class", "angle [deg]", "range [m]", "moving", "approaching"
+        lines += _table([head, *(_balance(each) for each in self.classes)])
+        lines.append(
+            "three figures: of 5 %, 50 % and 95 % of the samples; those of the second table should be alike in all classes"
+        )
         lines += [
             f"{each.name}: most that do not pass: {each.reason}" for each in self.classes if each.reason is not None
         ]
@@ -161,6 +173,10 @@ def _class(dataset: Dataset, number: int) -> ClassSummary:
         reason=reasons.most_common(1)[0][0] if reasons else None,
         made_s=_known(records, "made_s"),
         snr_db=_known(records, "snr_db"),
+        angle_deg=_known(records, "angle_deg"),
+        range_m=_known(records, "range_m"),
+        approaching=_known(records, "approaching"),
+        moving=_known(records, "moving"),
         lower_mps=extents[:, 0],
         upper_mps=extents[:, 1],
     )
@@ -175,7 +191,7 @@ def extent(dataset: Dataset, position: int) -> tuple[float, float]:
 
 def _known(records: Sequence[dict[str, Any]], name: str) -> np.ndarray:
     """A figure of the records that have it."""
-    return np.array([each[name] for each in records if each[name] is not None], dtype=np.float64)
+    return np.array([each[name] for each in records if each.get(name) is not None], dtype=np.float64)
 
 
 def _seconds_left(dataset: Dataset) -> float | None:
@@ -196,11 +212,17 @@ def _row(found: ClassSummary) -> tuple[str, ...]:
     return found.name, f"{found.samples}", f"{found.descriptions}", passed, *figures
 
 
-def _spread(values: np.ndarray) -> str:
+def _balance(found: ClassSummary) -> tuple[str, ...]:
+    """A row of the table of what should tell no class."""
+    figures = (_spread(found.angle_deg, 0), _spread(found.range_m), _spread(found.moving, 2), _spread(found.approaching, 2))
+    return found.name, *figures
+
+
+def _spread(values: np.ndarray, digits: int = 1) -> str:
     """The percentiles 5, 50 and 95."""
     if not len(values):
         return "-"
-    return " ".join(f"{each:.1f}" for each in np.percentile(values, (5, 50, 95)))
+    return " ".join(f"{each:.{digits}f}" for each in np.percentile(values, (5, 50, 95)))
 
 
 def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:

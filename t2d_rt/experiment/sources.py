@@ -17,8 +17,9 @@ from t2d_rt.core.errors import InputError, warn
 from t2d_rt.core.stored_arrays import Hash, Inputs, Store, named_arrays
 from t2d_rt.experiment.catalog import found_from, motion_path
 from t2d_rt.motion import aside, load_motion, place, trim
+from t2d_rt.motion.descriptions.slots import Step
 from t2d_rt.motion.generate import COMPOSED, LONGEST_S, motion_from_text, understood
-from t2d_rt.motion.vary import hold, vary_gait
+from t2d_rt.motion.vary import arc, hold, vary_gait
 from t2d_rt.pipeline.targets import TargetLike, segments, skin
 from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, OwnMover, Pet, TableFan, mover
 from t2d_rt.scene.movers import KINDS, kind_names
@@ -62,15 +63,19 @@ class _Placed(Plain):
     aside_m: Fraction = 0.0
     """How far left of the line along the boresight the motion starts, as the radar sees it [m]."""
 
-    def placed(self, motion: Motion, radar: Radar) -> Motion:
-        """The piece of a motion that is used, where it starts."""
+    def cut(self, motion: Motion) -> Motion:
+        """The piece of a motion that is used."""
         end = motion.duration_s
         if self.stop_s is not None and self.stop_s > end:
             warn(f"the motion ends at {end:.6g} s, before stop_s of {self.stop_s:g} s; it is used to its end")
         if self.start_s or self.stop_s is not None:
-            motion = trim(motion, self.start_s, end if self.stop_s is None else min(self.stop_s, end))
+            return trim(motion, self.start_s, end if self.stop_s is None else min(self.stop_s, end))
+        return motion
+
+    def placed(self, motion: Motion, radar: Radar) -> Motion:
+        """The piece of a motion that is used, where it starts."""
         motion = place(
-            motion,
+            self.cut(motion),
             distance_m=self.distance_m,
             angle_deg=self.angle_deg,
             radar_position_m=radar.position_m,
@@ -112,7 +117,7 @@ class MotionFile(_Placed):
 class MotionText(_Placed):
     """A motion that is made from a sentence."""
 
-    _later: ClassVar[tuple[str, ...]] = ("person_seed",)
+    _later: ClassVar[tuple[str, ...]] = ("person_seed", "stand_s", "radius_m")
 
     kind: Literal["text"] = "text"
     text: str
@@ -135,22 +140,31 @@ class MotionText(_Placed):
     """Standard deviation of the logarithm of each step's own factor."""
     hold_s: Annotated[Number, Field(ge=0, le=LONGEST_S)] = 0.0
     """Time for which the last pose is held [s], before it is cut."""
+    stand_s: Annotated[Number, Field(ge=0, le=LONGEST_S)] = 0.0
+    """Time for which the person stands when all that the text says is done [s]."""
+    radius_m: Fraction = 0.0
+    """Radius of the arc that the path of the piece is bent to [m], to the left where it is positive; 0 leaves it as it is."""
 
     def made(self) -> Motion:
         """The motion before it is held, cut and placed."""
         if self.provider not in COMPOSED:  # what those read may have changed
             return _generated(self)
         plain = {"start_s": 0.0, "stop_s": None, "distance_m": None, "angle_deg": 0.0, "aside_m": 0.0, "hold_s": 0.0}
-        return _composed(self.model_copy(update=plain))
+        return _composed(self.model_copy(update={**plain, "radius_m": 0.0}))
 
-    def placed(self, motion: Motion, radar: Radar) -> Motion:
-        """The piece of a motion that is used, held at its end, where it starts."""
-        return super().placed(hold(motion, self.hold_s, sway_seed=self.seed) if self.hold_s else motion, radar)
+    def cut(self, motion: Motion) -> Motion:
+        """The piece of a motion that is used, held at its end, its path bent."""
+        piece = super().cut(hold(motion, self.hold_s, sway_seed=self.seed) if self.hold_s else motion)
+        return arc(piece, self.radius_m) if self.radius_m else piece
 
 
 def _generated(source: MotionText) -> Motion:
+    wanted = understood(source.text)[0]
+    if source.stand_s:
+        stand = Step(action="stand", duration_s=source.stand_s)
+        wanted = wanted.model_copy(update={"after": (*wanted.after, stand)})
     made = motion_from_text(
-        understood(source.text)[0],
+        wanted,
         provider=source.provider,
         seed=source.seed,
         body=source.body,

@@ -11,9 +11,12 @@ import t2d_rt as t2d
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.sample import (
     CLEARANCE_M,
+    REACH_M,
     _starts,
+    arc_radius_m,
     descriptions,
     interferer,
+    moves,
     placing,
     reserved_walks,
     sample,
@@ -22,9 +25,9 @@ from t2d_rt.dataset.sample import (
 )
 from t2d_rt.experiment.catalog import example
 from t2d_rt.experiment.sources import MotionText
-from t2d_rt.motion import aside, place
+from t2d_rt.motion import aside, place, repeat, trim
 from t2d_rt.motion.check import check_motion
-from t2d_rt.motion.vary import hold
+from t2d_rt.motion.vary import arc, hold
 from t2d_rt.types import Motion
 
 
@@ -73,8 +76,35 @@ def test_aside_is_to_the_left_as_the_radar_sees_it(walk: Motion) -> None:
 
 def test_the_liveliest_piece_comes_first(walk: Motion) -> None:
     at_rest = hold(walk, 4.0)
-    assert _starts(at_rest, 3.0)[0] < 1.5
-    assert _starts(at_rest, 3.0)[-1] == max(_starts(at_rest, 3.0))
+    assert _starts(at_rest, 3.0, 1.0)[0] < 1.5
+    assert _starts(at_rest, 3.0, 1.0)[-1] == max(_starts(at_rest, 3.0, 1.0))
+
+
+def test_pieces_hold_as_much_movement_as_was_drawn(walk: Motion) -> None:
+    at_rest = hold(walk, 4.0)
+    for wanted in (0.3, 0.6, 0.9):
+        start_s = _starts(at_rest, 3.0, wanted)[0]
+        assert moves(trim(at_rest, start_s, start_s + 3.0)).mean() == pytest.approx(wanted, abs=0.12)
+
+
+def test_long_paths_are_bent_and_short_ones_are_not(walk: Motion) -> None:
+    long = repeat(walk, 7.0)
+    for side in (-1.0, 1.0):
+        radius_m = arc_radius_m(long, side)
+        assert radius_m * side > 0
+        pelvis = arc(long, radius_m).joints[:, 0, :2]
+        assert np.linalg.norm(pelvis - pelvis.mean(axis=0), axis=1).max() < REACH_M + 0.1
+    assert arc_radius_m(trim(walk, 0.0, 1.5), 1.0) == 0.0
+
+
+def test_who_travels_comes_as_often_as_he_goes_and_is_as_far_away(recipe: Recipe, walk: Motion) -> None:
+    long = repeat(walk, 5.0)
+    long = arc(long, arc_radius_m(long, 1.0))
+    spot = repeat(walk, 5.0, travel=False)
+    going, staying = ([placing(recipe, number, "free_space", each) for number in range(80)] for each in (long, spot))
+    np.testing.assert_allclose([each.range_m for each in going], [each.range_m for each in staying], atol=0.02)
+    assert 0.35 < np.mean([each.nearer_m > 0 for each in going]) < 0.65
+    assert np.mean([each.approaching for each in going]) == pytest.approx(0.5, abs=0.1)
 
 
 @pytest.mark.slow
@@ -112,8 +142,9 @@ def test_in_a_room_motions_keep_clear_of_walls_and_furniture(recipe: Recipe) -> 
 
 def test_in_free_space_the_first_place_that_is_drawn_is_taken(recipe: Recipe, walk: Motion) -> None:
     found = placing(recipe, 0, "free_space", walk)
-    assert found.aside_m == 0
-    assert 2.0 <= found.distance_m <= 4.5
+    placed = aside(place(walk, distance_m=found.distance_m, angle_deg=found.angle_deg), found.aside_m)
+    assert placed.joints[:, 0, 1].mean() == pytest.approx(0.0, abs=0.01)
+    assert 2.5 <= found.range_m <= 5.0
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,10 @@ import pytest
 
 import t2d_rt as t2d
 from t2d_rt.core.errors import InputError
+from t2d_rt.motion.check import check_motion
 from t2d_rt.motion.contacts import contacts, runs, soles
 from t2d_rt.motion.kinematics import poses_of
-from t2d_rt.motion.vary import mirror, step_times_s, variations, vary_gait, vary_view
+from t2d_rt.motion.vary import arc, mirror, step_times_s, variations, vary_gait, vary_view
 
 
 @pytest.fixture(scope="module")
@@ -160,3 +161,20 @@ def test_the_spectrograms_cadence_follows(walk: t2d.Motion) -> None:
     assert before == pytest.approx((len(times) - 1) / np.ptp(times), rel=0.03)
     for factor in (0.7, 1.3):
         assert spectral_cadence_hz(vary_gait(walk, factor)) / before == pytest.approx(factor, rel=0.03)
+
+
+def test_a_path_bent_to_an_arc_turns_by_its_length_over_the_radius_and_feet_stay() -> None:
+    walk = t2d.repeat(t2d.example("walk"), 6.0)
+    way = np.linalg.norm(walk.joints[-1, 0, :2] - walk.joints[0, 0, :2])
+    for radius_m in (3.0, -2.0):
+        found = arc(walk, radius_m)
+        ahead = np.diff(found.joints[:, 0, :2], axis=0) @ [1.0, 1.0j]
+        stride = round(walk.rate_hz)
+        turned = np.unwrap(np.angle([ahead[:stride].sum(), *[ahead[k : k + stride].sum() for k in range(0, len(ahead) - stride, 30)]]))
+        assert turned[-1] - turned[0] == pytest.approx(way * (1 - 1 / 6) / radius_m, rel=0.12)
+        assert check_motion(found, expected="walking").passed
+        lean = found.joints[:, found.index("head")] - found.joints[:, 0]
+        left = np.stack([-ahead.imag, ahead.real], axis=1) / np.abs(ahead)[:, None]
+        assert np.sign((lean[1:, :2] * left).sum(axis=1).mean()) == np.sign(radius_m)
+    with pytest.raises(InputError, match="tighter than a person turns"):
+        arc(walk, 0.1)

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.contacts import SIDES, runs, steadying
-from t2d_rt.motion.generate.chain import CROSSING_S, Piece, Z, best_seam, crossed, heading_rad, joined, moved
+from t2d_rt.motion.contacts import SIDES, runs
+from t2d_rt.motion.generate.chain import CROSSING_S, Piece, best_seam, crossed, heading_rad, joined, moved
 from t2d_rt.motion.generate.library.store import RATE_HZ
 from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, low_pass, minimum_jerk
 from t2d_rt.motion.kinematics import INDEX, NAMES, Poses, Skeleton, at_frames
+from t2d_rt.motion.vary import arcs
 
 # --- changes of a piece: its time, its mirror image, its path, its stride. Feet are planted afterwards, by the
 # piece's contacts ---
@@ -22,9 +23,6 @@ OTHER = {"left": "right", "right": "left"}
 SWAPPED = [NAMES.index("_".join(OTHER.get(part, part) for part in name.split("_"))) for name in NAMES]
 """Of each joint, that of the other side."""
 
-
-MOST_TWIST_RAD = 0.6
-"""Angle by which a standing foot stays behind a turning body; hips turn by about 0.7."""
 
 LEAST_FLIGHT_S, DRIVE_S = 0.1, 0.4
 """Shortest flight of a jump, and the time before and after one that goes with it: in the clips that ship the pelvis rises for up to
@@ -109,27 +107,9 @@ def strided(piece: Piece, factor: float | np.ndarray) -> Piece:
 
 
 def bent(piece: Piece, angle_rad: np.ndarray) -> Piece:
-    """The path bent: at each frame the body and its velocity are turned by an angle (T,) about the vertical, left positive.
-
-    A foot that stands keeps its direction: the leg turns over it.
-    """
-    poses = piece.poses
-    spins = quaternions.about_axis(Z, angle_rad)
-    middle = quaternions.about_axis(Z, 0.5 * (angle_rad[1:] + angle_rad[:-1]))
-    steps = quaternions.rotate(middle, np.diff(poses.root, axis=0))
-    root = poses.root.copy()
-    root[1:, :2] = root[0, :2] + np.cumsum(steps[:, :2], axis=0)
-    local = poses.local.copy()
-    local[:, 0] = quaternions.multiply(spins, local[:, 0])
-    rotations = replace(poses, local=local).world()[1]
-    for number, side in enumerate(SIDES):
-        back = steadying(angle_rad[:, None], np.asarray(piece.planted[:, number].any(axis=1)), poses.rate_hz)[:, 0]
-        ankle, knee = INDEX[f"{side}_ankle"], INDEX[f"{side}_knee"]
-        # The leg gives way softly: a foot that began to turn at once would jerk.
-        held = back / (1 + (np.abs(back) / MOST_TWIST_RAD) ** 6) ** (1 / 6)
-        turned = quaternions.multiply(quaternions.about_axis(Z, held), rotations[:, ankle])
-        local[:, ankle] = quaternions.multiply(quaternions.conjugate(rotations[:, knee]), turned)
-    return piece.posed(root=root, local=local)
+    """The path bent: at each frame the body and its velocity are turned by an angle (T,) about the vertical, left positive."""
+    found = arcs.bent(piece.poses, piece.planted, angle_rad)
+    return piece.posed(root=found.root, local=found.local)
 
 
 def straddled(piece: Piece, angle_rad: float) -> Piece:

@@ -20,6 +20,7 @@ from t2d_rt.motion.generate.library.individual import Maker, stand
 from t2d_rt.motion.generate.library.store import RATE_HZ, Segment, Store
 from t2d_rt.motion.interpolate import minimum_jerk
 from t2d_rt.motion.kinematics import INDEX
+from t2d_rt.motion.vary.arcs import MOST_TWIST_RAD
 
 # --- manners: small changes of posture, swing of the arms and height of steps, beside those of the speed ---
 
@@ -330,7 +331,7 @@ def quickened(walk: Piece, angle_rad: float, lasting_s: float) -> Piece:
     stands = [stop - start for side in range(2) for start, stop in runs(np.asarray(walk.planted[:, side].any(axis=1)))]
     stance_s = float(np.median(stands)) / RATE_HZ if stands else 0.0
     fastest = 1.875 / 0.8 * angle_rad / lasting_s  # of a smooth step of least jerk over the middle 80 % of the time
-    factor = float(np.clip(fastest * stance_s / (2 * edits.MOST_TWIST_RAD), 1.0, MOST_QUICKENED))
+    factor = float(np.clip(fastest * stance_s / (2 * MOST_TWIST_RAD), 1.0, MOST_QUICKENED))
     return edits.tempo(walk.part(0, round(factor * lasting_s * RATE_HZ) + 1), factor)
 
 
