@@ -127,8 +127,8 @@ def _drawn(recipe: Recipe, activity: Activity, wanted: Description, number: int,
 def _fitted(source: MotionText, recipe: Recipe, number: int, activity: Activity, attempts: int) -> SampleMotion:
     """Cut or held to the length of a record, bent to an arc where its path is long, and judged.
 
-    Of the pieces of a motion, which may end in rest, the first one is taken that the filter takes for one of the class, in the order
-    of `_starts`; where it takes none, the first.
+    Of the pieces of a motion, which may end in rest, the first one is taken that the filter takes for one of the class, in the
+    order of `_starts`; where it takes none, the first.
     """
     rng = np.random.default_rng(recipe.seeds(number, "moving"))
     moving, side = float(rng.uniform(*recipe.moving_fractions)), float(rng.choice([-1.0, 1.0]))
@@ -322,8 +322,8 @@ NEAREST_GATE_M = 0.3
 def range_gate(recipe: Recipe, found: Sample) -> tuple[float, float] | None:
     """Nearest and farthest range of the spectrogram's cells [m]; None for all.
 
-    By the scene they are the room's depth, that is the range of its farthest corner, or in free space all ranges that persons of the
-    recipe reach: were they those of the one person, the level of the noise would tell how far somebody goes.
+    By the scene they are the room's depth, that is the range of its farthest corner, or in free space all ranges that persons of
+    the recipe reach: were they those of the one person, the level of the noise would tell how far somebody goes.
     """
     kept = recipe.products.spectrogram
     asked = None if kept is None else kept.range_gate_m

@@ -214,7 +214,12 @@ def _row(found: ClassSummary) -> tuple[str, ...]:
 
 def _balance(found: ClassSummary) -> tuple[str, ...]:
     """A row of the table of what should tell no class."""
-    figures = (_spread(found.angle_deg, 0), _spread(found.range_m), _spread(found.moving, 2), _spread(found.approaching, 2))
+    figures = (
+        _spread(found.angle_deg, 0),
+        _spread(found.range_m),
+        _spread(found.moving, 2),
+        _spread(found.approaching, 2),
+    )
     return found.name, *figures
 
 

@@ -170,7 +170,9 @@ def test_a_path_bent_to_an_arc_turns_by_its_length_over_the_radius_and_feet_stay
         found = arc(walk, radius_m)
         ahead = np.diff(found.joints[:, 0, :2], axis=0) @ [1.0, 1.0j]
         stride = round(walk.rate_hz)
-        turned = np.unwrap(np.angle([ahead[:stride].sum(), *[ahead[k : k + stride].sum() for k in range(0, len(ahead) - stride, 30)]]))
+        turned = np.unwrap(
+            np.angle([ahead[:stride].sum(), *[ahead[k : k + stride].sum() for k in range(0, len(ahead) - stride, 30)]])
+        )
         assert turned[-1] - turned[0] == pytest.approx(way * (1 - 1 / 6) / radius_m, rel=0.12)
         assert check_motion(found, expected="walking").passed
         lean = found.joints[:, found.index("head")] - found.joints[:, 0]

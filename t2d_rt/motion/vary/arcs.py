@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +31,9 @@ def arc(motion: Motion, radius_m: float) -> Motion:
     checked_motion(motion)
     number("radius_m", radius_m, -1e6, 1e6, unit="m")
     if abs(radius_m) < 0.3:
-        raise InputError(f"radius_m of {radius_m:g} m is tighter than a person turns; give 0.3 or more, or -0.3 or less")
+        raise InputError(
+            f"radius_m of {radius_m:g} m is tighter than a person turns; give 0.3 or more, or -0.3 or less"
+        )
     poses = poses_of(motion)
     smooth = low_pass(poses.root[:, :2], CURVE_CUTOFF_HZ, poses.rate_hz)
     velocity = np.gradient(smooth, 1.0 / poses.rate_hz, axis=0)
