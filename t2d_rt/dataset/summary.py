@@ -105,8 +105,8 @@ class Summary:
             "approaching [m/s]",
         )
         lines += _table([head, *(_row(each) for each in self.classes)])
-        head = "class", "angle [deg]", "range [m]", "moving", "approaching"
-        lines += _table([head, *(_balance(each) for each in self.classes)])
+        balance = "class", "angle [deg]", "range [m]", "moving", "approaching"
+        lines += _table([balance, *(_balance(each) for each in self.classes)])
         lines.append(
             "three figures: of 5 %, 50 % and 95 % of the samples; those of the second table should be alike in all classes"
         )
