@@ -181,12 +181,12 @@ def arc_radius_m(motion: Motion, side: float) -> float:
     so narrow that the person would have to lean in by more than `MOST_LEAN_DEG`.
     """
     steps = np.diff(motion.joints[:, 0, :2], axis=0) @ [1.0, 1.0j]
-    way = np.cumsum(np.abs(steps))
+    length = np.cumsum(np.abs(steps))
     fastest = np.percentile(np.abs(steps), 90) * motion.rate_hz
     least_m = fastest**2 / (STANDARD_GRAVITY * math.tan(math.radians(MOST_LEAN_DEG)))
     best, strays_m = 0.0, math.inf
     for radius_m in (math.inf, *(sign * each for each in RADII_M for sign in (side, -side))):
-        track = np.cumsum(steps * np.exp(1j * way / radius_m))
+        track = np.cumsum(steps * np.exp(1j * length / radius_m))
         reach_m = float(np.abs(track - track.mean()).max())
         if abs(radius_m) >= least_m and reach_m < strays_m:
             best, strays_m = 0.0 if math.isinf(radius_m) else radius_m, reach_m
@@ -220,7 +220,7 @@ LOW_M = 0.12
 """Things that are lower can be stepped over."""
 WIDTH_M = 1.5
 """Greatest offset of the middle of a path from the boresight's line in a room."""
-STILL_MPS = 0.05
+STATIC_MPS = 0.05
 """Radial speed up to which somebody neither comes nor goes."""
 RANGE_ERROR_M = 0.002
 """How far the mean range may be from what was drawn, with what it overlaps."""
@@ -233,7 +233,7 @@ class Place:
     range_m: float
     """Mean range of the pelvis [m]."""
     approaching: float
-    """Fraction of the time in which its range changes by more than `STILL_MPS` in which it shrinks; 0.5 where it never does."""
+    """Fraction of the time in which its range changes by more than `STATIC_MPS` in which it shrinks; 0.5 where it never does."""
     nearer_m: float
     """By how much nearer it is at the end [m]; negative where it has gone away."""
     angle_deg: float
@@ -277,7 +277,7 @@ def placing(recipe: Recipe, number: int, scene: str, motion: Motion) -> Place:
         if lacks < least:
             least = lacks
             rates = np.diff(ranges_m) * motion.rate_hz / stride
-            comes, goes = (int(np.sum(sign * rates > STILL_MPS)) for sign in (-1.0, 1.0))
+            comes, goes = (int(np.sum(sign * rates > STATIC_MPS)) for sign in (-1.0, 1.0))
             best = Place(
                 range_m=round(mean_m, 3),
                 approaching=round(comes / (comes + goes), 4) if comes + goes else 0.5,
