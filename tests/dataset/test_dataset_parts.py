@@ -72,7 +72,7 @@ def test_parts_add_up_to_the_map(walk: Dataset) -> None:
         check_sum(walk, place)
         told = walk.records[place]["products"]
         assert all(told["parts"][name] == told["spectrogram"][name] for name in ("velocity_mps", "time_s", "peak_db"))
-        assert np.all(found[:6].sum(axis=(1, 2)) > 0)
+        assert np.all(np.abs(found[:6]).sum(axis=(1, 2)) > 0)  # shares of feet that stand may be negative in sum
         assert not found[[6, 7, 9]].any()  # nothing beside, no scene, no background
 
 
@@ -82,7 +82,7 @@ def test_parts_add_up_to_the_map(walk: Dataset) -> None:
         ("mesh", {"method": "mesh", "classes": ["walking"]}),
         (
             "all", {
-                "conditions": [ROOM | {"beside": "person"}], "classes": ["walking"], "masks": {"windows": 2, "longest_s": 0.3},
+                "conditions": [ROOM | {"beside": "person"}], "classes": ["walking"], "masks": {"windows": 2, "shortest_s": 0.25, "longest_s": 0.4},
                 "background": "default", "background_level_db": -125.0,
             },
         ),
@@ -144,7 +144,7 @@ def test_recipes_without_parts_keep_their_text_and_hash() -> None:
     before = Recipe.read("small-hard").model_copy(
         update={"products": Products(), "subjects": None}
     )  # without a range gate, too
-    assert before.hash == "34242d86c4aa9cb54d250dea21c41c72"
+    assert before.hash == "0faa56acad90d519f8140dd537407aac"
 
 
 @pytest.mark.parametrize(
