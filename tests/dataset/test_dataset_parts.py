@@ -82,7 +82,8 @@ def test_parts_add_up_to_the_map(walk: Dataset) -> None:
         ("mesh", {"method": "mesh", "classes": ["walking"]}),
         (
             "all", {
-                "conditions": [ROOM | {"beside": "person"}], "classes": ["walking"], "masks": {"windows": 2, "shortest_s": 0.25, "longest_s": 0.4},
+                "conditions": [ROOM | {"beside": "person"}], "classes": ["walking"],
+                "masks": {"windows": 2, "shortest_s": 0.25, "longest_s": 0.4},
                 "background": "default", "background_level_db": -125.0,
             },
         ),
