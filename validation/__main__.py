@@ -21,6 +21,7 @@ SECTIONS = {
     "working_directories": "robustness", "results": "robustness", "datasets": "robustness", "memory": "robustness",
     "corruptions": "robustness", "fuzz": "robustness", "soak": "robustness",
     "nearest_centroid": "datasets", "limb_labels": "datasets", "lost_worker": "datasets", "gated_cells": "datasets",
+    "hidden_labels": "datasets",
 }  # fmt: skip
 """Sections in the order of the report, each with the package that it lies in."""
 
