@@ -189,8 +189,8 @@ class Recipe(Fields):
 
     @functools.cached_property
     def hash(self) -> str:
-        """Hash of everything that samples follow from: of equal recipes the same, and without truth and subjects that of older
-        versions, which had none."""
+        """Hash of everything that samples follow from: of equal recipes the same. Truth and subjects that are absent are left out
+        of it."""
         plain = self.model_dump(mode="json", exclude={"name", "about"})
         if self.products.truth is None:
             del plain["products"]["truth"]

@@ -18,7 +18,7 @@ KINDS = tuple(dict.fromkeys(kind for kinds in STATURE_M.values() for kind, *_ in
 ANYBODY = ("adult", "woman", "man")
 """Those that a description of a person may mean."""
 
-MASS = 0.14
+BMI_SPREAD = 0.14
 """Standard deviation of the logarithm of the body mass index about that of the shipped body: 14.2 kg of 85.5 kg of soldiers whose
 stature varies by 6.9 cm of 175.6 cm (Gordon et al. 2014, ANSUR II)."""
 
@@ -42,7 +42,7 @@ def subject(recipe: Recipe, number: int) -> Subject:
     rng = np.random.default_rng(recipe.seeds(number, "subject"))
     kind, stature_m = drawn_person("person", rng, body=KINDS[number % len(KINDS)])
     shipped = template(kind)
-    bmi = shipped.bmi * np.exp(MASS * np.clip(rng.standard_normal(), -2, 2))
+    bmi = shipped.bmi * np.exp(BMI_SPREAD * np.clip(rng.standard_normal(), -2, 2))
     # Fitted to a stature a body grows in all directions, and its index with it.
     bmi = np.clip(bmi * shipped.stature_m / stature_m, *shipped.bmi_limits)
     return Subject(

@@ -158,7 +158,7 @@ def events_of(recording: Recording, classes: Sequence[str]) -> list[Event]:
 
 
 def labels_of_windows(events: Sequence[Event], starts_s: np.ndarray, duration_s: float, classes: int) -> np.ndarray:
-    """Number of the class that lasts for most of each window, (W,); -1 where there is none in it."""
+    """Number of the class that lasts longest in each window, (W,); -1 where there is none in it."""
     shared = np.zeros((len(starts_s), classes))
     for begin_s, end_s, label in events:
         shared[:, label] += np.maximum(np.minimum(starts_s + duration_s, end_s) - np.maximum(starts_s, begin_s), 0.0)

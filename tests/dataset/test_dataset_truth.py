@@ -106,7 +106,7 @@ def test_tensors_of_truth_have_one_length(made: Path) -> None:
 
 
 def test_recipes_without_truth_keep_their_hash() -> None:
-    """Seeds follow from the hash: samples of before there was truth are made again as they were."""
+    """Seeds follow from the hash: what is absent is not hashed."""
     assert tiny().hash == tiny(truth=None).hash != tiny(truth={}).hash
     before = Recipe.read("small-hard").model_copy(update={"products": Products(), "subjects": None})
     assert before.hash == "0faa56acad90d519f8140dd537407aac"

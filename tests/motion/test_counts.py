@@ -87,6 +87,8 @@ def test_a_walk_before_something_else_lasts_too() -> None:
     for seed in (0, 1, 2):
         motion = motion_from_text("a person walks for six seconds, then sits down", seed=seed)
         assert 5.4 < dict(motion.activities)["sit"] < 6.9
+        low = hips(motion) < np.median(hips(motion)[:120]) - 0.06
+        assert 5.4 < np.flatnonzero(low)[0] / motion.rate_hz < 8.5  # who sits down bends and hesitates before
 
 
 @pytest.mark.slow

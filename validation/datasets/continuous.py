@@ -39,7 +39,7 @@ SIZE = 128, 128
 RADAR = Radar(
     carrier_hz=77e9, slope_hz_per_s=20e12, sample_rate_hz=2e6, samples=64, prf_hz=5120.0, position_m=(0.0, 0.0, 1.0)
 )
-"""640 MHz, 15 m, +-4.98 m/s: a fifth of the samples of `table2`."""
+"""640 MHz, 15 m, +-4.98 m/s: an eighth of the samples a second of `table2`."""
 RECORDINGS, TRAININGS = 10, 60
 LEAST_S = 2.0
 OVERLAP = 0.5
@@ -132,8 +132,8 @@ def run(folder: Path, *, trainings: int = TRAININGS, recordings: int = RECORDING
         files = list(pool.map(partial(kept_windows, folder=folder, seed=seed), range(trainings)))
         model = trained(files, members, options)
         pairs = list(pool.map(partial(told, model, seed=seed + 1), range(recordings)))
-    hours = recordings * LENGTH_S
-    scores = event_scores(pairs, len(CLASSES), hours, overlap=OVERLAP)
+    duration_s = recordings * LENGTH_S
+    scores = event_scores(pairs, len(CLASSES), duration_s, overlap=OVERLAP)
     falls = scores.false_alarms_per_hour[CLASSES.index("falling")] / 6
     return Section(
         title="Continuous recordings",

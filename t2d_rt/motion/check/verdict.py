@@ -125,7 +125,7 @@ class Evidence:
     limits: Limits
 
     def seated_s(self, *ankles: str) -> float:
-        """Longest stay of a low body whose centre of mass is far behind all of these ankles that something else carries it [s]."""
+        """Longest stay of a low body whose centre of mass is so far behind all of these ankles that something else carries it [s]."""
         body = self.body
         ahead = np.max([((body.centre_of_mass - body[each]) * body.facing).sum(axis=1) for each in ankles], axis=0)
         carried = (self.hips < SEATED) & (ahead < -OFF_THE_FEET * body.leg_m)
@@ -337,8 +337,9 @@ def _dancing(seen: Evidence) -> list[str]:
     heights = wrists_rise(body)
     legs = np.mean([np.linalg.norm(rate_of(body[f"{side}_ankle"]), axis=-1).mean() for side in sides])
     angle = np.unwrap(np.arctan2(body.facing[:, 1], body.facing[:, 0]))
-    if heights < (0.03 if arms > 0.3 and _jumping(seen) and _walking(seen) else DANCES) and np.ptp(angle) < math.pi:
-        faults.append(f"the arms move at {arms:.2f} m/s only and the body does not turn")
+    neither_jump_nor_walk = bool(_jumping(seen) and _walking(seen))
+    if heights < (0.03 if arms > 0.3 and neither_jump_nor_walk else DANCES) and np.ptp(angle) < math.pi:
+        faults.append(f"the wrists rise and fall by {heights:.3f} of the stature only and the body does not turn")
     if legs < 0.12:
         faults.append(f"the feet move at {legs:.2f} m/s only")
     if heights < 0.03 and seen.gait.net_mps > 0.8 * seen.gait.speed_mps > 0.3:

@@ -159,7 +159,8 @@ class Composer:
         # One seed is one person, whatever a sentence calls them.
         meant, own = description.subject, rng
         if self.person_seed is not None:
-            meant, own = "person", np.random.default_rng(self.person_seed)
+            own = np.random.default_rng(self.person_seed)
+            meant = description.subject if self.body is None else "person"
         person = individual(meant, own, body=self.body, stature_m=self.stature_m)
         motion = _composed(Maker(store, person, rng), description)
         if motion.duration_s > LONGEST_S:

@@ -28,9 +28,6 @@ a step: legs that stay behind a turning body cross."""
 PHRASE_S = 4.0
 """Longest stretch of one recording before another goes on: eight counts of music at two beats a second."""
 
-RECORDINGS = 1
-"""Of which a dance is made where their phrases go on in one another: of all of them, one was in 17 of 20 dances."""
-
 TRIES = 6
 """Phrases that are drawn until one goes on smoothly; else another recording joins, and of all of them the smoothest is taken."""
 
@@ -59,10 +56,10 @@ BACK, INTO = 0.25, 0.5
 
 
 def dance(maker: Maker, step: Step, duration_s: float) -> Piece:
-    """A dance of phrases, each going on in another where poses are alike, of two recordings, or of more where theirs do not go on
-    smoothly in one another; every recording has the same share of them."""
+    """A dance of phrases, each going on in another where poses are alike, of one recording, or of more where its phrases do not go
+    on smoothly in one another; of all recordings at once, one clip was in two of three dances."""
     left = maker.segments("dance")
-    segments = [each for _ in range(RECORDINGS) for each in _of_one(maker, left)]
+    segments = _of_one(maker, left)
     pace = {"slow": 0.86, "normal": 1.0, "fast": 1.05}[step.speed] * maker.person.tempo
     count = round(duration_s * RATE_HZ * pace)
     weights = chances(maker, segments)
