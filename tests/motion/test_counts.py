@@ -86,9 +86,10 @@ def test_what_lasts_lasts(sentence: str, seconds: float) -> None:
 def test_a_walk_before_something_else_lasts_too() -> None:
     for seed in (0, 1, 2):
         motion = motion_from_text("a person walks for six seconds, then sits down", seed=seed)
-        assert 5.4 < dict(motion.activities)["sit"] < 6.9
-        low = hips(motion) < np.median(hips(motion)[:120]) - 0.06
-        assert 5.4 < np.flatnonzero(low)[0] / motion.rate_hz < 8.5  # who sits down bends and hesitates before
+        begin_s = dict(motion.activities)["sit"]
+        assert 5.4 < begin_s < 6.9
+        low = hips(motion) < np.median(hips(motion)[:120]) - 0.15
+        assert 0 < np.flatnonzero(low)[0] / motion.rate_hz - begin_s < 4.5  # as long as recorded people take
 
 
 @pytest.mark.slow
