@@ -47,8 +47,8 @@ def _numbers(commands: Commands, name: str, least: int) -> list[float]:
     given = commands.get(name, [])
     if len(given) != 1 or len(given[0]) < least:
         raise InputError(
-            f"the .cfg file must hold one line {name} with {least} or more numbers, got {[len(each) for each in given]} numbers; give a file of "
-            "one profile and one frame"
+            f"the .cfg file must hold one line {name} with {least} or more numbers, got lines of "
+            f"{[len(each) for each in given]} numbers; give a file of one profile and one frame"
         )
     return given[0]
 

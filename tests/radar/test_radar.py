@@ -62,7 +62,7 @@ def test_presets(name: str, chirps_in_10_s: int, max_speed: float, max_range: fl
 
 
 def test_every_preset_is_tested_here() -> None:
-    assert len(preset_names()) == 12
+    assert len(preset_names()) == 13
     assert Radar.preset("TABLE2_Uniform") == Radar.preset("table2-uniform")
 
 

@@ -125,7 +125,7 @@ class Evidence:
     limits: Limits
 
     def seated_s(self, *ankles: str) -> float:
-        """Longest stay of a low body whose centre of mass is so far behind all of these ankles that something else carries it [s]."""
+        """Longest stay of a low body whose centre of mass is so far behind all these ankles that something else carries it [s]."""
         body = self.body
         ahead = np.max([((body.centre_of_mass - body[each]) * body.facing).sum(axis=1) for each in ankles], axis=0)
         carried = (self.hips < SEATED) & (ahead < -OFF_THE_FEET * body.leg_m)
