@@ -187,7 +187,7 @@ def evaluate(
     if Path(source).suffix.lower() == ".zarr":
         what, probabilities, labels = _windows_and_events(source, known)
     else:
-        maps, what = _labelled(source, known.card, model)
+        maps, what = _labelled(source, known, model)
         probabilities, labels = known.probabilities(maps.levels), maps.labels
     scores, title = scores_of(probabilities, labels), ", ".join(each.card.model for each in known.members)
     say(f"{title} on {what}: {_told(scores)}")
@@ -238,13 +238,15 @@ def _windows_and_events(source: str, known: Ensemble) -> tuple[str, np.ndarray, 
     return "windows", found.probabilities[labels >= 0], labels[labels >= 0]
 
 
-def _labelled(source: str, card: Card, model: str) -> tuple[LabelledMaps, str]:
-    """Maps on the axes of a model with labels of its classes, and what they are."""
+def _labelled(source: str, known: Ensemble, model: str) -> tuple[LabelledMaps, str]:
+    """Maps on the axes of networks with labels of their classes, and what they are: of a data set that they were trained on, the
+    samples that all of them kept apart."""
     from t2d_rt.dataset import Dataset
     from t2d_rt.dataset.shards import RECIPE
     from t2d_rt.learn import maps_of
     from t2d_rt.learn.adapters import AdapterOptions, read_real
 
+    card = known.card
     if not (Path(source) / RECIPE).is_file():
         low, high = card.speeds_mps
         axes = AdapterOptions(
@@ -260,10 +262,21 @@ def _labelled(source: str, card: Card, model: str) -> tuple[LabelledMaps, str]:
     data = Dataset(source)
     maps = maps_of(data, size=card.size, dynamic_range_db=card.dynamic_range_db, speeds_mps=_speeds_of(data, card))
     _check_like(source, maps, _mti_of(data), card)
-    if card.about.get("recipe_hash") == data.recipe.hash:
-        kept = maps.take(data.positions(_kept_apart(card, model)))
+    cards = [each.card for each in known.members]
+    trained_on = [each.about.get("recipe_hash") == data.recipe.hash for each in cards]
+    for member, own in zip(cards, trained_on, strict=True):
+        if not own:
+            _warn_of_seen(source, maps, member)
+    if any(trained_on):
+        apart = [set(_kept_apart(member, model)) for member, own in zip(cards, trained_on, strict=True) if own]
+        both = sorted(set.intersection(*apart))
+        if not both:
+            raise InputError(
+                f"no sample of {source} was kept apart by all of {model}; train them with one seed of the split, or evaluate them "
+                "one by one"
+            )
+        kept = maps.take(data.positions(both))
         return kept.relabelled(card.classes), f"the test of the split by {card.about.get('split', 'unknown')}"
-    _warn_of_seen(source, maps, card)
     for each in card.unfamiliar(source, levels=maps.levels):
         warn(each)
     return maps.relabelled(card.classes), "all samples, of another recipe than it was trained on"

@@ -117,7 +117,10 @@ class Dataset:
         shards = (self.path / SHARDS).is_dir()
         made_of = read_manifest(self.path).get("recipe_hash", self.recipe.hash) if shards else self.recipe.hash
         if made_of != self.recipe.hash:
-            raise InputError(f"{self.path / RECIPE} is not the recipe that the samples were made of; put that back")
+            raise InputError(
+                f"{self.path / RECIPE} is not the recipe that the samples were made of, or an older version made "
+                "them; put that recipe back, or read them with that version"
+            )
         self._reader: Reader = (
             ShardReader(self.path, self.recipe, most_bytes)
             if shards

@@ -13,6 +13,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
 
+from t2d_rt.body import template
 from t2d_rt.core.checks import unknown_name
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_yaml
@@ -172,7 +173,9 @@ class Recipe(Fields):
             for radar in {self.radar, *(each.radar for each in self.conditions if each.radar is not None)}:
                 RangeGate.of(radar, gate)  # refuses a gate without a cell
         for each in self.bodies:
-            if each != OWN_BODY and each not in bodies():
+            if each != OWN_BODY and "@" in each:
+                template(each)  # refuses what is none
+            elif each != OWN_BODY and each not in bodies():
                 raise unknown_name("body", each, (OWN_BODY, *bodies()))
         return self
 

@@ -6,6 +6,7 @@ people-tracking demo's detection layer (dynamicRACfarCfg, dynamicRangeAngleCfg, 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
@@ -13,6 +14,7 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 from pydantic import Field
 
+from t2d_rt.core.checks import shown
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import MAX_YAML_BYTES, read_bytes
@@ -29,16 +31,21 @@ def read_commands(source: Source) -> Commands:
         lines = (
             read_bytes(source, limit=MAX_YAML_BYTES, noun="radar configuration").decode("utf-8", "replace").splitlines()
         )
-    else:
+    elif isinstance(source, Sequence):
         lines = list(source)
+    else:
+        raise InputError(f"a radar configuration must be a .cfg file or its lines, got {shown(source)}; give a path")
     found: Commands = {}
     for line in lines:
         words = str(line).split("%")[0].split()
         if words:
             try:
-                found.setdefault(words[0], []).append([float(word) for word in words[1:]])
+                numbers = [float(word) for word in words[1:]]
             except ValueError:
-                raise InputError(f"a .cfg line must be a command and its numbers, got {line!s:.80}") from None
+                numbers = [math.nan]
+            if not all(map(math.isfinite, numbers)):
+                raise InputError(f"a .cfg line must be a command and its numbers, got {line!s:.80}; correct it")
+            found.setdefault(words[0], []).append(numbers)
     return found
 
 
@@ -62,6 +69,21 @@ def radar_fields(source: Source) -> dict[str, Any]:
     profile = _numbers(commands, "profileCfg", 11)
     _, start_ghz, idle_us, adc_us, ramp_us, backoff, _, slope, _, samples, rate_khz = profile[:11]
     first, last, loops, _, period_ms = _numbers(commands, "frameCfg", 5)[:5]
+    for name, value in (
+        ("start frequency of profileCfg", start_ghz), ("idle and ramp time of profileCfg", idle_us + ramp_us),
+        ("sample rate of profileCfg", rate_khz), ("period of frameCfg", period_ms),
+    ):  # fmt: skip
+        if value <= 0:
+            raise InputError(f"the {name} must be more than 0, got {value:g}; correct the .cfg file")
+    for name, value in (("samples of profileCfg", samples), ("loops of frameCfg", loops)):
+        if value < 1 or value != int(value):
+            raise InputError(f"the {name} must be a whole number, 1 or more, got {value:g}; correct the .cfg file")
+    if any(any(chirp[3:7]) for chirp in commands.get("chirpCfg", [])):
+        raise InputError(
+            "chirpCfg must leave frequency, slope and times as profileCfg has them; give a file of like chirps"
+        )
+    if any(len(line) > 1 and line[1] for line in commands.get("bpmCfg", [])):
+        raise InputError("bpmCfg must be off; give a file of time multiplexing")
     order = [
         int(chirp[7]) for chirp in sorted(commands.get("chirpCfg", [])) if len(chirp) > 7 and first <= chirp[0] <= last
     ]

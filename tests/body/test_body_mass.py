@@ -7,6 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
+import t2d_rt as t2d
 from builders import rest_pose
 from measures import volume
 from t2d_rt.body import segments, skin, template
@@ -50,3 +51,9 @@ def test_people_of_one_shape_share_their_facets() -> None:
 def test_other_bodies_are_refused(name: str, match: str) -> None:
     with pytest.raises(InputError, match=match):
         template(name)
+
+
+@pytest.mark.parametrize("name", ["man@99", "man@fat", "man@", "giant@25"])
+def test_nobody_is_made_with_a_body_that_is_none(name: str) -> None:
+    with pytest.raises(InputError, match="body mass index"):
+        t2d.motion_from_text("a person walks", seed=1, body=name)

@@ -173,3 +173,9 @@ def test_meshes_of_a_scene_are_among_the_files_that_samples_follow_from(tmp_path
 def test_one_seed_of_noise_for_all_samples_is_refused() -> None:
     with pytest.raises(InputError, match="all samples would have the same noise"):
         recipe(noise={"seed": 5})
+
+
+def test_bodies_may_have_a_body_mass_index() -> None:
+    assert recipe(bodies=["man@31.5", "own"]).bodies == ("man@31.5", "own")
+    with pytest.raises(InputError, match="body mass index of man"):
+        recipe(bodies=["man@99"])

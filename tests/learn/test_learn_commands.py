@@ -42,6 +42,32 @@ def test_train_evaluate_and_refusals(tmp_path: Path, run: Command) -> None:
     assert about["recipe_hash"] == Dataset(data).recipe.hash
     again = run("evaluate", data, "--model", model)
     assert done.out.split("test accuracy")[1].split(",")[0] == again.out.split("accuracy")[1].split(",")[0]
+    other = f"{model}-other"
+    assert (
+        run(
+            "train",
+            data,
+            "--model",
+            "streaming",
+            "-o",
+            other,
+            "--epochs",
+            "1",
+            "--batch",
+            "4",
+            "--size",
+            "16",
+            "--seed",
+            "5",
+        ).code
+        == 0
+    )
+    apart = [
+        set(json.loads(Path(each, "card.json").read_text())["about"]["indices"]["test"]) for each in (model, other)
+    ]
+    both = run("evaluate", data, "--model", f"{model},{other}")
+    shared = len(apart[0] & apart[1])
+    assert f", {shared} samples" in both.out if shared else "no sample" in both.err, both
     usual = ("train", data, "--model", "envelope", "-o", f"{model}-usual", "--epochs", "1", "--batch", "4")
     assert run(*usual).code == 0
     assert json.loads(Path(f"{model}-usual", "card.json").read_text())["size"] == [128, 128]  # not the 64 of the others

@@ -99,9 +99,19 @@ def test_thresholds_view_and_number_bound_the_points() -> None:
         ("0 0 0 0 0 4", "0 0 0 0 0 5", "one transmitter after the other"),
         ("antGeometry1 0 0 -1", "antGeometry1 0 0 -2", "no such array"),
         ("fovCfg -1 60.0", "fovCfg -1 sixty", "a command and its numbers"),
+        ("1 64 2000", "1 nan 2000", "a command and its numbers"),
+        ("1 64 2000", "1 64 0", "sample rate of profileCfg must be more than 0"),
+        ("0 1 32 0 50.00", "0 1 32.5 0 50.00", "loops of frameCfg must be a whole number"),
+        ("1 1 0 0 0 0 0 4", "1 1 0 1.0 0 0 0 4", "as profileCfg has them"),
+        ("sensorStop", "bpmCfg -1 1 0 1", "bpmCfg must be off"),
     ],
 )
 def test_configurations_that_tell_no_radar_are_refused(old: str, new: str, told: str) -> None:
     lines = "\n".join(LINES).replace(old, new).splitlines()
     with pytest.raises(InputError, match=told):
         Radar.from_ti_cfg(lines)
+
+
+def test_a_configuration_is_a_file_or_its_lines() -> None:
+    with pytest.raises(InputError, match="file or its lines, got None"):
+        Radar.from_ti_cfg(None)  # type: ignore[arg-type]

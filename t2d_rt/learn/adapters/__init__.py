@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.core.checks import file_path, unknown_name
+from t2d_rt.core.checks import file_path, instance, unknown_name
 from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import Dataset
 from t2d_rt.dataset.shards import RECIPE, SHARDS
@@ -52,9 +52,11 @@ def read_real(path: str | Path, adapter: str | None = None, options: AdapterOpti
     source = file_path("the path of real data", path)
     if not source.exists():
         raise InputError(f"{source} does not exist; give the path of your copy of the data")
+    if options is not None:
+        instance("options", options, AdapterOptions, "AdapterOptions")
     options = (options or AdapterOptions()).with_card(source)
     name = adapter or options.adapter or adapter_for(source)
-    if name not in ADAPTERS:
+    if not isinstance(name, str) or name not in ADAPTERS:
         raise unknown_name("adapter", name, ADAPTERS)
     chosen = ADAPTERS[name]
     maps, files = chosen.read(source, options)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -84,9 +85,13 @@ def individual(
     if stature_m is not None:
         drawn = number("stature_m", stature_m, 0.6, 2.4, unit="m")
     known = [each.removesuffix(".npz") for each in listing("meshes", ".npz")]
-    shape = None if body is None else body.partition("@")[0]  # behind it, how thick
+    shape, at, bmi = (None, "", "") if body is None else body.partition("@")
     if shape is not None and shape not in known:
-        raise InputError(f"no body {body!r}; choose one of {', '.join(known)}")
+        raise InputError(
+            f"no body {body!r}; choose one of {', '.join(known)}, or one with a body mass index as man@31.5"
+        )
+    if at and not re.fullmatch(r"[1-4]\d(\.\d+)?", bmi):
+        raise InputError(f"behind the @ of body {body!r} must stand a body mass index, 10 to 50 kg/m^2, as in man@31.5")
     name = body or (name if name in known else "adult")
     breaths = rng.spawn(1)[0].random(3)
     normal = rng.standard_normal(6)
