@@ -249,7 +249,7 @@ def normal() -> Normal:
     return Normal([each for each in made if each is not None])
 
 
-@pytest.mark.parametrize("type", GAIT_TYPES)
+@pytest.mark.parametrize("type", slow_after(3, GAIT_TYPES))
 def test_what_physicians_grade_grows_with_severity(type: GaitType, walk: Poses, normal: Normal) -> None:
     def graded(severity: float) -> float:
         made = [abnormal_walk(walk, type, severity=severity, rng=np.random.default_rng(seed)) for seed in range(3)]
