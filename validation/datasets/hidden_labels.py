@@ -6,19 +6,17 @@
 from __future__ import annotations
 
 import sys
-import tempfile
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from t2d_rt.dataset import Dataset, Recipe, make_dataset, split
+from t2d_rt.dataset import Dataset, split
 from t2d_rt.learn import TrainOptions, maps_of, train_model
 from t2d_rt.learn.maps import LabelledMaps
+from validation.datasets import of_a_set_made
 from validation.report import Check, Section
 
-RECIPE = "small-hard"
 ABOVE_CHANCE, MIRRORED = 0.05, 0.03
 """By how much a figure alone may tell the class, and what mirrored Doppler may cost."""
 FOLDS, REPEATS, SEEDS = 5, 4, (0, 1, 2)
@@ -94,9 +92,7 @@ def evaluated(dataset: Dataset) -> Section:
 
 def run() -> Section:
     """The section, of a set that is made for it."""
-    with tempfile.TemporaryDirectory() as folder:
-        make_dataset(Recipe.read(RECIPE), Path(folder) / RECIPE)
-        return evaluated(Dataset(Path(folder) / RECIPE))
+    return of_a_set_made("small-hard", evaluated)
 
 
 if __name__ == "__main__":

@@ -7,14 +7,13 @@ Doppler envelope tells the eight classes apart.
 from __future__ import annotations
 
 import sys
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.dataset import Dataset, Recipe, dataset_sheet, folds, make_dataset
+from t2d_rt.dataset import Dataset, dataset_sheet, folds
 from t2d_rt.learn.baselines import SHRINKAGE, Centroids
+from validation.datasets import of_a_set_made
 from validation.datasets.features import features
 from validation.report import Check, Section, save_chart
 
@@ -84,9 +83,7 @@ def _second(row: np.ndarray, number: int, names: tuple[str, ...]) -> str:
 
 def run() -> Section:
     """The section, of a set that is made for it."""
-    with tempfile.TemporaryDirectory() as folder:
-        make_dataset(Recipe.read(RECIPE), Path(folder) / RECIPE)
-        return evaluated(Dataset(Path(folder) / RECIPE))
+    return of_a_set_made(RECIPE, evaluated)
 
 
 if __name__ == "__main__":

@@ -45,7 +45,7 @@ POSTURE_RAD = {
 }  # fmt: skip
 """Standard deviations of a person's habitual posture per axis [rad]; between recorded walkers they are larger."""
 
-BREATHS_HZ, BREATH_DEPTH_M = (0.2, 0.35), (0.004, 0.012)
+RESTING_HZ, RESTING_DEPTH_M = (0.2, 0.35), (0.004, 0.012)
 """Breaths a second of people at rest, and how far the front of the trunk comes forward in one: of five people who sat the ribs by
 3 to 5 mm, the abdomen almost straight forward (De Groote et al. 1997, J. Appl. Physiol. 83: 1531); radars meet up to 12 mm (Shafiq
 and Veluvolu 2014, Sci. Rep. 4: 5093)."""
@@ -107,8 +107,8 @@ def individual(
         vigour=float(np.exp(0.2 * np.clip(normal[4], -2, 2))),
         habit=habit,
         breathing=Breathing(
-            rate_hz=float(np.interp(breaths[0], (0, 1), BREATHS_HZ)),
-            depth_m=float(np.interp(breaths[1], (0, 1), BREATH_DEPTH_M)),
+            rate_hz=float(np.interp(breaths[0], (0, 1), RESTING_HZ)),
+            depth_m=float(np.interp(breaths[1], (0, 1), RESTING_DEPTH_M)),
             phase_rad=2 * np.pi * float(breaths[2]),
         ),
     )
