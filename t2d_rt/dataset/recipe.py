@@ -168,6 +168,10 @@ class Recipe(Fields):
                 raise InputError(f"recipe key {what} names one of them twice; give each once")
         if self.subjects is not None and self.bodies != (OWN_BODY,):
             raise InputError("recipe key subjects gives each person a body of their own; leave bodies out")
+        if any(
+            each is not None and each.track is not None for each in (self.radar, *(c.radar for c in self.conditions))
+        ):
+            raise InputError("recipe key radar has a track, and radars of data sets stand still; leave it out")
         gate = self.products.spectrogram.range_gate_m if self.products.spectrogram else None
         if isinstance(gate, tuple):
             for radar in {self.radar, *(each.radar for each in self.conditions if each.radar is not None)}:

@@ -34,6 +34,7 @@ from t2d_rt.propagation.collisions import Collisions
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.types import Radar, Receiver, Scene, Surface
 from t2d_rt.types.fields import Count
+from t2d_rt.types.radar_track import with_track_beside
 from t2d_rt.types.target import Method
 
 
@@ -172,6 +173,8 @@ class Experiment(Plain):
         noise = values.get("noise")
         if isinstance(noise, str) and noise.lower().endswith((".yaml", ".yml")):
             values = {**values, "noise": str(path.parent / noise)}
+        if isinstance(values.get("radar"), Mapping):
+            values = {**values, "radar": with_track_beside(values["radar"], path)}
         try:
             found = cls.model_validate(values)
         except InputError as error:

@@ -91,6 +91,10 @@ def set_up(
     if experiment.material is not None:
         checked_material(experiment.material)
     scene = None if whole is None else within_reach(whole, radar)
+    if scene is not None and radar.track is not None:
+        raise InputError(
+            f"a radar that moves is modelled in free space alone, got scene {scene.name}; leave the scene out, or the track"
+        )
     if isinstance(experiment.noise, Receiver):
         check_receiver(radar, experiment.noise)
     targets = [_placed(each, radar) if isinstance(each, Motion) else each for each in targets]
@@ -99,6 +103,8 @@ def set_up(
     geometries = [each.geometry for each in modelled]
     span_s = shared_time(geometries)
     _tell_of_cuts(targets, geometries, span_s[1])
+    if radar.track is not None:
+        _tell_of_track(radar, [each.source for each in modelled], span_s[1])
     if scene is not None:
         moving = [placed(t, radar) if isinstance(t, Motion) else s for t, s in zip(targets, geometries, strict=True)]
         span_s = checked_time(
@@ -214,6 +220,16 @@ def _tell_of_cuts(targets: Sequence[TargetLike], geometries: Sequence[Geometry],
         f"{names[longest]} the last {ends_s[longest] - stop_s:.4g} s are left out; give both for the same time (start_s, stop_s), "
         "or simulate them apart"
     )
+
+
+def _tell_of_track(radar: Radar, sources: Sequence[Any], stop_s: float) -> None:
+    """Warns of a record that ends with the radar's track, before any of its targets does."""
+    ends_s = [float(each.times_s[-1]) for each in sources if not isinstance(each, Mover)]
+    if min(ends_s) > stop_s + LEAST_CUT_S:
+        warn(
+            f"the record ends with the radar's track at {stop_s:.4g} s, and the targets go on to {min(ends_s):.4g} s; give a "
+            "longer track, or targets for the same time"
+        )
 
 
 def _check_steps(motion: Motion) -> None:

@@ -14,7 +14,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import Budget, blocks
 from t2d_rt.geometry.vectors import lengths
 from t2d_rt.pipeline.path_pairs import ChosenPairs, Clutter, clutter_scatterers
-from t2d_rt.pipeline.targets import TargetLike
+from t2d_rt.pipeline.targets import SeenFromMoving, TargetLike
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.materials import itu_material
 from t2d_rt.propagation.visibility import sample_times
@@ -74,7 +74,7 @@ class Model:
     """Names of the path pairs that have echoes; None for all. The others are modelled alike and are silent, so that recordings of
     parts add up to that of the whole."""
     surface_rates: dict[int, SurfaceRate] = field(default_factory=dict)
-    """What was found of the rates that targets need, by their number."""
+    """What was found of the rates that targets need, by their number; of `own_rate` by its complement."""
 
     @property
     def targets(self) -> list[TargetLike]:
@@ -106,6 +106,15 @@ class Model:
             self.surface_rates[number] = SurfaceRate(self.geometries[number], self.radar, self.span_s, stand_in)
         return self.surface_rates[number]
 
+    def own_rate(self, number: int) -> SurfaceRate:
+        """The same, where a radar that moves does not count: what turns with all of the world keeps its visibility."""
+        target = self.modelled[number]
+        if not isinstance(target, SeenFromMoving):
+            return self.rate(number)
+        if ~number not in self.surface_rates:
+            self.surface_rates[~number] = SurfaceRate(target.target.geometry, self.radar, self.span_s)
+        return self.surface_rates[~number]
+
     def frame_times(self, accuracy: Accuracy) -> list[np.ndarray]:
         """Surface frames of each target [s] at its rate or more; those that need about the same rate have the same ones."""
         rates = self.rates_hz(accuracy)
@@ -134,7 +143,7 @@ class Model:
     def fast_rotating(self, accuracy: Accuracy) -> list[bool]:
         """Which targets rotate too fast for their visibility to be sampled point by point."""
         return [
-            target.may_rotate_fast and self.rate(number).rotation_hz(SPLINE_ERROR_DB) > accuracy.fastest_sampled_hz
+            target.may_rotate_fast and self.own_rate(number).rotation_hz(SPLINE_ERROR_DB) > accuracy.fastest_sampled_hz
             for number, target in enumerate(self.modelled)
         ]
 

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
 
 from t2d_rt.body import segments as fit_segments
 from t2d_rt.body import skin as skin_body
@@ -13,6 +18,7 @@ from t2d_rt.scene import Mover
 from t2d_rt.types import Ellipsoids, Material, Motion, MovingMesh, Radar
 from t2d_rt.types.material import checked_material
 from t2d_rt.types.mesh import Made
+from t2d_rt.types.splines import set_fields
 from t2d_rt.types.target import Geometry, Method, Target
 
 TargetLike = Motion | MovingMesh | Ellipsoids | Mover
@@ -129,6 +135,89 @@ class MovingPart:
         return self
 
 
+@dataclass(frozen=True, slots=True)
+class SeenFromMoving:
+    """A target as it passes a radar that moves, in the frame in which that stands still (`Radar.passing`)."""
+
+    target: Target
+    radar: Radar
+    geometry: Geometry
+    template: str
+
+    @classmethod
+    def of(cls, target: Target, radar: Radar) -> SeenFromMoving:
+        """The target, whose own place is in the world."""
+        return cls(target, radar, passing(target.geometry, radar), getattr(target, "template", "ellipsoids"))
+
+    @property
+    def source(self) -> Any:
+        """What was handed to `simulate`, in the world."""
+        return self.target.source
+
+    @property
+    def mesh(self) -> MovingMesh | None:
+        """The skin or mesh, where that is what scatters."""
+        return self.geometry if isinstance(self.geometry, MovingMesh) else None
+
+    @property
+    def material(self) -> str | Material:
+        """The target's own material."""
+        return self.target.material
+
+    @property
+    def may_rotate_fast(self) -> bool:
+        """As the target in the world."""
+        return self.target.may_rotate_fast
+
+    def ellipsoids(self) -> Ellipsoids | None:
+        """The target's coarse form, if any."""
+        found = self.target.ellipsoids()
+        return None if found is None else passing(found, self.radar)
+
+    def by(self, method: Method) -> SeenFromMoving:
+        """The same, modelled by another method."""
+        return SeenFromMoving.of(self.target.by(method), self.radar)
+
+
+def passing(geometry: Geometry, radar: Radar) -> Geometry:
+    """What is given in the world as a radar that moves sees it, in the frame in which it stands still, while both are known; the
+    same where the radar stands still."""
+    if radar.track is None:
+        return geometry
+    own_s, track_s = geometry.times_s, np.array(radar.track.times_s)
+    begin, end = max(own_s[0], track_s[0]), min(own_s[-1], track_s[-1])
+    if not end > begin:
+        raise InputError(
+            f"the radar's track from {track_s[0]:.6g} to {track_s[-1]:.6g} s and {geometry.name} from {own_s[0]:.6g} to "
+            f"{own_s[-1]:.6g} s have no time in common; give overlapping times_s"
+        )
+    # Its places were given as often as those of the faster of the two: what vibrates is looked for up to that rate.
+    times_s = min(own_s, track_s, key=lambda given_s: float(np.diff(given_s).min()))
+    half_s = float(np.diff(times_s).min()) / 2
+    inside = times_s[(times_s > begin + half_s) & (times_s < end - half_s)]
+    found, move = copy(geometry), _passing_mesh if isinstance(geometry, MovingMesh) else _passing_ellipsoids
+    set_fields(found, track=partial(move, geometry, radar), times_s=np.concatenate([[begin], inside, [end]]))
+    if geometry.made is not None and geometry.made.by == "arrays":
+        set_fields(found, made=Made("passing", {}))  # these arrays are in the world
+    if isinstance(found, MovingMesh):
+        set_fields(found, period_s=None)  # it is never in the same place before the radar again
+    return found
+
+
+def in_frame(radar: Radar, times_s: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+    """Points of the world (K, ..., 3) m at times [s] (K,), in the frame in which a radar that moves stands still."""
+    return points_m if radar.track is None else radar.passing(times_s).points(points_m)
+
+
+def _passing_mesh(mesh: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
+    return in_frame(radar, times_s, mesh.at(times_s))
+
+
+def _passing_ellipsoids(ellipsoids: Ellipsoids, radar: Radar, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    move, (centres, axes) = radar.passing(times_s), ellipsoids.at(times_s)
+    return move.points(centres), move.turn[:, None] @ axes
+
+
 def targets_of(
     given: Sequence[TargetLike], method: Method, body: str, material: str | Material | None, radar: Radar
 ) -> list[Target]:
@@ -144,10 +233,11 @@ def targets_of(
             f"movers alone have no end, got {given!r:.60}; give one of them as its mesh, mover.mesh(0, 5) for 5 s"
         )
     time_s = shared_time([each.geometry for each in lasting.values()])
-    return [
+    found = [
         MovingPart(each, each.mesh(*time_s)) if isinstance(each, Mover) else lasting[number]
         for number, each in enumerate(given)
     ]
+    return found if radar.track is None else [SeenFromMoving.of(each, radar) for each in found]
 
 
 def _lasting(

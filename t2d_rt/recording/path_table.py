@@ -15,6 +15,7 @@ from t2d_rt.core.constants import SPEED_OF_LIGHT, unit_of
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion import track
 from t2d_rt.pipeline.echo_model import Model
+from t2d_rt.pipeline.targets import in_frame
 from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.surroundings import polarization
 from t2d_rt.scattering.paths import Arrivals
@@ -130,7 +131,7 @@ def reference_points(model: Model, times_s: np.ndarray) -> np.ndarray:
     at_s = np.clip(model.span_s[0] + times_s, *model.span_s)
     return np.stack(
         [
-            track(each.source)(at_s)[0][:, 0]
+            in_frame(model.radar, at_s, track(each.source)(at_s)[0][:, 0])
             if isinstance(each.source, Motion)
             else each.geometry.points_at(at_s).mean(axis=1)
             for each in model.modelled

@@ -19,7 +19,7 @@ from t2d_rt.motion import track
 from t2d_rt.motion.contacts import SIDES, contacts
 from t2d_rt.motion.kinematics import poses_of
 from t2d_rt.pipeline.echo_model import Model, with_method
-from t2d_rt.pipeline.targets import segments, skin
+from t2d_rt.pipeline.targets import in_frame, passing, segments, skin
 from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.visibility import Occlusion, Viewpoints
 from t2d_rt.recording.path_table import (
@@ -147,10 +147,11 @@ def _of_persons(
     places, stands = np.zeros((*shape, len(joints), 3)), np.zeros((*shape, 2, 2), bool)
     breathes, does = np.zeros(shape), list[np.ndarray]()
     for row, (number, motion, body) in enumerate(people):
-        own = track(motion)(at.now)[0][:, [motion.index(name) for name in joints]]
+        own = in_frame(model.radar, at.now, track(motion)(at.now)[0][:, [motion.index(name) for name in joints]])
         places[row] = (own - np.asarray(model.radar.position_m)) @ model.radar.axes.T
         own_limbs = model.geometries[number]
-        limbs = own_limbs if isinstance(own_limbs, Ellipsoids) else segments(motion, body)
+        limbs = own_limbs if isinstance(own_limbs, Ellipsoids) else passing(segments(motion, body), model.radar)
+        assert isinstance(limbs, Ellipsoids)
         for each, some_s in zip(middles, at, strict=True):
             each[row] = limbs.at(some_s)[0]
         frames = np.clip(np.rint(at.now * motion.rate_hz).astype(int), 0, len(motion.joints) - 1)
@@ -226,10 +227,15 @@ def visible_fractions(model: Model, accuracy: Accuracy, people: Sequence[Person]
     found = np.zeros((len(people), len(at_s), len(SEGMENTS)))
     if not people:
         return found
-    skinned = with_method(model, "mesh")
-    fast = skinned.fast_rotating(accuracy)
-    meshes = {k: mesh for k, mesh in enumerate(skinned.geometries) if isinstance(mesh, MovingMesh) and not fast[k]}
-    meshes |= {each.number: skin(each.motion, each.body) for each in people if each.number not in meshes}
+    whole = with_method(model, "mesh")
+    fast = whole.fast_rotating(accuracy)
+    meshes = {k: mesh for k, mesh in enumerate(whole.geometries) if isinstance(mesh, MovingMesh) and not fast[k]}
+    meshes |= {
+        each.number: skinned
+        for each in people
+        if each.number not in meshes
+        and isinstance(skinned := passing(skin(each.motion, each.body), model.radar), MovingMesh)
+    }
     occluders, order, owners = Occluders(list(meshes.values())), list(meshes), [_owners(each) for each in people]
     viewpoints = Viewpoints(occluders, at_s, model.backend)
     views = [

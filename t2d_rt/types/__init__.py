@@ -9,6 +9,7 @@ from t2d_rt.types.mesh import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Breathing, Motion
 from t2d_rt.types.paths import OneWayPath, PathPair, PathSet, StaticPath
 from t2d_rt.types.radar import Radar
+from t2d_rt.types.radar_track import RadarTrack
 from t2d_rt.types.receiver import Receiver
 from t2d_rt.types.scatterer import EchoStream, stream
 from t2d_rt.types.scene import Scene, Surface
@@ -32,6 +33,7 @@ __all__ = [
     "PathSet",
     "PathTier",
     "Radar",
+    "RadarTrack",
     "Receiver",
     "Scene",
     "StaticPath",
@@ -50,6 +52,7 @@ for _each in (
     MovingMesh,
     PathTier,
     Radar,
+    RadarTrack,
     Receiver,
     Scene,
 ):

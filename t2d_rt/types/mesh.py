@@ -25,7 +25,7 @@ Track = Callable[[np.ndarray], np.ndarray]
 class Made:
     """How a mesh or ellipsoids were made, so that they can be made again."""
 
-    by: Literal["arrays", "skin", "segments", "mover"]
+    by: Literal["arrays", "skin", "segments", "mover", "passing"]
     arguments: Mapping[str, Any]
     """Of that maker."""
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, model_serializer, model_validator
 
 from t2d_rt.core.atomic_write import replacing
 from t2d_rt.core.checks import file_path, integer, number, numeric, positive, shown, unknown_name
@@ -25,6 +25,7 @@ from t2d_rt.core.files import read_yaml
 from t2d_rt.core.plugins import loaded, plugins
 from t2d_rt.types.antennas import Isotropic, Pattern, axes_along, one_view, polarization_product
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
+from t2d_rt.types.radar_track import RadarTrack, Rigid, track_named, with_track_beside
 from t2d_rt.types.ti_cfg import radar_fields
 
 
@@ -119,6 +120,9 @@ class Radar(Fields):
     """Position of the radar in the world, x, y and z (up) [m]."""
     boresight: Vector = (1.0, 0.0, 0.0)
     """Direction in the world in which the antennas point, x, y and z (up); a vector of any length."""
+    track: Annotated[RadarTrack | None, BeforeValidator(track_named)] = None
+    """Poses of a radar that moves: a `RadarTrack` or its file (.csv of t,x,y,z,yaw,pitch,roll, .npz, .yaml); left out, it stands
+    still. `position_m` and `boresight` are then those where the track begins."""
     tx_offsets_m: Vectors = ((0.0, 0.0, 0.0),)
     """Positions of the M transmitters in the radar's frame, from `position_m` [m]: x boresight, y left, z up; one will do."""
     rx_offsets_m: Vectors = ((0.0, 0.0, 0.0),)
@@ -139,6 +143,22 @@ class Radar(Fields):
     """Linear polarisation of the transmit antennas [deg]: 0 vertical (the radar's z), 90 horizontal (its y)."""
     rx_polarization_deg: Annotated[Number, Field(ge=-360, le=360)] = 0.0
     """Linear polarisation of the receive antennas [deg]: 0 vertical (the radar's z), 90 horizontal (its y)."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _where_track_begins(cls, values: Any) -> Any:
+        """Place and boresight where the track begins, which may be given as well but may not be others."""
+        if not isinstance(values, Mapping) or values.get("track") is None:
+            return values
+        track = track_named(values["track"])
+        track = track if isinstance(track, RadarTrack) else RadarTrack.model_validate(track)
+        begins = {"position_m": track.positions_m[0], "boresight": track.first_boresight}
+        return {**values, "track": track, **{name: value for name, value in begins.items() if value is not None}}
+
+    @model_serializer(mode="wrap")
+    def _without_no_track(self, written: Any) -> Any:
+        """The fields; without a track of a radar that stands still, as versions had none."""
+        return {name: value for name, value in written(self).items() if name != "track" or value is not None}
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
@@ -214,7 +234,7 @@ class Radar(Fields):
     @classmethod
     def from_yaml(cls, path: str | Path) -> Radar:
         """Read a radar from a YAML file of field names and values."""
-        values = read_radar(path)
+        values = with_track_beside(read_radar(path), path)
         try:
             return cls(**values)
         except InputError as error:
@@ -239,6 +259,12 @@ class Radar(Fields):
 
     def replace(self, **changes: Any) -> Radar:
         """A copy with some fields changed, checked like a new one."""
+        if self.track is not None and "track" not in changes:
+            fixed = [name for name in ("position_m", "boresight") if name in changes]
+            if fixed:
+                raise InputError(
+                    f"{fixed[0]} of a radar that moves is where its track begins; give another track, or track=None with it"
+                )
         return type(self)(**{**self.model_dump(), **changes})
 
     # --- waveform ---
@@ -403,6 +429,15 @@ class Radar(Fields):
     def axes(self) -> np.ndarray:
         """Unit vectors boresight, left, up of the radar in the world, rows of (3, 3)."""
         return axes_along(self.boresight).copy()
+
+    def passing(self, times_s: np.ndarray) -> Rigid:
+        """How the world stands at times [s] (K,) to a radar that moves, in the frame in which that keeps its place and axes."""
+        if self.track is None:
+            raise ValueError("the radar stands still")
+        own, turned = np.array(self.position_m), self.track.axes(times_s)
+        places = self.track.places_m(times_s)
+        turn = np.broadcast_to(np.eye(3), (len(places), 3, 3)) if turned is None else self.axes.T @ turned
+        return Rigid(turn, own - np.einsum("kij,kj->ki", turn, places))
 
     @property
     def tx_positions_m(self) -> np.ndarray:

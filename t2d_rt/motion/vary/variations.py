@@ -48,6 +48,8 @@ def vary_view(motion: Motion, radar: Radar, *, angle_deg: float, height_m: float
     """
     checked_motion(motion)
     instance("radar", radar, Radar, "a Radar")
+    if radar.track is not None:
+        raise InputError("vary_view needs a radar that stands still, got one with a track; vary its poses instead")
     number("angle_deg", angle_deg, -1e6, 1e6, unit="deg")
     if motion.placed is False:  # simulate would put it before the new radar as before any other
         raise InputError(

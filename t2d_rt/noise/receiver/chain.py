@@ -277,6 +277,10 @@ class Interference:
     """The chirps of one other radar, heard by all receivers over the line of sight (eq. 37)."""
 
     def __init__(self, radar: Radar, other: Interferer, draws: Draws, number: int) -> None:
+        if radar.track is not None:
+            raise InputError(
+                "interferers are heard by radars that stand still; leave out interferers or the radar's track"
+            )
         self._radar, self._other, self._draws = radar, other, draws
         self._slots, self._name = TimeSlots(radar), f"interferer {number}"
         apart = np.array(other.position_m) - radar.rx_positions_m

@@ -1,0 +1,253 @@
+"""`RadarTrack`: where a radar that moves is, and how it is turned, over time; rigid motions between the world and its frame.
+
+A moving radar is worked out in the frame of its antennas, as a radar that stands still in a world that moves: it keeps `position_m`
+and `boresight`, those of its track's begin, and the world is carried past it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+from pydantic import BeforeValidator, Field, model_validator
+
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import read_bytes, read_yaml, regular_file
+from t2d_rt.types.fields import Fields, Number, Vector
+from t2d_rt.types.mesh import Track
+from t2d_rt.types.splines import checked_times, spline, within
+
+MOST_POSES = 100_000
+"""Of one track."""
+MOST_BYTES = 100_000_000
+"""Of a track's file."""
+COLUMNS = "t", "x", "y", "z", "yaw", "pitch", "roll"
+"""Of a track's file: seconds, metres, degrees; the last three may be left out."""
+LEAST_LENGTH = 1e-6
+"""Of quaternions, which are normalised."""
+
+
+def _listed(value: Any) -> Any:
+    """An array as lists."""
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+Times = Annotated[tuple[Number, ...], BeforeValidator(_listed), Field(min_length=2, max_length=MOST_POSES)]
+Places = Annotated[tuple[Vector, ...], BeforeValidator(_listed), Field(min_length=2, max_length=MOST_POSES)]
+Turns = Annotated[
+    tuple[tuple[Number, Number, Number, Number], ...],
+    BeforeValidator(_listed),
+    Field(min_length=2, max_length=MOST_POSES),
+]
+
+
+class Rigid(NamedTuple):
+    """Rigid motions at K times: x becomes `turn` x + `shift_m`."""
+
+    turn: np.ndarray
+    """(K, 3, 3), rotations."""
+    shift_m: np.ndarray
+    """(K, 3)."""
+
+    def points(self, points_m: np.ndarray) -> np.ndarray:
+        """Points (K, ..., 3) m carried along."""
+        return self.directions(points_m) + _spread(self.shift_m, points_m.ndim)
+
+    def directions(self, vectors: np.ndarray) -> np.ndarray:
+        """Vectors (K, ..., 3) turned."""
+        flat = vectors.reshape(len(vectors), -1, 3)
+        return np.asarray((flat @ self.turn.swapaxes(1, 2)).reshape(vectors.shape))
+
+    @property
+    def inverse(self) -> Rigid:
+        """The motions back."""
+        back = self.turn.swapaxes(1, 2)
+        return Rigid(back, -np.einsum("kij,kj->ki", back, self.shift_m))
+
+
+def _spread(values: np.ndarray, axes: int) -> np.ndarray:
+    return values.reshape(len(values), *[1] * (axes - 2), 3)
+
+
+class RadarTrack(Fields):
+    """Poses of a radar over time; between them the place follows a C2 cubic spline, and so do the quaternions.
+
+    >>> track = RadarTrack(times_s=[0, 1], positions_m=[(0, 0, 1), (1, 0, 1)])
+    >>> track.places_m(np.array([0.25])).tolist()
+    [[0.25, 0.0, 1.0]]
+    """
+
+    noun: ClassVar[str] = "radar track"
+    written: ClassVar[dict[str, str]] = {
+        "times_s": "a list of seconds",
+        "positions_m": "a list of positions, as in [[0, 0, 1], [0.5, 0, 1]]",
+        "orientations": "a list of quaternions x, y, z, w",
+    }
+
+    times_s: Times
+    """Of the poses, on the clock of the targets [s], increasing (T,)."""
+    positions_m: Places
+    """Places of the radar in the world [m], (T, 3)."""
+    orientations: Turns | None = None
+    """Unit quaternions x, y, z, w that turn the radar's frame (x boresight, y left, z up) into the world, (T, 4); left out where it
+    keeps its boresight."""
+
+    @model_validator(mode="after")
+    def _check_lengths(self) -> Self:
+        times_s = checked_times(self.times_s)
+        for name in ("positions_m", "orientations"):
+            values = getattr(self, name)
+            if values is not None and len(values) != len(times_s):
+                raise InputError(
+                    f"radar track: {name} has {len(values)} poses at {len(times_s)} times_s; give one for each time"
+                )
+        if self.orientations is not None:
+            lengths = np.linalg.norm(self.orientations, axis=1)
+            if not lengths.min() > LEAST_LENGTH:
+                raise InputError(
+                    "radar track: orientations must be quaternions x, y, z, w, got one of no length; 0, 0, 0, 1 is no rotation"
+                )
+        return self
+
+    @classmethod
+    def of_angles(cls, times_s: Any, positions_m: Any, yaw_pitch_roll_deg: Any) -> RadarTrack:
+        """From angles [deg], (T, 3): the azimuth of the boresight (left > 0), its elevation (up > 0), and the turn about it (the left
+        side up > 0)."""
+        from scipy.spatial.transform import Rotation
+
+        angles = np.asarray(yaw_pitch_roll_deg, float) * [1, -1, 1]
+        return cls(
+            times_s=times_s, positions_m=positions_m, orientations=Rotation.from_euler("ZYX", angles, True).as_quat()
+        )
+
+    @classmethod
+    def read(cls, path: str | Path) -> RadarTrack:
+        """From a file: .csv with a first line "t,x,y,z" or "t,x,y,z,yaw,pitch,roll" (seconds, metres, degrees, as `of_angles`), .npz
+        with arrays of these names, or .yaml of the fields of a track."""
+        path = Path(path)
+        kind = path.suffix.lower()
+        if kind in (".yaml", ".yml"):
+            return cls(**read_yaml(path, noun="radar track", example="times_s and positions_m"))
+        columns = {".csv": _of_csv, ".npz": _of_npz}.get(kind)
+        if columns is None:
+            raise InputError(f"{path}: a radar's track must be a .csv, .npz or .yaml file, got {shown(path.name)}")
+        found = columns(path)
+        names = [name for name in COLUMNS if name in found]
+        if names not in (list(COLUMNS[:4]), list(COLUMNS)):
+            raise InputError(
+                f"{path}: a radar's track needs {', '.join(COLUMNS[:4])}, or these and {', '.join(COLUMNS[4:])}, got "
+                f"{', '.join(found) or 'nothing'}"
+            )
+        values = np.stack([found[name] for name in names], axis=1)
+        if not np.isfinite(values).all():
+            raise InputError(f"{path}: a radar's track must hold finite numbers alone; repair or leave out such rows")
+        if len(names) == 4:
+            return cls(times_s=values[:, 0], positions_m=values[:, 1:])
+        return cls.of_angles(values[:, 0], values[:, 1:4], values[:, 4:])
+
+    def places_m(self, times_s: np.ndarray) -> np.ndarray:
+        """Places of the radar at times [s] (K,) of the track, (K, 3) m."""
+        return self._curves[0](self._within(times_s))
+
+    def axes(self, times_s: np.ndarray) -> np.ndarray | None:
+        """Boresight, left and up in the world at these times, rows of (K, 3, 3); None where they do not turn."""
+        from scipy.spatial.transform import Rotation
+
+        turning = self._curves[1]
+        if turning is None:
+            return None
+        return np.asarray(Rotation.from_quat(turning(self._within(times_s))).as_matrix().swapaxes(1, 2))
+
+    @property
+    def first_boresight(self) -> tuple[float, float, float] | None:
+        """At the first time; None where it is the radar's own."""
+        axes = self.axes(np.array(self.times_s[:1]))
+        return None if axes is None else tuple(axes[0, 0].tolist())
+
+    @cached_property
+    def _known_s(self) -> np.ndarray:
+        return np.array(self.times_s)
+
+    @cached_property
+    def _curves(self) -> tuple[Track, Track | None]:
+        """Splines of the places, and of the quaternions."""
+        place = spline(self._known_s, np.array(self.positions_m))
+        if self.orientations is None:
+            return place, None
+        turns = np.array(self.orientations)
+        turns /= np.linalg.norm(turns, axis=1)[:, None]
+        # q and -q are one rotation: of both the one that continues the pose before is taken, for the spline to be short.
+        turns[1:] *= np.cumprod(np.where((turns[1:] * turns[:-1]).sum(-1) < 0, -1.0, 1.0))[:, None]
+        return place, spline(self._known_s, turns)
+
+    def _within(self, times_s: np.ndarray) -> np.ndarray:
+        return within(times_s, self._known_s, "the radar's track")
+
+    def __eq__(self, other: object) -> bool:
+        # The curves, which are kept once they are known, are no fields.
+        return isinstance(other, RadarTrack) and self._fields == other._fields
+
+    def __hash__(self) -> int:
+        return hash(self._fields)
+
+    @property
+    def _fields(self) -> tuple[Any, ...]:
+        return self.times_s, self.positions_m, self.orientations
+
+    def __repr__(self) -> str:
+        turning = "" if self.orientations is None else ", turning"
+        return f"RadarTrack({len(self.times_s)} poses from {self.times_s[0]:g} to {self.times_s[-1]:g} s{turning})"
+
+    def __str__(self) -> str:
+        return repr(self)
+
+
+def _of_csv(path: Path) -> dict[str, np.ndarray]:
+    """Columns of a table by the names of its first line."""
+    lines = [
+        each
+        for each in read_bytes(path, limit=MOST_BYTES, noun="radar track").decode("utf-8", "replace").splitlines()
+        if each.strip()
+    ]
+    rows = [[word.strip() for word in line.split(",")] for line in lines]
+    if len(rows) < 2:
+        return {}
+    try:
+        values = np.array([[float(word) for word in row] for row in rows[1:]])
+    except ValueError:
+        raise InputError(
+            f"{path}: rows of a radar's track must hold as many numbers each as its first line {shown(lines[:1])} has names"
+        ) from None
+    if values.shape[1] != len(rows[0]):
+        raise InputError(f"{path}: rows have {values.shape[1]} numbers and the first line names {len(rows[0])} columns")
+    return dict(zip(rows[0], values.T, strict=True))
+
+
+def _of_npz(path: Path) -> dict[str, np.ndarray]:
+    """Arrays by their names."""
+    try:
+        with regular_file(path, noun="radar track") as file, np.load(file, allow_pickle=False) as held:
+            found = {name: np.asarray(held[name], float) for name in held.files}
+    except (ValueError, OSError, EOFError) as error:
+        raise InputError(f"{path}: cannot be read as arrays ({error}); write it with numpy.savez") from None
+    shapes = {each.shape for each in found.values()}
+    if len(shapes) != 1 or len(next(iter(shapes))) != 1:
+        raise InputError(f"{path}: arrays of a radar's track must be of one length (T,), got {sorted(shapes)}")
+    return found
+
+
+def track_named(value: Any) -> Any:
+    """A track in place of the name of its file."""
+    return RadarTrack.read(value) if isinstance(value, (str, Path)) else value
+
+
+def with_track_beside(fields: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
+    """Fields of a radar from a file, where that of its track lies beside it."""
+    found = dict(fields)
+    if isinstance(found.get("track"), str):
+        found["track"] = Path(path).parent / found["track"]
+    return found
