@@ -60,7 +60,7 @@ def test_a_radar_that_turns_is_a_world_that_turns_the_other_way() -> None:
 def test_frame_of_a_radar() -> None:
     track = RadarTrack.of_angles([0, 1], [(1, 2, 3), (1, 2, 3)], [(90, 0, 0), (90, 30, 0)])
     radar = TABLE2.replace(track=track)
-    assert np.allclose(radar.position_m, (1, 2, 3)) and np.allclose(radar.boresight, (0, 1, 0))
+    assert np.allclose([*radar.position_m, *radar.boresight], (1, 2, 3, 0, 1, 0))
     # What lies ahead of the radar is ahead of it in its frame, however it is turned: 2 m along its boresight, pitched up by 30.
     ahead = np.array([1, 2, 3]) + 2 * np.array([0, math.cos(math.radians(30)), math.sin(math.radians(30))])
     own = (radar.passing(np.array([1.0])).points(ahead[None, None])[0, 0] - radar.position_m) @ radar.axes.T
@@ -70,7 +70,8 @@ def test_frame_of_a_radar() -> None:
     )
     assert np.allclose(back, 1)
     rolled = RadarTrack.of_angles([0, 1], np.zeros((2, 3)), [(0, 0, 0), (0, 0, 90)]).axes(np.array([1.0]))
-    assert rolled is not None and np.allclose(rolled[0], [(1, 0, 0), (0, 0, 1), (0, -1, 0)])  # the left side is up
+    assert rolled is not None
+    assert np.allclose(rolled[0], [(1, 0, 0), (0, 0, 1), (0, -1, 0)])  # the left side is up
 
 
 def test_lines_of_a_vibrating_mount() -> None:
@@ -147,6 +148,6 @@ def test_what_is_not_modelled_is_refused() -> None:
     radar = TABLE2.replace(track=RadarTrack(times_s=[0, 1], positions_m=[(0, 0, 1), (0.1, 0, 1)]))
     with pytest.raises(InputError, match="track begins"):
         radar.replace(position_m=(1, 0, 1))
+    late = moving(icosphere(2, 0.1), np.full((3, 3), 2.0), np.array([2.0, 2.5, 3.0]), sagitta_rad=0.3)
     with pytest.raises(InputError, match="no time in common"):
-        late = moving(icosphere(2, 0.1), np.full((3, 3), 2.0), np.array([2.0, 2.5, 3.0]), sagitta_rad=0.3)
         t2d.simulate(late, radar=radar)
