@@ -91,7 +91,7 @@ def radar(command: Command) -> None:
     )
     group, default = command.parser.add_argument_group("radar", told), Radar.preset("table2").model_dump()
     # A pattern is several fields, which the radar itself checks.
-    patterns = {name: dict[str, Any] for name, value in default.items() if isinstance(value, dict)}
+    patterns: Given = {name: dict[str, Any] for name, value in default.items() if isinstance(value, dict)}
     patterns["track"] = str | dict[str, Any] | None
     _fields(command, Radar, hints=patterns, defaults=default, prefix="radar.", group=group)
     command.add_config()

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from t2d_rt.types.target import Geometry, Method, Target
 
 TargetLike = Motion | MovingMesh | Ellipsoids | Mover
 """What may be handed to `simulate`."""
+Shape = TypeVar("Shape", bound=Geometry)
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +180,7 @@ class SeenFromMoving:
         return SeenFromMoving.of(self.target.by(method), self.radar)
 
 
-def passing(geometry: Geometry, radar: Radar) -> Geometry:
+def passing(geometry: Shape, radar: Radar) -> Shape:
     """What is given in the world as a radar that moves sees it, in the frame in which it stands still, while both are known; the
     same where the radar stands still."""
     if radar.track is None:
@@ -195,8 +196,8 @@ def passing(geometry: Geometry, radar: Radar) -> Geometry:
     times_s = min(own_s, track_s, key=lambda given_s: float(np.diff(given_s).min()))
     half_s = float(np.diff(times_s).min()) / 2
     inside = times_s[(times_s > begin + half_s) & (times_s < end - half_s)]
-    found, move = copy(geometry), _passing_mesh if isinstance(geometry, MovingMesh) else _passing_ellipsoids
-    set_fields(found, track=partial(move, geometry, radar), times_s=np.concatenate([[begin], inside, [end]]))
+    found = copy(geometry)
+    set_fields(found, track=partial(_carried, geometry, radar), times_s=np.concatenate([[begin], inside, [end]]))
     if geometry.made is not None and geometry.made.by == "arrays":
         set_fields(found, made=Made("passing", {}))  # these arrays are in the world
     if isinstance(found, MovingMesh):
@@ -209,13 +210,12 @@ def in_frame(radar: Radar, times_s: np.ndarray, points_m: np.ndarray) -> np.ndar
     return points_m if radar.track is None else radar.passing(times_s).points(points_m)
 
 
-def _passing_mesh(mesh: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
-    return in_frame(radar, times_s, mesh.at(times_s))
-
-
-def _passing_ellipsoids(ellipsoids: Ellipsoids, radar: Radar, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    move, (centres, axes) = radar.passing(times_s), ellipsoids.at(times_s)
-    return move.points(centres), move.turn[:, None] @ axes
+def _carried(geometry: Geometry, radar: Radar, times_s: np.ndarray) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
+    """Vertices of a mesh, or centres and axes of ellipsoids, as `in_frame`."""
+    if isinstance(geometry, MovingMesh):
+        return in_frame(radar, times_s, geometry.at(times_s))
+    centres, axes = geometry.at(times_s)
+    return in_frame(radar, times_s, centres), radar.passing(times_s).turn[:, None] @ axes
 
 
 def targets_of(

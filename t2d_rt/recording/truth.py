@@ -151,7 +151,6 @@ def _of_persons(
         places[row] = (own - np.asarray(model.radar.position_m)) @ model.radar.axes.T
         own_limbs = model.geometries[number]
         limbs = own_limbs if isinstance(own_limbs, Ellipsoids) else passing(segments(motion, body), model.radar)
-        assert isinstance(limbs, Ellipsoids)
         for each, some_s in zip(middles, at, strict=True):
             each[row] = limbs.at(some_s)[0]
         frames = np.clip(np.rint(at.now * motion.rate_hz).astype(int), 0, len(motion.joints) - 1)
@@ -227,14 +226,11 @@ def visible_fractions(model: Model, accuracy: Accuracy, people: Sequence[Person]
     found = np.zeros((len(people), len(at_s), len(SEGMENTS)))
     if not people:
         return found
-    whole = with_method(model, "mesh")
-    fast = whole.fast_rotating(accuracy)
-    meshes = {k: mesh for k, mesh in enumerate(whole.geometries) if isinstance(mesh, MovingMesh) and not fast[k]}
+    skinned = with_method(model, "mesh")
+    fast = skinned.fast_rotating(accuracy)
+    meshes = {k: mesh for k, mesh in enumerate(skinned.geometries) if isinstance(mesh, MovingMesh) and not fast[k]}
     meshes |= {
-        each.number: skinned
-        for each in people
-        if each.number not in meshes
-        and isinstance(skinned := passing(skin(each.motion, each.body), model.radar), MovingMesh)
+        each.number: passing(skin(each.motion, each.body), model.radar) for each in people if each.number not in meshes
     }
     occluders, order, owners = Occluders(list(meshes.values())), list(meshes), [_owners(each) for each in people]
     viewpoints = Viewpoints(occluders, at_s, model.backend)

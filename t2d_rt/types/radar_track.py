@@ -115,8 +115,7 @@ class RadarTrack(Fields):
 
     @classmethod
     def of_angles(cls, times_s: Any, positions_m: Any, yaw_pitch_roll_deg: Any) -> RadarTrack:
-        """From angles [deg], (T, 3): the azimuth of the boresight (left > 0), its elevation (up > 0), and the turn about it (the left
-        side up > 0)."""
+        """From angles [deg], (T, 3): azimuth of the boresight (left > 0), its elevation (up > 0), roll (left side up > 0)."""
         from scipy.spatial.transform import Rotation
 
         angles = np.asarray(yaw_pitch_roll_deg, float) * [1, -1, 1]
@@ -126,8 +125,8 @@ class RadarTrack(Fields):
 
     @classmethod
     def read(cls, path: str | Path) -> RadarTrack:
-        """From a file: .csv with a first line "t,x,y,z" or "t,x,y,z,yaw,pitch,roll" (seconds, metres, degrees, as `of_angles`), .npz
-        with arrays of these names, or .yaml of the fields of a track."""
+        """From a file: .csv whose first line is "t,x,y,z" or "t,x,y,z,yaw,pitch,roll" (seconds, metres, degrees as of `of_angles`),
+        .npz of arrays of these names, or .yaml of the fields of a track."""
         path = Path(path)
         kind = path.suffix.lower()
         if kind in (".yaml", ".yml"):
