@@ -23,7 +23,7 @@ from t2d_rt.types.target import Geometry, Method, Target
 
 TargetLike = Motion | MovingMesh | Ellipsoids | Mover
 """What may be handed to `simulate`."""
-Shape = TypeVar("Shape", bound=Geometry)
+AnyGeometry = TypeVar("AnyGeometry", bound=Geometry)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +180,7 @@ class SeenFromMoving:
         return SeenFromMoving.of(self.target.by(method), self.radar)
 
 
-def passing(geometry: Shape, radar: Radar) -> Shape:
+def passing(geometry: AnyGeometry, radar: Radar) -> AnyGeometry:
     """What is given in the world as a radar that moves sees it, in the frame in which it stands still, while both are known; the
     same where the radar stands still."""
     if radar.track is None:
@@ -215,7 +215,7 @@ def _carried(geometry: Geometry, radar: Radar, times_s: np.ndarray) -> np.ndarra
     if isinstance(geometry, MovingMesh):
         return in_frame(radar, times_s, geometry.at(times_s))
     centres, axes = geometry.at(times_s)
-    return in_frame(radar, times_s, centres), radar.passing(times_s).turn[:, None] @ axes
+    return in_frame(radar, times_s, centres), radar.passing(times_s).rotation[:, None] @ axes
 
 
 def targets_of(

@@ -434,10 +434,10 @@ class Radar(Fields):
         """How the world stands at times [s] (K,) to a radar that moves, in the frame in which that keeps its place and axes."""
         if self.track is None:
             raise ValueError("the radar stands still")
-        own, turned = np.array(self.position_m), self.track.axes(times_s)
+        own, axes = np.array(self.position_m), self.track.axes(times_s)
         places = self.track.places_m(times_s)
-        turn = np.broadcast_to(np.eye(3), (len(places), 3, 3)) if turned is None else self.axes.T @ turned
-        return Rigid(turn, own - np.einsum("kij,kj->ki", turn, places))
+        rotation = np.broadcast_to(np.eye(3), (len(places), 3, 3)) if axes is None else self.axes.T @ axes
+        return Rigid(rotation, own - np.einsum("kij,kj->ki", rotation, places))
 
     @property
     def tx_positions_m(self) -> np.ndarray:

@@ -38,7 +38,7 @@ def _listed(value: Any) -> Any:
 
 Times = Annotated[tuple[Number, ...], BeforeValidator(_listed), Field(min_length=2, max_length=MOST_POSES)]
 Places = Annotated[tuple[Vector, ...], BeforeValidator(_listed), Field(min_length=2, max_length=MOST_POSES)]
-Turns = Annotated[
+Quaternions = Annotated[
     tuple[tuple[Number, Number, Number, Number], ...],
     BeforeValidator(_listed),
     Field(min_length=2, max_length=MOST_POSES),
@@ -46,9 +46,9 @@ Turns = Annotated[
 
 
 class Rigid(NamedTuple):
-    """Rigid motions at K times: x becomes `turn` x + `shift_m`."""
+    """Rigid motions at K times: x becomes `rotation` x + `shift_m`."""
 
-    turn: np.ndarray
+    rotation: np.ndarray
     """(K, 3, 3), rotations."""
     shift_m: np.ndarray
     """(K, 3)."""
@@ -60,12 +60,12 @@ class Rigid(NamedTuple):
     def directions(self, vectors: np.ndarray) -> np.ndarray:
         """Vectors (K, ..., 3) turned."""
         flat = vectors.reshape(len(vectors), -1, 3)
-        return np.asarray((flat @ self.turn.swapaxes(1, 2)).reshape(vectors.shape))
+        return np.asarray((flat @ self.rotation.swapaxes(1, 2)).reshape(vectors.shape))
 
     @property
     def inverse(self) -> Rigid:
         """The motions back."""
-        back = self.turn.swapaxes(1, 2)
+        back = self.rotation.swapaxes(1, 2)
         return Rigid(back, -np.einsum("kij,kj->ki", back, self.shift_m))
 
 
@@ -92,7 +92,7 @@ class RadarTrack(Fields):
     """Of the poses, on the clock of the targets [s], increasing (T,)."""
     positions_m: Places
     """Places of the radar in the world [m], (T, 3)."""
-    orientations: Turns | None = None
+    orientations: Quaternions | None = None
     """Unit quaternions x, y, z, w that turn the radar's frame (x boresight, y left, z up) into the world, (T, 4); left out where it
     keeps its boresight."""
 
@@ -177,11 +177,11 @@ class RadarTrack(Fields):
         place = spline(self._known_s, np.array(self.positions_m))
         if self.orientations is None:
             return place, None
-        turns = np.array(self.orientations)
-        turns /= np.linalg.norm(turns, axis=1)[:, None]
+        quaternions = np.array(self.orientations)
+        quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
         # q and -q are one rotation: of both the one that continues the pose before is taken, for the spline to be short.
-        turns[1:] *= np.cumprod(np.where((turns[1:] * turns[:-1]).sum(-1) < 0, -1.0, 1.0))[:, None]
-        return place, spline(self._known_s, turns)
+        quaternions[1:] *= np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(-1) < 0, -1.0, 1.0))[:, None]
+        return place, spline(self._known_s, quaternions)
 
     def _within(self, times_s: np.ndarray) -> np.ndarray:
         return within(times_s, self._known_s, "the radar's track")
