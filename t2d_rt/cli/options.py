@@ -274,10 +274,9 @@ def _config_text(path: str) -> str:
 
 
 def _radar_fields(name: str) -> Given:
-    from t2d_rt.types import Radar
+    from t2d_rt.types.radar import radar_from
 
-    own = Path(name).suffix.lower() in (".yaml", ".yml")
-    return (Radar.from_yaml(name) if own else Radar.preset(name)).model_dump(mode="json")
+    return radar_from(name).model_dump(mode="json")
 
 
 def _yaml(values: Given | list[str]) -> str:
@@ -329,7 +328,7 @@ def capture(command: Command, *, radar: bool = True) -> None:
     from t2d_rt.recording.read import load_recording
 
     hints, defaults, told = get_type_hints(load_recording), defaults_of(load_recording), parameter_help(load_recording)
-    told["radar"] = "Radar of measured samples: a preset's name or a .yaml file; --radar_file is the same."
+    told["radar"] = "Radar of measured samples: a preset's name, a .yaml file or a .cfg file; --radar_file is the same."
     if not radar:
         del defaults["radar"]
     command.add_fields(told, hints | {"radar": str | None}, defaults)

@@ -89,7 +89,7 @@ def _both(files: list[Path], given: Given, capture: Given, signal: Given, radar_
     measured = [each for each in files if each.suffix.lower() != ".zarr"]
     if measured and not radar_is_named:
         raise InputError(
-            f"{measured[0]} holds samples only; give its radar, --radar with a preset's name or a .yaml file"
+            f"{measured[0]} holds samples only; give its radar, --radar with a preset's name, a .yaml or a .cfg file"
         )
     if not measured:
         refuse(capture, f"measured samples, and {files[0]} and {files[1]} are results")
@@ -297,12 +297,13 @@ def scene(
 
 
 def info(file: str, *, motion: Reading) -> None:
-    """Tells what a motion file, a result (.zarr), or the file of a radar or an experiment (.yaml) holds.
+    """Tells what a motion file, a result (.zarr), the file of a radar (.yaml, .cfg) or of an experiment (.yaml) holds.
 
     examples:
       t2d-rt info walk.bvh                                       # what the reader found in a motion file
       t2d-rt info walk.zarr                                      # what a result holds
       t2d-rt info my_radar.yaml                                  # what a radar resolves
+      t2d-rt info profile.cfg                                    # what the configuration of a TI device resolves
       t2d-rt info experiment.yaml                                # its targets, and every field with its value
     """
     from t2d_rt.core.atomic_write import settle
@@ -324,6 +325,10 @@ def info(file: str, *, motion: Reading) -> None:
         say(_rows(_radar_rows(result.radar) | rows))
     elif source.suffix.lower() in (".yaml", ".yml"):
         say(_rows(_yaml_rows(source)))
+    elif source.suffix.lower() == ".cfg":
+        from t2d_rt.types import Radar
+
+        say(_rows(_radar_rows(Radar.from_ti_cfg(source))))
     else:
         from t2d_rt.motion import describe, load_motion
 

@@ -18,7 +18,7 @@ from t2d_rt.core.resources import resource
 from t2d_rt.propagation.scenes import scene_names
 from t2d_rt.scene.movers import kind_names
 from t2d_rt.types import Motion, Radar, Receiver
-from t2d_rt.types.radar import preset_names
+from t2d_rt.types.radar import preset_names, radar_from
 
 EXAMPLES: dict[str, tuple[str, str]] = {
     "walk": ("12_01_walk.bvh", "a walk of 4.4 s (CMU 12_01)"),
@@ -94,11 +94,10 @@ def target_named(target: Any) -> Any:
 
 
 def radar_named(radar: Any) -> Any:
-    """A radar in place of a preset's name or a .yaml file."""
+    """A radar in place of a preset's name or a .yaml or .cfg file."""
     if not isinstance(radar, (str, os.PathLike)):
         return radar
-    path = file_path("radar", radar)
-    return Radar.from_yaml(path) if path.suffix.lower() in (".yaml", ".yml") else Radar.preset(str(path))
+    return radar_from(file_path("radar", radar))
 
 
 def noise_named(noise: Any, radar: Radar) -> Literal["none"] | Receiver:

@@ -23,7 +23,7 @@ def load_recording(
 ) -> Recording:
     """A recording, simulated or measured: the .zarr folder of a result, or a .npy or .bin file of measured ADC samples.
 
-    radar: of a .npy or .bin file, which holds samples only: a `Radar`, a preset's name or a .yaml file. A result holds its own.
+    radar: of a .npy or .bin file, which holds samples only: a `Radar`, a preset's name, a .yaml or a .cfg file. A result holds its own.
     lanes: LVDS lanes, 2 or 4, of a raw capture of TI's DCA1000 (.bin); see `signal.load_dca1000`.
     iq: "QI" where measured samples have Q before I, "I" where they are real: their beats are taken to be positive.
     conjugate: whether their IF is the conjugate of the one here, whose beats are positive. Left out, it is not, and samples that
@@ -60,7 +60,9 @@ def load_recording(
             else f"lanes are those of a raw capture (.bin), got {source}; leave them out"
         )
     if radar is None:
-        raise InputError(f"{source} holds samples only; give its radar, a Radar, a preset's name or a .yaml file")
+        raise InputError(
+            f"{source} holds samples only; give its radar, a Radar, a preset's name, a .yaml or a .cfg file"
+        )
     known = radar_named(radar)
     instance("radar", known, Radar, "a Radar", hint="Radar.preset('table2') makes one")
     if lanes is not None:

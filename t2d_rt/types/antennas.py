@@ -115,7 +115,50 @@ class Tabulated(Fields):
         return np.asarray(10 ** (((1 - across) * lower + across * upper) / 10))
 
 
-Pattern = Annotated[Isotropic | CosinePower | Tabulated, Field(discriminator="kind")]
+Levels = Annotated[tuple[Annotated[Decibel, Field(le=0)], ...], Field(min_length=2)]
+
+
+class Cuts(Fields):
+    """A gain as data sheets draw it, along azimuth and along elevation: the sum of both in dB, between the points linear in dB.
+
+    Beyond the ends of a cut its last value holds. Off both cuts the sum is an assumption.
+    """
+
+    noun: ClassVar[str] = "antenna pattern"
+
+    kind: Literal["cuts"] = "cuts"
+    azimuth_deg: Annotated[tuple[Annotated[Number, Field(ge=-180, le=180)], ...], Field(min_length=2)]
+    """Ascending, positive to the left [deg]."""
+    azimuth_db: Levels
+    """Gain relative to its peak at each azimuth, elevation 0 [dB]."""
+    elevation_deg: Annotated[tuple[Annotated[Number, Field(ge=-90, le=90)], ...], Field(min_length=2)]
+    """Ascending, positive upwards [deg]."""
+    elevation_db: Levels
+    """Gain relative to its peak at each elevation, azimuth 0 [dB]."""
+
+    @model_validator(mode="after")
+    def _check_cuts(self) -> Self:
+        for name, axis, levels in (
+            ("azimuth", self.azimuth_deg, self.azimuth_db), ("elevation", self.elevation_deg, self.elevation_db)
+        ):  # fmt: skip
+            if not (np.diff(axis) > 0).all() or len(axis) != len(levels):
+                raise InputError(
+                    f"{name}_deg of a pattern of cuts must ascend and have a level each, got {axis!s:.60} and {len(levels)} levels; "
+                    "sort the cut"
+                )
+        return self
+
+    def gain(self, directions: np.ndarray) -> np.ndarray:
+        """Gain relative to its peak, a power ratio (...)."""
+        azimuth = np.degrees(np.arctan2(directions[..., 1], directions[..., 0]))
+        elevation = np.degrees(np.arcsin(np.clip(directions[..., 2], -1, 1)))
+        level = np.interp(azimuth, self.azimuth_deg, self.azimuth_db) + np.interp(
+            elevation, self.elevation_deg, self.elevation_db
+        )
+        return np.asarray(10 ** (level / 10))
+
+
+Pattern = Annotated[Isotropic | CosinePower | Tabulated | Cuts, Field(discriminator="kind")]
 
 
 def polarization_product(departure: np.ndarray, arrival: np.ndarray, tx_rad: float, rx_rad: float) -> np.ndarray:

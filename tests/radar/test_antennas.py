@@ -7,7 +7,7 @@ import pytest
 
 from t2d_rt.core.errors import InputError
 from t2d_rt.radar import check_speed
-from t2d_rt.types.antennas import CosinePower, Isotropic, Tabulated, polarization_product
+from t2d_rt.types.antennas import CosinePower, Cuts, Isotropic, Tabulated, polarization_product
 from t2d_rt.types.radar import Radar
 
 TABLE2 = Radar.preset("table2")
@@ -158,6 +158,32 @@ def test_table_is_bilinear_in_db() -> None:
     )
     level_db = 10 * np.log10(pattern.gain(directions))
     assert np.allclose(level_db, [0, -2, -6, (0 - 2 - 12 - 6) / 4, 0.75 * -7.5 + 0.25 * -1.5])
+
+
+def test_cuts_add_up_in_db() -> None:
+    pattern = Cuts(
+        azimuth_deg=[-60, 0, 60], azimuth_db=[-6, 0, -12], elevation_deg=[-90, 0, 15], elevation_db=[-20, 0, -5]
+    )
+    found = pattern.gain(
+        np.array([direction(30), direction(0, 15), direction(-30, 7.5), direction(90), direction(0, 80)])
+    )
+    np.testing.assert_allclose(10 * np.log10(found), [-6, -5, -3 - 2.5, -12, -5], atol=1e-9)
+    with pytest.raises(InputError, match="must ascend and have a level each"):
+        Cuts(azimuth_deg=[-60, 0], azimuth_db=[-6, 0, 0], elevation_deg=[-9, 9], elevation_db=[0, 0])
+
+
+@pytest.mark.parametrize(
+    "name", ["iwr6843isk", "iwr6843aop", "awr1843boost", "iwr1443boost", "awr2243-cascade", "bgt60tr13c", "k-mc1"]
+)
+def test_no_product_has_more_gain_than_its_lobe_is_narrow(name: str) -> None:
+    """Gain is at most directivity, the inverse of the pattern's mean over the sphere, and patches lose 0 to 5 dB."""
+    radar = Radar.preset(name)
+    sine = np.linspace(-1, 1, 721)[:, None]
+    azimuth = np.linspace(-np.pi, np.pi, 721)
+    across = np.sqrt(1 - sine**2)
+    directions = np.stack(np.broadcast_arrays(across * np.cos(azimuth), across * np.sin(azimuth), sine), axis=-1)
+    directivity_dbi = -10 * np.log10(radar.tx_pattern.gain(directions)[:-1, :-1].mean())
+    assert directivity_dbi - 6.5 < radar.tx_gain_dbi < directivity_dbi + 0.3
 
 
 def test_patterns_follow_the_radar() -> None:

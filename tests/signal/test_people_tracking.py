@@ -102,7 +102,7 @@ def test_thresholds_view_and_number_bound_the_points() -> None:
         ("1 64 2000", "1 nan 2000", "a command and its numbers"),
         ("1 64 2000", "1 64 0", "sample rate of profileCfg must be more than 0"),
         ("0 1 32 0 50.00", "0 1 32.5 0 50.00", "loops of frameCfg must be a whole number"),
-        ("1 1 0 0 0 0 0 4", "1 1 0 1.0 0 0 0 4", "as profileCfg has them"),
+        ("1 1 0 0 0 0 0 4", "1 1 0 1.0 0 0 0 4", "alike in profile"),
         ("sensorStop", "bpmCfg -1 1 0 1", "bpmCfg must be off"),
     ],
 )
