@@ -86,8 +86,8 @@ def radar(command: Command) -> None:
     from t2d_rt.types.radar import preset_names
 
     told = (
-        f"--radar NAME takes a preset ({', '.join(preset_names())}), --radar FILE.yaml takes your own, --radar FILE.cfg that of a TI device. These options override its "
-        "fields."
+        f"--radar NAME takes a preset ({', '.join(preset_names())}), --radar FILE.yaml takes your own, --radar FILE.cfg "
+        "that of a TI device. These options override its fields."
     )
     group, default = command.parser.add_argument_group("radar", told), Radar.preset("table2").model_dump()
     # A pattern is several fields, which the radar itself checks.

@@ -11,7 +11,6 @@ import textwrap
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from functools import cached_property, partial
-from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from t2d_rt.core.checks import shown

@@ -23,7 +23,8 @@ def load_recording(
 ) -> Recording:
     """A recording, simulated or measured: the .zarr folder of a result, or a .npy or .bin file of measured ADC samples.
 
-    radar: of a .npy or .bin file, which holds samples only: a `Radar`, a preset's name, a .yaml or a .cfg file. A result holds its own.
+    radar: of a .npy or .bin file, which holds samples only: a `Radar`, a preset's name, a .yaml or a .cfg file. A result has
+        its own.
     lanes: LVDS lanes, 2 or 4, of a raw capture of TI's DCA1000 (.bin); see `signal.load_dca1000`.
     iq: "QI" where measured samples have Q before I, "I" where they are real: their beats are taken to be positive.
     conjugate: whether their IF is the conjugate of the one here, whose beats are positive. Left out, it is not, and samples that

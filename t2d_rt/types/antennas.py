@@ -143,8 +143,8 @@ class Cuts(Fields):
         ):  # fmt: skip
             if not (np.diff(axis) > 0).all() or len(axis) != len(levels):
                 raise InputError(
-                    f"{name}_deg of a pattern of cuts must ascend and have a level each, got {axis!s:.60} and {len(levels)} levels; "
-                    "sort the cut"
+                    f"{name}_deg of a pattern of cuts must ascend and have a level each, got {axis!s:.60} and {len(levels)} "
+                    "levels; sort the cut"
                 )
         return self
 

@@ -24,6 +24,7 @@ from t2d_rt.core.errors import InputError, html_table
 from t2d_rt.core.files import read_yaml
 from t2d_rt.core.plugins import loaded, plugins
 from t2d_rt.types.antennas import Isotropic, Pattern, axes_along, one_view, polarization_product
+from t2d_rt.types.bandwidth import BANDWIDTHS, fields_over, with_slope
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
 from t2d_rt.types.radar_track import RadarTrack, Rigid, track_named, with_track_beside
 from t2d_rt.types.ti_cfg import board_of, radar_fields, ti_lines
@@ -69,52 +70,6 @@ def _check_no_folder(target: Path) -> None:
 def read_radar(path: str | Path) -> dict[str, Any]:
     """Field names and values of a radar's YAML file."""
     return read_yaml(path, noun="radar file", example="field names and values such as 'prf_hz: 10240'")
-
-
-BANDWIDTHS = {"bandwidth_hz", "ramp_bandwidth_hz", "ramp_time_s"}
-"""What may be given in place of a radar's slope: the bandwidth swept while sampling, or that of a whole ramp and its time."""
-
-
-def _over(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields with some changed; a bandwidth replaces the slope."""
-    replaced = {"slope_hz_per_s"} if BANDWIDTHS & changes.keys() else set()
-    return {**{name: value for name, value in base.items() if name not in replaced}, **changes}
-
-
-def _with_slope(values: dict[str, Any]) -> dict[str, Any]:
-    """Fields with the slope in place of bandwidths; what contradicts itself is refused."""
-    given = {name: positive(name, values.pop(name)) for name in sorted(BANDWIDTHS & values.keys())}
-    slopes = {"slope_hz_per_s": values["slope_hz_per_s"]} if "slope_hz_per_s" in values else {}
-    if "bandwidth_hz" in given:
-        if not {"sample_rate_hz", "samples"} <= values.keys():
-            raise InputError(
-                "bandwidth_hz is swept while sampling, so that it needs sample_rate_hz and samples; give both"
-            )
-        window_s = positive("samples", values["samples"]) / positive(
-            "sample_rate_hz", values["sample_rate_hz"], unit="Hz"
-        )
-        slopes["bandwidth_hz"] = given["bandwidth_hz"] / window_s
-    if "ramp_time_s" in given and {"sample_rate_hz", "samples"} <= values.keys():
-        window_s = positive("samples", values["samples"]) / positive(
-            "sample_rate_hz", values["sample_rate_hz"], unit="Hz"
-        )
-        if window_s > given["ramp_time_s"] * (1 + 1e-9):
-            raise InputError(
-                f"ramp_time_s of {1e6 * given['ramp_time_s']:.6g} us is shorter than the sampling window of {1e6 * window_s:.6g} us; "
-                "take fewer samples"
-            )
-    if "ramp_bandwidth_hz" in given or "ramp_time_s" in given:
-        if not {"ramp_bandwidth_hz", "ramp_time_s"} <= given.keys():
-            raise InputError("ramp_bandwidth_hz and ramp_time_s tell the slope together; give both, or bandwidth_hz")
-        slopes["ramp_bandwidth_hz"] = given["ramp_bandwidth_hz"] / given["ramp_time_s"]
-    (first, slope), *others = slopes.items()
-    slope = positive(first, slope)
-    for name, other in others:
-        if not math.isclose(other, slope, rel_tol=1e-6):
-            raise InputError(
-                f"{first} and {name} contradict each other: slopes of {slope:.6g} and {other:.6g} Hz/s; give one of them"
-            )
-    return {**values, "slope_hz_per_s": slope}
 
 
 def radar_from(name: str | Path) -> Radar:
@@ -218,7 +173,7 @@ class Radar(Fields):
     @classmethod
     def _slope_of_bandwidth(cls, values: Any) -> Any:
         """The slope, where the bandwidth is given in its place."""
-        return _with_slope(dict(values)) if isinstance(values, Mapping) and BANDWIDTHS & values.keys() else values
+        return with_slope(dict(values)) if isinstance(values, Mapping) and BANDWIDTHS & values.keys() else values
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
@@ -289,7 +244,7 @@ class Radar(Fields):
     @classmethod
     def preset(cls, name: str, **changes: Any) -> Radar:
         """A radar by name, e.g. "table2"; '-' and '_' are the same. `changes` override its fields."""
-        return cls(**_over(preset_fields(name), changes))
+        return cls(**fields_over(preset_fields(name), changes))
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> Radar:
@@ -306,13 +261,13 @@ class Radar(Fields):
 
         The file tells waveform, bursts, order of the transmitters, back-off of the power and, by antGeometry, the antennas;
         `changes` tell the rest.
-        board: preset whose antennas, patterns and noise figure it has, as "iwr6843isk"; by default the file's comment "Platform:..."
-            names it.
+        board: preset whose antennas, patterns and noise figure it has, as "iwr6843isk"; by default the file's comment
+            "Platform:..." names it.
 
         Advanced frames, chirps of several kinds and transmitters that send at once are errors, for no radar here has them.
         """
         name = board_of(source) if board is None else board
-        return cls(**_over(radar_fields(source, None if name is None else preset_fields(name)), changes))
+        return cls(**fields_over(radar_fields(source, None if name is None else preset_fields(name)), changes))
 
     def to_ti_cfg(self, path: str | Path | None = None) -> list[str]:
         """Lines of a configuration file (.cfg) that `from_ti_cfg` reads back, written to `path` where that is given.
@@ -345,7 +300,7 @@ class Radar(Fields):
                 raise InputError(
                     f"{fixed[0]} of a radar that moves is where its track begins; give another track, or track=None with it"
                 )
-        return type(self)(**_over(self.model_dump(), changes))
+        return type(self)(**fields_over(self.model_dump(), changes))
 
     # --- waveform ---
 

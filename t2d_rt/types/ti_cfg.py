@@ -56,9 +56,9 @@ def read_commands(source: Source) -> Commands:
                 numbers = [float(word) for word in words[1:]]
             except ValueError:
                 numbers = [math.nan]
-            if words[0].endswith(("Cfg", "Geometry0", "Geometry1")) and not all(map(math.isfinite, numbers)):
-                if not words[0].startswith("set"):
-                    raise InputError(f"a .cfg line must be a command and its numbers, got {line:.80}; correct it")
+            of_numbers = words[0].endswith(("Cfg", "Geometry0", "Geometry1")) and not words[0].startswith("set")
+            if of_numbers and not all(map(math.isfinite, numbers)):
+                raise InputError(f"a .cfg line must be a command and its numbers, got {line:.80}; correct it")
             found.setdefault(words[0], []).append(numbers)
     return found
 
@@ -153,7 +153,7 @@ def _chirps(commands: Commands, frame: list[float]) -> list[list[float]]:
     chirps = [by_number[number] for number in range(first, last + 1)]
     if any(chirp[2:7] != chirps[0][2:7] for chirp in chirps):
         raise InputError(
-            "the chirps of a frame must be alike in profile, frequency, slope and times, as a Radar's are; give a file of like chirps"
+            "the chirps of a frame must be alike in profile, frequency, slope and times, as a Radar's are; give a file of such"
         )
     return chirps
 
@@ -190,9 +190,7 @@ def _warn_of_rest(commands: Commands, backoffs: list[int], phases: int) -> None:
     if phases:
         told.append("phase shifters of transmitters, which are taken for zero")
     if any(len(line) > 1 and line[1] == 0 for line in commands.get("adcCfg", [])):
-        told.append(
-            "real samples, whose beats reach half the sample rate: read captures with iq='I', and only the nearer half of its ranges is real"
-        )
+        told.append("real samples: read captures with iq='I', and of the ranges only the nearer half is real")
     if any(len(line) > 2 and line[2] for line in commands.get("channelCfg", [])):
         told.append("chips in cascade, of which it tells one")
     if told:
@@ -204,13 +202,14 @@ def _bits(mask: float) -> list[int]:
 
 
 def _antennas(commands: Commands, order: list[int], board: Mapping[str, Any] | None, half_m: float) -> dict[str, Any]:
-    """Offsets [m] of the transmitters in the order in which they send, and of the receivers that are on, each about their centre."""
+    """Offsets [m] of the transmitters in the order in which they send, and of the receivers that are on, about their centres."""
     channels = commands.get("channelCfg", [])
     on = _bits(channels[-1][0]) if channels and channels[-1] else [0, 1, 2, 3]
-    if channels and len(channels[-1]) > 1 and not {*order} <= {*_bits(channels[-1][1])}:
+    allowed = _bits(channels[-1][1]) if channels and len(channels[-1]) > 1 else order
+    if not {*order} <= {*allowed}:
         raise InputError(
-            f"chirpCfg lets transmitters {[bit + 1 for bit in order]} send and channelCfg has {[bit + 1 for bit in _bits(channels[-1][1])]} "
-            "on; correct the .cfg file"
+            f"chirpCfg lets transmitters {[bit + 1 for bit in order]} send and channelCfg has {[bit + 1 for bit in allowed]} on; "
+            "correct the .cfg file"
         )
     if "antGeometry0" in commands:
         tx, rx = _of_geometry(commands, len(order), len(on) if channels else None, half_m)
@@ -229,8 +228,8 @@ def _antennas(commands: Commands, order: list[int], board: Mapping[str, Any] | N
         )
         if len(order) * len(on) > 1:
             warn(
-                "the .cfg file tells neither antGeometry nor the board, so the virtual antennas are put in one row, half a wavelength "
-                "apart; give board=, as board='iwr6843isk'"
+                "the .cfg file tells neither antGeometry nor the board, so the virtual antennas are put in one row, half a "
+                "wavelength apart; give board=, as board='iwr6843isk'"
             )
     return {"tx_offsets_m": (tx - tx.mean(axis=0)).tolist(), "rx_offsets_m": (rx - rx.mean(axis=0)).tolist()}
 
@@ -261,12 +260,20 @@ def ti_lines(radar: Any) -> list[str]:
     """
     transmitters, receivers = len(radar.tx_offsets_m), len(radar.rx_offsets_m)
     idle_s = radar.chirp_interval_s - radar.sweep_time_s
-    for wrong, told in (
-        (radar.chirps_per_frame is None, "continuous chirps cannot be written; give chirps_per_frame and frame_interval_s"),
-        (transmitters > 1 and radar.multiplexing != "tdm", "transmitters that send at once cannot be written; give multiplexing='tdm'"),
-        (transmitters > 3 or receivers > 4, f"a .cfg file is of one chip, of 3 transmitters and 4 receivers, the radar has {transmitters} and {receivers}"),
-        (idle_s < LEAST_IDLE_S, f"a chirp needs {1e6 * LEAST_IDLE_S:g} us or more beside its samples, the radar has {1e6 * idle_s:.3g}; lower prf_hz"),
-    ):  # fmt: skip
+    refused = {
+        "continuous chirps cannot be written; give chirps_per_frame and frame_interval_s": radar.chirps_per_frame
+        is None,
+        "transmitters that send at once cannot be written; give multiplexing='tdm'": (
+            transmitters > 1 and radar.multiplexing != "tdm"
+        ),
+        f"a .cfg file is of one chip, of 3 transmitters and 4 receivers, the radar has {transmitters} and {receivers}": (
+            transmitters > 3 or receivers > 4
+        ),
+        f"a chirp needs {1e6 * LEAST_IDLE_S:g} us or more beside its samples, the radar has {1e6 * idle_s:.3g}; lower prf_hz": (
+            idle_s < LEAST_IDLE_S
+        ),
+    }
+    for told, wrong in refused.items():
         if wrong:
             raise InputError(told)
     before_s, after_s = min(6e-6, idle_s / 3), min(1e-6, idle_s / 6)

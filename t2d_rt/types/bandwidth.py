@@ -1,0 +1,55 @@
+"""A radar's bandwidth in place of its slope."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from t2d_rt.core.checks import positive
+from t2d_rt.core.errors import InputError
+
+BANDWIDTHS = {"bandwidth_hz", "ramp_bandwidth_hz", "ramp_time_s"}
+"""What may be given in place of a radar's slope: the bandwidth swept while sampling, or that of a whole ramp and its time."""
+
+
+def fields_over(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields with some changed; a bandwidth replaces the slope."""
+    replaced = {"slope_hz_per_s"} if BANDWIDTHS & changes.keys() else set()
+    return {**{name: value for name, value in base.items() if name not in replaced}, **changes}
+
+
+def with_slope(values: dict[str, Any]) -> dict[str, Any]:
+    """Fields with the slope in place of bandwidths; what contradicts itself is refused."""
+    given = {name: positive(name, values.pop(name)) for name in sorted(BANDWIDTHS & values.keys())}
+    slopes = {"slope_hz_per_s": values["slope_hz_per_s"]} if "slope_hz_per_s" in values else {}
+    if "bandwidth_hz" in given:
+        if not {"sample_rate_hz", "samples"} <= values.keys():
+            raise InputError(
+                "bandwidth_hz is swept while sampling, so that it needs sample_rate_hz and samples; give both"
+            )
+        window_s = positive("samples", values["samples"]) / positive(
+            "sample_rate_hz", values["sample_rate_hz"], unit="Hz"
+        )
+        slopes["bandwidth_hz"] = given["bandwidth_hz"] / window_s
+    if "ramp_time_s" in given and {"sample_rate_hz", "samples"} <= values.keys():
+        window_s = positive("samples", values["samples"]) / positive(
+            "sample_rate_hz", values["sample_rate_hz"], unit="Hz"
+        )
+        if window_s > given["ramp_time_s"] * (1 + 1e-9):
+            raise InputError(
+                f"ramp_time_s of {1e6 * given['ramp_time_s']:.6g} us is shorter than the sampling window of {1e6 * window_s:.6g} "
+                "us; take fewer samples"
+            )
+    if "ramp_bandwidth_hz" in given or "ramp_time_s" in given:
+        if not {"ramp_bandwidth_hz", "ramp_time_s"} <= given.keys():
+            raise InputError("ramp_bandwidth_hz and ramp_time_s tell the slope together; give both, or bandwidth_hz")
+        slopes["ramp_bandwidth_hz"] = given["ramp_bandwidth_hz"] / given["ramp_time_s"]
+    (first, slope), *others = slopes.items()
+    slope = positive(first, slope)
+    for name, other in others:
+        if not math.isclose(other, slope, rel_tol=1e-6):
+            raise InputError(
+                f"{first} and {name} contradict each other: slopes of {slope:.6g} and {other:.6g} Hz/s; give one of them"
+            )
+    return {**values, "slope_hz_per_s": slope}
