@@ -6,16 +6,16 @@ P reads P in its peak cell.
 
 from t2d_rt.core.calls import public
 from t2d_rt.signal.angle import array_spectrum, range_angle, steering_vectors, unit_vectors
+from t2d_rt.signal.detection import Detection, sensor, sensors
+from t2d_rt.signal.device import device_points
 from t2d_rt.signal.doppler import range_doppler, spectrogram, stft
 from t2d_rt.signal.maps import ArraySpectrum, PointCloud, RangeAngle, RangeDoppler, RangeProfile, RangeTime, Spectrogram
 from t2d_rt.signal.measured import load_cube
 from t2d_rt.signal.mti import mti
 from t2d_rt.signal.multiplex import separate_ddm
-from t2d_rt.signal.people_tracking import people_tracking_points
 from t2d_rt.signal.points import cfar, cfar_factor, point_cloud
 from t2d_rt.signal.range import gate, range_fft, range_profile, taper
 from t2d_rt.signal.range_time import coherent_interval, range_doppler_over, range_time
-from t2d_rt.types.ti_cfg import Detection
 
 __all__ = [
     "ArraySpectrum",
@@ -30,10 +30,10 @@ __all__ = [
     "cfar",
     "cfar_factor",
     "coherent_interval",
+    "device_points",
     "gate",
     "load_cube",
     "mti",
-    "people_tracking_points",
     "point_cloud",
     "range_angle",
     "range_doppler",
@@ -41,6 +41,8 @@ __all__ = [
     "range_fft",
     "range_profile",
     "range_time",
+    "sensor",
+    "sensors",
     "separate_ddm",
     "spectrogram",
     "steering_vectors",

@@ -28,13 +28,14 @@ def array_spectrum(
     doppler_window: str = "hann",
     mti: str = "none",
     compensate_tdm: bool = True,
+    n_fft: int | None = None,
 ) -> ArraySpectrum:
     """Range-Doppler spectrum of every virtual antenna; all chirps of the cube form one coherent interval.
 
     A target of constant power P and speed reads |X|^2 = P in its peak cell. `mti="mean"` removes static echoes.
     With TDM, transmitter m sends m / PRF after the first, and by then the phase of a moving target has advanced by
     2 pi f_D m / PRF; `compensate_tdm` subtracts this, f_D being the Doppler frequency of each row (physics.md, eq. 18).
-    It is exact for speeds within `radar.max_speed_mps`.
+    It is exact for speeds within `radar.max_speed_mps`. `n_fft` is the length of the range FFT, `radar.samples` by default.
     """
     from scipy import fft
 
@@ -44,7 +45,7 @@ def array_spectrum(
     check_one_burst(chirps, radar)
     check_static(mti)
     flag("compensate_tdm", compensate_tdm)
-    cells = mti_filter(range_fft(adc, window=range_window), mti)
+    cells = mti_filter(range_fft(adc, window=range_window, n_fft=n_fft), mti)
     cells *= taper(doppler_window, chirps, periodic=True).astype(cells.real.dtype)[:, None, None]
     spectra = fft.fft(cells, axis=0, overwrite_x=True, workers=-1)
     if compensate_tdm and radar.multiplexing == "tdm":
@@ -52,7 +53,7 @@ def array_spectrum(
         phasor = np.exp(-2j * np.pi * np.outer(doppler_hz, radar.antenna_delays_s))
         spectra *= phasor.astype(spectra.dtype)[:, :, None]
     return ArraySpectrum(
-        spectrum=ascending(spectra), velocity_mps=radar.speed_axis_mps(chirps), range_m=radar.range_axis_m()
+        spectrum=ascending(spectra), velocity_mps=radar.speed_axis_mps(chirps), range_m=radar.range_axis_m(n_fft)
     )
 
 

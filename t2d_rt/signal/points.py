@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -244,12 +244,10 @@ def point_cloud(
         raise InputError(
             f"nearest_m must leave some of this radar's {radar.max_range_m:.3g} m of range, got {nearest_m:g} m; lower it"
         )
-    starts, chirps = frames(len(adc), radar, frame_chirps)
-    times_s = radar.chirp_starts_s(len(adc))[starts] + chirps / 2 * radar.loop_interval_s
-    columns: list[np.ndarray] = []
-    for start, time_s in zip(starts, times_s, strict=True):
+    columns = []
+    for time_s, part in intervals(adc, radar, frame_chirps):
         cells = array_spectrum(
-            adc[start : start + chirps],
+            part,
             radar,
             range_window=range_window,
             doppler_window=doppler_window,
@@ -270,17 +268,8 @@ def point_cloud(
         row, column = np.nonzero((power[:, tested] > factor * noise) & _is_peak(power)[:, tested])
         snr = power[:, tested][row, column] / noise[row, column]
         found = row, column + first
-        columns.append(_report(cells, power, snr, found, radar, float(time_s)))
-    time, distance, azimuth, elevation, speed, snr = np.concatenate(columns, axis=1)
-    return PointCloud(
-        time_s=time,
-        range_m=distance,
-        azimuth_rad=azimuth,
-        elevation_rad=elevation,
-        speed_mps=speed,
-        snr_db=snr,
-        nearest_m=nearest_m,
-    )
+        columns.append(_report(cells, power, snr, found, radar, time_s))
+    return cloud_of(columns, nearest_m=nearest_m)
 
 
 def _report(
@@ -363,8 +352,9 @@ def _is_peak(power: np.ndarray) -> np.ndarray:
     return power >= maximum_filter(power, size=3, mode="wrap")
 
 
-def frames(chirps: int, radar: Radar, frame_chirps: int | None) -> tuple[np.ndarray, int]:
-    """First rows of the frames, which lie within bursts, and the rows of each."""
+def intervals(adc: Any, radar: Radar, frame_chirps: int | None = None) -> Iterator[tuple[float, np.ndarray]]:
+    """Centre [s] and chirps (chirp, antenna, sample) of each frame of a cube; a frame lies within a burst."""
+    chirps = len(adc)
     burst = radar.loops_per_frame or chirps
     if frame_chirps is not None:
         frame_chirps = integer("frame_chirps", frame_chirps)
@@ -374,4 +364,14 @@ def frames(chirps: int, radar: Radar, frame_chirps: int | None) -> tuple[np.ndar
         raise InputError(
             f"frame_chirps must lie in 8..{min(burst, chirps)} (the rows of the cube, or of a burst), got {frame_chirps}"
         )
-    return window_starts(chirps, burst, frame_chirps, frame_chirps), frame_chirps
+    starts = window_starts(chirps, burst, frame_chirps, frame_chirps)
+    times_s = radar.chirp_starts_s(chirps)[starts] + frame_chirps / 2 * radar.loop_interval_s
+    for start, time_s in zip(starts, times_s, strict=True):
+        yield float(time_s), np.asarray(adc[start : start + frame_chirps])
+
+
+def cloud_of(fields: Iterable[np.ndarray], *, nearest_m: float) -> PointCloud:
+    """The cloud of the points of all frames, each (6, point): time, range, azimuth, elevation, speed, SNR."""
+    columns = np.concatenate([np.zeros((6, 0)), *fields], axis=1)
+    names = "time_s", "range_m", "azimuth_rad", "elevation_rad", "speed_mps", "snr_db"
+    return PointCloud(**dict(zip(names, columns, strict=True)), nearest_m=nearest_m)

@@ -1,8 +1,7 @@
-"""Configuration files (.cfg) of Texas Instruments' radars: the chirps, and how 3D people tracking finds points.
+"""Configuration files (.cfg) of Texas Instruments' radars: the chirps and the antennas.
 
 The fields of each command stand in the mmWave SDK's user guide (channelCfg, adcCfg, profileCfg, chirpCfg, frameCfg) and in the
-tuning guide of the people-tracking demo's detection layer (dynamicRACfarCfg, dynamicRangeAngleCfg, dynamic2DAngleCfg, fovCfg,
-antGeometry). Signs of antennas (antPhaseRot) are of the device's own samples and not of a `Radar`.
+tuning guide of the people-tracking demo's detection layer (antGeometry). Signs of antennas (antPhaseRot) are of the device's own samples and not of a `Radar`.
 """
 
 from __future__ import annotations
@@ -10,20 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
 from t2d_rt.core.checks import shown
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError, warn
 from t2d_rt.core.files import MAX_YAML_BYTES, read_bytes
-from t2d_rt.types.fields import Count, Fields, Number
 
 Source = str | Path | Sequence[str]
 Commands = dict[str, list[list[float]]]
-Steps = Annotated[Count, Field(ge=0, le=1000)]
 BOARDS = {
     "xwr14xx": "iwr1443boost", "xwr18xx": "awr1843boost", "xwr68xx": "iwr6843isk", "xwr68xx_aop": "iwr6843aop",
     "xwr64xx": "iwr6843isk", "xwr64xx_aop": "iwr6843aop",
@@ -72,7 +68,7 @@ def board_of(source: Source) -> str | None:
     return None
 
 
-def _numbers(commands: Commands, name: str, least: int) -> list[float]:
+def numbers(commands: Commands, name: str, least: int) -> list[float]:
     """Numbers of a command that the file must have once."""
     given = commands.get(name, [])
     if len(given) != 1 or len(given[0]) < least:
@@ -98,7 +94,7 @@ def radar_fields(source: Source, board: Mapping[str, Any] | None = None) -> dict
             )
     if any(len(line) > 1 and line[1] for line in commands.get("bpmCfg", [])):
         raise InputError("bpmCfg must be off; give a file of time multiplexing")
-    frame = _numbers(commands, "frameCfg", 5)
+    frame = numbers(commands, "frameCfg", 5)
     loops, period_ms = frame[2], frame[5 if len(frame) > 7 else 4]  # devices of 2021 and later have a number more
     chirps = _chirps(commands, frame)
     profile = _profile(commands, chirps[0])
@@ -165,7 +161,7 @@ MOST_CHIRPS = 512
 def _profile(commands: Commands, chirp: list[float]) -> list[float]:
     """Numbers of the profile of a chirp, what the chirp adds to it added: Hz, kHz/us, us and us."""
     found = [profile for profile in commands.get("profileCfg", []) if profile and profile[0] == chirp[2]]
-    profile = list(_numbers({"profileCfg": found}, "profileCfg", 11))
+    profile = list(numbers({"profileCfg": found}, "profileCfg", 11))
     for place, change in ((1, chirp[3] * 1e-9), (7, chirp[4] * 1e-3), (2, chirp[5]), (3, chirp[6])):
         profile[place] += change
     return profile
@@ -236,7 +232,7 @@ def _antennas(commands: Commands, order: list[int], board: Mapping[str, Any] | N
 
 def _of_geometry(commands: Commands, transmitters: int, on: int | None, half_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Offsets from the places of the virtual antennas, which stand in half wavelengths, across to the right and upwards."""
-    across, up = (np.array(_numbers(commands, f"antGeometry{axis}", 1)) for axis in (0, 1))
+    across, up = (np.array(numbers(commands, f"antGeometry{axis}", 1)) for axis in (0, 1))
     receivers = len(across) // transmitters
     if len(across) != len(up) or receivers * transmitters != len(across) or receivers != (on or receivers):
         raise InputError(
@@ -315,48 +311,3 @@ def _geometry_lines(radar: Any) -> list[str]:
         return []
     across, up = (np.rint(sign * places[:, axis] / half_m).astype(int) for axis, sign in ((1, -1), (2, 1)))
     return [f"antGeometry{axis} {' '.join(map(str, numbers))}" for axis, numbers in ((0, across), (1, up))]
-
-
-class Detection(Fields):
-    """How 3D people tracking finds points; the defaults are those of the demo's 6 m configuration of an IWR6843AOP."""
-
-    noun: ClassVar[str] = "detection"
-
-    range_skip: tuple[Steps, Steps] = (4, 4)
-    """Range bins at the near and the far end that are not looked at."""
-    angle_skip: tuple[Steps, Steps] = (2, 2)
-    """Azimuths at either end that are not tested."""
-    training_cells: tuple[Annotated[Steps, Field(ge=1)], Annotated[Steps, Field(ge=1)]] = (8, 12)
-    """Cells of one side whose mean is the noise, along range and azimuth; the quieter side counts."""
-    guard_cells: tuple[Steps, Steps] = (4, 12)
-    """Cells between these and the tested one, along range and azimuth."""
-    thresholds: tuple[Annotated[Number, Field(gt=0)], Annotated[Number, Field(gt=0)]] = (5.0, 8.0)
-    """Least power over noise, a ratio, along range and azimuth."""
-    side_lobe: Annotated[Number, Field(ge=0, le=1)] = 0.4
-    """Least power over that of the strongest azimuth at the same range."""
-    steps_deg: tuple[Annotated[Number, Field(gt=0, le=30)], Annotated[Number, Field(gt=0, le=30)]] = (0.75, 3.0)
-    """Steps of the search over azimuth and elevation about boresight [deg]."""
-    loading: tuple[Annotated[Number, Field(gt=0, le=1)], Annotated[Number, Field(gt=0, le=1)]] = (0.001, 0.03)
-    """What is added to the covariance's diagonal, over the antennas' mean power, for azimuth and for elevation."""
-    field_of_view_deg: tuple[Annotated[Number, Field(gt=0, lt=90)], Annotated[Number, Field(gt=0, lt=90)]] = (
-        70.0,
-        70.0,
-    )
-    """Largest azimuth and elevation of the search [deg]."""
-    most_points: Annotated[Count, Field(ge=1, le=10_000)] = 150
-    """Points of one frame that are sent, the strongest: no recording of this device that was seen has more."""
-
-    @classmethod
-    def from_ti_cfg(cls, source: Source) -> Self:
-        """Read from a .cfg file of the 3D people-tracking demo, or from its lines."""
-        commands = read_commands(source)
-        cfar = _numbers(commands, "dynamicRACfarCfg", 13)[1:]
-        azimuth, elevation = _numbers(commands, "dynamicRangeAngleCfg", 3), _numbers(commands, "dynamic2DAngleCfg", 3)
-        view = _numbers(commands, "fovCfg", 3)
-        whole = [int(value) for value in cfar[:8]]
-        return cls(
-            range_skip=(whole[0], whole[1]), angle_skip=(whole[2], whole[3]), training_cells=(whole[4], whole[5]),
-            guard_cells=(whole[6], whole[7]), thresholds=(cfar[8], cfar[9]), side_lobe=cfar[10],
-            steps_deg=(azimuth[1], elevation[1]), loading=(azimuth[2], elevation[2]),
-            field_of_view_deg=(view[1], view[2]),
-        )  # fmt: skip

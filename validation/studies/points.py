@@ -21,10 +21,10 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.motion import place, trim
 from t2d_rt.motion.generate import motion_from_text
 from t2d_rt.motion.vary import hold
-from t2d_rt.signal import people_tracking_points
+from t2d_rt.signal import Detection, device_points
 from t2d_rt.simulate import simulate
 from t2d_rt.types import Motion, Radar, Receiver
-from t2d_rt.types.ti_cfg import Detection, radar_fields, read_commands
+from t2d_rt.types.ti_cfg import radar_fields, read_commands
 from validation.studies.common import write_whole
 
 MEASURES = ("points a frame", "height [m]", "speed [m/s]", "active frames")
@@ -90,7 +90,7 @@ def twin(motion: Motion, seed: int, radar: Radar, detection: Detection, distance
     motion = place(motion, distance_m=distance_m, radar_position_m=radar.position_m, boresight=radar.boresight)
     recording = simulate(motion, radar=radar, seed=seed, noise=Receiver(), measure_error=False)
     cube = recording.cube[: frames * (radar.loops_per_frame or 1)]
-    cloud = people_tracking_points(cube, radar, detection)
+    cloud = device_points(cube, radar, detection)
     numbers = np.bincount((cloud.time_s // (radar.frame_interval_s or 1.0)).astype(int), minlength=frames)
     height_m = radar.position_m[2] + (cloud.xyz_m @ radar.axes)[:, 2]
     return measures(numbers, height_m, cloud.speed_mps)

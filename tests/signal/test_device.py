@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from t2d_rt.core.errors import InputError
-from t2d_rt.signal import Detection, people_tracking_points, steering_vectors
+from t2d_rt.signal import Detection, device_points, steering_vectors
 from t2d_rt.types.radar import Radar
 
 # Chirps and detection in the numbers of no device: two transmitters, two receivers in a row and one row above it.
@@ -60,7 +60,7 @@ def test_configuration_tells_the_radar() -> None:
 
 def test_points_lie_where_the_mover_is() -> None:
     radar, detection = Radar.from_ti_cfg(LINES), Detection.from_ti_cfg(LINES)
-    points = people_tracking_points(cube(radar, 3, 1.0, 30.0, 0.5), radar, detection)
+    points = device_points(cube(radar, 3, 1.0, 30.0, 0.5), radar, detection)
     assert len(np.unique(points.time_s)) == 3
     assert np.abs(points.range_m - 2.0).max() < 2 * radar.range_resolution_m
     loudest = points.snr_db.argmax()
@@ -74,21 +74,21 @@ def test_points_lie_where_the_mover_is() -> None:
 
 def test_still_targets_and_noise_give_no_points() -> None:
     radar, detection = Radar.from_ti_cfg(LINES), Detection.from_ti_cfg(LINES)
-    assert len(people_tracking_points(cube(radar, 10, 0.0, 30.0, 0.5), radar, detection).time_s) == 0
+    assert len(device_points(cube(radar, 10, 0.0, 30.0, 0.5), radar, detection).time_s) == 0
 
 
 def test_thresholds_view_and_number_bound_the_points() -> None:
     radar, detection = Radar.from_ti_cfg(LINES), Detection.from_ti_cfg(LINES)
     adc = cube(radar, 1, 1.0, 0.0, 0.5)
-    every = people_tracking_points(adc, radar, detection)
+    every = device_points(adc, radar, detection)
     assert len(every.time_s) > 4
-    few = people_tracking_points(adc, radar, changed(detection, most_points=3))
+    few = device_points(adc, radar, changed(detection, most_points=3))
     assert len(few.time_s) == 3
     assert few.snr_db.min() >= np.median(every.snr_db)
     loud = 10 ** (every.snr_db.max() / 10)
     beyond = changed(detection, thresholds=(loud * 1.01, 7.0))
-    assert len(people_tracking_points(adc, radar, beyond).time_s) == 0
-    near = people_tracking_points(adc, radar, changed(detection, range_skip=(40, 3))).range_m
+    assert len(device_points(adc, radar, beyond).time_s) == 0
+    near = device_points(adc, radar, changed(detection, range_skip=(40, 3))).range_m
     assert not ((near > 1.5) & (near < 2.5)).any()
 
 
