@@ -1,18 +1,12 @@
-"""How a device finds points in its cube, and the sensors whose chirps and detection are shipped."""
+"""How a device finds points in its cube."""
 
 from __future__ import annotations
 
-from functools import cache
-from importlib.resources import files
-from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field
 
-from t2d_rt.core.checks import unknown_name
-from t2d_rt.core.files import read_yaml
 from t2d_rt.types.fields import Count, Fields, Number
-from t2d_rt.types.radar import Radar
 from t2d_rt.types.ti_cfg import Source, numbers, read_commands
 
 Steps = Annotated[Count, Field(ge=0, le=1000)]
@@ -33,8 +27,8 @@ class Detection(Fields):
     noun: ClassVar[str] = "detection"
 
     over: Literal["azimuth", "doppler"] = "azimuth"
-    """Second axis of the map that is searched. "azimuth": Capon's power, the noise is that of the quieter side. "doppler": mean
-    logarithm of the antennas' powers, the noise is the mean logarithm of both sides along range alone."""
+    """Second axis of the map that is searched. "azimuth": Capon's power, tested along both axes. "doppler": the mean logarithm of the
+    antennas' powers, tested along range alone."""
     range_window: str = "hann"
     """Window of the range FFT."""
     range_skip: tuple[Steps, Steps] = (4, 4)
@@ -42,7 +36,7 @@ class Detection(Fields):
     angle_skip: tuple[Steps, Steps] = (2, 2)
     """Azimuths at either end that are not tested."""
     training_cells: tuple[Some, Some] = (8, 12)
-    """Cells of one side that tell the noise, along range and azimuth."""
+    """Cells of one side whose mean is the noise, along range and azimuth; the quieter side counts."""
     guard_cells: tuple[Steps, Steps] = (4, 12)
     """Cells between these and the tested one, along range and azimuth."""
     thresholds: tuple[Ratio, Ratio] = (5.0, 8.0)
@@ -79,23 +73,3 @@ class Detection(Fields):
             steps_deg=(azimuth[1], elevation[1]), loading=(azimuth[2], elevation[2]),
             field_of_view_deg=(view[1], view[2]),
         )  # fmt: skip
-
-
-def sensors() -> list[str]:
-    """Names that `sensor` knows."""
-    return sorted(_packaged())
-
-
-def sensor(name: str, **changes: object) -> tuple[Radar, Detection]:
-    """Radar and detection of the sensor of a published set of points, "mars" or "radhar"; `changes` override the radar's fields."""
-    own, wanted = _packaged(), str(name).lower().replace("_", "-")
-    if wanted not in own:
-        raise unknown_name("sensor", name, sorted(own))
-    told = read_yaml(own[wanted], noun="sensor", example="radar, changes and detection")
-    return Radar.preset(told["radar"], **{**told["changes"], **changes}), Detection(**told["detection"])
-
-
-@cache
-def _packaged() -> dict[str, Path]:
-    folder = Path(str(files("t2d_rt"))) / "signal" / "sensors"
-    return {each.stem: each for each in folder.glob("*.yaml")}

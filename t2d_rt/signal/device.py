@@ -3,8 +3,8 @@
 3D people tracking searches range and azimuth: Capon's beamformer, a CFAR along range and along azimuth whose noise is that of the
 quieter side, then for each detection its elevation and its one speed, again by Capon's weights (TIDUE71D, section 2.1.2, and the
 tuning guide of the demo's detection layer). The SDK's out-of-box demo on xWR14xx searches range and Doppler: the logarithms of the
-antennas' powers are averaged, a CFAR runs along range in them, an azimuth FFT gives one or two azimuths, the phase between the rows
-of the array the elevation (mmWave SDK, the demo's data path and post-processing).
+antennas' powers are averaged, a CFAR over the quieter side runs along range, an azimuth FFT gives one or two azimuths, the phase
+between the rows of the array the elevation (mmWave SDK, the demo's data path and post-processing).
 """
 
 from __future__ import annotations
@@ -80,8 +80,7 @@ def _over_doppler(part: np.ndarray, radar: Radar, detection: Detection, n_fft: i
     cells = found.spectrum.transpose(2, 0, 1)  # (range, velocity, antenna)
     levels = np.log(np.maximum(cells.real**2 + cells.imag**2, 1e-300)).mean(axis=2)
     near, far = detection.range_skip
-    noise = _sides(_inner(levels, detection), detection, 0)
-    noise = np.where(np.isfinite(noise).all(axis=0), noise.mean(axis=0), noise.min(axis=0))
+    noise = _quieter_side(_inner(levels, detection), detection, 0)
     loud = levels[near : len(levels) - far] > math.log(detection.thresholds[0]) + noise
     for axis, grouped in enumerate(detection.group):
         if grouped:
@@ -123,7 +122,7 @@ def _two_angles(snapshots: np.ndarray, radar: Radar, detection: Detection) -> tu
         return which, lefts[place], np.zeros(len(which))
     phase = np.angle(beams[1][which, place] * beams[0][which, place].conj())
     higher_m = radar.virtual_offsets_m[rows[1][0], 2] - radar.virtual_offsets_m[rows[0][0], 2]
-    up = phase * radar.wavelength_m / (4 * np.pi * higher_m)
+    up = -phase * radar.wavelength_m / (4 * np.pi * higher_m)
     return which, lefts[place], np.clip(up, -1, 1)
 
 
@@ -154,9 +153,9 @@ def _detected(heat: np.ndarray, detection: Detection) -> tuple[np.ndarray, np.nd
         raise InputError(
             f"training and guard cells of a detection do not fit into {heat.shape[1]} azimuths; take fewer"
         )
-    noise = _sides(inner, detection, 0).min(axis=0)
+    noise = _quieter_side(inner, detection, 0)
     loud = inner > detection.thresholds[0] * noise
-    loud &= inner > detection.thresholds[1] * _sides(inner, detection, 1).min(axis=0)
+    loud &= inner > detection.thresholds[1] * _quieter_side(inner, detection, 1)
     loud &= inner >= detection.side_lobe * inner.max(axis=1, keepdims=True)
     loud[:, : detection.angle_skip[0]] = False
     loud[:, heat.shape[1] - detection.angle_skip[1] :] = False
@@ -173,11 +172,12 @@ def _inner(power: np.ndarray, detection: Detection) -> np.ndarray:
     return inner
 
 
-def _sides(values: np.ndarray, detection: Detection, axis: int) -> np.ndarray:
-    """Means of the training cells before and after each cell, (2, ...); azimuths go round, ranges end: inf where cells lack."""
+def _quieter_side(values: np.ndarray, detection: Detection, axis: int) -> np.ndarray:
+    """Mean of the training cells before or after each cell, whichever is less; azimuths go round, ranges end."""
     training, guard = detection.training_cells[axis], detection.guard_cells[axis]
     width, length = training + guard, values.shape[axis]
     pads = [(width, width) if each == axis else (0, 0) for each in (0, 1)]
     padded = np.pad(values, pads, mode="wrap") if axis else np.pad(values, pads, constant_values=np.inf)
     means = np.lib.stride_tricks.sliding_window_view(padded, training, axis=axis).mean(axis=-1)
-    return np.stack([np.take(means, range(at, at + length), axis=axis) for at in (0, width + guard + 1)])
+    before = np.take(means, range(length), axis=axis)
+    return np.minimum(before, np.take(means, range(width + guard + 1, width + guard + 1 + length), axis=axis))

@@ -115,3 +115,54 @@ def test_configurations_that_tell_no_radar_are_refused(old: str, new: str, told:
 def test_a_configuration_is_a_file_or_its_lines() -> None:
     with pytest.raises(InputError, match="file or its lines, got None"):
         Radar.from_ti_cfg(None)  # type: ignore[arg-type]
+
+
+DEMO = Detection(
+    over="doppler", range_skip=(0, 0), training_cells=(8, 1), guard_cells=(4, 0), thresholds=(31.6, 1.0), field_of_view_deg=(89, 89)
+)
+
+
+def movers(radar: Radar, lefts: tuple[float, ...], speeds: tuple[float, ...], noise: float = 0.02) -> np.ndarray:
+    """Targets 2 m away, 0.2 up, of direction cosines to the left and speeds toward the radar, in one burst."""
+    total = 0.0
+    for left, speed in zip(lefts, speeds, strict=True):
+        sent = radar.chirp_starts_s(radar.loops_per_frame or 0)[:, None] + radar.antenna_delays_s
+        beat = np.exp(2j * np.pi * radar.beat_frequency_hz(2.0) * (radar.sample_times_s - radar.mid_time_s))
+        direction = np.array([np.sqrt(1 - left**2 - 0.2**2), left, 0.2])
+        phase = np.exp(4j * np.pi / radar.wavelength_m * (2.0 - speed * sent))
+        total = total + (phase * steering_vectors(radar, direction))[:, :, None] * beat
+    drawn = np.random.default_rng(0).standard_normal((2, *total.shape))
+    return total + noise * (drawn[0] + 1j * drawn[1])
+
+
+def test_the_demo_finds_range_speed_and_direction_of_a_mover() -> None:
+    radar = Radar.from_ti_cfg(LINES)
+    points = device_points(movers(radar, (0.3,), (0.4,)), radar, DEMO)
+    loudest = points.snr_db.argmax()
+    assert points.range_m[loudest] == pytest.approx(2.0, abs=radar.range_resolution_m / 2)
+    step = np.diff(radar.speed_axis_mps(32))[0]
+    assert points.speed_mps[loudest] == pytest.approx(0.4, abs=step / 2)
+    assert np.sin(points.azimuth_rad[loudest]) * np.cos(points.elevation_rad[loudest]) == pytest.approx(0.3, abs=1 / 32)  # one cell of 64
+    assert np.sin(points.elevation_rad[loudest]) == pytest.approx(0.2, abs=0.02)
+    assert len(points.snr_db) > 1  # neighbouring cells are sent
+    one = device_points(movers(radar, (0.3,), (0.4,)), radar, changed(DEMO, group=(True, True)))
+    assert len(one.snr_db) == 1
+    assert one.speed_mps[0] == points.speed_mps[loudest]
+
+
+def test_the_demo_sends_a_second_azimuth_of_a_cell_where_it_is_strong_enough() -> None:
+    radar = Radar.from_ti_cfg(LINES)
+    adc = movers(radar, (0.6, -0.5), (0.4, 0.4))
+    both = device_points(adc, radar, changed(DEMO, group=(True, True)))
+    np.testing.assert_allclose(np.sort(np.sin(both.azimuth_rad) * np.cos(both.elevation_rad)), [-0.5, 0.6], atol=0.1)  # beams of four antennas
+    assert len(device_points(adc, radar, changed(DEMO, group=(True, True), second_peak=1.0)).snr_db) == 1
+
+
+def test_the_demo_sends_receding_points_first_and_no_more_than_it_can() -> None:
+    radar = Radar.from_ti_cfg(LINES)
+    adc = movers(radar, (0.3, 0.3), (1.0, -1.0))
+    every = device_points(adc, radar, changed(DEMO, second_peak=1.0))
+    signs = np.sign(every.speed_mps)
+    assert (np.diff(signs[signs != 0]) >= 0).all() and set(signs) >= {-1, 1}
+    few = device_points(adc, radar, changed(DEMO, second_peak=1.0, most_points=3))
+    np.testing.assert_array_equal(few.speed_mps, every.speed_mps[:3])
