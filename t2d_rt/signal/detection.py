@@ -19,7 +19,7 @@ Loading = Annotated[Number, Field(gt=0, le=1)]
 
 
 class Detection(Fields):
-    """How a device of Texas Instruments finds points; the defaults are those of 3D people tracking's 6 m configuration (IWR6843AOP).
+    """How a device of Texas Instruments finds points; the defaults are 3D people tracking's 6 m configuration (IWR6843AOP).
 
     People tracking searches a map of range and azimuth, the out-of-box demo of the SDK one of range and Doppler. `over` says which.
     """
@@ -27,8 +27,8 @@ class Detection(Fields):
     noun: ClassVar[str] = "detection"
 
     over: Literal["azimuth", "doppler"] = "azimuth"
-    """Second axis of the map that is searched. "azimuth": Capon's power, tested along both axes. "doppler": the mean logarithm of the
-    antennas' powers, tested along range alone."""
+    """Second axis of the map that is searched. "azimuth": Capon's power, tested along both axes. "doppler": the mean logarithm of
+    the antennas' powers, tested along range alone."""
     range_window: str = "hann"
     """Window of the range FFT."""
     range_skip: tuple[Steps, Steps] = (4, 4)

@@ -29,7 +29,7 @@ def device_points(adc: Any, radar: Radar, detection: Detection | None = None) ->
     """Points of a cube (chirp, antenna, sample), a frame from each burst of the radar, as `Detection` says.
 
     Speeds and ranges are whole bins of FFTs, whose lengths along range are the next powers of two, as the device has them.
-    `snr_db` is the power in the map over the noise beside it along range. Without receiver noise what is compared is rounding errors.
+    `snr_db` is the power in the map over the noise beside it along range. Without receiver noise rounding errors are compared.
     """
     check_antennas(adc, radar)
     detection = Detection() if detection is None else detection
@@ -103,8 +103,8 @@ def _over_doppler(part: np.ndarray, radar: Radar, detection: Detection, n_fft: i
 
 
 def _two_angles(snapshots: np.ndarray, radar: Radar, detection: Detection) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which of the snapshots (cell, antenna), and direction cosines to the left and up: of the strongest azimuth of each, then of the
-    second ones that are strong enough. Up is the phase between the beams of the longest row and of the next one at that azimuth."""
+    """Which of the snapshots (cell, antenna), and direction cosines to the left and up: of the strongest azimuth of each, then of
+    second ones that are strong enough. Up is the phase between the beams of the longest row and the next one at that azimuth."""
     rows = _rows(radar)
     lefts = np.arange(-detection.azimuths // 2, detection.azimuths // 2) * 2 / detection.azimuths
     steered = steering_vectors(radar, _along(lefts, 0.0)).conj()

@@ -1,7 +1,8 @@
 """Configuration files (.cfg) of Texas Instruments' radars: the chirps and the antennas.
 
 The fields of each command stand in the mmWave SDK's user guide (channelCfg, adcCfg, profileCfg, chirpCfg, frameCfg) and in the
-tuning guide of the people-tracking demo's detection layer (antGeometry). Signs of antennas (antPhaseRot) are of the device's own samples and not of a `Radar`.
+tuning guide of the people-tracking demo's detection layer (antGeometry). Signs of antennas (antPhaseRot) are of the device's own
+samples and not of a `Radar`.
 """
 
 from __future__ import annotations
