@@ -264,10 +264,14 @@ def test_wrong_kinds_are_named(target: Any, options: dict[str, Any], sentence: s
         t2d.simulate(target, **{"radar": RADAR, **options})
 
 
-def test_an_ellipsoid_between_the_antennas_is_refused() -> None:
+def test_targets_between_the_antennas_are_refused() -> None:
     egg = Ellipsoids(np.array([[0.1, 0.1, 0.2]]), np.tile([3.0, 0, 1.0], (3, 1, 1)), TIMES_S)
-    with pytest.raises(InputError, match="on the line between the antennas"):
+    with pytest.raises(InputError, match="lies between transmitter and receiver, which it sees 180 degrees apart"):
         t2d.simulate(egg, radar=RADAR.replace(rx_offsets_m=(6.0, 0, 0)), method="ellipsoid")
+    apart = RADAR.replace(tx_offsets_m=(0, 2.0, 0), rx_offsets_m=(0, -2.0, 0))  # 106 and 126 degrees at 1.5 and 1 m
+    with pytest.raises(InputError, match=r"ball lies between transmitter and receiver, which it sees 1[23]\d degrees apart"):
+        t2d.simulate(ball(1.0), radar=apart)
+    t2d.simulate(ball(1.5), radar=apart)
 
 
 def test_a_facet_that_rotates_too_fast_is_reported() -> None:
