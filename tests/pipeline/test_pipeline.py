@@ -269,7 +269,9 @@ def test_targets_between_the_antennas_are_refused() -> None:
     with pytest.raises(InputError, match="lies between transmitter and receiver, which it sees 180 degrees apart"):
         t2d.simulate(egg, radar=RADAR.replace(rx_offsets_m=(6.0, 0, 0)), method="ellipsoid")
     apart = RADAR.replace(tx_offsets_m=(0, 2.0, 0), rx_offsets_m=(0, -2.0, 0))  # 106 and 126 degrees at 1.5 and 1 m
-    with pytest.raises(InputError, match=r"ball lies between transmitter and receiver, which it sees 1[23]\d degrees apart"):
+    with pytest.raises(
+        InputError, match=r"ball lies between transmitter and receiver, which it sees 1[23]\d degrees apart"
+    ):
         t2d.simulate(ball(1.0), radar=apart)
     t2d.simulate(ball(1.5), radar=apart)
 

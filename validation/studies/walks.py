@@ -1,7 +1,7 @@
 """Recorded spectrograms of walks beside simulated ones: how fast limbs are, how filled their arcs, at which fidelity.
 
-The recordings are maps of MMRGait-1.0 (doi 10.12000/JR22227): `tfmap` (192, columns) in dB, rest at row 128, approach at lower rows,
-no axes. What the maps themselves tell is taken from them: the STFT's window (their noise is not correlated beyond one row, so a row
+The recordings are maps of MMRGait-1.0 (doi 10.12000/JR22227): `tfmap` (192, columns) in dB, rest at row 128, approach at lower
+rows, no axes. What the maps themselves tell is taken from them: the STFT's window (their noise is not correlated beyond one row, so a row
 is one Doppler bin, and the torso's row gives the window's length), its step (the noise's correlation in time), that powers of many
 range cells were added (the noise's spread), and how far the torso lies over the floor. The antennas' beam is taken to be 28 degrees
 wide, as patch antennas of such boards are. None of that is chosen by the measures, and no material is.
@@ -121,9 +121,13 @@ def read_map(told: str) -> Recorded:
         level = np.asarray(loadmat(file)["tfmap"], dtype=float)
         degrees = float(angle)
     except (OSError, ValueError, KeyError, NotImplementedError) as error:
-        raise InputError(f"{told} is not FILE.mat:ANGLE with a map `tfmap` ({error}); give one of MMRGait-1.0") from None
+        raise InputError(
+            f"{told} is not FILE.mat:ANGLE with a map `tfmap` ({error}); give one of MMRGait-1.0"
+        ) from None
     if level.ndim != 2 or len(level) <= REST + 2 * FLOOR:
-        raise InputError(f"`tfmap` of {file} has the shape {level.shape}; rows to {REST + 2 * FLOOR} at least are expected")
+        raise InputError(
+            f"`tfmap` of {file} has the shape {level.shape}; rows to {REST + 2 * FLOOR} at least are expected"
+        )
     noise = level[REST + FLOOR :]
     power = 10 ** (noise / 10)
     return Recorded(
@@ -176,7 +180,9 @@ def window_of(cube: np.ndarray, row: float) -> int:
     return count
 
 
-def compared(map_: Recorded, windows: dict[str, int], walks: Sequence[str]) -> Iterator[tuple[Fidelity, np.ndarray, float]]:
+def compared(
+    map_: Recorded, windows: dict[str, int], walks: Sequence[str]
+) -> Iterator[tuple[Fidelity, np.ndarray, float]]:
     """Of each fidelity its measures over the walks (walk, measure) and seconds a walk.
 
     The window is found at the first map, walk by walk with the skin, and stays for the others: the radar is the same.
