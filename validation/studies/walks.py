@@ -1,10 +1,11 @@
 """Recorded spectrograms of walks beside simulated ones: how fast limbs are, how filled their arcs, at which fidelity.
 
-The recordings are maps of MMRGait-1.0 (doi 10.12000/JR22227): `tfmap` (192, columns) in dB, rest at row 128, approach at lower
-rows, no axes. What the maps themselves tell is taken from them: the STFT's window (their noise is not correlated beyond one row, so a row
-is one Doppler bin, and the torso's row gives the window's length), its step (the noise's correlation in time), that powers of many
-range cells were added (the noise's spread), and how far the torso lies over the floor. The antennas' beam is taken to be 28 degrees
-wide, as patch antennas of such boards are. None of that is chosen by the measures, and no material is.
+The recordings are maps of MMRGait-1.0 (doi 10.12000/JR22227): `tfmap` (192, columns) in dB, rest at row 128, approach
+at lower rows, no axes. What the maps themselves tell is taken from them: the STFT's window (their noise is not
+correlated beyond one row, so a row is one Doppler bin, and the torso's row gives the window's length), its step (the
+noise's correlation in time), that powers of many range cells were added (the noise's spread), and how far the torso
+lies over the floor. The antennas' beam is taken to be 28 degrees wide, as patch antennas of such boards are. None of
+that is chosen by the measures, and no material is.
 """
 
 from __future__ import annotations
