@@ -44,8 +44,9 @@ MOSTLY_MONOSTATIC_M = 1e-6
 """Distance of the antennas below which they lie in one place."""
 
 BISTATIC_DEG = 120.0
-"""Greatest angle between transmitter and receiver as a target sees them. There the field of a sphere of 10 cm by physical optics is up
-to 0.9 dB off Mie's series at 77 GHz (20 cm 0.6 dB, 3 cm 1.4 dB), at 130 to 150 degrees up to 2.5 dB: its edge of shadow is too sharp."""
+"""Greatest angle between transmitter and receiver as a target sees them. There the field of a sphere of 10 cm by physical
+optics is up to 0.9 dB off Mie's series at 77 GHz (20 cm 0.6 dB, 3 cm 1.4 dB), at 130 to 150 degrees up to 2.5 dB: its edge of
+shadow is too sharp."""
 
 LEAST_CUT_S = 0.05
 """Part of a motion beyond the record's end from which it is told; durations in whole frames differ by less."""
@@ -293,8 +294,8 @@ def _check_bistatic(geometry: Geometry, radar: Radar, times_s: np.ndarray) -> No
         if angle_deg.max() > BISTATIC_DEG:
             raise InputError(
                 f"at {times[angle_deg.argmax()]:.3g} s {geometry.name} lies between transmitter and receiver, which it sees "
-                f"{angle_deg.max():.0f} degrees apart; echoes are modelled up to {BISTATIC_DEG:g} degrees: place the target farther "
-                "away (distance_m), or the antennas nearer together"
+                f"{angle_deg.max():.0f} degrees apart; echoes are modelled up to {BISTATIC_DEG:g} degrees: place the target "
+                "farther away (distance_m), or the antennas nearer together"
             )
 
 

@@ -35,7 +35,7 @@ def test_a_map_tells_its_floor_its_looks_and_its_torso(tmp_path) -> None:
     assert found.top_db == pytest.approx(30, abs=0.3)
     assert abs(np.median(found.level_db[40:])) < 0.1
     for told in (f"{tmp_path / 'walk.mat'}", f"{tmp_path / 'none.mat'}:0"):
-        with pytest.raises(InputError, match="FILE.mat:ANGLE"):
+        with pytest.raises(InputError, match=r"FILE\.mat:ANGLE"):
             read_map(told)
 
 
