@@ -289,8 +289,8 @@ def _check_bistatic(geometry: Geometry, radar: Radar, times_s: np.ndarray) -> No
         return
     for times in blocks(times_s, geometry.point_count):
         points = geometry.points_at(times)
-        ways = [(antenna - points) / np.linalg.norm(antenna - points, axis=-1, keepdims=True) for antenna in antennas]
-        angle_deg = np.degrees(np.arccos(np.clip(np.sum(ways[0] * ways[1], axis=-1), -1, 1))).max(axis=1)
+        paths = [(antenna - points) / np.linalg.norm(antenna - points, axis=-1, keepdims=True) for antenna in antennas]
+        angle_deg = np.degrees(np.arccos(np.clip(np.sum(paths[0] * paths[1], axis=-1), -1, 1))).max(axis=1)
         if angle_deg.max() > BISTATIC_DEG:
             raise InputError(
                 f"at {times[angle_deg.argmax()]:.3g} s {geometry.name} lies between transmitter and receiver, which it sees "
