@@ -20,7 +20,18 @@ if TYPE_CHECKING:
     from t2d_rt.core.errors import BackendError, InputError, T2DError, T2DWarning
     from t2d_rt.experiment.catalog import bodies, example, examples, movers, presets, scenes
     from t2d_rt.experiment.experiment import Experiment
-    from t2d_rt.motion import describe, load_motion, motion_from_joints, place, repeat, resample, smooth, trim
+    from t2d_rt.motion import (
+        describe,
+        load_motion,
+        load_motions,
+        motion_from_joints,
+        place,
+        place_together,
+        repeat,
+        resample,
+        smooth,
+        trim,
+    )
     from t2d_rt.motion.check import check_motion
     from t2d_rt.motion.generate import motion_from_text
     from t2d_rt.motion.vary import mirror, vary_gait, vary_view
@@ -59,7 +70,18 @@ if TYPE_CHECKING:
 # Everything loads when first used: `import t2d_rt` must not wait for a ray tracer.
 _HOMES = {
     "t2d_rt.core.errors": ("BackendError", "InputError", "T2DError", "T2DWarning"),
-    "t2d_rt.motion": ("describe", "load_motion", "motion_from_joints", "place", "repeat", "resample", "smooth", "trim"),
+    "t2d_rt.motion": (
+        "describe",
+        "load_motion",
+        "load_motions",
+        "motion_from_joints",
+        "place",
+        "place_together",
+        "repeat",
+        "resample",
+        "smooth",
+        "trim",
+    ),
     "t2d_rt.motion.check": ("check_motion",),
     "t2d_rt.motion.generate": ("motion_from_text",),
     "t2d_rt.motion.vary": ("mirror", "vary_gait", "vary_view"),
@@ -142,6 +164,7 @@ __all__ = [
     "examples",
     "load_background",
     "load_motion",
+    "load_motions",
     "load_recording",
     "load_scene",
     "mirror",
@@ -151,6 +174,7 @@ __all__ = [
     "movers",
     "occlude",
     "place",
+    "place_together",
     "plan",
     "presets",
     "repeat",

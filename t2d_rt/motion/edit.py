@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,6 +109,44 @@ def place(
     note += f", turned by {angle_deg:g} degrees" if angle_deg else ""
     kept = [each for each in motion.report.split("; ") if each and not each.startswith(PLACED)]
     return motion.edited(note, joints=joints + there, rotations=rotations, placed=True, report="; ".join([*kept, note]))
+
+
+def place_together(
+    motions: Mapping[str, Motion],
+    *,
+    distance_m: float | None = None,
+    angle_deg: float = 0.0,
+    radar_position_m: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    boresight: tuple[float, float, float] = (1.0, 0.0, 0.0),
+) -> dict[str, Motion]:
+    """Persons of one capture before the radar, where they are to one another: the first as `place` puts it, the others with it.
+
+    Without a distance nobody comes nearer than 1.5 m, measured along the boresight.
+    """
+    if not isinstance(motions, Mapping) or not motions:
+        raise InputError("motions must be a mapping of names to motions, as load_motions gives it")
+    first = next(iter(motions.values()))
+    there = place(
+        first, distance_m=distance_m, angle_deg=angle_deg, radar_position_m=radar_position_m, boresight=boresight
+    )
+    turn = quaternions.multiply(there.rotations[0, 0], quaternions.conjugate(first.rotations[0, 0]))
+    shift = there.joints[0, 0] - quaternions.rotate(turn, first.joints[0, 0])
+    placed = {name: quaternions.rotate(turn, each.joints) + shift for name, each in motions.items()}
+    aim = np.array([*np.asarray(boresight, float)[:2], 0.0])
+    aim /= np.linalg.norm(aim)
+    nearest = min(float(((joints - radar_position_m) @ aim).min()) for joints in placed.values())
+    more = aim * max(0.0, CLOSEST_APPROACH_M - nearest) if distance_m is None else np.zeros(3)
+    note = f"{PLACED}before the radar with {len(motions) - 1} more of its capture"
+    return {
+        name: each.edited(
+            note,
+            joints=placed[name] + more,
+            rotations=quaternions.multiply(turn, each.rotations),
+            placed=True,
+            report="; ".join([*(part for part in each.report.split("; ") if not part.startswith(PLACED)), note]),
+        )
+        for name, each in motions.items()
+    }
 
 
 def aside(motion: Motion, distance_m: float, boresight: tuple[float, float, float] = (1.0, 0.0, 0.0)) -> Motion:

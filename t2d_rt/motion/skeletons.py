@@ -54,12 +54,13 @@ def shipped(path: Path) -> Mapping[str, Any]:
 
 
 def sided(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Rows with a star expanded to left and right; in their sources {Side} is Left or Right, {side} left or right, {S} L or R and
-    {s} l or r."""
+    """Rows with a star expanded to left and right, to L and R where no underscore follows it; in their sources {Side} is Left or
+    Right, {side} left or right, {S} L or R and {s} l or r."""
     both: dict[str, Any] = {}
     for name, source in table.items():
         for side in ("Left", "Right") if name.startswith("*") else ("",):
-            both[name.replace("*", side.lower())] = _of_side(source, side) if side else source
+            word = side.lower() if name.startswith("*_") else side[:1]
+            both[name.replace("*", word)] = _of_side(source, side) if side else source
     return both
 
 
@@ -265,10 +266,23 @@ def chosen_flavour(
     )
 
 
+def _absent(flavour: Flavour, names: Sequence[str]) -> list[str]:
+    """Joints of a flavour that names lack; optional ends may."""
+    needed = [source for name, source in flavour.joints.items() if name not in OPTIONAL_JOINTS]
+    return [name for source in needed for name in _names(source) if name not in names]
+
+
+def nearest_flavour(names: Sequence[str]) -> tuple[Flavour, list[str]]:
+    """The flavour of bones whose parents the file does not tell, and what they lack of it."""
+    best = min(
+        reversed(_known().values()), key=lambda each: (len(_absent(each, names)), -len(_sources(each) & set(names)))
+    )
+    return best, _absent(best, names)
+
+
 def misfit(flavour: Flavour, names: tuple[str, ...], parents: tuple[int, ...]) -> str:
     """What keeps a file from being of a flavour, in words; empty if it is. Optional ends may lack."""
-    needed = [source for name, source in flavour.joints.items() if name not in OPTIONAL_JOINTS]
-    absent = [name for source in needed for name in _names(source) if name not in names]
+    absent = _absent(flavour, names)
     if absent:
         told = [f"{name:.60}" for name in absent[:8]]
         return f"lacks {', '.join(told)}{' ...' if len(absent) > 8 else ''}"
@@ -276,15 +290,20 @@ def misfit(flavour: Flavour, names: tuple[str, ...], parents: tuple[int, ...]) -
 
 
 def canonical(
-    raw: RawSkeleton, names: tuple[str, ...], flavour: Flavour, positions: np.ndarray, rotations: np.ndarray
+    names: Sequence[str],
+    flavour: Flavour,
+    positions: np.ndarray,
+    rotations: np.ndarray,
+    offsets: np.ndarray | None = None,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Positions (T, 3) and orientations (T, 4) by canonical name, in canonical order; absent feet are left out."""
+    """Positions (T, 3) and orientations (T, 4) by canonical name, in canonical order, of joints (T, N, 3) and (T, N, 4); absent
+    feet are left out, and ends without an offset (N, 3)."""
     index = {name: i for i, name in enumerate(names)}
     points: dict[str, np.ndarray] = {}
     orientations: dict[str, np.ndarray] = {}
     for name, source in flavour.joints.items():
         first, last, fraction = (source, source, 0.0) if isinstance(source, str) else source
-        absent = first not in index or last not in index or not raw.offsets[index[first]].any()
+        absent = first not in index or last not in index or (offsets is not None and not offsets[index[first]].any())
         if not (absent and name in OPTIONAL_JOINTS):
             points[name] = (1.0 - fraction) * positions[:, index[first]] + fraction * positions[:, index[last]]
             orientations[name] = rotations[:, index[first]]

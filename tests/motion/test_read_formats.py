@@ -589,7 +589,7 @@ BAD: dict[str, tuple[str, Callable[[Path], None], str]] = {
     ),
     "json": ("a.json", plain("{"), "not valid JSON"),
     "deep json": ("a.json", plain("[" * 100_000), "not valid JSON"),
-    "json list": ("a.json", plain("[1, 2]"), 'no list "Frames"'),
+    "json list": ("a.json", plain("[1, 2]"), "frame 0 holds no points x, y, z"),
     "json width": ("a.json", plain('{"Frames": [[1, 2], [3, 4]]}'), "must hold 44 finite numbers; these hold \\[2\\]"),
     "json nan": ("a.txt", plain('{"Frames": [[' + "NaN, " * 43 + "1]]}"), "absurd values in every frame"),
     "json rotations": ("a.txt", plain('{"Frames": [[0.1' + ", 3" * 43 + "]]}"), "must be unit quaternions"),
@@ -598,7 +598,7 @@ BAD: dict[str, tuple[str, Callable[[Path], None], str]] = {
     "trc header": ("a.trc", plain("PathFileType\nDataRate\nx\n" + "\n" * 10), "DataRate and Units"),
     "c3d": ("a.c3d", plain(b"\x02\x51" + b"\0" * 2000), "not a C3D file"),
     "c3d damaged": ("a.c3d", plain(b"\x02\x50" + b"\x07" * 2000), "cannot be read as C3D|expected 2 to"),
-    "suffix": ("a.fbx", plain("x"), "motions come as .bvh or .bvh.gz, or as .amc"),
+    "suffix": ("a.fbx", plain("x"), "motions come as .bvh or .bvh.gz or .glb, or as .amc"),
 }  # fmt: skip
 
 

@@ -249,3 +249,42 @@ def test_one_skeleton_is_one_body() -> None:
     for path in sorted(MOTIONS.glob("*.bvh*")):
         raw = read_bvh(path)
         assert bodies(raw) == {"": raw}, path.name
+
+
+# --- everybody at once ---
+
+
+@pytest.mark.parametrize("form", ["trc", "npz"])
+def test_persons_of_one_capture_keep_their_places(tmp_path: Path, walk: Motion, form: str) -> None:
+    """Both in one set of coordinates, on one clock, though one is seen later, has other feet and begins elsewhere."""
+    tracks = two(walk)
+    other = {name: track @ ROTATED.T + AWAY_M + [0, 0, 0.0] for name, track in joint_centres(walk).items()}
+    tracks |= {f"B:{name}": track.copy() for name, track in other.items()}
+    for name in other:
+        tracks[f"B:{name}"][:7] = np.nan
+    both = t2d.load_motions(write(tmp_path / f"a.{form}", tracks), smooth_hz=None)
+    assert list(both) == ["A", "B"]
+    a, b = both.values()
+    assert len(a.joints) == len(b.joints) == len(walk.joints) - 7
+    names = [name for name in a.names if name.endswith(("knee", "ankle", "wrist"))]
+    mine, theirs = (each.joints[:, [each.index(name) for name in names]] for each in (a, b))
+    true = walk.joints[7:, [walk.index(name) for name in names]]
+    assert np.linalg.norm((theirs - mine) - (true @ ROTATED.T + AWAY_M - true), axis=-1).max() < 1e-3
+    placed = t2d.place_together(both, distance_m=4.0, angle_deg=30.0)
+    apart = [np.linalg.norm(each["A"].joints - each["B"].joints, axis=-1) for each in (both, placed)]
+    assert np.allclose(*apart, atol=1e-9)
+    assert placed["B"].placed
+    assert np.hypot(*placed["A"].joints[0, 0, :2]) == pytest.approx(4.0)
+    near = t2d.place_together(both)
+    assert min(each.joints[..., 0].min() for each in near.values()) >= 1.5 - 1e-9
+
+
+ROTATED = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+def test_a_capture_of_one_or_of_incomplete_ones(tmp_path: Path, walk: Motion) -> None:
+    assert list(t2d.load_motions(write(tmp_path / "a.npz", joint_centres(walk)))) == ["1"]
+    tracks = two(walk)
+    del tracks["A:LElbow"]
+    with pytest.warns(T2DWarning, match="A is left out: .* lack left_elbow"):
+        assert list(t2d.load_motions(write(tmp_path / "b.trc", tracks))) == ["B"]

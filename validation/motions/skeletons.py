@@ -73,8 +73,8 @@ def unnamed(path: Path) -> tuple[bool, list[str]]:
     number = {name: f"n{i}" for i, name in enumerate(each for each in names if not each.endswith(":end"))}
     numbers = tuple(number[each.removesuffix(":end")] + ":end" * each.endswith(":end") for each in names)
     found = Flavour(name="unnamed", joints=match(numbers, raw.parents, positions).joints)
-    mine, _ = canonical(raw, names, kind, positions, rotations)
-    theirs, _ = canonical(replace(raw, names=numbers), numbers, found, positions, rotations)
+    mine, _ = canonical(names, kind, positions, rotations, raw.offsets)
+    theirs, _ = canonical(numbers, found, positions, rotations, raw.offsets)
     tall = float(np.median(np.linalg.norm(mine["head"] - mine["left_ankle"], axis=-1)))
     apart = {
         name: np.median(np.linalg.norm(mine[name] - theirs[name], axis=-1)) / tall

@@ -8,35 +8,38 @@ from functools import partial
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, cast
 
 from t2d_rt.core.checks import file_path, instance, shown
 from t2d_rt.core.errors import InputError, warn
 from t2d_rt.core.plugins import loaded, plugins
-from t2d_rt.motion.read.amass import read_amass
-from t2d_rt.motion.read.arrays import read_arrays
+from t2d_rt.motion.interpolate import resample, trim
+from t2d_rt.motion.read.amass import MOVED, ROOT, read_amass
+from t2d_rt.motion.read.arrays import Arrays, read_arrays
 from t2d_rt.motion.read.asf_amc import read_asf_amc
+from t2d_rt.motion.read.bones import read_csv, read_mvnx
 from t2d_rt.motion.read.clock import times_of
 from t2d_rt.motion.read.deepmimic import read_deepmimic
 from t2d_rt.motion.read.detect import GivenUp
 from t2d_rt.motion.read.ground import Root
 from t2d_rt.motion.read.joints_npz import read_kimodo, read_plain
+from t2d_rt.motion.read.landmarks import json_of, read_json, read_ntu
 from t2d_rt.motion.read.markers import read_c3d, read_trc
 from t2d_rt.motion.read.orientations import motion_from_joints
-from t2d_rt.motion.read.passes import LOWEST_CUTOFF_HZ, Reading, file_origin, motion_of
+from t2d_rt.motion.read.passes import BEGINS, LOWEST_CUTOFF_HZ, Reading, file_origin, motion_of
 from t2d_rt.motion.read.skeletal import read_skeletal
-from t2d_rt.motion.read.subjects import check_only
+from t2d_rt.motion.read.subjects import UnknownSubject, check_only
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.types.motion import Motion
 
-BVH_SUFFIXES = (".bvh", ".bvh.gz")
-KNOWN = "bvh", "gz", "npy", "npz", "c3d", "trc", "json", "txt", "amc", "asf"
+SKELETAL = (".bvh", ".bvh.gz", ".glb")
+KNOWN = "bvh", "gz", "glb", "npy", "npz", "c3d", "trc", "csv", "json", "txt", "amc", "asf", "mvnx", "skeleton"
 """Endings that readers of other packages may not take."""
 
 SHORT_S = 0.1
 """Below, a file holds no movement that could be seen: a tenth of a step, four windows of a spectrogram of 25 ms."""
 
-__all__ = ["LOWEST_CUTOFF_HZ", "load_motion", "motion_from_joints"]
+__all__ = ["LOWEST_CUTOFF_HZ", "load_motion", "load_motions", "motion_from_joints"]
 
 
 def load_motion(
@@ -54,9 +57,10 @@ def load_motion(
 ) -> Motion:
     """Read a motion file: canonical joints, metres, right-handed, z up, floor at z = 0.
 
-    The format is told from suffix and content: BVH (.bvh, .bvh.gz), HumanML3D joints and vectors (.npy, .npz), AMASS, Kimodo and
-    plain named joints (.npz), DeepMimic (.json, .txt), ASF/AMC (.amc), C3D (.c3d, extra [c3d]) and TRC (.trc). Positions
-    alone get rotations, and joints that lack are filled.
+    The format is told from suffix and content: BVH (.bvh, .bvh.gz), animated glTF (.glb), HumanML3D joints and vectors (.npy,
+    .npz), AMASS, smplx, Kimodo, and joints by name or in the order of a camera or estimator (.npz, .npy), DeepMimic, OpenPose and
+    MediaPipe (.json), NTU RGB+D (.skeleton), ASF/AMC (.amc), C3D (.c3d, extra [c3d]), TRC (.trc), Xsens (.mvnx), Motive and plain
+    tables (.csv). Positions alone get rotations, and joints that lack are filled.
     Everything left None is detected and told in `Motion.report`.
 
     units: length of the file's unit in metres, or its name: m, cm, mm, inch, ft, dm or cmu.
@@ -73,17 +77,23 @@ def load_motion(
         about the hips), which are warned of; "file" leaves it.
     subject: name of the person who is taken of a file that holds several; left out, the first who is complete.
     """
+    path = file_path("path", path)
+    return _read(path, Reading(units, up, floor, drop_tpose, smooth_hz, flavour, rate_hz, subject, root))
+
+
+def _read(path: Path, reading: Reading) -> Motion:
+    """The motion of a file, with warnings of what is doubtful."""
     from t2d_rt.motion.check.gait import rate_doubt
 
-    path = file_path("path", path)
-    reading = Reading(units, up, floor, drop_tpose, smooth_hz, flavour, rate_hz, subject, root)
     try:
-        if path.name.lower().endswith(BVH_SUFFIXES):
+        if path.name.lower().endswith(SKELETAL):
             motion = read_skeletal(path, reading)
         elif (reader := _reader(path)) is not None:
             motion = _read_by(reader, path, reading)
         else:
-            motion = motion_of(_read_tracks(path, subject), reading)
+            motion = motion_of(_read_tracks(path, reading.subject), reading)
+    except UnknownSubject:
+        raise
     except InputError as error:
         told = str(error)
         raise InputError(told if path.name in told else f"{path}: {told}") from None
@@ -96,6 +106,78 @@ def load_motion(
     if doubt is not None:
         warn(f"{path.name}: {doubt}; give the true one (--motion.rate_hz)")
     return replace(motion, origin=(file_origin(path), *motion.origin))
+
+
+def load_motions(
+    path: str | Path,
+    *,
+    units: float | str | None = None,
+    up: GivenUp | None = None,
+    floor: float | None = None,
+    smooth_hz: float | Literal["auto"] | None = "auto",
+    flavour: str | None = None,
+    rate_hz: float | None = None,
+) -> dict[str, Motion]:
+    """Everybody whom a file holds, by name: in one capture's coordinates and on one clock, so that they keep their places to one
+    another (`place_together` puts them before the radar).
+
+    Unit, axis and floor are the same for all, as the first has them, and options are those of `load_motion`. What not all have is
+    cut away. Who is not complete is left out, with a warning. A motion of a file with one person has the name "1".
+    """
+    path = file_path("path", path)
+    plain = Reading(units, up or "file", floor, None, smooth_hz, flavour, rate_hz)
+    try:
+        _read(path, replace(plain, subject=NOBODY))
+        names: tuple[str, ...] = ()
+    except UnknownSubject as error:
+        names = error.names
+    if len(names) < 2:
+        return {"1": _read(path, replace(plain, up=up))}
+    found: dict[str, Motion] = {}
+    for name in names:
+        try:
+            found[name] = _read(path, replace(plain, subject=name))
+        except InputError as error:
+            warn(f"{name} is left out: {error}")
+    if not found:
+        raise InputError(f"{path}: nobody of {', '.join(names)} is complete; repair the file")
+    axes, units_m = ({_clause(each, start) for each in found.values()} for start in ("up ", "1 unit = "))
+    if len({each.partition(" (")[0] for each in units_m}) > 1:
+        raise InputError(
+            f"{path}: by their bodies its persons have different units, {', '.join(sorted(units_m))}; give units"
+        )
+    levels = [float(_clause(each, "floor at ").removesuffix(" m")) for each in found.values()]
+    if floor is None or len(axes) > 1:
+        axis = plain.axis or cast(GivenUp, _clause(next(iter(found.values())), "up ").partition(" ")[0])
+        common = replace(plain, up=axis, floor=min(levels) if floor is None else floor)
+        found = {name: _read(path, replace(common, subject=name)) for name in found}
+    return _together(found)
+
+
+NOBODY = "\x00"
+"""A name that no subject has: the refusal tells who there is."""
+
+
+def _clause(motion: Motion, start: str) -> str:
+    """What a motion's report says behind the beginning of a clause, nothing where it has none."""
+    return next((each.removeprefix(start) for each in motion.report.split("; ") if each.startswith(start)), "")
+
+
+def _together(found: dict[str, Motion]) -> dict[str, Motion]:
+    """Motions cut to the time that all have, at the highest of their rates."""
+    rate_hz = max(each.rate_hz for each in found.values())
+    starts = {name: float(_clause(each, BEGINS).partition(" ")[0] or 0.0) for name, each in found.items()}
+    first = max(starts.values())
+    last = min(starts[name] + each.duration_s for name, each in found.items())
+    if last - first < SHORT_S:
+        raise InputError(f"{', '.join(found)} are never seen at the same time; read them one by one, by subject")
+    cut = {}
+    for name, motion in found.items():
+        motion = motion if motion.rate_hz == rate_hz else resample(motion, rate_hz)
+        low, high = (min(max(t - starts[name], 0.0), motion.duration_s) for t in (first, last))
+        whole = high - low >= motion.duration_s - 1e-9
+        cut[name] = motion if whole else trim(motion, low, high)
+    return cut
 
 
 def _reader(path: Path) -> EntryPoint | None:
@@ -122,15 +204,33 @@ def _read_by(reader: EntryPoint, path: Path, reading: Reading) -> Motion:
 
 
 def _read_arrays(path: Path, subject: str | None) -> Tracks:
-    """Tracks of a .npy or .npz file: of Kimodo, of AMASS, or joints by name or order."""
-    arrays = read_arrays(path)
+    """Tracks of a .npy or .npz file."""
+    return _of_arrays(read_arrays(path), subject)
+
+
+def _of_arrays(arrays: Arrays, subject: str | None) -> Tracks:
+    """Tracks of Kimodo, of AMASS or smplx, or of joints by name or order."""
     kimodo = "posed_joints" in arrays
-    if kimodo or ("trans" in arrays and arrays.first("poses", "root_orient")):
+    if kimodo or (arrays.first("poses", *ROOT) and arrays.first(*MOVED, "global_orient")):
         check_only(subject)
         tracks = read_kimodo(arrays) if kimodo else read_amass(arrays)
     else:
         tracks = read_plain(arrays, subject)
     return replace(tracks, times=times_of(arrays, len(tracks)))
+
+
+def _read_json(path: Path, subject: str | None) -> Tracks:
+    """Tracks of DeepMimic's JSON, or of the points of a pose estimator."""
+    tree = json_of(path)
+    if isinstance(tree, dict) and "Frames" in tree:
+        check_only(subject)
+        return read_deepmimic(tree, path)
+    return _of_arrays(read_json(tree, path), subject)
+
+
+def _read_ntu(path: Path, subject: str | None) -> Tracks:
+    """Tracks of an NTU RGB+D file."""
+    return _of_arrays(read_ntu(path), subject)
 
 
 def _of_one(read: Callable[[Path], Tracks], path: Path, subject: str | None) -> Tracks:
@@ -145,21 +245,24 @@ READERS: Mapping[str, Callable[[Path, str | None], Tracks]] = MappingProxyType(
         ".npz": _read_arrays,
         ".c3d": read_c3d,
         ".trc": read_trc,
-        ".json": partial(_of_one, read_deepmimic),
-        ".txt": partial(_of_one, read_deepmimic),
+        ".csv": read_csv,
+        ".mvnx": read_mvnx,
+        ".skeleton": _read_ntu,
+        ".json": _read_json,
+        ".txt": _read_json,
         ".amc": partial(_of_one, read_asf_amc),
     }
 )
-"""Readers of files but BVH by their endings: the path, and the subject who is wanted."""
+"""Readers of files but BVH and GLB by their endings: the path, and the subject who is wanted."""
 
 
 def _read_tracks(path: Path, subject: str | None = None) -> Tracks:
-    """Tracks of any file but BVH, of one subject where the format may hold several."""
+    """Tracks of any file but BVH and GLB, of one subject where the format may hold several."""
     suffix = path.suffix.lower()
     if suffix not in READERS:
         hint = "; give the .amc, whose skeleton it is" if suffix == ".asf" else ""
         raise InputError(
-            f"cannot read {shown(str(path))}: motions come as {' or '.join(BVH_SUFFIXES)}, or as "
+            f"cannot read {shown(str(path))}: motions come as {' or '.join(SKELETAL)}, or as "
             f"{', '.join(sorted(READERS))}{hint}"
         )
     return READERS[suffix](path, subject)

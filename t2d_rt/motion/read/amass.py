@@ -16,7 +16,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.motion.quaternions import multiply, rotate
 from t2d_rt.motion.read.arrays import Arrays
 from t2d_rt.motion.read.clock import stated_rate, times_of
-from t2d_rt.motion.read.detect import stance_axis
+from t2d_rt.motion.read.detect import Up, stance_axis
 from t2d_rt.motion.read.samples import filled
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.motion.skeletons import PARENT_OF, tables
@@ -25,6 +25,13 @@ from t2d_rt.types.motion import CANONICAL_JOINTS
 STATURE_M = 1.70
 
 USUAL_RATE_HZ = 60.0
+VIDEO_RATE_HZ = 30.0
+"""Of parameters of smplx that say none: they were fitted to a video."""
+
+MOVED = ("trans", "transl")
+ROOT = ("root_orient", "global_orient")
+BODY = ("pose_body", "body_pose")
+"""What AMASS and what smplx call the root's way, its turn and the rotations of the 21 joints behind it."""
 
 BODY_ANGLES = 66
 """Axis-angle vectors of the 22 canonical joints; hands, jaw and eyes follow in SMPL-H (156) and SMPL-X (165)."""
@@ -51,24 +58,31 @@ upward: a lying body rests on a floor as well."""
 
 def read_amass(arrays: Arrays) -> Tracks:
     """The body's 22 joints and the hands' ends."""
-    poses = arrays.samples("poses", (2,)) if "poses" in arrays else _joined(arrays)
-    moved = arrays.samples("trans", (2,))
+    poses = arrays.samples("poses", (2, 3)) if "poses" in arrays else _joined(arrays)
+    poses = poses.reshape(len(poses), -1)
+    way = arrays.first(*MOVED)
+    if way is None:
+        raise InputError(
+            f"{arrays.path} lacks {' or '.join(MOVED)}, the way of the root; store it, or zeros and root='feet' where it is unknown"
+        )
+    moved = arrays.samples(way, (2,))
     if poses.shape[1] < BODY_ANGLES or poses.shape[1] % 3 or moved.shape != (len(poses), 3):
         raise InputError(
             f"{arrays.path}: poses must have shape (time, 66 or more) and trans (time, 3), got {poses.shape} and {moved.shape}"
         )
     stated_hz = stated_rate(arrays, len(poses))
-    if stated_hz is None and times_of(arrays, len(poses)) is None:
+    if "poses" in arrays and stated_hz is None and times_of(arrays, len(poses)) is None:
         raise InputError(f"{arrays.path} has no mocap_framerate; store it")
-    rate_hz = stated_hz or USUAL_RATE_HZ
+    rate_hz = stated_hz or (USUAL_RATE_HZ if "poses" in arrays else VIDEO_RATE_HZ)
     rows, lost = filled(np.concatenate([moved, poses[:, :BODY_ANGLES]], axis=1), f"{arrays.path}", slice(3))
     moved = rows[:, :3]
     turned = _orientations(rows[:, 3:].reshape(len(poses), -1, 3))
     about = _forward(turned)
     up = stance_axis({name: moved + STATURE_M * point for name, point in about.items()}, "z", margin=SURE)
-    stature, told = _stature(about, moved, rate_hz, "xyz".index(up[-1]))
+    stature, told = _stature(about, moved, rate_hz, up)
     points = {name: moved + stature * point for name, point in about.items()}
     form = {156: "AMASS (SMPL-H)", 165: "AMASS (SMPL-X)", 72: "AMASS (SMPL)"}.get(poses.shape[1], "AMASS")
+    form = "parameters of smplx" if arrays.first("global_orient") else form
     turned = {name: turned[name] for name in points}
     tracks = Tracks(form=form, points=points, turned=turned, rate_hz=rate_hz, unit_m=1.0, up=up)
     clause = f"bone lengths of SMPL's mean body, {stature:.2f} m tall ({told}), betas not used"
@@ -76,8 +90,14 @@ def read_amass(arrays: Arrays) -> Tracks:
 
 
 def _joined(arrays: Arrays) -> np.ndarray:
-    """Poses of files that keep the root apart."""
-    return np.concatenate([arrays.samples("root_orient", (2,)), arrays.samples("pose_body", (2,))], axis=1)
+    """Poses (T, 66 or more) of files that keep the root apart, as axis-angle vectors; matrices are refused."""
+    names = [arrays.first(*each) for each in (ROOT, BODY)]
+    if None in names:
+        raise InputError(f"{arrays.path} lacks {' or '.join(BODY)}; store the body's 21 rotations beside the root's")
+    parts = [arrays.samples(str(name), (2, 3, 4)) for name in names]
+    if any(part.shape[-2:] == (3, 3) and part.ndim == 4 for part in parts):
+        raise InputError(f"{arrays.path} holds rotation matrices; store axis-angle vectors, three numbers a joint")
+    return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
 
 
 def _orientations(vectors: np.ndarray) -> dict[str, np.ndarray]:
@@ -101,13 +121,14 @@ def _forward(turned: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return about
 
 
-def _stature(about: dict[str, np.ndarray], moved: np.ndarray, rate_hz: float, up: int = 2) -> tuple[float, str]:
-    """Stature [m] at which planted feet slide least, and how it was found; `up` is the number of the upward coordinate.
+def _stature(about: dict[str, np.ndarray], moved: np.ndarray, rate_hz: float, axis: Up = "z") -> tuple[float, str]:
+    """Stature [m] at which planted feet slide least, and how it was found.
 
     The speed of a foot is v_root + stature v_about, none while it is planted: the median of the statures that the components of
     each low and slow foot's speed ask for.
     """
-    level = [axis for axis in range(3) if axis != up]
+    up, sign = "xyz".index(axis[-1]), -1.0 if axis[0] == "-" else 1.0
+    level = [each for each in range(3) if each != up]
     if np.linalg.norm(np.ptp(moved[:, level], axis=0)) < LEAST_TRAVEL_M or len(moved) < 3:
         return STATURE_M, "assumed"
     root = np.diff(moved, axis=0)[:, level] * rate_hz
@@ -115,7 +136,8 @@ def _stature(about: dict[str, np.ndarray], moved: np.ndarray, rate_hz: float, up
     for name in ("left_foot", "right_foot"):
         foot = moved + STATURE_M * about[name]
         velocity = np.diff(foot, axis=0) * rate_hz
-        low = foot[1:, up] < np.percentile(foot[:, up], 5) + LOW_M
+        height = sign * foot[:, up]
+        low = height[1:] < np.percentile(height, 5) + LOW_M
         planted = low & (np.linalg.norm(velocity, axis=-1) < SLOW_MPS)
         rows.append((np.diff(about[name], axis=0)[:, level] * rate_hz)[planted])
         wanted.append(-root[planted])

@@ -18,6 +18,7 @@ from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import gunzip, read_bytes, size
 from t2d_rt.motion.interpolate import composed
+from t2d_rt.motion.quaternions import conjugate, multiply, rotate
 from t2d_rt.motion.read.clock import tidy
 from t2d_rt.motion.read.samples import filled, plausible
 
@@ -343,3 +344,32 @@ def _blocks(text: bytes, start: int, path: str | Path) -> Iterator[tuple[list[by
             raise InputError(f"{path}: MOTION must hold numbers only; the file is damaged")
         yield text[start:end].split(), end == len(text)
         start = end
+
+
+POSED = ("xposition", "yposition", "zposition", "zrotation", "yrotation", "xrotation")
+
+
+def of_poses(
+    names: tuple[str, ...], parents: tuple[int, ...], positions: np.ndarray, rotations: np.ndarray, rate_hz: float
+) -> RawSkeleton:
+    """The skeleton of global positions (T, N, 3) and orientations (T, N, 4), parents before children: `forward_kinematics` gives
+    them back."""
+    values = np.zeros((len(positions), len(names), len(POSED)))
+    offsets = np.zeros((len(names), 3))
+    for joint, parent in enumerate(parents):
+        shift, turn = positions[:, joint], rotations[:, joint]
+        if parent >= 0:
+            back = conjugate(rotations[:, parent])
+            shift, turn = rotate(back, shift - positions[:, parent]), multiply(back, turn)
+        x, y, z, w = np.moveaxis(turn, -1, 0)
+        along = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])  # where x is turned to
+        yaw = np.arctan2(along[1], along[0])
+        pitch = np.arctan2(-along[2], np.hypot(along[0], along[1]))
+        left = np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z)])  # x and y of where y is turned to
+        up = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x)])
+        roll = np.arctan2(np.sin(yaw) * up[0] - np.cos(yaw) * up[1], np.cos(yaw) * left[1] - np.sin(yaw) * left[0])
+        values[:, joint, :3], values[:, joint, 3:] = shift, np.degrees(np.stack([yaw, pitch, roll], axis=-1))
+        offsets[joint] = shift[0]
+    lost = np.zeros(len(values), dtype=bool)
+    flat = values.reshape(len(values), -1)
+    return RawSkeleton(names, parents, offsets, (POSED,) * len(names), flat, rate_hz, lost)

@@ -7,7 +7,6 @@ left hip, knee, ankle, shoulder, elbow]: quaternions w, x, y, z in the parents' 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ import numpy as np
 
 from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError
-from t2d_rt.core.files import read_bytes
 from t2d_rt.motion.quaternions import about_axis, continuous, multiply, normalise, rotate
 from t2d_rt.motion.read.bvh import MAX_FRAMES
 from t2d_rt.motion.read.clock import tidy
@@ -24,7 +22,6 @@ from t2d_rt.motion.read.samples import LARGEST, filled
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.motion.skeletons import tables
 
-MAX_BYTES = 100_000_000
 SHORTEST_S, LONGEST_S = 1e-4, 1.0
 WIDTH = 44
 
@@ -48,9 +45,9 @@ ENDS: Mapping[str, tuple[str, list[float]]] = tables()["humanoid3d_ends"]
 """Canonical joint that the humanoid lacks -> the joint that carries it and where."""
 
 
-def read_deepmimic(path: Path) -> Tracks:
-    """Joints with the file's rotations."""
-    frames, lost = _frames(path)
+def read_deepmimic(found: dict[str, Any], path: Path) -> Tracks:
+    """Joints with the rotations of a JSON tree."""
+    frames, lost = _frames(found["Frames"], path)
     frames, lost, step_s, told = _even(frames, lost, path)
     quaternion = normalise(frames[:, [5, 6, 7, 4]])
     turned, at = {"root": quaternion}, {"root": frames[:, 1:4]}
@@ -96,14 +93,8 @@ def _even(frames: np.ndarray, lost: np.ndarray, path: Path) -> tuple[np.ndarray,
     return np.asarray(found), near, step_s, (told,)
 
 
-def _frames(path: Path) -> tuple[np.ndarray, np.ndarray]:
+def _frames(rows: Any, path: Path) -> tuple[np.ndarray, np.ndarray]:
     """All frames (T, 44), and which hold no pose, (T,)."""
-    data = read_bytes(path, limit=MAX_BYTES, noun="DeepMimic file")
-    try:
-        found: Any = json.loads(data)
-    except (ValueError, RecursionError):
-        raise InputError(f'{path} is not valid JSON; a DeepMimic motion is an object with "Frames"') from None
-    rows = found.get("Frames") if isinstance(found, dict) else None
     if not isinstance(rows, list) or not rows:
         raise InputError(f'{path} has no list "Frames"; expected a DeepMimic motion of {WIDTH} numbers a frame')
     if len(rows) > MAX_FRAMES:

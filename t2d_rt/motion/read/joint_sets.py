@@ -99,8 +99,8 @@ def named_points(joints: np.ndarray, names: Sequence[str]) -> tuple[dict[str, np
     }, sources
 
 
-def guessed_order(joints: np.ndarray) -> str | None:
-    """The order in which joints (T, K, 3) make the likeliest person; None where they make none."""
+def likeliest_order(joints: np.ndarray) -> tuple[str | None, float]:
+    """The order in which joints (T, K, 3) make the likeliest person, None where they make none, and how unlike one they are."""
     count = joints.shape[1]
     fitting = [order for order, names in ORDERS.items() if len(names) == count]
     # SMPL-H and SMPL-X go on with fingers and faces after the body's 22.
@@ -111,7 +111,9 @@ def guessed_order(joints: np.ndarray) -> str | None:
         sources = canonical_sources(ORDERS[order])
         scores[order] = unlikeness({joint: joints[:, place[sources[joint][0]]] for joint in NEEDED})
     best = min(scores, key=scores.__getitem__, default=None)
-    return best if best is not None and scores[best] <= LEAST_LIKELY else None
+    if best is None or scores[best] > LEAST_LIKELY:
+        return None, math.inf
+    return best, scores[best]
 
 
 def unlikeness(points: Mapping[str, np.ndarray]) -> float:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -16,7 +18,7 @@ from t2d_rt.motion.read.arrays import Arrays, samples_of
 from t2d_rt.motion.read.clock import stated_rate
 from t2d_rt.motion.read.detect import Up
 from t2d_rt.motion.read.humanml3d import WIDTH, read_joints, read_vectors
-from t2d_rt.motion.read.joint_sets import ORDERS, absent_joints, guessed_order, named_points
+from t2d_rt.motion.read.joint_sets import ORDERS, absent_joints, likeliest_order, named_points, unlikeness
 from t2d_rt.motion.read.samples import filled, seen
 from t2d_rt.motion.read.subjects import Labels, check_only, chosen, numbered, of_labels, subjects
 from t2d_rt.motion.read.tracks import Tracks
@@ -79,7 +81,13 @@ MOST_JOINTS = 200
 MOST_PERSONS = 30
 """In one array."""
 
-FORMS = "(T, 22, 3) HumanML3D joints, (T, 263) HumanML3D vectors, or (T, K, 3) joints with `names` in a .npz"
+SURE = 0.5
+"""Confidence or visibility below which an estimator has guessed a point."""
+
+FORMS = (
+    "(T, 22, 3) HumanML3D joints, (T, 263) HumanML3D vectors, (T, K, 3) joints with `names` in a .npz, or (T, K, 4) with a "
+    "confidence of 0 to 1 behind each"
+)
 
 
 def read_plain(arrays: Arrays, subject: str | None = None) -> Tracks:
@@ -97,7 +105,7 @@ def read_plain(arrays: Arrays, subject: str | None = None) -> Tracks:
 def _persons(arrays: Arrays, key: str) -> dict[str, np.ndarray]:
     """Persons by number of an array (T, P, K, 3) or (P, T, K, 3), those who are seen at all; an only one has no name."""
     found = arrays.get(key)
-    if found.ndim != 4 or found.shape[3] != 3 or min(found.shape) < 2 or found.dtype.kind not in "fiu":
+    if found.ndim != 4 or found.shape[3] not in (3, 4, 5) or min(found.shape) < 2 or found.dtype.kind not in "fiu":
         return {"": found}
     people = np.moveaxis(found, int(found.shape[1] < found.shape[0]), 0)
     if len(people) > MOST_PERSONS:
@@ -107,20 +115,23 @@ def _persons(arrays: Arrays, key: str) -> dict[str, np.ndarray]:
 
 
 def _of_one(values: np.ndarray, arrays: Arrays, subject: str | None) -> Tracks:
-    if values.ndim == 3 and values.shape[0] == 1 and values.shape[2] != 3:
+    if values.ndim == 3 and values.shape[0] == 1 and values.shape[2] not in (3, 4, 5):
         values = values[0]
     names = _names(arrays)
     if names is None:
         check_only(subject)
         if values.ndim == 2 and values.shape[1] == WIDTH:
             return _at_rate(read_vectors(values), arrays)
-        return _at_rate(_in_order(_joints(values, arrays, names), arrays), arrays)
-    joints, labels = _joints(values, arrays, names), numbered(names)
+        joints, told = _joints(values, arrays, names)
+        return _at_rate(_in_order(joints, arrays), arrays).saying(*told)
+    (joints, laid), labels = _joints(values, arrays, names), numbered(names)
     if len(set(names)) < len(names) and not subjects(labels, absent_joints):
         named_points(joints, names)  # refuses names that are repeated by mistake
     place = {label: number for number, label in enumerate(labels)}
     (points, sources), who = of_labels(labels, absent_joints, subject, partial(_of_subject, joints, place))
-    told = (*who, f"{len({each for source in sources.values() for each in source})} of its {len(names)} named joints")
+    told = (
+        *who, f"{len({each for source in sources.values() for each in source})} of its {len(names)} named joints", *laid,
+    )  # fmt: skip
     return _at_rate(
         Tracks(form="named joints", points=points, rate_hz=NAMED_RATE_HZ, told=told, up=_up(arrays)), arrays
     )
@@ -138,21 +149,63 @@ def _at_rate(tracks: Tracks, arrays: Arrays) -> Tracks:
     return replace(tracks, rate_hz=tracks.rate_hz if rate_hz is None else rate_hz, rate_assumed=rate_hz is None)
 
 
-def _joints(values: np.ndarray, arrays: Arrays, names: Sequence[str] | None) -> np.ndarray:
-    """(T, K, 3) from (T, K, 3), from (T, 3 K), or from (K, 3, T) as motion diffusion models write it."""
-    if values.ndim == 3 and values.shape[2] != 3 and values.shape[1] == 3:
-        values = np.moveaxis(values, 2, 0)
-    if values.ndim == 2 and values.shape[1] % 3 == 0:
-        values = values.reshape(len(values), -1, 3)
-    if values.ndim != 3 or values.shape[2] != 3 or values.shape[1] > MOST_JOINTS:
+def _joints(values: np.ndarray, arrays: Arrays, names: Sequence[str] | None) -> tuple[np.ndarray, tuple[str, ...]]:
+    """(T, K, 3), and clauses on how they were found: from (T, K, 3), with a confidence behind each point or without, from (T, 3 K),
+    all of a joint or all x first (MARS), or from (K, 3, T) as motion diffusion models write it."""
+    told: tuple[str, ...] = ()
+    if values.ndim == 3 and values.shape[2] in (4, 5) and values.shape[1] != 3:
+        values, told = _of_confidence(values, arrays.path)
+    laid = _layouts(values)
+    fitting = [each for each in laid.values() if each.shape[1] <= MOST_JOINTS]
+    if not fitting:
         raise InputError(f"{arrays.path} holds an array of shape {shown(values.shape)}; expected {FORMS}")
-    if names is not None and len(names) != values.shape[1]:
-        raise InputError(f"{arrays.path} names {len(names)} joints but holds {values.shape[1]}")
-    return seen(values)
+    if names is not None and all(len(names) != each.shape[1] for each in fitting):
+        raise InputError(f"{arrays.path} names {len(names)} joints but holds {fitting[0].shape[1]}")
+    found = {how: seen(each) for how, each in laid.items() if each.shape[1] <= MOST_JOINTS}
+    how = min(found, key=lambda each: _unlikely(found[each], names)) if len(found) > 1 else next(iter(found))
+    return found[how], (*told, how) if how else told
+
+
+def _layouts(values: np.ndarray) -> dict[str, np.ndarray]:
+    """Joints (T, K, 3) as an array may hold them, by what is said of it where it is no usual one."""
+    if values.ndim == 2 and values.shape[1] % 3 == 0:
+        return {
+            "": values.reshape(len(values), -1, 3),
+            "columns of all x, all y, all z": values.reshape(len(values), 3, -1).swapaxes(1, 2),
+        }
+    if values.ndim != 3:
+        return {}
+    if values.shape[2] != 3 and values.shape[1] == 3:
+        return {"": np.moveaxis(values, 2, 0), "rows of all x, all y, all z": values.swapaxes(1, 2)}
+    return {"": values} if values.shape[2] == 3 else {}
+
+
+def _unlikely(joints: np.ndarray, names: Sequence[str] | None) -> float:
+    """How unlike a person joints (T, K, 3) are that have these names, or are in the order that fits best; infinite for none."""
+    if names is None:
+        return likeliest_order(joints)[1]
+    if len(names) != joints.shape[1] or absent_joints(names) or len(set(names)) < len(names):
+        return math.inf
+    return unlikeness(named_points(joints, names)[0])
+
+
+def _of_confidence(values: np.ndarray, path: Path) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Points (T, K, 3) of an estimator, NaN where its confidence is none, and what is told of it."""
+    points, sure = values[..., :3], values[..., 3]
+    known = np.isfinite(sure)
+    if not ((sure[known] >= 0) & (sure[known] <= 1)).all():
+        raise InputError(
+            f"{path}: the fourth number of each point must be a confidence from 0 to 1, got {shown(np.nanmax(np.abs(sure)))}; "
+            "store x, y, z alone if it is another"
+        )
+    unseen, guessed = ~(sure > 0), known & (sure > 0) & (sure < SURE)
+    told = [f"{np.mean(unseen):.1%} of the points have no confidence and count as not seen"] * bool(unseen.any())
+    told += [f"{np.mean(guessed):.1%} of the points have a confidence under {SURE:g}"] * bool(guessed.any())
+    return np.where(unseen[..., None], np.nan, points), tuple(told)
 
 
 def _in_order(joints: np.ndarray, arrays: Arrays) -> Tracks:
-    order = guessed_order(joints)
+    order = likeliest_order(joints)[0]
     if order is None:
         never = np.flatnonzero(np.isnan(joints).any(axis=-1).all(axis=0))
         unseen = (
@@ -166,8 +219,14 @@ def _in_order(joints: np.ndarray, arrays: Arrays) -> Tracks:
         tracks = read_joints(joints[:, : len(CANONICAL_JOINTS)])
         more = joints.shape[1] - len(CANONICAL_JOINTS)
         return tracks if not more else replace(tracks, told=(f"the first 22 of its {joints.shape[1]} joints",))
+    if order.startswith("MediaPipe") and np.nanmin(joints[..., :2]) >= 0 and np.nanmax(joints[..., :2]) <= 1:
+        raise InputError(
+            f"{arrays.path} holds MediaPipe's landmarks in the picture, x and y from 0 to 1, of which no lengths follow; store its "
+            "world landmarks (pose_world_landmarks), in metres"
+        )
     points, _ = named_points(joints, ORDERS[order])
-    return Tracks(form=f"joints in the order of {order}", points=points, rate_hz=NAMED_RATE_HZ)
+    rate_hz = tables()["order_rates_hz"].get(order, NAMED_RATE_HZ)
+    return Tracks(form=f"joints in the order of {order}", points=points, rate_hz=rate_hz)
 
 
 def _names(arrays: Arrays) -> tuple[str, ...] | None:

@@ -8,10 +8,11 @@ import struct
 import subprocess
 import sys
 import tempfile
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from t2d_rt.motion.read.joint_sets import NEEDED, absent_joints, canonical_sourc
 from t2d_rt.motion.read.samples import LARGEST, plausible, seen
 from t2d_rt.motion.read.subjects import Labels, numbered, of_labels
 from t2d_rt.motion.read.tracks import Times, Tracks
-from t2d_rt.motion.skeletons import tables
+from t2d_rt.motion.skeletons import sided, tables
 from t2d_rt.types.motion import RATES_HZ
 
 # --- labelled points of C3D and TRC files -> canonical joints: joint centres by name, or the markers of usual sets
@@ -47,6 +48,17 @@ PELVIS_SETS = (("LASI", "RASI", "LPSI", "RPSI"), ("LASI", "RASI", "SACR", "SACR"
 
 SIDED = {"knee": ("KNE",), "ankle": ("ANK",), "shoulder": ("SHO",), "elbow": ("ELB",), "wrist": ("WRA", "WRB")}
 """Markers that a joint needs, without the side's letter."""
+
+MEDIAL = ("KNM", "ANM", "ELM")
+"""Markers inside of knee, ankle and elbow: half-way to the outer one lies the joint."""
+
+RENAMED: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        label: tuple(str(row[label]).upper() for row in map(sided, tables()["marker_sets"].values()) if label in row)
+        for label in dict.fromkeys(label for row in map(sided, tables()["marker_sets"].values()) for label in row)
+    }
+)
+"""Marker of Plug-in Gait -> what other sets call it, in upper case."""
 
 HEAD = ("LFHD", "RFHD", "LBHD", "RBHD")
 
@@ -79,12 +91,22 @@ def joints_from(
 
 def lacking(labels: Sequence[str]) -> list[str]:
     """Which labels are absent of joint centres or, where half of these are, of markers on the skin; none where one set is whole."""
-    upper = {label.upper() for label in labels}
+    upper = set(_as_plug_in_gait(labels))
     modelled = [label for label, joint in MODELLED.items() if joint in NEEDED and label not in upper]
     absent = [f"{s}{label}" for each in SIDED.values() for label in each for s in "LR" if f"{s}{label}" not in upper]
     skin = absent if _pelvis(upper) else [*PELVIS_SETS[0], *absent]
     centres = min(absent_joints(labels), modelled, key=len)
     return centres if len(centres) <= len(NEEDED) // 2 and skin else skin
+
+
+def _as_plug_in_gait(labels: Iterable[str]) -> dict[str, str]:
+    """Labels by their names in upper case, and by those of Plug-in Gait where another set's are told."""
+    upper = {label.upper(): label for label in labels}
+    for label, others in RENAMED.items():
+        known = next((upper[each] for each in others if each in upper), None)
+        if known is not None:
+            upper.setdefault(label, known)
+    return upper
 
 
 def _pelvis(upper: Collection[str]) -> tuple[str, ...] | None:
@@ -97,9 +119,9 @@ def _joints(tracks: dict[str, np.ndarray], own: Labels) -> tuple[dict[str, np.nd
     if absent := lacking(tuple(plain)):
         raise InputError(
             f"markers {shown(list(plain))} give no joints: they lack {', '.join(absent[:8])}; expected joint centres by name, "
-            "or the markers of Plug-in Gait or CMU's set"
+            "or the markers of Plug-in Gait, CMU's, OpenSim's, Qualisys', Motive's or BTS' set"
         )
-    upper = {label.upper(): track for label, track in plain.items()}
+    upper = {label: plain[own] for label, own in _as_plug_in_gait(plain).items()}
     if not absent_joints(tuple(plain)):
         used = {name for names in canonical_sources(tuple(plain)).values() for name in names}
         centres = [label for label in plain if label in used]
@@ -115,7 +137,8 @@ def _from_skin(markers: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], t
     pelvis = _pelvis(markers)
     assert pelvis is not None
     needed = [f"{s}{label}" for labels in SIDED.values() for label in labels for s in "LR"]
-    optional = [label for label in (*HEAD, "LTOE", "RTOE", "LFIN", "RFIN") if label in markers]
+    inner = [f"{s}{label}" for label in MEDIAL for s in "LR"]
+    optional = [label for label in (*HEAD, "LTOE", "RTOE", "LFIN", "RFIN", *inner) if label in markers]
     wanted = dict.fromkeys([*pelvis, *needed, *optional])
     at = {label: markers[label] for label in wanted}
     front, back = 0.5 * (at[pelvis[0]] + at[pelvis[1]]), 0.5 * (at[pelvis[2]] + at[pelvis[3]])
@@ -130,7 +153,11 @@ def _from_skin(markers: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], t
         # Harrington et al. 2007, table 4; its millimetres as fractions of 1.7 m.
         hip = front - (0.24 * depth + 0.0058 * tall) * ahead - (0.30 * width + 0.0064 * tall) * up
         hip = hip + sign * (0.33 * width + 0.0043 * tall) * left
-        knee, ankle, elbow = at[f"{s}KNE"], at[f"{s}ANK"], at[f"{s}ELB"]
+        inside = {label: f"{s}{label}" in at for label in MEDIAL}
+        knee, ankle, elbow = (
+            0.5 * (at[f"{s}{outer}"] + at[f"{s}{inner}"]) if inside[inner] else at[f"{s}{outer}"]
+            for outer, inner in zip(("KNE", "ANK", "ELB"), MEDIAL, strict=True)
+        )
         wrist = 0.5 * (at[f"{s}WRA"] + at[f"{s}WRB"])
         shoulder = at[f"{s}SHO"] + SHOULDER_DOWN * tall * down
         axis = _hinge(unit(knee - hip), unit(ankle - knee), left)
@@ -138,10 +165,10 @@ def _from_skin(markers: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], t
         outward = _hinge(unit(wrist - elbow), arm, rotate(between(down, arm), left))
         points |= {
             f"{side}_hip": hip,
-            f"{side}_knee": knee - sign * KNEE_HALF * tall * unit(_square(axis, knee - hip)),
-            f"{side}_ankle": ankle - sign * ANKLE_HALF * tall * unit(_square(axis, ankle - knee)),
+            f"{side}_knee": knee - (not inside["KNM"]) * sign * KNEE_HALF * tall * unit(_square(axis, knee - hip)),
+            f"{side}_ankle": ankle - (not inside["ANM"]) * sign * ANKLE_HALF * tall * unit(_square(axis, ankle - knee)),
             f"{side}_shoulder": shoulder,
-            f"{side}_elbow": elbow - sign * ELBOW_HALF * tall * outward,
+            f"{side}_elbow": elbow - (not inside["ELM"]) * sign * ELBOW_HALF * tall * outward,
             f"{side}_wrist": wrist,
         }
         if f"{s}TOE" in at:

@@ -111,6 +111,9 @@ LOW_RATE_HZ = 15.0
 MISLABELLED = 2 * LEAST_LIKELY
 """Score of limbs above which joints are not what they are called; noise of 3 cm adds 0.2."""
 
+BEGINS = "begins at "
+"""How the clause begins that tells when a motion's first frame is, where frames before it were left out."""
+
 WIDEST = 1.5
 """Lengths of a leg from which a trunk is too long, or hips or shoulders too wide, for one person; trunks have 0.6."""
 
@@ -175,6 +178,8 @@ def placed(tracks: Tracks, tall_m: float, reading: Reading) -> Motion:
         tracks = replace(tracks, turned=turned).saying("rotations from positions")
     motion = assemble(tracks.points, tracks.turned, tracks.rate_hz, level)
     form, told = tracks.form, tracks.told
+    if tracks.start_s:
+        told = (*told, f"{BEGINS}{tracks.start_s:.6g} s of the file")
     del tracks  # half of the memory that a long motion takes
     local = parts(motion) if own else None
     if local is not None and (flipped := flips(local[1], motion.names, motion.rate_hz)):
@@ -298,4 +303,4 @@ def _with_feet(tracks: Tracks, tall_m: float) -> Tracks:
 def _without_tpose(tracks: Tracks, drop: bool | None) -> Tracks:
     """Tracks without a calibration pose at the start: as it is found, one frame at least or none as the user says."""
     frames = 0 if drop is False else max(tpose_frames(tracks.points), int(drop is True))
-    return tracks.at(slice(frames, None)).saying(f"first {frames} frame(s) dropped (T-pose)" if frames else "no T-pose")
+    return tracks.piece(frames).saying(f"first {frames} frame(s) dropped (T-pose)" if frames else "no T-pose")

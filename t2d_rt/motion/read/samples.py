@@ -328,7 +328,7 @@ def _cut(samples: Tracks) -> Tracks:
     if stop - start == total:
         return samples
     clause = f"first {start} and last {total - stop} frame(s) without all joints cut"
-    return samples.at(slice(start, stop)).saying(clause)
+    return samples.piece(start, stop).saying(clause)
 
 
 def _length(run: tuple[int, int]) -> int:

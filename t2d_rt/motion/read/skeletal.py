@@ -12,6 +12,7 @@ from t2d_rt.core.errors import warn
 from t2d_rt.motion.match import DECISIVE, MOST_FRAMES, Match, match, signs
 from t2d_rt.motion.read.bvh import RawSkeleton, forward_kinematics, read_bvh
 from t2d_rt.motion.read.detect import unit, up_axis
+from t2d_rt.motion.read.gltf import read_gltf
 from t2d_rt.motion.read.joint_sets import side_and_part
 from t2d_rt.motion.read.passes import Reading, placed, sampled, upright
 from t2d_rt.motion.read.subjects import FEWEST_LABELS, SIGNS, chosen
@@ -121,20 +122,21 @@ def _piece(raw: RawSkeleton, joints: list[int]) -> RawSkeleton:
 
 
 def read_skeletal(path: Path, reading: Reading) -> Motion:
-    """A .bvh or .bvh.gz file as a motion with its report."""
+    """A .bvh, .bvh.gz or .glb file as a motion with its report."""
     return placed(*_understood(path, reading), reading)
 
 
 def _understood(path: Path, reading: Reading) -> tuple[Tracks, float]:
     """Canonical joints of one skeleton, z up, and the stature [m]."""
-    found = bodies(read_bvh(path))
+    form, read = ("GLB", read_gltf) if path.suffix.lower() == ".glb" else ("BVH", read_bvh)
+    found = bodies(read(path))
     (raw, kind, matched), who = chosen(found, reading.subject, partial(_mapped, wanted=reading.flavour))
     offsets, restored = restored_offsets(raw, raw.names, kind)
     told = *who, f"flavour {kind.name}" if matched is None else matched.told
     if restored:
         told = *told, f"lost bones restored at {', '.join(restored)}"
     points, turned = _canonical(raw, kind, offsets)
-    tracks = Tracks(form="BVH", points=points, turned=turned, rate_hz=raw.rate_hz, told=told)
+    tracks = Tracks(form=form, points=points, turned=turned, rate_hz=raw.rate_hz, told=told)
     tracks = sampled(tracks.without(raw.lost), reading)
     if matched is None:
         _check_sides(tracks.points, kind)
@@ -179,7 +181,8 @@ def _canonical(
     raw: RawSkeleton, kind: Flavour, offsets: np.ndarray | None = None
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Positions (T, 3) and orientations (T, 4) by canonical name; `offsets` (N, 3) replace the file's."""
-    return canonical(raw, raw.names, kind, *forward_kinematics(raw, offsets, source_joints(raw.names, kind)))
+    posed = forward_kinematics(raw, offsets, source_joints(raw.names, kind))
+    return canonical(raw.names, kind, *posed, raw.offsets)
 
 
 def _check_sides(points: dict[str, np.ndarray], kind: Flavour) -> None:

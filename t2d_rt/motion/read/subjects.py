@@ -44,6 +44,14 @@ Affix = tuple[str, str]
 """Whether it stands "before" or "after" the point's name, and its text."""
 
 
+class UnknownSubject(InputError):
+    """A subject that a file does not hold; `names` are those that it does, one without a name where there is a single one."""
+
+    def __init__(self, message: str, names: Iterable[str]) -> None:
+        super().__init__(message)
+        self.names = tuple(names)
+
+
 def numbered(labels: Iterable[str]) -> list[str]:
     """Labels of which each occurs once: a repeated one is followed by #2, #3."""
     count: dict[str, int] = {}
@@ -95,7 +103,7 @@ def chosen(
                 if any(found)
                 else "it holds one, without a name; leave subject out"
             )
-            raise InputError(f"subject {shown(wanted)} is not in the file; {known}")
+            raise UnknownSubject(f"subject {shown(wanted)} is not in the file; {known}", found)
     faults: list[str] = []
     for name in names:
         try:
@@ -120,7 +128,9 @@ def chosen(
 def check_only(wanted: str | None) -> None:
     """Refuses a subject's name where a file holds one person."""
     if wanted is not None:
-        raise InputError(f"subject {shown(wanted)} is not in the file; it holds one, without a name; leave subject out")
+        raise UnknownSubject(
+            f"subject {shown(wanted)} is not in the file; it holds one, without a name; leave subject out", ("",)
+        )
 
 
 def subjects(labels: Sequence[str], lacking: Callable[[Sequence[str]], Sequence[str]]) -> dict[str, Labels]:

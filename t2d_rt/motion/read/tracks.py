@@ -36,6 +36,8 @@ class Tracks:
     """Global orientations x, y, z, w (T, 4) of the same joints; empty where the file holds positions alone."""
     times: Times | None = None
     """When the frames were taken, where the file says so."""
+    start_s: float = 0.0
+    """When on the file's clock the first frame is that is left of it [s]."""
     rate_assumed: bool = False
     """Whether the rate is the format's usual one, which the file does not give."""
     told: tuple[str, ...] = ()
@@ -60,6 +62,10 @@ class Tracks:
         """Some of the frames."""
         points, turned = ({name: track[frames] for name, track in each.items()} for each in (self.points, self.turned))
         return replace(self, points=points, turned=turned)
+
+    def piece(self, start: int, stop: int | None = None) -> Tracks:
+        """The frames from `start` to before `stop`, which keep their time."""
+        return replace(self.at(slice(start, stop)), start_s=self.start_s + start / self.rate_hz)
 
     def without(self, lost: np.ndarray) -> Tracks:
         """No positions in the frames that are lost (T,)."""

@@ -1,0 +1,252 @@
+"""Bones with their places and turns in the world, as inertial suits and Motive export them -> tracks.
+
+Such files name bones by a table that skeletons.yaml has (Xsens' segments, Motive's own names or those of FBX), and tell of each
+where its joint to the bone above lies and how it is turned.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError, printable
+from t2d_rt.core.files import read_bytes
+from t2d_rt.motion.quaternions import normalise
+from t2d_rt.motion.read.bvh import MAX_FRAMES
+from t2d_rt.motion.read.clock import TIME_FIELD, UNITS_S
+from t2d_rt.motion.read.markers import MAX_MARKERS, joints_from
+from t2d_rt.motion.read.samples import filled, plausible
+from t2d_rt.motion.read.subjects import Labels, chosen, numbered, of_labels
+from t2d_rt.motion.read.tracks import Times, Tracks
+from t2d_rt.motion.skeletons import canonical, nearest_flavour
+
+MAX_BYTES = 250_000_000
+
+LEAST_UNIT = 0.05
+"""Deviation of a quaternion's length from 1 from which it is none; files have four digits and more."""
+
+Bones = Mapping[str, np.ndarray]
+"""Place and turn of each bone, (T, 7): x, y, z and a quaternion x, y, z, w, or (T, 3) without turns."""
+
+
+def of_bones(form: str, bones: Bones, rate_hz: float) -> Tracks:
+    """Tracks of one person's bones by the flavour of their names; an InputError where they lack some."""
+    flavour, absent = nearest_flavour(tuple(bones))
+    if absent:
+        raise InputError(
+            f"{form}: bones {shown(list(bones))} lack {', '.join(absent[:8])} of the names that are nearest, {flavour.name}; "
+            "export the skeleton with its usual names"
+        )
+    values: np.ndarray = np.stack([plausible(each) for each in bones.values()], axis=1)
+    rows, lost = filled(values.reshape(len(values), -1), form, slice(3))
+    values = rows.reshape(len(rows), len(bones), -1)
+    own = values.shape[2] == 7
+    turned = values[..., 3:] if own else np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(rows), len(bones), 4))
+    if not np.abs(np.linalg.norm(turned, axis=-1) - 1).max() < LEAST_UNIT:
+        raise InputError(f"{form}: rotations must be unit quaternions; the file is of another kind or damaged")
+    points, turns = canonical(list(bones), flavour, values[..., :3], normalise(turned))
+    told = (f"bones named as {flavour.name}",)
+    return Tracks(form=form, points=points, turned=turns if own else {}, rate_hz=rate_hz, told=told).without(lost)
+
+
+# --- MVNX, the XML of Xsens' MVN: segments with origin [m] and quaternion w, x, y, z, z up, facing x ---
+
+
+def read_mvnx(path: Path, subject: str | None = None) -> Tracks:
+    """The frames of type normal of one subject; poses of calibration before them are left out."""
+    data = read_bytes(path, limit=MAX_BYTES, noun="MVNX file")
+    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+        raise InputError(f"{path} has a document type (<!DOCTYPE), which no MVNX file needs; delete it")
+    found: dict[str, tuple[list[str], list[np.ndarray], list[float], float]] = {}
+    segments: list[str] = []
+    rows: list[np.ndarray] = []
+    times: list[float] = []
+    try:
+        for _, element in ElementTree.iterparse(io.BytesIO(data)):
+            tag = element.tag.rpartition("}")[2]
+            if tag == "segment":
+                segments.append(element.get("label", ""))
+            elif tag == "frame":
+                if element.get("type", "normal") == "normal":
+                    rows.append(_segments(element, len(segments)))
+                    times.append(float(element.get("time") or "nan"))
+                    if len(rows) > MAX_FRAMES:
+                        raise InputError(f"{path} has more than {MAX_FRAMES} frames; cut the motion into shorter files")
+                element.clear()
+            elif tag == "subject":
+                name = printable(element.get("label", "")) or str(len(found) + 1)
+                found[name] = segments, rows, times, float(element.get("frameRate", "nan"))
+                segments, rows, times = [], [], []
+    except (ElementTree.ParseError, ValueError) as error:
+        raise InputError(f"{path} is not a whole MVNX file ({error}); export it again") from None
+    if not found:
+        raise InputError(f"{path} has no <subject>; give the .mvnx that MVN exports")
+    tracks, who = chosen(found, subject, _of_subject)
+    return tracks.saying(*who)
+
+
+def _segments(frame: ElementTree.Element, count: int) -> np.ndarray:
+    """Places and turns x, y, z, w of all segments in a frame, (N, 7)."""
+    texts = {each.tag.rpartition("}")[2]: each.text or "" for each in frame}
+    if not {"position", "orientation"} <= texts.keys():
+        raise InputError("its frames lack position or orientation; export both, of all segments")
+    place, turn = (np.array(texts[name].split(), float) for name in ("position", "orientation"))
+    if place.size != 3 * count or turn.size != 4 * count:
+        raise InputError(
+            f"a frame must hold 3 and 4 numbers for each of {count} segments, got {place.size} and {turn.size}"
+        )
+    return np.concatenate([place.reshape(-1, 3), turn.reshape(-1, 4)[:, [1, 2, 3, 0]]], axis=1)
+
+
+def _of_subject(found: tuple[list[str], list[np.ndarray], list[float], float]) -> Tracks:
+    segments, rows, times, rate_hz = found
+    if not rows:
+        raise InputError("it holds no frames of type normal; record a motion")
+    values = np.stack(rows)
+    bones = {label: values[:, place] for place, label in enumerate(segments)}
+    given = np.isfinite(times).all() and len(times) > 1
+    tracks = of_bones("MVNX", bones, rate_hz if rate_hz > 0 else 60.0)
+    clock = Times(values=np.array(times), name="time", unit_s=1e-3, rate_name="frameRate") if given else None
+    return replace(tracks, unit_m=1.0, up="z", times=clock, rate_assumed=not rate_hz > 0)
+
+
+# --- CSV: Motive's (OptiTrack), or any table with three columns for each point, NAME_X, NAME_Y, NAME_Z ---
+
+
+UNITS_M = {"meters": 1.0, "centimeters": 0.01, "millimeters": 0.001, "inches": 0.0254, "feet": 0.3048}
+COLUMN = re.compile(r"(.+?)[ _.:-]*([xyz])(?:[ _]*[(\[]?(?:m|cm|mm)[)\]]?)?", re.IGNORECASE)
+MOST_COLUMNS = 10_000
+
+
+def read_csv(path: Path, subject: str | None = None) -> Tracks:
+    """Bones or markers of a CSV file of Motive, or the points of a plain table."""
+    text = read_bytes(path, limit=MAX_BYTES, noun="CSV file").decode("utf-8-sig", "replace")
+    first = text.partition("\n")[0]
+    mark = max(",;\t", key=first.count)
+    rows = [row for row in csv.reader(io.StringIO(text, newline=""), delimiter=mark) if any(map(str.strip, row))]
+    if len(rows) < 3 or not any(map(first.count, ",;\t")) or max(map(len, rows)) > MOST_COLUMNS:
+        raise InputError(f"{path} is no table of points; give Motive's export, or columns NAME_X, NAME_Y, NAME_Z")
+    if first.lower().startswith("format version"):
+        return _motive(rows, path, subject)
+    return _plain(rows, path, subject)
+
+
+def _values(rows: Sequence[Sequence[str]], width: int, path: Path) -> np.ndarray:
+    """Numbers (T, width) of rows, NaN where a cell is empty."""
+    if not 2 <= len(rows) <= MAX_FRAMES:
+        raise InputError(f"{path} has {len(rows)} frames; expected 2 to {MAX_FRAMES}")
+    try:
+        return np.array(
+            [[float(cell) if cell.strip() else np.nan for cell in (*row, *[""] * width)[:width]] for row in rows]
+        )
+    except ValueError as error:
+        raise InputError(f"{path}: all cells below the header must be numbers ({error}); repair the table") from None
+
+
+def _plain(rows: list[list[str]], path: Path, subject: str | None) -> Tracks:
+    header = [cell.strip() for cell in rows[0]]
+    table = _values(rows[1:], len(header), path)
+    places: dict[str, dict[str, int]] = {}
+    for column, name in enumerate(header):
+        if (found := COLUMN.fullmatch(name)) is not None:
+            places.setdefault(found[1], {})[found[2].lower()] = column
+    markers = {name: table[:, [at[axis] for axis in "xyz"]] for name, at in places.items() if len(at) == 3}
+    if not markers or len(markers) > MAX_MARKERS:
+        raise InputError(
+            f"{path} has columns {shown(header[:12])}, none of which are NAME_X, NAME_Y and NAME_Z; name the points so"
+        )
+    points, told = joints_from(markers, subject)
+    times = None
+    for column, name in enumerate(header):
+        if (match := TIME_FIELD.fullmatch(name)) is not None:
+            unit_s = UNITS_S[match[1].lower()] if match[1] else None
+            times = Times(values=table[:, column], name=name, unit_s=unit_s)
+            break
+    return Tracks(form="CSV", points=points, rate_hz=30.0, rate_assumed=True, times=times, told=told)
+
+
+def _motive(rows: list[list[str]], path: Path, subject: str | None) -> Tracks:
+    head = next((place for place, row in enumerate(rows) if row[0].strip().lower() == "frame"), 0)
+    labels = {row[1].strip().lower(): row for row in rows[1:head] if len(row) > 2}
+    if (
+        head < 3
+        or not {"name", "type"} <= (labels.keys() | {row[0].lower() for row in rows[1:head]})
+        or "name" not in labels
+    ):
+        raise InputError(
+            f"{path}: Motive's table needs rows Type and Name above its frames; export it again with headers"
+        )
+    said = dict(zip(map(str.lower, rows[0][::2]), rows[0][1::2], strict=False))
+    if said.get("coordinate space", "global").strip().lower() != "global":
+        raise InputError(f"{path} tells bones in their parents' frames; export it with Coordinate Space: Global")
+    width = len(rows[head])
+    coded = [column for column, name in enumerate(rows[head]) if name.strip().lower() == "timecode"]
+    table = _values(
+        [["" if k in coded else cell for k, cell in enumerate(row)] for row in rows[head + 1 :]], width, path
+    )
+    names, kinds, what, axes = (
+        [*row, *[""] * width][:width] for row in (labels["name"], labels["type"], rows[head - 1], rows[head])
+    )
+    places: dict[str, dict[str, dict[str, int]]] = {}
+    for column in range(2, width):
+        if kinds[column].strip() and what[column].strip() in ("Position", "Rotation"):
+            of_kind = places.setdefault(kinds[column].strip().lower(), {})
+            of_kind.setdefault(names[column].strip(), {})[what[column].strip()[0] + axes[column].strip()] = column
+    tracks = _of_motive(places, table, path, subject)
+    rate_hz = 0.0
+    with suppress(ValueError):
+        rate_hz = float(said.get("export frame rate", said.get("capture frame rate", "")))
+    times = Times(values=table[:, 1], name="Time", unit_s=1.0, rate_name="Export Frame Rate")
+    unit_m = UNITS_M.get(said.get("length units", "").strip().lower())
+    return replace(
+        tracks, rate_hz=rate_hz or 120.0, rate_assumed=not rate_hz, times=times, unit_m=unit_m, up="y", up_certain=False
+    )
+
+
+def _hip(name: str, names: Mapping[str, object]) -> str:
+    """A bone's name; the root of a skeleton, which may be called as the skeleton is, is its Hip."""
+    space, _, own = name.rpartition(":")
+    called_so = own == space if space else any(other.startswith(f"{name}:") for other in names)
+    return f"{space or name}:Hip" if called_so else name
+
+
+def _of_motive(
+    places: Mapping[str, Mapping[str, Mapping[str, int]]], table: np.ndarray, path: Path, subject: str | None
+) -> Tracks:
+    """Tracks of the bones, else of the markers."""
+    bones = {name: at for name, at in places.get("bone", {}).items() if {"PX", "PY", "PZ"} <= at.keys()}
+    if bones:
+        turned = all({"RX", "RY", "RZ", "RW"} <= at.keys() for at in bones.values())
+        columns = ("PX", "PY", "PZ", *(("RX", "RY", "RZ", "RW") if turned else ()))
+        tracks = {_hip(name, bones): table[:, [at[each] for each in columns]] for name, at in bones.items()}
+
+        def read(own: Labels) -> Tracks:
+            return of_bones("Motive", {name: tracks[label] for name, label in own.items()}, 120.0)
+
+        found, who = of_labels(numbered(tracks), lambda names: nearest_flavour(names)[1], subject, read)
+        euler = any("RX" in at for at in bones.values()) and not turned
+        return found.saying(
+            *who, *(["its Euler angles are left out; export quaternions to keep rotations"] if euler else [])
+        )
+    markers = {
+        name: table[:, [at[axis] for axis in ("PX", "PY", "PZ")]]
+        for kind, those in places.items()
+        if "marker" in kind and "rigid" not in kind
+        for name, at in those.items()
+        if {"PX", "PY", "PZ"} <= at.keys()
+    }
+    if not markers:
+        raise InputError(
+            f"{path} holds {', '.join(places) or 'nothing'} and no skeleton; export Bones, or labelled Markers of a whole person"
+        )
+    points, told = joints_from(markers, subject)
+    return Tracks(form="Motive", points=points, rate_hz=120.0, told=told)

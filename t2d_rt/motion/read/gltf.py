@@ -1,0 +1,284 @@
+"""Animations of a .glb file (glTF 2.0, Khronos) -> a raw skeleton in time: metres, y up, the file's own interpolation.
+
+The joints are those of its skins, else all nodes that are animated and what they carry. Where a node is at an instant follows from
+the product of the transforms above it; scales move joints and turn none of them.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.core.checks import shown
+from t2d_rt.core.errors import InputError, printable, warn
+from t2d_rt.core.files import read_bytes
+from t2d_rt.motion.quaternions import conjugate, from_matrix, multiply, normalise
+from t2d_rt.motion.read.bvh import MAX_FRAMES, MAX_JOINTS, RawSkeleton, of_poses
+from t2d_rt.motion.read.clock import tidy
+from t2d_rt.motion.read.subjects import numbered
+
+MAX_BYTES = 150_000_000
+MAX_NODES = 20_000
+JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
+COMPONENTS: Mapping[int, tuple[str, float]] = {
+    5120: ("<i1", 127.0), 5121: ("<u1", 255.0), 5122: ("<i2", 32767.0), 5123: ("<u2", 65535.0), 5126: ("<f4", 1.0),
+}  # fmt: skip
+"""Types of numbers, and what whole ones are divided by (glTF 2.0, 3.11)."""
+WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
+DEFAULTS = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
+HIGHEST_HZ = 240.0
+"""Rate at which keys that lie nearer are read."""
+
+Keys = tuple[np.ndarray, np.ndarray, str]
+"""Times [s] (K,), values (K, 3 or 4), or (3 K, ...) of splines, and how to go from one to the next."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Gltf:
+    """The JSON of a file, and its binary chunk."""
+
+    path: Path
+    tree: dict[str, Any]
+    binary: bytes
+
+    def list(self, name: str) -> list[Any]:
+        """One of its lists of objects."""
+        found = self.tree.get(name, [])
+        if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
+            raise InputError(f"{self.path}: {name} must be a list of objects; the file is damaged")
+        return found
+
+    def numbers(self, accessor: int) -> np.ndarray:
+        """The rows (K, N) of an accessor."""
+        try:
+            entry = self.list("accessors")[accessor]
+            view = self.list("bufferViews")[entry["bufferView"]]
+            kind, whole = COMPONENTS[entry["componentType"]]
+            width, count = WIDTHS[entry["type"]], int(entry["count"])
+            start = int(view.get("byteOffset", 0)) + int(entry.get("byteOffset", 0))
+            row = width * np.dtype(kind).itemsize
+            step = int(view.get("byteStride", row))
+            if "sparse" in entry or "extensions" in view or view.get("buffer") or "uri" in self.list("buffers")[0]:
+                raise InputError(
+                    f"{self.path}: its animation is sparse, compressed or in another file; export it as a plain .glb"
+                )
+            if not (0 < count <= 1_000_000 and start >= 0 and row <= step <= 255):
+                raise ValueError
+            found = np.ndarray((count, width), kind, self.binary, start, (step, np.dtype(kind).itemsize))
+        except (KeyError, IndexError, TypeError, ValueError):
+            raise InputError(
+                f"{self.path}: accessor {accessor} cannot be read; the file is cut short or damaged"
+            ) from None
+        return np.maximum(found.astype(float) / whole, -1.0) if whole > 1 else found.astype(float)
+
+
+def read_gltf(path: Path) -> RawSkeleton:
+    """The joints of a .glb file in its first animation; a warning names the others."""
+    file = _opened(path)
+    nodes, animations = file.list("nodes"), file.list("animations")
+    if not animations:
+        raise InputError(f"{path} holds no animation; export it with one, or give it as a mesh (MovingMesh)")
+    if not nodes or len(nodes) > MAX_NODES:
+        raise InputError(f"{path} holds {len(nodes)} nodes; expected 1 to {MAX_NODES}")
+    if len(animations) > 1:
+        known = [printable(str(each.get("name", number)))[:60] for number, each in enumerate(animations)]
+        warn(
+            f"{path.name} holds {len(animations)} animations, {', '.join(known[:9])}: the first is read; export one alone"
+        )
+    above = _parents(nodes, path)
+    moved = _channels(file, animations[0], len(nodes))
+    times, rate_hz = _clock(moved, path)
+    joints = _joints(file, nodes, above, {node for node, _ in moved})
+    matrices = _global(nodes, above, moved, times, path)
+    # Turns count from the pose at rest, as those of a BVH do.
+    rest = _global(nodes, above, {}, times[:1], path)
+    placed, turned = np.zeros((len(times), len(joints), 3)), np.zeros((len(times), len(joints), 4))
+    for number, node in enumerate(joints):
+        placed[:, number] = matrices[node][:, :3, 3]
+        turned[:, number] = multiply(_turn(matrices[node][:, :3, :3]), conjugate(_turn(rest[node][:, :3, :3])))
+    names = tuple(numbered(printable(str(nodes[node].get("name", f"node {node}"))) for node in joints))
+    place = {node: number for number, node in enumerate(joints)}
+    return of_poses(names, tuple(place.get(above[node], -1) for node in joints), placed, turned, rate_hz)
+
+
+def _opened(path: Path) -> _Gltf:
+    data = read_bytes(path, limit=MAX_BYTES, noun="GLB file")
+    try:
+        magic, version, _, length, kind = struct.unpack_from("<4sIIII", data)
+        if magic != b"glTF" or version != 2 or kind != JSON_CHUNK:
+            raise ValueError
+        tree = json.loads(data[20 : 20 + length])
+        binary = data[20 + length :]
+        if binary and struct.unpack_from("<II", binary)[1] == BINARY_CHUNK:
+            binary = binary[8 : 8 + struct.unpack_from("<I", binary)[0]]
+    except (struct.error, ValueError, RecursionError):
+        raise InputError(f"{path} is not a .glb file of glTF 2.0, or cut short; export it again") from None
+    if not isinstance(tree, dict):
+        raise InputError(f"{path} is not a .glb file of glTF 2.0; export it again")
+    return _Gltf(path, tree, binary)
+
+
+def _parents(nodes: list[Any], path: Path) -> list[int]:
+    """Number of the node above each, -1 for none."""
+    above = [-1] * len(nodes)
+    for number, node in enumerate(nodes):
+        for child in node.get("children", []):
+            if not isinstance(child, int) or not 0 <= child < len(nodes) or above[child] >= 0:
+                raise InputError(f"{path}: node {number} has a child {shown(child)} that is none; the file is damaged")
+            above[child] = number
+    return above
+
+
+def _channels(file: _Gltf, animation: dict[str, Any], nodes: int) -> dict[tuple[int, str], Keys]:
+    """Keys by node and by what of it they move."""
+    found: dict[tuple[int, str], Keys] = {}
+    try:
+        for channel in animation["channels"]:
+            node, what = channel["target"].get("node"), channel["target"]["path"]
+            if node is None or what not in DEFAULTS:
+                continue
+            sampler = animation["samplers"][channel["sampler"]]
+            how = sampler.get("interpolation", "LINEAR")
+            keys, values = file.numbers(sampler["input"])[:, 0], file.numbers(sampler["output"])
+            fits = len(values) == len(keys) * (3 if how == "CUBICSPLINE" else 1) and how in _BETWEEN
+            sound = np.isfinite(keys).all() and np.isfinite(values).all() and (np.diff(keys) > 0).all()
+            if not (fits and sound and 0 <= node < nodes and values.shape[1] == len(DEFAULTS[what])):
+                raise InputError(f"{file.path}: the keys of node {node} are not times in order with a {what} each")
+            found[node, what] = keys, values, how
+    except (KeyError, IndexError, TypeError, AttributeError):
+        raise InputError(f"{file.path}: its animation cannot be read; the file is damaged") from None
+    if not found:
+        raise InputError(f"{file.path}: its animation moves no node; export one of a skeleton")
+    return found
+
+
+def _clock(moved: Mapping[tuple[int, str], Keys], path: Path) -> tuple[np.ndarray, float]:
+    """Instants [s] from the first key to the last one and their rate, that of the keys that lie nearest."""
+    every = np.unique(np.concatenate([keys for keys, *_ in moved.values()]))
+    steps = np.concatenate([np.diff(keys) for keys, *_ in moved.values()])
+    if not len(steps):
+        raise InputError(f"{path}: its animation has a single instant; a motion needs at least 2 frames")
+    rate_hz = min(tidy(1.0 / float(np.percentile(steps, 5)), 5e-3), HIGHEST_HZ)
+    count = round(float(every[-1] - every[0]) * rate_hz) + 1
+    if not 2 <= count <= MAX_FRAMES:
+        raise InputError(f"{path}: {count} frames at {rate_hz:g} Hz; expected 2 to {MAX_FRAMES}")
+    return np.minimum(every[0] + np.arange(count) / rate_hz, every[-1]), rate_hz
+
+
+def _joints(file: _Gltf, nodes: list[Any], above: list[int], moved: set[int]) -> list[int]:
+    """The nodes that are joints, parents before children."""
+    wanted = {node for skin in file.list("skins") for node in skin.get("joints", [])} or set(moved)
+    if not all(isinstance(node, int) and 0 <= node < len(nodes) for node in wanted):
+        raise InputError(f"{file.path}: a skin names a joint that is no node; the file is damaged")
+    if not file.list("skins"):  # ends of limbs are not animated
+        wanted |= {node for node in range(len(nodes)) if above[node] in wanted and "mesh" not in nodes[node]}
+    if len(wanted) > MAX_JOINTS:
+        raise InputError(f"{file.path} has {len(wanted)} joints, more than {MAX_JOINTS}")
+    return [node for node in _downward(above, file.path) if node in wanted]
+
+
+def _downward(above: list[int], path: Path) -> list[int]:
+    """All nodes, parents before children."""
+    depth = []
+    for node in range(len(above)):
+        steps, here = 0, node
+        while above[here] >= 0:
+            here, steps = above[here], steps + 1
+            if steps > len(above):
+                raise InputError(f"{path}: its nodes carry one another in a ring; the file is damaged")
+        depth.append(steps)
+    return sorted(range(len(above)), key=depth.__getitem__)
+
+
+def _global(
+    nodes: list[Any], above: list[int], moved: Mapping[tuple[int, str], Keys], times: np.ndarray, path: Path
+) -> dict[int, np.ndarray]:
+    """Transforms (T, 4, 4) of all nodes to the scene's axes."""
+    found: dict[int, np.ndarray] = {}
+    for node in _downward(above, path):
+        try:
+            own = _own(nodes[node], {what: moved[node, what] for what in DEFAULTS if (node, what) in moved}, times)
+        except (TypeError, ValueError):
+            raise InputError(f"{path}: the transform of node {node} is none; the file is damaged") from None
+        found[node] = own if above[node] < 0 else found[above[node]] @ own
+    return found
+
+
+def _own(node: dict[str, Any], moved: Mapping[str, Keys], times: np.ndarray) -> np.ndarray:
+    """The transforms (T, 4, 4), or (1, 4, 4) where nothing moves it, of a node against the one above."""
+    if "matrix" in node and not moved:
+        return np.array(node["matrix"], float).reshape(1, 4, 4).swapaxes(1, 2)
+    at = {
+        what: _BETWEEN[moved[what][2]](*moved[what][:2], times)
+        if what in moved
+        else np.array(node.get(what, default), float).reshape(1, len(default))
+        for what, default in DEFAULTS.items()
+    }
+    frames = max(map(len, at.values()))
+    matrix = np.tile(np.eye(4), (frames, 1, 1))
+    x, y, z, w = np.moveaxis(normalise(at["rotation"]), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    matrix[:, :3, :3] = np.moveaxis(np.array(rows), -1, 0) * at["scale"][:, None, :]
+    matrix[:, :3, 3] = at["translation"]
+    return matrix
+
+
+def _turn(matrices: np.ndarray) -> np.ndarray:
+    """Rotations (T, 4) of matrices (T, 3, 3) without their scales: columns made square to one another in turn."""
+    x, y = (matrices[..., k] for k in (0, 1))
+    x = normalise(x)
+    y = normalise(y - (y * x).sum(axis=-1, keepdims=True) * x)
+    return from_matrix(np.stack([x, y, np.cross(x, y)], axis=-1))
+
+
+def _steps(keys: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The key before each instant, the one after, and the part (T, 1) of the way between."""
+    after = np.clip(np.searchsorted(keys, times, side="right"), 1, max(len(keys) - 1, 1))
+    before, after = after - 1, np.minimum(after, len(keys) - 1)
+    gone = (times - keys[before]) / np.maximum(keys[after] - keys[before], 1e-12)
+    return before, after, np.clip(gone, 0.0, 1.0)[:, None]
+
+
+def _held(keys: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
+    return values[np.clip(np.searchsorted(keys, times + 1e-6, side="right") - 1, 0, len(keys) - 1)]
+
+
+def _linear(keys: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Straight on, rotations along the great circle (glTF 2.0, C.3 and C.4)."""
+    before, after, gone = _steps(keys, times)
+    first, last = values[before], values[after]
+    if values.shape[1] == 3:
+        return first + gone * (last - first)
+    cosine = (first * last).sum(axis=1, keepdims=True)
+    last, angle = np.where(cosine < 0, -last, last), np.arccos(np.minimum(np.abs(cosine), 1.0))
+    small = angle < 1e-4
+    weights = [
+        np.where(small, part, np.sin(part * angle) / np.where(small, 1.0, np.sin(angle))) for part in (1 - gone, gone)
+    ]
+    return weights[0] * first + weights[1] * last
+
+
+def _spline(keys: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Cubic Hermite splines: three rows a key, tangent in, value, tangent out (glTF 2.0, C.5)."""
+    before, after, t = _steps(keys, times)
+    into, at, out = (values[k::3] for k in range(3))
+    span = (keys[after] - keys[before])[:, None]
+    return (
+        (2 * t**3 - 3 * t**2 + 1) * at[before]
+        + span * (t**3 - 2 * t**2 + t) * out[before]
+        + (3 * t**2 - 2 * t**3) * at[after]
+        + span * (t**3 - t**2) * into[after]
+    )
+
+
+_BETWEEN = {"STEP": _held, "LINEAR": _linear, "CUBICSPLINE": _spline}
