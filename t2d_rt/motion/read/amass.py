@@ -60,12 +60,12 @@ def read_amass(arrays: Arrays) -> Tracks:
     """The body's 22 joints and the hands' ends."""
     poses = arrays.samples("poses", (2, 3)) if "poses" in arrays else _joined(arrays)
     poses = poses.reshape(len(poses), -1)
-    way = arrays.first(*MOVED)
-    if way is None:
+    travel = arrays.first(*MOVED)
+    if travel is None:
         raise InputError(
             f"{arrays.path} lacks {' or '.join(MOVED)}, the way of the root; store it, or zeros and root='feet' where it is unknown"
         )
-    moved = arrays.samples(way, (2,))
+    moved = arrays.samples(travel, (2,))
     if poses.shape[1] < BODY_ANGLES or poses.shape[1] % 3 or moved.shape != (len(poses), 3):
         raise InputError(
             f"{arrays.path}: poses must have shape (time, 66 or more) and trans (time, 3), got {poses.shape} and {moved.shape}"

@@ -35,7 +35,7 @@ DEFAULTS = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "s
 HIGHEST_HZ = 240.0
 """Rate at which keys that lie nearer are read."""
 
-Keys = tuple[np.ndarray, np.ndarray, str]
+Curve = tuple[np.ndarray, np.ndarray, str]
 """Times [s] (K,), values (K, 3 or 4), or (3 K, ...) of splines, and how to go from one to the next."""
 
 
@@ -135,9 +135,9 @@ def _parents(nodes: list[Any], path: Path) -> list[int]:
     return above
 
 
-def _channels(file: _Gltf, animation: dict[str, Any], nodes: int) -> dict[tuple[int, str], Keys]:
+def _channels(file: _Gltf, animation: dict[str, Any], nodes: int) -> dict[tuple[int, str], Curve]:
     """Keys by node and by what of it they move."""
-    found: dict[tuple[int, str], Keys] = {}
+    found: dict[tuple[int, str], Curve] = {}
     try:
         for channel in animation["channels"]:
             node, what = channel["target"].get("node"), channel["target"]["path"]
@@ -158,7 +158,7 @@ def _channels(file: _Gltf, animation: dict[str, Any], nodes: int) -> dict[tuple[
     return found
 
 
-def _clock(moved: Mapping[tuple[int, str], Keys], path: Path) -> tuple[np.ndarray, float]:
+def _clock(moved: Mapping[tuple[int, str], Curve], path: Path) -> tuple[np.ndarray, float]:
     """Instants [s] from the first key to the last one and their rate, that of the keys that lie nearest."""
     every = np.unique(np.concatenate([keys for keys, *_ in moved.values()]))
     steps = np.concatenate([np.diff(keys) for keys, *_ in moved.values()])
@@ -197,7 +197,7 @@ def _downward(above: list[int], path: Path) -> list[int]:
 
 
 def _global(
-    nodes: list[Any], above: list[int], moved: Mapping[tuple[int, str], Keys], times: np.ndarray, path: Path
+    nodes: list[Any], above: list[int], moved: Mapping[tuple[int, str], Curve], times: np.ndarray, path: Path
 ) -> dict[int, np.ndarray]:
     """Transforms (T, 4, 4) of all nodes to the scene's axes."""
     found: dict[int, np.ndarray] = {}
@@ -210,7 +210,7 @@ def _global(
     return found
 
 
-def _own(node: dict[str, Any], moved: Mapping[str, Keys], times: np.ndarray) -> np.ndarray:
+def _own(node: dict[str, Any], moved: Mapping[str, Curve], times: np.ndarray) -> np.ndarray:
     """The transforms (T, 4, 4), or (1, 4, 4) where nothing moves it, of a node against the one above."""
     if "matrix" in node and not moved:
         return np.array(node["matrix"], float).reshape(1, 4, 4).swapaxes(1, 2)

@@ -103,13 +103,13 @@ def read_json(tree: Any, path: Path) -> Arrays:
     if openpose and joints.shape[2] == len(ORDERS["OpenPose BODY_25"]):
         found["names"] = np.array(ORDERS["OpenPose BODY_25"])
     found |= {name: np.array(top[name]) for name in RATE_FIELDS if isinstance(top.get(name), int | float)}
-    stamps = next((name for name in _keys(frames[0]) if TIME_FIELD.fullmatch(name)), None)
+    stamps = next((name for name in _fields(frames[0]) if TIME_FIELD.fullmatch(name)), None)
     if stamps is not None and all(isinstance(frame.get(stamps), int | float) for frame in frames):
         found[stamps] = np.array([frame[stamps] for frame in frames], float)
     return _arrays(path, **found)
 
 
-def _keys(frame: Any) -> Sequence[str]:
+def _fields(frame: Any) -> Sequence[str]:
     return list(frame) if isinstance(frame, dict) else ()
 
 
