@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from t2d_rt.recording.recording import Recording
     from t2d_rt.recording.remake import add_noise
     from t2d_rt.scene import CeilingFan, Curtain, Door, Pet, Room, TableFan, mover, save_scene
-    from t2d_rt.simulate import run, simulate
+    from t2d_rt.simulate import run, simulate, simulate_radars
     from t2d_rt.sweeps import sweep
     from t2d_rt.types import (
         Accuracy,
@@ -99,7 +99,7 @@ _HOMES = {
     "t2d_rt.accuracy": ("plan",),
     "t2d_rt.pipeline.targets": ("segments", "skin"),
     "t2d_rt.recording.remake": ("add_noise",),
-    "t2d_rt.simulate": ("run", "simulate"),
+    "t2d_rt.simulate": ("run", "simulate", "simulate_radars"),
     "t2d_rt.sweeps": ("sweep",),
     "t2d_rt.propagation.scenes": ("load_scene",),
     "t2d_rt.view": ("Viewer",),
@@ -185,6 +185,7 @@ __all__ = [
     "scenes",
     "segments",
     "simulate",
+    "simulate_radars",
     "skin",
     "smooth",
     "sweep",

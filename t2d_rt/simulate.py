@@ -19,13 +19,15 @@ from t2d_rt.accuracy import (
     warn_out_of_reach,
 )
 from t2d_rt.core.backend import Device, one_blas_thread, prefetched
+from t2d_rt.core.checks import flag, instance, shown
 from t2d_rt.core.cubes import Cube
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import LIMIT_GB, after_call
 from t2d_rt.core.plugins import versions
 from t2d_rt.core.progress import shown_progress, split_progress, stretch
+from t2d_rt.experiment.catalog import noise_named, radar_named
 from t2d_rt.experiment.experiment import Experiment
-from t2d_rt.experiment.setup import Setup, set_up, set_up_stored
+from t2d_rt.experiment.setup import Setup, placed_targets, set_up, set_up_stored
 from t2d_rt.pipeline.parts import PartCubes, Split, checked_split
 from t2d_rt.pipeline.path_pairs import Clutter
 from t2d_rt.pipeline.prepare import Prepared, blocks, plugin_finders, prepare
@@ -39,6 +41,7 @@ from t2d_rt.scattering.ellipsoid import PhaseFrom
 from t2d_rt.scene import Room
 from t2d_rt.signal.gated import RangeGate
 from t2d_rt.types import Accuracy, EchoArrays, Material, Radar, Receiver, Scene
+from t2d_rt.types.radar_pairs import heard
 from t2d_rt.types.scatterer import FrameBlock, Scatterer, pose, visibility
 from t2d_rt.types.target import Method
 
@@ -127,6 +130,39 @@ def simulate(
     with one_blas_thread:  # no decorator, which would stand between a warning and the user's line
         setup = set_up(target, scene, experiment, device=device, memory_gb=memory_gb)
         return recorded(setup, wanted, device, progress, split)
+
+
+def simulate_radars(
+    target: TargetLike | str | Path | Sequence[TargetLike | str | Path],
+    radars: Sequence[Radar | str | Path],
+    *,
+    interference: bool = False,
+    **options: Any,
+) -> list[Recording]:
+    """Recordings of the same targets by several radars on one clock, each with the samples that it has alone.
+
+    target: as of `simulate`; motions that are not placed are put before the first radar.
+    radars: as the `radar` of `simulate`, at least one; `types.radar_pairs.bistatic` makes one of the transmitters of one radar and
+        the receivers of another.
+    interference: whether each radar hears the chirps of all others beside the noise that it has, over the line of sight, through
+        whatever stands there; echoes of these chirps are not modelled.
+    options: of `simulate`, for all of them.
+    """
+    some = [radar_named(each) for each in instance("radars", radars, (list, tuple), "a list of radars")]
+    if not some or not all(isinstance(each, Radar) for each in some):
+        raise InputError(f"radars must be a list of Radars or their names, at least one, got {shown(radars)}")
+    flag("interference", interference)
+    targets, noise = placed_targets(target, some[0]), options.pop("noise", "none")
+    if interference and noise == "none":
+        raise InputError("interference comes with a receiver's noise; give noise, such as 'receiver', or leave it out")
+    found = []
+    for number, radar in enumerate(some):
+        own = noise_named(noise, radar)
+        if interference and isinstance(own, Receiver):
+            others = [heard(other, radar) for other in some[:number] + some[number + 1 :]]
+            own = own.replace(interferers=[*own.interferers, *others])
+        found.append(simulate(targets, radar=radar, noise=own, **options))
+    return found
 
 
 def run(

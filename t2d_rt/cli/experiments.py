@@ -158,30 +158,51 @@ class Job:
         from t2d_rt.recording.recording import Recording
 
         path = Path(source)
-        rest = {name: value for name, value in given.items() if name not in (*RUN, "accuracy")}
         accuracy, run = given.get("accuracy", {}), {name: given[name] for name in RUN if name in given}
         if not is_experiment(path):
-            return cls(Experiment(**fields_of(source, rest)), accuracy, run)
-        if rest:
-            name, value = next(iter(rest.items()))
-            option = f"{name}.{next(iter(value))}" if isinstance(value, dict) else name
-            if path.suffix.lower() == ".zarr":
-                told = f"is part of the recording {path.name}, which is simulated again as it was"
-                raise InputError(
-                    f"option {option} {told}; simulate its motion file with it, or see t2d-rt sweep --vary"
-                )
-            raise InputError(f"option {option} is part of the experiment {path.name}; change it there")
+            return cls(Experiment(**fields_of(source, _beside_run(given))), accuracy, run)
         if path.suffix.lower() == ".zarr":
+            _check_no_more(path, given)
             return cls(Recording.load(path), accuracy, run)
-        values = read_yaml(path, noun="experiment", example="targets, radar and scene")
-        if (kind := yaml_kind(values)) in ("radar", "options"):
-            what = "the fields of a radar" if kind == "radar" else "options of the command line"
-            option = "radar" if kind == "radar" else "config"
-            raise InputError(f"{path} holds {what} and is no experiment; give it as --{option} {path}")
+        return cls.of_values(experiment_values(path), path, given)
+
+    @classmethod
+    def of_values(cls, values: Given, path: Path, given: Given) -> Job:
+        """From what an experiment's file holds, and options of the accuracy and the run."""
+        from t2d_rt.experiment.experiment import Experiment
+
+        _check_no_more(path, given)
+        values = dict(values)
+        accuracy, run = given.get("accuracy", {}), {name: given[name] for name in RUN if name in given}
         stored = {name: values.pop(name) for name in ("accuracy", "tolerance_db") if values.get(name) is not None}
         accuracy = {**stored.pop("accuracy", {}), **accuracy}
         values.pop("accuracy", None), values.pop("tolerance_db", None)
         return cls(Experiment.read(values, path), accuracy, {**stored, **run})
+
+
+def _beside_run(given: Given) -> Given:
+    """Options that are those of an experiment."""
+    return {name: value for name, value in given.items() if name not in (*RUN, "accuracy")}
+
+
+def _check_no_more(path: Path, given: Given) -> None:
+    """Refuses options of an experiment beside the file of one, or of a recording."""
+    for name, value in _beside_run(given).items():
+        option = f"{name}.{next(iter(value))}" if isinstance(value, dict) else name
+        if path.suffix.lower() == ".zarr":
+            told = f"is part of the recording {path.name}, which is simulated again as it was"
+            raise InputError(f"option {option} {told}; simulate its motion file with it, or see t2d-rt sweep --vary")
+        raise InputError(f"option {option} is part of the experiment {path.name}; change it there")
+
+
+def experiment_values(path: Path) -> Given:
+    """What the file of an experiment holds."""
+    values = read_yaml(path, noun="experiment", example="targets, radar and scene")
+    if (kind := yaml_kind(values)) in ("radar", "options"):
+        what = "the fields of a radar" if kind == "radar" else "options of the command line"
+        option = "radar" if kind == "radar" else "config"
+        raise InputError(f"{path} holds {what} and is no experiment; give it as --{option} {path}")
+    return values
 
 
 def is_experiment(source: Path) -> bool:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from t2d_rt.cli.experiments import Asked, Job, OfPaths, OfPlan, is_experiment, radar_of
+from t2d_rt.cli.experiments import Asked, Job, OfPaths, OfPlan, experiment_values, is_experiment, radar_of
 from t2d_rt.cli.options import Given, Signal
 from t2d_rt.cli.output import check_picture, say, stem_of
 from t2d_rt.core.errors import InputError, T2DError, T2DWarning, warn
@@ -89,6 +89,11 @@ def simulate(
     from t2d_rt.recording.files import check_free
 
     source = Path(file)
+    if source.suffix.lower() in (".yaml", ".yml") and "radars" in (values := experiment_values(source)):
+        if background is not None:
+            raise InputError(f"{source} has several radars and a background is that of one; leave --background out")
+        several(source, values, given, signal, Path(output or f"{stem_of(source)}.zarr"), overwrite)
+        return
     target = Path(output or f"{stem_of(source)}{'_again' if source.suffix == '.zarr' else ''}.zarr")
     if target.suffix != ".zarr":
         raise InputError(f"a result is a folder that ends in .zarr, got '{target}'; the picture is written beside it")
@@ -112,6 +117,36 @@ def simulate(
     if result.snr_db is not None:
         say(f"SNR {result.snr_db:.1f} dB over all noise of the receiver, {result.noise_dbm:.1f} dBm in an ADC sample")
     say(f"wrote {target}" + (f" and {picture}" if figure is not None else ""))
+
+
+def several(source: Path, values: Given, given: Given, signal: Given, target: Path, overwrite: bool) -> None:
+    """Simulates an experiment with a list of `radars`; NAME-1.zarr, NAME-2.zarr and so on are their recordings."""
+    from t2d_rt.experiment.experiment import Experiment
+    from t2d_rt.recording.files import check_free
+    from t2d_rt.simulate import simulate_radars
+
+    radars, interference = values.pop("radars"), values.pop("interference", False)
+    if not isinstance(radars, list) or not radars or "radar" in values:
+        raise InputError(f"{source}: radars must be a list of radars in place of radar, as in [table2, my_radar.yaml]")
+    jobs = [Job.of_values({**values, "radar": each}, source, given) for each in radars]
+    targets = [target.with_name(f"{target.stem}-{number}{target.suffix}") for number in range(1, len(jobs) + 1)]
+    for each in targets:
+        check_free(each, overwrite=overwrite)
+        check_picture(each.with_suffix(".png"), overwrite=overwrite)
+    first = jobs[0].experiment
+    assert isinstance(first, Experiment)
+    for job in jobs:
+        _check_processing(signal, job.experiment)
+    with reports_said():
+        found = simulate_radars(
+            first.targets_from({}), [job.experiment.radar for job in jobs], interference=interference,
+            scene=first.scene_from({}), accuracy=jobs[0].accuracy or None, **first.physics | {"noise": values.get("noise", "none")},
+            **jobs[0].run,
+        )  # fmt: skip
+    for each, result in zip(targets, found, strict=True):
+        result = result.processed(**signal)
+        result.save(each, overwrite=overwrite, figure=_drawn(result, f"{each.stem}, {result.settings['method']}"))
+        say(f"wrote {each} and {each.with_suffix('.png')}")
 
 
 def recorded(job: Job, signal: Given) -> Recording:

@@ -89,13 +89,7 @@ def set_up(
     """The setup of a target or several, in a scene, which take the place of those that the experiment names; all are checked."""
     memory, radar = Budget.of(memory_gb), experiment.radar
     whole = _scene_of(scene, radar)  # before the targets: a motion takes longer to read
-    target = target_named(target)
-    targets = [target] if isinstance(target, TargetLike) else target
-    if not isinstance(targets, Sequence) or not targets or not all(isinstance(each, TargetLike) for each in targets):
-        raise InputError(
-            f"target must be a Motion, a MovingMesh, Ellipsoids, a mover or a list of them, got {shown(targets)}; "
-            "load_motion reads a file"
-        )
+    targets = placed_targets(target, radar)
     if experiment.material is not None:
         checked_material(experiment.material)
     scene = None if whole is None else within_reach(whole, radar)
@@ -105,7 +99,6 @@ def set_up(
         )
     if isinstance(experiment.noise, Receiver):
         check_receiver(radar, experiment.noise)
-    targets = [_placed(each, radar) if isinstance(each, Motion) else each for each in targets]
     backend = select(device)
     modelled = targets_of(targets, experiment.method, experiment.body, experiment.material, radar)
     geometries = [each.geometry for each in modelled]
@@ -162,6 +155,18 @@ def set_up(
     )
     store = Store({})
     return Setup(experiment.stored_with(targets, whole, store), store.inputs, model)
+
+
+def placed_targets(target: Any, radar: Radar) -> list[TargetLike]:
+    """What was given as a target or several, checked, with motions in their places before the radar."""
+    target = target_named(target)
+    targets = [target] if isinstance(target, TargetLike) else target
+    if not isinstance(targets, Sequence) or not targets or not all(isinstance(each, TargetLike) for each in targets):
+        raise InputError(
+            f"target must be a Motion, a MovingMesh, Ellipsoids, a mover or a list of them, got {shown(targets)}; "
+            "load_motion reads a file"
+        )
+    return [_placed(each, radar) if isinstance(each, Motion) else each for each in targets]
 
 
 def set_up_stored(

@@ -1,0 +1,97 @@
+"""Several radars at once: each has the samples that it has alone, and hears the others at their places."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import t2d_rt as t2d
+from t2d_rt.cli import main
+from t2d_rt.core.errors import InputError
+from t2d_rt.types import Radar
+from t2d_rt.types.radar_pairs import bistatic, heard
+from tests.builders import ball
+
+TABLE2 = Radar.preset("table2")
+ASIDE = TABLE2.replace(position_m=(2.0, -2.0, 1.2), boresight=(0.0, 1.0, 0.0))
+TARGET = ball((2.5, 0.3, 1.0), (-1.0, 0.0, 0.0), 0.05)
+
+
+def test_each_has_the_samples_that_it_has_alone() -> None:
+    walk = t2d.trim(t2d.example("walk"), 0.0, 0.1)
+    found = t2d.simulate_radars(walk, [TABLE2, ASIDE], method="ellipsoid")
+    before_the_first = t2d.place(walk, radar_position_m=TABLE2.position_m, boresight=TABLE2.boresight)
+    for radar, recording in zip((TABLE2, ASIDE), found, strict=True):
+        assert recording.radar == radar
+        assert np.array_equal(recording.cube, t2d.simulate(before_the_first, radar=radar, method="ellipsoid").cube)
+
+
+def test_pair_of_radars() -> None:
+    pair = bistatic(TABLE2, ASIDE)
+    assert np.allclose(pair.tx_position_m, TABLE2.position_m)
+    assert np.allclose(pair.rx_position_m, ASIDE.position_m)
+    # A small ball returns at the delay of both distances, by the radar equation for two places.
+    recording = t2d.simulate(TARGET, radar=pair)
+    centre = np.array((2.5, 0.3, 1.0))
+    out_m, back_m = (np.linalg.norm(centre - each) - 0.09 for each in (pair.tx_position_m, pair.rx_position_m))
+    power = np.mean(np.abs(recording.cube[0, 0]) ** 2)
+    assert power == pytest.approx(float(pair.received_power_w(math.pi * 0.1**2, out_m, back_m)), rel=0.1)
+    # Swapped, it is the same by reciprocity.
+    swapped = t2d.simulate(TARGET, radar=bistatic(ASIDE, TABLE2))
+    assert np.allclose(swapped.cube, recording.cube, atol=1e-3 * np.abs(recording.cube).max())
+    with pytest.raises(InputError, match="prf_hz of the transmitter is 5000"):
+        bistatic(TABLE2.replace(prf_hz=5000.0), ASIDE)
+    with pytest.raises(InputError, match="isotropic and upright"):
+        bistatic(TABLE2.replace(tx_pattern={"kind": "cosine", "exponent": 2}), ASIDE)
+
+
+def test_radars_hear_one_another_at_their_distance() -> None:
+    # Friis: EIRP in that direction, twice as far 6 dB less; cos^2 at 60 degrees off the boresight is another 6 dB.
+    sharp = {"kind": "cosine", "exponent": 2}
+    powers = []
+    for range_m, angle_deg in ((5.0, 0.0), (10.0, 0.0), (5.0, 60.0)):
+        angle = math.radians(180 + angle_deg)
+        other = TABLE2.replace(
+            position_m=(range_m, 0, 1), boresight=(math.cos(angle), math.sin(angle), 0), tx_pattern=sharp,
+            slope_hz_per_s=20e12, carrier_hz=77.3e9, prf_hz=9000.0,
+        )  # fmt: skip
+        silent, noisy = (
+            t2d.simulate_radars(TARGET, [TABLE2, other], noise=t2d.Receiver(seed=3), interference=each)[0]
+            for each in (False, True)
+        )
+        powers.append(np.sum(np.abs(noisy.cube - silent.cube) ** 2))
+        assert heard(other, TABLE2).eirp_dbm == pytest.approx(
+            21 + 10 * math.log10(math.cos(math.radians(angle_deg)) ** 2)
+        )
+    assert 10 * np.log10(powers[0] / powers[1]) == pytest.approx(6.02, abs=0.1)
+    assert 10 * np.log10(powers[0] / powers[2]) == pytest.approx(6.02, abs=0.1)
+
+
+def test_radars_that_are_none() -> None:
+    with pytest.raises(InputError, match="a list of radars"):
+        t2d.simulate_radars(TARGET, TABLE2)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="give noise"):
+        t2d.simulate_radars(TARGET, [TABLE2, ASIDE], interference=True)
+    with pytest.raises(InputError, match="bursts"):
+        heard(Radar.preset("table2-burst"), ASIDE)
+    with pytest.raises(InputError, match="in one place"):
+        heard(TABLE2, TABLE2)
+
+
+def test_radars_of_an_experiment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    other = {name: value for name, value in ASIDE.model_dump(mode="json").items() if value is not None}
+    targets = [{"kind": "file", "file": "walk", "stop_s": 0.1}]
+    values = {"targets": targets, "radars": ["table2", other], "method": "ellipsoid"}
+    Path("two.yaml").write_text(yaml.safe_dump(values))
+    assert main(["simulate", "two.yaml"]) == 0
+    for name, radar in (("two-1", TABLE2), ("two-2", ASIDE)):
+        assert Path(f"{name}.png").exists()
+        assert t2d.Recording.load(f"{name}.zarr").radar == radar
+    assert main(["simulate", "two.yaml", "--method", "mesh", "--overwrite"]) != 0
+    Path("two.yaml").write_text(yaml.safe_dump({**values, "radars": []}))
+    assert main(["simulate", "two.yaml", "-o", "other.zarr"]) != 0
