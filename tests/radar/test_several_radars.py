@@ -92,6 +92,6 @@ def test_radars_of_an_experiment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     for name, radar in (("two-1", TABLE2), ("two-2", ASIDE)):
         assert Path(f"{name}.png").exists()
         assert t2d.Recording.load(f"{name}.zarr").radar == radar
-    assert main(["simulate", "two.yaml", "--method", "mesh", "--overwrite"]) != 0
+    assert main(["simulate", "two.yaml", "--method", "ellipsoid", "--overwrite"]) != 0
     Path("two.yaml").write_text(yaml.safe_dump({**values, "radars": []}))
     assert main(["simulate", "two.yaml", "-o", "other.zarr"]) != 0
