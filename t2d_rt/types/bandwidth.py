@@ -14,8 +14,9 @@ BANDWIDTHS = {"bandwidth_hz", "ramp_bandwidth_hz", "ramp_time_s"}
 
 
 def fields_over(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields with some changed; a bandwidth replaces the slope."""
+    """Fields with some changed; a bandwidth replaces the slope, a track the place and the boresight."""
     replaced = {"slope_hz_per_s"} if BANDWIDTHS & changes.keys() else set()
+    replaced |= {"position_m", "boresight"} if changes.get("track") is not None else set()
     return {**{name: value for name, value in base.items() if name not in replaced}, **changes}
 
 

@@ -156,13 +156,12 @@ class Radar(Fields):
     @model_validator(mode="before")
     @classmethod
     def _where_track_begins(cls, values: Any) -> Any:
-        """Place and boresight where the track begins, which may be given as well but may not be others."""
+        """Place and boresight where the track begins; others that are given are refused."""
         if not isinstance(values, Mapping) or values.get("track") is None:
             return values
         track = track_named(values["track"])
         track = track if isinstance(track, RadarTrack) else RadarTrack.model_validate(track)
-        begins = {"position_m": track.positions_m[0], "boresight": track.first_boresight}
-        return {**values, "track": track, **{name: value for name, value in begins.items() if value is not None}}
+        return {**values, "track": track, **track.begins(values.get("position_m"), values.get("boresight"))}
 
     @model_serializer(mode="wrap")
     def _without_no_track(self, written: Any) -> Any:
@@ -294,12 +293,6 @@ class Radar(Fields):
 
     def replace(self, **changes: Any) -> Radar:
         """A copy with some fields changed, checked like a new one."""
-        if self.track is not None and "track" not in changes:
-            fixed = [name for name in ("position_m", "boresight") if name in changes]
-            if fixed:
-                raise InputError(
-                    f"{fixed[0]} of a radar that moves is where its track begins; give another track, or track=None with it"
-                )
         return type(self)(**fields_over(self.model_dump(), changes))
 
     # --- waveform ---

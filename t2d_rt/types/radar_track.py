@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Self
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from t2d_rt.core.checks import shown
+from t2d_rt.core.checks import array, shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_bytes, read_yaml, regular_file
 from t2d_rt.types.fields import Fields, Number, Vector
@@ -27,6 +27,8 @@ MOST_BYTES = 100_000_000
 """Of a track's file."""
 COLUMNS = "t", "x", "y", "z", "yaw", "pitch", "roll"
 """Of a track's file: seconds, metres, degrees; the last three may be left out."""
+SAME_POSE = 1e-9
+"""By how much a pose that is given as well may differ from where the track begins, in metres or of a unit vector."""
 LEAST_LENGTH = 1e-6
 """Of quaternions, which are normalised."""
 
@@ -161,11 +163,23 @@ class RadarTrack(Fields):
             return None
         return np.asarray(Rotation.from_quat(turning(self._within(times_s))).as_matrix().swapaxes(1, 2))
 
-    @property
-    def first_boresight(self) -> tuple[float, float, float] | None:
-        """At the first time; None where it is the radar's own."""
+    def begins(self, position_m: Any = None, boresight: Any = None) -> dict[str, tuple[float, ...]]:
+        """The radar's `position_m` at the first time, and its `boresight` where the track tells it; given ones must be the same."""
+        found: dict[str, tuple[float, ...]] = {"position_m": self.positions_m[0]}
         axes = self.axes(np.array(self.times_s[:1]))
-        return None if axes is None else tuple(axes[0, 0].tolist())
+        if axes is not None:
+            found["boresight"] = tuple(axes[0, 0].tolist())
+        for name, given in (("position_m", position_m), ("boresight", boresight)):
+            if given is None or name not in found:
+                continue
+            other = array(name, given, (3,))
+            length = max(float(np.linalg.norm(other)), 1e-12) if name == "boresight" else 1.0
+            if np.abs(other / length - found[name]).max() > SAME_POSE:
+                raise InputError(
+                    f"{name} of a radar that moves is where its track begins, {shown(found[name])}, got {shown(given)}; leave "
+                    f"{name} out, or give another track"
+                )
+        return found
 
     @cached_property
     def _known_s(self) -> np.ndarray:

@@ -146,8 +146,10 @@ def test_tracks_that_are_none(tmp_path: Path, text: str, told: str) -> None:
 
 def test_what_is_not_modelled_is_refused() -> None:
     radar = TABLE2.replace(track=RadarTrack(times_s=[0, 1], positions_m=[(0, 0, 1), (0.1, 0, 1)]))
-    with pytest.raises(InputError, match="track begins"):
+    with pytest.raises(InputError, match="position_m of a radar that moves is where its track begins"):
         radar.replace(position_m=(1, 0, 1))
+    assert Radar.preset("people-tracking-60", track=radar.track).position_m == (0, 0, 1)
+    assert radar.replace(track=None, position_m=(1, 0, 1)).track is None
     late = moving(icosphere(2, 0.1), np.full((3, 3), 2.0), np.array([2.0, 2.5, 3.0]), sagitta_rad=0.3)
     with pytest.raises(InputError, match="no time in common"):
         t2d.simulate(late, radar=radar)
