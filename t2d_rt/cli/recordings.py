@@ -371,6 +371,7 @@ def _radar_rows(radar: Radar) -> Given:
         "unambiguous speed": f"+-{radar.max_speed_mps:.2f} m/s",
         "chirp rate": f"{radar.prf_hz:.6g} Hz",
         "antennas": f"{len(radar.tx_offsets_m)} x {len(radar.rx_offsets_m)} (tx x rx), {radar.multiplexing}",
+        **({} if radar.track is None else {"track": str(radar.track)}),
     }
 
 
