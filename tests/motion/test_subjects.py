@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
 from builders import JOINT_CENTRES, MOTIONS, WALK, joint_centres, slow_after, write_c3d
@@ -288,3 +289,26 @@ def test_a_capture_of_one_or_of_incomplete_ones(tmp_path: Path, walk: Motion) ->
     del tracks["A:LElbow"]
     with pytest.warns(T2DWarning, match="A is left out: .* lack left_elbow"):
         assert list(t2d.load_motions(write(tmp_path / "b.trc", tracks))) == ["B"]
+
+
+def test_both_roots_of_a_bvh_together(tmp_path: Path) -> None:
+    """As far apart as their roots are in the file, in any frame; the first's calibration pose is left out of both."""
+    path = tmp_path / "a.bvh"
+    path.write_text(bvh_of_two("A:", "B:"))
+    both = t2d.load_motions(path, smooth_hz=None)
+    raw = read_bvh(path)
+    starts = np.cumsum([0, *map(len, raw.channels)])
+    roots = [raw.values[:, starts[k] : starts[k] + 3] for k, parent in enumerate(raw.parents) if parent < 0]
+    apart = (roots[1] - roots[0]) * 0.0254 / 0.45  # y up: z, x, y
+    frames = len(both["A"].joints)
+    found = both["B"].joints[:, 0] - both["A"].joints[:, 0]
+    assert frames == len(both["B"].joints) >= 95
+    assert np.allclose(found, apart[-frames:][:, [2, 0, 1]], atol=1e-3)
+
+
+def test_a_tilted_capture_is_told(tmp_path: Path) -> None:
+    lean = Rotation.from_euler("x", 12, degrees=True)
+    tracks = {name: lean.apply(track) for name, track in two(t2d.resample(load_motion(WALK), RATE_HZ)).items()}
+    tracks |= {name.replace("A:", "B:"): track + lean.apply(AWAY_M) for name, track in tracks.items() if name[0] == "A"}
+    with pytest.warns(T2DWarning, match="is tilted against its axis by 1.* degrees .* by A; .*give up as a vector"):
+        t2d.load_motions(write(tmp_path / "a.npz", tracks), smooth_hz=None)

@@ -146,11 +146,18 @@ def load_motions(
         raise InputError(
             f"{path}: by their bodies its persons have different units, {', '.join(sorted(units_m))}; give units"
         )
-    levels = [float(_clause(each, "floor at ").removesuffix(" m")) for each in found.values()]
+    first = cast(GivenUp, _clause(next(iter(found.values())), "up "))
+    alike = [each for each in found.values() if _clause(each, "up ") == first]
+    levels = [float(_clause(each, "floor at ").removesuffix(" m")) for each in alike]
     if floor is None or len(axes) > 1:
-        axis = plain.axis or cast(GivenUp, _clause(next(iter(found.values())), "up ").partition(" ")[0])
-        common = replace(plain, up=axis, floor=min(levels) if floor is None else floor)
+        common = replace(plain, up=first if len(axes) > 1 else plain.up, floor=min(levels) if floor is None else floor)
         found = {name: _read(path, replace(common, subject=name)) for name in found}
+    tilts = {name: tilt for name, each in found.items() if (tilt := _clause(each, "tilted by "))}
+    if tilts:
+        warn(
+            f"{path.name} is tilted against its axis {'; '.join(f'by {tilt} by {name}' for name, tilt in tilts.items())}; its persons "
+            "keep it: give up as a vector in the file's axes"
+        )
     return _together(found)
 
 

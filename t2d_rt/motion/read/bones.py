@@ -29,7 +29,7 @@ from t2d_rt.motion.read.subjects import Labels, chosen, numbered, of_labels
 from t2d_rt.motion.read.tracks import Times, Tracks
 from t2d_rt.motion.skeletons import canonical, nearest_flavour
 
-MAX_BYTES = 250_000_000
+MAX_BYTES, MAX_TABLE_BYTES = 250_000_000, 100_000_000
 
 LEAST_UNIT = 0.05
 """Deviation of a quaternion's length from 1 from which it is none; files have four digits and more."""
@@ -129,7 +129,7 @@ MOST_COLUMNS = 10_000
 
 def read_csv(path: Path, subject: str | None = None) -> Tracks:
     """Bones or markers of a CSV file of Motive, or the points of a plain table."""
-    text = read_bytes(path, limit=MAX_BYTES, noun="CSV file").decode("utf-8-sig", "replace")
+    text = read_bytes(path, limit=MAX_TABLE_BYTES, noun="CSV file").decode("utf-8-sig", "replace")
     first = text.partition("\n")[0]
     mark = max(",;\t", key=first.count)
     rows = [row for row in csv.reader(io.StringIO(text, newline=""), delimiter=mark) if any(map(str.strip, row))]

@@ -25,6 +25,8 @@ from t2d_rt.motion.read.subjects import numbered
 
 MAX_BYTES = 150_000_000
 MAX_NODES = 20_000
+MAX_TRANSFORMS = 4_000_000
+"""Frames times nodes, of 128 bytes each: ten minutes of 100 joints at 60 Hz."""
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 COMPONENTS: Mapping[int, tuple[str, float]] = {
     5120: ("<i1", 127.0), 5121: ("<u1", 255.0), 5122: ("<i2", 32767.0), 5123: ("<u2", 65535.0), 5126: ("<f4", 1.0),
@@ -95,6 +97,10 @@ def read_gltf(path: Path) -> RawSkeleton:
     moved = _channels(file, animations[0], len(nodes))
     times, rate_hz = _clock(moved, path)
     joints = _joints(file, nodes, above, {node for node, _ in moved})
+    if len(times) * len(nodes) > MAX_TRANSFORMS:
+        raise InputError(
+            f"{path}: {len(times)} frames of {len(nodes)} nodes are too many; cut the motion, or export the bones alone"
+        )
     matrices = _global(nodes, above, moved, times, path)
     # Turns count from the pose at rest, as those of a BVH do.
     rest = _global(nodes, above, {}, times[:1], path)

@@ -22,7 +22,7 @@ from t2d_rt.motion.read.bvh import MAX_FRAMES
 from t2d_rt.motion.read.clock import RATE_FIELDS, TIME_FIELD
 from t2d_rt.motion.read.joint_sets import ORDERS
 
-MAX_BYTES = 250_000_000
+MAX_BYTES = 100_000_000
 
 KINECT_JOINTS, KINECT_NUMBERS, BODY_NUMBERS = 25, 12, 10
 """Of a body in a .skeleton file, of a joint, and of the line before them."""
