@@ -154,9 +154,9 @@ def load_motions(
         found = {name: _read(path, replace(common, subject=name)) for name in found}
     tilts = {name: tilt for name, each in found.items() if (tilt := _clause(each, "tilted by "))}
     if tilts:
+        told = "; ".join(f"by {tilt} by {name}" for name, tilt in tilts.items())
         warn(
-            f"{path.name} is tilted against its axis {'; '.join(f'by {tilt} by {name}' for name, tilt in tilts.items())}; its persons "
-            "keep it: give up as a vector in the file's axes"
+            f"{path.name} is tilted against its axis {told}; its persons keep it: give up as a vector in the file's axes"
         )
     return _together(found)
 
