@@ -56,7 +56,7 @@ def experiment(command: Command, *, skip: tuple[str, ...] = ()) -> None:
     command.add("add", list[str | dict[str, Any]], [], told)
     group = command.parser.add_argument_group("model")
     better = parameter_help(simulate) | {
-        "scene": f"Scene: free_space, {', '.join(scene_names())}, or a Mitsuba/Sionna XML file.",
+        "scene": f"Scene: free_space, {', '.join(scene_names())}, a Mitsuba/Sionna XML file, or a room's mesh (.obj, .ply, .glb).",
         "material": "Material of the body: skin, clothed, pec or an ITU name; skin by default.",
     }
     better |= {name: f"{better[name]} The option is given once for each." for name in ("only_paths", "without_paths")}
@@ -100,8 +100,8 @@ def radar(command: Command) -> None:
 def scene_material(command: Command, group: Any = None) -> None:
     """Substitutes for materials of the scene."""
     told = (
-        "Substitutes for materials of the scene that have no values at the radar's frequency or are not known, as brick=concrete; "
-        "several with commas between them."
+        "Substitutes for materials of the scene that have no values at the radar's frequency or are not known, as brick=concrete, "
+        "or materials of a mesh's objects, as 'door=wood 0.04'; several with commas between them."
     )
     command.add("scene_material", list[str] | None, None, told, group)
 

@@ -292,6 +292,8 @@ def scene(
     figure = plot_scene(drawn, radar.tx_position_m, paths_m=paths, track_m=track, title=drawn.name)
     write_picture(figure, picture, overwrite=overwrite)
     where, names = ", ".join(f"{x:.2f}" for x in target), ", ".join(name for name, _ in paths)
+    if whole.report:
+        say(whole.report)
     say(f"{len(drawn.surfaces)} objects{cut}, {len(paths)} paths to ({where}) m: {names}")
     say(f"wrote {picture}")
 

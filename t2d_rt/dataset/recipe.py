@@ -19,6 +19,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_yaml
 from t2d_rt.dataset.products import Products
 from t2d_rt.experiment.catalog import bodies
+from t2d_rt.experiment.experiment import FILES
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
 from t2d_rt.noise.masks import OcclusionMask
 from t2d_rt.pipeline.path_pairs import Clutter
@@ -62,7 +63,7 @@ class Condition(Fields):
     name: Name
     """How the records of its samples call it."""
     scene: str = "free_space"
-    """"free_space", a room by name, or the path of an XML file."""
+    """"free_space", a room by name, or the path of an XML file or of a mesh."""
     method: Method = "mesh"
     """Scattering model of the bodies: "mesh" or "ellipsoid"."""
     radar: NamedRadar | None = None
@@ -185,8 +186,8 @@ class Recipe(Fields):
 
     def files(self) -> dict[str, str | None]:
         """Checksums of the files that samples follow from beside the recipe; None of one that is not there."""
-        names = {each.scene for each in self.conditions if each.scene.lower().endswith(".xml")}
-        names |= {str(mesh) for scene in names for mesh in _meshes(Path(scene))}
+        names = {each.scene for each in self.conditions if each.scene.lower().endswith(FILES)}
+        names |= {str(mesh) for scene in names if scene.lower().endswith(".xml") for mesh in _meshes(Path(scene))}
         if self.background is not None and self.background.lower().endswith(".safetensors"):
             names.add(self.background)
         return {
@@ -248,7 +249,7 @@ class Recipe(Fields):
 
     def _beside(self, folder: Path) -> Recipe:
         """With whole paths of scenes and models that are files, which are found from the folder of the recipe."""
-        scenes = [_whole(folder, each.scene, ".xml") for each in self.conditions]
+        scenes = [_whole(folder, each.scene, FILES) for each in self.conditions]
         conditions = tuple(
             each.model_copy(update={"scene": scene}) for each, scene in zip(self.conditions, scenes, strict=True)
         )
@@ -256,8 +257,8 @@ class Recipe(Fields):
         return self.model_copy(update={"conditions": conditions, "background": background})
 
 
-def _whole(folder: Path, name: str, ending: str) -> str:
-    """The whole path of a file of that ending, from a folder; other names as they are."""
+def _whole(folder: Path, name: str, ending: str | tuple[str, ...]) -> str:
+    """The whole path of a file of such an ending, from a folder; other names as they are."""
     return str((folder / name).resolve()) if name.lower().endswith(ending) else name
 
 

@@ -28,6 +28,7 @@ from t2d_rt.experiment.sources import (
     target_from,
     with_others,
 )
+from t2d_rt.geometry.scan import MESHES
 from t2d_rt.pipeline.path_pairs import Clutter
 from t2d_rt.pipeline.targets import TargetLike
 from t2d_rt.propagation.collisions import Collisions
@@ -36,6 +37,9 @@ from t2d_rt.types import Radar, Receiver, Scene, Surface
 from t2d_rt.types.fields import Count
 from t2d_rt.types.radar_track import with_track_beside
 from t2d_rt.types.target import Method
+
+FILES = (".xml", *MESHES)
+"""Endings of scenes that are found beside an experiment's file."""
 
 
 class Experiment(Plain):
@@ -60,7 +64,8 @@ class Experiment(Plain):
     radar: Radar
     """Its fields, or the name of a preset."""
     scene: str | SceneFile | StoredScene = "free_space"
-    """"free_space", a room by name, the path of an XML file or a mapping of its `file` and its `materials`, or a stored scene."""
+    """"free_space", a room by name, the path of an XML file or of a mesh, a mapping of its `file` and its `materials`, or a stored
+    scene."""
     reflections: Annotated[Count, Field(ge=0, le=4)] = 2
     """Greatest number of reflections on the paths out and back together."""
     transmissions: Annotated[Count, Field(ge=0, le=4)] = 0
@@ -149,7 +154,13 @@ class Experiment(Plain):
         if isinstance(self.scene, str):
             return self.scene
         if isinstance(self.scene, SceneFile):
-            return load_scene(self.scene.file, materials=self.scene.materials, frequency_hz=self.radar.mid_frequency_hz)
+            return load_scene(
+                self.scene.file,
+                materials=self.scene.materials,
+                frequency_hz=self.radar.mid_frequency_hz,
+                units=self.scene.units,
+                up=self.scene.up,
+            )
         arrays = named_arrays(inputs, self.scene.input, ("vertices", "faces"))
         vertices, faces, surfaces = arrays["vertices"], arrays["faces"], []
         for each in self.scene.surfaces:
@@ -182,9 +193,9 @@ class Experiment(Plain):
         folder = path.parent
         targets = tuple(found_beside(each, folder) for each in found.targets)
         scene = found.scene
-        if isinstance(scene, str) and scene.lower().endswith(".xml"):
+        if isinstance(scene, str) and scene.lower().endswith(FILES):
             scene = str(folder / scene)
-        if isinstance(scene, SceneFile) and scene.file.lower().endswith(".xml"):
+        if isinstance(scene, SceneFile) and scene.file.lower().endswith(FILES):
             scene = scene.model_copy(update={"file": str(folder / scene.file)})
         return found.model_copy(update={"targets": targets, "scene": scene})
 

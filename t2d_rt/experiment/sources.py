@@ -299,12 +299,18 @@ class StoredScene(Plain):
 class SceneFile(Plain):
     """A scene of a file with substitutes for its materials."""
 
+    _later: ClassVar[tuple[str, ...]] = ("units", "up")
     noun: ClassVar[str] = "scene"
 
     file: str
-    """Path of an XML file, in a YAML file relative to its folder; or a room by name."""
+    """Path of an XML file or a mesh (.obj, .ply, .glb), in a YAML file relative to its folder; or a room by name."""
     materials: dict[str, Substance] = Field(default_factory=dict)
-    """Substitutes by the names of what they stand for, as {brick: concrete}."""
+    """Substitutes by the names of what they stand for, as {brick: concrete}; of a mesh, materials of its objects, as
+    {door: wood 0.04}."""
+    units: Number | str | None = None
+    """Unit of a mesh, in metres or by name."""
+    up: str | None = None
+    """Upward axis of a mesh, y or z."""
 
 
 Source = Annotated[

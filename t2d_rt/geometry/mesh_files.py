@@ -257,6 +257,21 @@ def _obj(data: bytes) -> tuple[list[list[float]], list[list[int]]]:
     return points, polygons
 
 
+def obj_labels(data: bytes) -> list[tuple[str, str]]:
+    """The object or group and the material of each triangle of an OBJ file that `parsed_mesh` has read; empty where it has none."""
+    found: list[tuple[str, str]] = []
+    name = material = ""
+    for line in data.splitlines():
+        key, _, rest = line.partition(b" ")
+        if key in (b"o", b"g"):
+            name = rest.decode("utf-8", "replace").strip()
+        elif key == b"usemtl":
+            material = rest.decode("utf-8", "replace").strip()
+        elif (words := line.split()) and words[0] == b"f":
+            found += [(name, material)] * (len(words) - 3)
+    return found
+
+
 def _corner(word: bytes, vertices: int) -> int:
     """Number of a vertex from 0 on: OBJ counts from 1, or back from the latest."""
     number = _whole(word.partition(b"/")[0])

@@ -15,17 +15,17 @@ from t2d_rt.core.backend import Backend, aligned, one_thread_at_a_time
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import LastUsed, blocks
 from t2d_rt.geometry import winding
+from t2d_rt.geometry.planes import plane_of
 from t2d_rt.geometry.vectors import edge_cross
 from t2d_rt.propagation.rays import columns, mitsuba, mitsuba_mesh, rays, traceable
 from t2d_rt.types import Scene
+from t2d_rt.types.material import absorbs
 from t2d_rt.types.scene import ROOM_PLANES
 
 Chain = tuple[int, ...]
 """What a ray meets: k is a reflection by mirror k, ~k (that is -1 - k) a passage through it."""
 RAYS = 1 << 20
 """Rays that search for chains: one for each 1.2e-5 sr, 1 cm^2 at 3 m."""
-SAME_PLANE_M, SAME_NORMAL = 1e-3, 1e-3
-"""Triangles of a surface that lie in one plane to within these are one mirror."""
 OUTLINE_M = 1e-7
 """A reflection that far outside an outline counts as inside: none may fall between two triangles."""
 ONE_PLANE_M = 1e-5
@@ -133,7 +133,7 @@ class Mirrors:
             area = np.linalg.norm(normal, axis=1)
             kept = _once(triangles) & (area > 1e-12)
             triangles, normal = triangles[kept], normal[kept] / area[kept, None]
-            plane = _plane_of(triangles, normal)
+            plane = plane_of(triangles, normal)
             if len(each) + plane.max(initial=-1) >= ROOM_PLANES:
                 raise InputError(
                     f"scene {scene.name} has more than {ROOM_PLANES} plane parts where its rays are traced; give what is round or "
@@ -237,6 +237,7 @@ class Mirrors:
         hit = self.traced.ray_intersect_preliminary(mi.Ray3f(here.origin, here.direction), active=here.inside)
         inside = here.inside & hit.is_valid()
         mirror = dr.gather(mi.UInt32, of_face, hit.prim_index, inside)
+        inside &= ~dr.gather(mi.Bool, mi.Bool(self._ends()), mirror, inside)
         normal = dr.gather(mi.Vector3f, normals, mirror, inside)
         cosine = dr.dot(here.direction, normal)
         place, off = here.origin + dr.select(inside, hit.t, 0) * here.direction, SKIN_M * dr.sign(cosine) * normal
@@ -254,6 +255,10 @@ class Mirrors:
             on = replace(here, origin=place + off, inside=passing, bearable_db=bearable, passages=here.passages - 1)
             found.append(on.over(met, through=True))
         return [each for each in found if each.chains]
+
+    def _ends(self) -> list[bool]:
+        """Of each mirror, whether it absorbs what it meets."""
+        return [absorbs(self.scene.surfaces[mirror.surface].material) for mirror in self.each]
 
     def first(
         self, origin_m: np.ndarray, direction: np.ndarray, length_m: np.ndarray | None = None
@@ -353,17 +358,6 @@ def _piece_of(triangles: np.ndarray) -> np.ndarray:
     ends = corner[:, :2].ravel(), corner[:, 1:].ravel()
     joined = csr_array((np.ones(len(ends[0])), ends), shape=(corner.max() + 1,) * 2)
     return np.asarray(connected_components(joined, directed=False)[1][corner[:, 0]])
-
-
-def _plane_of(triangles: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Number of the plane of each triangle (F, 3, 3), whichever side its normal (F, 3) points to."""
-    # The sign is that of the greatest component; the small numbers decide between equal ones, whatever rounding does to these.
-    axis = np.argmax(np.abs(normal) + [3e-6, 2e-6, 1e-6], axis=1)
-    normal = normal * np.sign(np.take_along_axis(normal, axis[:, None], axis=1))
-    offset = np.einsum("fi,fi->f", normal, triangles[:, 0])
-    # Round numbers, of which there are many, must not lie between two cells.
-    cell = np.round(np.column_stack([normal / SAME_NORMAL, offset / SAME_PLANE_M]) + 0.37)
-    return np.unique(cell, axis=0, return_inverse=True)[1].ravel() if len(cell) else np.zeros(0, np.int64)
 
 
 def _once(triangles: np.ndarray) -> np.ndarray:

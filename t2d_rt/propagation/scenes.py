@@ -8,6 +8,7 @@ picture needs (cameras, lights, textures) is left out unread; anything else is r
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -23,6 +24,7 @@ from t2d_rt.core.errors import InputError, warn
 from t2d_rt.core.files import read_bytes, size
 from t2d_rt.core.resources import listing, resource
 from t2d_rt.geometry.mesh_files import MAX_MESH_BYTES, Mesh, parsed_mesh
+from t2d_rt.geometry.scan import MESHES, scene_from_mesh
 from t2d_rt.propagation.materials import check_values, known_itu
 from t2d_rt.types import Material, Scene, Surface
 from t2d_rt.types.scene import MAX_SURFACES, MAX_TRIANGLES
@@ -426,14 +428,25 @@ def scene_names() -> list[str]:
 
 
 def load_scene(
-    source: str | Path, *, materials: Mapping[str, str | Material] | None = None, frequency_hz: float | None = None
+    source: str | Path,
+    *,
+    materials: Mapping[str, str | Material] | None = None,
+    frequency_hz: float | None = None,
+    units: float | str | None = None,
+    up: str | None = None,
 ) -> Scene:
-    """A shipped scene by its name, or any Mitsuba/Sionna XML file, whose meshes lie in its own folder or below.
+    """A shipped scene by its name, any Mitsuba/Sionna XML file, whose meshes lie in its own folder or below, or a mesh of a room.
 
     Surfaces keep their ITU materials, whose values follow from the radar's frequency, and their thickness; a custom radio material
     keeps its values. `materials` are substitutes by name, as {"brick": "concrete"}, for what ITU-R P.2040 has no values for at that
     frequency or does not know at all. With a `frequency_hz` materials without values there are told before any mesh is read.
+    Of a mesh (.obj, .ply, .glb) materials are those of its objects, by their names, and `units` and `up` its axes', as
+    `scene_from_mesh` has them.
     """
+    if str(source).lower().endswith(MESHES):
+        return _of_mesh(file_path("scene", source), materials, frequency_hz, units, up)
+    if units is not None or up is not None:
+        raise InputError("units and up are those of a mesh (.obj, .ply, .glb); a scene file is in metres, z up")
     path = _path(source)
     substitutes = {} if materials is None else materials
     if not isinstance(substitutes, Mapping) or not all(
@@ -450,6 +463,24 @@ def load_scene(
         raise InputError(f"cannot load scene {path}: {error}") from None
 
 
+def _of_mesh(
+    path: Path,
+    materials: Mapping[str, str | Material] | None,
+    frequency_hz: float | None,
+    units: float | str | None,
+    up: str | None,
+) -> Scene:
+    """The scene of a mesh, whose materials are known, and have values where a frequency is given; its report is logged."""
+    scene = scene_from_mesh(path, materials=materials, units=units, up=up)
+    for surface in scene.surfaces:
+        if isinstance(surface.material, str):
+            known_itu(surface.material)
+    if frequency_hz is not None:
+        check_values((surface.material for surface in scene.surfaces), frequency_hz)
+    logging.getLogger("t2d_rt.scene").info(scene.report)
+    return scene
+
+
 def _path(source: str | Path) -> Path:
     """The file of a scene that is named or given by its path; an InputError tells what there is."""
     path = file_path("scene", source)
@@ -457,7 +488,9 @@ def _path(source: str | Path) -> Path:
         return resource("scenes", source) / f"{source}.xml"
     if path.suffix.lower() != ".xml":
         known = ("free_space", *scene_names())
-        raise unknown_name("scene", str(source), known, hint=", or give a Mitsuba XML file")
+        raise unknown_name(
+            "scene", str(source), known, hint=", or give a Mitsuba XML file or a mesh (.obj, .ply, .glb)"
+        )
     try:
         found = path.exists()
     except OSError:  # a folder that may not be searched

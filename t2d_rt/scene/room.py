@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
@@ -14,22 +15,13 @@ from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.resources import listing, resource
 from t2d_rt.geometry.mesh_files import read_mesh
+from t2d_rt.geometry.scan import scene_from_mesh
 from t2d_rt.types import Scene, Surface
 from t2d_rt.types.fields import Coordinate, Fields, Number
+from t2d_rt.types.material import THICKNESS_M, Material
 
 Side = Literal["+x", "-x", "+y", "-y"]
 SIDES: tuple[Side, ...] = ("+x", "-x", "+y", "-y")
-THICKNESS_M = {
-    "wood": 0.02,
-    "chipboard": 0.018,
-    "plasterboard": 0.0125,
-    "glass": 0.006,
-    "metal": 0.001,
-    "ceiling_board": 0.015,
-    "floorboard": 0.02,
-    "concrete": 0.2,
-}
-"""Thickness [m] of what furniture is made of, and of walls without a thickness of their own."""
 Length = Annotated[Number, Field(gt=0, le=50)]
 _FREE_M = 1e-6
 MAX_OPENINGS, MAX_PIECES = 50, 200
@@ -101,6 +93,18 @@ class Room(Fields):
     ceiling: Slab = Slab(material="concrete", thickness_m=0.2)
     openings: tuple[Opening, ...] = ()
     furniture: tuple[Piece, ...] = ()
+
+    @classmethod
+    def from_mesh(
+        cls,
+        path: str | Path,
+        *,
+        materials: Mapping[str, str | Material] | None = None,
+        units: float | str | None = None,
+        up: str | None = None,
+    ) -> Scene:
+        """The scene of a mesh file (.obj, .ply, .glb), as a scan or a drawing of a room; options as `scene_from_mesh` has them."""
+        return scene_from_mesh(path, materials=materials, units=units, up=up)
 
     @model_validator(mode="after")
     def _check_numbers(self) -> Self:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any
 
@@ -77,3 +77,24 @@ def checked_frequency(frequency_hz: Any) -> float:
 
 PEC = Material(name="pec", relative_permittivity=math.inf)
 """Perfect conductor, smooth."""
+
+
+ABSORBER = Material(name="absorber", relative_permittivity=1.0, conductivity_s_per_m=0.25)
+"""What blocks and does not reflect: a slab of 10 cm takes 40 dB, and paths end at it (`absorbs`)."""
+
+THICKNESS_M = {
+    "wood": 0.02,
+    "chipboard": 0.018,
+    "plasterboard": 0.0125,
+    "glass": 0.006,
+    "metal": 0.001,
+    "ceiling_board": 0.015,
+    "floorboard": 0.02,
+    "concrete": 0.2,
+}
+"""Thickness [m] of what furniture is made of, and of walls without a thickness of their own."""
+
+
+def absorbs(material: str | Material) -> bool:
+    """Whether paths end at a material; made rougher it still does."""
+    return isinstance(material, Material) and replace(material, scattering_coefficient=0.0) == ABSORBER

@@ -95,6 +95,8 @@ class Scene:
 
     name: str
     surfaces: tuple[Surface, ...]
+    report: str = ""
+    """What a reader of meshes found and assumed."""
 
     def __post_init__(self) -> None:
         _check_name(self.name, "scene")

@@ -1,0 +1,173 @@
+"""The planes of a triangle mesh: exact ones, those that a noisy scan lies along, their outlines, and what is none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.geometry.vectors import edge_cross
+
+SAME_PLANE_M, SAME_NORMAL = 1e-3, 1e-3
+"""Triangles that lie in one plane to within these are one plane part."""
+
+NEIGHBOURS = 40
+"""Triangles around each whose plane smooths a scan's noise away."""
+SIGMAS, LEAST_AWAY_M, MOST_AWAY_M = 4.0, 0.01, 0.06
+"""Of the noise, how far a triangle's middle may lie from its plane, and between what bounds."""
+ALIKE = 0.9
+"""Cosine of the angle between a plane and what lies along it."""
+LEAST_PLANE_M2 = 0.3
+"""A plane of a scan: what is smaller blocks as what is not plane."""
+BESIDE_M = 0.3
+"""Of a plane's triangles, within which others that lie along it are its edge."""
+SEEDS, REFINED, MOST_PLANES, MISSES = 60, 6, 200, 3
+CELL_M, VOXEL_M = 0.05, 0.1
+"""Of the grid of a plane's outline, and of what blocks."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """A plane that triangles of a scan lie along."""
+
+    normal: np.ndarray
+    """Unit normal (3,)."""
+    offset_m: float
+    """normal . x of its points."""
+    members: np.ndarray
+    """Numbers of its triangles."""
+
+
+def plane_of(triangles: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Number of the plane of each triangle (F, 3, 3), whichever side its normal (F, 3) points to."""
+    # The sign is that of the greatest component; the small numbers decide between equal ones, whatever rounding does to these.
+    axis = np.argmax(np.abs(normal) + [3e-6, 2e-6, 1e-6], axis=1)
+    normal = normal * np.sign(np.take_along_axis(normal, axis[:, None], axis=1))
+    offset = np.einsum("fi,fi->f", normal, triangles[:, 0])
+    # Round numbers, of which there are many, must not lie between two cells.
+    cell = np.round(np.column_stack([normal / SAME_NORMAL, offset / SAME_PLANE_M]) + 0.37)
+    return np.unique(cell, axis=0, return_inverse=True)[1].ravel() if len(cell) else np.zeros(0, np.int64)
+
+
+def planes_of_scan(triangles: np.ndarray, rng: np.random.Generator) -> tuple[list[Plane], np.ndarray]:
+    """Planes along which triangles (F, 3, 3) of a noisy scan lie, the largest first, and which triangles are left (F,).
+
+    Seeds are drawn by area, the one with most area along it is refined by least squares (Fischler and Bolles 1981).
+    """
+    from scipy.spatial import cKDTree
+
+    centre, area = triangles.mean(axis=1), 0.5 * np.linalg.norm(edge_cross(triangles), axis=1)
+    left = np.ones(len(triangles), bool)
+    if len(triangles) < NEIGHBOURS:
+        return [], left
+    near = centre[cKDTree(centre).query(centre, NEIGHBOURS)[1]]
+    middle = near.mean(axis=1)
+    near -= middle[:, None]
+    spread, axes = np.linalg.eigh(np.einsum("fki,fkj->fij", near, near) / NEIGHBOURS)
+    smooth = axes[:, :, 0]
+    away_m = float(np.clip(SIGMAS * np.sqrt(np.median(np.maximum(spread[:, 0], 0))), LEAST_AWAY_M, MOST_AWAY_M))
+    found: list[Plane] = []
+    misses = 0
+    while len(found) < MOST_PLANES and misses < MISSES:
+        some = np.flatnonzero(left)
+        if area[some].sum() < LEAST_PLANE_M2:
+            break
+        seeds = rng.choice(some, SEEDS, p=area[some] / area[some].sum())
+        aside = np.abs(centre[some] @ smooth[seeds].T - (smooth[seeds] * middle[seeds]).sum(axis=1))
+        along = (aside < away_m) & (np.abs(smooth[some] @ smooth[seeds].T) > ALIKE)
+        best = int(np.argmax(area[some] @ along))
+        members = some[along[:, best]]
+        for _ in range(REFINED):
+            if len(members) < 3:
+                break
+            normal, offset = _least_squares(centre[members], area[members])
+            aside = np.abs(centre[some] @ normal - offset)
+            members = some[(aside < away_m) & (np.abs(smooth[some] @ normal) > ALIKE)]
+        if len(members) < 3 or area[members].sum() < LEAST_PLANE_M2:
+            misses += 1
+            continue
+        found.append(Plane(normal, offset, members))
+        # What the noise has put a little farther off is of the plane, too, but moves it no more.
+        left[
+            some[(np.abs(centre[some] @ normal - offset) < 1.5 * away_m) & (np.abs(smooth[some] @ normal) > ALIKE)]
+        ] = False
+    return found, left & ~_beside(centre, found, left, away_m)
+
+
+def _beside(centre: np.ndarray, planes: list[Plane], left: np.ndarray, away_m: float) -> np.ndarray:
+    """Triangles (F,) of those left that lie beside what is of a plane, as along its edges, where smoothed normals turn."""
+    from scipy.spatial import cKDTree
+
+    found = np.zeros(len(centre), bool)
+    for plane in planes:
+        near = np.flatnonzero(left & (np.abs(centre @ plane.normal - plane.offset_m) < 1.5 * away_m))
+        found[near[cKDTree(centre[plane.members]).query(centre[near])[0] < BESIDE_M]] = True
+    return found
+
+
+def _least_squares(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, float]:
+    """Normal and offset of the plane through points (N, 3)."""
+    middle = np.average(points, axis=0, weights=weights)
+    apart = points - middle
+    normal = np.linalg.eigh(np.einsum("n,ni,nj->ij", weights, apart, apart))[1][:, 0]
+    return normal, float(normal @ middle)
+
+
+def _samples(triangles: np.ndarray, step_m: float) -> np.ndarray:
+    """Points on triangles (F, 3, 3), at most so far apart."""
+    longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
+    parts = np.exp2(np.ceil(np.log2(np.maximum(longest / step_m, 1)))).astype(int)
+    found = []
+    for count in np.unique(parts).tolist():
+        u, v = (each.ravel() for each in np.meshgrid(*[(np.arange(count) + 1 / 3) / count] * 2, indexing="ij"))
+        inside = u + v < 1
+        weights = np.column_stack([u, v, 1 - u - v])[inside]
+        found.append(np.einsum("ck,fki->fci", weights, triangles[parts == count]).reshape(-1, 3))
+    return np.concatenate(found)
+
+
+def rectangles(triangles: np.ndarray, plane: Plane, upward: np.ndarray) -> np.ndarray:
+    """Rectangles (R, 4, 3) that cover triangles (F, 3, 3) in their plane to within `CELL_M`, edges along `upward` if it may be."""
+    from scipy.ndimage import binary_closing
+
+    first = upward - (upward @ plane.normal) * plane.normal
+    if np.linalg.norm(first) < 0.3:
+        first = np.eye(3)[0] - plane.normal[0] * plane.normal
+    first /= np.linalg.norm(first)
+    axes = np.stack([np.cross(first, plane.normal), first])
+    points = _samples(triangles, CELL_M / 2) @ axes.T
+    low = points.min(axis=0)
+    cells = np.floor((points - low) / CELL_M).astype(int)
+    grid = np.zeros(cells.max(axis=0) + 5, bool)
+    grid[cells[:, 0] + 2, cells[:, 1] + 2] = True
+    grid = binary_closing(grid, np.ones((3, 3), bool), iterations=2)[2:-2, 2:-2]
+    found: list[tuple[int, int, int, int]] = []
+    running: dict[tuple[int, int], int] = {}
+    for column in range(len(grid) + 1):
+        line = grid[column] if column < len(grid) else np.zeros(grid.shape[1], bool)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], line.astype(np.int8), [0]])))
+        runs = set(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+        for run in [each for each in running if each not in runs]:
+            found.append((running.pop(run), column, *run))
+        running |= {run: column for run in runs if run not in running}
+    spans = low[[0, 0, 1, 1]] + CELL_M * np.array(found, float)
+    corners = np.stack([spans[:, [0, 2]], spans[:, [1, 2]], spans[:, [1, 3]], spans[:, [0, 3]]], axis=1)
+    return corners @ axes + plane.offset_m * plane.normal
+
+
+def voxels(triangles: np.ndarray) -> np.ndarray:
+    """The outer sides, quadrangles (Q, 4, 3), of the cubes of `VOXEL_M` that triangles (F, 3, 3) touch."""
+    cells = np.unique(np.floor(_samples(triangles, VOXEL_M / 2) / VOXEL_M).astype(np.int64), axis=0)
+    low = cells.min(axis=0) - 1
+    grid = np.zeros(cells.max(axis=0) - low + 2, bool)
+    grid[tuple((cells - low).T)] = True
+    sides = []
+    for axis in range(3):
+        others = [k for k in range(3) if k != axis]
+        for step in (0, 1):
+            shown = np.argwhere(grid & ~np.roll(grid, 1 - 2 * step, axis=axis))
+            corners = np.repeat(shown[:, None].astype(float), 4, axis=1)
+            corners[:, :, axis] += step
+            corners[:, :, others] += np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+            sides.append(corners)
+    return VOXEL_M * (np.concatenate(sides) + low)

@@ -1,0 +1,326 @@
+"""A scene from a mesh file (.obj, .ply, .glb): plane parts reflect, what is not plane blocks and does not reflect.
+
+The parts of a drawing are taken as they are, triangle by triangle. Of a scan, whose triangles lie along no plane exactly, planes
+are found and cut into rectangles, and the rest becomes cubes that absorb.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from t2d_rt.core.checks import choice, file_path, names_advice, positive, shown
+from t2d_rt.core.errors import InputError, printable, warn
+from t2d_rt.core.files import read_bytes
+from t2d_rt.geometry.mesh_files import MAX_MESH_BYTES, obj_labels, parsed_mesh
+from t2d_rt.geometry.planes import Plane, plane_of, planes_of_scan, rectangles, voxels
+from t2d_rt.geometry.vectors import edge_cross
+from t2d_rt.types.material import ABSORBER, THICKNESS_M, Material
+from t2d_rt.types.scene import MAX_NAME, NO_AREA_M2, Scene, Surface
+
+MESHES = (".obj", ".ply", ".glb")
+UNITS_M = {"m": 1.0, "km": 1e3, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "ft": 0.3048}
+HEIGHT_M, ACROSS_M = (1.8, 12.0), (1.0, 100.0)
+"""Of rooms, from floor to ceiling and across."""
+LOW_M = 4.5
+"""Height up to which an axis may be the upward one of a file that does not say."""
+SMALL_M2, MOST_SMALL = 0.05, 500
+"""Plane parts that are smaller, and how many of them make a mesh a scan."""
+LEVEL = 0.94
+"""Cosine of the lean up to which a floor is one: 20 degrees."""
+LEAST_LEAN_DEG = 0.02
+FLAT, UPRIGHT, WALL_M = 0.9, 0.2, 1.5
+"""Upward part of a floor's or a ceiling's normal, at least, and of a wall's, at most; a wall's least height."""
+NEAR_M = 0.2
+"""Of the lowest and the highest place, in which floor and ceiling lie."""
+FLOOR_M2 = 1.0
+"""Of a plane whose height is the floor's."""
+ABSORBER_M = 0.1
+"""Thickness of what is not plane."""
+
+Slab = tuple[str | Material, float]
+ROLES: Mapping[str, Slab] = {
+    "floor": ("concrete", 0.2), "ceiling": ("concrete", 0.2), "wall": ("plasterboard", 0.0125), "thing": ("chipboard", 0.018),
+}  # fmt: skip
+WORDS: Mapping[str, Slab] = {"door": ("wood", 0.04), "window": ("glass", 0.006)} | {
+    name: (name, thickness_m) for name, thickness_m in THICKNESS_M.items()
+}
+"""What the names of objects and of their materials tell."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Mesh:
+    """All triangles, and of which part each is."""
+
+    triangles: np.ndarray
+    """(F, 3, 3)."""
+    part: np.ndarray
+    """(F,)."""
+    names: list[tuple[str, str]]
+    """Of each part, its own and its material's; empty where the file has none."""
+
+
+def scene_from_mesh(
+    path: str | Path,
+    *,
+    materials: Mapping[str, str | Material] | None = None,
+    units: float | str | None = None,
+    up: str | None = None,
+) -> Scene:
+    """The scene of a mesh, z up, its floor at z = 0; `Scene.report` tells what was found and assumed.
+
+    materials: by the name of an object, of its material in the file, or of "floor", "ceiling", "wall" and "thing": an ITU name,
+        such a name and a thickness as "wood 0.04" [m], or a `Material`. What is not named has the material that its name tells
+        ("door", "window", "glass" ...), else the usual one of its role.
+    units: length of the file's unit [m], or m, cm, mm, inch or ft; metres by default.
+    up: "y" or "z"; by default y of a .glb, else the axis along which the mesh is as high as a room.
+    """
+    path = file_path("mesh", path)
+    if path.suffix.lower() not in MESHES:
+        raise InputError(f"cannot read {shown(str(path))} as a room: meshes come as {', '.join(MESHES)}")
+    unit_m = UNITS_M[choice("units", units, tuple(UNITS_M))] if isinstance(units, str) else 1.0
+    if units is not None and not isinstance(units, str):
+        unit_m = positive("units", units, hint="metres per unit")
+    mesh = _read(path)
+    triangles = mesh.triangles * unit_m
+    area = np.linalg.norm(edge_cross(triangles), axis=1)
+    kept = area > NO_AREA_M2
+    axis = _upward(triangles[kept], path, unit_m, up)
+    triangles = triangles[kept] @ {"y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), "z": np.eye(3)}[axis].T
+    mesh = _Mesh(triangles, mesh.part[kept], mesh.names)
+    return _scene(mesh, path, materials or {}, f"up {axis}, 1 unit = {unit_m:g} m")
+
+
+def _read(path: Path) -> _Mesh:
+    data = read_bytes(path, limit=MAX_MESH_BYTES, noun="mesh file")
+    if path.suffix.lower() == ".glb":
+        return _glb(data, path)
+    vertices, faces = parsed_mesh(data, path)
+    if path.suffix.lower() == ".ply":
+        return _Mesh(vertices[faces], np.zeros(len(faces), int), [("", "")])
+    labels = obj_labels(data)
+    names = list(dict.fromkeys(labels))
+    number = {name: place for place, name in enumerate(names)}
+    return _Mesh(vertices[faces], np.array([number[each] for each in labels]), names)
+
+
+def _glb(data: bytes, path: Path) -> _Mesh:
+    import trimesh
+
+    try:
+        scene = trimesh.load_scene(io.BytesIO(data), file_type="glb", process=False)
+        meshes = [
+            (str(node), geometry, scene.graph.get(node)[0])
+            for node in scene.graph.nodes_geometry
+            if isinstance(geometry := scene.geometry[scene.graph.get(node)[1]], trimesh.Trimesh)
+        ]
+        parts = [trimesh.transform_points(each.vertices, matrix)[each.faces] for _, each, matrix in meshes]
+        named = [
+            (node, str(getattr(getattr(each.visual, "material", None), "name", "") or "")) for node, each, _ in meshes
+        ]
+    except Exception:  # whatever a damaged file makes the decoder raise
+        raise InputError(f"mesh {path} is not a .glb file with triangles, or damaged; export it again") from None
+    if not parts or not np.isfinite(np.concatenate(parts)).all():
+        raise InputError(f"mesh {path} holds no triangles, or such that are not finite; export it again")
+    return _Mesh(np.concatenate(parts), np.repeat(np.arange(len(parts)), list(map(len, parts))), named)
+
+
+def _upward(triangles: np.ndarray, path: Path, unit_m: float, up: str | None) -> str:
+    """The upward axis; refuses a mesh that is no room in these units."""
+    if not len(triangles):
+        raise InputError(f"mesh {path} has no triangle with an area; export it again")
+    extent = np.ptp(triangles.reshape(-1, 3), axis=0)
+    high = {"y": float(extent[1]), "z": float(extent[2])}
+    fitting = [axis for axis in high if HEIGHT_M[0] <= high[axis] <= HEIGHT_M[1]]
+    axes = [choice("up", up, ("y", "z"))] if up else ["y"] if path.suffix.lower() == ".glb" else fitting or ["z"]
+    low = [axis for axis in axes if high[axis] <= LOW_M] or axes
+    axis = min(low, key=high.__getitem__) if len(low) > 1 else low[0]
+    size = " x ".join(f"{length:.3g}" for length in extent)
+    if not HEIGHT_M[0] <= high[axis] <= HEIGHT_M[1] or not ACROSS_M[0] <= extent.max() <= ACROSS_M[1]:
+        hints = [f"units={name!r}" for name, each in UNITS_M.items() if 2.0 <= high[axis] / unit_m * each <= LOW_M]
+        hints += [f"up={each!r}" for each in fitting if each != axis]
+        raise InputError(
+            f"mesh {path} measures {size} m and is {high[axis]:.3g} m high along {axis}, which is no room of {HEIGHT_M[0]:g} to "
+            f"{HEIGHT_M[1]:g} m; give {' or '.join(hints) or 'its units and up, or cut out the room'}"
+        )
+    if len(low) > 1:
+        warn(
+            f"{path.name} measures {size} m and may stand along y or z: up is taken as {axis}, along which it is lowest; give up "
+            "if it is the other"
+        )
+    return axis
+
+
+def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, str | Material], told: str) -> Scene:
+    triangles = mesh.triangles
+    normal = edge_cross(triangles)
+    twice = np.linalg.norm(normal, axis=1)
+    normal /= twice[:, None]
+    exact = np.unique(np.stack([mesh.part, plane_of(triangles, normal)]), axis=1, return_inverse=True)[1].ravel()
+    sizes = 0.5 * np.bincount(exact, twice)
+    rough = sizes[exact] < SMALL_M2
+    rough &= np.unique(exact[rough]).size > MOST_SMALL
+    where = np.flatnonzero(rough)
+    planes, left = planes_of_scan(triangles[where], np.random.default_rng(0))
+    flats = [(float(0.5 * twice[where[each.members]].sum()), each.normal, each.offset_m) for each in planes]
+    firsts = np.unique(exact, return_index=True)[1]
+    flats += [
+        (float(area), normal[k], float(normal[k] @ triangles[k, 0]))
+        for area, k in zip(sizes, firsts, strict=True)
+        if area >= SMALL_M2
+    ]
+    level, lean = _levelling(flats)
+    triangles = triangles @ level.T
+    quads = [
+        rectangles(triangles[where[each.members]], _turned(each, level), np.array([0.0, 0.0, 1.0])) for each in planes
+    ]
+    plain = [triangles[~rough], *(_halves(each) for each in quads)]
+    heights = np.concatenate(plain)[..., 2] if sum(map(len, plain)) else triangles[..., 2]
+    low, high = float(heights.min()), float(heights.max())
+    grounds = [
+        offset / float((level @ normal)[2])
+        for area, normal, offset in flats
+        if area > FLOOR_M2 and abs((level @ normal)[2]) > FLAT
+    ]
+    low = min((each for each in grounds if abs(each - low) < NEAR_M), default=low)
+    naming = _Naming(mesh.names, materials, (low, high))
+    surfaces: dict[tuple[str, Slab], list[np.ndarray]] = {}
+    for number in np.unique(exact[~rough]).tolist():
+        some = np.flatnonzero((exact == number) & ~rough)
+        key = naming.of(int(mesh.part[some[0]]), triangles[some], normal[some[0]] @ level.T)
+        surfaces.setdefault(key, []).append(triangles[some])
+    for each, sides in zip(planes, quads, strict=True):
+        part = int(np.bincount(mesh.part[where[each.members]], twice[where[each.members]]).argmax())
+        surfaces.setdefault(naming.of(part, _halves(sides), each.normal @ level.T), []).append(_halves(sides))
+    naming.check_all_used(path)
+    reflecting = sum(
+        0.5 * np.linalg.norm(edge_cross(each), axis=1).sum() for group in surfaces.values() for each in group
+    )
+    shift = np.array([0.0, 0.0, low])
+    names = numbered_names([name for name, _ in surfaces])
+    found = [
+        _surface(name, np.concatenate(group) - shift, slab)
+        for name, ((_, slab), group) in zip(names, surfaces.items(), strict=True)
+    ]
+    rest = triangles[where[left]]
+    absorbing = 0.5 * float(twice[where[left]].sum())
+    if len(rest):
+        found.append(_surface("not plane", _halves(voxels(rest - shift)), (ABSORBER, ABSORBER_M)))
+    clauses = [
+        told,
+        *([f"turned level by {lean:.2f} degrees"] if lean else []),
+        *([f"floor at {low:.3f} m put at 0"] if abs(low) > 1e-6 else []),
+        f"{sum(map(len, surfaces.values()))} plane parts of {reflecting:.1f} m^2 reflect",
+        f"{absorbing:.1f} m^2 that is not plane blocks and does not reflect",
+        *naming.assumed(),
+    ]
+    return Scene(name=path.stem, surfaces=tuple(found), report="; ".join(clauses))
+
+
+def _turned(plane: Plane, level: np.ndarray) -> Plane:
+    return replace(plane, normal=level @ plane.normal)
+
+
+def _levelling(flats: list[tuple[float, np.ndarray, float]]) -> tuple[np.ndarray, float]:
+    """The rotation (3, 3) that turns the largest level plane level, and by how many degrees; none for less than the least lean."""
+    level = [(area, normal * np.sign(normal[2])) for area, normal, _ in flats if abs(normal[2]) > LEVEL]
+    if not level:
+        return np.eye(3), 0.0
+    normal = max(level, key=lambda each: each[0])[1]
+    axis = np.cross(normal, [0.0, 0.0, 1.0])
+    sine = float(np.linalg.norm(axis))
+    lean = float(np.degrees(np.arcsin(min(sine, 1.0))))
+    if lean < LEAST_LEAN_DEG:
+        return np.eye(3), 0.0
+    k = axis / sine
+    across = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
+    return np.eye(3) + sine * across + (1 - normal[2]) * across @ across, lean
+
+
+def _halves(quads: np.ndarray) -> np.ndarray:
+    """Two triangles (2 Q, 3, 3) of each quadrangle (Q, 4, 3)."""
+    return quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
+
+
+def _surface(name: str, triangles: np.ndarray, slab: Slab) -> Surface:
+    vertices, faces = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    return Surface(name=name, vertices=vertices, faces=faces.reshape(-1, 3), material=slab[0], thickness_m=slab[1])
+
+
+@dataclass(slots=True)
+class _Naming:
+    """Names and slabs of plane parts."""
+
+    names: list[tuple[str, str]]
+    materials: Mapping[str, str | Material]
+    span_m: tuple[float, float]
+    used: set[str] = field(default_factory=set)
+    guessed: dict[str, str] = field(default_factory=dict)
+
+    def of(self, part: int, triangles: np.ndarray, normal: np.ndarray) -> tuple[str, Slab]:
+        """The name and the slab of a plane part (F, 3, 3) of a part of the file."""
+        own, made_of = self.names[part]
+        role = self._role(triangles, normal)
+        name = printable(own or made_of or role)[:MAX_NAME]
+        for key in (own, made_of, role):
+            given = next((each for each in self.materials if each.casefold() == key.casefold() and key), None)
+            if given is not None:
+                self.used.add(given)
+                return name, slab_of(self.materials[given])
+        words = re.findall(r"[a-z]+", f"{made_of} {own}".lower().replace("_board", "board"))
+        told = next((WORDS[word] for word in words if word in WORDS), None)
+        self.guessed.setdefault(name, str((told or ROLES[role])[0]))
+        return name, told or ROLES[role]
+
+    def _role(self, triangles: np.ndarray, normal: np.ndarray) -> str:
+        heights = triangles[..., 2]
+        if abs(normal[2]) > FLAT:
+            near = [abs(heights.mean() - level) < NEAR_M for level in self.span_m]
+            return "floor" if near[0] else "ceiling" if near[1] else "thing"
+        return "wall" if abs(normal[2]) < UPRIGHT and np.ptp(heights) > WALL_M else "thing"
+
+    def check_all_used(self, path: Path) -> None:
+        """Refuses a material for what the mesh does not have."""
+        there = sorted({name for pair in self.names for name in pair if name} | set(ROLES))
+        for name in self.materials:
+            if name not in self.used and name.casefold() not in {each.casefold() for each in there}:
+                raise InputError(f"mesh {path} has nothing called {shown(name)}; {names_advice(name, there)}")
+
+    def assumed(self) -> list[str]:
+        """What materials were not given."""
+        by: dict[str, list[str]] = {}
+        for name, material in self.guessed.items():
+            by.setdefault(material, []).append(name)
+        each = [
+            f"{material} of {', '.join(names[:6])}{' ...' if len(names) > 6 else ''}" for material, names in by.items()
+        ]
+        return [f"assumed {'; assumed '.join(each)}"] if each else []
+
+
+def numbered_names(names: list[str]) -> list[str]:
+    """Names of which each occurs once: an object of several materials is several surfaces."""
+    taken: set[str] = set()
+    for place, name in enumerate(names):
+        number = 2
+        while names[place] in taken:
+            names[place], number = f"{name} {number}", number + 1
+        taken.add(names[place])
+    return names
+
+
+def slab_of(given: str | Material) -> Slab:
+    """Material and thickness [m] of what a user gives: "wood", "wood 0.04" or a Material."""
+    if not isinstance(given, str):
+        return given, THICKNESS_M["concrete"]
+    name, _, thickness = given.removeprefix("itu_").partition(" ")
+    try:
+        return name, float(thickness) if thickness.strip() else THICKNESS_M.get(name, THICKNESS_M["concrete"])
+    except ValueError:
+        raise InputError(
+            f"a material must be a name, or a name and a thickness in metres as 'wood 0.04', got {shown(given)}"
+        ) from None
