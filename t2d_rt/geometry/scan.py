@@ -177,7 +177,8 @@ def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, str | Material], tol
     level, lean = _levelling(flats)
     triangles = triangles @ level.T
     quads = [
-        rectangles(triangles[where[each.members]], _turned(each, level), np.array([0.0, 0.0, 1.0])) for each in planes
+        rectangles(triangles[where[each.members]], replace(each, normal=level @ each.normal), np.array([0.0, 0.0, 1.0]))
+        for each in planes
     ]
     plain = [triangles[~rough], *(_halves(each) for each in quads)]
     heights = np.concatenate(plain)[..., 2] if sum(map(len, plain)) else triangles[..., 2]
@@ -220,10 +221,6 @@ def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, str | Material], tol
         *naming.assumed(),
     ]
     return Scene(name=path.stem, surfaces=tuple(found), report="; ".join(clauses))
-
-
-def _turned(plane: Plane, level: np.ndarray) -> Plane:
-    return replace(plane, normal=level @ plane.normal)
 
 
 def _levelling(flats: list[tuple[float, np.ndarray, float]]) -> tuple[np.ndarray, float]:
