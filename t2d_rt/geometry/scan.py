@@ -18,7 +18,7 @@ from t2d_rt.core.checks import choice, file_path, names_advice, positive, shown
 from t2d_rt.core.errors import InputError, printable, warn
 from t2d_rt.core.files import read_bytes
 from t2d_rt.geometry.mesh_files import MAX_MESH_BYTES, obj_labels, parsed_mesh
-from t2d_rt.geometry.planes import Plane, plane_of, planes_of_scan, rectangles, voxels
+from t2d_rt.geometry.planes import plane_of, planes_of_scan, rectangles, voxels
 from t2d_rt.geometry.vectors import edge_cross
 from t2d_rt.types.material import ABSORBER, THICKNESS_M, Material
 from t2d_rt.types.scene import MAX_NAME, NO_AREA_M2, Scene, Surface

@@ -20,6 +20,7 @@ from t2d_rt.propagation.rays import mitsuba, rays, side_by_side
 from t2d_rt.propagation.surroundings import polarization
 from t2d_rt.propagation.visibility import faded
 from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, Radar, Scene, StaticPath
+from t2d_rt.types.material import absorbs
 from t2d_rt.types.path_fields import reflection
 
 ASIDE_M = 1e-4 * np.array([0.36, 0.48, 0.8])
@@ -78,7 +79,7 @@ def roughened(scene: Scene, scattering_coefficient: float, frequency_hz: float) 
     surfaces = []
     for each in scene.surfaces:
         found = resolved(each.material, frequency_hz)
-        own = found.scattering_coefficient or scattering_coefficient
+        own = found.scattering_coefficient or scattering_coefficient * (not absorbs(found))
         surfaces.append(replace(each, material=replace(found, scattering_coefficient=own)))
     return replace(scene, surfaces=tuple(surfaces))
 
