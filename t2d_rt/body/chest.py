@@ -1,4 +1,4 @@
-"""Breathing: the front of the trunk comes forward, or its back where somebody lies on the front."""
+"""Breath and heart: the front of the trunk comes forward, or its back where somebody lies on the front."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 from t2d_rt.body.fit import Fitted
 from t2d_rt.body.pose import BONES
 from t2d_rt.geometry.vectors import edge_cross, unit
-from t2d_rt.types.motion import CANONICAL_JOINTS, Breathing
+from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 
-CARRIERS = ("pelvis", "spine1", "spine2", "spine3")
-"""Bones that carry chest and abdomen."""
+CARRIERS = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar")
+"""Bones that carry chest and abdomen, up to the collarbones."""
 EDGE_M = 0.06
-"""Height over which the movement fades, above the hips and below the shoulders."""
+"""Height over which the movement fades, above the hips and about the shoulders."""
 FACING = 0.45
 """Cosine against the trunk's own front from which the skin takes part in full; from 0 on a part of it."""
 PRONE, LOW_M = (0.3, 0.8), (0.3, 0.55)
@@ -23,37 +23,40 @@ PRONE, LOW_M = (0.3, 0.8), (0.3, 0.55)
 
 @dataclass(frozen=True, slots=True)
 class ChestWall:
-    """What of the skin moves as somebody breathes."""
+    """What of the skin moves as somebody breathes and the heart beats: outwards, so that whoever looks at it sees the depth."""
 
-    breathing: Breathing
+    motion: Motion
     front: np.ndarray
-    """Part of the movement that each vertex takes with each of `CARRIERS`, (V, 4), where somebody does not lie on the front."""
+    """Movement of each vertex with each of `CARRIERS`, over the depth, (V, 6, 3), where somebody does not lie on the front."""
     back: np.ndarray
-    """The same, away from the front, of somebody who does, (V, 4)."""
+    """The same of the back of somebody who does, (V, 6, 3)."""
 
     @classmethod
-    def of(cls, body: Fitted, breathing: Breathing) -> ChestWall:
+    def of(cls, body: Fitted, motion: Motion) -> ChestWall:
         """Of a fitted body: chest and abdomen from the hips to the shoulders."""
         faces, heights = body.template.faces, body.vertices[:, 2]
         normals = np.zeros_like(body.vertices)
         for corner in range(3):
             np.add.at(normals, faces[:, corner], edge_cross(body.vertices[faces]))
-        ahead = unit(normals)[:, 0]
+        normals = unit(normals)
         lowest, highest = body.joints["left_hip"][2], body.joints["left_shoulder"][2]
-        within = smooth_step(heights, lowest, lowest + EDGE_M) * smooth_step(-heights, -highest, EDGE_M - highest)
+        within = smooth_step(heights, lowest, lowest + EDGE_M) * smooth_step(highest - heights, -EDGE_M / 2, EDGE_M / 2)
         carried = body.template.weights[:, [CANONICAL_JOINTS.index(name) for name in CARRIERS]]
-        front, back = (smooth_step(sign * ahead, 0.0, FACING) * within for sign in (1.0, -1.0))
-        return cls(breathing, carried * front[:, None], carried * back[:, None])
+        front, back = (smooth_step(sign * normals[:, 0], 0.0, FACING) * within for sign in (1.0, -1.0))
+        outwards = carried[:, :, None] * normals[:, None]
+        return cls(motion, front[:, None, None] * outwards, back[:, None, None] * outwards)
 
     def move(self, vertices: np.ndarray, rotations: np.ndarray, origin: np.ndarray, times_s: np.ndarray) -> None:
         """Moves posed vertices (K, V, 3) of bones (K, B, 3, 3) at (K, B, 3), in place."""
-        ahead = rotations[..., 0][:, [BONES.index(name) for name in CARRIERS]]
-        out_m = self.breathing.displacement_m(times_s)
+        carriers = (
+            rotations[:, [BONES.index(name) for name in CARRIERS]].transpose(0, 1, 3, 2).reshape(len(rotations), -1, 3)
+        )
+        out_m = self.motion.chest_m(times_s)
         borne = lies_on_front(rotations, origin)
-        for weights, moved in ((self.front, out_m * (1 - borne)), (self.back, -out_m * borne)):
+        for outwards, moved in ((self.front, out_m * (1 - borne)), (self.back, out_m * borne)):
             if moved.any():
-                rows = np.flatnonzero(weights.any(axis=1))
-                vertices[:, rows] += weights[rows] @ (ahead * moved[:, None, None])
+                rows = np.flatnonzero(outwards.any(axis=(1, 2)))
+                vertices[:, rows] += outwards[rows].reshape(len(rows), -1) @ (carriers * moved[:, None, None])
 
 
 def lies_on_front(rotations: np.ndarray, origin: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from t2d_rt.geometry.vectors import edge_cross, unit
 from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.material import Material
 from t2d_rt.types.mesh import Made
-from t2d_rt.types.motion import CANONICAL_JOINTS, Breathing, Motion, checked_motion
+from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ SEGMENTS: Mapping[str, Segment] = _segments()
 """The 17 segments."""
 
 BREATHING = [tuple(SEGMENTS).index(name) for name in ("abdomen", "chest")]
-"""Those that move as somebody breathes."""
+"""Those that breath and heart move."""
 
 
 def segments(
@@ -81,7 +81,7 @@ def segments(
     bones = [BONES.index(part.bone) for part in SEGMENTS.values()]
     offsets = centres - np.array([fitted.joints[part.bone] for part in SEGMENTS.values()])
 
-    carried = _Carried(pose, bones, offsets, axes, track or linear_track(motion), motion.breathing)
+    carried = _Carried(pose, bones, offsets, axes, track or linear_track(motion), motion)
     return Ellipsoids.from_track(carried, semi_axes, motion.times_s, material, names=tuple(SEGMENTS), made=made)
 
 
@@ -97,15 +97,16 @@ class _Carried:
     axes: np.ndarray
     """At rest, (N, 3, 3)."""
     track: JointTrack
-    breathing: Breathing | None
+    motion: Motion
+    """Whose breath and heart move chest and abdomen."""
 
     def __call__(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         bones = self.pose.bones(*self.track(times_s))
         rotations, origin = (moved[:, self.bones] for moved in bones)
         centres, axes = (rotations @ self.offsets[..., None])[..., 0] + origin, rotations @ self.axes
-        if self.breathing is not None:
+        if self.motion.chest_moves:
             # Semi-axes are constant: the whole ellipsoid follows its front, or its back where the front is on the floor.
-            out_m = self.breathing.displacement_m(times_s) * (1 - 2 * lies_on_front(*bones))
+            out_m = self.motion.chest_m(times_s) * (1 - 2 * lies_on_front(*bones))
             centres[:, BREATHING] += out_m[:, None, None] * axes[..., 0][:, BREATHING]
         return centres, axes
 

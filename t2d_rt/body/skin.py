@@ -67,7 +67,7 @@ def skin(
     pose = posing(fitted, motion)
     basis = blend_basis(fitted)
     track = track or linear_track(motion)
-    chest = None if motion.breathing is None else ChestWall.of(fitted, motion.breathing)
+    chest = ChestWall.of(fitted, motion) if motion.chest_moves else None
     # Facets are those of the template at a like size: one person's bones hardly change where they should be fine.
     rest = fitted.template.vertices if fitted.template.like is None else fitted.template.like
     like = rest * SIZE_STEP ** round(math.log(fitted.scale, SIZE_STEP))

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 COMMANDS = {
     "simulate": ("simulations", "FILE", "Simulates a motion file or an experiment (.yaml), or a result (.zarr) again."),
     "plan": ("simulations", "FILE", "Tells what a tolerance would model and leave out, and the time and memory it would take."),
+    "process": ("recordings", "CAPTURE", "Draws the maps of a measured capture, beside a simulation too, and tells vital signs."),
     "compare": ("recordings", "A B", "Compares two recordings, or the ellipsoid model of a motion file with the mesh model."),
     "sweep": ("sweeps", "FILE", "Simulates with some options varied: panels on one scale, and a table of differences."),
     "plot": ("recordings", "RECORDING", "Draws a map of a recording for a paper, or animates body and spectrogram (.gif, .mp4)."),

@@ -82,6 +82,83 @@ def compare(
     say(f"wrote {picture}")
 
 
+def process(
+    files: list[str] | None = None, output: str | None = None, overwrite: bool = False, vital_signs: bool = False, *,
+    capture: Capture, signal: Signal,
+) -> None:  # fmt: skip
+    """Takes a measured capture through the chain of simulated ones, range FFT, MTI and STFT, and draws range-time map and
+    spectrogram, beside a simulation's where one is given.
+
+    files: measured samples (.bin of a DCA1000, .npy); and a result (.zarr) to set beside them, its clock and level brought to
+        theirs.
+    output: how the names of the pictures begin; by default as CAPTURE's. Spectrograms beside each other end in _compare.png.
+    vital_signs: whether displacement, breaths and heartbeats of one person at rest are told, and drawn as NAME_displacement.png.
+
+    examples:
+      t2d-rt process capture.bin --radar profile.cfg --lanes 2             # capture_range_time.png, capture_spectrogram.png
+      t2d-rt process capture.bin walk.zarr --radar profile.cfg --lanes 2   # and capture_compare.png, beside a simulation
+      t2d-rt process sleeper.bin --radar profile.cfg --lanes 2 --vital-signs
+    """
+    from t2d_rt.recording.compare import compare as compared
+    from t2d_rt.recording.read import load_recording
+
+    sources = [Path(each) for each in files or ()]
+    if not 1 <= len(sources) <= 2 or sources[0].suffix.lower() not in RECORDINGS[1:]:
+        named = ", ".join(map(str, sources)) or "none"
+        raise InputError(f"process takes one capture (.bin, .npy), and a result (.zarr) beside it, got {named}")
+    if len(sources) == 2 and sources[1].suffix.lower() != ".zarr":
+        raise InputError(f"what a capture is set beside must be a result (.zarr), got {sources[1]}; simulate it first")
+    names = [
+        "range_time",
+        "spectrogram",
+        *(["compare"] if len(sources) == 2 else []),
+        *(["displacement"] if vital_signs else []),
+    ]
+    pictures = {name: Path(f"{output or sources[0].stem}_{name}.png") for name in names}
+    for picture in pictures.values():
+        check_picture(picture, overwrite=overwrite)
+    recording = load_recording(sources[0], **capture)
+    say(f"{sources[0].name}: {recording}")
+    drawn = _one_of_each_burst(recording).processed(**signal)
+    figures = {"range_time": drawn.plot_range_time(sources[0].name), "spectrogram": drawn.plot(sources[0].name)}
+    if len(sources) == 2:
+        beside = load_recording(sources[1]).processed(**signal)
+        found = compared(drawn, beside, align=True, relative=True, labels=[each.name for each in sources])
+        say(found)
+        figures["compare"] = found.plot(sources[0].name)
+    if vital_signs:
+        from t2d_rt.plots.figures import plot_displacement
+        from t2d_rt.signal import vital_signs as told_by
+
+        signs = told_by(recording.cube, recording.radar, range_gate_m=signal.get("range_gate_m"))
+        say(signs)
+        figures["displacement"] = plot_displacement(signs.time_s, signs.displacement_m, sources[0].name)
+    for name, picture in pictures.items():
+        write_picture(figures[name], picture, overwrite=overwrite)
+    say(f"wrote {', '.join(map(str, pictures.values()))}")
+
+
+FEWEST_LOOPS = 8
+"""Of a burst, below which its own Doppler axis shows nothing."""
+
+
+def _one_of_each_burst(recording: Recording) -> Recording:
+    """A recording of bursts too short for a Doppler axis as one of their means, whose axis is that of the bursts' rate."""
+    from t2d_rt.recording.recording import Recording as Made
+    from t2d_rt.signal.vital import slow_time
+
+    radar, loops = recording.radar, recording.radar.loops_per_frame
+    if loops is None or radar.frame_interval_s is None or loops >= FEWEST_LOOPS:
+        return recording
+    say(
+        f"bursts of {loops} are averaged, so that speeds are those that one chirp every {1e3 * radar.frame_interval_s:g} ms tells"
+    )
+    slower = radar.replace(
+        prf_hz=radar.loop_chirps / radar.frame_interval_s, chirps_per_frame=None, frame_interval_s=None
+    )
+    return Made(slow_time(recording.cube, radar, loops)[1], slower)
+
+
 def _both(files: list[Path], given: Given, capture: Given, signal: Given, radar_is_named: bool) -> list[Recording]:
     """Two recordings, measured ones with the radar that is given, and spectrograms by the options that are."""
     from t2d_rt.recording.read import load_recording

@@ -25,7 +25,7 @@ from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, OwnMover, Pet, TableF
 from t2d_rt.scene.movers import KINDS, kind_names
 from t2d_rt.types import Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
 from t2d_rt.types.fields import Count, Fields, Number
-from t2d_rt.types.motion import Breathing
+from t2d_rt.types.motion import Breathing, Heartbeat
 
 Substance = str | Material
 Fraction = Annotated[Number, Field(ge=-1e6, le=1e6)]
@@ -184,7 +184,7 @@ _composed = functools.lru_cache(maxsize=8)(_generated)
 class MotionArrays(Plain):
     """A motion whose joints are stored."""
 
-    _later: ClassVar[tuple[str, ...]] = ("activities", "breathing")
+    _later: ClassVar[tuple[str, ...]] = ("activities", "breathing", "heartbeat")
     noun: ClassVar[str] = "motion"
 
     kind: Literal["motion"] = "motion"
@@ -202,6 +202,8 @@ class MotionArrays(Plain):
     """What the person does, and from when on [s]."""
     breathing: Breathing | None = None
     """How the person breathes."""
+    heartbeat: Heartbeat | None = None
+    """How the person's heart beats."""
 
 
 class BodyMesh(Plain):
@@ -331,7 +333,7 @@ Source = Annotated[
     Discriminator("kind"),
 ]
 """Where a target comes from."""
-MOTION_FIELDS = "rate_hz", "names", "parents", "placed", "report", "origin", "activities", "breathing"
+MOTION_FIELDS = "rate_hz", "names", "parents", "placed", "report", "origin", "activities", "breathing", "heartbeat"
 """Of a `Motion` beside its arrays, which are stored as they are."""
 MESH_FIELDS = "material", "crease_deg", "curved", "name"
 """Of a `MovingMesh`, likewise."""

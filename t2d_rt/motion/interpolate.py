@@ -121,8 +121,11 @@ def trim(motion: Motion, start_s: float = 0.0, stop_s: float | None = None) -> M
     inside = [(name, begin_s - first_s) for name, begin_s in motion.activities if first_s < begin_s <= last_s]
     before = [(name, 0.0) for name, begin_s in motion.activities if begin_s <= first_s][-1:]
     changes: dict[str, Any] = {"joints": motion.joints[span], "rotations": motion.rotations[span]}
-    if motion.breathing is not None:
-        changes["breathing"] = motion.breathing.from_time(first_s)
+    changes |= {
+        name: cycle.from_time(first_s)
+        for name, cycle in (("breathing", motion.breathing), ("heartbeat", motion.heartbeat))
+        if cycle is not None
+    }
     return motion.edited(note, **changes, activities=(*before, *inside))
 
 

@@ -137,6 +137,16 @@ def plot_range_time(
     return plotted("range_time", range_m, time_s, power_db, ax, Style(**style), title, note)
 
 
+def plot_displacement(time_s: np.ndarray, displacement_m: np.ndarray, title: str | None = None) -> Figure:
+    """How far a chest has come towards the radar, (T,) [m] at times (T,) [s]."""
+    figure = blank_figure(*sized(7.0, 3.0, None))
+    axes = figure.subplots()
+    axes.plot(time_s, 1e3 * displacement_m, linewidth=1.0)
+    axes.set_xlim(time_s[0], time_s[-1])
+    label_axes(axes, "Time [s]", "Towards the radar [mm]", title)
+    return figure
+
+
 def plot_range_doppler(
     range_m: np.ndarray,
     velocity_mps: np.ndarray,

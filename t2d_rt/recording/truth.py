@@ -43,6 +43,8 @@ MADE_FOR = re.compile(r"made for .*, class (\w+), by ")
 """How the origin of a motion that was made from a sentence begins. It is read from there because the origin is what edits, files of
 motions and stored experiments keep already; a field of its own would have to be carried through each of them."""
 
+CYCLES = "breathing", "heartbeat"
+"""Of a motion, that move the front of the trunk."""
 XYZ = "forward", "left", "up"
 PARTS = "heel", "ball"
 OF_SEGMENTS = "range_m", "speed_mps", "azimuth_rad", "elevation_rad", "visible"
@@ -75,10 +77,10 @@ def truth_table(
     up from the radar; `segment_range_m`, `segment_speed_mps`, `segment_azimuth_rad` and `segment_elevation_rad` (segment) of the
     middles of the body's 17 segments; `segment_visible` (segment), the fraction of what faces the radar that neither the body
     itself, another target nor the scene hides, left out without `visible`; `contact` (foot, part), whether heel and ball of each
-    foot stand; `activity`, what the person does then, where the motion tells it, else ""; `breathing_m`, how far the front of the
-    trunk has come forward in a breath. Ranges and speeds are means over transmitters and receivers. A target without joints, as a
-    fan or a mesh, is no person. The coordinate `made_for` (person) is the class that all of a motion was made for, "" of a file;
-    `breathing_hz` the breaths a second, 0 of who does not breathe.
+    foot stand; `activity`, what the person does then, where the motion tells it, else ""; `breathing_m` and `heartbeat_m`, how far
+    the front of the trunk has come forward in a breath and in a beat. Ranges and speeds are means over transmitters and receivers.
+    A target without joints, as a fan or a mesh, is no person. The coordinate `made_for` (person) is the class that all of a motion
+    was made for, "" of a file; `breathing_hz` and `heartbeat_hz` are the breaths and beats a second, 0 of who has none.
     """
     import xarray as xr
 
@@ -104,10 +106,13 @@ def truth_table(
             "foot": list(SIDES),
             "part": list(PARTS),
             "made_for": ("person", np.array([made_for(each.motion) for each in people], dtype=np.str_)),
-            "breathing_hz": (
-                "person",
-                np.array([b.rate_hz if (b := each.motion.breathing) else 0.0 for each in people]),
-            ),
+            **{
+                f"{name}_hz": (
+                    "person",
+                    np.array([cycle.rate_hz if (cycle := getattr(each.motion, name)) else 0.0 for each in people]),
+                )
+                for name in CYCLES
+            },
         },
     )
     if visible:
@@ -145,7 +150,7 @@ def _of_persons(
     shape = len(people), len(at.now)
     middles = Nearby(*(np.zeros((*shape, len(SEGMENTS), 3)) for _ in at))
     places, stands = np.zeros((*shape, len(joints), 3)), np.zeros((*shape, 2, 2), bool)
-    breathes, does = np.zeros(shape), list[np.ndarray]()
+    cycles, does = {name: np.zeros(shape) for name in CYCLES}, list[np.ndarray]()
     for row, (number, motion, body) in enumerate(people):
         own = in_frame(model.radar, at.now, track(motion)(at.now)[0][:, [motion.index(name) for name in joints]])
         places[row] = (own - np.asarray(model.radar.position_m)) @ model.radar.axes.T
@@ -156,15 +161,16 @@ def _of_persons(
         frames = np.clip(np.rint(at.now * motion.rate_hz).astype(int), 0, len(motion.joints) - 1)
         stands[row] = contacts(poses_of(motion))[frames]
         does.append(motion.activity_at(at.now))
-        if motion.breathing is not None:
-            breathes[row] = motion.breathing.displacement_m(at.now)
+        for name, moved in cycles.items():
+            if (cycle := getattr(motion, name)) is not None:
+                moved[row] = cycle.displacement_m(at.now)
     limbs_polar = _polar(model.radar, middles, (nearby_s.later - nearby_s.earlier)[:, None])
     return {
         "joints_m": (("person", "time_s", "joint", "xyz"), places),
         **{f"segment_{name}": (("person", "time_s", "segment"), values) for name, values in limbs_polar.items()},
         "contact": (("person", "time_s", "foot", "part"), stands),
         "activity": (("person", "time_s"), np.array(does, np.str_).reshape(shape)),
-        "breathing_m": (("person", "time_s"), breathes),
+        **{f"{name}_m": (("person", "time_s"), moved) for name, moved in cycles.items()},
     }
 
 

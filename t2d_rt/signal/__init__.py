@@ -16,6 +16,7 @@ from t2d_rt.signal.multiplex import separate_ddm
 from t2d_rt.signal.points import cfar, cfar_factor, point_cloud
 from t2d_rt.signal.range import gate, range_fft, range_profile, taper
 from t2d_rt.signal.range_time import coherent_interval, range_doppler_over, range_time
+from t2d_rt.signal.vital import VitalSigns, vital_signs
 
 __all__ = [
     "ArraySpectrum",
@@ -26,6 +27,7 @@ __all__ = [
     "RangeProfile",
     "RangeTime",
     "Spectrogram",
+    "VitalSigns",
     "array_spectrum",
     "cfar",
     "cfar_factor",
@@ -47,6 +49,7 @@ __all__ = [
     "stft",
     "taper",
     "unit_vectors",
+    "vital_signs",
 ]
 
 globals().update({name: public(globals()[name]) for name in __all__})

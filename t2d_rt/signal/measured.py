@@ -354,6 +354,13 @@ def load_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str = "IQ", 
             raise InputError(
                 f"{path} holds {np.count_nonzero(used)} receivers, the radar has {receivers}; give the radar that recorded it"
             )
+    some = raw.numbers(0, min(ROWS_OF_PERIOD, shape[0])).ravel()
+    _check_period(signed(some, offset, radar.samples), LAYOUTS[given][0]["together"], row, senders, source)
+    if radar.loops_per_frame and shape[0] % radar.loops_per_frame:
+        raise InputError(
+            f"{path} holds {shape[0]} loops of chirps, and a burst of this radar has {radar.loops_per_frame}, so that it ends "
+            "within one; give the radar that recorded it, or cut the file at the last whole burst"
+        )
     warn_of_offset(source, offset)
     decode = partial(
         _decoded_capture, order=given, samples=radar.samples, used=used, offset=offset, iq=iq, conjugate=conjugate
@@ -399,6 +406,43 @@ def _decoded_capture(
     if used is not None:
         found = found.reshape(-1, 4, samples)[:, used].reshape(-1, samples)
     return oriented(found, iq, conjugate=conjugate)
+
+
+ALIKE, LESS_THAN_ROW, REPEATED = 0.9, 0.8, 0.7
+"""Coherence of the words at some lag beyond which a capture repeats itself there; fraction of it below which the radar's rows do
+not; and, of rows that are several of one transmitter's chirps, how much nearer to 1 it is than at a row's lag."""
+ROWS_OF_PERIOD = 64
+"""Rows in which a capture's period is sought."""
+
+
+def _check_period(codes: np.ndarray, together: int, row: int, senders: int, path: Path) -> None:
+    """Refuses codes (word,) in a row, I and Q by so many `together`, that repeat after another number than a row of the radar has.
+
+    Near echoes and leakage make a chirp like the one before; where noise or movement is stronger, nothing is told.
+    """
+    from scipy import fft
+
+    values = _complex(codes.reshape(-1, 2, together)) if together else codes
+    row = row // 2 if together else row
+    size = fft.next_fast_len(2 * len(values))
+    power = np.abs(fft.fft(values - values.mean(), size)) ** 2
+    if not together:
+        power[size // 2 :] = 0  # of real samples the analytic signal
+    lags = np.arange(min(len(values) // 2, LARGEST_LAG * row) + 1)
+    if len(lags) <= row:
+        return
+    # Absolute values, for what moves turns its phase from chirp to chirp.
+    coherence = np.abs(fft.ifft(power)[: len(lags)]) / (len(values) - lags)
+    coherence /= coherence[0] or 1.0
+    sought = lags >= row // 8
+    best = int(lags[sought][coherence[sought].argmax()])
+    elsewhere = coherence[row] < LESS_THAN_ROW * coherence[best]
+    several = senders == 1 and row % best == 0 and best < row and 1 - coherence[best] < REPEATED * (1 - coherence[row])
+    if coherence[best] > ALIKE and (elsewhere or several):
+        raise InputError(
+            f"{path} repeats itself every {best} samples of all receivers, {coherence[best]:.3f} alike, and a row of this radar "
+            f"has {row}, {coherence[row]:.3f} alike: samples, receivers or transmitters are others; give the radar that recorded it"
+        )
 
 
 def _check_order(codes: np.ndarray, samples: int, given: str, path: Path) -> None:

@@ -6,7 +6,7 @@ from t2d_rt.types.echoes import EchoArrays, Echoes
 from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.material import PEC, Material
 from t2d_rt.types.mesh import MovingMesh
-from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Breathing, Motion
+from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Breathing, Heartbeat, Motion
 from t2d_rt.types.paths import OneWayPath, PathPair, PathSet, StaticPath
 from t2d_rt.types.radar import Radar
 from t2d_rt.types.radar_track import RadarTrack
@@ -25,6 +25,7 @@ __all__ = [
     "EchoStream",
     "Echoes",
     "Ellipsoids",
+    "Heartbeat",
     "Material",
     "Motion",
     "MovingMesh",
@@ -47,6 +48,7 @@ for _each in (
     EchoStream,
     Echoes,
     Ellipsoids,
+    Heartbeat,
     Material,
     Motion,
     MovingMesh,

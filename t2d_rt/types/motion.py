@@ -47,9 +47,16 @@ _COORDINATES = {
 
 BREATHS_HZ, BREATH_DEPTH_M = (0.01, 5.0), (0.0, 0.1)
 """Rates and depths of breathing that are taken."""
+BEATS_HZ, BEAT_DEPTH_M = (0.1, 10.0), (0.0, 0.01)
+"""Rates and depths of heartbeats that are taken."""
 
 INHALES = 0.35
 """How much earlier than half way a breath is fullest [rad]: breathing in takes 40 % of it, as at rest (1 : 1.5)."""
+
+BEAT_NARROWNESS = 1.7
+"""k of a beat exp(k cos(cycle)): half of its height or more for 30 % of the time, as the ventricles contract for
+0.3 s of a second at rest. Beats are trains of like pulses in Nosrati and Tavassolian (IEEE Trans. Microw. Theory
+Tech. 66(7), 2018)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +83,42 @@ class Breathing:
 
     def from_time(self, start_s: float) -> Breathing:
         """The same breaths where time begins at another instant [s]."""
-        return replace(self, phase_rad=float((self.phase_rad + 2 * np.pi * self.rate_hz * start_s) % (2 * np.pi)))
+        return replace(self, phase_rad=_advanced(self, start_s))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Heartbeat:
+    """How the heart moves the front of the trunk, beside `Breathing`: a pulse for each beat."""
+
+    rate_hz: float
+    """Beats a second; adults at rest have 60 to 100 a minute."""
+    depth_m: float
+    """How far the front of the trunk comes forward in a beat [m], from its least to its greatest: some 0.5 mm in adults at rest
+    (Droitcour et al., IEEE Trans. Microw. Theory Tech. 52(3), 2004), mostly less."""
+    phase_rad: float = 0.0
+    """Of the beat at the first frame: 0 half way between two beats."""
+
+    def __post_init__(self) -> None:
+        phase_rad = number("phase_rad", self.phase_rad, -1e6, 1e6, unit="rad")
+        rate_hz = number("rate_hz", self.rate_hz, *BEATS_HZ, unit="Hz")
+        depth_m = number("depth_m", self.depth_m, *BEAT_DEPTH_M, unit="m")
+        set_fields(self, rate_hz=rate_hz, depth_m=depth_m, phase_rad=phase_rad)
+
+    def displacement_m(self, times_s: np.ndarray) -> np.ndarray:
+        """How far the front of the trunk has come forward at times [s] (K,) of the motion [m], from 0 to the depth."""
+        cycle = 2 * np.pi * self.rate_hz * np.asarray(times_s, float) + self.phase_rad
+        pulse = np.exp(-BEAT_NARROWNESS * (1 + np.cos(cycle)))
+        least = np.exp(-2 * BEAT_NARROWNESS)
+        return np.asarray(self.depth_m * (pulse - least) / (1 - least))
+
+    def from_time(self, start_s: float) -> Heartbeat:
+        """The same beats where time begins at another instant [s]."""
+        return replace(self, phase_rad=_advanced(self, start_s))
+
+
+def _advanced(cycle: Breathing | Heartbeat, start_s: float) -> float:
+    """Its phase at an instant [rad]."""
+    return float((cycle.phase_rad + 2 * np.pi * cycle.rate_hz * start_s) % (2 * np.pi))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,6 +147,8 @@ class Motion:
     """What the person does and from when on [s], in order, each until the next one begins; () where it is not known."""
     breathing: Breathing | None = None
     """How the person breathes, which joints do not tell; None where nothing but the joints moves, as of a file."""
+    heartbeat: Heartbeat | None = None
+    """How the person's heart beats, likewise."""
 
     def __post_init__(self) -> None:
         names, parents = _names(self.names), _parents(self.parents)
@@ -124,6 +168,8 @@ class Motion:
             flag("placed", self.placed)
         if self.breathing is not None:
             instance("breathing", self.breathing, Breathing, "a Breathing, as Breathing(rate_hz=0.25, depth_m=0.008)")
+        if self.heartbeat is not None:
+            instance("heartbeat", self.heartbeat, Heartbeat, "a Heartbeat, as Heartbeat(rate_hz=1.2, depth_m=0.0002)")
         origin = cast(Sequence[Any], instance("origin", self.origin, (list, tuple), "a list of texts"))
         set_fields(
             self,
@@ -164,6 +210,16 @@ class Motion:
         names = ["", *(name for name, _ in self.activities)]
         begins_s = [begin_s for _, begin_s in self.activities]
         return np.array(names, np.str_)[np.searchsorted(begins_s, np.asarray(times_s) + 1e-9, side="right")]
+
+    @property
+    def chest_moves(self) -> bool:
+        """Whether the person breathes or has a heartbeat."""
+        return self.breathing is not None or self.heartbeat is not None
+
+    def chest_m(self, times_s: np.ndarray) -> np.ndarray:
+        """How far breath and heart have brought the front of the trunk forward at times [s] (K,) [m], (K,)."""
+        cycles = [each.displacement_m(times_s) for each in (self.breathing, self.heartbeat) if each is not None]
+        return np.asarray(sum(cycles, np.zeros(len(times_s))))
 
     @property
     def times_s(self) -> np.ndarray:

@@ -72,10 +72,14 @@ def test_chest_and_abdomen_move_and_nothing_else(posture: str, moves: int) -> No
     vertices = skin(motion).at(times_s)
     by_m = np.ptp(vertices, axis=0)
     assert by_m[:, moves].max() == pytest.approx(0.005, rel=0.01)
-    assert by_m[:, [axis for axis in range(3) if axis != moves]].max() < 3e-4
+    # Outwards: what looks elsewhere moves there, and nothing farther than the depth.
+    along_m = vertices - vertices[BREATHS.displacement_m(times_s).argmin()]
+    far_m = np.linalg.norm(along_m, axis=2).max(axis=0)
+    assert far_m.max() == pytest.approx(0.005, rel=0.01)
+    assert by_m[:, [axis for axis in range(3) if axis != moves]].max() < 0.0045
     trunk = template().weights[:, [CANONICAL_JOINTS.index(name) for name in CARRIERS]].sum(axis=1)
     assert by_m[trunk == 0].max() < 1e-9
-    assert 60 < np.count_nonzero(by_m[:, moves] > 0.0045) < 300
+    assert 60 < np.count_nonzero(far_m > 0.0045) < 400
     out_m = BREATHS.displacement_m(times_s)
     highest = vertices[:, by_m[:, moves].argmax(), moves]
     assert np.corrcoef(highest, out_m)[0, 1] > 0.9999

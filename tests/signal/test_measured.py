@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from command_line import Command
 from t2d_rt.core import cube_storage as rows
 from t2d_rt.core import cubes
 from t2d_rt.core.cubes import DiskCube
@@ -200,13 +201,22 @@ def test_noise_has_no_order(tmp_path: Path) -> None:
         {"samples": 64},
         {"rx_offsets_m": RADAR.rx_offsets_m[:2]},
         {"samples": 32},
+        {"samples": 96},
     ],
 )
-def test_chirps_cut_at_the_wrong_place_are_told(tmp_path: Path, changes: dict[str, object]) -> None:
+def test_chirps_cut_at_the_wrong_place_are_refused(tmp_path: Path, changes: dict[str, object]) -> None:
     path = written(tmp_path / "a.bin", two_lanes(scene()))
-    rows_on = 4 if changes == {"samples": 32} else 2
-    with pytest.warns(T2DWarning, match=f"more like those {rows_on} rows on than like the next ones"):
-        t2d.load_recording(path, RADAR.replace(**changes), lanes=2, conjugate=False)
+    assert len(t2d.load_recording(path, RADAR, lanes=2).cube) == 96
+    with pytest.raises(InputError, match="repeats itself every"):
+        t2d.load_recording(path, RADAR.replace(**changes), lanes=2)
+
+
+def test_a_capture_that_ends_within_a_burst_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.bin", two_lanes(scene()))
+    burst = RADAR.replace(chirps_per_frame=32, frame_interval_s=1.0)
+    assert len(t2d.load_recording(path, burst, lanes=2).cube) == 96
+    with pytest.raises(InputError, match="holds 96 loops of chirps, and a burst of this radar has 36"):
+        t2d.load_recording(path, burst.replace(chirps_per_frame=36), lanes=2)
 
 
 def test_transmitters_in_turn_are_told(tmp_path: Path) -> None:
@@ -312,3 +322,28 @@ def test_arrays_in_other_layouts(tmp_path: Path) -> None:
     ):
         np.save(path, each)
         np.testing.assert_array_equal(load_cube(path), cube)
+
+
+# --- the command ---
+
+
+def test_process_draws_a_capture_and_sets_it_beside_a_result(run: Command) -> None:
+    burst = RADAR.replace(chirps_per_frame=32, frame_interval_s=0.1)
+    burst.to_ti_cfg("profile.cfg")
+    written(Path("a.bin"), two_lanes(scene()))
+    t2d.Recording(scene(seed=1).astype(np.complex64), burst).save("b.zarr")
+    found = run("process", "a.bin", "b.zarr", "--radar", "profile.cfg", "--lanes", "2")
+    assert found.code == 0, found.err
+    assert "wrote a_range_time.png, a_spectrogram.png, a_compare.png" in found.out
+    for name in ("range_time", "spectrogram", "compare"):
+        assert Path(f"a_{name}.png").read_bytes().startswith(b"\x89PNG")
+    for arguments, told in (
+        (("a.bin", "--radar", "profile.cfg", "-o", "d"), "give its LVDS lanes"),
+        (("b.zarr",), "process takes one capture"),
+        (("a.bin", "a.bin", "--radar", "profile.cfg", "--lanes", "2"), "must be a result"),
+        (("a.bin", "--radar", "profile.cfg", "--lanes", "2", "--vital-signs", "-o", "c"), "record longer"),
+    ):
+        refused = run("process", *arguments)
+        assert (refused.code, refused.err.count("\n")) == (2, 1)
+        assert told in refused.err
+    assert not Path("c_spectrogram.png").exists()

@@ -19,6 +19,7 @@ STUDIES = {
     "gap": "how twins differ from real recordings, before any training",
     "points": "points of a simulated IWR6843 beside recorded ones: people who sit, squat and stand",
     "walks": "recorded spectrograms of walks beside simulated ones, at several fidelities",
+    "vital": "vital signs of simulated people at rest and of recordings, by one measure",
     "transfer": "Table IV: what learning from twins first is worth",
 }
 """Each is a module of this folder that has `add_options(parser)` and `run(options)`, which gives a line about what was written."""

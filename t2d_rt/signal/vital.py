@@ -1,0 +1,195 @@
+"""Vital signs of a person at rest: how the chest moves, by the phase of its echo, and the rates of breath and heart in it.
+
+A displacement d towards the radar turns the phase of an echo by 4 pi d / lambda (Droitcour et al., IEEE Trans. Microw. Theory
+Tech. 52(3), 2004). What does not move adds a constant, the centre of the circle that the echo describes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.core.checks import interval
+from t2d_rt.core.errors import InputError, warn
+from t2d_rt.signal.multiplex import separated
+from t2d_rt.signal.range import check_recording, gate, range_fft
+from t2d_rt.types.radar import Radar
+
+SLOW_HZ = 40.0
+"""Chirps are averaged to about this rate: what a body at rest does is slower."""
+RANGE_ZOOM = 8
+"""Range bins by interpolation in one of the radar's."""
+BREATHS_HZ, BEATS_HZ = (0.08, 0.7), (0.75, 3.0)
+"""Bands in which breathing and heartbeat are looked for: 5 to 42 breaths and 45 to 180 beats a minute."""
+BREATH_HARMONICS, BEAT_HARMONICS = 6, 3
+"""Multiples of either rate that a least-squares fit of the displacement has."""
+SHORTEST_S = 10.0
+"""Shortest record [s]; two breaths of the slowest rate that is looked for fill it."""
+ZOOM = 16
+"""Frequencies of a spectrum by interpolation in one of its lines."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VitalSigns:
+    """What the phase of a still person's echo tells."""
+
+    range_m: float
+    """Range of the cell that moves most [m]."""
+    time_s: np.ndarray
+    """(T,)."""
+    displacement_m: np.ndarray
+    """Towards the radar, its mean taken away [m], (T,)."""
+    excursion_m: float
+    """From the least to the greatest displacement of the record [m]."""
+    breathing_hz: float
+    breathing_m: float
+    """From the least to the greatest in a breath, of the mean breath [m]."""
+    heartbeat_hz: float
+    heartbeat_m: float
+    """From the least to the greatest in a beat, of the mean beat [m]."""
+    heartbeat_db: float
+    """Power of the line of the heartbeat over the median of its band, breathing taken away [dB]: below some 12 it may be noise."""
+
+    def __str__(self) -> str:
+        breaths, beats = 60 * self.breathing_hz, 60 * self.heartbeat_hz
+        return (
+            f"person at {self.range_m:.2f} m, {1e3 * self.excursion_m:.2f} mm over the record: {self.breathing_hz:.3f} Hz "
+            f"({breaths:.1f} breaths a minute) by {1e3 * self.breathing_m:.2f} mm, {self.heartbeat_hz:.2f} Hz ({beats:.0f} beats a "
+            f"minute) by {1e3 * self.heartbeat_m:.2f} mm, {self.heartbeat_db:.0f} dB over the median of its band"
+        )
+
+
+def vital_signs(adc: Any, radar: Radar, *, range_gate_m: tuple[float, float] | None = None) -> VitalSigns:
+    """Displacement of the chest, rates of breath and heart of one person at rest, from ADC samples (chirp, antenna, sample).
+
+    range_gate_m: nearest and farthest range that is looked at [m]; all by default. Of several persons it chooses one.
+
+    The range cell that varies most counts, of all antennas together. Where the person moves otherwise, that is what is found.
+    """
+    check_recording(adc, radar)
+    adc, radar = separated(adc, radar)
+    cube = adc if adc.ndim == 3 else adc[:, None]
+    time_s, slow = slow_time(cube, radar, radar.loops_per_frame or max(1, round(1 / (radar.loop_interval_s * SLOW_HZ))))
+    if len(time_s) < 2 or time_s[-1] - time_s[0] < SHORTEST_S - 1.0:
+        raise InputError(
+            f"vital signs need {SHORTEST_S:g} s or more, got {np.ptp(time_s) if len(time_s) else 0.0:.3g} s; record longer"
+        )
+    axis_m = radar.range_axis_m(RANGE_ZOOM * radar.samples)
+    bins = gate(axis_m, None if range_gate_m is None else interval("range_gate_m", range_gate_m, unit="m"))
+    profile = range_fft(slow, n_fft=RANGE_ZOOM * radar.samples, bins=bins)
+    return signs_of(profile, axis_m[bins], time_s, radar.wavelength_m)
+
+
+def signs_of(profile: np.ndarray, range_m: np.ndarray, time_s: np.ndarray, wavelength_m: float) -> VitalSigns:
+    """The same from a complex range profile (T, antenna, range), as devices that bring no ADC samples tell it."""
+    variance = profile.var(axis=0, dtype=np.complex128).real.sum(axis=0)
+    cell = int(variance.argmax())
+    if not variance[cell] > 1e-12 * np.mean(np.abs(profile) ** 2, axis=0).sum(axis=0).max():
+        raise InputError(
+            "vital signs need something that moves, and all chirps are alike; give a recording of a person"
+        )
+    displacement = _displacement(profile[:, :, cell], wavelength_m)
+    breath = _peak_hz(displacement, time_s, BREATHS_HZ)[0]
+    rest = displacement - _fitted(displacement, time_s, [(breath, BREATH_HARMONICS)])[0]
+    beat, over_db = _peak_hz(rest, time_s, BEATS_HZ)
+    parts = _depths(displacement, time_s, breath, beat)
+    return VitalSigns(
+        range_m=float(range_m[cell]), time_s=time_s, displacement_m=displacement,
+        excursion_m=float(np.ptp(displacement)), breathing_hz=breath, breathing_m=parts[0], heartbeat_hz=beat,
+        heartbeat_m=parts[1], heartbeat_db=over_db,
+    )  # fmt: skip
+
+
+def slow_time(cube: Any, radar: Radar, together: int) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] (T,) and means (T, antenna, sample) of so many rows `together`; what is left at the end is left out."""
+    count = len(cube) // together
+    times_s = radar.chirp_starts_s(count * together).reshape(count, together).mean(axis=1)
+    slow = np.empty((count, *cube.shape[1:]), np.complex64)
+    for row in range(count):
+        slow[row] = np.asarray(cube[row * together : (row + 1) * together]).mean(axis=0)
+    return times_s, slow
+
+
+def _displacement(cell: np.ndarray, wavelength_m: float) -> np.ndarray:
+    """Displacement (T,) [m] by the phase of antennas (T, A) about their circles' centres; the IF conjugates the received wave.
+
+    From instant to instant the antennas' products are added up, so that where one fades the others tell the phase.
+    """
+    moving = cell - np.array([circle_centre(antenna) for antenna in cell.T])
+    phase = np.cumsum(np.angle(np.sum(moving[1:] * moving[:-1].conj(), axis=1)))
+    found = -wavelength_m / (4 * math.pi) * np.concatenate([[0.0], phase])
+    return found - found.mean()
+
+
+def circle_centre(points: np.ndarray) -> complex:
+    """Centre of the circle through complex points (T,): Pratt's fit (Comput. Graph. 21(4), 1987), not shrunk by short arcs."""
+    middle = points.mean()
+    scale = math.sqrt(float(np.mean(np.abs(points - middle) ** 2))) or 1.0
+    z = (points - middle) / scale
+    rows = np.column_stack([np.abs(z) ** 2, z.real, z.imag, np.ones(len(z))])
+    # The least |rows a| where B^2 + C^2 - 4 A D = 1: the smallest positive eigenvalue of constraint^-1 normal.
+    normal = rows.T @ rows
+    inverse = np.array([[0, 0, 0, -0.5], [0, 1, 0, 0], [0, 0, 1, 0], [-0.5, 0, 0, 0]])
+    values, vectors = np.linalg.eig(inverse @ normal)
+    values = np.where(values.real > -1e-9 * np.abs(values).max(), values.real, np.inf)
+    a, b, c, _ = vectors[:, int(values.argmin())].real
+    if abs(a) < 1e-12:
+        return 0j  # a straight line: the angle about the origin
+    return complex(middle + scale * complex(-b, -c) / (2 * a))
+
+
+def _peak_hz(values: np.ndarray, time_s: np.ndarray, band_hz: tuple[float, float]) -> tuple[float, float]:
+    """Frequency of the strongest line in a band [Hz], and its power over the band's median [dB]."""
+    step_s = (time_s[-1] - time_s[0]) / (len(time_s) - 1)
+    window = np.hanning(len(values))
+    trend = np.polynomial.Polynomial.fit(time_s, values, 2)(time_s)
+    power = np.abs(np.fft.rfft((values - trend) * window, ZOOM * len(values))) ** 2
+    axis = np.fft.rfftfreq(ZOOM * len(values), step_s)
+    least = max(band_hz[0], 2.0 / (time_s[-1] - time_s[0]))
+    inside = np.flatnonzero((axis >= least) & (axis <= band_hz[1]))
+    maxima = [k for k in inside[1:-1] if power[k] >= power[k - 1] and power[k] > power[k + 1]] or list(inside)
+    best = max(maxima, key=lambda k: float(power[k]))
+    if band_hz == BREATHS_HZ and power[inside[0]] > power[best]:
+        warn(
+            f"what is slower than {least:.2g} Hz moves more than the line that is told; record longer, or of somebody at rest"
+        )
+    level = 10 * math.log10(max(float(power[best]), 1e-300) / max(float(np.median(power[inside])), 1e-300))
+    return float(axis[best]), level
+
+
+def _depths(values: np.ndarray, time_s: np.ndarray, breath: float, beat: float) -> list[float]:
+    """From the least to the greatest of the mean breath and of the mean beat [m], at the rates near those given that fit best.
+
+    A rate that is off by a part of its line blurs the mean; the rates of spectra stay what is told, for people breathe unevenly.
+    """
+    from scipy.optimize import minimize
+
+    step_hz = 1 / (ZOOM * (time_s[-1] - time_s[0]))
+
+    def lines(moved: np.ndarray) -> list[tuple[float, int]]:
+        breath_hz, beat_hz = np.array([breath, beat]) + step_hz * np.clip(moved, -2, 2)
+        return [(breath_hz, BREATH_HARMONICS), (beat_hz, BEAT_HARMONICS)]
+
+    def residual(moved: np.ndarray) -> float:
+        return float(np.sum((values - _fitted(values, time_s, lines(moved))[0]) ** 2)) * 1e6
+
+    options = {"xatol": 0.05, "maxiter": 60, "initial_simplex": np.eye(3, 2)}
+    return _fitted(values, time_s, lines(minimize(residual, np.zeros(2), method="Nelder-Mead", options=options).x))[1]
+
+
+def _fitted(values: np.ndarray, time_s: np.ndarray, lines: list[tuple[float, int]]) -> tuple[np.ndarray, list[float]]:
+    """Least-squares sum of a parabola and harmonics of some rates (T,), and from the least to the greatest of each rate's part."""
+    middle = time_s - time_s.mean()
+    columns, owners = [(middle / (middle[-1] or 1.0)) ** k for k in range(3)], [-1] * 3
+    for owner, (rate, harmonics) in enumerate(lines):
+        for k in range(1, harmonics + 1):
+            columns += [np.cos(2 * np.pi * k * rate * middle), np.sin(2 * np.pi * k * rate * middle)]
+            owners += [owner] * 2
+    matrix = np.column_stack(columns)
+    factors = np.linalg.solve(matrix.T @ matrix, matrix.T @ values)
+    owned = np.array(owners)
+    parts = [float(np.ptp(matrix[:, owned == owner] @ factors[owned == owner])) for owner in range(len(lines))]
+    return matrix @ factors, parts

@@ -1,0 +1,78 @@
+"""Vital signs from samples written down by the IF formula: rates, displacements, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from t2d_rt.core.errors import InputError
+from t2d_rt.signal import vital_signs
+from t2d_rt.signal.vital import circle_centre
+from t2d_rt.types import Breathing, Heartbeat, Radar
+
+RADAR = Radar.preset(
+    "iwr6843isk", multiplexing="simultaneous", tx_offsets_m=[[0, 0, 0]], prf_hz=50.0, sample_rate_hz=4e6, samples=128
+)
+BREATH, BEAT = Breathing(rate_hz=0.25, depth_m=0.005, phase_rad=1.0), Heartbeat(rate_hz=1.2, depth_m=0.0002)
+
+
+def cube(radar: Radar, span_s: float, noise: float = 0.3) -> np.ndarray:
+    """A chest at 2 m, a second person who breathes less at 4 m, a wall at 2.03 m in the chest's range cell, and noise."""
+    starts = radar.chirp_times_s(span_s)
+    chest = 2.0 - BREATH.displacement_m(starts) - BEAT.displacement_m(starts)
+    other = 4.0 - 0.5 * Breathing(rate_hz=0.31, depth_m=0.006).displacement_m(starts)
+    fast = radar.sample_times_s
+    rng = np.random.default_rng(0)
+    total = noise * (
+        rng.standard_normal((len(starts), 4, radar.samples)) + 1j * rng.standard_normal((len(starts), 4, radar.samples))
+    )
+    for range_m, amplitude in ((chest, 1.0), (other, 0.4), (np.full(len(starts), 2.03), 1.7)):
+        delay = 2 * range_m[:, None] / 299_792_458.0
+        phase = radar.carrier_hz * delay + radar.slope_hz_per_s * delay * fast - radar.slope_hz_per_s * delay**2 / 2
+        for antenna in range(4):
+            total[:, antenna] += amplitude * np.exp(2j * np.pi * phase + 1.1j * antenna)
+    return total.astype(np.complex64)
+
+
+@pytest.mark.parametrize("burst", [None, 2])
+def test_rates_and_displacements_are_those_of_the_chest(burst: int | None) -> None:
+    radar = RADAR if burst is None else RADAR.replace(prf_hz=1000.0, chirps_per_frame=burst, frame_interval_s=0.05)
+    found = vital_signs(cube(radar, 30.0), radar)
+    assert found.range_m == pytest.approx(2.0, abs=radar.range_resolution_m / 2)
+    assert (found.breathing_hz, found.heartbeat_hz) == pytest.approx((0.25, 1.2), rel=0.005)
+    assert found.breathing_m == pytest.approx(0.005, rel=0.02)
+    assert found.heartbeat_m == pytest.approx(0.0002, rel=0.05)
+    assert found.heartbeat_db > 20
+    truth = BREATH.displacement_m(found.time_s) + BEAT.displacement_m(found.time_s)
+    assert np.corrcoef(truth, found.displacement_m)[0, 1] > 0.9999  # towards the radar is positive
+    farther = vital_signs(cube(radar, 30.0), radar, range_gate_m=(3.5, 4.5))
+    assert (farther.range_m, farther.breathing_hz) == pytest.approx((4.0, 0.31), rel=0.02)
+    assert "15.0 breaths a minute" in str(found)
+
+
+def test_short_and_still_records_are_refused() -> None:
+    with pytest.raises(InputError, match="record longer"):
+        vital_signs(cube(RADAR, 5.0), RADAR)
+    with pytest.raises(InputError, match="all chirps are alike"):
+        vital_signs(np.ones((800, 4, RADAR.samples), np.complex64), RADAR)
+
+
+def test_pratts_circle_keeps_its_size_on_a_short_arc() -> None:
+    angle = np.linspace(0.0, 1.0, 400)
+    rng = np.random.default_rng(1)
+    points = 3 - 2j + 5 * np.exp(1j * angle) + 0.02 * (rng.standard_normal(400) + 1j * rng.standard_normal(400))
+    assert abs(circle_centre(points) - (3 - 2j)) < 0.05
+    assert (
+        circle_centre(np.linspace(1, 2, 50) * (1 + 1j)) == 0
+        or abs(circle_centre(np.linspace(1, 2, 50) * (1 + 1j))) > 1e3
+    )
+
+
+def test_a_beat_has_its_depth_and_is_shorter_than_half_its_time() -> None:
+    times_s = np.linspace(0, 1 / 1.2, 4001)
+    out_m = BEAT.displacement_m(times_s)
+    assert (out_m.min(), out_m.max()) == pytest.approx((0.0, 2e-4), abs=1e-12)
+    assert np.mean(out_m > 1e-4) == pytest.approx(0.3, abs=0.02)
+    assert BEAT.from_time(0.37).displacement_m(times_s) == pytest.approx(BEAT.displacement_m(times_s + 0.37), abs=1e-12)
+    with pytest.raises(InputError, match="depth_m"):
+        Heartbeat(rate_hz=1.2, depth_m=0.2)
