@@ -64,6 +64,14 @@ def disk_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def nothing_waits_for_the_disk() -> Iterator[None]:
+    """A power cut is not tested, and each of thousands of small files would wait some 10 ms to be safe from one."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda _: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def one_thread_of_many() -> None:
     """Beside other processes of tests Dr.Jit computes on one thread; `test_array_pipeline` compares one with several."""
     if "PYTEST_XDIST_WORKER" in os.environ:

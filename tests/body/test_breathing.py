@@ -19,7 +19,7 @@ from t2d_rt.motion.vary import hold
 from t2d_rt.types import CANONICAL_JOINTS, Breathing
 
 BREATHS = Breathing(rate_hz=0.25, depth_m=0.005, phase_rad=1.0)
-SPAN_S = 16.0
+SPAN_S = 8.0
 
 
 def at_rest(posture: str, span_s: float = SPAN_S, breathing: Breathing | None = BREATHS) -> t2d.Motion:

@@ -29,13 +29,25 @@ FACADE = {
 """Calls that people type, in Python or as a command, whose parameters are options with defaults: they may have more than nine."""
 
 
+FUNCTIONS = ast.FunctionDef, ast.AsyncFunctionDef
+BLOCKS = ast.stmt, ast.ExceptHandler, ast.match_case
+"""What functions may lie in: they are in no expression, of which a module has ten times as many nodes."""
+
+
+def functions(tree: ast.AST) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    """All of a module, those within others too."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, FUNCTIONS):
+            yield node
+        if isinstance(node, BLOCKS):
+            yield from functions(node)
+
+
 def faults(name: str, source: str) -> Iterator[tuple[str, str]]:
     """What is too long or takes too much: its name, and a sentence. A docstring does not count, nor does self."""
     if (lines := len(source.splitlines())) > MOST_LINES:
         yield name, f"{name} has {lines} lines, at most {MOST_LINES} are meant"
-    for found in ast.walk(ast.parse(source)):
-        if not isinstance(found, ast.FunctionDef | ast.AsyncFunctionDef):
-            continue
+    for found in functions(ast.parse(source)):
         assert found.end_lineno is not None
         lines = found.end_lineno - found.lineno + 1
         if ast.get_docstring(found) is not None:
@@ -82,6 +94,8 @@ def test_nothing_is_excepted_that_needs_it_no_more() -> None:
         ("x = 1\n" * 601, ["a.py has 601 lines, at most 600 are meant"]),
         ("def f(a, b, c, d, e, f, g, /, h, i): ...", []),
         ("def f(a, b, c, d, e, f, g, /, h, i, *j): ...", ["a.py f has 10 parameters"]),
+        ("if a:\n    x = 1\nelse:\n    try:\n        b()\n    except A:\n        def f(a, b, c, d, e, f, g, h, i, j): ...", ["a.py f"]),
+        ("match a:\n    case 1:\n        def f():\n            def g(a, b, c, d, e, f, g, h, i, j): ...", ["a.py g"]),
         ("class A:\n    def f(self, a, b, c, d, e, f, g, *, h, i): ...", []),
         ("class A:\n    async def f(self, a, b, c, d, e, f, g, *, h, i, **j): ...", ["a.py f has 10 parameters"]),
         ("def f():\n" + "    x = 1\n" * 79, []),

@@ -78,14 +78,18 @@ EXCEPTIONS = {
 """Identifiers that have one of the words in another sense, and which."""
 
 
+FUNCTIONS_AND_CLASSES = ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef
+NAMES = ast.Name, ast.Attribute
+
+
 def defined(tree: ast.AST) -> Iterator[tuple[str, int]]:
     """Names that a module gives to its own things, with their lines; not those of libraries that it calls."""
     for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+        if isinstance(node, FUNCTIONS_AND_CLASSES):
             yield node.name, node.lineno
         elif isinstance(node, ast.arg):
             yield node.arg, node.lineno
-        elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
+        elif isinstance(node, NAMES) and isinstance(node.ctx, ast.Store):
             yield node.id if isinstance(node, ast.Name) else node.attr, node.lineno
         elif isinstance(node, ast.alias) and node.asname is not None:
             yield node.asname, node.lineno

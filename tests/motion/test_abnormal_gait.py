@@ -245,11 +245,11 @@ def test_no_abnormal_gait_passes_for_a_normal_walk(type: GaitType) -> None:
 
 @pytest.fixture(scope="module")
 def normal() -> Normal:
-    made = [figures(t2d.motion_from_text("a person walks forward", seed=seed)) for seed in range(12)]
+    made = [figures(t2d.motion_from_text("a person walks forward", seed=seed)) for seed in range(8)]
     return Normal([each for each in made if each is not None])
 
 
-@pytest.mark.parametrize("type", slow_after(3, GAIT_TYPES))
+@pytest.mark.parametrize("type", slow_after(2, GAIT_TYPES))
 def test_what_physicians_grade_grows_with_severity(type: GaitType, walk: Poses, normal: Normal) -> None:
     def graded(severity: float) -> float:
         made = [abnormal_walk(walk, type, severity=severity, rng=np.random.default_rng(seed)) for seed in range(3)]

@@ -25,14 +25,14 @@ STEP_DB = 2e-3
 @pytest.fixture(scope="module")
 def limbs() -> Recording:
     """A step of a walk by ellipsoids, in its segments."""
-    walk = t2d.place(t2d.trim(t2d.example("walk"), 1.0, 1.5), distance_m=3.5)
+    walk = t2d.place(t2d.trim(t2d.example("walk"), 1.0, 1.3), distance_m=3.5)
     return t2d.simulate(walk, method="ellipsoid", split="segment")
 
 
 @pytest.fixture(scope="module")
 def ghosts() -> Recording:
     """The same in an empty room, by path pair."""
-    walk = t2d.place(t2d.trim(t2d.example("walk"), 1.0, 1.5), distance_m=3.5)
+    walk = t2d.place(t2d.trim(t2d.example("walk"), 1.0, 1.3), distance_m=3.5)
     return t2d.simulate(walk, scene="empty_room", method="ellipsoid", reflections=1, split="path")
 
 

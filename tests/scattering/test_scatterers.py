@@ -50,8 +50,8 @@ def pelvis(preparation: Preparation, number: int, times_s: np.ndarray) -> Iterat
         yield PelvisPoint(times_s=times_s, target=number, place=place, radar=radar, echoes=1)
 
 
-def walk() -> Motion:
-    return t2d.place(t2d.trim(t2d.example("walk"), 1.0, 1.6), distance_m=4.0)
+def walk(stop_s: float = 1.6) -> Motion:
+    return t2d.place(t2d.trim(t2d.example("walk"), 1.0, stop_s), distance_m=4.0)
 
 
 def test_a_scatterer_of_ones_own_takes_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -84,7 +84,7 @@ def test_a_scatterer_of_ones_own_takes_one_line(monkeypatch: pytest.MonkeyPatch)
 def test_each_echo_tells_where_it_comes_from(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prepare, "SCATTERERS", (*prepare.SCATTERERS, pelvis))
     experiment = Experiment.without_targets(RADAR, method=method, collisions="ignore")
-    room = set_up([walk()], "empty_room", experiment).model
+    room = set_up([walk(1.1)], "empty_room", experiment).model
     prepared = prepare.prepare(room, Accuracy(), "specular")
     labels = EchoLabels.joined(part.labels for part in prepared.parts)
     assert sum(part.echoes for part in prepared.parts) == len(labels.target) == len(labels.path)
