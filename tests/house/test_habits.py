@@ -94,7 +94,10 @@ def test_nothing_is_excepted_that_needs_it_no_more() -> None:
         ("x = 1\n" * 601, ["a.py has 601 lines, at most 600 are meant"]),
         ("def f(a, b, c, d, e, f, g, /, h, i): ...", []),
         ("def f(a, b, c, d, e, f, g, /, h, i, *j): ...", ["a.py f has 10 parameters"]),
-        ("if a:\n    x = 1\nelse:\n    try:\n        b()\n    except A:\n        def f(a, b, c, d, e, f, g, h, i, j): ...", ["a.py f"]),
+        (
+            "if a:\n    x = 1\nelse:\n    try:\n        b()\n    except A:\n        def f(a, b, c, d, e, f, g, h, i, j): ...",
+            ["a.py f"],
+        ),
         ("match a:\n    case 1:\n        def f():\n            def g(a, b, c, d, e, f, g, h, i, j): ...", ["a.py g"]),
         ("class A:\n    def f(self, a, b, c, d, e, f, g, *, h, i): ...", []),
         ("class A:\n    async def f(self, a, b, c, d, e, f, g, *, h, i, **j): ...", ["a.py f has 10 parameters"]),

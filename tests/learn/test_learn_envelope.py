@@ -20,7 +20,9 @@ torch = pytest.importorskip("torch", reason="PyTorch is not installed (extra [le
 
 SLIDING = Augment(follow=0.3, mirror=0.5, variants=2)
 EPOCHS = 3
-OPTIONS = TrainOptions(epochs=EPOCHS, batch=16, rate=3e-3, schedule="cosine", smoothing=0.1, decay=0.05, augment=SLIDING)
+OPTIONS = TrainOptions(
+    epochs=EPOCHS, batch=16, rate=3e-3, schedule="cosine", smoothing=0.1, decay=0.05, augment=SLIDING
+)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +34,9 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[SavedModel, Path]
 @pytest.mark.slow
 def test_it_learns_and_its_axes_are_kept_with_the_weights(tmp_path: Path) -> None:
     folder = tmp_path / "longer"
-    model = train_model("envelope", ridges(60), ridges(12, seed=1), OPTIONS.model_copy(update={"epochs": 6}), output=folder)
+    model = train_model(
+        "envelope", ridges(60), ridges(12, seed=1), OPTIONS.model_copy(update={"epochs": 6}), output=folder
+    )
     test = ridges(30, seed=2)
     found = model.probabilities(test.levels)
     assert scores_of(found, test.labels).accuracy > 0.85

@@ -225,9 +225,7 @@ def test_the_body_stands_above_the_picture_in_the_colours_of_its_limbs(
         len(
             {
                 tuple(each)
-                for each in np.round(
-                    few.get_facecolors()[:, :3] / few.get_facecolors()[:, :3].max(axis=1)[:, None], 3
-                )
+                for each in np.round(few.get_facecolors()[:, :3] / few.get_facecolors()[:, :3].max(axis=1)[:, None], 3)
             }
         )
         == 6
@@ -310,9 +308,7 @@ def test_the_command_line_splits(tmp_path: Path) -> None:
         assert main(["plot", str(out), *more, "-o", str(tmp_path / "c.png")])
 
 
-def test_what_an_ellipsoid_gets_wrong_is_told_limb_by_limb(
-    by_segment: t2d.Recording, coarse: t2d.Recording
-) -> None:
+def test_what_an_ellipsoid_gets_wrong_is_told_limb_by_limb(by_segment: t2d.Recording, coarse: t2d.Recording) -> None:
     found = t2d.compare(by_segment, coarse)
     assert set(found.parts_db) == set(by_segment.parts)
     powers = [
