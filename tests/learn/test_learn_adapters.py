@@ -345,7 +345,7 @@ def test_a_black_picture_with_some_coloured_lines_is_not_grey(tmp_path: Path) ->
 
 def test_a_day_of_points_is_read_without_holding_its_maps(tmp_path: Path) -> None:
     """Maps of 0.5 s; each takes 16 kB, and memory grows by that of the points alone."""
-    count = 1000
+    count = 4000
     radhar(tmp_path / "walk", "a.txt", -1.0, frames=5 * count)
     radhar(tmp_path / "jack", "b.txt", 2.0)
     options = AdapterOptions(speed_mps=4.0, duration_s=0.5)
