@@ -6,7 +6,7 @@ P reads P in its peak cell.
 
 from t2d_rt.core.calls import public
 from t2d_rt.signal.angle import array_spectrum, range_angle, steering_vectors, unit_vectors
-from t2d_rt.signal.detection import Detection
+from t2d_rt.signal.detection import Detection, sensor, sensors
 from t2d_rt.signal.device import device_points
 from t2d_rt.signal.doppler import range_doppler, spectrogram, stft
 from t2d_rt.signal.maps import ArraySpectrum, PointCloud, RangeAngle, RangeDoppler, RangeProfile, RangeTime, Spectrogram
@@ -43,6 +43,8 @@ __all__ = [
     "range_fft",
     "range_profile",
     "range_time",
+    "sensor",
+    "sensors",
     "separate_ddm",
     "spectrogram",
     "steering_vectors",

@@ -1,12 +1,18 @@
-"""How a device finds points in its cube."""
+"""How a device finds points in its cube, and the sensors whose chirps and detection are shipped."""
 
 from __future__ import annotations
 
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field
 
+from t2d_rt.core.checks import unknown_name
+from t2d_rt.core.files import read_yaml
 from t2d_rt.types.fields import Count, Fields, Number
+from t2d_rt.types.radar import Radar
 from t2d_rt.types.ti_cfg import Source, numbers, read_commands
 
 Steps = Annotated[Count, Field(ge=0, le=1000)]
@@ -73,3 +79,23 @@ class Detection(Fields):
             steps_deg=(azimuth[1], elevation[1]), loading=(azimuth[2], elevation[2]),
             field_of_view_deg=(view[1], view[2]),
         )  # fmt: skip
+
+
+def sensors() -> list[str]:
+    """Names that `sensor` knows."""
+    return sorted(_packaged())
+
+
+def sensor(name: str, **changes: object) -> tuple[Radar, Detection]:
+    """Radar and detection of the sensor of a published set of points, "mars" or "radhar"; `changes` override the radar's fields."""
+    own, wanted = _packaged(), str(name).lower().replace("_", "-")
+    if wanted not in own:
+        raise unknown_name("sensor", name, sorted(own))
+    told = read_yaml(own[wanted], noun="sensor", example="radar, changes and detection")
+    return Radar.preset(told["radar"], **{**told["changes"], **changes}), Detection(**told["detection"])
+
+
+@cache
+def _packaged() -> dict[str, Path]:
+    folder = Path(str(files("t2d_rt"))) / "signal" / "sensors"
+    return {each.stem: each for each in folder.glob("*.yaml")}

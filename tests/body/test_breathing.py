@@ -15,6 +15,7 @@ from t2d_rt.body import segments, skin, template
 from t2d_rt.body.chest import CARRIERS
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError
+from t2d_rt.motion.generate import motion_from_text
 from t2d_rt.motion.vary import hold
 from t2d_rt.types import CANONICAL_JOINTS, Breathing
 
@@ -144,3 +145,8 @@ def test_who_rests_sways_over_feet_that_stay() -> None:
     assert power[np.fft.rfftfreq(len(hips), 1 / motion.rate_hz) > 1.1].sum() < 0.01 * power.sum()
     lying = hold(at_rest("back", 1.0), 30.0, sway_seed=3).joints - hold(at_rest("back", 1.0), 30.0).joints
     assert np.abs(lying).max() < 0.004
+    sits = motion_from_text("a person sits down on a chair", seed=0)
+    still, swaying = (hold(sits, 30.0, sway_seed=seed) for seed in (None, 3))
+    by_m = np.abs(swaying.joints - still.joints).max(axis=(0, 2))
+    assert max(by_m[sits.index(name)] for name in ("pelvis", "left_knee", "right_foot")) == 0
+    assert 0.002 < by_m[sits.index("head")] < 0.02

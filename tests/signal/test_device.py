@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from t2d_rt.core.errors import InputError
-from t2d_rt.signal import Detection, device_points, steering_vectors
+from t2d_rt.signal import Detection, device_points, sensor, sensors, steering_vectors
 from t2d_rt.types.radar import Radar
 
 # Chirps and detection in the numbers of no device: two transmitters, two receivers in a row and one row above it.
@@ -174,3 +174,15 @@ def test_the_demo_sends_receding_points_first_and_no_more_than_it_can() -> None:
     assert set(signs) >= {-1, 1}
     few = device_points(adc, radar, changed(DEMO, second_peak=1.0, most_points=3))
     np.testing.assert_array_equal(few.speed_mps, every.speed_mps[:3])
+
+
+def test_sensors_have_the_cells_that_their_recordings_tell() -> None:
+    for name, cell_mps, bin_m in (("mars", 0.356, 0.02929), ("radhar", 0.615, 0.0409)):
+        radar, detection = sensor(name)
+        assert np.diff(radar.speed_axis_mps(16))[0] == pytest.approx(cell_mps, rel=2e-3)
+        assert radar.range_axis_m(256)[1] == pytest.approx(bin_m, rel=2e-3)
+        assert detection.over == "doppler"
+    assert sensors() == ["mars", "radhar"]
+    assert sensor("mars", position_m=(0, 0, 1))[0].position_m == (0, 0, 1)
+    with pytest.raises(InputError, match="sensor"):
+        sensor("marz")

@@ -17,6 +17,7 @@ STUDIES = {
     "fidelity": "what ellipsoids, mesh, noise and room are worth to a classifier",
     "twins": "makes simulated twins of PARrad's real recordings, for gap and transfer",
     "gap": "how twins differ from real recordings, before any training",
+    "mars": "points of MARS's IWR1443 beside simulated ones of the same movements",
     "points": "points of a simulated IWR6843 beside recorded ones: people who sit, squat and stand",
     "walks": "recorded spectrograms of walks beside simulated ones, at several fidelities",
     "vital": "vital signs of simulated people at rest and of recordings, by one measure",

@@ -8,6 +8,7 @@ import numpy as np
 
 from t2d_rt.core.checks import instance, integer, number
 from t2d_rt.core.errors import InputError
+from t2d_rt.motion.check.measures import seated, tracks
 from t2d_rt.motion.edit import main_direction
 from t2d_rt.motion.generate.made.render import wander
 from t2d_rt.motion.interpolate import low_pass, minimum_jerk, sample
@@ -84,13 +85,16 @@ LONGEST_S = 600.0
 SWAY_RAD, SWAY_HZ, SWAY_SLOPE = (0.0042, 0.0027), (0.08, 1.0), 1.2
 """Standard deviations of the lean of who stands quietly, forward and sideways, its band and how its power falls in it: the centre
 of mass, some 0.95 m high, sways by 4 and 2.5 mm, most of it below 0.5 Hz (Winter 1995, Gait and Posture 3: 193)."""
+OFF_FEET_M = 0.1
+"""From the middle of the feet to under the centre of mass [m], from which a seat carries somebody with level thighs: it is 0.17 to
+0.41 m in made sits and up to 0.03 m in squats, and feet reach some 0.13 m."""
 
 
 def hold(motion: Motion, duration_s: float, *, sway_seed: int | None = None) -> Motion:
     """The motion, longer by a time [s] in which its last pose is held.
 
-    sway_seed: seed of the small sway of a person at rest, which grows with the height over the floor: the feet stay, who lies
-        hardly moves. None holds the pose quite still.
+    sway_seed: seed of the small sway of a person at rest, which grows with the height over what bears the body: the feet stay and,
+        of who sits, the hips and legs; who lies hardly moves. None holds the pose quite still.
 
     The last 0.3 s are shown more and more slowly, within 0.6 s, so that a person who moves at the end comes to rest without a jump
     of speed or acceleration; of a shorter hold or a shorter motion, as much as there is.
@@ -118,7 +122,11 @@ def _swaying(motion: Motion, pose: np.ndarray, times_s: np.ndarray, seed: int) -
     left = left / max(float(np.linalg.norm(left)), 1e-9)
     axes = np.array([[left[1], -left[0], 0.0], [*left, 0.0]])
     lean = np.array(SWAY_RAD) * wander(np.random.default_rng(seed), times_s, 2, SWAY_HZ, SWAY_SLOPE)
-    return (lean @ axes)[:, None] * (pose[:, 2] - pose[:, 2].min())[:, None]
+    body = tracks(motion)
+    feet = np.mean([body[f"{side}_{part}"][-1] for side in ("left", "right") for part in ("ankle", "foot")], axis=0)
+    sits = seated(body)[-1] and np.linalg.norm((body.centre_of_mass[-1] - feet)[:2]) > OFF_FEET_M
+    borne_m = pose[motion.index("pelvis"), 2] if sits else pose[:, 2].min()
+    return (lean @ axes)[:, None] * np.maximum(pose[:, 2] - borne_m, 0.0)[:, None]
 
 
 # --- faster and slower gaits: the segments between foot peaks are stretched in time (Text2Doppler's change of gait)
