@@ -1,8 +1,8 @@
 """Points of MARS's IWR1443 beside simulated ones: ten rehabilitation movements of one subject, seen by a Kinect at the same time.
 
-Each movement's first frames in the training part are made again: the Kinect's joints, smoothed as their noise asks for, are the motion, ellipsoids or
-the mesh the body, `signal.sensor("mars")` the radar and its detection. Nothing is fitted. Points beyond 1 m to a side or in height
-are left out of both, as the set's authors did.
+The first frames of each movement are made again: the Kinect's joints, smoothed as their noise asks for, are the motion, ellipsoids
+or the mesh the body, `signal.sensor("mars")` the radar and its detection. Nothing is fitted. Points beyond 1 m to a side or in
+height are left out of both, as the set's authors did.
 """
 
 from __future__ import annotations
@@ -31,9 +31,8 @@ MEASURES = (
     "points at rest",
     "range [m]",
     "frames with points",
-)
-"""Of a movement: median number of points of the frames that have any; of the points the median height, the difference of the heights'
-90 and 10 % quantiles, the mean absolute speed, the part of speed 0, the median range; part of the frames that have any."""
+"""Of a movement: median number of points of the frames that have any; of the points the median height, what lies between 10
+and 90 % of the heights, the mean absolute speed, the part of speed 0, the median range; part of the frames that have any."""
 RATE_HZ, KINECT_JOINTS = 10.0, 25
 SIDE_M = 1.0
 
@@ -49,7 +48,7 @@ def measures(numbers: np.ndarray, xyz_m: np.ndarray, speed_mps: np.ndarray) -> n
 
 
 def recorded(folder: Path) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Of each movement the numbers of its frames, and its points (point, 8): frame, number, right, ahead, up, speed, level, time."""
+    """Of each movement the numbers of its frames, and its points (point, 8): frame, number, right, ahead, up, speed, level, ..."""
     import h5py  # of the extra [hdf5]
 
     found = []
@@ -61,7 +60,7 @@ def recorded(folder: Path) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def kinect(folder: Path) -> tuple[list[str], np.ndarray]:
-    """Names of the joints, and their places (frame, joint, 3) ahead, to the left and up, of the training parts one after the other."""
+    """Names of the joints, and their places ahead, to the left and up (frame, joint, 3), of the training parts in order."""
     with gzip.open(folder / "kinect_data_train.csv.gz", "rt", encoding="utf-8") as file:
         names = [each.removesuffix("_X") for each in file.readline().strip().split(",")[:KINECT_JOINTS]]
         right, ahead, up = np.loadtxt(file, delimiter=",").reshape(-1, 3, KINECT_JOINTS).transpose(1, 0, 2)
@@ -96,7 +95,7 @@ def run(options: Namespace) -> str:
         xyz = own[:, [3, 2, 4]] * [1, -1, 1]
         real.append(measures(numbers, xyz, own[:, 5]))
         motion, height_m = motion_of(names, joints[begin : begin + count])
-        begin += int(round(0.6 * len(frames)))
+        begin += round(0.6 * len(frames))
         radar, detection = sensor("mars", position_m=(0.0, 0.0, height_m))
         recording = simulate(
             motion, radar=radar, method=options.method, seed=number, noise=Receiver(), measure_error=False
