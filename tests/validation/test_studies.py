@@ -21,7 +21,7 @@ from t2d_rt.learn.maps import LabelledMaps
 from t2d_rt.simulate import simulate
 from t2d_rt.types import Ellipsoids, Radar
 from validation.__main__ import main
-from validation.studies import benchmark, conditions, fidelity, gap, points, transfer, twins
+from validation.studies import benchmark, conditions, fidelity, gap, mars, points, transfer, twins
 from validation.studies.benchmark import JUDGED, SCALES, Scale, cells_of
 from validation.studies.benchmark_report import claims, confused_pairs, interval, verdict
 from validation.studies.gap import domain_gap
@@ -345,3 +345,12 @@ def test_points_of_twins_beside_recorded_ones(tmp_path: Path) -> None:
     rows = [line.split("|") for line in (tmp_path / "table.md").read_text().splitlines() if line.startswith("| st")]
     assert [float(row[3]) for row in rows] == [2.0, 1.55, 0.14, 0.5]
     assert study("points", "--recordings", tmp_path / "none", "-o", tmp_path / "table.md") == 2
+
+
+def test_measures_of_mars_tell_points_heights_speeds_and_frames() -> None:
+    numbers, heights = np.array([2, 0, 3, 0]), np.array([0.0, 0.1, 0.2, 0.3, 0.4])
+    found = mars.measures(
+        numbers, np.stack([0 * heights + 2, 0 * heights, heights], axis=1), np.array([0.0, 1, -1, 2, -2])
+    )
+    np.testing.assert_allclose(found, [2.5, 0.2, 0.32, 1.2, 0.2, np.hypot(2, 0.2), 0.5], rtol=1e-9)
+    assert np.isnan(mars.measures(np.zeros(3, int), np.zeros((0, 3)), np.zeros(0))[1])

@@ -31,6 +31,7 @@ MEASURES = (
     "points at rest",
     "range [m]",
     "frames with points",
+)
 """Of a movement: median number of points of the frames that have any; of the points the median height, what lies between 10
 and 90 % of the heights, the mean absolute speed, the part of speed 0, the median range; part of the frames that have any."""
 RATE_HZ, KINECT_JOINTS = 10.0, 25
@@ -39,10 +40,12 @@ SIDE_M = 1.0
 
 def measures(numbers: np.ndarray, xyz_m: np.ndarray, speed_mps: np.ndarray) -> np.ndarray:
     """`MEASURES` from the numbers of points of all frames, positions ahead, to the left and up (point, 3), and speeds."""
-    low, middle, high = np.percentile(xyz_m[:, 2], (10, 50, 90)) if len(xyz_m) else 3 * [np.nan]
+    if not len(xyz_m):
+        return np.array([0.0, *(len(MEASURES) - 2) * [np.nan], 0.0])
+    low, middle, high = np.percentile(xyz_m[:, 2], (10, 50, 90))
     active = numbers[numbers > 0]
     return np.array([
-        np.median(active) if len(active) else 0.0, middle, high - low, np.abs(speed_mps).mean(),
+        np.median(active), middle, high - low, np.abs(speed_mps).mean(),
         (np.abs(speed_mps) < 1e-6).mean(), np.median(np.linalg.norm(xyz_m, axis=1)), len(active) / len(numbers),
     ])  # fmt: skip
 
@@ -88,14 +91,15 @@ def run(options: Namespace) -> str:
     folder, real, made, begin = Path(options.recordings), [], [], 0
     names, joints = kinect(folder)
     for number, (frames, points) in enumerate(recorded(folder), 1):
-        count = min(options.frames, int(0.6 * len(frames)))
+        training = -(-3 * len(frames) // 5)  # 60 %, rounded up
+        count = min(options.frames, training)
         own = points[np.isin(points[:, 0], frames[:count])]
         span = int(frames[count - 1] - frames[0]) + 1
         numbers = np.bincount((own[:, 0] - frames[0]).astype(int), minlength=span)
         xyz = own[:, [3, 2, 4]] * [1, -1, 1]
         real.append(measures(numbers, xyz, own[:, 5]))
         motion, height_m = motion_of(names, joints[begin : begin + count])
-        begin += round(0.6 * len(frames))
+        begin += training
         radar, detection = sensor("mars", position_m=(0.0, 0.0, height_m))
         recording = simulate(
             motion, radar=radar, method=options.method, seed=number, noise=Receiver(), measure_error=False
@@ -108,7 +112,7 @@ def run(options: Namespace) -> str:
         )
         made.append(measures(numbers, cloud.xyz_m[kept], cloud.speed_mps[kept]))
         print(number, np.round(real[-1], 2), np.round(made[-1], 2), flush=True)
-    if begin > len(joints) + 10:
+    if begin != len(joints):
         raise InputError(
             f"{folder} has {len(joints)} frames of joints where the radar has {begin}; give one subject's files"
         )
