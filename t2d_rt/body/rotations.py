@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from t2d_rt.geometry.vectors import unit
+from t2d_rt.geometry.vectors import unit, vector_product
 
 
 def matrices(quaternions: np.ndarray) -> np.ndarray:
@@ -15,20 +15,24 @@ def matrices(quaternions: np.ndarray) -> np.ndarray:
         (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
         (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
     )
-    return np.stack([np.stack(row, -1) for row in rows], -2)
+    found = np.empty((*x.shape, 3, 3), x.dtype)
+    for i, row in enumerate(rows):
+        for k, each in enumerate(row):
+            found[..., i, k] = each
+    return found
 
 
 def frame(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Orthonormal frames whose first column is along `first` and whose second lies towards `second`, both (..., 3)."""
     a = unit(first)
     b = unit(second - (second * a).sum(-1, keepdims=True) * a)
-    return np.stack([a, b, np.cross(a, b)], -1)
+    return np.stack([a, b, vector_product(a, b)], -1)
 
 
 def swing(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     """The least rotation that turns direction `source` to `target`, both (..., 3)."""
     a, b = np.broadcast_arrays(unit(source), unit(target))
-    axis, cosine = np.cross(a, b), (a * b).sum(-1)
+    axis, cosine = vector_product(a, b), (a * b).sum(-1)
     skew = np.zeros((*cosine.shape, 3, 3))
     skew[..., 0, 1], skew[..., 0, 2], skew[..., 1, 2] = -axis[..., 2], axis[..., 1], -axis[..., 0]
     skew -= np.swapaxes(skew, -1, -2)

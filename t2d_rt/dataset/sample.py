@@ -22,13 +22,12 @@ from t2d_rt.dataset.recipe import OWN_BODY, Beside, Condition, Recipe, integer_s
 from t2d_rt.dataset.subjects import subject_of
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.sources import MotionText
-from t2d_rt.motion import place, trim
-from t2d_rt.motion.check import check_motion
+from t2d_rt.motion import place
+from t2d_rt.motion.check import check_motion, passes
 from t2d_rt.motion.descriptions.grammar import grammar_descriptions
 from t2d_rt.motion.descriptions.slots import Activity, Description
 from t2d_rt.motion.generate import COMPOSED
 from t2d_rt.motion.generate.library.individual import drawn_person
-from t2d_rt.motion.vary import arc, hold
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.scene import Curtain, Mover, Pet, TableFan
 from t2d_rt.types import Motion, Radar
@@ -136,23 +135,19 @@ def _fitted(source: MotionText, recipe: Recipe, number: int, activity: Activity,
     # A frame more than is needed: lengths are whole numbers of frames.
     rest_s = max(length_s - made.duration_s, (1.0 - moving) * length_s) + 1.0 / made.rate_hz
     source = source.model_copy(update={"hold_s": round(rest_s, 6)})
-    held = hold(made, source.hold_s, sway_seed=source.seed)
-    first: SampleMotion | None = None
-    for start_s in _starts(held, length_s, moving):
-        motion = trim(held, start_s, start_s + length_s)
-        radius_m = arc_radius_m(motion, side)
-        motion = arc(motion, radius_m) if radius_m else motion
-        cut = source.model_copy(update={"start_s": start_s, "stop_s": start_s + length_s, "radius_m": radius_m})
-        found = _cut(cut, motion, check_motion(motion, expected=activity).reasons, attempts, made)
-        if found.passed:
-            return found
-        first = first or found
+    first: MotionText | None = None
+    for start_s in _starts(source.piece(made), length_s, moving):
+        cut = source.model_copy(update={"start_s": start_s, "stop_s": start_s + length_s})
+        cut = cut.model_copy(update={"radius_m": arc_radius_m(cut.piece(made), side)})
+        if passes(cut.piece(made), activity):
+            return _cut(cut, (), attempts, made)
+        first = first or cut
     assert first is not None, "there is at least one piece"
-    return first
+    return _cut(first, check_motion(first.piece(made), expected=activity).reasons, attempts, made)
 
 
-def _cut(source: MotionText, motion: Motion, reasons: tuple[str, ...], attempts: int, made: Motion) -> SampleMotion:
-    return SampleMotion(source, motion, not reasons, reasons, attempts, made.duration_s, made.origin)
+def _cut(source: MotionText, reasons: tuple[str, ...], attempts: int, made: Motion) -> SampleMotion:
+    return SampleMotion(source, source.piece(made), not reasons, reasons, attempts, made.duration_s, made.origin)
 
 
 def moves(motion: Motion) -> np.ndarray:

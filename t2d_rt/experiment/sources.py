@@ -65,17 +65,28 @@ class _Placed(Plain):
 
     def cut(self, motion: Motion) -> Motion:
         """The piece of a motion that is used."""
+        self._tell_of_end(motion)
+        return self._trimmed(motion)
+
+    def _tell_of_end(self, motion: Motion) -> None:
         end = motion.duration_s
         if self.stop_s is not None and self.stop_s > end:
             warn(f"the motion ends at {end:.6g} s, before stop_s of {self.stop_s:g} s; it is used to its end")
+
+    def _trimmed(self, motion: Motion) -> Motion:
         if self.start_s or self.stop_s is not None:
+            end = motion.duration_s
             return trim(motion, self.start_s, end if self.stop_s is None else min(self.stop_s, end))
         return motion
 
     def placed(self, motion: Motion, radar: Radar) -> Motion:
         """The piece of a motion that is used, where it starts."""
+        return self.put(self.cut(motion), radar)
+
+    def put(self, piece: Motion, radar: Radar) -> Motion:
+        """A piece where it starts."""
         motion = place(
-            self.cut(motion),
+            piece,
             distance_m=self.distance_m,
             angle_deg=self.angle_deg,
             radar_position_m=radar.position_m,
@@ -114,6 +125,12 @@ class MotionFile(_Placed):
         return motion
 
 
+NOWHERE: Mapping[str, object] = {"distance_m": None, "angle_deg": 0.0, "aside_m": 0.0}
+"""Fields of the source of a motion that stands nowhere."""
+WHOLE: Mapping[str, object] = {"start_s": 0.0, "stop_s": None, "radius_m": 0.0}
+"""Fields of one that is neither cut nor bent."""
+
+
 class MotionText(_Placed):
     """A motion that is made from a sentence."""
 
@@ -149,12 +166,26 @@ class MotionText(_Placed):
         """The motion before it is held, cut and placed."""
         if self.provider not in COMPOSED:  # what those read may have changed
             return _generated(self)
-        plain = {"start_s": 0.0, "stop_s": None, "distance_m": None, "angle_deg": 0.0, "aside_m": 0.0, "hold_s": 0.0}
-        return _composed(self.model_copy(update={**plain, "radius_m": 0.0}))
+        return _composed(self.model_copy(update={**NOWHERE, **WHOLE, "hold_s": 0.0}))
 
     def cut(self, motion: Motion) -> Motion:
         """The piece of a motion that is used, held at its end, its path bent."""
-        piece = super().cut(hold(motion, self.hold_s, sway_seed=self.seed) if self.hold_s else motion)
+        held = self._held(motion)
+        self._tell_of_end(held)
+        return self._bent(held)
+
+    def piece(self, made: Motion | None = None) -> Motion:
+        """`cut` of what is `made`. The last few are kept: a data set judges pieces of a motion, one of which it then simulates."""
+        if self.provider not in COMPOSED:
+            return self.cut(self.made() if made is None else made)
+        self._tell_of_end(_piece(self.model_copy(update={**NOWHERE, **WHOLE})))
+        return _piece(self.model_copy(update=NOWHERE))
+
+    def _held(self, motion: Motion) -> Motion:
+        return hold(motion, self.hold_s, sway_seed=self.seed) if self.hold_s else motion
+
+    def _bent(self, motion: Motion) -> Motion:
+        piece = self._trimmed(motion)
         return arc(piece, self.radius_m) if self.radius_m else piece
 
 
@@ -179,6 +210,13 @@ def _generated(source: MotionText) -> Motion:
 
 _composed = functools.lru_cache(maxsize=8)(_generated)
 """The last few are kept: a data set looks at a motion before it simulates it, and may simulate it under several conditions."""
+
+
+@functools.lru_cache(maxsize=8)
+def _piece(source: MotionText) -> Motion:
+    """The piece of a motion that stands nowhere; all are cut out of what is held once."""
+    whole = source.model_copy(update=WHOLE)
+    return source._held(source.made()) if source == whole else source._bent(_piece(whole))
 
 
 class MotionArrays(Plain):
@@ -420,7 +458,7 @@ def target_from(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) 
     if isinstance(source, MotionFile):
         return source.placed(source.read(folder or Path()), radar)
     if isinstance(source, MotionText):
-        return source.placed(source.made(), radar)
+        return source.put(source.piece(), radar)
     if isinstance(source, MotionArrays):
         arrays = named_arrays(inputs, source.input, ("joints", "rotations"))
         motion_fields: dict[str, Any] = {name: getattr(source, name) for name in MOTION_FIELDS}

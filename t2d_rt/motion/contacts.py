@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from t2d_rt.geometry.vectors import unit
+from t2d_rt.geometry.vectors import unit, vector_product
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.kinematics import INDEX, PARENTS, Poses
 
@@ -257,7 +257,7 @@ def _tiptoe(poses: Poses, side: str, track: np.ndarray, free: np.ndarray) -> tup
     hinge = quaternions.rotate(foot, np.array([0.0, 1.0, 0.0]))
     span = joints[:, hip] - track
     distance = np.linalg.norm(span, axis=-1)
-    gain = np.maximum((np.cross(hinge, arm) * span).sum(-1) / distance, 0.25 * np.linalg.norm(arm, axis=-1))
+    gain = np.maximum((vector_product(hinge, arm) * span).sum(-1) / distance, 0.25 * np.linalg.norm(arm, axis=-1))
     excess = np.where(free, distance - SUPPORT * _leg_m(poses, side), 0.0)
     angle = np.minimum(_smooth_bound(np.maximum(excess, 0.0) / gain, poses.rate_hz, 0.04), RAISED_RAD)
     spin = quaternions.about_axis(hinge, angle)

@@ -8,10 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from t2d_rt.geometry.vectors import norms, unit
+from t2d_rt.geometry.vectors import norms, unit, vector_product
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.interpolate import compose, decompose
-from t2d_rt.motion.quaternions import cross
 from t2d_rt.motion.skeletons import PARENT_OF
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Motion
 
@@ -57,7 +56,7 @@ def _length(lower: np.ndarray, upper: np.ndarray) -> float:
 def facing(points: dict[str, np.ndarray]) -> np.ndarray:
     """Horizontal unit vectors (T, 3) that the hips and shoulders face (z up)."""
     across = points["left_hip"] - points["right_hip"] + points["left_shoulder"] - points["right_shoulder"]
-    forward = cross(across, np.array([0.0, 0.0, 1.0]))
+    forward = vector_product(across, np.array([0.0, 0.0, 1.0]))
     return forward / np.maximum(norms(forward), 1e-9)[..., None]
 
 
@@ -312,7 +311,7 @@ def _frame(first: str, along: np.ndarray, second: str, towards: np.ndarray) -> n
     columns = {first: a, second: b}
     (third,) = set("xyz") - set(columns)
     x, y = (("y", "z"), ("z", "x"), ("x", "y"))["xyz".index(third)]
-    columns[third] = np.cross(columns[x], columns[y])
+    columns[third] = vector_product(columns[x], columns[y])
     return quaternions.from_matrix(np.stack([columns[axis] for axis in "xyz"], axis=-1))
 
 

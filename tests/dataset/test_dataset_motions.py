@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from t2d_rt.core.errors import T2DWarning
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.sample import (
     CLEARANCE_M,
@@ -124,6 +125,18 @@ def test_the_source_of_a_motion_makes_the_same_motion(recipe: Recipe) -> None:
     source = MotionText(**found.source.model_dump())
     radar = recipe.radar
     np.testing.assert_array_equal(source.placed(source.made(), radar).joints, place(found.motion).joints)
+
+
+def test_a_piece_that_is_kept_is_what_is_cut_and_told_of_each_time(recipe: Recipe) -> None:
+    source = MotionText(text="a person walks forward", hold_s=0.5, start_s=0.3, radius_m=2.0, distance_m=3.0)
+    whole = source.made()
+    np.testing.assert_array_equal(source.piece().joints, source.cut(whole).joints)
+    assert source.piece().origin == source.cut(whole).origin
+    assert source.piece() is source.model_copy(update={"distance_m": 4.0}).piece()
+    late = source.model_copy(update={"stop_s": whole.duration_s + 1.0})
+    for _ in range(2):
+        with pytest.warns(T2DWarning, match="before stop_s of"):
+            late.piece()
 
 
 def test_in_a_room_motions_keep_clear_of_walls_and_furniture(recipe: Recipe) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from t2d_rt.geometry.vectors import edge_cross, unit
+from t2d_rt.geometry.vectors import edge_cross, unit, vector_product
 
 
 @pytest.mark.parametrize("kind", [np.int8, np.int32, np.int64, np.float32, np.float64])
@@ -22,6 +22,15 @@ def test_unit_vectors_have_the_shape_that_was_given(shape: tuple[int, ...]) -> N
     found = unit(vectors)
     assert found.shape == shape
     np.testing.assert_array_equal(found, vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [((3,), (3,)), ((0, 3), (3,)), ((5, 3), (3,)), ((4, 2, 3), (2, 3)), ((4, 1, 3), (2, 3))]
+)
+def test_products_are_those_of_numpy(one: tuple[int, ...], other: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(0)
+    first, second = rng.normal(size=one), rng.normal(size=other)
+    np.testing.assert_array_equal(vector_product(first, second), np.cross(first, second))
 
 
 @pytest.mark.parametrize("shape", [(3, 3), (0, 3, 3), (5, 3, 3), (2, 4, 3, 3)])

@@ -15,7 +15,7 @@ from builders import WALK, slow_after, walk
 from command_line import Command
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion import resample, trim
-from t2d_rt.motion.check import check_motion, detect_fall, measure
+from t2d_rt.motion.check import check_motion, detect_fall, measure, passes
 from t2d_rt.motion.check.measures import RANGES_DEG, spans
 from t2d_rt.motion.check.verdict import GAIT_SIGNS, SENTENCES, shipped_limits
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
@@ -488,6 +488,11 @@ def test_a_walk_is_no_other_class() -> None:
     for kind, words in expected.items():
         assert words in str(check_motion(walk(), expected=kind)), kind  # type: ignore[arg-type]
     assert "it should hold no fall" in str(check_motion(topple(), expected="walking"))
+    sunk = shifted(walk(), np.array([0.0, 0.0, -0.2]))
+    assert [passes(motion, "walking") for motion in (walk(), topple(), sunk)] == [True, False, False]
+    assert [passes(motion, "falling") for motion in (walk(), topple())] == [
+        check_motion(motion, expected="falling").passed for motion in (walk(), topple())
+    ]
 
 
 def test_classes_have_names() -> None:

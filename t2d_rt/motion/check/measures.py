@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.geometry.vectors import unit
+from t2d_rt.geometry.vectors import unit, vector_product
 from t2d_rt.motion import kinematics
 from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.interpolate import low_pass
@@ -344,12 +344,12 @@ def _limb_angles(body: Tracks, side: str, out: np.ndarray, shoulders: np.ndarray
     hip, knee, ankle, foot = (body[f"{side}_{name}"] for name in ("hip", "knee", "ankle", "foot"))
     shoulder, elbow, wrist = (body[f"{side}_{name}"] for name in ("shoulder", "elbow", "wrist"))
     across = out if side == "left" else -out
-    ahead, chest = unit(np.cross(across, body.trunk)), unit(np.cross(shoulders, body.trunk))
+    ahead, chest = unit(vector_product(across, body.trunk)), unit(vector_product(shoulders, body.trunk))
     thigh, shank, upper = knee - hip, ankle - knee, elbow - shoulder
-    bend, hinge = angle_deg(thigh, shank), unit(np.cross(thigh, shank))
+    bend, hinge = angle_deg(thigh, shank), unit(vector_product(thigh, shank))
     # Knee and ankle turn about axes of about one direction, that of the hips' line; a knee that bends forward has its own the
     # other way round. Both must say so: a hip turns its leg, and some files have feet that follow no ankle.
-    sole_hinge = unit(np.cross(shank, foot - ankle))
+    sole_hinge = unit(vector_product(shank, foot - ankle))
     wrong = (np.sum(hinge * sole_hinge, axis=-1) > 0.5) & (np.sum(hinge * across, axis=-1) < -0.5)
     forward, sideward, downward = (np.sum(unit(thigh) * axis, axis=-1) for axis in (ahead, out, -body.trunk))
     sagittal = np.degrees(np.arctan2(forward, downward))

@@ -428,6 +428,15 @@ def check_motion(motion: Motion, *, expected: Activity | None = None) -> Verdict
     return judged(motion, measures_of(motion, body), body=body, expected=expected)
 
 
+def passes(motion: Motion, expected: Activity) -> bool:
+    """Whether `check_motion` finds nothing against a motion as one of a class: what tells soonest is looked at first."""
+    checked_motion(motion)
+    body = tracks(motion)
+    if class_faults(expected, body, fall_in(body), shipped_limits()):
+        return False
+    return not judged(motion, measures_of(motion, body), body=body).reasons
+
+
 def judged(
     motion: Motion,
     measures: Measures,

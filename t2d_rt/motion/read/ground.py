@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 
 from t2d_rt.core.errors import warn
-from t2d_rt.geometry.vectors import inner, norms, unit
+from t2d_rt.geometry.vectors import inner, norms, unit, vector_product
 from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.kinematics import leg_m, middle
-from t2d_rt.motion.quaternions import between, conjugate, cross, multiply, rotate
+from t2d_rt.motion.quaternions import between, conjugate, multiply, rotate
 from t2d_rt.motion.read.tracks import Tracks
 
 # --- which way gravity points, where a file does not keep to an axis: a tilted camera turns floor and body alike ---
@@ -196,7 +196,7 @@ def _balance(
             mass = mass + part * (a + at * (b - a))
         mass = mass + 0.25 * TRUNK_FRACTION * (points[f"{side}_hip"] + points[f"{side}_shoulder"])
     up = mass - middle(points, "ankle")
-    ahead = unit(cross(points["left_hip"] - points["right_hip"], up))
+    ahead = unit(vector_product(points["left_hip"] - points["right_hip"], up))
     left, right = (mass - points[f"{side}_ankle"] - UNDER * leg * ahead for side in ("left", "right"))
     both = planted[0] & planted[1]
     one = [vectors[flags & ~both] for vectors, flags in zip((left, right), planted, strict=True)]

@@ -9,9 +9,9 @@ import numpy as np
 
 from t2d_rt.core.checks import LARGEST_M, array, shown
 from t2d_rt.core.errors import InputError
-from t2d_rt.geometry.vectors import inner, norms, unit
+from t2d_rt.geometry.vectors import inner, norms, unit, vector_product
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.quaternions import about_axis, between, conjugate, cross, from_matrix, multiply, rotate
+from t2d_rt.motion.quaternions import about_axis, between, conjugate, from_matrix, multiply, rotate
 from t2d_rt.motion.skeletons import PARENT_OF, parents_of
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_rate
 
@@ -66,16 +66,16 @@ def orientations_from_positions(points: dict[str, np.ndarray], rate_hz: float) -
         ahead = points[foot] - points[ankle]
         thigh, shank = unit(points[knee] - points[hip]), unit(points[ankle] - points[knee])
         # A foot points to where its knee bends: square to it, carried up from the shank to the thigh, lies another hinge.
-        foot_hinge = rotate(between(shank, thigh), cross(unit(ahead), shank))
+        foot_hinge = rotate(between(shank, thigh), vector_product(unit(ahead), shank))
         turned[hip], turned[knee] = _limb(
-            turned["pelvis"], LEG_REST * mirror, (thigh, shank), cross(thigh, shank), rate_hz, foot_hinge
+            turned["pelvis"], LEG_REST * mirror, (thigh, shank), vector_product(thigh, shank), rate_hz, foot_hinge
         )
         turned[ankle] = _carried(turned[knee], ahead, rate_hz)
         turned[foot] = _carried(turned[ankle], points[toe] - points[foot], rate_hz) if toe in points else turned[ankle]
         turned[collar] = _carried(turned["spine3"], points[shoulder] - points[collar], rate_hz)
         arm, forearm = unit(points[elbow] - points[shoulder]), unit(points[wrist] - points[elbow])
         turned[shoulder], turned[elbow] = _limb(
-            turned["spine3"], ARM_REST * mirror, (arm, forearm), cross(forearm, arm), rate_hz
+            turned["spine3"], ARM_REST * mirror, (arm, forearm), vector_product(forearm, arm), rate_hz
         )
         turned[wrist] = (
             _carried(turned[elbow], points[hand] - points[wrist], rate_hz) if hand in points else turned[elbow]
@@ -98,10 +98,10 @@ def _trunk(points: dict[str, np.ndarray], rate_hz: float) -> dict[str, np.ndarra
     hips, shoulders = (unit(points[f"left_{joint}"] - points[f"right_{joint}"]) for joint in ("hip", "shoulder"))
     middle = 0.5 * (points["left_hip"] + points["right_hip"])
     first, upward = _orthonormal(hips, points["spine1"] - middle)
-    turned = {"pelvis": from_matrix(np.stack([cross(first, upward), first, upward], axis=-1))}
+    turned = {"pelvis": from_matrix(np.stack([vector_product(first, upward), first, upward], axis=-1))}
     for step, (name, above) in enumerate((("spine1", "spine2"), ("spine2", "spine3"), ("spine3", "neck")), 1):
         upward, left = _orthonormal(points[above] - points[name], (3 - step) * hips + step * shoulders)
-        turned[name] = from_matrix(np.stack([cross(left, upward), left, upward], axis=-1))
+        turned[name] = from_matrix(np.stack([vector_product(left, upward), left, upward], axis=-1))
     turned["neck"] = _carried(turned["spine3"], points["head"] - points["neck"], rate_hz)
     top = points.get("head_top")
     turned["head"] = turned["neck"] if top is None else _carried(turned["neck"], top - points["head"], rate_hz)
@@ -168,7 +168,7 @@ def _steadied(weight: np.ndarray, pull: np.ndarray, stiffness: float) -> np.ndar
 def _angle_about(axis: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Angle (T,) about unit axes by which `start` turns to `end` (T, 3), as seen along the axis."""
     along = inner(start, axis) * inner(end, axis)
-    return np.arctan2(inner(cross(start, end), axis), inner(start, end) - along)
+    return np.arctan2(inner(vector_product(start, end), axis), inner(start, end) - along)
 
 
 def _carried(above: np.ndarray, bone: np.ndarray, rate_hz: float) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.core.errors import InputError, install
-from t2d_rt.geometry.vectors import unit
+from t2d_rt.geometry.vectors import unit, vector_product
 from t2d_rt.motion import quaternions
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, Motion
 
@@ -65,7 +65,7 @@ def frame(*, x: np.ndarray | None = None, y: np.ndarray, near_x: np.ndarray | No
         assert near_x is not None, "one of x and near_x is given"
         second = unit(y)
         first = unit(near_x - np.sum(near_x * second, axis=-1, keepdims=True) * second)
-    return np.stack([first, second, np.cross(first, second)], axis=-1)
+    return np.stack([first, second, vector_product(first, second)], axis=-1)
 
 
 def mean_rotation(rotations: np.ndarray, weights: np.ndarray) -> np.ndarray:

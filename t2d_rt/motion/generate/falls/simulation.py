@@ -11,6 +11,7 @@ import numpy as np
 
 from t2d_rt.core.checks import flag, integer, number, shown
 from t2d_rt.core.errors import InputError
+from t2d_rt.geometry.vectors import vector_product
 from t2d_rt.motion.descriptions.slots import FALL_TYPES, FallType
 from t2d_rt.motion.generate.falls.humanoid import (
     PARENTS,
@@ -310,6 +311,7 @@ def simulate(
     dofs = model.jnt_dofadr[model.actuator_trnid[:, 0]]
     chest = model.body("thorax").id
     kept: list[Any] = []
+    moving, force = data.qvel, data.actuator_force  # views of what MuJoCo changes
     work, impact, lying, lively, struck = 0.0, -1, -1, 0, False
     down = [frames] * 3
     for frame in range(frames):
@@ -337,12 +339,14 @@ def simulate(
         _act(model, data, course, frame, lying)
         phase = min(frame / RATE_HZ / disturbance.push_s, 1.0)
         data.xfrc_applied[chest, :3] = np.sin(np.pi * phase) * np.array(disturbance.push_n)
+        after = moving[dofs]
         for _ in range(STEPS_PER_FRAME):
             if disturbance.caught:
                 _hold(model, data, disturbance, frame / RATE_HZ)
-            before = data.qvel[dofs].copy()
+            before = after
             module.mj_step(model, data)
-            work += float(data.actuator_force @ (before + data.qvel[dofs])) * 0.5 * STEP_S
+            after = moving[dofs]
+            work += float(force @ (before + after)) * 0.5 * STEP_S
     return _run(kept)
 
 
@@ -380,7 +384,7 @@ def _hold(model: Any, data: Any, disturbance: Disturbance, time_s: float) -> Non
     data.xfrc_applied[foot, :3] = 0.0
     if time_s < disturbance.caught_s:
         lever = data.xipos[foot] - data.subtree_com[model.body_rootid[foot]]
-        velocity = data.cvel[foot, 3:] + np.cross(data.cvel[foot, :3], lever)
+        velocity = data.cvel[foot, 3:] + vector_product(data.cvel[foot, :3], lever)
         grip = disturbance.grip_ns_per_m * min(time_s / GRIPPED_S, 1.0) ** 2
         data.xfrc_applied[foot, :3] = -grip * velocity
 

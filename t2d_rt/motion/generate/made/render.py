@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.geometry.vectors import unit
+from t2d_rt.geometry.vectors import unit, vector_product
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.generate.made.act import CHANNELS, DEG, INDEX, SIDES, SIGN, Act, progress
 from t2d_rt.motion.generate.made.hands import Anatomy, Figure, Goal, Hand, Hang
@@ -281,7 +281,7 @@ def _leg(figure: Figure, values: Mapping[str, np.ndarray], side: str, ankle: np.
     upright = np.maximum(quaternions.rotate(frame, Z)[:, 2:], 0.0)
     pole = quaternions.rotate(_chain(frame, (Z, out)), X) + 0.6 * upright**2 * Z
     knee, end, side_on = _two_bones(hip, ankle, pole, figure.anatomy.bones_m(side, "knee", "ankle"), LEG_SOFT)
-    hinge = quaternions.cross(side_on, ankle - hip)
+    hinge = vector_product(side_on, ankle - hip)
     turns[f"{side}_hip"] = _frame("z", hip - knee, "y", hinge)
     turns[f"{side}_knee"] = _frame("z", knee - end, "y", hinge)
     points[f"{side}_hip"], points[f"{side}_knee"], points[f"{side}_ankle"] = hip, knee, end
@@ -317,7 +317,7 @@ def _arm(figure: Figure, side: str, arm: Arm, ground: np.ndarray, rate_hz: float
         sunk = 5 * SOFT_M * np.logaddexp(0.0, (lowest - middle[:, 2]) / (5 * SOFT_M))
         side_on = side_on + (sunk / (0.08 * tall))[:, None] * Z
         middle, end, side_on = _two_bones(shoulder, wrist, side_on, bones_m, ARM_SOFT)
-    hinge = -sign * quaternions.cross(side_on, wrist - shoulder)
+    hinge = -sign * vector_product(side_on, wrist - shoulder)
     turns[f"{side}_shoulder"] = _frame("y", sign * (middle - shoulder), "z", hinge)
     turns[f"{side}_elbow"] = loose = _frame("y", sign * (end - middle), "z", hinge)
     points[f"{side}_elbow"], points[f"{side}_wrist"] = middle, end
@@ -408,5 +408,5 @@ def _frame(first: str, along: np.ndarray, second: str, towards: np.ndarray) -> n
     columns = {first: a, second: b}
     (third,) = set("xyz") - set(columns)
     x, y = (("y", "z"), ("z", "x"), ("x", "y"))["xyz".index(third)]
-    columns[third] = quaternions.cross(columns[x], columns[y])
+    columns[third] = vector_product(columns[x], columns[y])
     return quaternions.from_matrix(np.stack([columns[axis] for axis in "xyz"], axis=-1))
