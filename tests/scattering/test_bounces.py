@@ -73,7 +73,7 @@ def difference(mesh: MovingMesh, radar: Radar, bounces: int, without: int) -> fl
     return float(np.mean(np.abs(middle) ** 2)) * RANGE_M**4 / radar.link_amplitude**2
 
 
-@pytest.mark.parametrize("angle_deg", [-20.0, 0.0, 9.0])
+@pytest.mark.parametrize("angle_deg", slow_after(2, [-20.0, 0.0, 9.0]))
 @pytest.mark.parametrize("preset", ["ism-24", "table2"])
 def test_dihedral(preset: str, angle_deg: float) -> None:
     radar = Radar.preset(preset, sample_rate_hz=30e6)  # of a range axis beyond 50 m
