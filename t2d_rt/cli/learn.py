@@ -40,7 +40,7 @@ def train(
     files: list[str] | None = None,
     output: str | None = None,
     model: str = "resnet18",
-    by: str = "description",
+    by: str | None = None,
     split: str | None = None,
     size: int | None = None,
     dynamic_range_db: float = 60.0,
@@ -56,7 +56,8 @@ def train(
     output: folder to write; a training that was stopped there goes on.
     model: one of vgg-7, resnet18, vit-tiny, crnn, conv1d-lstm, conv1d-alstm-fcn, streaming, which is small and causal, or
         envelope, which learns most of few samples.
-    by: what is on one side only: description (and the motions of it), clip (too), or file, which lets descriptions leak.
+    by: what is on one side only: description (and the motions of it), clip (too), or file, which lets descriptions leak. By
+        default the sides that the recipe makes, as benchmark-1 does, or by description where it makes none.
     split: file of a split with sides train, val and test, in place of --by.
     size: cells of speed and of time, 128 for envelope and 64 for the others by default; 224 is usual, too.
     dynamic_range_db: levels below that are clipped [dB].
@@ -76,6 +77,7 @@ def train(
     from t2d_rt.dataset import Dataset
     from t2d_rt.dataset.splits import check_sides
     from t2d_rt.learn import Augment, TrainOptions, maps_of, scores_of, train_model
+    from t2d_rt.learn.benchmark_line import line
     from t2d_rt.learn.figures import curves_figure
     from t2d_rt.learn.models import card
 
@@ -91,7 +93,7 @@ def train(
     maps = maps_of(data, size=(size, size), dynamic_range_db=dynamic_range_db)
     parts = _sides(data, by, split, chosen.seed)
     check_sides(parts)
-    by = by if split is None else Path(split).name
+    by = Path(split).name if split else by or ("recipe" if data.sides else "description")
     folder = Path(output)
     with ProgressBar(model) as progress:
         trained = train_model(
@@ -110,16 +112,20 @@ def train(
     write_picture(curves, folder / "curves.png", overwrite=True)
     _write_scores(folder, scores, trained.card.classes, f"{title} by {by}", overwrite=True)
     say(f"{title}, split by {by}, {about['epochs']} epochs: test {_told(scores)}")
+    if by == "recipe":
+        say(f"line of the table: {line(title, data, trained.probabilities(test.levels).argmax(axis=1))}")
     say(f"wrote {folder}")
 
 
-def _sides(dataset: Dataset, by: str, split: str | None, seed: int) -> dict[str, np.ndarray]:
+def _sides(dataset: Dataset, by: str | None, split: str | None, seed: int) -> dict[str, np.ndarray]:
     """Positions of the samples of train, val and test."""
     from t2d_rt.dataset import read_split
     from t2d_rt.dataset.splits import NAMES, sides_of
 
+    if split is None and by is None and dataset.sides:
+        return dataset.sides
     if split is None:
-        return sides_of(dataset.records, by, seed=seed)
+        return sides_of(dataset.records, by or "description", seed=seed)
     found = read_split(split, dataset.records)
     lacking = [name for name in NAMES if name not in found.sides]
     if lacking:
@@ -173,6 +179,7 @@ def evaluate(
       t2d-rt evaluate minute.zarr --model resnet                 # windows and events of a recording of one thing after another
     """
     from t2d_rt.learn import scores_of
+    from t2d_rt.learn.scores import interval_of
 
     source = _one(files, "evaluate", "labelled data or a recording")
     if model is None:
@@ -186,11 +193,19 @@ def evaluate(
     known = _networks(model)
     if Path(source).suffix.lower() == ".zarr":
         what, probabilities, labels = _windows_and_events(source, known)
+        apart: dict[str, np.ndarray] = {}
     else:
         maps, what = _labelled(source, known, model)
         probabilities, labels = known.probabilities(maps.levels), maps.labels
+        apart = {kind: maps.groups[kind] for kind in ("description", "subject", "event") if kind in maps.groups}
     scores, title = scores_of(probabilities, labels), ", ".join(each.card.model for each in known.members)
     say(f"{title} on {what}: {_told(scores)}")
+    if apart:
+        told = probabilities.argmax(axis=1)
+        accuracy, f1 = interval_of(labels, told, probabilities.shape[1], [each.tolist() for each in apart.values()])
+        say(
+            f"  with 95 % intervals over other {' and '.join(f'{kind}s' for kind in apart)}: accuracy {accuracy}, macro-F1 {f1}"
+        )
     for number, name in enumerate(known.card.classes):
         row = scores.confusion[number]
         if row.sum():
@@ -244,7 +259,8 @@ def _labelled(source: str, known: Ensemble, model: str) -> tuple[LabelledMaps, s
     from t2d_rt.dataset import Dataset
     from t2d_rt.dataset.shards import RECIPE
     from t2d_rt.learn import maps_of
-    from t2d_rt.learn.adapters import AdapterOptions, read_real
+    from t2d_rt.learn.adapters import AdapterOptions, of_recipe, read_real
+    from t2d_rt.learn.adapters.interface import class_names
 
     card = known.card
     if not (Path(source) / RECIPE).is_file():
@@ -256,12 +272,21 @@ def _labelled(source: str, known: Ensemble, model: str) -> tuple[LabelledMaps, s
         real = read_real(source, options=axes)
         maps = real.maps.resized(card.size, (low, high))  # of what has axes of its own
         _check_like(source, maps, real.mti, card)
+        if real.assumed:
+            warn(
+                f"nothing tells the {' and the '.join(real.assumed)} of {source}, so those of the model are taken, {low:.3g} to "
+                f"{high:.3g} m/s over {card.duration_s:.3g} s; say yours on a card beside it (speed_mps or cell_mps, duration_s or "
+                "rate_hz)"
+            )
         for each in card.unfamiliar(source, carrier_hz=real.carrier_hz, levels=maps.levels):
             warn(each)
         return maps.relabelled(card.classes), f"{len(maps)} maps by the adapter {real.adapter}"
     data = Dataset(source)
+    options = of_recipe(data, AdapterOptions().with_card(data.path))
     maps = maps_of(data, size=card.size, dynamic_range_db=card.dynamic_range_db, speeds_mps=_speeds_of(data, card))
-    _check_like(source, maps, _mti_of(data), card)
+    if options.classes is not None:
+        maps = maps.relabelled(class_names(list(maps.classes), options, data.path), options.classes)
+    _check_like(source, maps, options.mti, card)
     cards = [each.card for each in known.members]
     trained_on = [each.about.get("recipe_hash") == data.recipe.hash for each in cards]
     for member, own in zip(cards, trained_on, strict=True):
@@ -275,9 +300,9 @@ def _labelled(source: str, known: Ensemble, model: str) -> tuple[LabelledMaps, s
                 f"no sample of {source} was kept apart by all of {model}; train them with one seed of the split, or evaluate them "
                 "one by one"
             )
-        kept = maps.take(data.positions(both))
+        kept = maps.take([place for place, name in enumerate(maps.names) if int(name) in both])
         return kept.relabelled(card.classes), f"the test of the split by {card.about.get('split', 'unknown')}"
-    for each in card.unfamiliar(source, levels=maps.levels):
+    for each in card.unfamiliar(source, carrier_hz=options.carrier_hz, levels=maps.levels):
         warn(each)
     return maps.relabelled(card.classes), "all samples, of another recipe than it was trained on"
 

@@ -25,6 +25,7 @@ from t2d_rt.dataset.shards import (
     file_sha256,
     numbers,
     read_manifest,
+    recipe_of,
     shard_name,
 )
 
@@ -112,7 +113,7 @@ class Dataset:
         Arrays are checked when they are read, not here.
         """
         self.path = dataset_folder(path)
-        self.recipe = Recipe.read(self.path / RECIPE)
+        self.recipe = recipe_of(self.path)
         most_bytes = 1e6 * positive("cached_mb", cached_mb, 1e6, unit="MB")
         shards = (self.path / SHARDS).is_dir()
         made_of = read_manifest(self.path).get("recipe_hash", self.recipe.hash) if shards else self.recipe.hash
@@ -155,6 +156,12 @@ class Dataset:
     def indices(self) -> np.ndarray:
         """Index of each sample in its recipe, (N,); samples that failed leave gaps."""
         return np.array([each["index"] for each in self.records], dtype=np.int64)
+
+    @property
+    def sides(self) -> dict[str, np.ndarray]:
+        """Positions of the samples of each side, (M,), where the recipe makes sides."""
+        at = [self.recipe.side_at(each["description"]) for each in self.records]
+        return {side.name: np.flatnonzero([each == side for each in at]) for side in self.recipe.sides}
 
     @property
     def products(self) -> tuple[str, ...]:

@@ -35,6 +35,7 @@ from t2d_rt.dataset.shards import (
     file_sha256,
     numbers,
     read_manifest,
+    recipe_of,
     remove_spooled,
     shard_faults,
     shard_name,
@@ -245,7 +246,7 @@ def _prepare(folder: Path, recipe: Recipe) -> None:
     _check_background(recipe)
     place = folder / RECIPE
     if place.is_file():
-        there = Recipe.read(place)
+        there = recipe_of(folder)
         if there.hash != recipe.hash:
             raise InputError(
                 f"{folder} holds samples of another recipe ({there.name}, {there.hash[:8]}) than this one ({recipe.name}, "

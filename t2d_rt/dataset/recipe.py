@@ -31,6 +31,8 @@ from t2d_rt.types.target import Method
 
 FOLDER = Path(__file__).resolve().parent / "recipes"
 
+BODY_KINDS = 6
+"""Shapes of bodies that subjects take in turns."""
 OWN_BODY = "own"
 """In place of a body's name: the one that suits the subject of the description."""
 
@@ -82,6 +84,28 @@ class Condition(Fields):
     """How often it is drawn, relative to the others."""
 
 
+class Side(Fields):
+    """One side of a split that a recipe makes: descriptions and subjects of its own, and conditions and views that may be."""
+
+    noun: ClassVar[str] = "side"
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
+    name: Literal["train", "val", "test"]
+    weight: Annotated[Count, Field(ge=1, le=1000)]
+    """How many descriptions of a class, and subjects of a shape, are its own of as many as all weights add up to."""
+    conditions: Annotated[tuple[Name, ...], Field(min_length=1, max_length=1000)]
+    """Conditions, by name, that its samples are recorded under."""
+    angles_deg: Annotated[tuple[tuple[Number, Number], ...], Field(min_length=1, max_length=100)]
+    """Ranges of the angle, as `angles_deg` of the recipe, drawn from evenly [deg]."""
+
+    @model_validator(mode="after")
+    def _rising(self) -> Self:
+        for low, high in self.angles_deg:
+            if not LIMITS["angles_deg"][0] <= low < high <= LIMITS["angles_deg"][1]:
+                raise InputError(f"angles_deg of side {self.name} must rise within -360..360, got [{low:g}, {high:g}]")
+        return self
+
+
 class Recipe(Fields):
     """A data set: which descriptions, how their motions are varied and recorded, and what of the recordings is kept."""
 
@@ -106,7 +130,7 @@ class Recipe(Fields):
     """What makes motions; one is drawn for each motion, and one that is named twice comes twice as often."""
     bodies: Annotated[tuple[str, ...], Field(min_length=1, max_length=100)] = (OWN_BODY,)
     """Bodies, drawn likewise; "own" is the one that suits the subject of the description."""
-    subjects: Annotated[Count, Field(ge=6, le=100_000)] | None = None
+    subjects: Annotated[Count, Field(ge=BODY_KINDS, le=100_000)] | None = None
     """How many persons there are, each with one body, stature, gait and breathing over many samples; by default every motion is
     that of another person."""
     angles_deg: tuple[Number, Number] = (-180.0, 180.0)
@@ -135,6 +159,10 @@ class Recipe(Fields):
     """Time windows of the spectrogram that are occluded: they show the background alone, or nothing where there is none."""
     conditions: Annotated[tuple[Condition, ...], Field(min_length=1, max_length=1000)]
     """Under what motions are recorded."""
+    sides: Annotated[tuple[Side, ...], Field(max_length=3)] = ()
+    """Train, val and test that share no description, motion or subject; none by default."""
+    frozen: tuple[tuple[Count, Annotated[str, Field(pattern="^[0-9a-f]{64}$")]], ...] = ()
+    """How many of the first samples have which `content_hash`, for `dataset check` to compare; no sample depends on it."""
     each_condition: bool = False
     """Whether every motion is recorded under each condition; by default one is drawn for it."""
     duration_s: Annotated[Number, Field(ge=0.7, le=60)] = 5.0
@@ -173,6 +201,7 @@ class Recipe(Fields):
             each is not None and each.track is not None for each in (self.radar, *(c.radar for c in self.conditions))
         ):
             raise InputError("recipe key radar has a track, and radars of data sets stand still; leave it out")
+        self._check_sides()
         gate = self.products.spectrogram.range_gate_m if self.products.spectrogram else None
         if isinstance(gate, tuple):
             for radar in {self.radar, *(each.radar for each in self.conditions if each.radar is not None)}:
@@ -183,6 +212,30 @@ class Recipe(Fields):
             elif each != OWN_BODY and each not in bodies():
                 raise unknown_name("body", each, (OWN_BODY, *bodies()))
         return self
+
+    def _check_sides(self) -> None:
+        """Refuses sides that cannot be held apart, or whose conditions there are not."""
+        known = [each.name for each in self.conditions]
+        names = [each.name for each in self.sides]
+        for side in self.sides:
+            for each in side.conditions:
+                if each not in known:
+                    raise unknown_name(f"condition of side {side.name}", each, known)
+        if names and ("train" not in names or "test" not in names or len(set(names)) < len(names)):
+            raise InputError(f"recipe key sides needs train and test, each side once, got {', '.join(names)}")
+        if names and (self.subjects is None or self.each_condition):
+            raise InputError("recipe key sides needs subjects to hold apart, and no each_condition; change one of them")
+        every = sum(each.weight for each in self.sides)
+        if names and (every > self.descriptions_per_class or every > (self.subjects or 0) // BODY_KINDS):
+            raise InputError(
+                f"the weights of the sides add up to {every}, more than descriptions of a class ({self.descriptions_per_class}) or "
+                f"subjects of a shape ({(self.subjects or 0) // BODY_KINDS}); lower the weights"
+            )
+
+    def side_at(self, number: int) -> Side | None:
+        """The side of a description, or of a subject among those of one shape, by its number: sides take turns by their weights."""
+        order = [side for side in self.sides for _ in range(side.weight)]
+        return order[number % len(order)] if order else None
 
     def files(self) -> dict[str, str | None]:
         """Checksums of the files that samples follow from beside the recipe; None of one that is not there."""
@@ -197,14 +250,9 @@ class Recipe(Fields):
 
     @functools.cached_property
     def hash(self) -> str:
-        """Hash of everything that samples follow from: of equal recipes the same. Truth and subjects that are absent are left out
-        of it."""
-        plain = self.model_dump(mode="json", exclude={"name", "about"})
-        if self.products.truth is None:
-            del plain["products"]["truth"]
-        if self.subjects is None:
-            del plain["subjects"]
-        return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:32]
+        """Hash of everything that samples follow from: of equal recipes the same. Truth, subjects and sides that are absent are
+        left out of it."""
+        return _hash(self.model_dump(mode="json"))
 
     def seeds(self, number: int, purpose: str) -> np.random.SeedSequence:
         """The seeds of one purpose, as "view", of a motion or sample by its number.
@@ -282,6 +330,23 @@ LIMITS = {
     "gait_factors": (0.25, 4.0),
 }
 """Least and greatest value that each of the ranges of a recipe may reach."""
+
+
+def _hash(plain: dict[str, Any]) -> str:
+    """Hash of a recipe's plain values; what is absent counts as in versions that did not know of it."""
+    kept = {name: value for name, value in plain.items() if name not in ("name", "about", "frozen")}
+    if kept.get("products", {}).get("truth") is None:
+        kept["products"] = {name: value for name, value in kept["products"].items() if name != "truth"}
+    for name in ("subjects", "sides"):
+        if not kept.get(name):
+            kept.pop(name, None)
+    return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def written_hash(path: Path) -> str | None:
+    """The hash by the keys that a data set's recipe was written with, which an older version may have made; None of a short one."""
+    plain = read_yaml(path, noun="recipe", example="classes, conditions and a radar")
+    return _hash(plain) if isinstance(plain.get("products"), dict) else None
 
 
 def integer_seed(sequence: np.random.SeedSequence) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -18,7 +18,7 @@ import numpy as np
 from t2d_rt.core.checks import integer
 from t2d_rt.core.constants import STANDARD_GRAVITY
 from t2d_rt.core.errors import T2DError
-from t2d_rt.dataset.recipe import OWN_BODY, Beside, Condition, Recipe, integer_seed
+from t2d_rt.dataset.recipe import OWN_BODY, Beside, Condition, Recipe, Side, integer_seed
 from t2d_rt.dataset.subjects import subject_of
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.sources import MotionText
@@ -82,7 +82,7 @@ def sample_motion(recipe: Recipe, activity: Activity, description: int, number: 
     first: SampleMotion | None = None
     failure: T2DError | None = None
     for attempt in range(recipe.attempts):
-        source = _drawn(recipe, activity, wanted, number, attempt)
+        source = _drawn(recipe, activity, wanted, number, attempt, recipe.side_at(description))
         try:
             found = _fitted(source, recipe, number, activity, attempt + 1)
         except T2DError as error:  # of falls, some do not come to one
@@ -97,7 +97,9 @@ def sample_motion(recipe: Recipe, activity: Activity, description: int, number: 
     return first
 
 
-def _drawn(recipe: Recipe, activity: Activity, wanted: Description, number: int, attempt: int) -> MotionText:
+def _drawn(
+    recipe: Recipe, activity: Activity, wanted: Description, number: int, attempt: int, side: Side | None
+) -> MotionText:
     """Person, gait and provider of one attempt."""
     motion, person, gait, provider = (
         recipe.seeds(number, f"{purpose} {attempt}") for purpose in ("motion", "person", "gait", "provider")
@@ -105,7 +107,7 @@ def _drawn(recipe: Recipe, activity: Activity, wanted: Description, number: int,
     provider_name = recipe.providers[int(np.random.default_rng(provider).integers(len(recipe.providers)))]
     values: dict[str, object] = {"gait_spread": recipe.gait_spread}
     factor = float(np.random.default_rng(gait).uniform(*recipe.gait_factors))
-    who = subject_of(recipe, wanted.subject, number) if provider_name in COMPOSED else None
+    who = subject_of(recipe, wanted.subject, number, side) if provider_name in COMPOSED else None
     if who is not None:
         factor = who.gait_factor
         values |= {"body": who.body, "stature_m": who.stature_m, "person_seed": who.seed}
@@ -240,7 +242,7 @@ class Place:
     """How far the motion goes into walls, furniture or the surroundings of the radar at most."""
 
 
-def placing(recipe: Recipe, number: int, scene: str, motion: Motion) -> Place:
+def placing(recipe: Recipe, number: int, scene: str, motion: Motion, side: Side | None = None) -> Place:
     """The place of a motion's number: of those drawn, the first at which the motion has room, or that at which it lacks least.
 
     What is drawn is the mean range of the person, not that of the start, and it stays for the first half of the tries: so classes
@@ -251,6 +253,7 @@ def placing(recipe: Recipe, number: int, scene: str, motion: Motion) -> Place:
     range_m = float(rng.uniform(*recipe.distances_m))
     # 10 poses a second tell where a body goes.
     stride = max(1, round(motion.rate_hz / 10.0))
+    spans = (recipe.angles_deg,) if side is None else side.angles_deg
     base = place(motion, distance_m=1.0, radar_position_m=(0.0, 0.0, 1.0))
     track = base.joints[::stride]
     low, high, boxes = surroundings(scene)
@@ -258,7 +261,7 @@ def placing(recipe: Recipe, number: int, scene: str, motion: Motion) -> Place:
     for tried in range(TRIES):
         if tried >= TRIES // 2:
             range_m = float(rng.uniform(*recipe.distances_m))
-        angle_deg = round(float(rng.uniform(*recipe.angles_deg)), 3)
+        angle_deg = round(_angle_deg(rng, spans), 3)
         # The middle of the path lies on the boresight, or so far beside: were it the start, more would go than come.
         middle_m = 0.0 if scene == "free_space" else float(rng.uniform(-WIDTH_M, WIDTH_M))
         pelvis = _moved(track[:, :1], 0.0, angle_deg, 0.0)[:, 0] - [0.0, 0.0, height_m]
@@ -287,6 +290,16 @@ def placing(recipe: Recipe, number: int, scene: str, motion: Motion) -> Place:
             break
     assert best is not None, "places were drawn"
     return best
+
+
+def _angle_deg(rng: np.random.Generator, spans: Sequence[tuple[float, float]]) -> float:
+    """An angle drawn evenly from ranges [deg]."""
+    at = float(rng.uniform(0.0, sum(high - low for low, high in spans)))
+    for low, high in spans:
+        if at <= high - low:
+            break
+        at -= high - low
+    return min(low + at, high)
 
 
 def _start_m(pelvis: np.ndarray, range_m: float) -> float:
@@ -479,7 +492,9 @@ def cell_of(recipe: Recipe, index: int) -> Cell:
     repetition, description = divmod(rest, recipe.descriptions_per_class)
     number = rest * len(recipe.classes) + class_number
     if not recipe.each_condition:
-        weights = np.array([each.weight for each in recipe.conditions])
+        side = recipe.side_at(description)
+        own = [side is None or each.name in side.conditions for each in recipe.conditions]
+        weights = np.array([each.weight for each in recipe.conditions]) * own
         rng = np.random.default_rng(recipe.seeds(number, "condition"))
         chosen = int(rng.choice(len(weights), p=weights / weights.sum()))
     return Cell(
@@ -506,8 +521,8 @@ def sample(recipe: Recipe, index: int) -> Sample:
     """
     cell = cell_of(recipe, index)
     found = sample_motion(recipe, cell.activity, cell.description, cell.number)
-    condition = cell.condition
-    place = placing(recipe, cell.number, condition.scene, found.motion)
+    condition, side = cell.condition, recipe.side_at(cell.description)
+    place = placing(recipe, cell.number, condition.scene, found.motion, side)
     radar = _raised(recipe.radar if condition.radar is None else condition.radar, place.height_m)
     source = found.source.model_copy(
         update={"distance_m": place.distance_m, "angle_deg": place.angle_deg, "aside_m": place.aside_m}
@@ -526,7 +541,7 @@ def sample(recipe: Recipe, index: int) -> Sample:
     )
     chance = float(np.random.default_rng(recipe.seeds(index, "error")).random())
     wanted = description_of(recipe, cell)
-    who = None if found.source.person_seed is None else subject_of(recipe, wanted.subject, cell.number)
+    who = None if found.source.person_seed is None else subject_of(recipe, wanted.subject, cell.number, side)
     return Sample(
         cell=cell,
         description=wanted,

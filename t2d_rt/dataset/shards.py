@@ -27,7 +27,7 @@ from t2d_rt.core.checks import file_path, flag, integer, interval, number, posit
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import npy_header, read_bytes, regular_file
 from t2d_rt.dataset.products import POINT_COLUMNS, resized
-from t2d_rt.dataset.recipe import Recipe
+from t2d_rt.dataset.recipe import Recipe, recipe_names, written_hash
 
 SHARDS = "shards"
 SPOOL = "spool"
@@ -428,7 +428,7 @@ def spooled(folder: Path, recipe: Recipe) -> Iterator[Made]:
 def read_shards(path: str | Path) -> Iterator[Shard]:
     """The shards of a data set's folder in order."""
     folder = dataset_folder(path)
-    recipe = Recipe.read(folder / RECIPE)
+    recipe = recipe_of(folder)
     for shard_number in numbers(folder):
         yield Shard.of(folder, shard_number, recipe)
 
@@ -439,6 +439,19 @@ def dataset_folder(path: str | Path) -> Path:
     if not (folder / RECIPE).is_file():
         raise InputError(f"{folder} is no data set: it holds no {RECIPE}; give the folder that t2d-rt dataset wrote")
     return folder
+
+
+def recipe_of(folder: Path) -> Recipe:
+    """The recipe of a data set's folder, with the hash that its samples were made of.
+
+    One that an older version wrote lacks keys of today, and its hash is that of what it has. What it lacks gets today's defaults,
+    from which no sample that is there follows; to go on making samples of it is refused, as another recipe.
+    """
+    recipe = Recipe.read(folder / RECIPE)
+    made_of = read_manifest(folder).get("recipe_hash")
+    if made_of != recipe.hash and made_of == written_hash(folder / RECIPE):
+        recipe.__dict__["hash"] = made_of  # where functools.cached_property keeps it
+    return recipe
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
@@ -503,6 +516,39 @@ def shard_faults(folder: Path, shard_number: int, recipe: Recipe) -> Iterator[st
         yield f"{shard.path} holds other samples than its records tell"
 
 
+def content_hash(folder: Path, recipe: Recipe, count: int) -> tuple[str, int]:
+    """SHA-256 of records and arrays of the first so many samples, whatever shards and archives hold them; and how many there are.
+
+    Of each sample: its record as JSON without its row, then name, type, shape and bytes of each array by name.
+    """
+    found, samples = hashlib.sha256(), 0
+    for shard_number in numbers(folder):
+        shard = Shard.of(folder, shard_number, recipe)
+        arrays = {record["index"]: each for record, each in shard.samples()}
+        for record in shard.records:
+            if record["index"] >= count:
+                return found.hexdigest(), samples
+            plain = {name: value for name, value in record.items() if name != "row"}
+            found.update(json.dumps(plain, sort_keys=True).encode())
+            for name, array in sorted(arrays.get(record["index"], {}).items()):
+                found.update(f"{name} {array.dtype.str} {array.shape}".encode())
+                found.update(np.ascontiguousarray(array).tobytes())
+            samples += 1
+    return found.hexdigest(), samples
+
+
+def frozen_faults(folder: Path, recipe: Recipe) -> Iterator[str]:
+    """Where the first samples are not those that are frozen, a sentence each; a recipe that ships says which these are."""
+    ships = Recipe.read(recipe.name) if recipe.name in recipe_names() else recipe
+    for count, due in ships.frozen if ships.hash == recipe.hash else recipe.frozen:
+        found, samples = content_hash(folder, recipe, count)
+        if samples == count and found != due:
+            yield (
+                f"the first {count} samples of {folder} are not those of {recipe.name} that are frozen ({found[:12]} in place of "
+                f"{due[:12]}): another version or kind of processor made them; say so beside any score"
+            )
+
+
 def check_dataset(path: str | Path) -> list[str]:
     """What is wrong with a data set's folder, a sentence each; nothing where all is sound.
 
@@ -510,9 +556,11 @@ def check_dataset(path: str | Path) -> list[str]:
     Raises InputError where the folder is no data set or its recipe or manifest cannot be read.
     """
     folder = dataset_folder(path)
-    recipe = Recipe.read(folder / RECIPE)
+    recipe = recipe_of(folder)
     manifest = read_manifest(folder)
     found = list(faults(folder, recipe))
+    if not found:
+        found += frozen_faults(folder, recipe)
     if manifest.get("recipe_hash") != recipe.hash:
         found.insert(0, f"{folder / MANIFEST} is of another recipe than {RECIPE}, or missing")
     return found

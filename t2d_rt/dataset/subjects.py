@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2d_rt.body import template
-from t2d_rt.dataset.recipe import Recipe, integer_seed
+from t2d_rt.dataset.recipe import Recipe, Side, integer_seed
 from t2d_rt.motion.descriptions import slots
 from t2d_rt.motion.generate.library.individual import STATURE_M, drawn_person
 
@@ -54,11 +54,15 @@ def subject(recipe: Recipe, number: int) -> Subject:
     )
 
 
-def subject_of(recipe: Recipe, meant: slots.Subject, number: int) -> Subject | None:
-    """The subject of a motion's number, one of those whom its description means; None of a recipe without subjects."""
+def subject_of(recipe: Recipe, meant: slots.Subject, number: int, side: Side | None) -> Subject | None:
+    """The subject of a motion's number, one of those of its side whom its description means; None of a recipe without subjects."""
     if recipe.subjects is None:
         return None
     bodies = ANYBODY if meant == "person" else tuple(kind for kind, *_ in STATURE_M[meant])
-    fitting = [each for each in range(recipe.subjects) if KINDS[each % len(KINDS)] in bodies]
+    fitting = [
+        each
+        for each in range(recipe.subjects)
+        if KINDS[each % len(KINDS)] in bodies and recipe.side_at(each // len(KINDS)) == side
+    ]
     rng = np.random.default_rng(recipe.seeds(number, "which subject"))
     return subject(recipe, fitting[int(rng.integers(len(fitting)))])

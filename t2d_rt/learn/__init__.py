@@ -13,6 +13,7 @@ from t2d_rt.core.calls import public
 if TYPE_CHECKING:
     from t2d_rt.dataset.splits import sides_of
     from t2d_rt.learn.augment import Augment
+    from t2d_rt.learn.benchmark_line import benchmark
     from t2d_rt.learn.fine_tuning import STRATEGIES, Events, fine_tune, labels_of, pretrain
     from t2d_rt.learn.maps import LabelledMaps, maps_of
     from t2d_rt.learn.models import build, count, model_names
@@ -26,6 +27,7 @@ _HOMES = {
     "t2d_rt.learn.fine_tuning": ("STRATEGIES", "Events", "fine_tune", "labels_of", "pretrain"),
     "t2d_rt.dataset.splits": ("sides_of",),
     "t2d_rt.learn.augment": ("Augment",),
+    "t2d_rt.learn.benchmark_line": ("benchmark",),
     "t2d_rt.learn.maps": ("LabelledMaps", "maps_of"),
     "t2d_rt.learn.models": ("build", "count", "model_names"),
     "t2d_rt.learn.prediction": ("Prediction", "predict"),
@@ -36,13 +38,13 @@ _HOMES = {
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "STRATEGIES", "Augment", "Ensemble", "Events", "LabelledMaps", "Prediction", "SavedModel", "Scores", "TrainOptions", "build",
-    "count", "fine_tune", "labels_of", "load_model", "maps_of", "model_names", "predict", "pretrain", "scores_of", "sides_of",
-    "train_model",
+    "STRATEGIES", "Augment", "Ensemble", "Events", "LabelledMaps", "Prediction", "SavedModel", "Scores", "TrainOptions",
+    "benchmark", "build", "count", "fine_tune", "labels_of", "load_model", "maps_of", "model_names", "predict", "pretrain",
+    "scores_of", "sides_of", "train_model",
 ]  # fmt: skip
 
 
-STUDIES = "benchmark", "fidelity", "gap", "transfer", "twins"
+STUDIES = "fidelity", "gap", "transfer", "twins"
 """Modules that were here, and are studies now."""
 
 

@@ -235,7 +235,9 @@ def shared_speeds(*datasets: Dataset) -> tuple[float, float]:
 
 
 def groups_of(records: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
-    """What samples share: sentence, seed of the motion, and recordings that it was made of, those joined by a sample as one."""
+    """What samples share: sentence, seed of the motion, subject where all have one, and recordings that it was made of, those
+    joined by a sample as one."""
+    told = all(each.get("subject") is not None for each in records)
     clips = np.empty(len(records), dtype="U24")
     for number, members in enumerate(grouped(records, ["clip"])):
         clips[members] = f"clips {number}"
@@ -243,6 +245,7 @@ def groups_of(records: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
         "description": np.array([str(each["sentence"]) for each in records]),
         "seed": np.array([str(each["seed"]) for each in records]),
         "clip": clips,
+        **({"subject": np.array([str(each["subject"]) for each in records])} if told else {}),
     }
 
 

@@ -72,6 +72,48 @@ def scores_of(probabilities: np.ndarray, labels: np.ndarray) -> Scores:
     )
 
 
+class Interval(NamedTuple):
+    """A score and its 95 % interval."""
+
+    score: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.score:.3f} [{self.low:.3f}, {self.high:.3f}]"
+
+
+DRAWS = 1000
+
+
+def interval_of(
+    labels: np.ndarray, told: np.ndarray, classes: int, apart: Sequence[Sequence[str]], *, seed: int = 0
+) -> tuple[Interval, Interval]:
+    """Accuracy and macro-F1 of labels (N,) that were told, with 95 % intervals over other groups of the kinds that are `apart`.
+
+    apart: for each kind, as descriptions and subjects, the group of each sample, (N,). Groups of each kind are drawn anew with
+    replacement, independently, and a sample counts by the product of how often its groups were drawn: the pigeonhole bootstrap,
+    which is conservative for crossed groups (Owen 2007, Ann. Appl. Stat. 1, 386).
+    """
+    rng, weights = np.random.default_rng(seed), np.ones((DRAWS, len(labels)))
+    for groups in apart:
+        _, number = np.unique(np.asarray(groups), return_inverse=True)
+        count = int(number.max()) + 1
+        weights *= rng.multinomial(count, np.full(count, 1.0 / count), size=DRAWS)[:, number]
+    every = np.vstack([np.ones(len(labels)), weights[weights.sum(axis=1) > 0]])
+    right = every @ (told == labels) / every.sum(axis=1)
+    parts = []
+    for each in range(classes):
+        hits = every @ ((labels == each) & (told == each))
+        either = every @ (labels == each) + every @ (told == each)
+        parts.append(np.where(either > 0, 2.0 * hits / np.maximum(either, 1e-300), np.nan))
+    f1 = np.nanmean(parts, axis=0)
+    low, high = np.percentile(np.stack([right, f1])[:, 1:], [2.5, 97.5], axis=1)
+    return Interval(float(right[0]), float(low[0]), float(high[0])), Interval(
+        float(f1[0]), float(low[1]), float(high[1])
+    )
+
+
 class Event(NamedTuple):
     """A class over an interval of a recording."""
 

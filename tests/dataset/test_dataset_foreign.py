@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import os
+import re
 import zipfile
 from collections.abc import Callable
 from functools import cache
@@ -14,11 +16,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from dataset_folder import recipe, write_dataset
 from t2d_rt.core.errors import InputError
-from t2d_rt.dataset import Dataset, check_dataset, export_dataset, read_split
-from t2d_rt.dataset.shards import archive, sha256
+from t2d_rt.dataset import Dataset, check_dataset, export_dataset, make_dataset, read_split
+from t2d_rt.dataset.shards import archive, content_hash, recipe_of, sha256
 
 Change = Callable[[dict[str, Any]], object]
 
@@ -198,3 +201,38 @@ def test_splits_of_others(text: str, tmp_path: Path) -> None:
     (tmp_path / "split.json").write_text(text)
     with pytest.raises(InputError, match=r"split\.json is no split"):
         read_split(tmp_path / "split.json", [])
+
+
+def test_content_is_the_same_in_other_shards_and_a_frozen_one_is_compared(tmp_path: Path) -> None:
+    folders = [write_dataset(tmp_path / f"{size}", recipe(samples_per_shard=size), failed=(3,)) for size in (5, 2)]
+    found = [content_hash(each, recipe_of(each), 12)[0] for each in folders]
+    assert found[0] == found[1]
+    due, samples = content_hash(folders[0], recipe_of(folders[0]), 7)
+    assert (due == found[0], samples) == (False, 7)
+    for frozen, told in (
+        ([[7, due], [13, due]], []),
+        ([[8, due]], ["the first 8 samples of .* are not those of tiny that are"]),
+    ):
+        (folders[0] / "recipe.yaml").write_text(recipe(frozen=frozen).to_yaml())
+        faults = check_dataset(folders[0])
+        assert [bool(re.search(*pair)) for pair in zip(told, faults, strict=True)] == [True] * len(told)
+
+
+def test_a_data_set_of_an_older_version_is_read_and_not_gone_on_with(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "old", recipe(moving_fractions=[0.5, 0.7]))
+    lines = (folder / "recipe.yaml").read_text().splitlines()
+    at = lines.index("moving_fractions:")
+    (folder / "recipe.yaml").write_text("\n".join(lines[:at] + lines[at + 3 :]))  # a key that it did not have
+    with pytest.raises(InputError, match="is not the recipe that the samples were made of"):
+        Dataset(folder)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    plain = yaml.safe_load((folder / "recipe.yaml").read_text())
+    kept = {name: each for name, each in plain.items() if name not in ("name", "about", "frozen", "subjects", "sides")}
+    kept["products"] = {name: each for name, each in plain["products"].items() if name != "truth"}
+    old = hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:32]
+    (folder / "manifest.json").write_text(json.dumps({**manifest, "recipe_hash": old}))
+    dataset = Dataset(folder)
+    assert (len(dataset), dataset.recipe.hash) == (12, old)
+    assert check_dataset(folder) == []
+    with pytest.raises(InputError, match="holds samples of another recipe"):
+        make_dataset(recipe(), folder, workers=1)

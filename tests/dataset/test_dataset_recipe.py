@@ -26,9 +26,16 @@ def recipe(**changes: Any) -> Recipe:
 
 
 def test_recipes_that_ship() -> None:
-    assert {"simple", "hard", "small-simple", "small-hard", "room-interference", "fidelity", "carriers"} == set(
-        recipe_names()
-    )
+    assert {
+        "benchmark-1",
+        "simple",
+        "hard",
+        "small-simple",
+        "small-hard",
+        "room-interference",
+        "fidelity",
+        "carriers",
+    } == set(recipe_names())
     counts = {name: Recipe.read(name).samples for name in recipe_names()}
     assert counts["hard"] == counts["simple"] == 8 * 200 * 20
     assert counts["small-hard"] == counts["small-simple"] == 8 * 20 * 2
@@ -62,7 +69,7 @@ def test_a_recipe_written_is_read_as_the_same(name: str, tmp_path: Path) -> None
 )
 def test_the_hash_follows_what_samples_follow_from(changes: dict[str, Any]) -> None:
     assert recipe(**changes).hash != recipe().hash
-    assert recipe(name="other", about="other words").hash == recipe().hash
+    assert recipe(name="other", about="other words", frozen=[[3, "a" * 64]]).hash == recipe().hash
 
 
 def test_the_first_samples_are_balanced_over_the_classes_and_differ_in_description() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,12 +13,12 @@ from t2d_rt.body import template
 from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import Recipe, split
 from t2d_rt.dataset.recipe import recipe_names
-from t2d_rt.dataset.sample import sample
+from t2d_rt.dataset.sample import _angle_deg, cell_of, description_of, sample
 from t2d_rt.dataset.splits import check_split
 from t2d_rt.dataset.subjects import KINDS, subject, subject_of
 
 
-def tiny(**changes: object) -> Recipe:
+def tiny(**changes: Any) -> Recipe:
     return Recipe(
         **{
             "name": "tiny", "classes": ["bending", "sitting"], "descriptions_per_class": 6, "samples_per_description": 3,
@@ -56,9 +57,9 @@ def test_a_subject_is_one_person_in_all_samples() -> None:
 def test_descriptions_get_subjects_whom_they_mean() -> None:
     recipe = tiny()
     for meant, bodies in (("child", {"child"}), ("woman", {"woman"}), ("person", {"adult", "woman", "man"})):
-        found = {subject_of(recipe, meant, number).body.partition("@")[0] for number in range(40)}  # type: ignore[arg-type, union-attr]
+        found = {subject_of(recipe, meant, number, None).body.partition("@")[0] for number in range(40)}  # type: ignore[arg-type, union-attr]
         assert found == bodies
-    assert subject_of(tiny(subjects=None), "child", 0) is None
+    assert subject_of(tiny(subjects=None), "child", 0, None) is None
 
 
 def test_bodies_differ_and_are_ones_that_people_have() -> None:
@@ -106,3 +107,46 @@ def test_a_person_seed_is_one_person_whatever_is_done() -> None:
     assert first.breathing == second.breathing
     other = t2d.motion_from_text("a man bends down", seed=1, person_seed=8, body="man@30", stature_m=1.8)
     assert other.breathing != first.breathing
+
+
+SIDES = [
+    {"name": "train", "weight": 2, "conditions": ["near"], "angles_deg": [[-30, 30], [60, 90]]},
+    {"name": "test", "weight": 1, "conditions": ["room"], "angles_deg": [[30, 60]]},
+]
+
+
+def test_sides_of_a_recipe_share_no_description_subject_condition_or_view() -> None:
+    conditions = [
+        {"name": "near", "method": "ellipsoid"},
+        {"name": "room", "scene": "empty_room", "method": "ellipsoid"},
+    ]
+    values: dict[str, Any] = {"subjects": 36, "samples_per_description": 4, "conditions": conditions}
+    recipe = tiny(**values, sides=SIDES)
+    seen: dict[str, set[Any]] = {"train": set(), "test": set()}
+    for index in range(recipe.samples):
+        cell = cell_of(recipe, index)
+        side = recipe.side_at(cell.description)
+        assert side is not None
+        who = subject_of(recipe, description_of(recipe, cell).subject, cell.number, side)
+        assert who is not None
+        seen[side.name] |= {
+            ("subject", who.number),
+            ("sentence", description_of(recipe, cell).sentence),
+            cell.condition.name,
+        }
+    assert not seen["train"] & seen["test"]
+    assert {"near"} < seen["train"]
+    rng = np.random.default_rng(0)
+    angles = np.array([_angle_deg(rng, recipe.sides[0].angles_deg) for _ in range(3000)])
+    assert ((abs(angles) <= 30) | ((angles >= 60) & (angles <= 90))).all()
+    assert abs(np.mean(angles > 30) - 1 / 3) < 0.03  # 30 of 90 degrees
+    assert recipe.hash != tiny(**values).hash
+    for changes, told in (
+        ({"sides": SIDES[:1]}, "needs train and test, each side once, got train"),
+        ({"subjects": None}, "sides needs subjects to hold apart"),
+        ({"conditions": conditions[:1]}, "unknown condition of side test 'room'"),
+        ({"descriptions_per_class": 2}, "add up to 3, more than descriptions of a class"),
+        ({"sides": [{**SIDES[0], "angles_deg": [[30, 10]]}, SIDES[1]]}, "angles_deg of side train must rise"),
+    ):
+        with pytest.raises(InputError, match=told):
+            tiny(**(values | {"sides": SIDES} | changes))

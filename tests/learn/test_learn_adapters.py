@@ -313,6 +313,39 @@ def test_each_form_is_read_through_one_door_by_its_card(tmp_path: Path) -> None:
         read_real(tmp_path / "empty")
 
 
+def test_a_card_may_not_contradict_the_file_beside_it(tmp_path: Path) -> None:
+    np.savez(tmp_path / "maps.npz", **{name: arrays()[name] for name in ("levels", "labels")})
+    bare = read_real(tmp_path / "maps.npz")
+    assert bare.assumed == ("speeds", "duration")
+    np.savez(tmp_path / "maps.npz", **arrays(duration_s=2.0, velocity_mps=np.linspace(-3.75, 3.75, 16)))
+    own = read_real(tmp_path / "maps.npz")
+    assert own.assumed == ()
+    card = tmp_path / "maps.npz.card.yaml"
+    for text, told in (
+        ("speed_mps: 6.4", "itself tells speeds of 4 m/s, the card beside it 6.4 m/s; correct one of them"),
+        ("cell_mps: 0.1", "speeds of 4 m/s, the card beside it 0.8 m/s"),
+        ("rate_hz: 24", "itself tells duration of 2 s, the card beside it 0.5 s"),
+    ):
+        card.write_text(text)
+        with pytest.raises(InputError, match=told):
+            read_real(tmp_path / "maps.npz")
+    card.write_text("speed_mps: 4.0\nrate_hz: 6.0\ncarrier_hz: 60.0e+9\n")
+    assert read_real(tmp_path / "maps.npz").sha256 != own.sha256  # what a card tells is a part of the data
+
+
+def test_a_card_may_not_contradict_the_recipe_of_a_data_set(tmp_path: Path) -> None:
+    data = write_dataset(tmp_path / "data")
+    assert (read_real(data).carrier_hz, read_real(data).mti) == (77e9, "mean")
+    for text, told in (
+        ("carrier_hz: 24.0e+9", "tells a carrier of 24 GHz, the recipe 77 GHz; correct the card"),
+        ("mti: none", "tells mti none, the recipe mean; correct the card"),
+        ("positive: receding", "tells positive, which a data set tells itself; leave them out"),
+    ):
+        (data / "card.yaml").write_text(text)
+        with pytest.raises(InputError, match=told):
+            read_real(data)
+
+
 def test_a_data_set_of_our_own_goes_through_the_same_door(tmp_path: Path) -> None:
     data = write_dataset(
         tmp_path / "data", recipe(descriptions_per_class=2, products={"spectrogram": {"size": [24, 24]}})

@@ -22,6 +22,7 @@ STUDIES = {
     "walks": "recorded spectrograms of walks beside simulated ones, at several fidelities",
     "vital": "vital signs of simulated people at rest and of recordings, by one measure",
     "transfer": "Table IV: what learning from twins first is worth",
+    "nested": "real events alone, by repeated grouped folds, with all that is tuned chosen within the training",
 }
 """Each is a module of this folder that has `add_options(parser)` and `run(options)`, which gives a line about what was written."""
 

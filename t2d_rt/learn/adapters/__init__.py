@@ -13,7 +13,15 @@ from t2d_rt.dataset import Dataset
 from t2d_rt.dataset.shards import RECIPE, SHARDS
 from t2d_rt.learn.adapters.arrays import HDF5, NPZ, npz_arrays
 from t2d_rt.learn.adapters.class_folders import CI4R, ENDINGS, PNG, RADHAR, picture_adapter
-from t2d_rt.learn.adapters.interface import Adapter, AdapterOptions, RealMaps, class_names, content_hash
+from t2d_rt.learn.adapters.interface import (
+    AXES,
+    Adapter,
+    AdapterOptions,
+    RealMaps,
+    card_path,
+    class_names,
+    content_hash,
+)
 from t2d_rt.learn.adapters.parrad import PARRAD, RADARS
 from t2d_rt.learn.maps import LabelledMaps, maps_of
 
@@ -29,16 +37,39 @@ def read_dataset(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, lis
     return replace(maps, groups={**events, **maps.groups}), sorted((path / SHARDS).glob("*"))
 
 
+def of_recipe(data: Dataset, options: AdapterOptions) -> AdapterOptions:
+    """Options with the carrier and the treatment of static echoes that the recipe of a data set tells.
+
+    Raises InputError where a card tells another, or tells axes: a data set has its own.
+    """
+    card, recipe = card_path(data.path), data.recipe
+    carriers = sorted({(each.radar or recipe.radar).carrier_hz for each in recipe.conditions})
+    mti = None if recipe.products.spectrogram is None else recipe.products.spectrogram.mti
+    axes = sorted(options.told - {"adapter", "classes", "carrier_hz", "mti"})
+    if axes:
+        raise InputError(f"{card} tells {', '.join(axes)}, which a data set tells itself; leave them out")
+    if "carrier_hz" in options.told and all(abs(each - (options.carrier_hz or 0.0)) > 1e-3 * each for each in carriers):
+        told = ", ".join(f"{each / 1e9:g}" for each in carriers)
+        raise InputError(
+            f"{card} tells a carrier of {(options.carrier_hz or 0.0) / 1e9:g} GHz, the recipe {told} GHz; correct the card"
+        )
+    if "mti" in options.told and mti is not None and options.mti != mti:
+        raise InputError(f"{card} tells mti {options.mti}, the recipe {mti}; correct the card")
+    one = carriers[0] if len(carriers) == 1 else options.carrier_hz
+    return replace(options, carrier_hz=one, mti=mti)
+
+
 DATASET = Adapter(
     name="dataset",
     about="The folder of a data set that t2d-rt dataset wrote.",
     licence="Terms of the motions are in its data card.",
     read=read_dataset,
+    axes=lambda path: AXES,
 )
 ADAPTERS: dict[str, Adapter] = {each.name: each for each in (PARRAD, RADHAR, CI4R, PNG, HDF5, NPZ, DATASET)}
 """By name; a new kind of data is one module and its entry here."""
 
-__all__ = ["ADAPTERS", "Adapter", "AdapterOptions", "RealMaps", "adapter_for", "read_real"]
+__all__ = ["ADAPTERS", "Adapter", "AdapterOptions", "RealMaps", "adapter_for", "of_recipe", "read_real"]
 
 
 def read_real(path: str | Path, adapter: str | None = None, options: AdapterOptions | None = None) -> RealMaps:
@@ -59,15 +90,19 @@ def read_real(path: str | Path, adapter: str | None = None, options: AdapterOpti
     if not isinstance(name, str) or name not in ADAPTERS:
         raise unknown_name("adapter", name, ADAPTERS)
     chosen = ADAPTERS[name]
+    if name == DATASET.name:
+        options = of_recipe(Dataset(source), options)
     maps, files = chosen.read(source, options)
+    card, known = card_path(source), set(chosen.axes(source))
     return RealMaps(
         maps=maps.checked_for_training(),
         adapter=chosen.name,
         licence=chosen.licence,
-        sha256=content_hash(source, files),
+        sha256=content_hash(source, [*files, *([card] if card.is_file() else [])]),
         files=len(files),
         carrier_hz=options.carrier_hz,
         mti=options.mti,
+        assumed=tuple(axis for axis, names in AXES.items() if axis not in known and not names & options.told),
     )
 
 

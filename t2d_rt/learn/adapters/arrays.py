@@ -15,7 +15,7 @@ import numpy as np
 
 from t2d_rt.core.checks import array, numeric
 from t2d_rt.core.errors import InputError, install
-from t2d_rt.learn.adapters.interface import Adapter, AdapterOptions, Piece, class_of, maps_from
+from t2d_rt.learn.adapters.interface import AXES, Adapter, AdapterOptions, Piece, class_of, maps_from
 from t2d_rt.learn.maps import LabelledMaps
 
 GROUP = "group_"
@@ -70,19 +70,46 @@ def _maps(path: Path, found: dict[str, np.ndarray], options: AdapterOptions) -> 
     levels = array(
         f"levels of {path}", levels, ("sample", "speed", "time"), limit=1e3, unit="dB", hint="leave damaged maps out"
     )
+    card = options.of_cells(*levels.shape[1:])
     if "velocity_mps" in found:
-        options = replace(
-            options, cell_mps=None, speed_mps=_greatest_speed(path, found["velocity_mps"], levels.shape[1])
-        )
+        speed_mps = _greatest_speed(path, found["velocity_mps"], levels.shape[1])
+        _agrees(path, "speeds", speed_mps, card.speed_mps, options, "m/s")
+        options = replace(options, cell_mps=None, speed_mps=speed_mps)
     if "duration_s" in found:
-        options = replace(
-            options, rate_hz=None, duration_s=float(array(f"duration_s of {path}", found["duration_s"], ()))
-        )
+        duration_s = float(array(f"duration_s of {path}", found["duration_s"], ()))
+        _agrees(path, "duration", duration_s, card.duration_s, options, "s")
+        options = replace(options, rate_hz=None, duration_s=duration_s)
     groups = {name[len(GROUP) :]: each for name, each in found.items() if name.startswith(GROUP)}
     for name, each in groups.items():
         if each.shape != (len(levels),):
             raise InputError(f"{path}: {GROUP}{name} must name each of {len(levels)} samples, got shape {each.shape}")
     return maps_from(_pieces(path, levels, labels, groups, options), options, path, labels)
+
+
+OWN = {"velocity_mps": "speeds", "duration_s": "duration"}
+"""Arrays that tell an axis."""
+AWAY = 0.01
+"""Relative difference up to which a card's axis is the file's: rates are given with few figures."""
+
+
+def _agrees(path: Path, axis: str, own: float, told: float, options: AdapterOptions, unit: str) -> None:
+    """Refuses a card that contradicts the file beside it."""
+    if AXES[axis] & options.told and abs(told - own) > AWAY * own:
+        raise InputError(
+            f"{path} itself tells {axis} of {own:g} {unit}, the card beside it {told:g} {unit}; correct one of them"
+        )
+
+
+def _axes_npz(path: Path) -> list[str]:
+    with np.load(path, allow_pickle=False) as file:
+        return [axis for name, axis in OWN.items() if name in file.files]
+
+
+def _axes_hdf5(path: Path) -> list[str]:
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        return [axis for name, axis in OWN.items() if name in file]
 
 
 def _pieces(
@@ -112,5 +139,7 @@ def _greatest_speed(path: Path, value: np.ndarray, count: int) -> float:
 
 
 LICENCE = "Terms of the data are those of whoever recorded it."
-NPZ = Adapter(name="npz", about="An .npz file of levels and labels.", licence=LICENCE, read=read_npz)
-HDF5 = Adapter(name="hdf5", about="An HDF5 file of levels and labels.", licence=LICENCE, read=read_hdf5)
+NPZ = Adapter(name="npz", about="An .npz file of levels and labels.", licence=LICENCE, read=read_npz, axes=_axes_npz)
+HDF5 = Adapter(
+    name="hdf5", about="An HDF5 file of levels and labels.", licence=LICENCE, read=read_hdf5, axes=_axes_hdf5
+)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -26,6 +26,15 @@ CARD = "card.yaml"
 """The card of a folder; that of a file has the file's name before it, as maps.npz.card.yaml."""
 ON_CARD = "adapter", "classes", "speed_mps", "cell_mps", "duration_s", "rate_hz", "positive", "carrier_hz", "mti"
 """What a card may tell."""
+
+
+AXES = {"speeds": {"speed_mps", "cell_mps"}, "duration": {"duration_s", "rate_hz"}}
+"""What tells each axis of the maps."""
+
+
+def card_path(source: Path) -> Path:
+    """Where the card of a file or a folder lies, if there is one."""
+    return source / CARD if source.is_dir() else source.with_name(f"{source.name}.{CARD}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +63,8 @@ class AdapterOptions:
     cut_mps: tuple[float, float] | None = None
     """Lowest and highest speed of the maps [m/s], where these are to show less than the files do."""
     dynamic_range_db: float = DYNAMIC_RANGE_DB
+    told: frozenset[str] = frozenset()
+    """Names of these that the card told."""
 
     def __post_init__(self) -> None:
         checked_size(self.size)
@@ -74,7 +85,7 @@ class AdapterOptions:
 
     def with_card(self, source: Path) -> AdapterOptions:
         """These options, and what the card beside a file or in a folder tells; given classes and a given adapter go first."""
-        path = source / CARD if source.is_dir() else source.with_name(f"{source.name}.{CARD}")
+        path = card_path(source)
         if not path.is_file():
             return self
         told: dict[str, Any] = read_yaml(
@@ -85,7 +96,8 @@ class AdapterOptions:
                 raise unknown_name(f"name in {path}", name, ON_CARD)
         kept = [name for name in ("adapter", "classes") if getattr(self, name) is not None]
         try:
-            return replace(self, **{name: value for name, value in told.items() if name not in kept})
+            found = {name: value for name, value in told.items() if name not in kept}
+            return replace(self, **found, told=frozenset(found))
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 
@@ -106,6 +118,8 @@ class Adapter:
     """Terms of the data as far as they are known, in a sentence."""
     read: Callable[[Path, AdapterOptions], tuple[LabelledMaps, list[Path]]]
     """Maps, and the files that they were read from."""
+    axes: Callable[[Path], Collection[str]] = lambda path: ()
+    """Which of `AXES` the files themselves tell."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,11 +130,13 @@ class RealMaps:
     adapter: str
     licence: str
     sha256: str
-    """Hash of names and content of all files that were read."""
+    """Hash of names and content of all files that were read, the card's among them."""
     files: int
     carrier_hz: float | None = None
     mti: str | None = None
     """How static echoes were taken away, where it is known."""
+    assumed: tuple[str, ...] = ()
+    """Axes that neither the files nor the card told, "speeds" or "duration": the options' were taken."""
 
     def __str__(self) -> str:
         counts = ", ".join(f"{name} {count}" for name, count in zip(self.maps.classes, self.maps.counts, strict=True))
@@ -145,7 +161,7 @@ def content_hash(root: Path, files: list[Path]) -> str:
     """SHA-256 of the names below `root` and the content of files, in the order of their names."""
     found = hashlib.sha256()
     for path in sorted(files):
-        name = path.name if path == root else path.relative_to(root).as_posix()
+        name = path.relative_to(root if root.is_dir() else root.parent).as_posix()
         found.update(f"{name}\0{path.stat().st_size}\0".encode())
         with regular_file(path, noun="file of real data") as file:
             while block := file.read(1 << 20):

@@ -23,7 +23,7 @@ import numpy as np
 from t2d_rt.core.checks import array
 from t2d_rt.core.errors import InputError
 from t2d_rt.learn.adapters.arrays import npz_arrays
-from t2d_rt.learn.adapters.interface import Adapter, AdapterOptions, class_names, class_of
+from t2d_rt.learn.adapters.interface import AXES, Adapter, AdapterOptions, class_names, class_of
 from t2d_rt.learn.maps import LabelledMaps, check_varied
 
 RADARS = "wr14", "wr68"
@@ -176,4 +176,5 @@ PARRAD = Adapter(
     about="Two 77 GHz radars in one room; spoken commands (.npz of wr14, wr68, starts, stops, labels).",
     licence="PARrad set 1 of imec, terms of the source unchecked: for studies, not to be passed on.",
     read=read_parrad,
+    axes=lambda path: AXES,
 )

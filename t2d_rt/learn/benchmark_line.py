@@ -1,0 +1,99 @@
+"""A line of the benchmark's table: how well a model tells the samples that the recipe of a data set keeps for the test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from t2d_rt.core.errors import InputError
+from t2d_rt.dataset import Dataset
+from t2d_rt.learn.maps import LabelledMaps, maps_of
+from t2d_rt.learn.scores import Interval, interval_of
+
+
+class Model(Protocol):
+    """Any classifier of scikit-learn, or a class of one's own."""
+
+    def fit(self, levels: np.ndarray, labels: np.ndarray, /) -> Any:
+        """Learns from maps in rows, (N, speed * time) [dB below the greatest cell of each], and numbers of classes, (N,)."""
+
+    def predict(self, levels: np.ndarray, /) -> np.ndarray:
+        """Numbers of the classes of maps in rows, (M,)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Line:
+    """What a model reaches on the test of a data set."""
+
+    name: str
+    samples: Mapping[str, int]
+    """How many samples each side has."""
+    accuracy: Interval
+    macro_f1: Interval
+    by_condition: Mapping[str, tuple[float, int]]
+    """Accuracy and samples of each condition of the test."""
+
+    def __str__(self) -> str:
+        sides = " / ".join(str(each) for each in self.samples.values())
+        parts = ", ".join(f"{name} {right:.2f}" for name, (right, _) in self.by_condition.items())
+        return f"| {self.name} | {sides} | {self.accuracy} | {self.macro_f1} | {parts} |"
+
+
+def line(name: str, dataset: Dataset, told: np.ndarray) -> Line:
+    """The line of a model that tells these classes (M,) of the test's samples, in their order."""
+    test = sides_of_recipe(dataset)["test"]
+    labels, records = dataset.labels[test], [dataset.records[place] for place in test]
+    told = np.asarray(told)
+    if told.shape != labels.shape or not np.issubdtype(told.dtype, np.integer):
+        raise InputError(
+            f"a model must tell {len(labels)} numbers of classes, got {told.dtype} of shape {told.shape}; return whole numbers"
+        )
+    conditions = np.array([each["condition"] for each in records])
+    apart = [[str(each["sentence"]) for each in records], [str(each["subject"]) for each in records]]
+    accuracy, f1 = interval_of(labels, told, len(dataset.classes), apart)
+    return Line(
+        name=name,
+        samples={side: len(places) for side, places in dataset.sides.items()},
+        accuracy=accuracy,
+        macro_f1=f1,
+        by_condition={
+            str(each): (float(np.mean((told == labels)[conditions == each])), int(np.sum(conditions == each)))
+            for each in np.unique(conditions)
+        },
+    )
+
+
+def benchmark(folder: str | Path, model: Model, *, name: str | None = None, size: int = 64) -> Line:
+    """Trains a model on train and val of a data set whose recipe has sides, and tests it on what is kept apart.
+
+    folder: the data set. model: of scikit-learn, or any with `fit` and `predict`. name: in the table; the class's by default.
+    size: cells of speed and of time of the maps.
+    Raises InputError where the recipe has no sides, or the model does not tell a class of each map.
+    """
+    dataset = Dataset(folder)
+    sides, maps = sides_of_recipe(dataset), maps_of(dataset, size=(size, size))
+    known = maps.take(np.concatenate([places for side, places in sides.items() if side != "test"]))
+    model.fit(in_rows(known), known.labels)
+    return line(name or type(model).__name__, dataset, model.predict(in_rows(maps.take(sides["test"]))))
+
+
+def in_rows(maps: LabelledMaps) -> np.ndarray:
+    """Maps as rows, (N, speed * time); reshape(-1, *maps.size) gives them back."""
+    return maps.levels.reshape(len(maps), -1)
+
+
+def sides_of_recipe(dataset: Dataset) -> dict[str, np.ndarray]:
+    """Positions of the samples of each side; refused where the recipe has none, or samples of a side are lacking."""
+    found = dataset.sides
+    if not found:
+        raise InputError(
+            f"recipe {dataset.recipe.name} has no sides, so nothing says what is the test; take the recipe benchmark-1"
+        )
+    empty = [name for name, places in found.items() if not len(places)]
+    if empty:
+        raise InputError(f"{dataset.path} has no sample of side {empty[0]} yet; make more of its samples")
+    return found
