@@ -202,6 +202,8 @@ def _antennas(commands: Commands, order: list[int], board: Mapping[str, Any] | N
     """Offsets [m] of the transmitters in the order in which they send, and of the receivers that are on, about their centres."""
     channels = commands.get("channelCfg", [])
     on = _bits(channels[-1][0]) if channels and channels[-1] else [0, 1, 2, 3]
+    if not on:
+        raise InputError(f"channelCfg must have a receiver on, got the mask {channels[-1][0]:g}; correct the .cfg file")
     allowed = _bits(channels[-1][1]) if channels and len(channels[-1]) > 1 else order
     if not {*order} <= {*allowed}:
         raise InputError(

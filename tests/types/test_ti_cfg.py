@@ -131,6 +131,7 @@ ISK = FILES["xwr6843_isk"][0]
         ("chirpCfg 2 2 0 0", "chirpCfg 2 2 0 1e6", "alike in profile"),
         ("chirpCfg 2 2 0 0 0 0 0 2\n", "", "chirpCfg defines"),
         ("channelCfg 15 7", "channelCfg 15 5", "channelCfg has"),
+        ("channelCfg 15 7", "channelCfg 0 7", "a receiver on"),
         ("7 57.14", "7 50.14", "samples of profileCfg end"),
         ("profileCfg 0", "profileCfg 1", "one line profileCfg"),
         ("bpmCfg -1 0 0 0", "bpmCfg -1 1 0 1", "bpmCfg must be off"),
