@@ -278,6 +278,18 @@ def test_a_glb_without_a_motion(tmp_path: Path) -> None:
         load_motion(tmp_path / "b.glb")
 
 
+@pytest.mark.parametrize(
+    "damage", [("children", 7), ("children", [99]), ("children", [None]), ("scale", "x"), ("rotation", [1])]
+)
+def test_a_glb_of_damaged_nodes(tmp_path: Path, damage: tuple[str, Any]) -> None:
+    data = glb(tmp_path / "a.glb").read_bytes()
+    length = struct.unpack_from("<I", data, 12)[0]
+    tree = json.loads(data[20 : 20 + length])
+    tree["nodes"][0][damage[0]] = damage[1]
+    with pytest.raises(InputError, match="damaged"):
+        load_motion(packed(tmp_path / "a.glb", tree, data[28 + length :]))
+
+
 # --- cameras and pose estimators ---
 
 PARTS = {

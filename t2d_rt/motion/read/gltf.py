@@ -73,7 +73,7 @@ class _Gltf:
             if not (0 < count <= 1_000_000 and start >= 0 and row <= step <= 255):
                 raise ValueError
             found = np.ndarray((count, width), kind, self.binary, start, (step, np.dtype(kind).itemsize))
-        except (KeyError, IndexError, TypeError, ValueError):
+        except (KeyError, IndexError, TypeError, ValueError, OverflowError):
             raise InputError(
                 f"{self.path}: accessor {accessor} cannot be read; the file is cut short or damaged"
             ) from None
@@ -130,11 +130,18 @@ def _opened(path: Path) -> _Gltf:
     return _Gltf(path, tree, binary)
 
 
+def _list_of(found: Any, path: Path) -> list[Any]:
+    """Numbers of nodes."""
+    if not isinstance(found, list) or not all(type(each) is int for each in found):
+        raise InputError(f"{path}: nodes must be listed by their numbers, got {shown(found)}; the file is damaged")
+    return found
+
+
 def _parents(nodes: list[Any], path: Path) -> list[int]:
     """Number of the node above each, -1 for none."""
     above = [-1] * len(nodes)
     for number, node in enumerate(nodes):
-        for child in node.get("children", []):
+        for child in _list_of(node.get("children", []), path):
             if not isinstance(child, int) or not 0 <= child < len(nodes) or above[child] >= 0:
                 raise InputError(f"{path}: node {number} has a child {shown(child)} that is none; the file is damaged")
             above[child] = number
@@ -179,7 +186,7 @@ def _clock(moved: Mapping[tuple[int, str], Curve], path: Path) -> tuple[np.ndarr
 
 def _joints(file: _Gltf, nodes: list[Any], above: list[int], moved: set[int]) -> list[int]:
     """The nodes that are joints, parents before children."""
-    wanted = {node for skin in file.list("skins") for node in skin.get("joints", [])} or set(moved)
+    wanted = {node for skin in file.list("skins") for node in _list_of(skin.get("joints", []), file.path)} or set(moved)
     if not all(isinstance(node, int) and 0 <= node < len(nodes) for node in wanted):
         raise InputError(f"{file.path}: a skin names a joint that is no node; the file is damaged")
     if not file.list("skins"):  # ends of limbs are not animated

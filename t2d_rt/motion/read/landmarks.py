@@ -56,7 +56,7 @@ def read_ntu(path: Path) -> Arrays:
                 rows = _take(words, KINECT_JOINTS * KINECT_NUMBERS).reshape(KINECT_JOINTS, KINECT_NUMBERS)
                 sure = [TRACKED[int(state)] for state in rows[:, -1]]
                 bodies.setdefault(name, {})[frame] = np.column_stack([rows[:, :3], sure])
-    except (ValueError, KeyError, StopIteration, RuntimeError):
+    except (ValueError, KeyError, OverflowError, StopIteration):
         raise InputError(
             f"{path} is not an NTU RGB+D skeleton file, or cut short: frames of bodies of {KINECT_JOINTS} joints with "
             f"{KINECT_NUMBERS} numbers each are expected"
@@ -102,7 +102,7 @@ def read_json(tree: Any, path: Path) -> Arrays:
     found = {"joints": joints if joints.shape[1] > 1 else joints[:, 0]}
     if openpose and joints.shape[2] == len(ORDERS["OpenPose BODY_25"]):
         found["names"] = np.array(ORDERS["OpenPose BODY_25"])
-    found |= {name: np.array(top[name]) for name in RATE_FIELDS if isinstance(top.get(name), int | float)}
+    found |= {name: np.array(top[name], float) for name in RATE_FIELDS if isinstance(top.get(name), int | float)}
     stamps = next((name for name in _fields(frames[0]) if TIME_FIELD.fullmatch(name)), None)
     if stamps is not None and all(isinstance(frame.get(stamps), int | float) for frame in frames):
         found[stamps] = np.array([frame[stamps] for frame in frames], float)
