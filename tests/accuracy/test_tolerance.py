@@ -18,10 +18,11 @@ from builders import ball, slow_after
 from measures import nmse_db
 from t2d_rt.accuracy.cost import facet_counts
 from t2d_rt.accuracy.measuring import MeasuredError, plan_again
+from t2d_rt.accuracy.search import LADDER, OVER_DB, planned
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.radar.direct import between, direct_sum
 from t2d_rt.types import Echoes, Motion, MovingMesh, Radar, stream
-from t2d_rt.types.accuracy import DEFAULT_TIERS, ELLIPSOID_TIERS
+from t2d_rt.types.accuracy import DEFAULT_TIERS, ELLIPSOID_TIERS, EVERY_PATH_DB
 from validation.methods.laws import SHORT, modelled
 from validation.methods.small_bodies import grown
 from validation.methods.tolerance import piece
@@ -407,12 +408,28 @@ def test_facets_are_counted_before_they_are_made(walk: Motion) -> None:
         assert counted.at(scale) == pytest.approx(len(mesh.faces), rel=0.15)
 
 
-@pytest.mark.slow
-def test_path_pairs_are_left_out_by_what_they_cost(walk: Motion) -> None:
-    options = {"radar": RADAR, "scene": "empty_room", "reflections": 1, "clutter": "none", "measure_error": False}
-    few, many = (t2d.simulate(walk, tolerance_db=db, **options).settings for db in (-3.0, -15.0))
-    assert len(few["pairs"]) < len(many["pairs"])
-    assert few["left_out"] > many["left_out"]
+def test_in_a_room_a_tolerance_climbs_a_ladder_of_accuracies(walk: Motion) -> None:
+    """Tighter ones model more path pairs, which cost more; none expects more than a plan may, and what is asked for stays."""
+    model = t2d.plan(walk, radar=RADAR, scene="empty_room", reflections=1, clutter="none", tolerance_db=0).model
+    plans = [planned(model, tolerance_db, t2d.Accuracy()) for tolerance_db in (-10.0, -15.0, -18.0, -22.0)]
+    left = [each.accuracy.least_level_db for each in plans]
+    cost = [each.budget.seconds(each.accuracy) for each in plans]
+    assert left == sorted(left, reverse=True)
+    assert len(set(left)) > 2
+    assert cost == sorted(cost)
+    assert all(each.error_db <= each.tolerance_db + OVER_DB for each in plans)
+    with_all = planned(model, -10.0, t2d.Accuracy(tiers=DEFAULT_TIERS, visibility_rate_hz=33.0)).accuracy
+    assert (with_all.least_level_db, with_all.visibility_rate_hz, with_all.occlusion) == (EVERY_PATH_DB, 33.0, True)
+    assert len(with_all.tiers) == len(DEFAULT_TIERS)
+
+
+def test_a_tolerance_out_of_reach_in_a_room_takes_no_rung_that_gains_nothing(walk: Motion) -> None:
+    model = t2d.plan(walk, radar=RADAR, scene="empty_room", reflections=1, clutter="none", tolerance_db=0).model
+    asked = t2d.Accuracy(occlusion=False)
+    found = planned(model, -40.0, asked)
+    finest = replace(found, accuracy=LADDER[-1].replace(occlusion=False))
+    assert found.error_db <= finest.error_db + OVER_DB
+    assert found.budget.seconds(found.accuracy) < 0.5 * finest.budget.seconds(finest.accuracy)
 
 
 def test_what_a_user_gives_stays(walk: Motion) -> None:
