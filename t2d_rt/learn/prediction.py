@@ -15,7 +15,7 @@ from t2d_rt.dataset.products import averaging
 from t2d_rt.learn.maps import check_varied, relative_levels
 from t2d_rt.learn.saved_models import Card, Ensemble, SavedModel
 from t2d_rt.learn.scores import Event
-from t2d_rt.motion.descriptions.slots import ACTIONS_OF
+from t2d_rt.motion.descriptions.slots import ACTIONS_OF, RESTS_OF
 from t2d_rt.recording.recording import Recording
 
 STEPS, MOST_STEPS = 10, 200
@@ -139,10 +139,14 @@ def events_of(recording: Recording, classes: Sequence[str]) -> list[Event]:
     """What the persons of a simulated recording do, as events of these classes, by person and time.
 
     An action is of the class of its name, or else of the one to which the descriptions' grammar counts it, as sitting down and
-    standing up to sitting; what is of neither is no event. Actions of one class that follow one another are one event.
+    standing up to sitting, with the rest on the seat; what is of neither is no event, as standing. Actions of one class that follow
+    one another are one event.
     """
     numbers: dict[str, int] = {
-        action: classes.index(name) for name, actions in ACTIONS_OF.items() if name in classes for action in actions
+        action: classes.index(name)
+        for name, actions in ACTIONS_OF.items()
+        if name in classes
+        for action in (*actions, *RESTS_OF.get(name, ()))
     }
     numbers |= {name: number for number, name in enumerate(classes)}
     found: list[Event] = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +26,10 @@ def names(motion: t2d.Motion) -> list[str]:
 
 
 def test_steps_of_a_sentence_begin_one_after_the_other(sits: t2d.Motion) -> None:
-    assert names(sits) == ["walk", "sit", "stand_up"]
+    assert [name for name in names(sits) if name != "stand"] == ["walk", "sit", "seated", "stand_up"]
     begins_s = [begin_s for _, begin_s in sits.activities]
-    assert begins_s[0] == 0.0 < begins_s[1] < begins_s[2] < sits.duration_s
+    assert begins_s[0] == 0.0
+    assert all(after - before > 0.1 for before, after in pairwise((*begins_s, sits.duration_s)))
     height_m = sits.joints[:, 0, 2]
     speed_mps = np.linalg.norm(np.gradient(sits.joints[:, 0, :2], 1 / sits.rate_hz, axis=0), axis=1)
     does = sits.activity_at(sits.times_s)
@@ -40,6 +42,28 @@ def test_steps_of_a_sentence_begin_one_after_the_other(sits: t2d.Motion) -> None
     assert height_m[does == "sit"][0] > 0.9 * height_m[does == "walk"].mean()
 
 
+@pytest.mark.parametrize(
+    ("sentence", "action", "rests", "late_s"),
+    [  # hips that are down are not at rest: people get comfortable, recline, put their hands somewhere
+        ("stands up", "stand_up", "stand", 0.7), ("sits down", "sit", "seated", 4.0), ("bends down", "bend", "stand", 1.5),
+        ("lies down on the floor", "lie_down", "lying", 4.0),
+    ],
+)  # fmt: skip
+def test_an_action_lasts_from_the_first_movement_to_the_last(
+    sentence: str, action: str, rests: str, late_s: float
+) -> None:
+    motion = t2d.motion_from_text(f"a person {sentence}", seed=3)
+    frames = np.flatnonzero(motion.activity_at(motion.times_s) == action)
+    assert names(motion)[-1] == rests
+    height_m = motion.joints[frames, 0, 2]
+    arrived = np.flatnonzero(np.abs(height_m - height_m[-1]) > 0.1)[-1]
+    assert (len(frames) - arrived) / motion.rate_hz < late_s
+    speed_mps = np.linalg.norm(np.gradient(motion.joints, 1 / motion.rate_hz, axis=0), axis=-1).mean(axis=1)
+    assert speed_mps[frames[:20]].max() > 0.1 < speed_mps[frames[-20:]].max()
+    # Nothing is told of the seconds in which the body rests before and after it.
+    assert 1.0 < len(frames) / motion.rate_hz < motion.duration_s - 0.5
+
+
 @pytest.mark.slow
 def test_a_fall_begins_when_its_origin_says() -> None:
     falls = t2d.motion_from_text("a person walks forward and slips", seed=1)
@@ -49,17 +73,20 @@ def test_a_fall_begins_when_its_origin_says() -> None:
 
 
 def test_edits_keep_what_is_done(sits: t2d.Motion) -> None:
-    sit_s, stand_s = (begin_s for _, begin_s in sits.activities[1:])
-    cut = t2d.trim(sits, sit_s - 0.5, stand_s + 0.5)
-    assert names(cut) == ["walk", "sit", "stand_up"]
+    begins_s = {name: begin_s for name, begin_s in sits.activities if name != "stand"}
+    sit_s, rest_s, stand_s = (begins_s[name] for name in ("sit", "seated", "stand_up"))
+    cut = t2d.trim(sits, sit_s - 0.1, stand_s + 0.5)
+    assert names(cut)[-3:] == ["sit", "seated", "stand_up"]
     np.testing.assert_allclose(
-        [begin_s for _, begin_s in cut.activities], [0, 0.5, stand_s - sit_s + 0.5], atol=0.5 / sits.rate_hz
+        [begin_s for _, begin_s in cut.activities[-3:]],
+        [0.1, rest_s - sit_s + 0.1, stand_s - sit_s + 0.1],
+        atol=0.5 / sits.rate_hz,
     )
-    assert names(t2d.trim(sits, sit_s + 0.2, stand_s - 0.1)) == ["sit"]
-    assert names(t2d.trim(sits, 0.0, sit_s - 0.1)) == ["walk"]
+    assert names(t2d.trim(sits, sit_s + 0.2, rest_s - 0.1)) == ["sit"]
+    assert names(t2d.trim(sits, 0.0, 1.0)) == ["walk"]
     faster = t2d.vary_gait(sits, 1.25)
     assert names(faster) == names(sits)
-    assert faster.activities[1][1] == pytest.approx(sit_s / 1.25, rel=0.1)
+    assert dict(faster.activities)["sit"] == pytest.approx(sit_s / 1.25, rel=0.1)
     for same in (t2d.resample(sits, 30.0), t2d.place(sits), t2d.mirror(sits), hold(sits, 1.0), t2d.smooth(sits)):
         assert same.activities == sits.activities
     assert t2d.repeat(sits, 2 * sits.duration_s).activities == ()
@@ -69,12 +96,13 @@ def test_edits_keep_what_is_done(sits: t2d.Motion) -> None:
 
 @pytest.mark.slow
 def test_truth_tells_it_and_files_keep_it(sits: t2d.Motion, tmp_path: Path) -> None:
-    sit_s = sits.activities[1][1]
+    sit_s = dict(sits.activities)["sit"]
     piece = t2d.trim(sits, sit_s - 0.1, sit_s + 0.1)
     recording = t2d.simulate(t2d.place(piece), radar="ci4r", method="ellipsoid")
     recording.save(tmp_path / "sit.zarr")
     truth = t2d.Recording.load(tmp_path / "sit.zarr").truth_at([0.0, 0.05, 0.15])
-    assert truth.activity.values.tolist() == [["walk", "walk", "sit"]]
+    assert [name in ("walk", "stand") for name in truth.activity.values[0, :2]] == [True, True]
+    assert truth.activity.values[0, 2] == "sit"
     assert truth.made_for.values.tolist() == ["sitting"]
     plain = t2d.simulate(t2d.trim(walk(), 0, 0.1), radar="ci4r", method="ellipsoid")
     assert plain.truth_at(0.0).activity.values.tolist() == [[""]]

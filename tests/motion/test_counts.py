@@ -7,6 +7,7 @@ import pytest
 
 from builders import slow_after
 from t2d_rt.core.errors import T2DWarning
+from t2d_rt.motion.check import check_motion
 from t2d_rt.motion.check.measures import flights_s, tracks
 from t2d_rt.motion.descriptions import parse_description
 from t2d_rt.motion.generate import motion_from_text
@@ -48,6 +49,41 @@ def test_who_hops_on_one_leg_lands_on_one() -> None:
 
 
 @pytest.mark.parametrize(
+    ("words", "angle_deg"), slow_after(1, [("around to the right", -180.0), ("to the left", 90.0), ("left by 270 degrees", 270.0)])
+)  # fmt: skip
+def test_who_turns_on_the_spot_turns_by_the_angle_that_is_said(words: str, angle_deg: float) -> None:
+    motion = motion_from_text(f"a person turns {words}", seed=2)
+    across = motion.joints[:, motion.index("left_hip")] - motion.joints[:, motion.index("right_hip")]
+    heading_deg = np.degrees(np.unwrap(np.arctan2(across[:, 1], across[:, 0])))
+    assert heading_deg[-20:].mean() - heading_deg[:20].mean() == pytest.approx(angle_deg, abs=15)
+    assert np.ptp(motion.joints[:, motion.index("pelvis"), :2], axis=0).max() < 0.5
+
+
+def test_who_stands_on_one_leg_does_so_for_as_long_as_is_said() -> None:
+    motion = motion_from_text("a person stands on her right leg for 6 s", seed=2)
+    left, right = (motion.joints[:, motion.index(f"{side}_ankle"), 2] for side in ("left", "right"))
+    held_s = np.count_nonzero(left > right + 0.08) / motion.rate_hz
+    assert 4.0 < held_s < 6.0
+    assert right.max() < 0.15
+    assert check_motion(motion, expected="bending").passed
+    assert not check_motion(motion, expected="walking").passed
+
+
+@pytest.mark.parametrize("words", ["lowers himself to the floor", "lies down on the floor carefully"])
+def test_who_lets_himself_down_to_the_floor_does_not_fall(words: str) -> None:
+    """The hips take seconds and stay below the slowest of measured falls, 2.14 - 2 x 0.63 m/s (Choi et al. 2015)."""
+    motion = motion_from_text(f"a person {words}", seed=1)
+    height_m = hips(motion)
+    down = (height_m < 0.95 * height_m.max()) & (height_m > 1.2 * height_m.min())
+    assert 1.5 < np.count_nonzero(down) / motion.rate_hz < 6.0
+    assert -np.diff(height_m).min() * motion.rate_hz < 0.85
+    verdict = check_motion(motion, expected="sitting")
+    assert verdict.passed
+    assert not verdict.fall.happened
+    assert not check_motion(motion, expected="falling").passed
+
+
+@pytest.mark.parametrize(
     ("sentence", "count"),
     slow_after(
         1,
@@ -86,7 +122,8 @@ def test_what_lasts_lasts(sentence: str, seconds: float) -> None:
 def test_a_walk_before_something_else_lasts_too() -> None:
     for seed in (0, 1, 2):
         motion = motion_from_text("a person walks for six seconds, then sits down", seed=seed)
-        begin_s = dict(motion.activities)["sit"]
+        assert motion.activities[0] == ("walk", 0.0)
+        begin_s = motion.activities[1][1]
         assert 5.4 < begin_s < 6.9
         low = hips(motion) < np.median(hips(motion)[:120]) - 0.15
         assert 0 < np.flatnonzero(low)[0] / motion.rate_hz - begin_s < 4.5  # as long as recorded people take

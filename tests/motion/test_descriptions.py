@@ -41,7 +41,7 @@ stair chair floor ball handrail slowly carefully fast careful slow quick happily
 """
 """Words of Table I of the paper; its actions are slots."""
 
-SLOTS = "manner", "direction", "speed", "body_part", "object", "type", "side", "count", "duration_s"
+SLOTS = "manner", "direction", "speed", "body_part", "object", "type", "side", "count", "duration_s", "angle_deg"
 
 
 @cache
@@ -206,6 +206,13 @@ WALK, FALL, SIT, UP = "walk", "fall", "sit", "stand_up"
 SENTENCES = [
     ("A person walks slowly forward, slips and falls backward", "falling",
      [{"action": WALK, "speed": "slow", "direction": "forward"}, {"action": FALL, "type": "slip", "direction": "back"}]),
+    ("an old man lowers himself gently to the floor", "sitting",
+     [{"action": "lie_down", "object": "floor", "manner": "careful", "speed": "slow"}]),
+    ("turns around on the spot to the left", "walking", [{"action": "turn", "direction": "left", "angle_deg": 180.0}]),
+    ("turns by 270 degrees clockwise", "walking", [{"action": "turn", "direction": "clockwise", "angle_deg": 270.0}]),
+    ("stands on his left leg for 5 s", "bending",
+     [{"action": "balance", "body_part": "leg", "side": "left", "duration_s": 5.0}]),
+    ("walks and balances on one leg", "bending", [{"action": WALK}, {"action": "balance"}]),
     ("sits down on a chair and stands up again", "sitting", [{"action": SIT, "object": "chair"}, {"action": UP}]),
     ("walks in a circle clockwise", "walking", [{"action": WALK, "direction": "clockwise"}]),
     ("walks counter-clockwise", "walking", [{"action": WALK, "direction": "counterclockwise"}]),

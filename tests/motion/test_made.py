@@ -41,6 +41,7 @@ STEPS: dict[str, tuple[Step, Activity | None]] = {
     "squat": (Step(action="squat", count=2), "bending"),
     "stretch": (Step(action="stretch"), "bending"),
     "stretch a leg": (Step(action="stretch", body_part="leg"), "bending"),
+    "balance": (Step(action="balance"), "bending"),
     "climb": (Step(action="climb"), None),
     "go down": (Step(action="walk", direction="down", object="handrail"), None),
 }  # fmt: skip

@@ -74,12 +74,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("recorded", type=Path, nargs="?")
     parser.add_argument("-n", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=0, help="the first one")
     options = parser.parse_args()
     warnings.simplefilter("ignore", T2DWarning)
     if options.recorded:
         told("recorded bends", recorded_bends(options.recorded))
     for sentence, note in SENTENCES.items():
-        motions = [motion_from_text(sentence, seed=seed) for seed in range(options.n)]
+        motions = [motion_from_text(sentence, seed=seed) for seed in range(options.seed, options.seed + options.n)]
         sign = -1.0 if "stands up" in sentence else 1.0
         told(sentence, [transfer(sign * hips_m(each), each.rate_hz) for each in motions], note)
 

@@ -283,6 +283,24 @@ def _jumping(seen: Evidence) -> list[str]:
     return []
 
 
+TOGETHER, STEPPING = 0.9, 0.8
+"""Correlation of the heights of both ankles: above the first they go up and down together, as in jumps from both feet (recorded and
+made ones 0.97 to 1.00; dances -0.5 to 0.7), below the second they step."""
+
+
+def feet_together(body: Tracks) -> float:
+    """Correlation of the heights of both ankles; 0 where one of them never moves."""
+    heights = np.stack([body[f"{side}_ankle"][:, 2] for side in ("left", "right")])
+    return float(np.corrcoef(heights)[0, 1]) if (np.ptp(heights, axis=1) > 1e-6).all() else 0.0
+
+
+def _only_jumping(seen: Evidence) -> list[str]:
+    """A jump, and no dance with one in it: whoever turns round on stepping feet dances."""
+    if (faults := _jumping(seen)) or seen.turn_deg < 180 or feet_together(seen.body) > STEPPING:
+        return faults
+    return [f"it turns by {seen.turn_deg:.0f} degrees on stepping feet, as in a dance"]
+
+
 def _sitting(seen: Evidence) -> list[str]:
     """Sitting down, sitting, lying down and standing up alike: there is a stay with the hips at a seat's height or on the
     floor."""
@@ -313,10 +331,10 @@ def _bending(seen: Evidence) -> list[str]:
     squat = seen.hips < 0.80 * np.percentile(seen.hips, 95)
     wrists = np.max([body["left_wrist"][:, 2], body["right_wrist"][:, 2]], axis=0)
     stretch = wrists > body["head"][:, 2] + 0.05 * body.stature_m
-    found = spans(tilt | squat | stretch, gap=round(0.1 * RATE_HZ), least=round(0.2 * RATE_HZ))
+    found = spans(tilt | squat | stretch, gap=round(0.1 * RATE_HZ), least=round(0.2 * RATE_HZ)) or _on_one_leg(body)
     if not found:
         greatest = float(angle_deg(body.trunk, UP).max())
-        return [f"the trunk bends by {greatest:.0f} degrees at most, and nobody squats or stretches"]
+        return [f"the trunk bends by {greatest:.0f} degrees at most, and nobody squats, stretches or stands on one leg"]
     feet = body["ankles"][:, :2]
     seated_s = seen.seated_s("left_ankle", "right_ankle")
     if seated_s > LONGEST_FALL_BACK_S:
@@ -325,6 +343,17 @@ def _bending(seen: Evidence) -> list[str]:
         return ["it is a jump"]
     gone = min(float(np.linalg.norm(feet[stop - 1] - feet[start])) for start, stop in found)
     return [f"the feet go on by {gone:.2f} m during it"] if gone > 0.5 * body.leg_m else []
+
+
+HELD_UP, LEAST_HELD_S = 0.07, 1.0
+"""Height over stature of an ankle over the other one from which a foot is held up, and for how long it is where one stands on one
+leg [s]: a step's swing takes 0.4 s."""
+
+
+def _on_one_leg(body: Tracks) -> list[tuple[int, int]]:
+    """Frames, first and behind the last, of each stay on one leg."""
+    apart = np.abs(body["left_ankle"][:, 2] - body["right_ankle"][:, 2])
+    return spans(apart > HELD_UP * body.stature_m, gap=round(0.1 * RATE_HZ), least=round(LEAST_HELD_S * RATE_HZ))
 
 
 def _dancing(seen: Evidence) -> list[str]:
@@ -340,6 +369,8 @@ def _dancing(seen: Evidence) -> list[str]:
     neither_jump_nor_walk = bool(_jumping(seen) and _walking(seen))
     if heights < (0.03 if arms > 0.3 and neither_jump_nor_walk else DANCES) and np.ptp(angle) < math.pi:
         faults.append(f"the wrists rise and fall by {heights:.3f} of the stature only and the body does not turn")
+    if not _jumping(seen) and feet_together(body) > TOGETHER:
+        faults.append("both feet go up and down together: jumps")
     if legs < 0.12:
         faults.append(f"the feet move at {legs:.2f} m/s only")
     if heights < 0.03 and seen.gait.net_mps > 0.8 * seen.gait.speed_mps > 0.3:
@@ -356,7 +387,7 @@ RULES: Mapping[Activity, Callable[[Evidence], list[str]]] = MappingProxyType(
         "running": _running,
         "sitting": _sitting,
         "bending": _bending,
-        "jumping": _jumping,
+        "jumping": _only_jumping,
         "dancing": _dancing,
     }
 )

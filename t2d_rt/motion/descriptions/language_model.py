@@ -139,6 +139,7 @@ class AskedStep(BaseModel):
     type: slots.FallType | slots.GaitType | None
     count: Annotated[int | None, Field(description=f"times, 1 to {slots.MOST_TIMES}")]
     duration_s: Annotated[float | None, Field(description=f"seconds, up to {slots.LONGEST_S:g}")]
+    angle_deg: Annotated[float | None, Field(description="of a turn")]
 
 
 class AskedDescription(AskedStep):
@@ -172,7 +173,7 @@ KINDS = {
     "running": "running",
     "falling": "falling, by the cause that the type says",
     "sitting": "sitting down, standing up or lying down",
-    "bending": "bending, squatting or stretching",
+    "bending": "bending, squatting, stretching or standing on one leg",
     "jumping": "jumping",
     "dancing": "dancing",
 }

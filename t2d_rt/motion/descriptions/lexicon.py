@@ -117,6 +117,7 @@ class Lexicon(Fields):
     times: dict[str, int]
     not_once: Words
     seconds: dict[str, float]
+    degrees: dict[str, float]
     roughly: Words
 
     def model_post_init(self, context: Any, /) -> None:

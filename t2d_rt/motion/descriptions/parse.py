@@ -22,7 +22,7 @@ from t2d_rt.motion.descriptions.tokens import tokens_of
 
 DISTURBED = "disturbed walk"
 LOWEST_FIRST = (
-    *("turn", "walk", "climb", "run", "stand_up", "bend, squat, stretch", "sit, lie_down", "jump", "dance"),
+    *("turn", "walk", "climb", "run", "stand_up", "bend, squat, stretch, balance", "sit, lie_down", "jump", "dance"),
     *(DISTURBED, "fall"),
 )
 RANK = {action: rank for rank, actions in enumerate(LOWEST_FIRST) for action in actions.split(", ")}
@@ -31,7 +31,7 @@ MOVING = "walk", "run", "climb"
 
 UNDERSTOOD = (
     "walking, abnormal gaits, running, falling, sitting, lying down, standing up, bending, squatting, "
-    "stretching, jumping, dancing, turning and climbing stairs"
+    "stretching, standing on one leg, jumping, dancing, turning and climbing stairs"
 )
 
 

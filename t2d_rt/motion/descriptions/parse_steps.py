@@ -6,14 +6,18 @@ from dataclasses import dataclass, field
 
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.lexicon import forms_of, lexicon
+from t2d_rt.motion.descriptions.slots import TURNED_DEG
 from t2d_rt.motion.descriptions.tokens import Token
 
 YIELDING = {"forward": ("left", "right", "straight"), "straight": ("left", "right")}
 """Directions that a more exact one replaces: forward and to the left is to the left."""
 PAIRS = "forward back, left right, up down, clockwise counterclockwise"
 STRAIGHT_PAIRS = "straight clockwise, straight counterclockwise, straight back"
+HALF_TURN_DEG = 180.0
 OPPOSITE = {frozenset(pair.split()) for pair in f"{PAIRS}, {STRAIGHT_PAIRS}".split(", ")}
 """Directions that one step cannot both have."""
+ON_ONE_LEG = "jump", "turn", "walk", "run", "dance", "balance"
+"""Actions of which "on one leg" is no mistake."""
 OBJECTS_FIRST = "handrail", "ball", "chair", "stair", "floor"
 
 TWO_PEOPLE = {"man", "woman"}, {"man", "child"}, {"woman", "child"}, {"old_person", "child"}
@@ -275,6 +279,12 @@ def attach(step: ParseStep, token: Token, ignored: list[str]) -> None:
     """Says of a step what an token says; raises where it says the contrary of what was said before."""
     if token.kind in ("cause", "gait"):
         step.cause = token.words
+    low, high = TURNED_DEG
+    if token.kind == "angle" and not (step.action == "turn" and low <= float(str(token.slots["angle_deg"])) <= high):
+        ignored.append(token.words)
+        return
+    if step.action == "stand" and token.words in ("on one leg", "on one foot"):
+        step.action = "balance"
     part = step.get("body_part"), step.get("side")
     if token.kind == "part" and part[0] is not None and part != (token.slots["body_part"], token.slots.get("side")):
         ignored.append(token.words)
@@ -284,7 +294,7 @@ def attach(step: ParseStep, token: Token, ignored: list[str]) -> None:
         step.said["object"] = "stair"
     if (step.action, token.words) == ("stand_up", "bed") or token.words == "ladder":
         ignored.append(token.words)  # made as a seat, and as a stair
-    if token.words in ("on one leg", "on one foot") and step.action not in ("jump", "turn", "walk", "run", "dance"):
+    if token.words in ("on one leg", "on one foot") and step.action not in ON_ONE_LEG:
         ignored.append(token.words)
     stairs = storey or (token.slots.get("object") == "stair" and step.get("direction") in ("up", "down"))
     if stairs and step.action == "walk" and step.get("type") is None:
@@ -320,6 +330,9 @@ def _direct(step: ParseStep, value: str, words: str, ignored: list[str]) -> None
         step.said["direction"] = {"left": "counterclockwise", "right": "clockwise"}.get(value, value)
     elif before is None or before == value or (before in ("up", "down") and value not in ("up", "down")):
         step.said["direction"] = value
+    elif step.action == "turn" and before == "back" and value != "forward":  # turns around to the left
+        step.said["direction"] = value
+        step.said.setdefault("angle_deg", HALF_TURN_DEG)
     elif frozenset((str(before), value)) in OPPOSITE:
         raise Opposite(f"{before} and {value}", step.words)
     elif value in YIELDING.get(str(before), ()):

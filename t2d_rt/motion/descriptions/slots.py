@@ -22,9 +22,9 @@ Activity = Literal["walking", "abnormal_walking", "running", "falling", "sitting
 
 Action = Literal[
     "walk", "fall", "sit", "bend", "lie_down", "stand_up", "climb", "stretch", "squat", "dance", "run", "jump", "turn",
-    "stand",
+    "stand", "balance",
 ]  # fmt: skip
-"""The actions of Table I; and standing, which comes before and after many of them."""
+"""The actions of Table I; standing, which comes before and after many of them; and balancing, which is standing on one leg."""
 
 Manner = Literal["careful", "happy", "angry", "sad"]
 Speed = Literal["slow", "normal", "fast"]
@@ -50,11 +50,14 @@ ACTIONS_OF: dict[Activity, tuple[Action, ...]] = {
     "running": ("run",),
     "falling": ("fall",),
     "sitting": ("sit", "stand_up", "lie_down"),
-    "bending": ("bend", "squat", "stretch"),
+    "bending": ("bend", "squat", "stretch", "balance"),
     "jumping": ("jump",),
     "dancing": ("dance",),
 }
 """Main actions of each class."""
+
+RESTS_OF: dict[Activity, tuple[str, ...]] = {"sitting": ("seated", "lying")}
+"""Rests after such actions, or before them, that are of the class, too."""
 
 
 _SIDES: tuple[Direction, ...] = ("forward", "back", "left", "right")
@@ -73,11 +76,12 @@ DIRECTIONS_OF: dict[Action, tuple[Direction, ...]] = {
     "squat": ("down",),
     "stretch": (*_SIDES, "up", "down"),
     "stand": (*_LEVEL, "up"),
+    "balance": (),
 }
 """Directions that each action can have: nobody falls up, or squats clockwise. Of lying, on which side of the body."""
 
-MOST_TIMES, LONGEST_S = 100, 600.0
-"""Of `count` and of `duration_s` [s]."""
+MOST_TIMES, LONGEST_S, TURNED_DEG = 100, 600.0, (10.0, 720.0)
+"""Of `count` and of `duration_s` [s], and the range of `angle_deg`."""
 LONGEST_SENTENCE, MOST_STEPS = 2000, 30
 """Characters of a sentence; steps of an activity."""
 
@@ -102,6 +106,8 @@ class Step(Fields):
     """How many times the action is done."""
     duration_s: Annotated[float, Field(gt=0, le=LONGEST_S)] | None = None
     """How long the action lasts [s]."""
+    angle_deg: Annotated[float, Field(ge=TURNED_DEG[0], le=TURNED_DEG[1])] | None = None
+    """By which somebody turns [degrees], where that is said; the direction tells to which side."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Step:
@@ -111,6 +117,8 @@ class Step(Fields):
                 raise InputError(f"type {self.type} belongs to action {wanted}, not to {self.action}")
         if self.side is not None and self.body_part in (None, "waist"):
             raise InputError(f"side {self.side} belongs to an arm, foot, hand, leg or knee; give body_part, too")
+        if self.angle_deg is not None and self.action != "turn":
+            raise InputError(f"angle_deg belongs to action turn, not to {self.action}; leave it out")
         if self.direction is not None and self.direction not in DIRECTIONS_OF[self.action]:
             raise InputError(
                 f"action {self.action} has no direction {self.direction}; choose one of "

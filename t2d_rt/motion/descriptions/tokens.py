@@ -236,7 +236,7 @@ def _measure(words: list[str], place: int) -> tuple[Token, int] | None:
         if inner is None or (word == "after" and inner[0].note.endswith("moment")):
             return None
         return inner if word == "for" else (Token("reported", f"after {inner[0].words}"), inner[1])
-    return _times(words, place) or _lasting(words, place, alone=True)
+    return _times(words, place) or _lasting(words, place, alone=True) or _turned(words, place)
 
 
 def _number(words: list[str], place: int) -> tuple[float, bool, int] | None:
@@ -292,6 +292,15 @@ def _lasting(words: list[str], place: int, *, alone: bool) -> tuple[Token, int] 
     vague = vague or unit.startswith("moment")
     note = said if vague else ""
     return Token("slot", f"{seconds:g} seconds" if vague else said, {"duration_s": seconds}, note=note), after + 1
+
+
+def _turned(words: list[str], place: int) -> tuple[Token, int] | None:
+    """By which angle: 90 degrees, a hundred and eighty is not read."""
+    found = _number(words, place)
+    if found is None or found[2] >= len(words) or words[found[2]] not in lexicon().degrees:
+        return None
+    number, _, after = found
+    return Token("angle", " ".join(words[place : after + 1]), {"angle_deg": float(number)}), after + 1
 
 
 def _meant(word: str) -> str | None:

@@ -26,6 +26,13 @@ CROSSING_S = 0.3
 SWING_HZ, SWING_S = 4.0, 0.4
 """Frequency below which a swing of arms lies, twice a stride's in a run with its first harmonic, and half the time of a swing."""
 
+MOVES_MPS, MOVES_S = 0.1, 0.05
+"""Speed [m/s], mean over the joints and smoothed over a time [s], from which a body does something: sway is a fifth of it, a step
+some four times as much."""
+
+SHORTEST_REST_S = 0.3
+"""Shorter rests belong to what is done before or after them."""
+
 Z = np.array([0.0, 0.0, 1.0])
 
 
@@ -54,6 +61,24 @@ class Piece:
     def noted(self, note: str) -> Piece:
         """With one more note."""
         return replace(self, notes=(*self.notes, note))
+
+
+Begins = tuple[tuple[str, int], ...]
+"""What is done, and from which frame on."""
+
+
+def doing(action: str, joints: np.ndarray, rate_hz: float, *, before: str = "stand", after: str = "stand") -> Begins:
+    """An action from its first movement of the joints (T, J, 3) [m] to its last, and the rests before and after it by name."""
+    from scipy.ndimage import gaussian_filter1d
+
+    speed = np.linalg.norm(np.gradient(joints, axis=0), axis=-1).mean(axis=1) * rate_hz
+    moves = np.flatnonzero(gaussian_filter1d(speed, MOVES_S * rate_hz) > MOVES_MPS)
+    if not len(moves):
+        return ((action, 0),)
+    first, stop = int(moves[0]), int(moves[-1]) + 1
+    rest = SHORTEST_REST_S * rate_hz
+    begins = ((before, 0), (action, first)) if first > rest else ((action, 0),)
+    return (*begins, (after, stop)) if len(joints) - stop > rest else begins
 
 
 def heading_rad(poses: Poses) -> np.ndarray:

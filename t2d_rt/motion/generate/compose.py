@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -16,14 +16,14 @@ from t2d_rt.motion.check import check_motion, detect_fall
 from t2d_rt.motion.contacts import contacts, plant
 from t2d_rt.motion.descriptions.slots import GAIT_TYPES, Action, Description, GaitType, Side, Step
 from t2d_rt.motion.generate import LONGEST_S, NOT_MADE
-from t2d_rt.motion.generate.chain import Piece, best_seam, joined
+from t2d_rt.motion.generate.chain import SHORTEST_REST_S, Begins, Piece, best_seam, doing, joined
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.edits import begun, halted
 from t2d_rt.motion.generate.library.individual import Individual, Maker, individual, lively, sole_m
 from t2d_rt.motion.generate.library.moves import ACTIONS, directed, made_of_clips, own_clips
 from t2d_rt.motion.generate.library.store import RATE_HZ, Store, shipped
 from t2d_rt.motion.generate.library.users import with_users
-from t2d_rt.motion.generate.made import Posture, make
+from t2d_rt.motion.generate.made import RESTS, Posture, make
 from t2d_rt.motion.interpolate import resample
 from t2d_rt.motion.kinematics import Poses, motion_of, poses_of
 from t2d_rt.motion.read.passes import file_origin
@@ -40,6 +40,7 @@ PARTS: Mapping[Action, str] = {
     "bend": "arm hand foot leg waist knee",
     "squat": "arm hand foot leg",
     "stretch": "arm hand foot leg waist knee",
+    "balance": "foot leg",
     "sit": "foot leg",
     "stand_up": "foot leg",
 }
@@ -233,10 +234,6 @@ def _composed(maker: Maker, description: Description) -> Motion:
     return finished(_chained(maker, Floored(whole, floor_m, highest_m=floor_m, begins=begins), rest), maker.person)
 
 
-Begins = tuple[tuple[str, int], ...]
-"""Actions and their first frames."""
-
-
 @dataclass(frozen=True, slots=True)
 class Floored:
     """What there is of a motion, and on which floor and in which posture it ends."""
@@ -266,7 +263,7 @@ def _chained(maker: Maker, whole: Floored | None, steps: Sequence[Step]) -> Floo
         for step in own:
             # The main step has its own duration, what comes before and after it a part of it.
             piece = _of_clips(maker, step, alone or isinstance(step, Description))
-            begins: Begins = ((step.action, 0),)
+            begins = doing(step.action, piece.poses.world()[0], RATE_HZ)
             if whole is None:
                 whole = Floored(piece, lasting=step.duration_s is not None, begins=begins)
             else:
@@ -286,9 +283,7 @@ def _with_made(maker: Maker, whole: Floored | None, steps: Sequence[Step], *, be
     rise = before - found.floors_m[0]
     piece = Piece(poses=found.poses, planted=found.planted, notes=found.notes)
     piece = edits.shifted(piece, np.array([0.0, 0.0, rise]))
-    all_begin: Begins = tuple(
-        (step.action, round(at_s * RATE_HZ)) for step, at_s in zip(steps, found.begins_s, strict=True)
-    )
+    all_begin = found.does
     if whole is not None:
         piece, all_begin = _continued(whole, piece, all_begin)
     floor_m = rise + found.floors_m[1]
@@ -309,7 +304,7 @@ def _continued(whole: Floored, piece: Piece, begins: Begins) -> tuple[Piece, Beg
     last = range(max(2, len(before) - round(search * RATE_HZ)), len(before))
     first = range(1 if after is piece else max(1, min(round(search * RATE_HZ), len(after) - 30)))
     cut, start, _ = best_seam(before.poses, after.poses, last, first)
-    earlier = ((name, max(0, frame - early)) for name, frame in whole.begins)
+    earlier = ((name, max(0, frame - early)) for name, frame in whole.begins if frame - early <= cut)
     later = ((name, cut + 1 + max(0, frame - late - start)) for name, frame in begins)
     return joined([before.part(0, cut + 1), after.part(start, len(after))], blend_s=SEAM_S), (*earlier, *later)
 
@@ -426,6 +421,14 @@ def finished(whole: Floored, person: Individual, *, base_m: float | None = None)
     poses = plant(piece.poses, piece.planted, level=False, floor_m=whole.lowest_m if level else None)
     rise = sole_m(person) - (whole.lowest_m if base_m is None else base_m)
     motion = motion_of(replace(poses, root=poses.root + [0.0, 0.0, rise]), origin=piece.notes)
-    # Of two steps that begin in one frame the later is kept.
-    begins = {frame / RATE_HZ: name for name, frame in whole.begins if frame < len(poses)}
-    return replace(motion, activities=tuple((name, begin_s) for begin_s, name in begins.items()))
+    return replace(motion, activities=_activities(whole.begins, len(poses)))
+
+
+def _activities(begins: Begins, count: int) -> tuple[tuple[str, float], ...]:
+    """What is done in so many frames and from when on [s]: a rest that is too short goes to what is done before it."""
+    found: list[tuple[str, int]] = []
+    for (name, frame), (_, stop) in pairwise((*begins, ("", count))):
+        short = stop - frame <= (SHORTEST_REST_S * RATE_HZ if name in RESTS.values() and found else 0)
+        if not short and (not found or found[-1][0] != name):
+            found.append((name, frame))
+    return tuple((name, frame / RATE_HZ) for name, frame in found)

@@ -155,9 +155,17 @@ def path_map(x: np.ndarray, change: GaitChange, length_m: float) -> np.ndarray:
 
 
 def slow_noise(count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-    """Noise (T,) of unit variance between 0.2 and 1.2 Hz: ten sines of random phase."""
+    """Noise (T,) of mean 0 and variance 1 between 0.2 and 1.2 Hz: ten sines of random phase."""
     tones, phases = rng.uniform(0.2, 1.2, 10), rng.uniform(0, 2 * np.pi, 10)
-    return np.sin(2 * np.pi * np.arange(count)[:, None] / rate_hz * tones + phases).sum(axis=1) / math.sqrt(5.0)
+    return evened(np.sin(2 * np.pi * np.arange(count)[:, None] / rate_hz * tones + phases).sum(axis=1))
+
+
+def evened(draws: np.ndarray) -> np.ndarray:
+    """Draws (N, ...) shifted and scaled to a mean of 0 and a deviation of 1, where there are three or more: a walk of a dozen steps
+    is to show the spread that its patient has, not that of a dozen draws."""
+    if len(draws) < 3:
+        return draws
+    return np.asarray((draws - draws.mean(axis=0)) / np.maximum(draws.std(axis=0), 1e-9))
 
 
 def about(axis: str, angle_rad: np.ndarray) -> np.ndarray:
@@ -248,7 +256,8 @@ def placed_feet(
     found = {}
     for number, (side, sign) in enumerate(zip(SIDES, (1.0, -1.0), strict=True)):
         track = tracks[number].copy()
-        draws = rng.standard_normal((len(runs(stands[:, number])), 2)) * (change.placed_along_m, change.placed_across_m)
+        draws = evened(rng.standard_normal((len(runs(stands[:, number])), 2)))
+        draws = draws * (change.placed_along_m, change.placed_across_m)
         shift = _while_standing(draws, stands[:, number])
         track[:, 0] = path_map(track[:, 0], change, length) - change.shorter_step_m[number] + shift[:, 0]
         wider = 0.0 if change.step_width_m is None else 0.5 * change.step_width_m - width
@@ -357,7 +366,7 @@ def new_times(
     x = np.clip(poses.root[:, 0] / max(float(poses.root[-1, 0]), 1e-9), 0, 1)
     steps = np.sort(np.concatenate([[start for start, _ in runs(stands[:, side])] for side in range(2)])).astype(int)
     number = np.searchsorted(steps, np.arange(len(poses)), side="right")
-    tempo = np.exp(change.step_time_spread * rng.standard_normal(len(steps) + 1))[number]
+    tempo = np.exp(change.step_time_spread * evened(rng.standard_normal(len(steps) + 1)))[number]
     tempo = (
         tempo
         * np.where(weight > 0.3, change.hurried_stance[0], 1.0)

@@ -12,6 +12,7 @@ import numpy as np
 from t2d_rt.core.checks import instance
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.slots import FALL_TYPES, Description, FallType
+from t2d_rt.motion.generate.chain import doing
 from t2d_rt.motion.generate.falls.draw import Draw, course, draw, heading_of
 from t2d_rt.motion.generate.falls.humanoid import (
     RATE_HZ,
@@ -344,26 +345,32 @@ def _assembled(candidate: Candidate, plan: FallPlan, getups: Sequence[Motion]) -
     event_s = frame / RATE_HZ
     impact_s, rest_s = event_s + found.impact_s, (frame + rested) / RATE_HZ
     events = FallEvents(event_s=event_s, impact_s=impact_s, rest_s=rest_s, get_up_s=get_up_s)
+    joints = np.concatenate([lead.joints[:frame], after])
     note = (
         f"fall by {plan.type}, {found.heading}, strength {drawn.strength:.2f}, seed {plan.seed}: event {event_s:.2f} s, "
         f"impact {impact_s:.2f} s, rest {rest_s:.2f} s"
     ) + (f", gets up {get_up_s:.2f} s" if get_up_s is not None else "")
     motion = lead.edited(
         note,
-        joints=np.concatenate([lead.joints[:frame], after]),
+        joints=joints,
         rotations=np.concatenate([lead.rotations[:frame], rotations_of(bones, segments)]),
-        activities=_activities(lead, events),
+        activities=_activities(lead, events, joints),
     )
     return Fall(motion=motion, events=events, heading=found.heading, strength=drawn.strength, figures=found)
 
 
-def _activities(lead: Motion, events: FallEvents) -> tuple[tuple[str, float], ...]:
-    """What the person does: what the lead tells until the fall, the fall, and getting up; () where the lead tells nothing."""
+def _activities(lead: Motion, events: FallEvents, joints: np.ndarray) -> tuple[tuple[str, float], ...]:
+    """What the person does: what the lead tells until the fall, the fall, getting up as long as the joints move, and standing; ()
+    where the lead tells nothing."""
     if not lead.activities:
         return ()
     before = [each for each in lead.activities if each[1] < events.event_s]
-    up = [] if events.get_up_s is None else [("stand_up", events.get_up_s)]
-    return (*before, ("fall", events.event_s), *up)
+    fall = *before, ("fall", events.event_s)
+    if events.get_up_s is None:
+        return fall
+    up = doing("stand_up", joints[round(events.get_up_s * RATE_HZ) :], RATE_HZ, before="fall")
+    later = [(name, events.get_up_s + frame / RATE_HZ) for name, frame in up if name != "fall"]
+    return (*fall, *later)
 
 
 # --- the `physics` provider: a description of a fall, and a lead that fits what comes before it, become a motion ---

@@ -8,7 +8,18 @@ import numpy as np
 
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.contacts import SIDES, runs
-from t2d_rt.motion.generate.chain import CROSSING_S, Piece, best_seam, crossed, heading_rad, joined, moved
+from t2d_rt.motion.generate.chain import (
+    CROSSING_S,
+    Piece,
+    best_seam,
+    crossed,
+    from_rotation_vector,
+    heading_rad,
+    joined,
+    moved,
+    rotation_vector,
+    swung,
+)
 from t2d_rt.motion.generate.library.store import RATE_HZ
 from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, low_pass, minimum_jerk
 from t2d_rt.motion.kinematics import INDEX, NAMES, Poses, Skeleton, at_frames
@@ -125,6 +136,70 @@ def straddled(piece: Piece, angle_rad: float) -> Piece:
 def shifted(piece: Piece, offset_m: np.ndarray) -> Piece:
     """The root moved by an offset (T, 3) [m]."""
     return piece.posed(root=piece.poses.root + offset_m)
+
+
+TRUNK = "lower_back", "spine1", "spine2", "spine3", "neck", "head", "head_top"
+ARM_PARTS = {"collar": 1.0, "shoulder": 1.0, "elbow": 0.3, "wrist": 1.0, "hand": 1.0}
+"""Parts of an arm, and how much of another's they take on: whoever runs bends the elbows."""
+
+IN_STEP_S = 0.1
+"""Time over which the pace of what goes in step with another is smoothed."""
+
+MOST_SWUNG = 2.0
+"""Factor of arms' swing that makes good what mixing two of them takes away."""
+
+
+def carrying(legs: Piece, body: Piece, *, trunk: float, arms: float) -> Piece:
+    """A gait with the posture of another one's trunk and head and the movement of its arms, by parts of 0 to 1, in step with its legs.
+
+    A step is told by the ankles passing each other, left for left, so that arms swing against the legs as they did; they swing as
+    far as the gait's own. Where the body takes fewer steps than the legs, the gait stays as it is.
+    """
+    own, other = passes(legs), passes(body)
+    other = other[int(len(own) > 0 and len(other) > 0 and own[0, 1] != other[0, 1]) :]
+    if len(own) < 3 or len(other) < len(own) + 2:
+        return legs
+    pace = np.diff(own[:, 0]).mean()
+    ends = [
+        own[0, 0] - pace,
+        *own[:, 0],
+        own[-1, 0] + pace,
+    ]  # before the first pass and after the last the pace goes on
+    steps = np.interp(np.arange(len(legs)), ends, np.arange(len(ends)))
+    frames = np.interp(steps, np.arange(len(other)), other[:, 0])
+    frames = np.clip(low_pass(frames[:, None], 0.5 / IN_STEP_S, RATE_HZ)[:, 0], 0, len(body) - 1)
+    carried = at_frames(body.poses, frames).local
+    local = legs.poses.local.copy()
+    for name in TRUNK:
+        before, after = _mean(local[:, INDEX[name]]), _mean(carried[:, INDEX[name]])
+        other_way = rotation_vector(quaternions.multiply(after, quaternions.conjugate(before)))
+        local[:, INDEX[name]] = quaternions.multiply(from_rotation_vector(trunk * other_way), local[:, INDEX[name]])
+    for joint, part in ((INDEX[f"{side}_{name}"], arms * much) for side in SIDES for name, much in ARM_PARTS.items()):
+        mixed = quaternions.blend(local[:, joint], carried[:, joint], np.full((len(legs), 1), part))
+        more = float(np.clip(_swing(local[:, joint]) / max(_swing(mixed), 1e-6), 1.0, MOST_SWUNG))
+        local[:, joint] = swung(quaternions.continuous(mixed), more, RATE_HZ)
+    found = legs.posed(local=quaternions.continuous(local))
+    return replace(found, notes=(*legs.notes, f"trunk by {trunk:.2f} and arms by {arms:.2f} of", *body.notes))
+
+
+def _mean(rotation: np.ndarray) -> np.ndarray:
+    """The mean (1, 4) of rotations (T, 4)."""
+    return np.asarray(np.linalg.eigh(rotation.T @ rotation)[1][None, :, -1])
+
+
+def _swing(rotation: np.ndarray) -> float:
+    """Root mean square of how far rotations (T, 4) are from their mean [rad]."""
+    away = rotation_vector(quaternions.multiply(rotation, quaternions.conjugate(_mean(rotation))))
+    return float(np.sqrt((away**2).sum(axis=-1).mean()))
+
+
+def passes(piece: Piece) -> np.ndarray:
+    """Frames at which one ankle passes the other along the heading, and whether it is the left one, (steps, 2)."""
+    joints, _ = piece.poses.world()
+    ahead = np.stack([np.cos(heading_rad(piece.poses)), np.sin(heading_rad(piece.poses))], axis=-1)
+    apart = ((joints[:, INDEX["left_ankle"], :2] - joints[:, INDEX["right_ankle"], :2]) * ahead).sum(-1)
+    at = np.flatnonzero(np.diff(np.sign(apart)) != 0)
+    return np.column_stack([at, apart[at + 1] > apart[at]]).astype(float)
 
 
 def aligned(piece: Piece) -> Piece:

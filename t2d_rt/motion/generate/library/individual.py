@@ -40,7 +40,7 @@ LEGS, ARMS, WIDTHS = 0.018, 0.03, 0.03
 stature (Gordon et al. 2014, ANSUR II: crotch height given stature 1.8 %, arm length 2.8 %, biacromial breadth 3.5 %)."""
 
 POSTURE_RAD = {
-    "spine1": 0.02, "spine2": 0.02, "spine3": 0.025, "neck": 0.05, "head": 0.05, "left_shoulder": 0.07, "right_shoulder": 0.07,
+    "spine1": 0.02, "spine2": 0.02, "spine3": 0.045, "neck": 0.07, "head": 0.05, "left_shoulder": 0.085, "right_shoulder": 0.085,
     "left_elbow": 0.1, "right_elbow": 0.1, "left_wrist": 0.08, "right_wrist": 0.08,
 }  # fmt: skip
 """Standard deviations of a person's habitual posture per axis [rad]; between recorded walkers they are larger."""
@@ -219,9 +219,15 @@ class Maker:
         return segments[int(self.rng.choice(len(segments), p=chances))]
 
 
-def stand(maker: Maker, step: Step, duration_s: float) -> Piece:
-    """Quiet standing: a clip of it to and fro."""
-    piece = maker.piece(maker.draw(maker.segments("stand")))
+def stand(maker: Maker, step: Step, duration_s: float, *, clip: str = "") -> Piece:
+    """Quiet standing: a clip of it to and fro; beside a recording `clip` of it, or of one that shows nothing like it."""
+    segments = maker.segments("stand")
+    if clip:
+        action = next(each.action for each in maker.store.segments if each.clip == clip and each.action != "stand")
+        busy = {each.clip for each in maker.store.segments if each.action == action}
+        own = [each for each in segments if each.clip == clip] or [each for each in segments if each.clip not in busy]
+        segments = own or segments
+    piece = maker.piece(maker.draw(segments))
     count = round(duration_s * RATE_HZ) + 1
     phase = np.arange(count) * 0.9 + maker.rng.uniform(0, len(piece))
     period = 2 * (len(piece) - 1)

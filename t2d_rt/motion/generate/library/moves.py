@@ -64,6 +64,10 @@ STYLES: Mapping[str, Change] = {
     "run": Change(
         1.0, 1.0, trunk_deg=3.0, head_deg=4.0, arms=0.2, elbows_deg=10.0, apart_deg=4.0, bounce=0.12, crouch=0.008
     ),
+    "walk": Change(
+        1.0, 1.0, trunk_deg=3.0, head_deg=5.0, arms=0.3, elbows_deg=14.0, apart_deg=4.0, bounce=0.1, crouch=0.006
+    ),
+    "jump": Change(1.0, 1.0, trunk_deg=4.0, head_deg=5.0, arms=0.2, elbows_deg=14.0, apart_deg=5.0, crouch=0.008),
 }
 """Standard deviations of how runners differ at one speed: lean 3 degrees, swing of the arms 20 %, elbows 10 degrees, rise of the
 pelvis 12 % (Williams and Cavanagh 1987; Folland et al. 2017); factors by their logarithms."""
@@ -155,6 +159,12 @@ DURATION_S: Mapping[Action, tuple[float, float]] = {
 }
 """Range of durations [s] where none is given; of a step beside others, half."""
 
+JOGS, SLOWEST_STEPS_HZ = 0.6, 1.6
+"""Chance that who runs has a walker's trunk and arms, and steps a second of the slowest of fast walks."""
+
+WALKERS_TRUNK, WALKERS_ARMS = (0.4, 1.0), (0.3, 0.8)
+"""How much of them, from none to all."""
+
 WARP = 0.72, 1.38
 """Limits of the factor by which a clip's speed is changed, half of it (as a logarithm) by tempo and half by stride, as people do:
 step length over cadence keeps constant (Sekiya, Nagasaki 1998)."""
@@ -239,10 +249,21 @@ def gait(maker: Maker, step: Step, duration_s: float) -> Piece:
         seams = [best_crossing(whole, maker.piece(each, mirror=mirror)) for each in tries]
         whole = min(seams, key=attrgetter("apart_m")).joined()
     whole = whole.part(0, count)
+    whole = _jogging(maker, whole) if step.action == "run" else whole
     whole = edits.strided(edits.tempo(whole, factor**fraction), factor ** (1 - fraction))
     whole = styled(maker, whole, step)
     whole = whole.noted(f"speed {factor:.2f} times the clips', {edits.rate_of(whole.poses):.2f} m/s")
     return directed(maker, whole, step)
+
+
+def _jogging(maker: Maker, legs: Piece) -> Piece:
+    """Recorded runners' legs and pelvis with so much of a walker's trunk and arms: few runs are recorded and many walks."""
+    if maker.rng.random() >= JOGS:
+        return legs
+    lasting_s = (len(edits.passes(legs)) + 4) / SLOWEST_STEPS_HZ
+    walk = gait(maker, Step(action="walk", speed="fast"), lasting_s)
+    trunk, arms = maker.rng.uniform(*WALKERS_TRUNK), maker.rng.uniform(*WALKERS_ARMS)
+    return edits.carrying(legs, walk, trunk=float(trunk), arms=float(arms))
 
 
 def _first(maker: Maker, step: Step, wanted: float) -> Segment:
@@ -304,6 +325,11 @@ def _sense(maker: Maker, step: Step) -> float:
     return SENSES.get(step.direction, 1.0) if step.direction else float(maker.rng.choice([-1, 1]))
 
 
+def angle_deg(step: Step) -> float:
+    """By which somebody turns: as far as is said, or as its direction has it [degrees]."""
+    return step.angle_deg or TURNS_DEG.get(step.direction, 90.0)
+
+
 def turn(maker: Maker, step: Step, duration_s: float) -> Piece:
     """Turning on the spot in small steps: a slow walk with short steps, its heading carried round, from standing to standing.
 
@@ -311,7 +337,7 @@ def turn(maker: Maker, step: Step, duration_s: float) -> Piece:
     """
     if (step.duration_s or 0.0) > LONGEST_ON_THE_SPOT_S:
         return _turned_walk(maker, step, duration_s)
-    angle = np.radians(TURNS_DEG.get(step.direction, 90.0))
+    angle = np.radians(angle_deg(step))
     sign = _sense(maker, step)
     rate = {"slow": 55.0, "normal": 85.0, "fast": 120.0}[step.speed]
     lasting = max((step.duration_s or 0.0) - 2 * QUIET_S, float(np.degrees(angle)) / (rate * maker.person.tempo) + 0.9)
@@ -336,7 +362,7 @@ def quickened(walk: Piece, angle_rad: float, lasting_s: float) -> Piece:
 
 
 def _turned_walk(maker: Maker, step: Step, duration_s: float) -> Piece:
-    angle = np.radians(TURNS_DEG.get(step.direction, 90.0) + maker.rng.uniform(-12, 12))
+    angle = np.radians(angle_deg(step) + maker.rng.uniform(-12, 12))
     sign = _sense(maker, step)
     walk = gait(maker, Step(action="walk", speed=step.speed), duration_s)
     rate = np.radians({"slow": 50.0, "normal": 75.0, "fast": 105.0}[step.speed])
@@ -366,13 +392,14 @@ def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
         piece = edits.paced(piece, pace * float(np.exp(0.03 * maker.rng.standard_normal())))
         if step.count is not None:
             piece = _with_flights(piece, step.count - done)
-        piece = _thrown(maker, _begun_late(maker, piece) if not pieces else piece, step)
+        piece = _thrown(maker, _begun_late(maker, piece, first.clip) if not pieces else piece, step)
         pieces.append(piece)
         done += len(flights(piece))
         total += len(piece) / RATE_HZ
     whole = joined(pieces)
     if step.duration_s is not None:
-        whole = _until(maker, whole, step.duration_s)
+        whole = _until(maker, whole, step.duration_s, first.clip)
+    whole = styled(maker, whole, step) if "jacks" not in kinds else whole
     return _on_one_leg(maker, whole, step.side) if step.body_part in ("foot", "leg") else whole
 
 
@@ -408,7 +435,7 @@ def _with_flights(piece: Piece, most: int) -> Piece:
     return piece.part(0, (found[most - 1][1] + found[most][0]) // 2)
 
 
-def _until(maker: Maker, piece: Piece, duration_s: float) -> Piece:
+def _until(maker: Maker, piece: Piece, duration_s: float, clip: str) -> Piece:
     """Jumps that last so long: up to the last landing before the end, and standing then."""
     count = round(duration_s * RATE_HZ) + 1
     landed = [stop for _, stop in flights(piece) if stop + LANDING_S * RATE_HZ < count]
@@ -417,7 +444,7 @@ def _until(maker: Maker, piece: Piece, duration_s: float) -> Piece:
     kept = min(len(piece), landed[-1] + round(LANDING_S * RATE_HZ))
     if kept >= count:
         return piece.part(0, count)
-    quiet = stand(maker, Step(action="stand"), (count - kept) / RATE_HZ)
+    quiet = stand(maker, Step(action="stand"), (count - kept) / RATE_HZ, clip=clip)
     return joined([piece.part(0, kept), quiet], blend_s=0.5).part(0, count)
 
 
@@ -438,14 +465,14 @@ def _on_one_leg(maker: Maker, piece: Piece, side: str | None) -> Piece:
     return replace(piece, poses=replace(piece.poses, local=local), planted=planted).noted(f"on the {stands} leg")
 
 
-def _begun_late(maker: Maker, piece: Piece) -> Piece:
+def _begun_late(maker: Maker, piece: Piece, clip: str) -> Piece:
     """A jump with a part of the standing before it, or with more."""
     lifted = np.flatnonzero(~piece.planted.any(axis=(1, 2)))
     most = int(lifted[0]) // 2 if len(lifted) else 0
     change = int(maker.rng.integers(-round(0.8 * RATE_HZ), most + 1))
     if change >= 0:
         return piece.part(change, len(piece))
-    quiet = stand(maker, Step(action="stand"), -change / RATE_HZ)
+    quiet = stand(maker, Step(action="stand"), -change / RATE_HZ, clip=clip)
     return joined([quiet, piece], blend_s=0.6)
 
 

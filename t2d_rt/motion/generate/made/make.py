@@ -10,6 +10,7 @@ import numpy as np
 
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.slots import Step
+from t2d_rt.motion.generate.chain import Begins, doing
 from t2d_rt.motion.generate.made import ground, seat, standing
 from t2d_rt.motion.generate.made.act import (
     AFTER_S,
@@ -39,17 +40,31 @@ MADE: Mapping[str, Callable[[Act, Step], None]] = {
     "bend": standing.bend,
     "squat": standing.squat,
     "stretch": standing.stretch,
+    "balance": standing.balance,
     **dict.fromkeys(("climb", "walk", "run"), seat.climb),
 }
 """What writes each action; walking and running are made where they go up or down a stair."""
+
+RESTS: Mapping[Posture, str] = {
+    "standing": "stand",
+    "sitting": "seated",
+    "sitting on the floor": "seated",
+    "lying on the floor": "lying",
+    "lying on a bed": "lying",
+}
+"""What one does who rests in a posture."""
 
 T = TypeVar("T", Move, Grasp)
 
 CLIMBS = "climb", "walk", "run"
 """Those that go up or down a stair."""
 
-STEPS_BEFORE, STEPS_AWAY, TURNS_TO_SEAT = 0.65, 0.65, 0.25
-"""Chances of a step before, of one afterwards by who ends up standing, and that who sits down turns the back to the seat first."""
+STEPS_BEFORE, STEPS_AWAY, TURNS_TO_SEAT, TURNS_AWAY = 0.65, 0.65, 0.25, 0.6
+"""Chances of a step before, of one afterwards by who ends up standing, that who sits down turns the back to the seat first, and
+that who has stood up turns to where the way goes on."""
+
+TURNED_AWAY_DEG = 20.0, 110.0
+"""How far."""
 
 SLOWEST, FASTEST = 0.4, 2.0
 """Factors on the pace by which a wanted duration may be met; longer ones rest at the end."""
@@ -72,8 +87,8 @@ class Made:
     ends: Posture
     floors_m: tuple[float, float]
     """Height of the floor at the start and at the end; not 0 at the upper end of a stair."""
-    begins_s: tuple[float, ...]
-    """When each step begins [s]."""
+    does: Begins
+    """Each step from its first movement to its last, the rests between them, and their first frames."""
     notes: tuple[str, ...]
     """What stands where: heights of seats, beds and treads, and the person's way of using them."""
 
@@ -108,9 +123,9 @@ def make(
             turn_on_the_spot(act, SIGN[act.side(0.5)] * act.u(60, 180) * DEG)
         elif act.chance(STEPS_BEFORE):
             shift(act)
-    begins_s = []
+    spans = []
     for step in steps:
-        begins_s.append(act.now_s)
+        rests, begin_s = act.posture, act.now_s
         act.tempo = tempo_of(step, rng, tempo)
         moves, grasps, start_s = len(act.moves), {side: len(act.grasps[side]) for side in SIDES}, act.now_s
         MADE[step.action](act, step)
@@ -122,8 +137,11 @@ def make(
             for side in SIDES:
                 act.grasps[side][grasps[side] :] = stretched.moves(act.grasps[side][grasps[side] :])
             act.now_s = max(stretched.later(act.now_s), start_s + step.duration_s)
+        spans.append((step.action, begin_s, act.now_s, RESTS[rests], RESTS[act.posture]))
     if steps[-1].duration_s is None:
-        if act.posture == "standing" and steps[-1].action not in CLIMBS and act.chance(STEPS_AWAY):
+        if act.posture == "standing" and steps[-1].action == "stand_up" and act.chance(TURNS_AWAY):
+            turn_on_the_spot(act, SIGN[act.side(0.5)] * act.u(*TURNED_AWAY_DEG) * DEG)
+        elif act.posture == "standing" and steps[-1].action not in CLIMBS and act.chance(STEPS_AWAY):
             shift(act)
         act.wait(act.u(*AFTER_S))
     poses, table = render(act, rng=rng, rate_hz=rate_hz)
@@ -135,9 +153,20 @@ def make(
         begins=first,
         ends=act.posture,
         floors_m=(act.first["ground"], act.place.floor_m),
-        begins_s=(0.0, *begins_s[1:]),
+        does=_does(poses, spans),
         notes=tuple(act.notes),
     )
+
+
+def _does(poses: Poses, spans: Sequence[tuple[str, float, float, str, str]]) -> Begins:
+    """What is done when, of steps with begin and end [s] and the rests before and after them."""
+    joints, _ = poses.world()
+    found: list[tuple[str, int]] = [(spans[0][3], 0)]
+    for action, begin_s, end_s, before, after in spans:
+        first, stop = round(begin_s * poses.rate_hz), min(round(end_s * poses.rate_hz), len(joints))
+        each = doing(action, joints[first:stop], poses.rate_hz, before=before, after=after)
+        found += [*((name, first + frame) for name, frame in each), (after, stop)]
+    return tuple(found)
 
 
 def _begun(anatomy: Anatomy, rng: np.random.Generator, handed: str, step: Step, begins: Posture | None) -> Act:

@@ -16,6 +16,7 @@ from t2d_rt.motion.generate.made.act import (
     SIGN,
     Act,
     Place,
+    at_ease,
     middle,
     stance_foot,
     stand_tall,
@@ -160,8 +161,8 @@ def stand_up(act: Act, step: Step) -> None:
     act.move(0.18 * rise_s, 0.9 * rise_s, pitch=0.0, roll=0.0)
     act.move(0.25 * rise_s, 0.9 * rise_s, flex=act.habits.flex)
     act.move(0.3 * rise_s, 0.8 * rise_s, gaze=act.habits.gaze, tilt=0.0)
-    for side in SIDES:
-        act.reach(side, act.hang(), (0.22 + act.u(0, 0.12)) * rise_s, rise_s * act.u(0.7, 0.9), 0.07)
+    for side, goal in at_ease(act).items():
+        act.reach(side, goal, (0.22 + act.u(0, 0.12)) * rise_s, rise_s * act.u(0.7, 0.9), 0.07)
     act.wait(rise_s + act.u(0.1, 0.2))
     stand_tall(act, 0.0, 0.4, arms=False)
     act.wait(act.u(0.4, 0.7))

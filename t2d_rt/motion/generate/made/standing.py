@@ -23,6 +23,10 @@ BEND_LOG_S = (0.14, 0.18), (0.2, 0.17), (-0.6, 1.0)
 """Means and deviations of the logarithms of the times [s] of going down, of coming up and of what is between. Hips of six recorded
 bends go down by 94 % of their way in 0.65 to 0.82 s and up in 0.80 to 0.87 s, at up to 0.7 to 0.9 m/s."""
 
+STOOPS, SCOOP_KNEES_DEG = 0.15, (92.0, 124.0)
+"""Chance that the knees stay nearly straight where nothing is said of them, and how far they bend else: the hips get as fast as
+recorded ones."""
+
 STOOP, SCOOP = 105 * DEG, 84 * DEG
 """Greatest lean with the knees nearly straight, and with them bent."""
 
@@ -55,8 +59,8 @@ def bend_down(act: Act, step: Step) -> None:
         return
     picks = step.object == "ball" or (step.body_part is None and not touch and act.chance(0.5))
     down_s, up_s, rest_s = (float(np.exp(act.about(mean, spread))) for mean, spread in BEND_LOG_S)
-    stoops = step.body_part in ("waist", "foot", "leg") or act.chance(0.22)
-    knees = act.u(8, 24) * DEG if stoops else act.u(84, 122) * DEG
+    stoops = step.body_part in ("waist", "foot", "leg") or act.chance(STOOPS)
+    knees = act.u(8, 24) * DEG if stoops else act.u(*SCOOP_KNEES_DEG) * DEG
     both = (touch and act.chance(0.5)) or (not picks and act.chance(0.5))
     goals = _low_goals(act, step, side, both=both, picks=picks)
     free = OTHER[side]
@@ -396,3 +400,55 @@ def _stretch_leg(act: Act, side: str) -> None:
 
 def _between(start: tuple[float, float], end: tuple[float, float], part: float) -> tuple[float, float]:
     return start[0] + part * (end[0] - start[0]), start[1] + part * (end[1] - start[1])
+
+
+# --- standing on one leg ---
+
+
+HELD_S, LEAST_HELD_S = (3.0, 7.0), 0.5
+"""How long one leg is held up where nothing is said of it, and at least [s]."""
+
+SWAY_M, SWAY_S = 0.008, (0.4, 0.9)
+"""Standard deviation [m] of the places between which the centre of mass goes over one foot, chosen above the 2 to 5 mm of both, and
+the time of one such way [s]."""
+
+
+def balance(act: Act, step: Step) -> None:
+    """Stand on the leg of the step's side: the weight goes over it, the other foot is held before or behind it, arms balance."""
+    stand = step.side or act.side(0.5)
+    free, begin_s = OTHER[stand], act.now_s
+    shift_s, lift_s, down_s = act.u(0.7, 1.0), act.u(0.6, 0.9), act.u(0.6, 0.8)
+    home, (x, y) = act.at(free), middle(act, stand)
+    act.put("com", 0.0, shift_s, (x, y))
+    how = str(act.rng.choice(["out", "hips", "hang"], p=[0.5, 0.2, 0.3]))
+    for side in SIDES if how != "hang" else ():
+        out = OnChest(at=(act.u(0.0, 0.2), act.u(0.7, 0.9), act.u(-0.3, 0.05)), elbow=(-0.5, 0.3, -0.8))
+        act.reach(side, out if how == "out" else OnPelvis(), 0.1, shift_s)
+    act.wait(0.75 * shift_s)
+    _hold_leg(act, free, lift_s)
+    act.wait(lift_s)
+    wanted_s = (
+        act.u(*HELD_S) if step.duration_s is None else step.duration_s - (act.now_s - begin_s) - down_s / act.tempo
+    )
+    end_s = act.now_s + max(wanted_s, LEAST_HELD_S)
+    while act.now_s < end_s:
+        sway_s = act.u(*SWAY_S) * act.tempo
+        act.put("com", 0.0, 1.3 * sway_s, (x + act.about(0, SWAY_M), y + act.about(0, SWAY_M)))
+        act.move(0.0, 1.3 * sway_s, roll=act.about(0, 1.5) * DEG, side=act.about(0, 2) * DEG)
+        act.wait(sway_s)
+    act.put(free, 0.0, 0.7 * down_s, (*home, 0.0))
+    act.limb(free, 0.0, 0.7 * down_s, loose=0.0, tip=0.0, splay=0.0)
+    stand_tall(act, 0.45 * down_s, 0.8 * down_s, arms=how != "hang")
+    act.wait(down_s)
+    act.notes.append(f"on the {stand} leg")
+
+
+def _hold_leg(act: Act, side: str, lift_s: float) -> None:
+    """A leg is drawn up before the body, or its foot behind it: angles of thigh and shank from the vertical."""
+    thigh, shank = (act.u(35, 75), act.u(-10, 25)) if act.chance(0.5) else (act.u(-5, 15), act.u(55, 95))
+    thigh_m, shank_m = (act.anatomy.skeleton.bone_m(f"{side}_{joint}") for joint in ("knee", "ankle"))
+    hip_x, hip_y = middle(act, OTHER[side])[0], SIGN[side] * act.anatomy.hips_m
+    ahead = thigh_m * np.sin(thigh * DEG) - shank_m * np.sin(shank * DEG)
+    height = act.anatomy.standing_m - thigh_m * np.cos(thigh * DEG) - shank_m * np.cos(shank * DEG)
+    act.put(side, 0.0, lift_s, (hip_x + float(ahead), hip_y + SIGN[side] * 0.02, float(height) - act.anatomy.sole_m))
+    act.limb(side, 0.0, lift_s, loose=1.0, splay=act.u(0, 8) * DEG)
