@@ -150,7 +150,7 @@ MOST_SWUNG = 2.0
 
 
 def carrying(legs: Piece, body: Piece, *, trunk: float, arms: float) -> Piece:
-    """A gait with the posture of another one's trunk and head and the movement of its arms, by parts of 0 to 1, in step with its legs.
+    """A gait with the posture of another one's trunk and head and the movement of its arms, by parts of 0 to 1, in step with it.
 
     A step is told by the ankles passing each other, left for left, so that arms swing against the legs as they did; they swing as
     far as the gait's own. Where the body takes fewer steps than the legs, the gait stays as it is.
