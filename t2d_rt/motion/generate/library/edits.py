@@ -172,8 +172,8 @@ def carrying(legs: Piece, body: Piece, *, trunk: float, arms: float) -> Piece:
     local = legs.poses.local.copy()
     for name in TRUNK:
         before, after = _mean(local[:, INDEX[name]]), _mean(carried[:, INDEX[name]])
-        other_way = rotation_vector(quaternions.multiply(after, quaternions.conjugate(before)))
-        local[:, INDEX[name]] = quaternions.multiply(from_rotation_vector(trunk * other_way), local[:, INDEX[name]])
+        difference = rotation_vector(quaternions.multiply(after, quaternions.conjugate(before)))
+        local[:, INDEX[name]] = quaternions.multiply(from_rotation_vector(trunk * difference), local[:, INDEX[name]])
     for joint, part in ((INDEX[f"{side}_{name}"], arms * much) for side in SIDES for name, much in ARM_PARTS.items()):
         mixed = quaternions.blend(local[:, joint], carried[:, joint], np.full((len(legs), 1), part))
         more = float(np.clip(_swing(local[:, joint]) / max(_swing(mixed), 1e-6), 1.0, MOST_SWUNG))
