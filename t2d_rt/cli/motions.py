@@ -247,8 +247,9 @@ def check_motion(
     *,
     motion: Reading,
 ) -> int:
-    """Judges motion files by limits of recorded motion (sliding feet, floor, flight, jerk, joints, jumps) and tells falls. The exit
-    code is 0 when all files were judged, whatever the verdicts (see --strict), and 2 where one cannot be read.
+    """Judges motion files by limits of recorded motion (sliding feet, floor, flight, jerk, joints, jumps), tells falls, and
+    which of several files repeats another one. The exit code is 0 when all files were judged, whatever the verdicts (see
+    --strict), and 2 where one cannot be read.
 
     files: motion files of any format that simulate reads; the word --file may be left out.
     class_: what the motions should be: walking, abnormal_walking, running, falling, sitting, bending, jumping or dancing.
@@ -263,6 +264,7 @@ def check_motion(
     """
     from t2d_rt.motion import load_motion
     from t2d_rt.motion.check import check_motion as checked
+    from t2d_rt.motion.check import copies
 
     if not files:
         raise InputError("check-motion needs a motion file; t2d-rt check-motion FILE...")
@@ -287,7 +289,10 @@ def check_motion(
         write_picture(figure, Path(sheet), overwrite=overwrite)
     for path, found, verdict in read:
         say(_verdict(path, verdict, found, body))
-    passed = sum(verdict.passed for *_, verdict in read)
+    again = {second: first for first, second in reversed(copies([found for _, found, _ in read]))}
+    for second, first in sorted(again.items()):
+        say(f"{read[second][0]}: refused\n  it repeats {read[first][0]}")
+    passed = sum(verdict.passed and number not in again for number, (*_, verdict) in enumerate(read))
     if len(read) > 1:
         say(f"{passed} of {len(read)} pass")
     if sheet is not None and read:

@@ -15,7 +15,7 @@ from builders import WALK, slow_after, walk
 from command_line import Command
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion import resample, trim
-from t2d_rt.motion.check import check_motion, detect_fall, measure, passes
+from t2d_rt.motion.check import check_motion, copies, detect_fall, measure, passes
 from t2d_rt.motion.check.measures import RANGES_DEG, spans
 from t2d_rt.motion.check.verdict import GAIT_SIGNS, SENTENCES, shipped_limits
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
@@ -613,3 +613,22 @@ def test_another_class_is_told_by_what_carries_the_body() -> None:
     """A seat, a flight: bends passed as sitting where they are held low, sits and jumps as bending."""
     assert any("carries the body" in each for each in check_motion(sitting(), expected="bending").reasons)
     assert "it is a jump" in check_motion(jump(), expected="bending").reasons
+
+
+def test_what_repeats_another_motion_is_told(run: Command, tmp_path: Path) -> None:
+    """In a mirror, begun later, a little faster, elsewhere and under noise of millimetres; two people who bend are two."""
+    bend, other = (t2d.motion_from_text("a person bends down", seed=seed) for seed in (0, 1))
+    again = t2d.trim(t2d.mirror(bend), 0.4, bend.duration_s)
+    noise = 0.003 * np.random.default_rng(0).standard_normal(again.joints.shape)
+    again = replace(
+        again, joints=again.joints[..., [1, 0, 2]] * [-1, 1, 1] + noise + [2, 1, 0], rate_hz=1.02 * again.rate_hz
+    )
+    assert copies([bend, other, again]) == [(0, 2)]
+    assert copies([other]) == []
+    paths = [str(tmp_path / f"{name}.bvh") for name in ("first", "second")]
+    for path in paths:
+        t2d.save_motion(bend, path)
+    done = run("check-motion", *paths, "--strict")
+    assert "second.bvh: refused\n  it repeats" in done.out
+    assert "1 of 2 pass" in done.out
+    assert done.code == 1

@@ -2,7 +2,7 @@
 
 How many of each kind the filter refuses; how many sound recordings below the folder RECORDINGS; and how many motions that the
 descriptions' grammar asks for, by class. A motion of a wrong class is one of a plain sentence of another class. A copy is sound by
-itself; `validation.motions.seeds` measures how near motions of a set are.
+itself, and judged beside what it repeats.
 """
 
 from __future__ import annotations
@@ -17,12 +17,14 @@ from pathlib import Path
 import numpy as np
 
 from t2d_rt.core.errors import InputError, T2DWarning
-from t2d_rt.motion.check import check_motion
+from t2d_rt.motion import trim
+from t2d_rt.motion.check import check_motion, copies
 from t2d_rt.motion.check.verdict import shipped_limits
 from t2d_rt.motion.descriptions.grammar import grammar_descriptions
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, GAIT_TYPES, Activity
 from t2d_rt.motion.generate import motion_from_text
 from t2d_rt.motion.kinematics import motion_of, poses_of
+from t2d_rt.motion.vary import mirror
 from t2d_rt.motion.vary.abnormal import abnormal_walk
 from t2d_rt.types.motion import Motion
 from validation.motions.classes import LEAST_S
@@ -64,6 +66,17 @@ def held(motion: Motion, rng: np.random.Generator) -> Motion:
 
 
 FAULTS: Mapping[str, Fault] = {"slide": slid, "float": floated, "sink": sunk, "statue": held}
+
+
+def repeated(motion: Motion, rng: np.random.Generator) -> Motion:
+    """The same performance once more: in a mirror or not, elsewhere, of another size, up to 3 % faster or slower, up to 0.5 s
+    later, under noise of 3 mm."""
+    found = mirror(motion) if rng.random() < 0.5 else motion
+    found = trim(found, float(rng.uniform(0, min(0.5, 0.2 * found.duration_s))), found.duration_s)
+    angle, noise = rng.uniform(0, 2 * np.pi), 0.003 * rng.standard_normal(found.joints.shape)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    joints = float(rng.uniform(0.95, 1.05)) * (found.joints + noise) @ turn.T + [*rng.uniform(-3, 3, 2), 0.0]
+    return replace(found, joints=joints, rate_hz=found.rate_hz * float(rng.uniform(0.97, 1.03)))
 
 
 def mild(number: int, rng: np.random.Generator) -> Motion:
@@ -113,6 +126,10 @@ def main() -> None:
     rng = np.random.default_rng(0)
     for name, fault in FAULTS.items():
         told(f"planted {name}", [check_motion(fault(each, rng)).reasons for each in sound])
+    told("planted copy", [("a copy",) * len(copies([each, repeated(each, rng)])) for each in sound])
+    for activity, motions in of.items():
+        again = {second for _, second in copies(motions)}
+        told(f"taken for copies, {activity}", [("a copy",) * (number in again) for number in range(len(motions))])
     for activity, sentence in SENTENCES.items():
         plain = [motion_from_text(sentence, seed=seed) for seed in range(options.n)]
         wrong = [

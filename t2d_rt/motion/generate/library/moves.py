@@ -159,8 +159,8 @@ DURATION_S: Mapping[Action, tuple[float, float]] = {
 }
 """Range of durations [s] where none is given; of a step beside others, half."""
 
-JOGS, SLOWEST_STEPS_HZ = 0.6, 1.6
-"""Chance that who runs has a walker's trunk and arms, and steps a second of the slowest of fast walks."""
+JOGS, SLOWEST_STEPS_HZ = 0.6, 1.4
+"""Chance that who runs has a walker's trunk and arms, and steps a second of the slowest of walks."""
 
 WALKERS_TRUNK, WALKERS_ARMS = (0.4, 1.0), (0.3, 0.8)
 """How much of them, from none to all."""
@@ -261,7 +261,7 @@ def _jogging(maker: Maker, legs: Piece) -> Piece:
     if maker.rng.random() >= JOGS:
         return legs
     lasting_s = (len(edits.passes(legs)) + 4) / SLOWEST_STEPS_HZ
-    walk = gait(maker, Step(action="walk", speed="fast"), lasting_s)
+    walk = gait(maker, Step(action="walk", speed="normal" if maker.rng.random() < 0.5 else "fast"), lasting_s)
     trunk, arms = maker.rng.uniform(*WALKERS_TRUNK), maker.rng.uniform(*WALKERS_ARMS)
     return edits.carrying(legs, walk, trunk=float(trunk), arms=float(arms))
 

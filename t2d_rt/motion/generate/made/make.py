@@ -59,11 +59,11 @@ T = TypeVar("T", Move, Grasp)
 CLIMBS = "climb", "walk", "run"
 """Those that go up or down a stair."""
 
-STEPS_BEFORE, STEPS_AWAY, TURNS_TO_SEAT, TURNS_AWAY = 0.65, 0.65, 0.25, 0.6
+STEPS_BEFORE, STEPS_AWAY, TURNS_TO_SEAT, TURNS_AWAY = 0.65, 0.65, 0.25, 0.8
 """Chances of a step before, of one afterwards by who ends up standing, that who sits down turns the back to the seat first, and
 that who has stood up turns to where the way goes on."""
 
-TURNED_AWAY_DEG = 20.0, 110.0
+TURNED_AWAY_DEG = 20.0, 140.0
 """How far."""
 
 SLOWEST, FASTEST = 0.4, 2.0

@@ -1,0 +1,74 @@
+"""Motions of a set that repeat one another: the same movement elsewhere, in a mirror, a little faster, later, or under noise.
+
+Each may be sound by itself; a set that holds both shows one performance twice, and a split of it tests on what it trained on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from t2d_rt.motion import quaternions
+from t2d_rt.motion.check.measures import RATE_HZ, Tracks, tracks
+from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
+
+STEP, LATEST_S, LEAST_SHARED = 2, 1.0, 0.7
+"""Frames from one compared posture to the next; how much later one may begin [s]; part of the shorter one that both must share."""
+
+PACES = 0.97, 1.03
+"""Paces at which one is compared as well, where at its own it is up to `NEAR` times as far as a copy."""
+
+ALIKE, NEAR = 0.012, 4.0
+"""Mean distance of joints over stature up to which two motions are one; 14 of one sentence are 0.02 apart and more."""
+
+OTHER = {"left": "right", "right": "left"}
+MIRRORED = [
+    CANONICAL_JOINTS.index("_".join(OTHER.get(part, part) for part in name.split("_"))) for name in CANONICAL_JOINTS
+]
+"""Of each joint, that of the other side."""
+
+
+def copies(motions: Sequence[Motion]) -> list[tuple[int, int]]:
+    """Numbers of motions, the earlier one first, of each pair one of which repeats the other."""
+    shown = [_postures(tracks(each)) for each in motions]
+    images = [each[:, MIRRORED] * [1.0, -1.0, 1.0] for each in shown]
+    return [
+        (first, second)
+        for second in range(len(motions))
+        for first in range(second)
+        if min(apart(shown[first], each) for each in (shown[second], images[second])) < ALIKE
+    ]
+
+
+def _postures(body: Tracks) -> np.ndarray:
+    """Joints (T, 22, 3) over the stature, about the point of the floor under the hips, in the direction that the body faces."""
+    joints = body.joints[::STEP][:, body.columns(CANONICAL_JOINTS)]
+    ahead = body.facing[::STEP]
+    turn = quaternions.about_axis(np.array([0.0, 0.0, 1.0]), -np.arctan2(ahead[:, 1], ahead[:, 0]))
+    level = body["hips"][::STEP, None] * [1.0, 1.0, 0.0]
+    return np.asarray(quaternions.rotate(turn[:, None], joints - level) / body.stature_m)
+
+
+def apart(first: np.ndarray, second: np.ndarray) -> float:
+    """Distance of two courses of postures (T, 22, 3) and (U, 22, 3), root mean square over joints and mean over instants,
+    one shifted and paced against the other so that it is least."""
+    found = _shifted_apart(first, second)
+    if found > NEAR * ALIKE:
+        return found
+    paced = []
+    for pace in PACES:
+        frames = np.arange(0.0, len(second) - 1, pace)
+        before = frames.astype(int)
+        part = (frames - before)[:, None, None]
+        paced.append((1 - part) * second[before] + part * second[np.minimum(before + 1, len(second) - 1)])
+    return min(found, *(_shifted_apart(first, each) for each in paced))
+
+
+def _shifted_apart(first: np.ndarray, second: np.ndarray) -> float:
+    a, b = (each.reshape(len(each), -1) for each in (first, second))
+    squares = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2 * a @ b.T
+    distance = np.sqrt(np.maximum(squares, 0.0) / first.shape[1])
+    latest, shared = round(LATEST_S * RATE_HZ / STEP), LEAST_SHARED * min(len(a), len(b))
+    found = (np.diagonal(distance, lag) for lag in range(max(-latest, 1 - len(a)), min(latest, len(b) - 1) + 1))
+    return float(min(each.mean() for each in found if len(each) >= shared))
