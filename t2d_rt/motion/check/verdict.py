@@ -295,8 +295,8 @@ def feet_together(body: Tracks) -> float:
 
 
 def _only_jumping(seen: Evidence) -> list[str]:
-    """A jump, and no dance with one in it: whoever turns round on stepping feet dances."""
-    if (faults := _jumping(seen)) or seen.turn_deg < 180 or feet_together(seen.body) > STEPPING:
+    """A jump, and no dance with one in it: whoever turns round and on with stepping feet dances."""
+    if (faults := _jumping(seen)) or seen.turn_deg < 360 or feet_together(seen.body) > STEPPING:
         return faults
     return [f"it turns by {seen.turn_deg:.0f} degrees on stepping feet, as in a dance"]
 
