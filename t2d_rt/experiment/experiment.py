@@ -112,7 +112,7 @@ class Experiment(Plain):
     def without_targets(cls, radar: Radar | str | Path | None = None, **fields: Any) -> Experiment:
         """The fields beside targets and scene, which are objects that `set_up` is given and puts into it (`stored_with`).
 
-        radar: a `Radar`, a preset's name or a .yaml file; the `table2` preset by default.
+        radar: a `Radar`, a preset's name, a .yaml or a .cfg file; the `table2` preset by default.
         """
         # A text or a float, 2.0 too, is no count in Python; in YAML and on the command line pydantic reads them.
         counts = [name for name, field in cls.model_fields.items() if field.annotation is int and name in fields]

@@ -49,7 +49,7 @@ def seen(recording: t2d.Recording) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("posture", "method"),
-    slow_after(3, [("back", "mesh"), ("stands", "ellipsoid"), ("back", "ellipsoid"), ("stands", "mesh")]),
+    slow_after(2, [("back", "mesh"), ("stands", "ellipsoid"), ("back", "ellipsoid"), ("stands", "mesh")]),
 )
 def test_the_phase_of_a_person_at_rest_shows_rate_and_depth(posture: str, method: Any) -> None:
     place, look = {"stands": ((2.0, 0.0, 1.2), (-1.0, 0.0, 0.0)), "back": ((0.0, 0.01, 2.1), (0.0, 0.0, -1.0))}[posture]

@@ -217,7 +217,7 @@ def test_pages_run_from_top_to_bottom(
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_what_is_not_run_needs_what_a_clone_does_not_have(page: Path) -> None:
     """Commands in blocks that no test runs take recordings or packages of one's own, an endpoint, or hours."""
-    needs = r"lab-60|recordings|parrad|NAME|twins|hard|held_out|one,two"
+    needs = r"lab-60|recordings|parrad|NAME|twins|hard|bench|held_out|one,two"
     for line, language, text in blocks(page, r"\w*"):
         assert language in ("python", "sh", "text", "yaml"), f"{page.name}:{line}"
         if language == "text":

@@ -376,6 +376,7 @@ def test_a_black_picture_with_some_coloured_lines_is_not_grey(tmp_path: Path) ->
         read_real(tmp_path, "png")
 
 
+@pytest.mark.slow
 def test_a_day_of_points_is_read_without_holding_its_maps(tmp_path: Path) -> None:
     """Maps of 0.5 s; each takes 16 kB, and memory grows by that of the points alone."""
     count = 4000

@@ -12,6 +12,7 @@ import pytest
 import t2d_rt as t2d
 from builders import walk
 from t2d_rt.core.errors import InputError
+from t2d_rt.motion.generate.chain import doing
 from t2d_rt.motion.vary.variations import hold
 
 
@@ -92,6 +93,11 @@ def test_edits_keep_what_is_done(sits: t2d.Motion) -> None:
     assert t2d.repeat(sits, 2 * sits.duration_s).activities == ()
     alone = replace(t2d.trim(walk(), 0, 2), activities=(("walk", 0.0),))
     assert t2d.repeat(alone, 4.0).activities == (("walk", 0.0),)
+
+
+def test_a_posture_that_a_motion_begins_in_is_done_at_once() -> None:
+    for frames in (0, 1, 2):
+        assert doing("squat", np.zeros((frames, 22, 3)), 60.0) == (("squat", 0),)
 
 
 @pytest.mark.slow

@@ -525,7 +525,8 @@ def test_a_fall_goes_where_the_sentence_says_or_says_that_it_does_not() -> None:
         assert told == (detect_fall(motion).direction != wanted)
 
 
-@pytest.mark.parametrize("direction", slow_after(1, ["clockwise", "counterclockwise"]))
+@pytest.mark.slow
+@pytest.mark.parametrize("direction", ["clockwise", "counterclockwise"])
 def test_a_dance_in_a_circle_spins_the_same_way(direction: str) -> None:
     sign = -1.0 if direction == "clockwise" else 1.0
     for seed in range(2):

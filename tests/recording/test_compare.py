@@ -253,7 +253,10 @@ def test_refusals_of_the_command(run: Command, refused: Callable[..., str]) -> N
     np.save("frames.npy", result.cube)
     for options in ((), ("--radar.prf-hz", "3000")):
         sentence = refused("compare", "one.zarr", "frames.npy", *options)
-        assert "frames.npy holds samples only; give its radar, --radar with a preset's name or a .yaml file" in sentence
+        assert (
+            "frames.npy holds samples only; give its radar, --radar with a preset's name, a .yaml or a .cfg file"
+            in sentence
+        )
     assert "option lanes is of measured samples, and one.zarr and one.zarr are results; leave it out" in refused(
         "compare", "one.zarr", "one.zarr", "--lanes", "2"
     )

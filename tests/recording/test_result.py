@@ -307,7 +307,7 @@ def test_recordings_are_loaded_alike_simulated_or_measured(tmp_path: Path) -> No
         (
             "frames.npy",
             None,
-            r"frames.npy holds samples only; give its radar, a Radar, a preset's name or a .yaml file",
+            r"frames.npy holds samples only; give its radar, a Radar, a preset's name, a .yaml or a .cfg file",
         ),
         ("frames.npy", "ci4r", r"must have shape \(chirp, antenna, \d+\), got \(4, 1, 8\)"),
         ("frames.npy", 3, "radar must be a Radar, got 3"),

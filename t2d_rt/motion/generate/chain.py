@@ -71,6 +71,8 @@ def doing(action: str, joints: np.ndarray, rate_hz: float, *, before: str = "sta
     """An action from its first movement of the joints (T, J, 3) [m] to its last, and the rests before and after it by name."""
     from scipy.ndimage import gaussian_filter1d
 
+    if len(joints) < 2:  # a posture that the motion begins in is done at once
+        return ((action, 0),)
     speed = np.linalg.norm(np.gradient(joints, axis=0), axis=-1).mean(axis=1) * rate_hz
     moves = np.flatnonzero(gaussian_filter1d(speed, MOVES_S * rate_hz) > MOVES_MPS)
     if not len(moves):
