@@ -19,7 +19,7 @@ from t2d_rt.accuracy import (
     warn_out_of_reach,
 )
 from t2d_rt.core.backend import Device, one_blas_thread, prefetched
-from t2d_rt.core.checks import flag, instance, shown
+from t2d_rt.core.checks import flag, instance, integer, shown
 from t2d_rt.core.cubes import Cube
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import LIMIT_GB, after_call
@@ -47,6 +47,8 @@ from t2d_rt.types.target import Method
 
 MOST_AGAIN = 2
 """So often a small body or mesh that misses its tolerance is simulated again."""
+NEXT_SEED = 1_000_003
+"""Between the seeds of the receivers of several radars."""
 FIRST_RUN = 0.8
 """Fraction of the progress, or of what is left of it, that a run takes which may have to be made again."""
 
@@ -141,11 +143,15 @@ def simulate_radars(
 ) -> list[Recording]:
     """Recordings of the same targets by several radars on one clock, each with the samples that it has alone.
 
+    Noise is drawn anew for each radar: the receiver of radar n, from 0, has the seed `seed` + n `NEXT_SEED`, where `seed` is the
+    receiver's own or the simulation's. Alone, a radar has the same samples with a receiver of that seed.
+
     target: as of `simulate`; motions that are not placed are put before the first radar.
     radars: as the `radar` of `simulate`, at least one; `types.radar_pairs.bistatic` makes one of the transmitters of one radar and
         the receivers of another.
-    interference: whether each radar hears the chirps of all others beside the noise that it has, over the line of sight, through
-        whatever stands there; echoes of these chirps are not modelled.
+    interference: whether each radar hears the chirps of all others beside the noise that it has, over the line of sight; walls
+        and targets between are ignored, and echoes of these chirps are not modelled. When their chirps begin is drawn for each
+        radar that hears them, as if clocks were not in step.
     options: of `simulate`, for all of them.
     """
     some = [radar_named(each) for each in instance("radars", radars, (list, tuple), "a list of radars")]
@@ -158,9 +164,10 @@ def simulate_radars(
     found = []
     for number, radar in enumerate(some):
         own = noise_named(noise, radar)
-        if interference and isinstance(own, Receiver):
-            others = [heard(other, radar) for other in some[:number] + some[number + 1 :]]
-            own = own.replace(interferers=[*own.interferers, *others])
+        if isinstance(own, Receiver):
+            seed = integer("seed", options.get("seed", 0)) if own.seed is None else own.seed
+            others = [heard(other, radar) for other in some[:number] + some[number + 1 :] if interference]
+            own = own.replace(interferers=[*own.interferers, *others], seed=seed + number * NEXT_SEED)
         found.append(simulate(targets, radar=radar, noise=own, **options))
     return found
 

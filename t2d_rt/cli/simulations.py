@@ -121,7 +121,8 @@ def simulate(
 
 def several(source: Path, values: Given, given: Given, signal: Given, target: Path, overwrite: bool) -> None:
     """Simulates an experiment with a list of `radars`; NAME-1.zarr, NAME-2.zarr and so on are their recordings."""
-    from t2d_rt.experiment.experiment import Experiment
+    from t2d_rt.experiment.experiment import SETTINGS, Experiment
+    from t2d_rt.experiment.sources import beside
     from t2d_rt.recording.files import check_free
     from t2d_rt.simulate import simulate_radars
 
@@ -133,14 +134,14 @@ def several(source: Path, values: Given, given: Given, signal: Given, target: Pa
     for each in targets:
         check_free(each, overwrite=overwrite)
         check_picture(each.with_suffix(".png"), overwrite=overwrite)
-    first = jobs[0].experiment
+    first, noise = jobs[0].experiment, beside(values.get("noise", "none"), source.parent, SETTINGS)
     assert isinstance(first, Experiment)
     for job in jobs:
         _check_processing(signal, job.experiment)
     with reports_said():
         found = simulate_radars(
             first.targets_from({}), [job.experiment.radar for job in jobs], interference=interference,
-            scene=first.scene_from({}), accuracy=jobs[0].accuracy or None, **first.physics | {"noise": values.get("noise", "none")},
+            scene=first.scene_from({}), accuracy=jobs[0].accuracy or None, **first.physics | {"noise": noise},
             **jobs[0].run,
         )  # fmt: skip
     for each, result in zip(targets, found, strict=True):

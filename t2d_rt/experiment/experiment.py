@@ -22,6 +22,7 @@ from t2d_rt.experiment.sources import (
     StoredScene,
     Substance,
     Unknown,
+    beside,
     found_beside,
     sources_of,
     stored_scene,
@@ -40,6 +41,8 @@ from t2d_rt.types.target import Method
 
 FILES = (".xml", *MESHES)
 """Endings of scenes that are found beside an experiment's file."""
+SETTINGS = ".yaml", ".yml", ".cfg"
+"""Endings of radars and of noise that are found beside it."""
 
 
 class Experiment(Plain):
@@ -181,22 +184,19 @@ class Experiment(Plain):
     @classmethod
     def read(cls, values: Mapping[str, Any], path: Path) -> Experiment:
         """An experiment from the fields that a file holds."""
-        noise = values.get("noise")
-        if isinstance(noise, str) and noise.lower().endswith((".yaml", ".yml")):
-            values = {**values, "noise": str(path.parent / noise)}
+        folder = path.parent
+        named = {name: values[name] for name in ("radar", "noise") if name in values}
+        values = {**values, **{name: beside(value, folder, SETTINGS) for name, value in named.items()}}
         if isinstance(values.get("radar"), Mapping):
             values = {**values, "radar": with_track_beside(values["radar"], path)}
         try:
             found = cls.model_validate(values)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-        folder = path.parent
         targets = tuple(found_beside(each, folder) for each in found.targets)
-        scene = found.scene
-        if isinstance(scene, str) and scene.lower().endswith(FILES):
-            scene = str(folder / scene)
-        if isinstance(scene, SceneFile) and scene.file.lower().endswith(FILES):
-            scene = scene.model_copy(update={"file": str(folder / scene.file)})
+        scene = beside(found.scene, folder, FILES)
+        if isinstance(scene, SceneFile):
+            scene = scene.model_copy(update={"file": beside(scene.file, folder, FILES)})
         return found.model_copy(update={"targets": targets, "scene": scene})
 
     def to_yaml(self) -> str:

@@ -30,6 +30,19 @@ def test_each_has_the_samples_that_it_has_alone() -> None:
         assert np.array_equal(recording.cube, t2d.simulate(before_the_first, radar=radar, method="ellipsoid").cube)
 
 
+def test_noise_of_each_is_its_own() -> None:
+    options = {"accuracy": {"occlusion": False}, "noise": t2d.Receiver(), "seed": 5}
+    first, second = t2d.simulate_radars(TARGET, [TABLE2, TABLE2], **options)
+    clean = t2d.simulate(TARGET, radar=TABLE2, **{**options, "noise": "none"}).cube
+    added = [(each.cube - clean).ravel() for each in (first, second)]
+    assert abs(np.vdot(*added)) < 0.02 * np.linalg.norm(added[0]) * np.linalg.norm(added[1])
+    # With its seed each is the same alone; the first one's is that of the simulation.
+    assert np.array_equal(first.cube, t2d.simulate(TARGET, radar=TABLE2, **options).cube)
+    assert second.experiment is not None
+    alone = t2d.simulate(TARGET, radar=TABLE2, **{**options, "noise": second.experiment.noise})
+    assert np.array_equal(second.cube, alone.cube)
+
+
 def test_pair_of_radars() -> None:
     pair = bistatic(TABLE2, ASIDE)
     assert np.allclose(pair.tx_position_m, TABLE2.position_m)
@@ -93,5 +106,17 @@ def test_radars_of_an_experiment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         assert Path(f"{name}.png").exists()
         assert t2d.Recording.load(f"{name}.zarr").radar == radar
     assert main(["simulate", "two.yaml", "--method", "ellipsoid", "--overwrite"]) != 0
+    # Files lie beside that of the experiment, wherever it is called from.
+    ASIDE.to_yaml("aside.yaml")
+    Path("noise.yaml").write_text(t2d.Receiver(seed=7).to_yaml())
+    Path("files.yaml").write_text(yaml.safe_dump({**values, "radars": ["aside.yaml"], "noise": "noise.yaml"}))
+    Path("one.yaml").write_text(yaml.safe_dump({"targets": targets, "radar": "aside.yaml"}))
+    Path("elsewhere").mkdir()
+    monkeypatch.chdir("elsewhere")
+    assert main(["simulate", "../files.yaml", "-o", "files.zarr"]) == 0
+    found = t2d.Recording.load("files-1.zarr")
+    assert (found.radar, found.experiment and found.experiment.noise) == (ASIDE, t2d.Receiver(seed=7))
+    assert t2d.Experiment.from_yaml("../one.yaml").radar == ASIDE
+    monkeypatch.chdir("..")
     Path("two.yaml").write_text(yaml.safe_dump({**values, "radars": []}))
     assert main(["simulate", "two.yaml", "-o", "other.zarr"]) != 0
