@@ -138,16 +138,20 @@ def _show(name: str, index: int) -> int:
 
 def _check(folder: str) -> int:
     from t2d_rt.dataset import check_dataset
-    from t2d_rt.dataset.shards import content_hash, dataset_folder, recipe_of
+    from t2d_rt.dataset.shards import content_hash, dataset_folder, frozen_differences, recipe_of
 
     faults = check_dataset(folder)
-    if not faults:
-        recipe = recipe_of(dataset_folder(folder))
-        content, samples = content_hash(dataset_folder(folder), recipe, recipe.samples)
-        say(f"{folder}: {samples} samples of {recipe.name}, content {content}")
-    for each in faults or [f"{folder}: all shards are as they were written"]:
+    for each in faults:
         say(each)
-    return UNSOUND if faults else 0
+    if faults:
+        return UNSOUND
+    place = dataset_folder(folder)
+    recipe = recipe_of(place)
+    content, samples = content_hash(place, recipe, recipe.samples)
+    say(f"{folder}: {samples} samples of {recipe.name}, content {content}")
+    for each in (f"{folder}: all shards are as they were written", *frozen_differences(place, recipe)):
+        say(each)
+    return 0
 
 
 def _list() -> int:

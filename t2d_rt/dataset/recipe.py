@@ -254,6 +254,13 @@ class Recipe(Fields):
         left out of it."""
         return _hash(self.model_dump(mode="json"))
 
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """A copy, whose hash is its own where a field is another."""
+        found = super().model_copy(update=update, deep=deep)
+        if update:
+            found.__dict__.pop("hash", None)
+        return found
+
     def seeds(self, number: int, purpose: str) -> np.random.SeedSequence:
         """The seeds of one purpose, as "view", of a motion or sample by its number.
 

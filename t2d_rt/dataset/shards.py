@@ -537,7 +537,7 @@ def content_hash(folder: Path, recipe: Recipe, count: int) -> tuple[str, int]:
     return found.hexdigest(), samples
 
 
-def frozen_faults(folder: Path, recipe: Recipe) -> Iterator[str]:
+def frozen_differences(folder: Path, recipe: Recipe) -> Iterator[str]:
     """Where the first samples are not those that are frozen, a sentence each; a recipe that ships says which these are."""
     ships = Recipe.read(recipe.name) if recipe.name in recipe_names() else recipe
     for count, due in ships.frozen if ships.hash == recipe.hash else recipe.frozen:
@@ -559,8 +559,6 @@ def check_dataset(path: str | Path) -> list[str]:
     recipe = recipe_of(folder)
     manifest = read_manifest(folder)
     found = list(faults(folder, recipe))
-    if not found:
-        found += frozen_faults(folder, recipe)
     if manifest.get("recipe_hash") != recipe.hash:
         found.insert(0, f"{folder / MANIFEST} is of another recipe than {RECIPE}, or missing")
     return found

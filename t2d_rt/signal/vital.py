@@ -28,6 +28,8 @@ BREATH_HARMONICS, BEAT_HARMONICS = 6, 3
 """Multiples of either rate that a least-squares fit of the displacement has."""
 SHORTEST_S = 10.0
 """Shortest record [s]; two breaths of the slowest rate that is looked for fill it."""
+HEARTS_DB = 12.0
+"""Power over the median of the band [dB] below which the heart's line may be noise."""
 ZOOM = 16
 """Frequencies of a spectrum by interpolation in one of its lines."""
 
@@ -51,7 +53,8 @@ class VitalSigns:
     heartbeat_m: float
     """From the least to the greatest in a beat, of the mean beat [m]."""
     heartbeat_db: float
-    """Power of the line of the heartbeat over the median of its band, breathing taken away [dB]: below some 12 it may be noise."""
+    """Power of the heart's line, or of the harmonic that tells it where the breath hides that, over the median of its band, breathing
+    taken away [dB]: below `HEARTS_DB` it may be noise."""
 
     def __str__(self) -> str:
         breaths, beats = 60 * self.breathing_hz, 60 * self.heartbeat_hz
@@ -93,9 +96,8 @@ def signs_of(profile: np.ndarray, range_m: np.ndarray, time_s: np.ndarray, wavel
         )
     displacement = _displacement(profile[:, :, cell], wavelength_m)
     breath = _peak_hz(displacement, time_s, BREATHS_HZ)[0]
-    rest = displacement - _fitted(displacement, time_s, [(breath, BREATH_HARMONICS)])[0]
-    beat, over_db = _peak_hz(rest, time_s, BEATS_HZ)
-    parts = _depths(displacement, time_s, breath, beat)
+    beat, over_db, harmonics = _beat(displacement, time_s, breath)
+    parts = _depths(displacement, time_s, breath, beat, harmonics)
     return VitalSigns(
         range_m=float(range_m[cell]), time_s=time_s, displacement_m=displacement,
         excursion_m=float(np.ptp(displacement)), breathing_hz=breath, breathing_m=parts[0], heartbeat_hz=beat,
@@ -160,7 +162,37 @@ def _peak_hz(values: np.ndarray, time_s: np.ndarray, band_hz: tuple[float, float
     return float(axis[best]), level
 
 
-def _depths(values: np.ndarray, time_s: np.ndarray, breath: float, beat: float) -> list[float]:
+def _beat(values: np.ndarray, time_s: np.ndarray, breath: float) -> tuple[float, float, int]:
+    """Rate of the heart [Hz], power of its line over the band's median [dB], and how many harmonics are the breath's alone.
+
+    A heart on a multiple of the breathing rate goes with the breath, and the first harmonic of it that the breath has none of is what
+    is left. So half or a third of that is the rate, where it is such a multiple and moves more, as a pulse's first harmonic does.
+    """
+    rest = values - _fitted(values, time_s, [(breath, BREATH_HARMONICS)])[0]
+    line, over_db = _peak_hz(rest, time_s, BEATS_HZ)
+    near_hz = 1 / (time_s[-1] - time_s[0])
+    if over_db < HEARTS_DB:
+        warn(
+            f"no line of a heart stands out ({over_db:.0f} dB where {HEARTS_DB:g} are due): its rate may be noise, and one that is a "
+            f"multiple of {breath:.3g} Hz may be hidden by the breath; record longer, or nearer"
+        )
+        return line, over_db, BREATH_HARMONICS
+    for part in (2, 3):
+        rate = line / part
+        multiple = round(rate / breath)
+        hidden = abs(rate - multiple * breath) < near_hz and (part - 1) * multiple <= BREATH_HARMONICS < part * multiple
+        if hidden and rate > BEATS_HZ[0] - near_hz:
+            _, (_, first, later) = _fitted(values, time_s, [(breath, multiple - 1), (rate, 1), (line, 1)])
+            if first > later:
+                warn(
+                    f"the heart's {rate:.2f} Hz are {multiple} times the breathing rate, so that what moves there may be the "
+                    f"breath's; its line at {line:.2f} Hz tells the rate"
+                )
+                return rate, over_db, multiple - 1
+    return line, over_db, BREATH_HARMONICS
+
+
+def _depths(values: np.ndarray, time_s: np.ndarray, breath: float, beat: float, harmonics: int) -> list[float]:
     """From the least to the greatest of the mean breath and of the mean beat [m], at the rates near those given that fit best.
 
     A rate that is off by a part of its line blurs the mean; the rates of spectra stay what is told, for people breathe unevenly.
@@ -171,7 +203,7 @@ def _depths(values: np.ndarray, time_s: np.ndarray, breath: float, beat: float) 
 
     def lines(moved: np.ndarray) -> list[tuple[float, int]]:
         breath_hz, beat_hz = np.array([breath, beat]) + step_hz * np.clip(moved, -2, 2)
-        return [(breath_hz, BREATH_HARMONICS), (beat_hz, BEAT_HARMONICS)]
+        return [(breath_hz, harmonics), (beat_hz, BEAT_HARMONICS)]
 
     def residual(moved: np.ndarray) -> float:
         return float(np.sum((values - _fitted(values, time_s, lines(moved))[0]) ** 2)) * 1e6

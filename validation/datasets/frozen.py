@@ -19,7 +19,7 @@ import numpy as np
 from t2d_rt.core.errors import T2DWarning
 from t2d_rt.dataset import Dataset, Recipe, check_dataset, make_dataset
 from t2d_rt.dataset.recipe import FOLDER
-from t2d_rt.dataset.shards import content_hash
+from t2d_rt.dataset.shards import content_hash, frozen_differences
 from t2d_rt.learn import TrainOptions, benchmark, maps_of, train_model
 from t2d_rt.learn.baselines import BASELINES, baseline_probabilities
 from t2d_rt.learn.benchmark_line import line
@@ -89,8 +89,7 @@ def main(words: list[str]) -> int:
     warnings.simplefilter("ignore", T2DWarning)
     recipe = Recipe.read(RECIPE)
     count = make_dataset(recipe, options.folder, limit=options.limit, workers=options.workers).samples
-    faults = check_dataset(options.folder)
-    if faults and not (options.freeze and all("that are frozen" in each for each in faults)):
+    if faults := check_dataset(options.folder) or ([] if options.freeze else [*frozen_differences(options.folder, recipe)]):
         print(*faults, sep="\n")
         return 1
     content, samples = content_hash(options.folder, recipe, count)
