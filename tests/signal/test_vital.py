@@ -56,7 +56,7 @@ def test_rates_and_displacements_are_those_of_the_chest(burst: int | None) -> No
 
 
 @pytest.mark.parametrize(
-    "breath_hz, beat_hz, told",
+    ("breath_hz", "beat_hz", "told"),
     [(0.25, 1.25, "5 times"), (0.2, 1.2, "6 times"), (0.25, 1.0, "4 times"), (0.25, 0.75, "3 times"), (0.3, 2.4, None)],
 )
 def test_a_heart_on_a_multiple_of_the_breathing_rate_is_told_by_its_harmonics(
@@ -64,7 +64,9 @@ def test_a_heart_on_a_multiple_of_the_breathing_rate_is_told_by_its_harmonics(
 ) -> None:
     found = seen(breath_hz, beat_hz, told)
     assert (found.breathing_hz, found.heartbeat_hz) == pytest.approx((breath_hz, beat_hz), rel=0.005)
-    assert found.heartbeat_m == pytest.approx(0.0002, rel=0.05 if beat_hz > 0.75 else 0.5)  # 1.5 Hz are breath and heart
+    assert found.heartbeat_m == pytest.approx(
+        0.0002, rel=0.05 if beat_hz > 0.75 else 0.5
+    )  # 1.5 Hz are breath and heart
 
 
 def test_a_heart_that_the_breath_hides_wholly_is_missed_aloud() -> None:

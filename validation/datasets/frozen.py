@@ -89,7 +89,9 @@ def main(words: list[str]) -> int:
     warnings.simplefilter("ignore", T2DWarning)
     recipe = Recipe.read(RECIPE)
     count = make_dataset(recipe, options.folder, limit=options.limit, workers=options.workers).samples
-    if faults := check_dataset(options.folder) or ([] if options.freeze else [*frozen_differences(options.folder, recipe)]):
+    if faults := check_dataset(options.folder) or (
+        [] if options.freeze else [*frozen_differences(options.folder, recipe)]
+    ):
         print(*faults, sep="\n")
         return 1
     content, samples = content_hash(options.folder, recipe, count)
