@@ -165,7 +165,7 @@ def _peak_hz(values: np.ndarray, time_s: np.ndarray, band_hz: tuple[float, float
 def _beat(values: np.ndarray, time_s: np.ndarray, breath: float) -> tuple[float, float, int]:
     """Rate of the heart [Hz], power of its line over the band's median [dB], and how many harmonics are the breath's alone.
 
-    A heart on a multiple of the breathing rate goes with the breath, and the first harmonic of it that the breath has none of is what
+    A heart on a multiple of the breathing rate goes with the breath, and the first harmonic of it that the breath lacks is what
     is left. So half or a third of that is the rate, where it is such a multiple and moves more, as a pulse's first harmonic does.
     """
     rest = values - _fitted(values, time_s, [(breath, BREATH_HARMONICS)])[0]
@@ -173,7 +173,7 @@ def _beat(values: np.ndarray, time_s: np.ndarray, breath: float) -> tuple[float,
     near_hz = 1 / (time_s[-1] - time_s[0])
     if over_db < HEARTS_DB:
         warn(
-            f"no line of a heart stands out ({over_db:.0f} dB where {HEARTS_DB:g} are due): its rate may be noise, and one that is a "
+            f"no line of a heart stands out ({over_db:.0f} dB where {HEARTS_DB:g} are due): its rate may be noise, and a "
             f"multiple of {breath:.3g} Hz may be hidden by the breath; record longer, or nearer"
         )
         return line, over_db, BREATH_HARMONICS
