@@ -91,7 +91,8 @@ def process(
 
     files: measured samples (.bin of a DCA1000, .npy); and a result (.zarr) to set beside them, its clock and level brought to
         theirs.
-    output: how the names of the pictures begin, their folder too; by default CAPTURE's name, in the working directory. Spectrograms beside each other end in _compare.png.
+    output: how the names of the pictures begin, with their folder; by default as CAPTURE's, in the working directory. Spectrograms
+        beside each other end in _compare.png.
     vital_signs: whether displacement, breaths and heartbeats of one person at rest are told, and drawn as NAME_displacement.png.
 
     examples:

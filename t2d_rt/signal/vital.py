@@ -53,8 +53,8 @@ class VitalSigns:
     heartbeat_m: float
     """From the least to the greatest in a beat, of the mean beat [m]."""
     heartbeat_db: float
-    """Power of the heart's line, or of the harmonic that tells it where the breath hides that, over the median of its band, breathing
-    taken away [dB]: below `HEARTS_DB` it may be noise."""
+    """Power of the heart's line, or of its harmonic where the breath hides that, over the median of its band, breathing taken away
+    [dB]: below `HEARTS_DB` it may be noise."""
 
     def __str__(self) -> str:
         breaths, beats = 60 * self.breathing_hz, 60 * self.heartbeat_hz
