@@ -580,8 +580,8 @@ BAD: dict[str, tuple[str, Callable[[Path], None], str]] = {
     "names twice": ("a.npz", npz(joints=GOOD[:, :2], names=np.array(["a", "a"])), "'a' more than once"),
     "up": ("a.npz", npz(joints=walk_20hz, names=np.array(["a"])), "holds Python objects"),
     "amass rate": ("a.npz", npz(poses=np.zeros((5, 156)), trans=np.zeros((5, 3))), "has no mocap_framerate"),
-    "amass shape": ("a.npz", npz(poses=np.zeros((5, 60)), trans=np.zeros((5, 3))), "poses must have shape \\(time, 66"),
-    "amass trans": ("a.npz", npz(poses=np.zeros((5, 156)), trans=np.zeros((4, 3))), "trans \\(time, 3\\)"),
+    "amass shape": ("a.npz", npz(poses=np.zeros((5, 60)), trans=np.zeros((5, 3))), "poses must be axis-angle vectors, 66 or 72 or"),
+    "amass trans": ("a.npz", npz(poses=np.zeros((5, 156)), trans=np.zeros((4, 3))), "trans must have shape \\(5, 3\\)"),
     "amass nan": ("a.npz", npz(poses=np.full((5, 156), np.nan), trans=np.zeros((5, 3)), fps=30.0), "absurd values in every frame"),
     "kimodo shape": ("a.npz", npz(posed_joints=np.zeros((5, 24, 3))), "posed_joints must have shape"),
     "kimodo matrices": (

@@ -70,7 +70,7 @@ def load_motion(
     drop_tpose: whether the calibration pose at the start is dropped.
     smooth_hz: cut-off of a low-pass filter [Hz]; null does not filter, "auto" filters at 12 Hz where the file jitters, and
         positions alone as their measured noise asks for.
-    flavour: how a BVH file names its joints, one of `t2d_rt.motion.flavours()` or a flavour file (.yaml, see
+    flavour: how a BVH or GLB file names its joints, one of `t2d_rt.motion.flavours()` or a flavour file (.yaml, see
         `t2d_rt.motion.skeletons`); left out, joints of any names are matched by names and form.
     rate_hz: frames per second, instead of the file's own.
     root: "feet" carries the body to where planted feet stay, in files whose hips never move (exports in place, treadmills, joints
@@ -91,7 +91,7 @@ def _read(path: Path, reading: Reading) -> Motion:
         elif (reader := _reader(path)) is not None:
             motion = _read_by(reader, path, reading)
         else:
-            motion = motion_of(_read_tracks(path, reading.subject), reading)
+            motion = motion_of(_read_tracks(path, reading), reading)
     except UnknownSubject:
         raise
     except InputError as error:
@@ -210,13 +210,9 @@ def _read_by(reader: EntryPoint, path: Path, reading: Reading) -> Motion:
     return motion
 
 
-def _read_arrays(path: Path, subject: str | None) -> Tracks:
-    """Tracks of a .npy or .npz file."""
-    return _of_arrays(read_arrays(path), subject)
-
-
-def _of_arrays(arrays: Arrays, subject: str | None) -> Tracks:
+def _of_arrays(read: Callable[[Path], Arrays], path: Path, reading: Reading) -> Tracks:
     """Tracks of Kimodo, of AMASS or smplx, or of joints by name or order."""
+    arrays, subject = replace(read(path), given_hz=reading.rate_hz), reading.subject
     kimodo = "posed_joints" in arrays
     if kimodo or (arrays.first("poses", *ROOT) and arrays.first(*MOVED, "global_orient")):
         check_only(subject)
@@ -226,44 +222,44 @@ def _of_arrays(arrays: Arrays, subject: str | None) -> Tracks:
     return replace(tracks, times=times_of(arrays, len(tracks)))
 
 
-def _read_json(path: Path, subject: str | None) -> Tracks:
+def _read_json(path: Path, reading: Reading) -> Tracks:
     """Tracks of DeepMimic's JSON, or of the points of a pose estimator."""
     tree = json_of(path)
     if isinstance(tree, dict) and "Frames" in tree:
-        check_only(subject)
+        check_only(reading.subject)
         return read_deepmimic(tree, path)
-    return _of_arrays(read_json(tree, path), subject)
+    return _of_arrays(partial(read_json, tree), path, reading)
 
 
-def _read_ntu(path: Path, subject: str | None) -> Tracks:
-    """Tracks of an NTU RGB+D file."""
-    return _of_arrays(read_ntu(path), subject)
-
-
-def _of_one(read: Callable[[Path], Tracks], path: Path, subject: str | None) -> Tracks:
+def _of_one(read: Callable[[Path], Tracks], path: Path, reading: Reading) -> Tracks:
     """Tracks of a file whose format holds one person."""
-    check_only(subject)
+    check_only(reading.subject)
     return read(path)
 
 
-READERS: Mapping[str, Callable[[Path, str | None], Tracks]] = MappingProxyType(
+def _of_several(read: Callable[[Path, str | None], Tracks], path: Path, reading: Reading) -> Tracks:
+    """Tracks of one person of a file whose format may hold several."""
+    return read(path, reading.subject)
+
+
+READERS: Mapping[str, Callable[[Path, Reading], Tracks]] = MappingProxyType(
     {
-        ".npy": _read_arrays,
-        ".npz": _read_arrays,
-        ".c3d": read_c3d,
-        ".trc": read_trc,
-        ".csv": read_csv,
-        ".mvnx": read_mvnx,
-        ".skeleton": _read_ntu,
+        ".npy": partial(_of_arrays, read_arrays),
+        ".npz": partial(_of_arrays, read_arrays),
+        ".c3d": partial(_of_several, read_c3d),
+        ".trc": partial(_of_several, read_trc),
+        ".csv": partial(_of_several, read_csv),
+        ".mvnx": partial(_of_several, read_mvnx),
+        ".skeleton": partial(_of_arrays, read_ntu),
         ".json": _read_json,
         ".txt": _read_json,
         ".amc": partial(_of_one, read_asf_amc),
     }
 )
-"""Readers of files but BVH and GLB by their endings: the path, and the subject who is wanted."""
+"""Readers of files but BVH and GLB by their endings."""
 
 
-def _read_tracks(path: Path, subject: str | None = None) -> Tracks:
+def _read_tracks(path: Path, reading: Reading) -> Tracks:
     """Tracks of any file but BVH and GLB, of one subject where the format may hold several."""
     suffix = path.suffix.lower()
     if suffix not in READERS:
@@ -272,4 +268,9 @@ def _read_tracks(path: Path, subject: str | None = None) -> Tracks:
             f"cannot read {shown(str(path))}: motions come as {' or '.join(SKELETAL)}, or as "
             f"{', '.join(sorted(READERS))}{hint}"
         )
-    return READERS[suffix](path, subject)
+    if reading.flavour is not None:
+        raise InputError(
+            f"flavour {shown(reading.flavour)} names the joints of {' or '.join(SKELETAL)} files, and {suffix} files name "
+            "theirs otherwise; leave flavour out"
+        )
+    return READERS[suffix](path, reading)

@@ -34,7 +34,9 @@ BODY = ("pose_body", "body_pose")
 """What AMASS and what smplx call the root's way, its turn and the rotations of the 21 joints behind it."""
 
 BODY_ANGLES = 66
-"""Axis-angle vectors of the 22 canonical joints; hands, jaw and eyes follow in SMPL-H (156) and SMPL-X (165)."""
+"""Axis-angle vectors of the 22 canonical joints; hands, jaw and eyes follow."""
+FORMS = {66: "AMASS", 72: "AMASS (SMPL)", 156: "AMASS (SMPL-H)", 165: "AMASS (SMPL-X)"}
+"""What is read, by how many numbers a frame has; other numbers are those of matrices and the like."""
 
 OFFSETS: dict[str, tuple[float, float, float]] = {
     name: (sign * x, y, z)
@@ -58,21 +60,20 @@ upward: a lying body rests on a floor as well."""
 
 def read_amass(arrays: Arrays) -> Tracks:
     """The body's 22 joints and the hands' ends."""
-    poses = arrays.samples("poses", (2, 3)) if "poses" in arrays else _joined(arrays)
-    poses = poses.reshape(len(poses), -1)
+    poses = _vectors(arrays, "poses", *FORMS) if "poses" in arrays else _joined(arrays)
     travel = arrays.first(*MOVED)
     if travel is None:
         raise InputError(
             f"{arrays.path} lacks {' or '.join(MOVED)}, the way of the root; store it, or zeros and root='feet' where it is unknown"
         )
     moved = arrays.samples(travel, (2,))
-    if poses.shape[1] < BODY_ANGLES or poses.shape[1] % 3 or moved.shape != (len(poses), 3):
+    if moved.shape != (len(poses), 3):
         raise InputError(
-            f"{arrays.path}: poses must have shape (time, 66 or more) and trans (time, 3), got {poses.shape} and {moved.shape}"
+            f"{arrays.path}: {travel} must have shape ({len(poses)}, 3), a place for each frame of the poses, got {moved.shape}"
         )
     stated_hz = stated_rate(arrays, len(poses))
     if "poses" in arrays and stated_hz is None and times_of(arrays, len(poses)) is None:
-        raise InputError(f"{arrays.path} has no mocap_framerate; store it")
+        raise InputError(f"{arrays.path} has no mocap_framerate; store it, or give rate_hz")
     rate_hz = stated_hz or (USUAL_RATE_HZ if "poses" in arrays else VIDEO_RATE_HZ)
     rows, lost = filled(np.concatenate([moved, poses[:, :BODY_ANGLES]], axis=1), f"{arrays.path}", slice(3))
     moved = rows[:, :3]
@@ -81,8 +82,7 @@ def read_amass(arrays: Arrays) -> Tracks:
     up = stance_axis({name: moved + STATURE_M * point for name, point in about.items()}, "z", margin=SURE)
     stature, told = _stature(about, moved, rate_hz, up)
     points = {name: moved + stature * point for name, point in about.items()}
-    form = {156: "AMASS (SMPL-H)", 165: "AMASS (SMPL-X)", 72: "AMASS (SMPL)"}.get(poses.shape[1], "AMASS")
-    form = "parameters of smplx" if arrays.first("global_orient") else form
+    form = "parameters of smplx" if arrays.first("global_orient") else FORMS[poses.shape[1]]
     turned = {name: turned[name] for name in points}
     tracks = Tracks(form=form, points=points, turned=turned, rate_hz=rate_hz, unit_m=1.0, up=up)
     clause = f"bone lengths of SMPL's mean body, {stature:.2f} m tall ({told}), betas not used"
@@ -90,14 +90,29 @@ def read_amass(arrays: Arrays) -> Tracks:
 
 
 def _joined(arrays: Arrays) -> np.ndarray:
-    """Poses (T, 66 or more) of files that keep the root apart, as axis-angle vectors; matrices are refused."""
-    names = [arrays.first(*each) for each in (ROOT, BODY)]
-    if None in names:
+    """Poses (T, 66) of files that keep the root apart."""
+    root, body = (arrays.first(*each) for each in (ROOT, BODY))
+    if root is None or body is None:
         raise InputError(f"{arrays.path} lacks {' or '.join(BODY)}; store the body's 21 rotations beside the root's")
-    parts = [arrays.samples(str(name), (2, 3, 4)) for name in names]
-    if any(part.shape[-2:] == (3, 3) and part.ndim == 4 for part in parts):
-        raise InputError(f"{arrays.path} holds rotation matrices; store axis-angle vectors, three numbers a joint")
-    return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
+    turn, rest = (
+        _vectors(arrays, root, 3),
+        _vectors(arrays, body, BODY_ANGLES - 3, BODY_ANGLES + 3),
+    )  # SMPL has two more
+    if len(turn) != len(rest):
+        raise InputError(f"{arrays.path}: {root} has {len(turn)} frames and {body} {len(rest)}; store as many of both")
+    return np.concatenate([turn, rest[:, : BODY_ANGLES - 3]], axis=1)
+
+
+def _vectors(arrays: Arrays, name: str, *widths: int) -> np.ndarray:
+    """Axis-angle vectors (T, N) of (T, N) or (T, N / 3, 3), N one of `widths`; an InputError where they are none."""
+    found = arrays.samples(name, (2, 3, 4))
+    flat = found.reshape(len(found), -1)
+    if flat.shape[1] not in widths or found.ndim == 4 or (found.ndim == 3 and found.shape[2] != 3):
+        raise InputError(
+            f"{arrays.path}: {name} must be axis-angle vectors, {' or '.join(map(str, widths))} numbers a frame, got shape "
+            f"{found.shape}; convert rotation matrices and the like"
+        )
+    return flat
 
 
 def _orientations(vectors: np.ndarray) -> dict[str, np.ndarray]:

@@ -30,6 +30,8 @@ class Arrays:
     path: Path
     texts: dict[str, bytes]
     """Each array's .npy bytes."""
+    given_hz: float | None = None
+    """The rate that the user gives, whatever the file says."""
 
     def __contains__(self, name: str) -> bool:
         return name in self.texts
@@ -53,7 +55,9 @@ class Arrays:
             return None
         found = self.get(name)
         if found.size != 1 or not np.issubdtype(found.dtype, np.number) or not np.isfinite(found).all():
-            raise InputError(f"{self.path}: {name} must be one number, got {shown(found)}")
+            raise InputError(
+                f"{self.path}: {name} must be one number, got {shown(found.item() if found.size == 1 else found)}"
+            )
         return float(np.real(found).reshape(()))
 
 
@@ -81,6 +85,8 @@ def _members(data: bytes, path: Path) -> dict[str, bytes]:
             for entry in entries:
                 with archive.open(entry) as member:
                     found[entry.filename.removesuffix(".npy")] = member.read(entry.file_size)
+    except InputError:
+        raise
     except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError, ValueError):
         raise InputError(f"{path} is not a valid .npz file: it is cut short or damaged") from None
     if not found:

@@ -86,6 +86,8 @@ def read_mvnx(path: Path, subject: str | None = None) -> Tracks:
                 name = printable(element.get("label", "")) or str(len(found) + 1)
                 found[name] = segments, rows, times, float(element.get("frameRate", "nan"))
                 segments, rows, times = [], [], []
+    except InputError:
+        raise
     except (ElementTree.ParseError, ValueError) as error:
         raise InputError(f"{path} is not a whole MVNX file ({error}); export it again") from None
     if not found:

@@ -361,12 +361,9 @@ def of_poses(
         if parent >= 0:
             back = conjugate(rotations[:, parent])
             shift, turn = rotate(back, shift - positions[:, parent]), multiply(back, turn)
-        x, y, z, w = np.moveaxis(turn, -1, 0)
-        along = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])  # where x is turned to
+        along, left, up = (rotate(turn, axis).T for axis in np.eye(3))  # where x, y and z are turned to
         yaw = np.arctan2(along[1], along[0])
         pitch = np.arctan2(-along[2], np.hypot(along[0], along[1]))
-        left = np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z)])  # x and y of where y is turned to
-        up = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x)])
         roll = np.arctan2(np.sin(yaw) * up[0] - np.cos(yaw) * up[1], np.cos(yaw) * left[1] - np.sin(yaw) * left[0])
         values[:, joint, :3], values[:, joint, 3:] = shift, np.degrees(np.stack([yaw, pitch, roll], axis=-1))
         offsets[joint] = shift[0]

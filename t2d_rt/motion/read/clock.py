@@ -76,7 +76,9 @@ def _time_fields(arrays: Arrays) -> list[tuple[str, str | None]]:
 
 
 def stated_rate(arrays: Arrays, frames: int) -> float | None:
-    """The rate [Hz] that a file of arrays states; a warning where it states another one besides."""
+    """The rate [Hz] that was given, or that a file of arrays states; a warning where it states another one besides."""
+    if arrays.given_hz is not None:
+        return arrays.given_hz
     found = {name: arrays.scalar(name) for name in RATE_FIELDS if name in arrays}
     found |= {name: 1.0 / step for name in STEP_FIELDS if name in arrays and (step := arrays.scalar(name))}
     rates = {name: checked_rate(rate) for name, rate in found.items() if rate is not None}

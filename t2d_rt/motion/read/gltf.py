@@ -18,7 +18,7 @@ import numpy as np
 from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError, printable, warn
 from t2d_rt.core.files import read_bytes
-from t2d_rt.motion.quaternions import conjugate, from_matrix, multiply, normalise
+from t2d_rt.motion.quaternions import conjugate, from_matrix, multiply, normalise, rotate
 from t2d_rt.motion.read.bvh import MAX_FRAMES, MAX_JOINTS, RawSkeleton, of_poses
 from t2d_rt.motion.read.clock import tidy
 from t2d_rt.motion.read.subjects import numbered
@@ -73,6 +73,8 @@ class _Gltf:
             if not (0 < count <= 1_000_000 and start >= 0 and row <= step <= 255):
                 raise ValueError
             found = np.ndarray((count, width), kind, self.binary, start, (step, np.dtype(kind).itemsize))
+        except InputError:
+            raise
         except (KeyError, IndexError, TypeError, ValueError, OverflowError):
             raise InputError(
                 f"{self.path}: accessor {accessor} cannot be read; the file is cut short or damaged"
@@ -235,13 +237,8 @@ def _own(node: dict[str, Any], moved: Mapping[str, Curve], times: np.ndarray) ->
     }
     frames = max(map(len, at.values()))
     matrix = np.tile(np.eye(4), (frames, 1, 1))
-    x, y, z, w = np.moveaxis(normalise(at["rotation"]), -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    matrix[:, :3, :3] = np.moveaxis(np.array(rows), -1, 0) * at["scale"][:, None, :]
+    axes = at["scale"][:, :, None] * rotate(normalise(at["rotation"])[:, None], np.eye(3))
+    matrix[:, :3, :3] = axes.swapaxes(1, 2)
     matrix[:, :3, 3] = at["translation"]
     return matrix
 

@@ -21,6 +21,7 @@ from t2d_rt.motion.read.arrays import Arrays
 from t2d_rt.motion.read.bvh import MAX_FRAMES
 from t2d_rt.motion.read.clock import RATE_FIELDS, TIME_FIELD
 from t2d_rt.motion.read.joint_sets import ORDERS
+from t2d_rt.motion.read.samples import plausible
 
 MAX_BYTES = 100_000_000
 
@@ -56,6 +57,8 @@ def read_ntu(path: Path) -> Arrays:
                 rows = _take(words, KINECT_JOINTS * KINECT_NUMBERS).reshape(KINECT_JOINTS, KINECT_NUMBERS)
                 sure = [TRACKED[int(state)] for state in rows[:, -1]]
                 bodies.setdefault(name, {})[frame] = np.column_stack([rows[:, :3], sure])
+    except InputError:
+        raise
     except (ValueError, KeyError, OverflowError, StopIteration):
         raise InputError(
             f"{path} is not an NTU RGB+D skeleton file, or cut short: frames of bodies of {KINECT_JOINTS} joints with "
@@ -95,7 +98,7 @@ def read_json(tree: Any, path: Path) -> Arrays:
             people.append(_people(frame))
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-        except (TypeError, ValueError, KeyError, AttributeError):
+        except (TypeError, ValueError, LookupError, AttributeError, RecursionError):
             raise InputError(f"{path}: frame {number} holds no points x, y, z; got {shown(frame)}") from None
         openpose = openpose or (isinstance(frame, dict) and "people" in frame)
     joints = _followed(people, path)
@@ -104,7 +107,9 @@ def read_json(tree: Any, path: Path) -> Arrays:
         found["names"] = np.array(ORDERS["OpenPose BODY_25"])
     found |= {name: np.array(top[name], float) for name in RATE_FIELDS if isinstance(top.get(name), int | float)}
     stamps = next((name for name in _fields(frames[0]) if TIME_FIELD.fullmatch(name)), None)
-    if stamps is not None and all(isinstance(frame.get(stamps), int | float) for frame in frames):
+    if stamps is not None and all(
+        isinstance(frame, dict) and isinstance(frame.get(stamps), int | float) for frame in frames
+    ):
         found[stamps] = np.array([frame[stamps] for frame in frames], float)
     return _arrays(path, **found)
 
@@ -121,10 +126,12 @@ def _people(frame: Any) -> list[Person]:
         plain = {key.replace("_", "").lower(): value for key, value in frame.items()}
         found = next((plain[name] for name in (*WORLD, *IN_PICTURE) if plain.get(name) is not None), None)
         return [] if found is None and not set(plain) - {"timestamp"} else _people(found)
+    if isinstance(frame, list):
+        frame = [each for each in frame if each != []]
     if not frame:  # nobody is seen
         return []
-    if isinstance(frame, list) and (isinstance(frame[0], list) and isinstance(frame[0][0], list | dict)):
-        return [_landmarks(person) for person in frame if person]
+    if isinstance(frame[0], list) and isinstance(frame[0][0], list | dict):
+        return [_landmarks(person) for person in frame]
     return [_landmarks(frame)]
 
 
@@ -163,8 +170,10 @@ def _followed(people: Sequence[Sequence[Person]], path: Path) -> np.ndarray:
     for frame, persons in enumerate(people):
         if not persons:
             continue
-        here = np.array(persons, float)
-        sure = np.nan_to_num(here[..., 3:4]) > 0 if here.shape[2] > 3 else np.ones((*here.shape[:2], 1), bool)
+        here = plausible(np.array(persons, float))
+        sure = np.isfinite(here[..., :3]).all(axis=2, keepdims=True) & (np.nan_to_num(here[..., 3:4]) > 0).all(
+            2, keepdims=True
+        )
         middle = np.where(sure, here[..., :3], 0.0).sum(axis=1) / np.maximum(sure.sum(axis=1), 1)
         away = np.linalg.norm(np.nan_to_num(middle[:, None] - last, posinf=1e6, neginf=-1e6), axis=2)
         for who, place in zip(*linear_sum_assignment(away), strict=True):
@@ -183,7 +192,8 @@ def _arrays(path: Path, **found: np.ndarray) -> Arrays:
 
 def json_of(path: Path) -> Any:
     """The tree of a JSON file."""
+    text = read_bytes(path, limit=MAX_BYTES, noun="JSON file")
     try:
-        return json.loads(read_bytes(path, limit=MAX_BYTES, noun="JSON file"))
+        return json.loads(text, parse_int=float)  # which no number of digits overflows
     except (ValueError, RecursionError):
         raise InputError(f'{path} is not valid JSON; a DeepMimic motion is an object with "Frames"') from None
