@@ -33,6 +33,7 @@ from t2d_rt.scattering.paths import Ranked
 from t2d_rt.scattering.refinement import REFINING_BYTES
 from t2d_rt.scene import Mover, Room
 from t2d_rt.types import Accuracy, Ellipsoids, Motion, MovingMesh, Radar, Scene
+from t2d_rt.types.antennas import ONE_VIEW_M
 from t2d_rt.types.material import checked_material
 from t2d_rt.types.receiver import Receiver
 from t2d_rt.types.target import Geometry
@@ -277,7 +278,7 @@ def _check_geometry(geometry: Geometry, radar: Radar, span_s: tuple[float, float
         check_outside(geometry, radar, np.array(span_s))
     else:
         _check_outside_ellipsoids(geometry, radar, np.linspace(*span_s, 200))
-    _check_bistatic(geometry, radar, np.linspace(*span_s, 50))
+    _check_bistatic(geometry, radar, span_s)
     farthest_m, fastest_mps = farthest_and_fastest(geometry, radar, span_s)
     check_speed(radar, fastest_mps, what=name)
     if farthest_m > radar.max_range_m:
@@ -287,11 +288,16 @@ def _check_geometry(geometry: Geometry, radar: Radar, span_s: tuple[float, float
         )
 
 
-def _check_bistatic(geometry: Geometry, radar: Radar, times_s: np.ndarray) -> None:
+def _check_bistatic(geometry: Geometry, radar: Radar, span_s: tuple[float, float]) -> None:
     """Refuses a target between the antennas, where physical optics without diffraction no longer holds."""
     antennas = radar.tx_position_m, radar.rx_position_m
-    if np.linalg.norm(antennas[0] - antennas[1]) < MOSTLY_MONOSTATIC_M:
+    apart_m = np.linalg.norm(antennas[0] - antennas[1])
+    if apart_m < MOSTLY_MONOSTATIC_M:
         return
+    times_s = np.linspace(*span_s, 50)
+    if apart_m > ONE_VIEW_M:  # not the antennas of one board; between those instants a target may dash through
+        own_s = geometry.times_s
+        times_s = np.union1d(np.linspace(*span_s, 200), own_s[(own_s >= span_s[0]) & (own_s <= span_s[1])])
     for times in blocks(times_s, geometry.point_count):
         points = geometry.points_at(times)
         paths = [(antenna - points) / np.linalg.norm(antenna - points, axis=-1, keepdims=True) for antenna in antennas]

@@ -71,6 +71,7 @@ def vital_signs(adc: Any, radar: Radar, *, range_gate_m: tuple[float, float] | N
     range_gate_m: nearest and farthest range that is looked at [m]; all by default. Of several persons it chooses one.
 
     The range cell that varies most counts, of all antennas together. Where the person moves otherwise, that is what is found.
+    Bursts must follow at 6 Hz or faster, twice the fastest heartbeat that is looked for.
     """
     check_recording(adc, radar)
     adc, radar = separated(adc, radar)
@@ -88,6 +89,12 @@ def vital_signs(adc: Any, radar: Radar, *, range_gate_m: tuple[float, float] | N
 
 def signs_of(profile: np.ndarray, range_m: np.ndarray, time_s: np.ndarray, wavelength_m: float) -> VitalSigns:
     """The same from a complex range profile (T, antenna, range), as devices that bring no ADC samples tell it."""
+    rate_hz = (len(time_s) - 1) / (time_s[-1] - time_s[0])
+    if rate_hz < 2 * BEATS_HZ[1]:
+        raise InputError(
+            f"vital signs need {2 * BEATS_HZ[1]:g} profiles a second or more, twice the fastest heartbeat that is looked for, got "
+            f"{rate_hz:.3g}; record bursts that follow faster (frame_interval_s)"
+        )
     variance = profile.var(axis=0, dtype=np.complex128).real.sum(axis=0)
     cell = int(variance.argmax())
     if not variance[cell] > 1e-12 * np.mean(np.abs(profile) ** 2, axis=0).sum(axis=0).max():
@@ -215,9 +222,11 @@ def _depths(values: np.ndarray, time_s: np.ndarray, breath: float, beat: float, 
 def _fitted(values: np.ndarray, time_s: np.ndarray, lines: list[tuple[float, int]]) -> tuple[np.ndarray, list[float]]:
     """Least-squares sum of a parabola and harmonics of some rates (T,), and from the least to the greatest of each rate's part."""
     middle = time_s - time_s.mean()
+    # Harmonics from half the rate of the profiles on, less a line, are others' aliases.
+    most_hz = ((len(middle) - 1) / 2 - 1) / (middle[-1] - middle[0])
     columns, owners = [(middle / (middle[-1] or 1.0)) ** k for k in range(3)], [-1] * 3
     for owner, (rate, harmonics) in enumerate(lines):
-        for k in range(1, harmonics + 1):
+        for k in range(1, min(harmonics, int(most_hz / rate)) + 1):
             columns += [np.cos(2 * np.pi * k * rate * middle), np.sin(2 * np.pi * k * rate * middle)]
             owners += [owner] * 2
     matrix = np.column_stack(columns)

@@ -146,6 +146,11 @@ class Cuts(Fields):
                     f"{name}_deg of a pattern of cuts must ascend and have a level each, got {axis!s:.60} and {len(levels)} "
                     "levels; sort the cut"
                 )
+            if max(levels) < -1e-9:
+                raise InputError(
+                    f"{name}_db of a pattern of cuts is relative to its peak and so reaches 0, got {max(levels):.6g} at most; "
+                    "subtract that and give the peak as tx_gain_dbi or rx_gain_dbi"
+                )
         return self
 
     def gain(self, directions: np.ndarray) -> np.ndarray:

@@ -27,7 +27,7 @@ from t2d_rt.types.antennas import Isotropic, Pattern, axes_along, one_view, pola
 from t2d_rt.types.bandwidth import BANDWIDTHS, fields_over, with_slope
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
 from t2d_rt.types.radar_track import RadarTrack, Rigid, track_named, with_track_beside
-from t2d_rt.types.ti_cfg import board_of, radar_fields, ti_lines
+from t2d_rt.types.ti_cfg import FULL_DBM, board_of, radar_fields, ti_lines
 
 
 def preset_names() -> list[str]:
@@ -266,15 +266,19 @@ class Radar(Fields):
         Advanced frames, chirps of several kinds and transmitters that send at once are errors, for no radar here has them.
         """
         name = board_of(source) if board is None else board
-        return cls(**fields_over(radar_fields(source, None if name is None else preset_fields(name)), changes))
+        board_fields = None if name is None else cls.preset(name).model_dump()
+        return cls(**fields_over(radar_fields(source, board_fields), changes))
 
-    def to_ti_cfg(self, path: str | Path | None = None) -> list[str]:
+    def to_ti_cfg(self, path: str | Path | None = None, *, board: str | None = None) -> list[str]:
         """Lines of a configuration file (.cfg) that `from_ti_cfg` reads back, written to `path` where that is given.
+
+        board: preset of the device that it is for, as in `from_ti_cfg`, which then takes it from the file's comment "Platform:..."
+            where the visualizer knows the device. Back-off is counted from the board's power, from 12 dBm where none is given.
 
         Of a radar with bursts, whose transmitters take turns. Gains, patterns, noise figure and pose are not in such a file; the
         device rounds frequency and slope to steps of its own.
         """
-        lines = ti_lines(self)
+        lines = ti_lines(self, board, FULL_DBM if board is None else type(self).preset(board).tx_power_dbm)
         if path is not None:
             target = file_path("path", path).resolve()
             _check_no_folder(target)

@@ -85,7 +85,7 @@ def radar_fields(source: Source, board: Mapping[str, Any] | None = None) -> dict
 
     The antennas are those of antGeometry0 and 1 or, without them, those of the board that chirpCfg and channelCfg choose. The power
     is the board's less the profile's back-off of the first transmitter. What the file has and a Radar has not is a warning.
-    board: fields of a preset whose antennas are in the device's order.
+    board: all fields of a preset whose antennas are in the device's order.
     """
     commands = read_commands(source)
     for name in NO_FRAMES:
@@ -251,11 +251,11 @@ def _of_geometry(commands: Commands, transmitters: int, on: int | None, half_m: 
     return tx, rx
 
 
-def ti_lines(radar: Any) -> list[str]:
+def ti_lines(radar: Any, board: str | None, full_dbm: float) -> list[str]:
     """Lines of a .cfg file of a `Radar` with bursts, whose transmitters take turns; errors name what cannot be written.
 
     Of the time that a chirp does not sample a third, at most 6 us, is put before the samples and a sixth, at most 1 us, between
-    them and the ramp's end; the rest is idle. Power is written as back-off from 12 dBm in whole dB.
+    them and the ramp's end; the rest is idle. Power is written as back-off from `full_dbm`, the board's, in whole dB.
     """
     transmitters, receivers = len(radar.tx_offsets_m), len(radar.rx_offsets_m)
     idle_s = radar.chirp_interval_s - radar.sweep_time_s
@@ -276,18 +276,21 @@ def ti_lines(radar: Any) -> list[str]:
         if wrong:
             raise InputError(told)
     before_s, after_s = min(6e-6, idle_s / 3), min(1e-6, idle_s / 6)
-    backoff = max(0, round(FULL_DBM - radar.tx_power_dbm))
-    if abs(FULL_DBM - backoff - radar.tx_power_dbm) > 1e-6:
+    backoff = max(0, round(full_dbm - radar.tx_power_dbm))
+    if abs(full_dbm - backoff - radar.tx_power_dbm) > 1e-6:
         warn(
-            f"the power of {radar.tx_power_dbm:g} dBm is written as {FULL_DBM - backoff:g}, whole dB below {FULL_DBM:g}"
+            f"the power of {radar.tx_power_dbm:g} dBm is written as {full_dbm - backoff:g}, whole dB below {full_dbm:g}; give the "
+            "board that it is for, as board='iwr6843isk'"
         )
     profile = (
         0, (radar.carrier_hz - radar.slope_hz_per_s * before_s) * 1e-9, (idle_s - before_s - after_s) * 1e6, before_s * 1e6,
         (before_s + radar.sweep_time_s + after_s) * 1e6, sum(backoff << 8 * each for each in range(transmitters)), 0,
         radar.slope_hz_per_s * 1e-12, 1, radar.samples, radar.sample_rate_hz * 1e-3, 0, 0, 30,
     )  # fmt: skip
+    platform = [f"% Platform:{name}" for name, preset in BOARDS.items() if preset == board][:1]
     return [
-        "sensorStop", "flushCfg", "dfeDataOutputMode 1", f"channelCfg {2**receivers - 1} {2**transmitters - 1} 0", "adcCfg 2 1",
+        *platform, "sensorStop", "flushCfg", "dfeDataOutputMode 1",
+        f"channelCfg {2**receivers - 1} {2**transmitters - 1} 0", "adcCfg 2 1",
         "adcbufCfg -1 0 1 1 1", f"profileCfg {' '.join(f'{number:.12g}' for number in profile)}",
         *(f"chirpCfg {each} {each} 0 0 0 0 0 {1 << each}" for each in range(transmitters)),
         f"frameCfg 0 {transmitters - 1} {radar.loops_per_frame} 0 {radar.frame_interval_s * 1e3:.12g} 1 0",

@@ -274,6 +274,14 @@ def test_targets_between_the_antennas_are_refused() -> None:
     ):
         t2d.simulate(ball(1.0), radar=apart)
     t2d.simulate(ball(1.5), radar=apart)
+    # A dash through the middle, 20 ms long and out of sight before and after.
+    times_s = np.linspace(0, 4, 801)
+    aside = np.where(np.abs(times_s - 2.041) < 0.01, 0.0, 8.0)
+    dash = Ellipsoids(
+        np.array([[0.1, 0.1, 0.2]]), np.stack([3 + aside, aside, 1 + 0 * aside], axis=-1)[:, None], times_s
+    )
+    with pytest.raises(InputError, match=r"at 2\.04 s .* lies between transmitter and receiver"):
+        t2d.simulate(dash, radar=RADAR.replace(rx_offsets_m=(6.0, 0, 0)), method="ellipsoid")
 
 
 def test_a_facet_that_rotates_too_fast_is_reported() -> None:

@@ -170,6 +170,8 @@ def test_cuts_add_up_in_db() -> None:
     np.testing.assert_allclose(10 * np.log10(found), [-6, -5, -3 - 2.5, -12, -5], atol=1e-9)
     with pytest.raises(InputError, match="must ascend and have a level each"):
         Cuts(azimuth_deg=[-60, 0], azimuth_db=[-6, 0, 0], elevation_deg=[-9, 9], elevation_db=[0, 0])
+    with pytest.raises(InputError, match="elevation_db of a pattern of cuts is relative to its peak and so reaches 0"):
+        Cuts(azimuth_deg=[-60, 0], azimuth_db=[-6, 0], elevation_deg=[-9, 9], elevation_db=[-3, -4])
 
 
 @pytest.mark.parametrize(

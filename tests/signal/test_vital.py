@@ -87,8 +87,20 @@ def seen(breath_hz: float, beat_hz: float, told: str | None) -> VitalSigns:
 def test_short_and_still_records_are_refused() -> None:
     with pytest.raises(InputError, match="record longer"):
         vital_signs(cube(RADAR, 5.0), RADAR)
+    slow = RADAR.replace(chirps_per_frame=2, frame_interval_s=0.2, prf_hz=1000.0)
+    with pytest.raises(InputError, match=r"6 profiles a second or more, .* got 5"):
+        vital_signs(cube(slow, 30.0), slow)
     with pytest.raises(InputError, match="all chirps are alike"):
         vital_signs(np.ones((800, 4, RADAR.samples), np.complex64), RADAR)
+
+
+def test_harmonics_beyond_half_the_rate_of_the_profiles_are_left_out() -> None:
+    times_s = np.arange(0, 30, 1 / 8)  # the second harmonic of the beat is at half of it
+    out_m = BREATH.displacement_m(times_s) + 1e-4 * np.sin(2 * np.pi * 2.0 * times_s)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(len(times_s))
+    profile = 0.5 + np.exp(4j * np.pi * out_m / 0.005) + noise
+    found = signs_of(profile[:, None, None], np.array([2.0]), times_s, 0.005)
+    assert (found.heartbeat_hz, found.heartbeat_m) == pytest.approx((2.0, 2e-4), rel=0.03)
 
 
 def test_pratts_circle_keeps_its_size_on_a_short_arc() -> None:

@@ -14,6 +14,7 @@ import pytest
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.types.radar import Radar
+from t2d_rt.types.ti_cfg import BOARDS, OF_BOARD
 
 HEAD = "sensorStop\nflushCfg\ndfeDataOutputMode 1\n"
 TX12 = "chirpCfg 0 0 0 0 0 0 0 1\nchirpCfg 1 1 0 0 0 0 0 2\n"
@@ -118,6 +119,25 @@ def test_what_is_written_is_read_back(name: str, tmp_path: Path) -> None:
     )
     scale = 2 * radar.virtual_offsets_m.std() / (2 * again.virtual_offsets_m.std() or 1.0)
     np.testing.assert_allclose(again.virtual_offsets_m * scale, radar.virtual_offsets_m, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", sorted({*BOARDS.values()}))
+def test_a_board_keeps_its_power_gains_and_lobes(name: str) -> None:
+    board = Radar.preset(name)
+    chirps = 8 * len(board.tx_offsets_m)
+    radar = board.replace(chirps_per_frame=chirps, frame_interval_s=2 * chirps / board.prf_hz)
+    again = Radar.from_ti_cfg(radar.to_ti_cfg(board=name))
+    for field in ("tx_power_dbm", *OF_BOARD):
+        assert getattr(again, field) == getattr(board, field)
+    np.testing.assert_allclose(np.ptp(again.tx_offsets_m, axis=0), np.ptp(board.tx_offsets_m, axis=0), rtol=0.03)
+
+
+def test_a_board_may_be_any_preset() -> None:
+    radar = Radar.preset("k-mc1", chirps_per_frame=8, frame_interval_s=0.1)
+    again = Radar.from_ti_cfg(radar.to_ti_cfg(board="k-mc1"), board="k-mc1")
+    assert (again.tx_power_dbm, again.tx_pattern) == (radar.tx_power_dbm, radar.tx_pattern)
+    with pytest.raises(InputError, match="uses transmitter 3 and receiver 4, the board has 1 and 1"):
+        Radar.from_ti_cfg(ISK.splitlines(), board="k-mc1")
 
 
 ISK = FILES["xwr6843_isk"][0]
