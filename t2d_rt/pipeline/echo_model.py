@@ -74,7 +74,9 @@ class Model:
     """Names of the path pairs that have echoes; None for all. The others are modelled alike and are silent, so that recordings of
     parts add up to that of the whole."""
     surface_rates: dict[int, SurfaceRate] = field(default_factory=dict)
-    """What was found of the rates that targets need, by their number; of `own_rate` by its complement."""
+    """What was found of the rates that targets need, by their number."""
+    own_rates: dict[int, SurfaceRate] = field(default_factory=dict)
+    """The same where a radar that moves does not count."""
 
     @property
     def targets(self) -> list[TargetLike]:
@@ -111,9 +113,9 @@ class Model:
         target = self.modelled[number]
         if not isinstance(target, SeenFromMoving):
             return self.rate(number)
-        if ~number not in self.surface_rates:
-            self.surface_rates[~number] = SurfaceRate(target.target.geometry, self.radar, self.span_s)
-        return self.surface_rates[~number]
+        if number not in self.own_rates:
+            self.own_rates[number] = SurfaceRate(target.target.geometry, self.radar, self.span_s)
+        return self.own_rates[number]
 
     def frame_times(self, accuracy: Accuracy) -> list[np.ndarray]:
         """Surface frames of each target [s] at its rate or more; those that need about the same rate have the same ones."""
@@ -232,4 +234,4 @@ def resolved(material: str | Material, radar: Radar) -> Material:
 def with_method(model: Model, method: Method) -> Model:
     """The same targets, bodies by another echo model."""
     modelled = [target.by(method) if isinstance(target.source, Motion) else target for target in model.modelled]
-    return replace(model, modelled=modelled, method=method, surface_rates={})
+    return replace(model, modelled=modelled, method=method, surface_rates={}, own_rates={})

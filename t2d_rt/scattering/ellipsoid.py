@@ -11,7 +11,6 @@ import numpy as np
 from typing_extensions import override
 
 from t2d_rt.core.constants import SPEED_OF_LIGHT
-from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import cross, dot, unit
 from t2d_rt.scattering.antennas import seen_by, side_by_side
 from t2d_rt.scattering.paths import Arrivals, View, faded_weights, product, unfolded
@@ -95,8 +94,6 @@ class EllipsoidScatterer(Scatterer):
     def scatter(self, block: FrameBlock, poses: Poses, seen: Visibility) -> EchoArrays:
         radar, views, count = self.radar, self.views, len(self.ellipsoids.semi_axes_m)
         centres, axes = poses[self.target]
-        if any(view.paths is None for view in views):
-            _check_between(centres, radar.tx_position_m, radar.rx_position_m)
         shown, near = _shown(views, block, seen, count)
         # An echo over each view, whose antennas stand in places of its own; one that is dark is where the centre is.
         own, axes = np.tile(centres, (1, len(views), 1)), np.tile(axes, (1, len(views), 1, 1))
@@ -105,7 +102,7 @@ class EllipsoidScatterer(Scatterer):
         path = np.linalg.norm(own - tx, axis=-1) + np.linalg.norm(own - rx, axis=-1)
         field = np.zeros(path.shape)
         # Between an antenna and an image is a shadow and no reflection: it fades, and in line with both there is none to look for.
-        aside = np.linalg.norm(_bisector(own, tx, rx), axis=-1)
+        aside = np.linalg.norm(unit(tx - own) + unit(rx - own), axis=-1)
         fade = np.clip((aside - FORWARD[0]) / (FORWARD[1] - FORWARD[0]), 0, 1)
         lit = np.nonzero(near & (aside > FORWARD[0] / 2))
         ends = [own.copy(), own.copy()]
@@ -165,18 +162,6 @@ def _places(radar: Radar, view: View) -> tuple[np.ndarray, np.ndarray]:
     if view.paths is None:
         return radar.tx_position_m, radar.rx_position_m
     return view.paths.out.image_m, view.paths.back.image_m
-
-
-def _check_between(centres: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> None:
-    """Refuses a target on the straight line between the antennas: forward scattering has no specular point."""
-    if np.linalg.norm(_bisector(centres, tx, rx), axis=-1).min() < 1e-6:
-        raise InputError(
-            "an ellipsoid stands on the line between the antennas, where nothing is reflected; move an antenna or the target"
-        )
-
-
-def _bisector(centres: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> np.ndarray:
-    return unit(tx - centres) + unit(rx - centres)
 
 
 def specular_points(

@@ -13,7 +13,7 @@ BANDWIDTHS = {"bandwidth_hz", "ramp_bandwidth_hz", "ramp_time_s"}
 """What may be given in place of a radar's slope: the bandwidth swept while sampling, or that of a whole ramp and its time."""
 
 
-def fields_over(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+def with_changes(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Fields with some changed; a bandwidth replaces the slope, a track the place and the boresight."""
     replaced = {"slope_hz_per_s"} if BANDWIDTHS & changes.keys() else set()
     replaced |= {"position_m", "boresight"} if changes.get("track") is not None else set()
@@ -24,24 +24,21 @@ def with_slope(values: dict[str, Any]) -> dict[str, Any]:
     """Fields with the slope in place of bandwidths; what contradicts itself is refused."""
     given = {name: positive(name, values.pop(name)) for name in sorted(BANDWIDTHS & values.keys())}
     slopes = {"slope_hz_per_s": values["slope_hz_per_s"]} if "slope_hz_per_s" in values else {}
+    window_s = None
+    if {"sample_rate_hz", "samples"} <= values.keys():
+        rate_hz = positive("sample_rate_hz", values["sample_rate_hz"], unit="Hz")
+        window_s = positive("samples", values["samples"]) / rate_hz
     if "bandwidth_hz" in given:
-        if not {"sample_rate_hz", "samples"} <= values.keys():
+        if window_s is None:
             raise InputError(
                 "bandwidth_hz is swept while sampling, so that it needs sample_rate_hz and samples; give both"
             )
-        window_s = positive("samples", values["samples"]) / positive(
-            "sample_rate_hz", values["sample_rate_hz"], unit="Hz"
-        )
         slopes["bandwidth_hz"] = given["bandwidth_hz"] / window_s
-    if "ramp_time_s" in given and {"sample_rate_hz", "samples"} <= values.keys():
-        window_s = positive("samples", values["samples"]) / positive(
-            "sample_rate_hz", values["sample_rate_hz"], unit="Hz"
+    if window_s is not None and window_s > given.get("ramp_time_s", math.inf) * (1 + 1e-9):
+        raise InputError(
+            f"ramp_time_s of {1e6 * given['ramp_time_s']:.6g} us is shorter than the sampling window of {1e6 * window_s:.6g} us; "
+            "take fewer samples"
         )
-        if window_s > given["ramp_time_s"] * (1 + 1e-9):
-            raise InputError(
-                f"ramp_time_s of {1e6 * given['ramp_time_s']:.6g} us is shorter than the sampling window of {1e6 * window_s:.6g} "
-                "us; take fewer samples"
-            )
     if "ramp_bandwidth_hz" in given or "ramp_time_s" in given:
         if not {"ramp_bandwidth_hz", "ramp_time_s"} <= given.keys():
             raise InputError("ramp_bandwidth_hz and ramp_time_s tell the slope together; give both, or bandwidth_hz")

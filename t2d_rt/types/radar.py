@@ -24,7 +24,7 @@ from t2d_rt.core.errors import InputError, html_table
 from t2d_rt.core.files import read_yaml
 from t2d_rt.core.plugins import loaded, plugins
 from t2d_rt.types.antennas import Isotropic, Pattern, axes_along, one_view, polarization_product
-from t2d_rt.types.bandwidth import BANDWIDTHS, fields_over, with_slope
+from t2d_rt.types.bandwidth import BANDWIDTHS, with_changes, with_slope
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
 from t2d_rt.types.radar_track import RadarTrack, Rigid, track_named, with_track_beside
 from t2d_rt.types.ti_cfg import FULL_DBM, board_of, radar_fields, ti_lines
@@ -243,7 +243,7 @@ class Radar(Fields):
     @classmethod
     def preset(cls, name: str, **changes: Any) -> Radar:
         """A radar by name, e.g. "table2"; '-' and '_' are the same. `changes` override its fields."""
-        return cls(**fields_over(preset_fields(name), changes))
+        return cls(**with_changes(preset_fields(name), changes))
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> Radar:
@@ -267,7 +267,7 @@ class Radar(Fields):
         """
         name = board_of(source) if board is None else board
         board_fields = None if name is None else cls.preset(name).model_dump()
-        return cls(**fields_over(radar_fields(source, board_fields), changes))
+        return cls(**with_changes(radar_fields(source, board_fields), changes))
 
     def to_ti_cfg(self, path: str | Path | None = None, *, board: str | None = None) -> list[str]:
         """Lines of a configuration file (.cfg) that `from_ti_cfg` reads back, written to `path` where that is given.
@@ -297,7 +297,7 @@ class Radar(Fields):
 
     def replace(self, **changes: Any) -> Radar:
         """A copy with some fields changed, checked like a new one."""
-        return type(self)(**fields_over(self.model_dump(), changes))
+        return type(self)(**with_changes(self.model_dump(), changes))
 
     # --- waveform ---
 

@@ -64,12 +64,6 @@ class Rigid(NamedTuple):
         flat = vectors.reshape(len(vectors), -1, 3)
         return np.asarray((flat @ self.rotation.swapaxes(1, 2)).reshape(vectors.shape))
 
-    @property
-    def inverse(self) -> Rigid:
-        """The motions back."""
-        back = self.rotation.swapaxes(1, 2)
-        return Rigid(back, -np.einsum("kij,kj->ki", back, self.shift_m))
-
 
 def _spread(values: np.ndarray, axes: int) -> np.ndarray:
     return values.reshape(len(values), *[1] * (axes - 2), 3)
