@@ -82,9 +82,10 @@ def _over_doppler(part: np.ndarray, radar: Radar, detection: Detection, n_fft: i
     near, far = detection.range_skip
     noise = _quieter_side(_inner(levels, detection), detection, 0)
     loud = levels[near : len(levels) - far] > math.log(detection.thresholds[0]) + noise
+    ended = np.pad(levels, [(1, 1), (0, 0)], constant_values=-np.inf)  # ranges end, Doppler goes round
     for axis, grouped in enumerate(detection.group):
         if grouped:
-            beside = [np.roll(levels, step, axis)[near : len(levels) - far] for step in (-1, 1)]
+            beside = [np.roll(ended, step, axis)[1 + near : 1 + len(levels) - far] for step in (-1, 1)]
             loud &= levels[near : len(levels) - far] >= np.maximum(*beside)
     row, column = np.nonzero(loud)
     # From rest over receding, which are the negative speeds, to approaching, as an FFT orders them.

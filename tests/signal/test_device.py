@@ -127,14 +127,16 @@ DEMO = Detection(
 )
 
 
-def movers(radar: Radar, lefts: tuple[float, ...], speeds: tuple[float, ...], noise: float = 0.02) -> np.ndarray:
-    """Targets 2 m away, 0.2 up, of direction cosines to the left and speeds toward the radar, in one burst."""
+def movers(
+    radar: Radar, lefts: tuple[float, ...], speeds: tuple[float, ...], noise: float = 0.02, range_m: float = 2.0
+) -> np.ndarray:
+    """Targets at a range, 0.2 up, of direction cosines to the left and speeds toward the radar, in one burst."""
     total = 0.0
     for left, speed in zip(lefts, speeds, strict=True):
         sent = radar.chirp_starts_s(radar.loops_per_frame or 0)[:, None] + radar.antenna_delays_s
-        beat = np.exp(2j * np.pi * radar.beat_frequency_hz(2.0) * (radar.sample_times_s - radar.mid_time_s))
+        beat = np.exp(2j * np.pi * radar.beat_frequency_hz(range_m) * (radar.sample_times_s - radar.mid_time_s))
         direction = np.array([np.sqrt(1 - left**2 - 0.2**2), left, 0.2])
-        phase = np.exp(4j * np.pi / radar.wavelength_m * (2.0 - speed * sent))
+        phase = np.exp(4j * np.pi / radar.wavelength_m * (range_m - speed * sent))
         total = total + (phase * steering_vectors(radar, direction))[:, :, None] * beat
     drawn = np.random.default_rng(0).standard_normal((2, *total.shape))
     return total + noise * (drawn[0] + 1j * drawn[1])
@@ -154,6 +156,14 @@ def test_the_demo_finds_range_speed_and_direction_of_a_mover() -> None:
     one = device_points(movers(radar, (0.3,), (0.4,)), radar, changed(DEMO, group=(True, True)))
     assert len(one.snr_db) == 1
     assert one.speed_mps[0] == points.speed_mps[loudest]
+
+
+def test_the_ends_of_the_range_axis_are_no_neighbours() -> None:
+    radar = Radar.from_ti_cfg(LINES)
+    ends = radar.range_axis_m(64)[[0, -1]]
+    adc = np.sum([movers(radar, (0.3,), (0.4,), range_m=each) for each in ends], axis=0)
+    found = device_points(adc, radar, changed(DEMO, group=(True, True), second_peak=1.0))
+    np.testing.assert_allclose(np.sort(found.range_m), ends)
 
 
 def test_the_demo_sends_a_second_azimuth_of_a_cell_where_it_is_strong_enough() -> None:
