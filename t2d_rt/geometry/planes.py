@@ -86,23 +86,15 @@ def planes_of_scan(triangles: np.ndarray, rng: np.random.Generator) -> tuple[lis
         if len(members) < 3 or area[members].sum() < LEAST_PLANE_M2:
             misses += 1
             continue
-        found.append(Plane(normal, offset, members))
-        # What the noise has put a little farther off is of the plane, too, but moves it no more.
-        left[
-            some[(np.abs(centre[some] @ normal - offset) < 1.5 * away_m) & (np.abs(smooth[some] @ normal) > ALIKE)]
-        ] = False
-    return found, left & ~_beside(centre, found, left, away_m)
-
-
-def _beside(centre: np.ndarray, planes: list[Plane], left: np.ndarray, away_m: float) -> np.ndarray:
-    """Triangles (F,) of those left that lie beside what is of a plane, as along its edges, where smoothed normals turn."""
-    from scipy.spatial import cKDTree
-
-    found = np.zeros(len(centre), bool)
-    for plane in planes:
-        near = np.flatnonzero(left & (np.abs(centre @ plane.normal - plane.offset_m) < 1.5 * away_m))
-        found[near[cKDTree(centre[plane.members]).query(centre[near])[0] < BESIDE_M]] = True
-    return found
+        misses = 0
+        # What the noise has put a little farther off is of the plane, too, but moves it no more. So is what lies beside it along
+        # its edges, where smoothed normals turn and would make a plane across the edge.
+        some = some[np.abs(centre[some] @ normal - offset) < 1.5 * away_m]
+        beside = cKDTree(centre[members]).query(centre[some])[0] < BESIDE_M
+        some = some[beside | (np.abs(smooth[some] @ normal) > ALIKE)]
+        left[some] = False
+        found.append(Plane(normal, offset, some))
+    return found, left
 
 
 def _least_squares(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, float]:

@@ -7,6 +7,7 @@ are found and cut into rectangles, and the rest becomes cubes that absorb.
 from __future__ import annotations
 
 import io
+import logging
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -20,8 +21,8 @@ from t2d_rt.core.files import read_bytes
 from t2d_rt.geometry.mesh_files import MAX_MESH_BYTES, obj_labels, parsed_mesh
 from t2d_rt.geometry.planes import plane_of, planes_of_scan, rectangles, voxels
 from t2d_rt.geometry.vectors import edge_cross
-from t2d_rt.types.material import ABSORBER, THICKNESS_M, Material
-from t2d_rt.types.scene import MAX_NAME, NO_AREA_M2, Scene, Surface
+from t2d_rt.types.material import ABSORBER, THICKNESS_M, Material, known_itu, materials_by_name
+from t2d_rt.types.scene import MAX_NAME, MAX_SURFACES, NO_AREA_M2, Scene, Surface
 
 MESHES = (".obj", ".ply", ".glb")
 UNITS_M = {"m": 1.0, "km": 1e3, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "ft": 0.3048}
@@ -44,6 +45,8 @@ ABSORBER_M = 0.1
 """Thickness of what is not plane."""
 
 Slab = tuple[str | Material, float]
+Given = tuple[str | Material, float | None]
+"""A slab, or a material that has the thickness of what it replaces."""
 ROLES: Mapping[str, Slab] = {
     "floor": ("concrete", 0.2), "ceiling": ("concrete", 0.2), "wall": ("plasterboard", 0.0125), "thing": ("chipboard", 0.018),
 }  # fmt: skip
@@ -75,12 +78,13 @@ def scene_from_mesh(
     """The scene of a mesh, z up, its floor at z = 0; `Scene.report` tells what was found and assumed.
 
     materials: by the name of an object, of its material in the file, or of "floor", "ceiling", "wall" and "thing": an ITU name,
-        such a name and a thickness as "wood 0.04" [m], or a `Material`. What is not named has the material that its name tells
-        ("door", "window", "glass" ...), else the usual one of its role.
+        such a name and a thickness as "wood 0.04" [m], or a `Material`, which has the thickness of what it replaces. What is not
+        named has the material that its name tells ("door", "window", "glass" ...), else the usual one of its role.
     units: length of the file's unit [m], or m, cm, mm, inch or ft; metres by default.
     up: "y" or "z"; by default y of a .glb, else the axis along which the mesh is as high as a room.
     """
     path = file_path("mesh", path)
+    given = {name: slab_of(each) for name, each in materials_by_name(materials).items()}
     if path.suffix.lower() not in MESHES:
         raise InputError(f"cannot read {shown(str(path))} as a room: meshes come as {', '.join(MESHES)}")
     unit_m = UNITS_M[choice("units", units, tuple(UNITS_M))] if isinstance(units, str) else 1.0
@@ -93,7 +97,9 @@ def scene_from_mesh(
     axis = _upward(triangles[kept], path, unit_m, up)
     triangles = triangles[kept] @ {"y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), "z": np.eye(3)}[axis].T
     mesh = _Mesh(triangles, mesh.part[kept], mesh.names)
-    return _scene(mesh, path, materials or {}, f"up {axis}, 1 unit = {unit_m:g} m")
+    scene = _scene(mesh, path, given, f"up {axis}, 1 unit = {unit_m:g} m")
+    logging.getLogger("t2d_rt.scene").info(scene.report)
+    return scene
 
 
 def _read(path: Path) -> _Mesh:
@@ -156,7 +162,7 @@ def _upward(triangles: np.ndarray, path: Path, unit_m: float, up: str | None) ->
     return axis
 
 
-def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, str | Material], told: str) -> Scene:
+def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, Given], told: str) -> Scene:
     triangles = mesh.triangles
     normal = edge_cross(triangles)
     twice = np.linalg.norm(normal, axis=1)
@@ -191,8 +197,10 @@ def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, str | Material], tol
     low = min((each for each in grounds if abs(each - low) < NEAR_M), default=low)
     naming = _Naming(mesh.names, materials, (low, high))
     surfaces: dict[tuple[str, Slab], list[np.ndarray]] = {}
-    for number in np.unique(exact[~rough]).tolist():
-        some = np.flatnonzero((exact == number) & ~rough)
+    order = np.argsort(exact, kind="stable")
+    for some in np.split(order, np.flatnonzero(np.diff(exact[order])) + 1):
+        if rough[some[0]]:
+            continue
         key = naming.of(int(mesh.part[some[0]]), triangles[some], normal[some[0]] @ level.T)
         surfaces.setdefault(key, []).append(triangles[some])
     for each, sides in zip(planes, quads, strict=True):
@@ -203,20 +211,20 @@ def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, str | Material], tol
         0.5 * np.linalg.norm(edge_cross(each), axis=1).sum() for group in surfaces.values() for each in group
     )
     shift = np.array([0.0, 0.0, low])
+    count, rest = sum(map(len, surfaces.values())), triangles[where[left]]
+    if len(rest):
+        surfaces["not plane", (ABSORBER, ABSORBER_M)] = [_halves(voxels(rest - shift)) + shift]
     names = numbered_names([name for name, _ in surfaces])
     found = [
         _surface(name, np.concatenate(group) - shift, slab)
         for name, ((_, slab), group) in zip(names, surfaces.items(), strict=True)
     ]
-    rest = triangles[where[left]]
     absorbing = 0.5 * float(twice[where[left]].sum())
-    if len(rest):
-        found.append(_surface("not plane", _halves(voxels(rest - shift)), (ABSORBER, ABSORBER_M)))
     clauses = [
         told,
         *([f"turned level by {lean:.2f} degrees"] if lean else []),
         *([f"floor at {low:.3f} m put at 0"] if abs(low) > 1e-6 else []),
-        f"{sum(map(len, surfaces.values()))} plane parts of {reflecting:.1f} m^2 reflect",
+        f"{count} plane parts of {reflecting:.1f} m^2 reflect",
         f"{absorbing:.1f} m^2 that is not plane blocks and does not reflect",
         *naming.assumed(),
     ]
@@ -254,25 +262,29 @@ class _Naming:
     """Names and slabs of plane parts."""
 
     names: list[tuple[str, str]]
-    materials: Mapping[str, str | Material]
+    materials: Mapping[str, Given]
     span_m: tuple[float, float]
     used: set[str] = field(default_factory=set)
-    guessed: dict[str, str] = field(default_factory=dict)
+    guessed: dict[str, dict[str, None]] = field(default_factory=dict)
+    """What was assumed, and of what."""
 
     def of(self, part: int, triangles: np.ndarray, normal: np.ndarray) -> tuple[str, Slab]:
         """The name and the slab of a plane part (F, 3, 3) of a part of the file."""
         own, made_of = self.names[part]
         role = self._role(triangles, normal)
-        name = printable(own or made_of or role)[:MAX_NAME]
+        name = printable(own or made_of or role)[: MAX_NAME - len(f" {MAX_SURFACES}")]
+        words = re.findall(r"[a-z]+", f"{made_of} {own}".lower().replace("_board", "board"))
+        usual = next((WORDS[word] for word in words if word in WORDS), ROLES[role])
         for key in (own, made_of, role):
             given = next((each for each in self.materials if each.casefold() == key.casefold() and key), None)
             if given is not None:
                 self.used.add(given)
-                return name, slab_of(self.materials[given])
-        words = re.findall(r"[a-z]+", f"{made_of} {own}".lower().replace("_board", "board"))
-        told = next((WORDS[word] for word in words if word in WORDS), None)
-        self.guessed.setdefault(name, str((told or ROLES[role])[0]))
-        return name, told or ROLES[role]
+                material, thickness_m = self.materials[given]
+                if thickness_m is None:
+                    self.guessed.setdefault(f"{usual[1]:g} m", {})[name] = None
+                return name, (material, thickness_m or usual[1])
+        self.guessed.setdefault(str(usual[0]), {})[name] = None
+        return name, usual
 
     def _role(self, triangles: np.ndarray, normal: np.ndarray) -> str:
         heights = triangles[..., 2]
@@ -289,14 +301,11 @@ class _Naming:
                 raise InputError(f"mesh {path} has nothing called {shown(name)}; {names_advice(name, there)}")
 
     def assumed(self) -> list[str]:
-        """What materials were not given."""
-        by: dict[str, list[str]] = {}
-        for name, material in self.guessed.items():
-            by.setdefault(material, []).append(name)
-        each = [
-            f"{material} of {', '.join(names[:6])}{' ...' if len(names) > 6 else ''}" for material, names in by.items()
+        """What materials and thicknesses were not given."""
+        return [
+            f"assumed {what} of {', '.join(list(names)[:6])}{' ...' if len(names) > 6 else ''}"
+            for what, names in self.guessed.items()
         ]
-        return [f"assumed {'; assumed '.join(each)}"] if each else []
 
 
 def numbered_names(names: list[str]) -> list[str]:
@@ -310,13 +319,14 @@ def numbered_names(names: list[str]) -> list[str]:
     return names
 
 
-def slab_of(given: str | Material) -> Slab:
-    """Material and thickness [m] of what a user gives: "wood", "wood 0.04" or a Material."""
+def slab_of(given: str | Material) -> Given:
+    """Material and thickness [m] of what a user gives: "wood", "wood 0.04" or a Material, whose thickness is not told."""
     if not isinstance(given, str):
-        return given, THICKNESS_M["concrete"]
+        return given, None
     name, _, thickness = given.removeprefix("itu_").partition(" ")
+    usual_m = THICKNESS_M.get(known_itu(name), THICKNESS_M["concrete"])
     try:
-        return name, float(thickness) if thickness.strip() else THICKNESS_M.get(name, THICKNESS_M["concrete"])
+        return name, float(thickness) if thickness.strip() else usual_m
     except ValueError:
         raise InputError(
             f"a material must be a name, or a name and a thickness in metres as 'wood 0.04', got {shown(given)}"

@@ -42,7 +42,7 @@ def inner(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 def vector_product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Vector products (..., 3): np.cross, bit for bit, in a fifth of the time that it takes for small arrays."""
-    out = np.empty(np.broadcast_shapes(first.shape, second.shape))
+    out = np.empty(np.broadcast_shapes(first.shape, second.shape), np.result_type(first, second))
     (a, b, c), (d, e, f) = ((each[..., 0], each[..., 1], each[..., 2]) for each in (first, second))
     np.multiply(b, f, out=out[..., 0])
     np.multiply(c, d, out=out[..., 1])

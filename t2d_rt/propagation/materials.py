@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from t2d_rt.core.backend import select
-from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.propagation.rays import imported
 from t2d_rt.types import Material
+from t2d_rt.types.material import known_itu
 
 
 def itu_material(name: str, frequency_hz: float) -> Material:
@@ -21,10 +21,7 @@ def itu_material(name: str, frequency_hz: float) -> Material:
     if not 0 < frequency_hz < math.inf:
         raise InputError(f"frequency_hz must be positive and finite, got {frequency_hz}")
     itu = _sionna_table()
-    short = _short(name)
-    table = itu.ITU_MATERIALS_PROPERTIES
-    if short not in table:
-        raise _unknown(name)
+    short = known_itu(_short(name))
     try:
         permittivity, conductivity = itu.itu_material(short, frequency_hz)
     except ValueError:
@@ -56,18 +53,6 @@ def check_values(materials: Iterable[str | Material], frequency_hz: float) -> No
             f"--scene-material {told} or load_scene(..., materials={plain}), from {', '.join(valid)}, or give a Material with its "
             "permittivity and conductivity"
         )
-
-
-def known_itu(name: str) -> str:
-    """The name of an ITU material, as it stands in the table; refuses any other."""
-    if name not in _sionna_table().ITU_MATERIALS_PROPERTIES:
-        raise _unknown(name)
-    return name
-
-
-def _unknown(name: str) -> InputError:
-    table = _sionna_table().ITU_MATERIALS_PROPERTIES
-    return InputError(f"unknown material {shown(name)}; ITU names are {', '.join(sorted(table))}")
 
 
 def resolved(material: str | Material, frequency_hz: float) -> Material:

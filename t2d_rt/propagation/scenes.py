@@ -8,7 +8,6 @@ picture needs (cameras, lights, textures) is left out unread; anything else is r
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -25,8 +24,9 @@ from t2d_rt.core.files import read_bytes, size
 from t2d_rt.core.resources import listing, resource
 from t2d_rt.geometry.mesh_files import MAX_MESH_BYTES, Mesh, parsed_mesh
 from t2d_rt.geometry.scan import MESHES, scene_from_mesh
-from t2d_rt.propagation.materials import check_values, known_itu
+from t2d_rt.propagation.materials import check_values
 from t2d_rt.types import Material, Scene, Surface
+from t2d_rt.types.material import known_itu, materials_by_name
 from t2d_rt.types.scene import MAX_SURFACES, MAX_TRIANGLES
 
 MAX_XML_BYTES = 4_000_000
@@ -444,41 +444,21 @@ def load_scene(
     `scene_from_mesh` has them.
     """
     if str(source).lower().endswith(MESHES):
-        return _of_mesh(file_path("scene", source), materials, frequency_hz, units, up)
+        scene = scene_from_mesh(source, materials=materials, units=units, up=up)
+        if frequency_hz is not None:
+            check_values((surface.material for surface in scene.surfaces), frequency_hz)
+        return scene
     if units is not None or up is not None:
         raise InputError("units and up are those of a mesh (.obj, .ply, .glb); a scene file is in metres, z up")
     path = _path(source)
-    substitutes = {} if materials is None else materials
-    if not isinstance(substitutes, Mapping) or not all(
-        isinstance(each, str | Material) for each in substitutes.values()
-    ):
-        raise InputError(f'materials must be a mapping like {{"brick": "concrete"}}, got {shown(materials)}')
     substitutes = {
         name: known_itu(each.removeprefix("itu_")) if isinstance(each, str) else each
-        for name, each in substitutes.items()
+        for name, each in materials_by_name(materials).items()
     }
     try:
         return Scene(name=path.stem, surfaces=tuple(_surfaces(SceneFile(path), substitutes, frequency_hz)))
     except InputError as error:
         raise InputError(f"cannot load scene {path}: {error}") from None
-
-
-def _of_mesh(
-    path: Path,
-    materials: Mapping[str, str | Material] | None,
-    frequency_hz: float | None,
-    units: float | str | None,
-    up: str | None,
-) -> Scene:
-    """The scene of a mesh, whose materials are known, and have values where a frequency is given; its report is logged."""
-    scene = scene_from_mesh(path, materials=materials, units=units, up=up)
-    for surface in scene.surfaces:
-        if isinstance(surface.material, str):
-            known_itu(surface.material)
-    if frequency_hz is not None:
-        check_values((surface.material for surface in scene.surfaces), frequency_hz)
-    logging.getLogger("t2d_rt.scene").info(scene.report)
-    return scene
 
 
 def _path(source: str | Path) -> Path:

@@ -103,7 +103,7 @@ class Room(Fields):
         units: float | str | None = None,
         up: str | None = None,
     ) -> Scene:
-        """The scene of a mesh file (.obj, .ply, .glb), as a scan or a drawing of a room; options as `scene_from_mesh` has them."""
+        """The scene of a mesh (.obj, .ply, .glb), a scan or a drawing of a room, as `load_scene` reads it; options as there."""
         return scene_from_mesh(path, materials=materials, units=units, up=up)
 
     @model_validator(mode="after")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any
@@ -70,6 +71,23 @@ def checked_material(material: Any) -> str | Material:
     return material
 
 
+def known_itu(name: str) -> str:
+    """The name of an ITU material; refuses any other."""
+    if name not in ITU_NAMES:
+        raise InputError(f"unknown material {shown(name)}; ITU names are {', '.join(ITU_NAMES)}")
+    return name
+
+
+def materials_by_name(materials: Any) -> Mapping[str, str | Material]:
+    """What a user gives in place of a scene's materials: names or values by name; None is nothing."""
+    given = {} if materials is None else materials
+    if not isinstance(given, Mapping) or not all(
+        isinstance(name, str) and isinstance(each, str | Material) for name, each in given.items()
+    ):
+        raise InputError(f'materials must be a mapping like {{"brick": "concrete"}}, got {shown(materials)}')
+    return given
+
+
 def checked_frequency(frequency_hz: Any) -> float:
     """A frequency [Hz] from radio to light."""
     return number("frequency_hz", frequency_hz, 1, 1e15, unit="Hz", hint="77e9 is 77 GHz")
@@ -81,6 +99,13 @@ PEC = Material(name="pec", relative_permittivity=math.inf)
 
 ABSORBER = Material(name="absorber", relative_permittivity=1.0, conductivity_s_per_m=0.25)
 """What blocks and does not reflect: a slab of 10 cm takes 40 dB, and paths end at it (`absorbs`)."""
+
+ITU_NAMES = (
+    "asphalt_concrete", "brick", "carpet_tile", "ceiling_board", "chipboard", "clear_acrylic", "concrete", "floorboard", "glass",
+    "marble", "medium_dry_ground", "metal", "plasterboard", "plywood", "vacuum", "very_dry_ground", "vinyl_tile", "wet_ground",
+    "wood",
+)  # fmt: skip
+"""Materials of ITU-R P.2040; `propagation.materials` has their values."""
 
 THICKNESS_M = {
     "wood": 0.02,

@@ -31,6 +31,9 @@ def test_products_are_those_of_numpy(one: tuple[int, ...], other: tuple[int, ...
     rng = np.random.default_rng(0)
     first, second = rng.normal(size=one), rng.normal(size=other)
     np.testing.assert_array_equal(vector_product(first, second), np.cross(first, second))
+    found, known = (each(first.astype(np.float32), second.astype(np.float32)) for each in (vector_product, np.cross))
+    assert found.dtype == known.dtype
+    np.testing.assert_array_equal(found, known)
 
 
 @pytest.mark.parametrize("shape", [(3, 3), (0, 3, 3), (5, 3, 3), (2, 4, 3, 3)])

@@ -11,6 +11,7 @@ from t2d_rt.body.materials import BODY_MATERIALS, resolve_material, skin_permitt
 from t2d_rt.core.errors import InputError
 from t2d_rt.propagation.materials import _sionna_table, itu_material, itu_names
 from t2d_rt.types import PEC, Material
+from t2d_rt.types.material import ITU_NAMES
 from t2d_rt.types.path_fields import reflection
 
 CARRIER_HZ = 77e9
@@ -104,5 +105,6 @@ def test_the_table_is_sionnas_and_sionna_is_not_imported_for_it() -> None:
 
     found = _sionna_table()
     assert found.ITU_MATERIALS_PROPERTIES == itu.ITU_MATERIALS_PROPERTIES
+    assert sorted(found.ITU_MATERIALS_PROPERTIES) == list(ITU_NAMES)
     assert found.itu_material("concrete", CARRIER_HZ) == itu.itu_material("concrete", CARRIER_HZ)
     assert found is not itu, "all of Sionna RT takes a second to import"
