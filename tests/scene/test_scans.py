@@ -81,7 +81,7 @@ def test_a_person_in_a_drawing_has_the_same_echo(tmp_path: Path, living: Scene) 
 
 
 def scan(noise_m: float, longest_m: float, rng: np.random.Generator) -> trimesh.Trimesh:
-    """A room of 6 x 4.5 x 2.6 m of triangles with edges up to so long, with a cupboard and a ball of 1 m, leaning by 2.5 degrees."""
+    """A room of 6 x 4.5 x 2.6 m of triangles with edges up to so long, with a cupboard and a ball of 1 m, leaning by 2.5 deg."""
     box, cupboard = trimesh.creation.box((6.0, 4.5, 2.6)), trimesh.creation.box((0.6, 1.2, 1.8))
     box.apply_translation((2.5, 0.25, 1.3))
     cupboard.apply_translation((5.2, -1.0, 0.9))
