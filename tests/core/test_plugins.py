@@ -124,6 +124,7 @@ def test_the_names_of_a_package_are_names_like_all_others(run: Command) -> None:
     assert motion.origin[0].startswith("walk.pose")
     with pytest.raises(InputError, match="options of reading are not those of pose files"):
         t2d.load_motion("walk.pose", up="y")
+    np.testing.assert_array_equal(t2d.load_motions("walk.pose")["1"].joints, motion.joints)
 
 
 @pytest.mark.usefixtures("my_lab")

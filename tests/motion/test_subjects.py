@@ -291,11 +291,15 @@ def test_a_capture_of_one_or_of_incomplete_ones(tmp_path: Path, walk: Motion) ->
         assert list(t2d.load_motions(write(tmp_path / "b.trc", tracks))) == ["B"]
 
 
-def test_both_roots_of_a_bvh_together(tmp_path: Path) -> None:
+def test_both_roots_of_a_bvh_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As far apart as their roots are in the file, in any frame; the first's calibration pose is left out of both."""
     path = tmp_path / "a.bvh"
     path.write_text(bvh_of_two("A:", "B:"))
+    reads: list[Path] = []
+    monkeypatch.setattr("t2d_rt.motion.read.skeletal.read_bvh", lambda file: (reads.append(file), read_bvh(file))[1])
     both = t2d.load_motions(path, smooth_hz=None)
+    assert len(reads) == 3  # for the names, and for each
+    assert [each.origin[0].partition(",")[0] for each in both.values()] == ["a.bvh"] * 2
     raw = read_bvh(path)
     starts = np.cumsum([0, *map(len, raw.channels)])
     roots = [raw.values[:, starts[k] : starts[k] + 3] for k, parent in enumerate(raw.parents) if parent < 0]
@@ -310,5 +314,5 @@ def test_a_tilted_capture_is_told(tmp_path: Path) -> None:
     lean = Rotation.from_euler("x", 12, degrees=True)
     tracks = {name: lean.apply(track) for name, track in two(t2d.resample(load_motion(WALK), RATE_HZ)).items()}
     tracks |= {name.replace("A:", "B:"): track + lean.apply(AWAY_M) for name, track in tracks.items() if name[0] == "A"}
-    with pytest.warns(T2DWarning, match="is tilted against its axis by 1.* degrees .* by A; .*give up as a vector"):
+    with pytest.warns(T2DWarning, match="tilted against its axis, by 1.* degrees as A stands.*give up as a vector"):
         t2d.load_motions(write(tmp_path / "a.npz", tracks), smooth_hz=None)

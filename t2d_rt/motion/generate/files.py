@@ -245,7 +245,7 @@ class Result:
             motion = load_motion(self.file)
         else:
             joints = _mdm(self.file)[self.number]
-            motion = motion_of(read_joints(joints), Reading())
+            motion = motion_of(read_joints(joints), Reading()).motion
         note = f"made for {printable(self.prompt)!r}" + ("" if self.number is None else f", number {self.number}")
         read = _read(self.prompt)
         does = ((read.action, 0.0),) if read is not None and len(read.steps) == 1 else ()

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, cast
+from typing import Literal
 
 from t2d_rt.core.checks import file_path, instance, shown
 from t2d_rt.core.errors import InputError, warn
@@ -26,7 +27,7 @@ from t2d_rt.motion.read.joints_npz import read_kimodo, read_plain
 from t2d_rt.motion.read.landmarks import json_of, read_json, read_ntu
 from t2d_rt.motion.read.markers import read_c3d, read_trc
 from t2d_rt.motion.read.orientations import motion_from_joints
-from t2d_rt.motion.read.passes import BEGINS, LOWEST_CUTOFF_HZ, Reading, file_origin, motion_of
+from t2d_rt.motion.read.passes import LOWEST_CUTOFF_HZ, Found, Reading, file_origin, motion_of
 from t2d_rt.motion.read.skeletal import read_skeletal
 from t2d_rt.motion.read.subjects import UnknownSubject, check_only
 from t2d_rt.motion.read.tracks import Tracks
@@ -78,25 +79,40 @@ def load_motion(
     subject: name of the person who is taken of a file that holds several; left out, the first who is complete.
     """
     path = file_path("path", path)
-    return _read(path, Reading(units, up, floor, drop_tpose, smooth_hz, flavour, rate_hz, subject, root))
+    reading = Reading(units, up, floor, drop_tpose, smooth_hz, flavour, rate_hz, subject, root)
+    return _checked(_read(path, reading), path)
 
 
 def _read(path: Path, reading: Reading) -> Motion:
-    """The motion of a file, with warnings of what is doubtful."""
-    from t2d_rt.motion.check.gait import rate_doubt
+    """The motion of a file."""
+    with _named(path):
+        reader = _reader(path)
+        return _opened(path, reading)(reading).motion if reader is None else _read_by(reader, path, reading)
 
+
+def _opened(path: Path, reading: Reading) -> Callable[[Reading], Found]:
+    """One person of a file, read once: the motion for a reading, by other axes or another floor too."""
+    if path.name.lower().endswith(SKELETAL):
+        return read_skeletal(path, reading)
+    return partial(motion_of, _read_tracks(path, reading))
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Names the file in the errors of its reading."""
     try:
-        if path.name.lower().endswith(SKELETAL):
-            motion = read_skeletal(path, reading)
-        elif (reader := _reader(path)) is not None:
-            motion = _read_by(reader, path, reading)
-        else:
-            motion = motion_of(_read_tracks(path, reading), reading)
+        yield
     except UnknownSubject:
         raise
     except InputError as error:
         told = str(error)
         raise InputError(told if path.name in told else f"{path}: {told}") from None
+
+
+def _checked(motion: Motion, path: Path) -> Motion:
+    """The motion with the file as its origin, and warnings of what is doubtful."""
+    from t2d_rt.motion.check.gait import rate_doubt
+
     if motion.duration_s < SHORT_S:
         warn(
             f"{path.name} lasts {motion.duration_s:.3g} s ({len(motion.joints)} frames at {motion.rate_hz:g} Hz), a step takes "
@@ -126,54 +142,61 @@ def load_motions(
     """
     path = file_path("path", path)
     plain = Reading(units, up or "file", floor, None, smooth_hz, flavour, rate_hz)
-    try:
-        _read(path, replace(plain, subject=NOBODY))
-        names: tuple[str, ...] = ()
-    except UnknownSubject as error:
-        names = error.names
+    names = _subjects(path, plain)
     if len(names) < 2:
-        return {"1": _read(path, replace(plain, up=up))}
-    found: dict[str, Motion] = {}
+        return {"1": _checked(_read(path, replace(plain, up=up)), path)}
+    persons: dict[str, Callable[[Reading], Found]] = {}
+    found: dict[str, Found] = {}
     for name in names:
         try:
-            found[name] = _read(path, replace(plain, subject=name))
+            with _named(path):
+                persons[name] = _opened(path, replace(plain, subject=name))
+                found[name] = persons[name](plain)
         except InputError as error:
             warn(f"{name} is left out: {error}")
     if not found:
         raise InputError(f"{path}: nobody of {', '.join(names)} is complete; repair the file")
-    axes, units_m = ({_clause(each, start) for each in found.values()} for start in ("up ", "1 unit = "))
-    if len({each.partition(" (")[0] for each in units_m}) > 1:
-        raise InputError(
-            f"{path}: by their bodies its persons have different units, {', '.join(sorted(units_m))}; give units"
-        )
-    first = cast(GivenUp, _clause(next(iter(found.values())), "up "))
-    alike = [each for each in found.values() if _clause(each, "up ") == first]
-    levels = [float(_clause(each, "floor at ").removesuffix(" m")) for each in alike]
-    if floor is None or len(axes) > 1:
-        common = replace(plain, up=first if len(axes) > 1 else plain.up, floor=min(levels) if floor is None else floor)
-        found = {name: _read(path, replace(common, subject=name)) for name in found}
-    tilts = {name: tilt for name, each in found.items() if (tilt := _clause(each, "tilted by "))}
+    frames = [each.frame for each in found.values()]
+    if len({f"{each.unit_m:.4g}" for each in frames}) > 1:
+        told = ", ".join(sorted(f"{each.unit_m:.4g} m (stature {each.tall_m:.2f} m)" for each in frames))
+        raise InputError(f"{path}: by their bodies its persons have different units, {told}; give units")
+    axis = frames[0].up
+    one_axis = all(each.up == axis for each in frames)
+    if floor is None or not one_axis:
+        level = min(each.floor_m for each in found.values() if each.frame.up == axis) if floor is None else floor
+        common = replace(plain, up=plain.up if one_axis else axis, floor=level)
+        with _named(path):
+            found = {name: persons[name](common) for name in found}
+    tilts = [f"by {each.tilt_deg:.1f} degrees as {name} stands" for name, each in found.items() if each.tilt_deg]
     if tilts:
-        told = "; ".join(f"by {tilt} by {name}" for name, tilt in tilts.items())
         warn(
-            f"{path.name} is tilted against its axis {told}; its persons keep it: give up as a vector in the file's axes"
+            f"{path.name} is tilted against its axis, {', '.join(tilts)}; its persons keep it: "
+            "give up as a vector in the file's axes"
         )
-    return _together(found)
+    return {name: _checked(each, path) for name, each in _together(found).items()}
+
+
+def _subjects(path: Path, reading: Reading) -> tuple[str, ...]:
+    """Names of those whom a file holds; none or one without a name where it is a single one."""
+    if _reader(path) is not None:
+        return ()
+    try:
+        with _named(path):
+            _opened(path, replace(reading, subject=NOBODY))
+    except UnknownSubject as error:
+        return error.names
+    return ()
 
 
 NOBODY = "\x00"
 """A name that no subject has: the refusal tells who there is."""
 
 
-def _clause(motion: Motion, start: str) -> str:
-    """What a motion's report says behind the beginning of a clause, nothing where it has none."""
-    return next((each.removeprefix(start) for each in motion.report.split("; ") if each.startswith(start)), "")
-
-
-def _together(found: dict[str, Motion]) -> dict[str, Motion]:
+def _together(people: dict[str, Found]) -> dict[str, Motion]:
     """Motions cut to the time that all have, at the highest of their rates."""
+    found = {name: each.motion for name, each in people.items()}
+    starts = {name: each.start_s for name, each in people.items()}
     rate_hz = max(each.rate_hz for each in found.values())
-    starts = {name: float(_clause(each, BEGINS).partition(" ")[0] or 0.0) for name, each in found.items()}
     first = max(starts.values())
     last = min(starts[name] + each.duration_s for name, each in found.items())
     if last - first < SHORT_S:

@@ -111,9 +111,6 @@ LOW_RATE_HZ = 15.0
 MISLABELLED = 2 * LEAST_LIKELY
 """Score of limbs above which joints are not what they are called; noise of 3 cm adds 0.2."""
 
-BEGINS = "begins at "
-"""How the clause begins that tells when a motion's first frame is, where frames before it were left out."""
-
 WIDEST = 1.5
 """Lengths of a leg from which a trunk is too long, or hips or shoulders too wide, for one person; trunks have 0.6."""
 
@@ -121,8 +118,33 @@ BACKWARD = -0.3
 """Mean forward component of feet and knees (-1 to 1) from which left and right must be swapped."""
 
 
-def motion_of(tracks: Tracks, reading: Reading) -> Motion:
-    """The motion of any file but BVH in metres, z up, floor at z = 0, with its report."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Frame:
+    """How a file's coordinates become metres, z up."""
+
+    up: Up | tuple[float, float, float]
+    """The upward direction in the file."""
+    unit_m: float
+    tall_m: float
+    """The stature by that unit."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """A motion as it was read, and what was given or found for it."""
+
+    motion: Motion
+    frame: Frame
+    floor_m: float
+    """Height of the floor along the file's upward direction."""
+    start_s: float
+    """When on the file's clock the first frame is."""
+    tilt_deg: float
+    """By which floor and body were left tilted against the upward direction, 0 where they are not."""
+
+
+def motion_of(tracks: Tracks, reading: Reading) -> Found:
+    """The motion of any file but BVH and GLB in metres, z up, floor at z = 0, with its report."""
     return placed(*_understood(sampled(tracks, reading), reading), reading)
 
 
@@ -134,8 +156,8 @@ def sampled(tracks: Tracks, reading: Reading) -> Tracks:
     return whole(tracks)
 
 
-def _understood(tracks: Tracks, reading: Reading) -> tuple[Tracks, float]:
-    """Canonical joints of one person, z up, and the stature [m]; refuses what is none."""
+def _understood(tracks: Tracks, reading: Reading) -> tuple[Tracks, Frame]:
+    """Canonical joints of one person, z up, and the file's frame; refuses what is none."""
     if tracks.rate_assumed:
         assumed = f"{tracks.rate_hz:g} Hz assumed, the file does not say"
         tracks = replace(tracks, told=(assumed, *tracks.told))
@@ -148,26 +170,27 @@ def _understood(tracks: Tracks, reading: Reading) -> tuple[Tracks, float]:
     tracks = _whole(_without_coincident(tracks))
     unit_m, tall_m = _unit(tracks.points, tracks.unit_m, reading.units)
     axis = reading.axis or (tracks.up if tracks.up and tracks.up_certain else stance_axis(tracks.points, tracks.up))
-    tracks = upright(tracks, axis, unit_m, tall_m)
+    frame = Frame(up=axis, unit_m=unit_m, tall_m=tall_m)
+    tracks = upright(tracks, frame)
     _check_sides(tracks.points)
-    return tracks, tall_m
+    return tracks, frame
 
 
-def upright(tracks: Tracks, axis: Up | tuple[float, float, float], unit_m: float, tall_m: float) -> Tracks:
+def upright(tracks: Tracks, frame: Frame) -> Tracks:
     """Tracks in metres, z up."""
-    points, turned = to_z_up(tracks.points, tracks.turned, axis, unit_m)
-    told = f"1 unit = {unit_m:.4g} m (stature {tall_m:.2f} m)", f"up {axis}"
+    points, turned = to_z_up(tracks.points, tracks.turned, frame.up, frame.unit_m)
+    told = f"1 unit = {frame.unit_m:.4g} m (stature {frame.tall_m:.2f} m)", f"up {frame.up}"
     return replace(tracks, points=points, turned=turned).saying(*told)
 
 
-def placed(tracks: Tracks, tall_m: float, reading: Reading) -> Motion:
+def placed(tracks: Tracks, frame: Frame, reading: Reading) -> Found:
     """The motion of tracks in metres, z up; its floor is at z = 0."""
     own = bool(tracks.turned)
     tracks = _without_tpose(tracks, reading.drop_tpose)
     tracks = without_leaps(tracks)
     tracks, smoothing = (tracks, None) if own or reading.smooth_hz != "auto" else without_noise(tracks)
     tracks, ground = levelled(tracks, reading.up)
-    tracks = _with_feet(tracks, tall_m)
+    tracks = _with_feet(tracks, frame.tall_m)
     tracks = rooted(tracks, reading.root)
     if reading.root == "feet" and ground is None:  # which planted feet show only now
         tracks, _ = levelled(tracks, reading.up)
@@ -177,9 +200,9 @@ def placed(tracks: Tracks, tall_m: float, reading: Reading) -> Motion:
         turned = orientations_from_positions(tracks.points, tracks.rate_hz)
         tracks = replace(tracks, turned=turned).saying("rotations from positions")
     motion = assemble(tracks.points, tracks.turned, tracks.rate_hz, level)
-    form, told = tracks.form, tracks.told
-    if tracks.start_s:
-        told = (*told, f"{BEGINS}{tracks.start_s:.6g} s of the file")
+    form, told, start_s = tracks.form, tracks.told, tracks.start_s
+    if start_s:
+        told = (*told, f"begins at {start_s:.6g} s of the file")
     del tracks  # half of the memory that a long motion takes
     local = parts(motion) if own else None
     if local is not None and (flipped := flips(local[1], motion.names, motion.rate_hz)):
@@ -193,7 +216,9 @@ def placed(tracks: Tracks, tall_m: float, reading: Reading) -> Motion:
             "move faster: joint speeds err by 0.1 m/s and more; record at 20 Hz or above"
         )
     frames = f"{form}, {len(motion.joints)} frames at {motion.rate_hz:g} Hz"
-    return replace(motion, report="; ".join([frames, *told, smoothing]))
+    motion = replace(motion, report="; ".join([frames, *told, smoothing]))
+    tilt_deg = ground.angle_deg if ground is not None and ground.tilted and reading.up is not None else 0.0
+    return Found(motion=motion, frame=frame, floor_m=level, start_s=start_s, tilt_deg=tilt_deg)
 
 
 def _smoothed(

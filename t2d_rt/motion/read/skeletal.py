@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,7 +15,7 @@ from t2d_rt.motion.read.bvh import RawSkeleton, forward_kinematics, read_bvh
 from t2d_rt.motion.read.detect import unit, up_axis
 from t2d_rt.motion.read.gltf import read_gltf
 from t2d_rt.motion.read.joint_sets import side_and_part
-from t2d_rt.motion.read.passes import Reading, placed, sampled, upright
+from t2d_rt.motion.read.passes import Found, Frame, Reading, placed, sampled, upright
 from t2d_rt.motion.read.subjects import FEWEST_LABELS, SIGNS, chosen
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.motion.skeletons import (
@@ -26,7 +27,6 @@ from t2d_rt.motion.skeletons import (
     restored_offsets,
     source_joints,
 )
-from t2d_rt.types.motion import Motion
 
 # --- several skeletons in one BVH: each under a ROOT of its own, or twins under one that carries them all ---
 
@@ -121,13 +121,8 @@ def _piece(raw: RawSkeleton, joints: list[int]) -> RawSkeleton:
 # the body ---
 
 
-def read_skeletal(path: Path, reading: Reading) -> Motion:
-    """A .bvh, .bvh.gz or .glb file as a motion with its report."""
-    return placed(*_understood(path, reading), reading)
-
-
-def _understood(path: Path, reading: Reading) -> tuple[Tracks, float]:
-    """Canonical joints of one skeleton, z up, and the stature [m]."""
+def read_skeletal(path: Path, reading: Reading) -> Callable[[Reading], Found]:
+    """One skeleton of a .bvh, .bvh.gz or .glb file: its motion for a reading, by other axes or another floor too."""
     form, read = ("GLB", read_gltf) if path.suffix.lower() == ".glb" else ("BVH", read_bvh)
     found = bodies(read(path))
     (raw, kind, matched), who = chosen(found, reading.subject, partial(_mapped, wanted=reading.flavour))
@@ -137,12 +132,18 @@ def _understood(path: Path, reading: Reading) -> tuple[Tracks, float]:
         told = *told, f"lost bones restored at {', '.join(restored)}"
     points, turned = _canonical(raw, kind, offsets)
     tracks = Tracks(form=form, points=points, turned=turned, rate_hz=raw.rate_hz, told=told)
-    tracks = sampled(tracks.without(raw.lost), reading)
-    if matched is None:
+    return partial(_motion, tracks.without(raw.lost), raw, kind, matched is None)
+
+
+def _motion(tracks: Tracks, raw: RawSkeleton, kind: Flavour, known: bool, reading: Reading) -> Found:
+    """The motion of one skeleton's canonical joints, with its report; known: whether its names are those of a flavour."""
+    tracks = sampled(tracks, reading)
+    if known:
         _check_sides(tracks.points, kind)
     unit_m, tall_m = unit(tracks.points, reading.units, cmu_units=kind.cmu_units)
     axis = reading.axis or up_axis(tracks.points, _canonical(_at_rest(raw), kind)[0])
-    return upright(tracks, axis, unit_m, tall_m), tall_m
+    frame = Frame(up=axis, unit_m=unit_m, tall_m=tall_m)
+    return placed(upright(tracks, frame), frame, reading)
 
 
 def _mapped(raw: RawSkeleton, wanted: str | None) -> tuple[RawSkeleton, Flavour, Match | None]:
