@@ -161,10 +161,11 @@ def _peak_hz(values: np.ndarray, time_s: np.ndarray, band_hz: tuple[float, float
     inside = np.flatnonzero((axis >= least) & (axis <= band_hz[1]))
     maxima = [k for k in inside[1:-1] if power[k] >= power[k - 1] and power[k] > power[k + 1]] or list(inside)
     best = max(maxima, key=lambda k: float(power[k]))
-    if band_hz == BREATHS_HZ and power[inside[0]] > power[best]:
-        warn(
-            f"what is slower than {least:.2g} Hz moves more than the line that is told; record longer, or of somebody at rest"
-        )
+    edge, beyond = inside[0], f"slower than {least:.2g}"
+    if band_hz == BEATS_HZ:
+        edge, beyond = inside[-1], f"faster than {band_hz[1]:g}"
+    if power[edge] > power[best]:
+        warn(f"what is {beyond} Hz moves more than the line that is told; record longer, or of somebody at rest")
     level = 10 * math.log10(max(float(power[best]), 1e-300) / max(float(np.median(power[inside])), 1e-300))
     return float(axis[best]), level
 
