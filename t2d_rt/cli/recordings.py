@@ -356,6 +356,8 @@ def scene(
         raise InputError(f"option reflections must lie in 0..4, got {reflections}")
     radar = radar_of(given)
     whole = load_scene(file, materials=substitutes_of(scene_material), frequency_hz=radar.mid_frequency_hz)
+    if whole.report:
+        say(whole.report)
     near = within_reach(whole, radar)
     cut = "" if near in (None, whole) else f" of {len(whole.surfaces)}, within {radar.max_range_m:.3g} m"
     drawn = near or whole
@@ -370,8 +372,6 @@ def scene(
     figure = plot_scene(drawn, radar.tx_position_m, paths_m=paths, track_m=track, title=drawn.name)
     write_picture(figure, picture, overwrite=overwrite)
     where, names = ", ".join(f"{x:.2f}" for x in target), ", ".join(name for name, _ in paths)
-    if whole.report:
-        say(whole.report)
     say(f"{len(drawn.surfaces)} objects{cut}, {len(paths)} paths to ({where}) m: {names}")
     say(f"wrote {picture}")
 

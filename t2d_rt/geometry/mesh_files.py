@@ -262,13 +262,13 @@ def obj_labels(data: bytes) -> list[tuple[str, str]]:
     found: list[tuple[str, str]] = []
     name = material = ""
     for line in data.splitlines():
-        key, _, rest = line.partition(b" ")
-        if key in (b"o", b"g"):
-            name = rest.decode("utf-8", "replace").strip()
-        elif key == b"usemtl":
-            material = rest.decode("utf-8", "replace").strip()
-        elif (words := line.split()) and words[0] == b"f":
-            found += [(name, material)] * (len(words) - 3)
+        match line.split(maxsplit=1):
+            case [b"o" | b"g", *rest]:
+                name = b" ".join(rest).decode("utf-8", "replace").strip()
+            case [b"usemtl", *rest]:
+                material = b" ".join(rest).decode("utf-8", "replace").strip()
+            case [b"f", corners]:
+                found += [(name, material)] * (len(corners.split()) - 2)
     return found
 
 

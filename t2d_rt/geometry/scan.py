@@ -39,8 +39,8 @@ FLAT, UPRIGHT, WALL_M = 0.9, 0.2, 1.5
 """Upward part of a floor's or a ceiling's normal, at least, and of a wall's, at most; a wall's least height."""
 NEAR_M = 0.2
 """Of the lowest and the highest place, in which floor and ceiling lie."""
-FLOOR_M2 = 1.0
-"""Of a plane whose height is the floor's."""
+FLOOR_PART = 0.2
+"""Of what a mesh covers, the least of the plane whose height is the floor's."""
 ABSORBER_M = 0.1
 """Thickness of what is not plane."""
 
@@ -94,12 +94,22 @@ def scene_from_mesh(
     triangles = mesh.triangles * unit_m
     area = np.linalg.norm(edge_cross(triangles), axis=1)
     kept = area > NO_AREA_M2
+    double = np.count_nonzero(kept) - np.count_nonzero(kept := kept & _firsts(triangles))
     axis = _upward(triangles[kept], path, unit_m, up)
     triangles = triangles[kept] @ {"y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), "z": np.eye(3)}[axis].T
     mesh = _Mesh(triangles, mesh.part[kept], mesh.names)
-    scene = _scene(mesh, path, given, f"up {axis}, 1 unit = {unit_m:g} m")
+    told = f"up {axis}, 1 unit = {unit_m:g} m" + (f"; {double} triangles were there twice" if double else "")
+    scene = _scene(mesh, path, given, told)
     logging.getLogger("t2d_rt.scene").info(scene.report)
     return scene
+
+
+def _firsts(triangles: np.ndarray) -> np.ndarray:
+    """Which triangles (F, 3, 3) have corners that none before has: files of drawings often have both sides of a face."""
+    corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 3)
+    found = np.zeros(len(triangles), bool)
+    found[np.unique(np.sort(corner, axis=1), axis=0, return_index=True)[1]] = True
+    return found
 
 
 def _read(path: Path) -> _Mesh:
@@ -143,7 +153,8 @@ def _upward(triangles: np.ndarray, path: Path, unit_m: float, up: str | None) ->
     extent = np.ptp(triangles.reshape(-1, 3), axis=0)
     high = {"y": float(extent[1]), "z": float(extent[2])}
     fitting = [axis for axis in high if HEIGHT_M[0] <= high[axis] <= HEIGHT_M[1]]
-    axes = [choice("up", up, ("y", "z"))] if up else ["y"] if path.suffix.lower() == ".glb" else fitting or ["z"]
+    wide = [axis for axis in fitting if axis == "z" or high["z"] >= ACROSS_M[0]]  # a floor by itself is no wall along y
+    axes = [choice("up", up, ("y", "z"))] if up else ["y"] if path.suffix.lower() == ".glb" else wide or ["z"]
     low = [axis for axis in axes if high[axis] <= LOW_M] or axes
     axis = min(low, key=high.__getitem__) if len(low) > 1 else low[0]
     size = " x ".join(f"{length:.3g}" for length in extent)
@@ -187,14 +198,16 @@ def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, Given], told: str) -
         for each in planes
     ]
     plain = [triangles[~rough], *(_halves(each) for each in quads)]
-    heights = np.concatenate(plain)[..., 2] if sum(map(len, plain)) else triangles[..., 2]
-    low, high = float(heights.min()), float(heights.max())
+    points = (np.concatenate(plain) if sum(map(len, plain)) else triangles).reshape(-1, 3)
+    first, last = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    low, high = first[2], last[2]
     grounds = [
         offset / float((level @ normal)[2])
         for area, normal, offset in flats
-        if area > FLOOR_M2 and abs((level @ normal)[2]) > FLAT
+        if area > FLOOR_PART * (last[0] - first[0]) * (last[1] - first[1]) and abs((level @ normal)[2]) > FLAT
     ]
-    low = min((each for each in grounds if abs(each - low) < NEAR_M), default=low)
+    floors = [each for each in grounds if abs(each - low) < NEAR_M]
+    low = min(floors, default=low)
     naming = _Naming(mesh.names, materials, (low, high))
     surfaces: dict[tuple[str, Slab], list[np.ndarray]] = {}
     order = np.argsort(exact, kind="stable")
@@ -223,7 +236,8 @@ def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, Given], told: str) -
     clauses = [
         told,
         *([f"turned level by {lean:.2f} degrees"] if lean else []),
-        *([f"floor at {low:.3f} m put at 0"] if abs(low) > 1e-6 else []),
+        *([f"{'floor' if floors else 'no floor, lowest place'} at {low:.3f} m put at 0"] if abs(low) > 1e-6 or not floors else []),
+        f"x {first[0]:.2f} to {last[0]:.2f} m, y {first[1]:.2f} to {last[1]:.2f} m, {high - low:.2f} m high",
         f"{count} plane parts of {reflecting:.1f} m^2 reflect",
         f"{absorbing:.1f} m^2 that is not plane blocks and does not reflect",
         *naming.assumed(),

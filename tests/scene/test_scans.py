@@ -214,6 +214,27 @@ def test_what_is_no_room(tmp_path: Path, living: Scene) -> None:
         t2d.load_scene("living_room", units="mm")
 
 
+def test_drawings_as_programs_write_them(tmp_path: Path, living: Scene) -> None:
+    """Names after tabs, both sides of each face, furniture without a floor, a floor without a room."""
+    text = write(living, tmp_path / "a.obj").read_text() + "\n"
+    report = t2d.Room.from_mesh(tmp_path / "a.obj").report
+    assert "up z, 1 unit = 1 m; x -0.50 to 6.00 m, y -2.60 to 2.60 m, 2.60 m high; 122 plane parts" in report
+    faces = [line.split() for line in text.splitlines() if line.startswith("f ")]
+    for first, *corners in faces:
+        line = " ".join([first, *corners])
+        text = text.replace(f"{line}\n", f"{line}\n{' '.join([first, *corners[::-1]])}\n", 1)
+    (tmp_path / "a.obj").write_text(text.replace("o ", "o\t").replace("usemtl ", "usemtl\t"))
+    found = t2d.Room.from_mesh(tmp_path / "a.obj")
+    assert found.report == report.replace("= 1 m;", f"= 1 m; {len(faces)} triangles were there twice;", 1)
+    assert [each.name for each in found.surfaces] == [each.name for each in living.surfaces]
+    rest = [each for each in living.surfaces if not each.name.startswith(("floor", "ceiling", "wall", "door", "window"))]
+    found = t2d.Room.from_mesh(write(replace(living, surfaces=tuple(rest)), tmp_path / "b.obj"))
+    assert "no floor, lowest place at 0.000 m put at 0" in found.report
+    assert found.bounds_m[0][2] == 0
+    with pytest.raises(InputError, match="0 m high along z, which is no room .* give up='y'"):
+        t2d.Room.from_mesh(write(replace(living, surfaces=living.surfaces[:1]), tmp_path / "c.obj"))
+
+
 def test_a_room_that_may_stand_either_way(tmp_path: Path) -> None:
     box = trimesh.creation.box((5.0, 3.0, 2.8))
     box.export(tmp_path / "a.obj")
