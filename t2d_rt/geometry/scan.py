@@ -236,7 +236,11 @@ def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, Given], told: str) -
     clauses = [
         told,
         *([f"turned level by {lean:.2f} degrees"] if lean else []),
-        *([f"{'floor' if floors else 'no floor, lowest place'} at {low:.3f} m put at 0"] if abs(low) > 1e-6 or not floors else []),
+        *(
+            [f"{'floor' if floors else 'no floor, lowest place'} at {low:.3f} m put at 0"]
+            if abs(low) > 1e-6 or not floors
+            else []
+        ),
         f"x {first[0]:.2f} to {last[0]:.2f} m, y {first[1]:.2f} to {last[1]:.2f} m, {high - low:.2f} m high",
         f"{count} plane parts of {reflecting:.1f} m^2 reflect",
         f"{absorbing:.1f} m^2 that is not plane blocks and does not reflect",

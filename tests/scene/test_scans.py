@@ -227,11 +227,13 @@ def test_drawings_as_programs_write_them(tmp_path: Path, living: Scene) -> None:
     found = t2d.Room.from_mesh(tmp_path / "a.obj")
     assert found.report == report.replace("= 1 m;", f"= 1 m; {len(faces)} triangles were there twice;", 1)
     assert [each.name for each in found.surfaces] == [each.name for each in living.surfaces]
-    rest = [each for each in living.surfaces if not each.name.startswith(("floor", "ceiling", "wall", "door", "window"))]
+    rest = [
+        each for each in living.surfaces if not each.name.startswith(("floor", "ceiling", "wall", "door", "window"))
+    ]
     found = t2d.Room.from_mesh(write(replace(living, surfaces=tuple(rest)), tmp_path / "b.obj"))
     assert "no floor, lowest place at 0.000 m put at 0" in found.report
     assert found.bounds_m[0][2] == 0
-    with pytest.raises(InputError, match="0 m high along z, which is no room .* give up='y'"):
+    with pytest.raises(InputError, match=r"0 m high along z, which is no room .* give up='y'"):
         t2d.Room.from_mesh(write(replace(living, surfaces=living.surfaces[:1]), tmp_path / "c.obj"))
 
 
