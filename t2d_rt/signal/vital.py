@@ -71,7 +71,7 @@ def vital_signs(adc: Any, radar: Radar, *, range_gate_m: tuple[float, float] | N
     range_gate_m: nearest and farthest range that is looked at [m]; all by default. Of several persons it chooses one.
 
     The range cell that varies most counts, of all antennas together. Where the person moves otherwise, that is what is found.
-    Bursts must follow at 6 Hz or faster, twice the fastest heartbeat that is looked for.
+    Bursts must follow faster than 6 Hz, twice the fastest heartbeat that is looked for.
     """
     check_recording(adc, radar)
     adc, radar = separated(adc, radar)
@@ -89,11 +89,12 @@ def vital_signs(adc: Any, radar: Radar, *, range_gate_m: tuple[float, float] | N
 
 def signs_of(profile: np.ndarray, range_m: np.ndarray, time_s: np.ndarray, wavelength_m: float) -> VitalSigns:
     """The same from a complex range profile (T, antenna, range), as devices that bring no ADC samples tell it."""
-    rate_hz = (len(time_s) - 1) / (time_s[-1] - time_s[0])
-    if rate_hz < 2 * BEATS_HZ[1]:
+    long_s = time_s[-1] - time_s[0]
+    rate_hz, needed_hz = (len(time_s) - 1) / long_s, 2 * (BEATS_HZ[1] + 1 / long_s)
+    if rate_hz < needed_hz:
         raise InputError(
-            f"vital signs need {2 * BEATS_HZ[1]:g} profiles a second or more, twice the fastest heartbeat that is looked for, got "
-            f"{rate_hz:.3g}; record bursts that follow faster (frame_interval_s)"
+            f"vital signs need {needed_hz:.3g} profiles a second or more, twice the fastest heartbeat looked for and a line, "
+            f"got {rate_hz:.3g}; record bursts that follow faster (frame_interval_s)"
         )
     variance = profile.var(axis=0, dtype=np.complex128).real.sum(axis=0)
     cell = int(variance.argmax())
