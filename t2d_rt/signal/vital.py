@@ -194,8 +194,8 @@ def _beat(values: np.ndarray, time_s: np.ndarray, breath: float) -> tuple[float,
             _, (_, first, later) = _fitted(values, time_s, [(breath, multiple - 1), (rate, 1), (line, 1)])
             if first > later:
                 warn(
-                    f"the heart's {rate:.2f} Hz are {multiple} times the breathing rate, so that what moves there may be the "
-                    f"breath's; its line at {line:.2f} Hz tells the rate"
+                    f"a line at {line:.2f} Hz tells a heart of {rate:.2f} Hz, {multiple} times the breathing rate; both may be the "
+                    "breath's own: record at another breathing rate to be sure"
                 )
                 return rate, over_db, multiple - 1
     return line, over_db, BREATH_HARMONICS
