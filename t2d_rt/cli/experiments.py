@@ -34,6 +34,7 @@ SIMPLER = {
     "without_paths": list[str] | None,
 }
 """Types of fields that are more than one word in an experiment."""
+OF_SCENE = "scene_material", "scene_units", "scene_up"
 FIELD = re.compile(r"\s*[A-Za-z_]+\s*=")
 """A word of an entry of --add that gives a field; anything else belongs to the name of the file."""
 
@@ -62,7 +63,7 @@ def experiment(command: Command, *, skip: tuple[str, ...] = ()) -> None:
     better |= {name: f"{better[name]} The option is given once for each." for name in ("only_paths", "without_paths")}
     known: Given = {"better": better, "hints": SIMPLER, "defaults": {"without_paths": None}, "group": group}
     _fields(command, Experiment, skip=("targets", "radar", *skip), **known)
-    scene_material(command, group)
+    of_scene(command, group)
     command.add_fields(better, get_type_hints(run), defaults_of(run, skip={"accuracy", "progress", *skip}), group=group)
     told = "accuracy (a tolerance chooses the fields that are not given)"
     group = command.parser.add_argument_group(told)
@@ -97,13 +98,15 @@ def radar(command: Command) -> None:
     command.add_config()
 
 
-def scene_material(command: Command, group: Any = None) -> None:
-    """Substitutes for materials of the scene."""
+def of_scene(command: Command, group: Any = None) -> None:
+    """Substitutes for materials of the scene, and how a mesh lies."""
     told = (
         "Substitutes for materials of the scene that have no values at the radar's frequency or are not known, as brick=concrete, "
         "or materials of a mesh's objects, as 'door=wood 0.04'; several with commas between them."
     )
     command.add("scene_material", list[str] | None, None, told, group)
+    command.add("scene_units", float | str | None, None, "Unit of a scene's mesh: m, cm, mm, inch or ft, or in metres.", group)
+    command.add("scene_up", str | None, None, "Upward axis of a scene's mesh: y or z.", group)
 
 
 def _fields(
@@ -138,7 +141,7 @@ OfPlan = Annotated[Given, partial(experiment, skip=("measure_error", "split"))]
 OfCompare = Annotated[Given, partial(experiment, skip=("method", "tolerance_db", "measure_error"))]
 OfSweep = Annotated[Given, partial(experiment, skip=("measure_error", "memory_gb"))]
 OfScene = Annotated[Given, radar]
-SceneMaterial = Annotated[Given, scene_material]
+OfSceneFile = Annotated[Given, of_scene]
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,12 +221,13 @@ def fields_of(source: str, given: Given) -> Given:
     read = given.pop("motion", {})
     first = {"kind": "file", "file": source, "subject": read.pop("subject", None), "reading": read}
     first |= {name: given.pop(name) for name in MotionFile.model_fields if name in given}
-    materials = substitutes_of(given)
-    given.pop("scene_material", None)
-    if materials:
+    for option in [name for name in OF_SCENE if name in given]:
         if "scene" not in given:
-            raise InputError("--scene-material is of a scene and there is none; give --scene, or leave it out")
-        given["scene"] = {"file": given["scene"], "materials": materials}
+            raise InputError(f"--{option.replace('_', '-')} is of a scene and there is none; give --scene, or leave it out")
+    options = scene_options(given)
+    given = {name: value for name, value in given.items() if name not in OF_SCENE}
+    if options:
+        given["scene"] = {"file": given["scene"], **options}
     targets = [first, *map(target_of, given.pop("add", ()))]
     return {**given, "targets": targets, "radar": radar_of(given)}
 
@@ -256,13 +260,14 @@ def target_of(entry: str | Mapping[str, Any]) -> Mover | MotionFile | None:
     return MotionFile(**with_words(entry, "file", file, fields))
 
 
-def substitutes_of(given: Given) -> dict[str, str]:
-    """Materials of the scene and what stands in for them."""
-    found = {}
+def scene_options(given: Given) -> Given:
+    """What is given of a scene beside its file, by the names of `load_scene`."""
+    found: dict[str, str] = {}
     for each in (word for text in given.get("scene_material") or () for word in text.split(",")):
         name, _, other = (part.strip() for part in each.partition("="))
         if not name or not other:
             told = f"must name a material and its substitute, as brick=concrete, got {shown(each)}"
             raise InputError(f"option scene-material {told}")
         found[name] = other
-    return found
+    mesh = {name: given[f"scene_{name}"] for name in ("units", "up") if given.get(f"scene_{name}") is not None}
+    return ({"materials": found} if found else {}) | mesh

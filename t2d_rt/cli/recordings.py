@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from t2d_rt.cli.experiments import Asked, Job, OfCompare, OfScene, SceneMaterial, radar_of, substitutes_of
+from t2d_rt.cli.experiments import Asked, Job, OfCompare, OfScene, OfSceneFile, radar_of, scene_options
 from t2d_rt.cli.options import Capture, Given, Reading, Samples, Signal, yaml_kind
 from t2d_rt.cli.output import check_picture, say, stem_of, write_picture
 from t2d_rt.core.errors import InputError
@@ -333,7 +333,7 @@ def scene(
     walk: str | None = None,
     reflections: int = 1,
     *,
-    scene_material: SceneMaterial,
+    scene_file: OfSceneFile,
     given: OfScene,
 ) -> None:
     """Draws a room from above and in three dimensions, with the radar, a walker's track and the paths to it.
@@ -355,7 +355,7 @@ def scene(
     if not 0 <= reflections <= 4:
         raise InputError(f"option reflections must lie in 0..4, got {reflections}")
     radar = radar_of(given)
-    whole = load_scene(file, materials=substitutes_of(scene_material), frequency_hz=radar.mid_frequency_hz)
+    whole = load_scene(file, **scene_options(scene_file), frequency_hz=radar.mid_frequency_hz)
     if whole.report:
         say(whole.report)
     near = within_reach(whole, radar)

@@ -8,7 +8,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from t2d_rt.cli.experiments import Job, OfSweep, is_experiment, target_of
+from t2d_rt.cli.experiments import OF_SCENE, Job, OfSweep, is_experiment, target_of
 from t2d_rt.cli.options import Signal
 from t2d_rt.cli.output import say, write_picture
 from t2d_rt.core.errors import InputError
@@ -86,7 +86,7 @@ def _values(varied: dict[str, list[str]], vary: list[str], given: dict[str, Any]
         elif name in MotionFile.model_fields or name == "motion.subject":
             plain = name in ("file", "motion.subject")
             found[f"targets.0.{name.rpartition('.')[2]}"] = texts if plain else [load_yaml(each) for each in texts]
-        elif name == "scene" and given.get("scene_material"):
+        elif name == "scene" and any(map(given.get, OF_SCENE)):
             found["scene.file"] = texts
         elif name in ("only_paths", "without_paths"):
             found[name] = [[each] for each in texts]

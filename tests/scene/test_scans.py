@@ -259,6 +259,21 @@ def test_a_mesh_where_a_scene_is_named(tmp_path: Path, living: Scene) -> None:
     assert (door.material, door.thickness_m) == ("wood", 0.05)
 
 
+def test_units_and_axis_on_the_command_line(tmp_path: Path, living: Scene, capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(write(living, tmp_path / "room.obj", scale=1e3))
+    for words in (["scene", path], ["paths", "walk", "--stop-s", "0.1", "--scene", path]):
+        for given, told in (
+            ("", "2.6e+03 m high along z"),
+            ("--scene-units mm --scene-up y", "inside floor of scene room"),
+            ("--scene-units furlong", "units must be 'm', "),
+            ("--scene-units 0", "units must be "),
+        ):
+            assert main([*words, *given.split()]) != 0
+            assert told in capsys.readouterr().err
+    assert main(["paths", "walk", "--scene-units", "mm"]) != 0
+    assert "--scene-units is of a scene and there is none" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_a_picture_of_a_mesh(tmp_path: Path, living: Scene, capsys: pytest.CaptureFixture[str]) -> None:
     write(living, tmp_path / "room.obj")
