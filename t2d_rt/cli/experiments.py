@@ -105,7 +105,9 @@ def of_scene(command: Command, group: Any = None) -> None:
         "or materials of a mesh's objects, as 'door=wood 0.04'; several with commas between them."
     )
     command.add("scene_material", list[str] | None, None, told, group)
-    command.add("scene_units", float | str | None, None, "Unit of a scene's mesh: m, cm, mm, inch or ft, or in metres.", group)
+    command.add(
+        "scene_units", float | str | None, None, "Unit of a scene's mesh: m, cm, mm, inch or ft, or in metres.", group
+    )
     command.add("scene_up", str | None, None, "Upward axis of a scene's mesh: y or z.", group)
 
 
@@ -223,7 +225,9 @@ def fields_of(source: str, given: Given) -> Given:
     first |= {name: given.pop(name) for name in MotionFile.model_fields if name in given}
     for option in [name for name in OF_SCENE if name in given]:
         if "scene" not in given:
-            raise InputError(f"--{option.replace('_', '-')} is of a scene and there is none; give --scene, or leave it out")
+            raise InputError(
+                f"--{option.replace('_', '-')} is of a scene and there is none; give --scene, or leave it out"
+            )
     options = scene_options(given)
     given = {name: value for name, value in given.items() if name not in OF_SCENE}
     if options:
