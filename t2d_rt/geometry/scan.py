@@ -250,11 +250,13 @@ def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, Given], told: str) -
 
 
 def _levelling(flats: list[tuple[float, np.ndarray, float]]) -> tuple[np.ndarray, float]:
-    """The rotation (3, 3) that turns the largest level plane level, and by how many degrees; none for less than the least lean."""
-    level = [(area, normal * np.sign(normal[2])) for area, normal, _ in flats if abs(normal[2]) > LEVEL]
+    """The rotation (3, 3) that turns the floor level, the lowest of large planes, and by how many degrees; none below the least lean."""
+    level = [each for each in flats if abs(each[1][2]) > LEVEL]
     if not level:
         return np.eye(3), 0.0
-    normal = max(level, key=lambda each: each[0])[1]
+    most = max(area for area, *_ in level)
+    _, normal, _ = min((each for each in level if each[0] > most / 2), key=lambda each: each[2] / each[1][2])
+    normal = normal * np.sign(normal[2])
     axis = np.cross(normal, [0.0, 0.0, 1.0])
     sine = float(np.linalg.norm(axis))
     lean = float(np.degrees(np.arcsin(min(sine, 1.0))))
