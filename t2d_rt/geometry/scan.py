@@ -250,7 +250,7 @@ def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, Given], told: str) -
 
 
 def _levelling(flats: list[tuple[float, np.ndarray, float]]) -> tuple[np.ndarray, float]:
-    """The rotation (3, 3) that turns the floor level, the lowest of large planes, and by how many degrees; none below the least lean."""
+    """The rotation (3, 3) that turns the floor level, the lowest of large planes, and by how many degrees; none for almost none."""
     level = [each for each in flats if abs(each[1][2]) > LEVEL]
     if not level:
         return np.eye(3), 0.0

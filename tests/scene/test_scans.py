@@ -240,7 +240,9 @@ def test_drawings_as_programs_write_them(tmp_path: Path, living: Scene) -> None:
 def test_a_sloping_ceiling_is_no_floor(tmp_path: Path) -> None:
     """A ceiling that rises by 15 degrees is larger than the floor, and leaves it level."""
     attic = trimesh.creation.box((6.0, 3.0, 2.5))
-    attic.vertices[attic.vertices[:, 2] > 0, 2] += np.tan(np.radians(15)) * (attic.vertices[attic.vertices[:, 2] > 0, 1] + 1.5)
+    attic.vertices[attic.vertices[:, 2] > 0, 2] += np.tan(np.radians(15)) * (
+        attic.vertices[attic.vertices[:, 2] > 0, 1] + 1.5
+    )
     attic.export(tmp_path / "a.obj")
     assert "turned level" not in t2d.Room.from_mesh(tmp_path / "a.obj", up="z").report
 
