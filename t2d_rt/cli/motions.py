@@ -287,11 +287,9 @@ def check_motion(
         labels = [f"{path.name}\n{'passed' if verdict.passed else 'refused'}" for path, _, verdict in read]
         figure = contact_sheet([each for _, each, _ in read], labels=labels, body=body)
         write_picture(figure, Path(sheet), overwrite=overwrite)
-    for path, found, verdict in read:
-        say(_verdict(path, verdict, found, body))
     again = {second: first for first, second in reversed(copies([found for _, found, _ in read]))}
-    for second, first in sorted(again.items()):
-        say(f"{read[second][0]}: refused\n  it repeats {read[first][0]}")
+    for number, (path, found, verdict) in enumerate(read):
+        say(_verdict(path, verdict, found, body, repeats=read[again[number]][0] if number in again else None))
     passed = sum(verdict.passed and number not in again for number, (*_, verdict) in enumerate(read))
     if len(read) > 1:
         say(f"{passed} of {len(read)} pass")
@@ -300,10 +298,11 @@ def check_motion(
     return 2 if len(read) < len(files) else int(strict and passed < len(read))
 
 
-def _verdict(path: Path, verdict: Verdict, motion: Motion, body: str) -> str:
+def _verdict(path: Path, verdict: Verdict, motion: Motion, body: str, *, repeats: Path | None) -> str:
     from t2d_rt.body import depth_m
 
-    lines = [f"{path}: {'passed' if verdict.passed else 'refused'}"]
+    lines = [f"{path}: {'passed' if verdict.passed and repeats is None else 'refused'}"]
+    lines += [] if repeats is None else [f"  it repeats {repeats}"]
     lines += [f"  {clause}" for clause in motion.report.split("; ") if any(word in clause for word in TOLD)]
     lines += [f"  {reason}" for reason in verdict.reasons]
     if (deep_m := depth_m(motion, body)) > DEEP_M:

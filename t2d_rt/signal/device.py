@@ -35,6 +35,11 @@ def device_points(adc: Any, radar: Radar, detection: Detection | None = None) ->
     detection = Detection() if detection is None else detection
     instance("detection", detection, Detection, "a Detection", hint="Detection.from_ti_cfg(path) reads one")
     adc, radar = separated(adc, radar)
+    if len(radar.tx_offsets_m) * len(radar.rx_offsets_m) < 2:
+        raise InputError(
+            "points have an azimuth, which takes two antennas or more, got a radar of one; take one with an array, such as "
+            "people-tracking-60"
+        )
     n_fft = 2 ** math.ceil(math.log2(radar.samples))
     search = _over_azimuth if detection.over == "azimuth" else _over_doppler
     found = []

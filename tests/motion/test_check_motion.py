@@ -630,5 +630,6 @@ def test_what_repeats_another_motion_is_told(run: Command, tmp_path: Path) -> No
         t2d.save_motion(bend, path)
     done = run("check-motion", *paths, "--strict")
     assert "second.bvh: refused\n  it repeats" in done.out
+    assert "second.bvh: passed" not in done.out
     assert "1 of 2 pass" in done.out
     assert done.code == 1

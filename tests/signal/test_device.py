@@ -196,3 +196,9 @@ def test_sensors_have_the_cells_that_their_recordings_tell() -> None:
     assert sensor("mars", position_m=(0, 0, 1))[0].position_m == (0, 0, 1)
     with pytest.raises(InputError, match="sensor"):
         sensor("marz")
+
+
+def test_one_antenna_has_no_azimuth() -> None:
+    radar = Radar.preset("table2", chirps_per_frame=64, frame_interval_s=0.1)
+    with pytest.raises(InputError, match="takes two antennas or more, got a radar of one"):
+        device_points(np.zeros((64, 1, radar.samples), complex), radar)
