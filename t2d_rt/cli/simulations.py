@@ -28,7 +28,7 @@ CHECKED_CHIRPS = 2**16
 
 
 class _Said(logging.Handler):
-    """Prints what the readers of motion files found, each once."""
+    """Prints what readers found, each once."""
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
@@ -44,16 +44,18 @@ class _Said(logging.Handler):
 
 @contextmanager
 def reports_said() -> Iterator[None]:
-    """Reports of motion files are printed as they are read."""
-    log, said = logging.getLogger("t2d_rt.motion"), _Said()
-    level = log.level
-    log.addHandler(said)
-    log.setLevel(logging.INFO)
+    """Reports of motion files and of rooms' meshes are printed as they are read."""
+    logs, said = [logging.getLogger(f"t2d_rt.{each}") for each in ("motion", "scene")], _Said()
+    levels = [log.level for log in logs]
+    for log in logs:
+        log.addHandler(said)
+        log.setLevel(logging.INFO)
     try:
         yield
     finally:
-        log.removeHandler(said)
-        log.setLevel(level)
+        for log, level in zip(logs, levels, strict=True):
+            log.removeHandler(said)
+            log.setLevel(level)
 
 
 def simulate(

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 import t2d_rt as t2d
 from builders import slow_after
 from t2d_rt.cli import main
+from t2d_rt.cli.simulations import reports_said
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.geometry.planes import Plane, rectangles, voxels
@@ -257,13 +258,15 @@ def test_a_room_that_may_stand_either_way(tmp_path: Path) -> None:
         assert "up y" in t2d.Room.from_mesh(tmp_path / "a.obj", up="y").report
 
 
-def test_a_mesh_where_a_scene_is_named(tmp_path: Path, living: Scene) -> None:
+def test_a_mesh_where_a_scene_is_named(tmp_path: Path, living: Scene, capsys: pytest.CaptureFixture[str]) -> None:
     write(living, tmp_path / "room.obj")
     scene_file = "{file: room.obj, materials: {door: wood 0.05}, units: m, up: z}"
     text = f"targets: [{{kind: file, file: walk}}]\nradar: table2\nscene: {scene_file}\n"
     (tmp_path / "a.yaml").write_text(text)
     experiment = Experiment.from_yaml(tmp_path / "a.yaml")
-    scene = experiment.scene_from({})
+    with reports_said():
+        scene = experiment.scene_from({})
+    assert "122 plane parts of 169.8 m^2 reflect" in capsys.readouterr().out
     assert isinstance(scene, Scene)
     door = next(each for each in scene.surfaces if each.name == "door")
     assert (door.material, door.thickness_m) == ("wood", 0.05)
