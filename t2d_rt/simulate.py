@@ -38,7 +38,7 @@ from t2d_rt.radar.synthesize import Progress, Synthesis
 from t2d_rt.recording.recording import Recording
 from t2d_rt.recording.remake import again, gated, received
 from t2d_rt.scattering.ellipsoid import PhaseFrom
-from t2d_rt.scene import Room
+from t2d_rt.scene import Mover, Room
 from t2d_rt.signal.gated import RangeGate
 from t2d_rt.types import Accuracy, EchoArrays, Material, Radar, Receiver, Scene
 from t2d_rt.types.radar_pairs import heard
@@ -153,7 +153,11 @@ def simulate_radars(
         and targets between are ignored, and echoes of these chirps are not modelled. When their chirps begin is drawn for each
         radar that hears them, as if clocks were not in step.
     options: of `simulate`, for all of them.
+
+    All records must begin at one instant: a track that begins after the targets, unless all do, is refused.
     """
+    if "radar" in options:
+        raise InputError(f"radars takes the place of radar, got radar {shown(options['radar'])} as well; leave it out")
     some = [radar_named(each) for each in instance("radars", radars, (list, tuple), "a list of radars")]
     if not some or not all(isinstance(each, Radar) for each in some):
         raise InputError(f"radars must be a list of Radars or their names, at least one, got {shown(radars)}")
@@ -161,6 +165,7 @@ def simulate_radars(
     targets, noise = placed_targets(target, some[0]), options.pop("noise", "none")
     if interference and noise == "none":
         raise InputError("interference comes with a receiver's noise; give noise, such as 'receiver', or leave it out")
+    _check_one_start(targets, some)
     found = []
     for number, radar in enumerate(some):
         own = noise_named(noise, radar)
@@ -170,6 +175,18 @@ def simulate_radars(
             own = own.replace(interferers=[*own.interferers, *others], seed=seed + number * NEXT_SEED)
         found.append(simulate(targets, radar=radar, noise=own, **options))
     return found
+
+
+def _check_one_start(targets: Sequence[TargetLike], radars: Sequence[Radar]) -> None:
+    """Refuses radars whose records would begin at different instants, as each record's clock begins at 0."""
+    known_s = [float(each.times_s[0]) for each in targets if not isinstance(each, Mover)]
+    tracks_s = [known_s if each.track is None else [*known_s, each.track.times_s[0]] for each in radars]
+    starts_s = [max(each, default=0.0) for each in tracks_s]
+    if len(set(starts_s)) > 1:
+        raise InputError(
+            f"records of several radars begin at one instant, got {', '.join(f'{each:.6g}' for each in starts_s)} s, where tracks "
+            "and targets are first known; give tracks that begin no later than the targets"
+        )
 
 
 def run(

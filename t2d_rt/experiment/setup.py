@@ -106,7 +106,7 @@ def set_up(
     span_s = shared_time(geometries)
     _tell_of_cuts(targets, geometries, span_s[1])
     if radar.track is not None:
-        _tell_of_track(radar, [each.source for each in modelled], span_s[1])
+        _tell_of_track([each.source for each in modelled], span_s)
     if scene is not None:
         moving = [placed(t, radar) if isinstance(t, Motion) else s for t, s in zip(targets, geometries, strict=True)]
         span_s = checked_time(
@@ -236,9 +236,16 @@ def _tell_of_cuts(targets: Sequence[TargetLike], geometries: Sequence[Geometry],
     )
 
 
-def _tell_of_track(radar: Radar, sources: Sequence[Any], stop_s: float) -> None:
-    """Warns of a record that ends with the radar's track, before any of its targets does."""
+def _tell_of_track(sources: Sequence[Any], span_s: tuple[float, float]) -> None:
+    """Warns of a record that begins or ends with the radar's track, while all of its targets are known."""
+    start_s, stop_s = span_s
+    begin_s = max(float(each.times_s[0]) for each in sources if not isinstance(each, Mover))
     ends_s = [float(each.times_s[-1]) for each in sources if not isinstance(each, Mover)]
+    if start_s > begin_s:
+        warn(
+            f"the record begins with the radar's track at {start_s:.6g} s, and the targets at {begin_s:.6g} s, of which the first "
+            f"{start_s - begin_s:.4g} s are left out; give a track that begins no later than they do"
+        )
     if min(ends_s) > stop_s + LEAST_CUT_S:
         warn(
             f"the record ends with the radar's track at {stop_s:.4g} s, and the targets go on to {min(ends_s):.4g} s; give a "

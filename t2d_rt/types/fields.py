@@ -124,7 +124,7 @@ def _sentence(error: ValidationError, model: type[Fields], *, options: bool = Fa
         if options:
             return f"{key} must be {model.written[key]}, got {given}{more}"
         return f"{model.noun} key {key}: got {given}, write it as {model.written[key]}{more}"
-    if first["type"] == "too_short" and not first["input"]:
+    if first["type"] == "too_short" and not first["ctx"]["actual_length"]:
         return f"{name} is empty; give at least one{more}"
     if first["type"] == "extra_forbidden":
         close = difflib.get_close_matches(key, model.model_fields, n=1)

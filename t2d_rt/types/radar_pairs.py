@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from t2d_rt.core.checks import instance
 from t2d_rt.core.errors import InputError
 from t2d_rt.types.antennas import Isotropic
 from t2d_rt.types.radar import Radar
@@ -22,6 +23,8 @@ def bistatic(transmitter: Radar, receiver: Radar) -> Radar:
     Its place and axes are the receiver's. What cannot be told in these axes is refused: directional transmitters that look
     elsewhere, and radars that move.
     """
+    for name, each in (("transmitter", transmitter), ("receiver", receiver)):
+        instance(name, each, Radar, "a Radar", hint="Radar.preset gives one by its name")
     for name in WAVEFORM:
         sent, taken = getattr(transmitter, name), getattr(receiver, name)
         if sent != taken:

@@ -114,15 +114,16 @@ class RadarTrack(Fields):
         """From angles [deg], (T, 3): azimuth of the boresight (left > 0), its elevation (up > 0), roll (left side up > 0)."""
         from scipy.spatial.transform import Rotation
 
-        angles = np.asarray(yaw_pitch_roll_deg, float) * [1, -1, 1]
+        asked = "give yaw, pitch and roll of each pose"
+        angles = array("yaw_pitch_roll_deg", yaw_pitch_roll_deg, ("T", 3), hint=asked) * [1, -1, 1]
         return cls(
             times_s=times_s, positions_m=positions_m, orientations=Rotation.from_euler("ZYX", angles, True).as_quat()
         )
 
     @classmethod
     def read(cls, path: str | Path) -> RadarTrack:
-        """From a file: .csv whose first line is "t,x,y,z" or "t,x,y,z,yaw,pitch,roll" (seconds, metres, degrees as of `of_angles`),
-        .npz of arrays of these names, or .yaml of the fields of a track."""
+        """From a file: .csv whose first line is "t,x,y,z" or "t,x,y,z,yaw,pitch,roll" (seconds, metres, degrees as of `of_angles`;
+        semicolons and decimal commas of spreadsheets are read too), .npz of arrays of these names, or .yaml of a track's fields."""
         path = Path(path)
         kind = path.suffix.lower()
         if kind in (".yaml", ".yml"):
@@ -131,11 +132,11 @@ class RadarTrack(Fields):
         if columns is None:
             raise InputError(f"{path}: a radar's track must be a .csv, .npz or .yaml file, got {shown(path.name)}")
         found = columns(path)
-        names = [name for name in COLUMNS if name in found]
-        if names not in (list(COLUMNS[:4]), list(COLUMNS)):
+        names = COLUMNS[: len(found)]
+        if len(names) not in (4, len(COLUMNS)) or set(names) != set(found):
             raise InputError(
-                f"{path}: a radar's track needs {', '.join(COLUMNS[:4])}, or these and {', '.join(COLUMNS[4:])}, got "
-                f"{', '.join(found) or 'nothing'}"
+                f"{path}: a radar's track needs {', '.join(COLUMNS[:4])}, or these and {', '.join(COLUMNS[4:])}, and no others, "
+                f"got {', '.join(found) or 'nothing'}"
             )
         values = np.stack([found[name] for name in names], axis=1)
         if not np.isfinite(values).all():
@@ -217,30 +218,41 @@ def _of_csv(path: Path) -> dict[str, np.ndarray]:
     """Columns of a table by the names of its first line."""
     lines = [
         each
-        for each in read_bytes(path, limit=MOST_BYTES, noun="radar track").decode("utf-8", "replace").splitlines()
-        if each.strip()
+        for each in read_bytes(path, limit=MOST_BYTES, noun="radar track").decode("utf-8-sig", "replace").splitlines()
+        if each.strip(" \t,;")
     ]
-    rows = [[word.strip() for word in line.split(",")] for line in lines]
-    if len(rows) < 2:
+    if len(lines) < 2:
         return {}
+    comma = next((each for each in ";\t" if each in lines[0]), ",")
+    if comma == ";":  # of spreadsheets whose decimal sign is the comma
+        lines[1:] = [line.replace(",", ".") for line in lines[1:]]
+    rows = [[word.strip(' "') for word in line.rstrip(f"{comma} ").split(comma)] for line in lines]
+    names = [name.lower() for name in rows[0]]
+    if len(set(names)) < len(names):
+        raise InputError(f"{path}: the first line of a radar's track must name each column once, got {shown(lines[0])}")
     try:
         values = np.array([[float(word) for word in row] for row in rows[1:]])
     except ValueError:
         raise InputError(
             f"{path}: rows of a radar's track must hold as many numbers each as its first line {shown(lines[:1])} has names"
         ) from None
-    if values.shape[1] != len(rows[0]):
-        raise InputError(f"{path}: rows have {values.shape[1]} numbers and the first line names {len(rows[0])} columns")
-    return dict(zip(rows[0], values.T, strict=True))
+    if values.shape[1] != len(names):
+        raise InputError(f"{path}: rows have {values.shape[1]} numbers and the first line names {len(names)} columns")
+    return dict(zip(names, values.T, strict=True))
 
 
 def _of_npz(path: Path) -> dict[str, np.ndarray]:
     """Arrays by their names."""
     try:
         with regular_file(path, noun="radar track") as file, np.load(file, allow_pickle=False) as held:
-            found = {name: np.asarray(held[name], float) for name in held.files}
-    except (ValueError, OSError, EOFError) as error:
-        raise InputError(f"{path}: cannot be read as arrays ({error}); write it with numpy.savez") from None
+            arrays = {name: held[name] for name in held.files}
+    except InputError:
+        raise
+    except Exception:  # numpy raises whatever a damaged file makes it raise
+        raise InputError(
+            f"{path} is cut short, damaged or no .npz file of plain arrays; write it with numpy.savez"
+        ) from None
+    found = {name: array(f"{path}: {name}", each) for name, each in arrays.items()}
     shapes = {each.shape for each in found.values()}
     if len(shapes) != 1 or len(next(iter(shapes))) != 1:
         raise InputError(f"{path}: arrays of a radar's track must be of one length (T,), got {sorted(shapes)}")

@@ -132,12 +132,66 @@ def test_tracks_are_kept_and_read(tmp_path: Path) -> None:
         ("t,x,y,z\n0,1,2,3\n0,1,2,3", "increasing"),
         ("t,x,y,z\n0,1,2,nan\n1,1,2,3", "finite"),
         ("", "needs t, x, y, z"),
+        ("t,x,y,z,vx\n0,1,2,3,4\n1,1,2,3,4", "no others, got t, x, y, z, vx"),
+        ("t,t,x,y,z\n0,0,1,2,3\n1,1,1,2,3", "each column once"),
     ],
 )
 def test_tracks_that_are_none(tmp_path: Path, text: str, told: str) -> None:
     (tmp_path / "track.csv").write_text(text)
     with pytest.raises(InputError, match=told):
         RadarTrack.read(tmp_path / "track.csv")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\ufeffT;X;Y;Z\n0;0,5;2;3\n1;1;2;3\n;;;\n",
+        '"t","x","y","z",\n0,.5,2,3,\n1,1,2,3,\n',
+        "z\ty\tx\tt\n3\t2\t.5\t0\n3\t2\t1\t1\n",
+    ],
+)
+def test_tracks_of_spreadsheets(tmp_path: Path, text: str) -> None:
+    (tmp_path / "track.csv").write_text(text, encoding="utf-8")
+    assert RadarTrack.read(tmp_path / "track.csv") == RadarTrack(times_s=[0, 1], positions_m=[(0.5, 2, 3), (1, 2, 3)])
+
+
+def test_arrays_that_are_no_track(tmp_path: Path) -> None:
+    path, columns = tmp_path / "track.npz", dict.fromkeys("txyz", np.arange(50.0))
+    np.savez(path, **columns)
+    whole = path.read_bytes()
+    assert len(RadarTrack.read(path).times_s) == 50
+    broken = bytearray(whole)
+    broken[200] ^= 1  # a value of t, so that its checksum is wrong
+    for data in (whole[: len(whole) // 2], broken, b"PK", b""):
+        path.write_bytes(data)
+        with pytest.raises(InputError, match="cut short, damaged"):
+            RadarTrack.read(path)
+    with path.open("wb") as file:
+        np.save(file, np.zeros((5, 4)))
+    with pytest.raises(InputError, match=r"no \.npz file"):
+        RadarTrack.read(path)
+    np.savez(path, **{**columns, "x": columns["x"] + 1j})
+    with pytest.raises(InputError, match="real numbers"):
+        RadarTrack.read(path)
+
+
+@pytest.mark.parametrize("angles", [[(0, 0), (1, 0)], "north", (0, 0, 0), [(0, 0, 0)], [], None, [(0, 0, 0), (0, 0)]])
+def test_angles_that_are_none(angles: object) -> None:
+    with pytest.raises(InputError):
+        RadarTrack.of_angles([0, 1], [(0, 0, 1), (1, 0, 1)], angles)
+
+
+def test_a_track_that_begins_late_is_told() -> None:
+    target = ball((3.0, 0.0, 1.0))
+    begin_s, end_s = target.times_s[0], target.times_s[-1]
+    late = TABLE2.replace(track=RadarTrack(times_s=[begin_s + 0.02, end_s], positions_m=[(0, 0, 1), (0.1, 0, 1)]))
+    with pytest.warns(T2DWarning, match=r"begins with the radar's track at 0\.02 s, and the targets at 0 s"):
+        t2d.simulate(target, radar=late)
+    with pytest.raises(InputError, match=r"begin at one instant, got 0, 0\.02 s"):
+        t2d.simulate_radars(target, [TABLE2, late])
+    with pytest.warns(T2DWarning, match="begins with"):
+        first, second = t2d.simulate_radars(target, [late, late])
+    assert np.array_equal(first.cube, second.cube)
 
 
 def test_what_is_not_modelled_is_refused() -> None:

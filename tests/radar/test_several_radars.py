@@ -87,6 +87,10 @@ def test_radars_hear_one_another_at_their_distance() -> None:
 def test_radars_that_are_none() -> None:
     with pytest.raises(InputError, match="a list of radars"):
         t2d.simulate_radars(TARGET, TABLE2)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="takes the place of radar"):
+        t2d.simulate_radars(TARGET, [TABLE2], radar=TABLE2)
+    with pytest.raises(InputError, match="transmitter must be a Radar, got 'table2'"):
+        bistatic("table2", "table2")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="give noise"):
         t2d.simulate_radars(TARGET, [TABLE2, ASIDE], interference=True)
     with pytest.raises(InputError, match="bursts"):
