@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from builders import slow_after
-from t2d_rt.core.errors import T2DWarning
+from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion.check import check_motion
 from t2d_rt.motion.check.measures import flights_s, tracks
 from t2d_rt.motion.descriptions import parse_description
@@ -49,7 +49,9 @@ def test_who_hops_on_one_leg_lands_on_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "angle_deg"), slow_after(1, [("around to the right", -180.0), ("to the left", 90.0), ("left by 270 degrees", 270.0)])
+    ("words", "angle_deg"), slow_after(2, [
+        ("around to the right", -180.0), ("180° clockwise", -180.0), ("to the left", 90.0), ("left by 270 degrees", 270.0),
+    ]),
 )  # fmt: skip
 def test_who_turns_on_the_spot_turns_by_the_angle_that_is_said(words: str, angle_deg: float) -> None:
     motion = motion_from_text(f"a person turns {words}", seed=2)
@@ -57,6 +59,32 @@ def test_who_turns_on_the_spot_turns_by_the_angle_that_is_said(words: str, angle
     heading_deg = np.degrees(np.unwrap(np.arctan2(across[:, 1], across[:, 0])))
     assert heading_deg[-20:].mean() - heading_deg[:20].mean() == pytest.approx(angle_deg, abs=15)
     assert np.ptp(motion.joints[:, motion.index("pelvis"), :2], axis=0).max() < 0.5
+
+
+def test_turns_without_a_side_are_all_to_the_same_one() -> None:
+    for seed in (0, 1, 2):
+        notes = [each for each in motion_from_text("a person turns 3 times", seed=seed).origin if each.startswith("turned ")]
+        assert (len(notes), len(set(notes))) == (3, 1)
+
+
+@pytest.mark.parametrize(
+    ("words", "angle_deg"),
+    [
+        ("around on the spot to the left by 270 degrees", 270.0),
+        ("around to the left", 180.0),
+        ("180° clockwise", 180.0),
+        ("around by 90 ° to the right", 90.0),
+    ],
+)
+def test_angles_are_read_in_any_order(words: str, angle_deg: float) -> None:
+    parsed = parse_description(f"a person turns {words}")
+    assert (parsed.description.angle_deg, parsed.ignored) == (angle_deg, ())
+
+
+@pytest.mark.parametrize("words", ["left by 0 degrees", "by 5 degrees", "around by 10000°"])
+def test_angles_that_nobody_turns_by_are_refused(words: str) -> None:
+    with pytest.raises(InputError, match="turns by 10 to 720 degrees, got "):
+        parse_description(f"a person turns {words}")
 
 
 def test_who_stands_on_one_leg_does_so_for_as_long_as_is_said() -> None:
@@ -193,6 +221,10 @@ def test_words_that_change_nothing_are_told(sentence: str, told: tuple[str, ...]
         ("a man runs with clenched fists and stops", "not made: hand of run"),
         ("a man tiptoes forward", "not made as said: tiptoes"),
         ("a man dances twice in the kitchen", "kitchen; not made: count 2 of dance"),
+        ("a man jumps five times for 3 seconds", r"not made: count 5 of jump \([1-4] within 3 s\)"),
+        ("a man squats 5 times for 5 seconds", "not made: duration 5 s of squat"),
+        ("a man turns 3 times for 3 seconds", "not made: duration 1 s of turn, which takes longer$"),
+        ("a man turns on the spot for 10 seconds", "not made: staying on the spot for the 10 s of turn"),
     ],
 )
 def test_a_motion_of_a_sentence_warns_of_what_it_lacks(sentence: str, told: str) -> None:

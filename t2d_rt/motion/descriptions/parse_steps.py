@@ -279,10 +279,12 @@ def attach(step: ParseStep, token: Token, ignored: list[str]) -> None:
     """Says of a step what an token says; raises where it says the contrary of what was said before."""
     if token.kind in ("cause", "gait"):
         step.cause = token.words
-    low, high = TURNED_DEG
-    if token.kind == "angle" and not (step.action == "turn" and low <= float(str(token.slots["angle_deg"])) <= high):
+    if token.kind == "angle" and step.action != "turn":
         ignored.append(token.words)
         return
+    low, high = TURNED_DEG
+    if token.kind == "angle" and not low <= float(str(token.slots["angle_deg"])) <= high:
+        raise InputError(f"a person turns by {low:g} to {high:g} degrees, got {token.words}; write an angle between them")
     if step.action == "stand" and token.words in ("on one leg", "on one foot"):
         step.action = "balance"
     part = step.get("body_part"), step.get("side")
@@ -332,7 +334,7 @@ def _direct(step: ParseStep, value: str, words: str, ignored: list[str]) -> None
         step.said["direction"] = value
     elif step.action == "turn" and before == "back" and value != "forward":  # turns around to the left
         step.said["direction"] = value
-        step.said.setdefault("angle_deg", HALF_TURN_DEG)
+        step.implied.setdefault("angle_deg", HALF_TURN_DEG)  # which an angle that is said replaces
     elif frozenset((str(before), value)) in OPPOSITE:
         raise Opposite(f"{before} and {value}", step.words)
     elif value in YIELDING.get(str(before), ()):

@@ -49,12 +49,12 @@ class Entry:
 
 
 def words_of(text: str) -> list[str]:
-    """Words, numbers and signs in lower case; hyphens part words, dashes are commas.
+    """Words, numbers and signs in lower case; hyphens part words, dashes are commas, a sign of degrees is the word.
 
     >>> words_of("High-stepping, it's 2.5 s!")
     ['high', 'stepping', ',', "it's", '2.5', 's', '!']
     """
-    plain = unicodedata.normalize("NFKC", text).lower().translate({0x2019: "'", 0x2018: "'", 0x2014: ",", 0x2013: ","})
+    plain = unicodedata.normalize("NFKC", re.sub(r"(?<=\d)\s*[°º]", " degrees ", text)).lower().translate({0x2019: "'", 0x2018: "'", 0x2014: ",", 0x2013: ","})
     return WORD.findall(re.sub(r"(?<=\w)-(?=\w)", " ", re.sub(r"\s-+\s", " , ", plain)))
 
 

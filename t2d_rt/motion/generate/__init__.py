@@ -99,7 +99,7 @@ def motion_from_text(
         )
     motion = make(found, seed=seed)
     if isinstance(description, str) and provider in COMPOSED:  # what others understand is theirs to say
-        lacking = [each.removeprefix(NOT_MADE) for each in motion.origin if each.startswith(NOT_MADE)]
+        lacking = dict.fromkeys(each.removeprefix(NOT_MADE) for each in motion.origin if each.startswith(NOT_MADE))
         told = [each for each in (left_out, f"{NOT_MADE}{', '.join(lacking)}" if lacking else "") if each]
         if told:
             warn(f"of {shown(description)}: {'; '.join(told)}")

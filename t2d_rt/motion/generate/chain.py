@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from t2d_rt.motion import quaternions
+from t2d_rt.motion.descriptions.slots import Step
+from t2d_rt.motion.generate import NOT_MADE
 from t2d_rt.motion.interpolate import low_pass, minimum_jerk
 from t2d_rt.motion.kinematics import INDEX, Poses
 
@@ -58,9 +60,20 @@ class Piece:
         given = {name: value for name, value in (("root", root), ("local", local)) if value is not None}
         return replace(self, poses=replace(self.poses, **given))  # type: ignore[arg-type]
 
-    def noted(self, note: str) -> Piece:
-        """With one more note."""
-        return replace(self, notes=(*self.notes, note))
+    def noted(self, *notes: str) -> Piece:
+        """With more notes."""
+        return replace(self, notes=(*self.notes, *notes))
+
+
+MOST_LONGER = 1.1
+"""How much longer than asked for a step may last, as a factor, until that is told."""
+
+
+def exceeded(step: Step, lasts_s: float) -> tuple[str, ...]:
+    """A note of a step that lasts longer than it was to, where it does; lasts_s: how long it does [s]."""
+    if step.duration_s is None or lasts_s <= MOST_LONGER * step.duration_s:
+        return ()
+    return (f"{NOT_MADE}duration {step.duration_s:.3g} s of {step.action.replace('_', ' ')}, which takes longer",)
 
 
 Begins = tuple[tuple[str, int], ...]

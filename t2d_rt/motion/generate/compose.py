@@ -16,11 +16,11 @@ from t2d_rt.motion.check import check_motion, detect_fall
 from t2d_rt.motion.contacts import contacts, plant
 from t2d_rt.motion.descriptions.slots import GAIT_TYPES, Action, Description, GaitType, Side, Step
 from t2d_rt.motion.generate import LONGEST_S, NOT_MADE
-from t2d_rt.motion.generate.chain import SHORTEST_REST_S, Begins, Piece, best_seam, doing, joined
+from t2d_rt.motion.generate.chain import SHORTEST_REST_S, Begins, Piece, best_seam, doing, exceeded, joined
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.edits import begun, halted
 from t2d_rt.motion.generate.library.individual import Individual, Maker, individual, lively, sole_m
-from t2d_rt.motion.generate.library.moves import ACTIONS, directed, made_of_clips, own_clips
+from t2d_rt.motion.generate.library.moves import ACTIONS, LONGEST_ON_THE_SPOT_S, directed, made_of_clips, own_clips
 from t2d_rt.motion.generate.library.store import RATE_HZ, Store, shipped
 from t2d_rt.motion.generate.library.users import with_users
 from t2d_rt.motion.generate.made import RESTS, Posture, make
@@ -69,6 +69,8 @@ def not_made(step: Step, then: Sequence[Step] = ()) -> list[str]:
         said.append(f"count {step.count}")
     if step.duration_s is not None and falls:
         said.append(f"duration {step.duration_s:g} s")
+    if step.action == "turn" and (step.duration_s or 0.0) > LONGEST_ON_THE_SPOT_S * (step.count or 1):
+        said.append(f"staying on the spot for the {step.duration_s:g} s")
     parts = PARTS.get(step.action, "").split()
     if step.action == "jump" and step.direction is not None:  # jumping jacks go nowhere
         parts = ["foot", "leg"]
@@ -199,14 +201,17 @@ BETWEEN: Mapping[Action, Action | None] = {"sit": "stand_up", "stand_up": "sit",
 """Actions that are made once at a time, and what comes between two of them."""
 
 
-def _repeated(steps: Sequence[Step]) -> tuple[Step, ...]:
-    """The steps, those of `BETWEEN` as often as they say."""
+def _repeated(steps: Sequence[Step], rng: np.random.Generator) -> tuple[Step, ...]:
+    """The steps, those of `BETWEEN` as often as they say; turns without a side are all to one that is drawn."""
     found: list[Step] = []
     for step in steps:
         count = step.count or 1
         if step.action not in BETWEEN or count == 1:
             found.append(step)
             continue
+        if step.action == "turn" and step.direction is None:  # all to one side, by the angle of a turn without one
+            side = "left" if rng.random() < 0.5 else "right"
+            step = step.model_copy(update={"direction": side})
         other = BETWEEN[step.action]
         each_s = None if step.duration_s is None else step.duration_s / (count if other is None else 2 * count - 1)
         once = step.model_copy(update={"count": None, "duration_s": each_s})
@@ -216,7 +221,7 @@ def _repeated(steps: Sequence[Step]) -> tuple[Step, ...]:
 
 
 def _composed(maker: Maker, description: Description) -> Motion:
-    steps = _repeated(description.steps)
+    steps = _repeated(description.steps, maker.rng)
     falls = next((number for number, step in enumerate(steps) if step.action == "fall"), None)
     if falls is None:
         return finished(_chained(maker, None, steps), maker.person)
@@ -263,6 +268,7 @@ def _chained(maker: Maker, whole: Floored | None, steps: Sequence[Step]) -> Floo
         for step in own:
             # The main step has its own duration, what comes before and after it a part of it.
             piece = _of_clips(maker, step, alone or isinstance(step, Description))
+            piece = piece.noted(*exceeded(step, (len(piece) - 1) / RATE_HZ))
             begins = doing(step.action, piece.poses.world()[0], RATE_HZ)
             if whole is None:
                 whole = Floored(piece, lasting=step.duration_s is not None, begins=begins)

@@ -12,6 +12,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.descriptions.slots import Action, Manner, Step
+from t2d_rt.motion.generate import NOT_MADE
 from t2d_rt.motion.generate.chain import Piece, from_rotation_vector, joined, moved, swung
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.dances import dance
@@ -376,7 +377,10 @@ def _turned_walk(maker: Maker, step: Step, duration_s: float) -> Piece:
 
 
 def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
-    """Jumps one after another: forward, up, on one leg, or jumping jacks; as many as are asked for, or for as long."""
+    """Jumps one after another: forward, up, on one leg, or jumping jacks; as many as are asked for, or for as long.
+
+    Of both, the duration counts, and a note tells how many fit.
+    """
     kinds = _kinds(maker, step)
     segments = maker.segments("jump", *kinds)
     pace = {"slow": 0.85, "normal": 1.0, "fast": 1.05}[step.speed] * maker.person.tempo
@@ -399,6 +403,9 @@ def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
     whole = joined(pieces)
     if step.duration_s is not None:
         whole = _until(maker, whole, step.duration_s, first.clip)
+        fit = len(flights(whole))
+        if fit < (step.count or 0):
+            whole = whole.noted(f"{NOT_MADE}count {step.count} of jump ({fit} within {step.duration_s:g} s)")
     whole = styled(maker, whole, step) if "jacks" not in kinds else whole
     return _on_one_leg(maker, whole, step.side) if step.body_part in ("foot", "leg") else whole
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.slots import Step
-from t2d_rt.motion.generate.chain import Begins, doing
+from t2d_rt.motion.generate.chain import Begins, doing, exceeded
 from t2d_rt.motion.generate.made import ground, seat, standing
 from t2d_rt.motion.generate.made.act import (
     AFTER_S,
@@ -137,6 +137,7 @@ def make(
             for side in SIDES:
                 act.grasps[side][grasps[side] :] = stretched.moves(act.grasps[side][grasps[side] :])
             act.now_s = max(stretched.later(act.now_s), start_s + step.duration_s)
+            act.notes += exceeded(step, act.now_s - start_s)
         spans.append((step.action, begin_s, act.now_s, RESTS[rests], RESTS[act.posture]))
     if steps[-1].duration_s is None:
         if act.posture == "standing" and steps[-1].action == "stand_up" and act.chance(TURNS_AWAY):
