@@ -63,7 +63,9 @@ def test_who_turns_on_the_spot_turns_by_the_angle_that_is_said(words: str, angle
 
 def test_turns_without_a_side_are_all_to_the_same_one() -> None:
     for seed in (0, 1, 2):
-        notes = [each for each in motion_from_text("a person turns 3 times", seed=seed).origin if each.startswith("turned ")]
+        notes = [
+            each for each in motion_from_text("a person turns 3 times", seed=seed).origin if each.startswith("turned ")
+        ]
         assert (len(notes), len(set(notes))) == (3, 1)
 
 

@@ -284,7 +284,9 @@ def attach(step: ParseStep, token: Token, ignored: list[str]) -> None:
         return
     low, high = TURNED_DEG
     if token.kind == "angle" and not low <= float(str(token.slots["angle_deg"])) <= high:
-        raise InputError(f"a person turns by {low:g} to {high:g} degrees, got {token.words}; write an angle between them")
+        raise InputError(
+            f"a person turns by {low:g} to {high:g} degrees, got {token.words}; write an angle between them"
+        )
     if step.action == "stand" and token.words in ("on one leg", "on one foot"):
         step.action = "balance"
     part = step.get("body_part"), step.get("side")

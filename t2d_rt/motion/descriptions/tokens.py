@@ -54,7 +54,11 @@ def words_of(text: str) -> list[str]:
     >>> words_of("High-stepping, it's 2.5 s!")
     ['high', 'stepping', ',', "it's", '2.5', 's', '!']
     """
-    plain = unicodedata.normalize("NFKC", re.sub(r"(?<=\d)\s*[°º]", " degrees ", text)).lower().translate({0x2019: "'", 0x2018: "'", 0x2014: ",", 0x2013: ","})
+    plain = (
+        unicodedata.normalize("NFKC", re.sub(r"(?<=\d)\s*[°º]", " degrees ", text))
+        .lower()
+        .translate({0x2019: "'", 0x2018: "'", 0x2014: ",", 0x2013: ","})
+    )
     return WORD.findall(re.sub(r"(?<=\w)-(?=\w)", " ", re.sub(r"\s-+\s", " , ", plain)))
 
 
