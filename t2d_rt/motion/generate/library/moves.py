@@ -379,11 +379,16 @@ def _turned_walk(maker: Maker, step: Step, duration_s: float) -> Piece:
 def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
     """Jumps one after another: forward, up, on one leg, or jumping jacks; as many as are asked for, or for as long.
 
-    Of both, the duration counts, and a note tells how many fit.
+    Of both, the duration counts: quick jumps are taken, and a note tells how many fit.
     """
     kinds = _kinds(maker, step)
     segments = maker.segments("jump", *kinds)
     pace = {"slow": 0.85, "normal": 1.0, "fast": 1.05}[step.speed] * maker.person.tempo
+    if step.count is not None and step.duration_s is not None:
+        # Only recordings whose jumps follow so quickly, with time for one more to stand in, or else the quickest.
+        each_s = {each.name: each.duration_s / max(each.count, 1) for each in segments}
+        most_s = max(pace * step.duration_s / (step.count + 1), min(each_s.values()))
+        segments = [each for each in segments if each_s[each.name] <= most_s]
     # Who jumps quickly takes jumps that follow one another, who jumps slowly those with standing and balancing about them.
     often = {"slow": -1.0, "normal": 0.0, "fast": 1.0}[step.speed]
     chances = [(max(each.count, 1) / each.duration_s) ** often for each in segments]
