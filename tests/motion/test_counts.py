@@ -39,7 +39,9 @@ def test_jumps_are_as_many_as_the_sentence_says(sentence: str, count: int) -> No
         assert len(flights_s(tracks(motion_from_text(sentence, seed=seed)))) == count
 
 
-@pytest.mark.parametrize(("words", "count", "seconds"), [("up five times for 8 seconds", 5, 8.0), ("forward twice for 4 seconds", 2, 4.0)])
+@pytest.mark.parametrize(
+    ("words", "count", "seconds"), [("up five times for 8 seconds", 5, 8.0), ("forward twice for 4 seconds", 2, 4.0)]
+)
 def test_a_count_of_jumps_that_fits_into_a_duration_is_kept(words: str, count: int, seconds: float) -> None:
     for seed in (1, 3):
         motion = motion_from_text(f"a man jumps {words}", seed=seed)
