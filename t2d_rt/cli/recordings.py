@@ -123,7 +123,7 @@ def process(
     drawn = _one_of_each_burst(recording).processed(**signal)
     figures = {"range_time": drawn.plot_range_time(sources[0].name), "spectrogram": drawn.plot(sources[0].name)}
     if len(sources) == 2:
-        beside = load_recording(sources[1]).processed(**signal)
+        beside = _one_of_each_burst(load_recording(sources[1])).processed(**signal)
         found = compared(drawn, beside, align=True, relative=True, labels=[each.name for each in sources])
         say(found)
         figures["compare"] = found.plot(sources[0].name)

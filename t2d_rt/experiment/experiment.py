@@ -184,6 +184,10 @@ class Experiment(Plain):
     @classmethod
     def read(cls, values: Mapping[str, Any], path: Path) -> Experiment:
         """An experiment from the fields that a file holds."""
+        if "radars" in values:
+            raise InputError(
+                f"{path} has several radars, which t2d-rt simulate alone takes; give one of them as radar in place of radars"
+            )
         folder = path.parent
         named = {name: values[name] for name in ("radar", "noise") if name in values}
         values = {**values, **{name: beside(value, folder, SETTINGS) for name, value in named.items()}}

@@ -335,8 +335,10 @@ def load_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str = "IQ", 
     with regular_file(source, noun="recording") as file:
         size = os.fstat(file.fileno()).st_size
     row = (1 if iq == "I" else 2) * senders * radar.samples * (4 if str(lanes) == "4" else receivers)
-    if not size or size % (2 * row):
-        real = ", or iq='I' where samples are real" if size and iq != "I" and size % row == 0 else ""
+    if not size:
+        raise InputError(f"{path} is empty; record the capture anew")
+    if size % (2 * row):
+        real = ", or iq='I' where samples are real" if iq != "I" and size % row == 0 else ""
         raise InputError(
             f"{path} holds {size} bytes, and a loop of this radar ({senders} x {receivers} antennas, {radar.samples} samples) "
             f"has {2 * row}: give the radar that recorded it, or cut the file at the last whole loop{real}"

@@ -29,7 +29,8 @@ BREATH_HARMONICS, BEAT_HARMONICS = 6, 3
 SHORTEST_S = 10.0
 """Shortest record [s]; two breaths of the slowest rate that is looked for fill it."""
 HEARTS_DB = 12.0
-"""Power over the median of the band [dB] below which the heart's line may be noise."""
+"""Power over the median of the band [dB] below which the heart's line is told as one that may be noise. Of 40 records of white noise
+alone (16 s at 40 Hz) eight reached it, the greatest with 16.5 dB: only a line above 17 dB is sure to be none."""
 ZOOM = 16
 """Frequencies of a spectrum by interpolation in one of its lines."""
 
@@ -54,7 +55,7 @@ class VitalSigns:
     """From the least to the greatest in a beat, of the mean beat [m]."""
     heartbeat_db: float
     """Power of the heart's line, or of its harmonic where the breath hides that, over the median of its band, breathing taken away
-    [dB]: below `HEARTS_DB` it may be noise."""
+    [dB]: below some 17 dB it may be noise; a warning comes below `HEARTS_DB`."""
 
     def __str__(self) -> str:
         breaths, beats = 60 * self.breathing_hz, 60 * self.heartbeat_hz

@@ -95,6 +95,7 @@ def radar_fields(source: Source, board: Mapping[str, Any] | None = None) -> dict
             )
     if any(len(line) > 1 and line[1] for line in commands.get("bpmCfg", [])):
         raise InputError("bpmCfg must be off; give a file of time multiplexing")
+    _check_whole(commands)
     frame = numbers(commands, "frameCfg", 5)
     loops, period_ms = frame[2], frame[5 if len(frame) > 7 else 4]  # devices of 2021 and later have a number more
     chirps = _chirps(commands, frame)
@@ -109,6 +110,10 @@ def radar_fields(source: Source, board: Mapping[str, Any] | None = None) -> dict
     for name, value in (("samples of profileCfg", samples), ("loops of frameCfg", loops)):
         if value < 1 or value != int(value):
             raise InputError(f"the {name} must be a whole number, 1 or more, got {value:g}; correct the .cfg file")
+    if min(adc_us, idle_us) < 0:
+        raise InputError(
+            f"ADC start and idle time of profileCfg must be 0 us or more, got {adc_us:g} and {idle_us:g}; correct the .cfg file"
+        )
     if adc_us + samples / rate_khz * 1e3 > ramp_us * (1 + 1e-9):
         raise InputError(
             f"the samples of profileCfg end {adc_us + samples / rate_khz * 1e3:.4g} us after the ramp's start, the ramp after "
@@ -134,6 +139,25 @@ OF_BOARD = "tx_gain_dbi", "rx_gain_dbi", "noise_figure_db", "tx_pattern", "rx_pa
 """Fields of a board's preset that no .cfg file tells."""
 
 
+WHOLE = {
+    "channelCfg": {0: 255, 1: 255, 2: 255}, "chirpCfg": {0: 511, 1: 511, 2: 255, 7: 255}, "frameCfg": {0: 511, 1: 511, 3: 65535},
+    "profileCfg": {0: 255, 5: 2**32 - 1, 6: 2**32 - 1},
+}  # fmt: skip
+"""Places of whole numbers among those of a command, and the greatest that each holds: numbers of chirps and profiles, masks."""
+
+
+def _check_whole(commands: Commands) -> None:
+    """Refuses halves, signs and numbers too great for their field."""
+    for name, places in WHOLE.items():
+        for line in commands.get(name, []):
+            for place, most in places.items():
+                if place < len(line) and (line[place] % 1 or not 0 <= line[place] <= most):
+                    raise InputError(
+                        f"number {place + 1} of {name} must be a whole number from 0 to {most}, got {line[place]:.12g}; correct the "
+                        ".cfg file"
+                    )
+
+
 def _chirps(commands: Commands, frame: list[float]) -> list[list[float]]:
     """The numbers of chirpCfg for each chirp of a loop, in order."""
     first, last = int(frame[0]), int(frame[1])
@@ -141,8 +165,8 @@ def _chirps(commands: Commands, frame: list[float]) -> list[list[float]]:
     for chirp in commands.get("chirpCfg", []):
         if len(chirp) < 8:
             raise InputError(f"a line chirpCfg must have 8 numbers, got {len(chirp)}; correct the .cfg file")
-        by_number |= dict.fromkeys(range(int(chirp[0]), min(int(chirp[1]), MOST_CHIRPS) + 1), chirp)
-    missing = [number for number in range(first, min(last, MOST_CHIRPS) + 1) if number not in by_number]
+        by_number |= dict.fromkeys(range(int(chirp[0]), int(chirp[1]) + 1), chirp)
+    missing = [number for number in range(first, last + 1) if number not in by_number]
     if missing or last < first:
         raise InputError(
             f"frameCfg sends chirps {first} to {last}, and chirpCfg defines {sorted(by_number)}; correct the .cfg file"
@@ -153,10 +177,6 @@ def _chirps(commands: Commands, frame: list[float]) -> list[list[float]]:
             "the chirps of a frame must be alike in profile, frequency, slope and times, as a Radar's are; give a file of such"
         )
     return chirps
-
-
-MOST_CHIRPS = 512
-"""Of a frame: the device's memory of chirps."""
 
 
 def _profile(commands: Commands, chirp: list[float]) -> list[float]:
@@ -275,6 +295,7 @@ def ti_lines(radar: Any, board: str | None, full_dbm: float) -> list[str]:
     for told, wrong in refused.items():
         if wrong:
             raise InputError(told)
+    _warn_of_unwritten(radar)
     before_s, after_s = min(6e-6, idle_s / 3), min(1e-6, idle_s / 6)
     backoff = max(0, round(full_dbm - radar.tx_power_dbm))
     if abs(full_dbm - backoff - radar.tx_power_dbm) > 1e-6:
@@ -298,6 +319,20 @@ def ti_lines(radar: Any, board: str | None, full_dbm: float) -> list[str]:
     ]  # fmt: skip
 
 
+def _warn_of_unwritten(radar: Any) -> None:
+    """Tells of what the radar has and the file has not, and of a slope that no device has."""
+    place = type(radar).model_fields["position_m"].default
+    if radar.track is not None or radar.position_m != place or not np.allclose(radar.axes, np.eye(3)):
+        warn("place, boresight and track of the radar are not in a .cfg file; give them again where it is read")
+    if radar.slope_hz_per_s > STEEPEST_HZ_PER_S:
+        warn(
+            f"the slope of {radar.slope_hz_per_s * 1e-12:g} MHz/us is written, and devices have {STEEPEST_HZ_PER_S * 1e-12:g} at most; "
+            "no device will take the file"
+        )
+
+
+STEEPEST_HZ_PER_S = 250e12
+"""Slope of the devices at 60 GHz by mmWaveLink's rlProfileCfg_t [Hz/s]; those at 77 GHz have less."""
 LEAST_IDLE_S = 3e-6
 """Time of a chirp that a device needs beside its samples: the synthesizer's way back and the filters' settling."""
 

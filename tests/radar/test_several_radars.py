@@ -99,7 +99,9 @@ def test_radars_that_are_none() -> None:
         heard(TABLE2, TABLE2)
 
 
-def test_radars_of_an_experiment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_radars_of_an_experiment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
     other = {name: value for name, value in ASIDE.model_dump(mode="json").items() if value is not None}
     targets = [{"kind": "file", "file": "walk", "stop_s": 0.1}]
@@ -124,3 +126,7 @@ def test_radars_of_an_experiment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.chdir("..")
     Path("two.yaml").write_text(yaml.safe_dump({**values, "radars": []}))
     assert main(["simulate", "two.yaml", "-o", "other.zarr"]) != 0
+    capsys.readouterr()
+    for command in ("plan", "info", "paths"):
+        assert main([command, "files.yaml"]) == 2
+        assert "files.yaml has several radars, which t2d-rt simulate alone takes" in capsys.readouterr().err

@@ -347,3 +347,16 @@ def test_process_draws_a_capture_and_sets_it_beside_a_result(run: Command) -> No
         assert (refused.code, refused.err.count("\n")) == (2, 1)
         assert told in refused.err
     assert not Path("c_spectrogram.png").exists()
+    Path("none.bin").touch()
+    assert "none.bin is empty" in run("process", "none.bin", "--radar", "profile.cfg", "--lanes", "2").err
+
+
+def test_short_bursts_are_set_beside_their_simulation(run: Command) -> None:
+    """Both as one chirp a burst, whose axes of speed are one."""
+    cube, burst = scene(192), RADAR.replace(chirps_per_frame=2, frame_interval_s=0.02)
+    burst.to_yaml("radar.yaml")
+    written(Path("a.bin"), two_lanes(cube))
+    t2d.Recording(cube.astype(np.complex64), burst).save("b.zarr")
+    found = run("process", "a.bin", "b.zarr", "--radar", "radar.yaml", "--lanes", "2", "--signal.n-window", "16")
+    assert found.code == 0, found.err
+    assert found.out.count("are averaged") == 2 and Path("a_compare.png").exists()

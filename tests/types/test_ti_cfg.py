@@ -7,6 +7,7 @@ devices and SDK versions that differ; none is a copy of a file.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import pytest
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.types.radar import Radar
+from t2d_rt.types.radar_track import RadarTrack
 from t2d_rt.types.ti_cfg import BOARDS, OF_BOARD
 
 HEAD = "sensorStop\nflushCfg\ndfeDataOutputMode 1\n"
@@ -155,6 +157,12 @@ ISK = FILES["xwr6843_isk"][0]
         ("7 57.14", "7 50.14", "samples of profileCfg end"),
         ("profileCfg 0", "profileCfg 1", "one line profileCfg"),
         ("bpmCfg -1 0 0 0", "bpmCfg -1 1 0 1", "bpmCfg must be off"),
+        ("7 57.14 0", "7 57.14 1.5", "number 6 of profileCfg must be a whole number"),
+        ("7 57.14", "-3 57.14", "ADC start and idle time of profileCfg must be 0 us or more, got -3"),
+        ("chirpCfg 2 2 0 0 0 0 0 2", "chirpCfg 2 2 0 0 0 0 0 2.5", "number 8 of chirpCfg must be a whole number"),
+        ("chirpCfg 2 2", "chirpCfg 2 1e12", "number 2 of chirpCfg must be a whole number from 0 to 511"),
+        ("frameCfg 0 2", "frameCfg 0.5 2", "number 1 of frameCfg must be a whole number"),
+        ("channelCfg 15 7", "channelCfg -1 7", "number 1 of channelCfg must be a whole number"),
     ],
 )  # fmt: skip
 def test_what_no_radar_here_has_is_an_error(old: str, new: str, told: str) -> None:
@@ -175,6 +183,20 @@ def test_what_no_radar_here_has_is_an_error(old: str, new: str, told: str) -> No
 def test_what_is_not_held_is_told(old: str, new: str, told: str) -> None:
     with pytest.warns(T2DWarning, match=told):
         Radar.from_ti_cfg(ISK.replace(old, new).splitlines())
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"position_m": (0, 0, 2)}, "place, boresight and track"),
+        ({"boresight": (1, 0, -0.2)}, "place, boresight and track"),
+        ({"track": RadarTrack(times_s=(0, 1), positions_m=((0, 0, 1), (1, 0, 1)))}, "place, boresight and track"),
+        ({"slope_hz_per_s": 3e14}, "slope of 300 MHz/us"),
+    ],
+)
+def test_what_a_file_does_not_keep_is_told(changes: dict[str, Any], told: str) -> None:
+    with pytest.warns(T2DWarning, match=told):
+        Radar.preset("iwr6843isk", chirps_per_frame=96, frame_interval_s=0.05, **changes).to_ti_cfg()
 
 
 def test_some_radars_have_no_such_file() -> None:
