@@ -297,6 +297,9 @@ def one_sentence(message: str, command: str, options: Collection[str] = ()) -> s
     help_command = f"t2d-rt {command} --help"
     wrong = re.match(r'Parser key "(.+?)":', message)
     given = re.search(r"(?:Got|Given) value: (.*)", message, flags=re.DOTALL)
+    nested = given and re.match(r"NestedArg\(key='([^']*)'", given[1])
+    if wrong and nested:
+        return f"unknown option {wrong[1]}.{nested[1]}; {wrong[1]} takes one value here, see {help_command}"
     if wrong and given:
         kinds = re.findall(r"Expected an? (.+?)(?:\. Got value|\n|$)", message)
         expected = dict.fromkeys(word for kind in kinds for word in _plain_type(kind))

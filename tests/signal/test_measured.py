@@ -340,6 +340,7 @@ def test_process_draws_a_capture_and_sets_it_beside_a_result(run: Command) -> No
     for arguments, told in (
         (("a.bin", "--radar", "profile.cfg", "-o", "d"), "give its LVDS lanes"),
         (("b.zarr",), "process takes one capture"),
+        (("a.bin", "--radar.track", "x.csv"), "unknown option radar.track; radar takes one value here"),
         (("a.bin", "a.bin", "--radar", "profile.cfg", "--lanes", "2"), "must be a result"),
         (("a.bin", "--radar", "profile.cfg", "--lanes", "2", "--vital-signs", "-o", "c"), "record longer"),
     ):
@@ -359,4 +360,5 @@ def test_short_bursts_are_set_beside_their_simulation(run: Command) -> None:
     t2d.Recording(cube.astype(np.complex64), burst).save("b.zarr")
     found = run("process", "a.bin", "b.zarr", "--radar", "radar.yaml", "--lanes", "2", "--signal.n-window", "16")
     assert found.code == 0, found.err
-    assert found.out.count("are averaged") == 2 and Path("a_compare.png").exists()
+    assert found.out.count("are averaged") == 2
+    assert Path("a_compare.png").exists()
