@@ -153,8 +153,8 @@ def _check_whole(commands: Commands) -> None:
             for place, most in places.items():
                 if place < len(line) and (line[place] % 1 or not 0 <= line[place] <= most):
                     raise InputError(
-                        f"number {place + 1} of {name} must be a whole number from 0 to {most}, got {line[place]:.12g}; correct the "
-                        ".cfg file"
+                        f"number {place + 1} of {name} must be a whole number from 0 to {most}, got {line[place]:.12g}; "
+                        "correct the .cfg file"
                     )
 
 
@@ -326,8 +326,8 @@ def _warn_of_unwritten(radar: Any) -> None:
         warn("place, boresight and track of the radar are not in a .cfg file; give them again where it is read")
     if radar.slope_hz_per_s > STEEPEST_HZ_PER_S:
         warn(
-            f"the slope of {radar.slope_hz_per_s * 1e-12:g} MHz/us is written, and devices have {STEEPEST_HZ_PER_S * 1e-12:g} at most; "
-            "no device will take the file"
+            f"the slope of {radar.slope_hz_per_s * 1e-12:g} MHz/us is written, and devices have "
+            f"{STEEPEST_HZ_PER_S * 1e-12:g} at most; no device will take the file"
         )
 
 
