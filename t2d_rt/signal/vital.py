@@ -29,8 +29,8 @@ BREATH_HARMONICS, BEAT_HARMONICS = 6, 3
 SHORTEST_S = 10.0
 """Shortest record [s]; two breaths of the slowest rate that is looked for fill it."""
 HEARTS_DB = 12.0
-"""Power over the median of the band [dB] below which the heart's line is told as one that may be noise. Of 40 records of white noise
-alone (16 s at 40 Hz) eight reached it, the greatest with 16.5 dB: only a line above 17 dB is sure to be none."""
+"""Power over the median of the band [dB] below which the heart's line comes with a warning. Of 40 records of white noise alone
+(16 s at 40 Hz) eight reached it, the greatest with 16.5 dB: a line below some 17 dB may be noise."""
 ZOOM = 16
 """Frequencies of a spectrum by interpolation in one of its lines."""
 

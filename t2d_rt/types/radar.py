@@ -275,8 +275,9 @@ class Radar(Fields):
         board: preset of the device that it is for, as in `from_ti_cfg`, which then takes it from the file's comment "Platform:..."
             where the visualizer knows the device. Back-off is counted from the board's power, from 12 dBm where none is given.
 
-        Of a radar with bursts, whose transmitters take turns. Gains, patterns and noise figure are not in such a file, nor is the pose: one
-        of its own, or a track, is a warning, as is a slope above the devices' 250 MHz/us. The device rounds frequency and slope.
+        Of a radar with bursts, whose transmitters take turns. Gains, patterns and noise figure are not in such a file, nor is the
+        pose: one of its own, or a track, is a warning, as is a slope above the devices' 250 MHz/us; the device rounds frequency and
+        slope to steps of its own.
         """
         lines = ti_lines(self, board, FULL_DBM if board is None else type(self).preset(board).tx_power_dbm)
         if path is not None:
