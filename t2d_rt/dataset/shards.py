@@ -162,8 +162,10 @@ def _sync(folder: Path) -> None:
 
 
 def sweep(folder: Path) -> None:
-    """Removes what killed processes left half written."""
-    for path in [each for place in (folder, folder / SHARDS, folder / SPOOL) for each in place.glob(f".*{PART}")]:
+    """Removes what killed processes left half written, or half taken away: arrays in the spool without their record."""
+    halves = [each for place in (folder, folder / SHARDS, folder / SPOOL) for each in place.glob(f".*{PART}")]
+    halves += [each for each in (folder / SPOOL).glob("*.npz") if not each.with_suffix(".jsonl").exists()]
+    for path in halves:
         path.unlink(missing_ok=True)
 
 

@@ -218,6 +218,9 @@ def test_what_is_finished_when_a_run_stops_is_not_made_again(
         assert make_dataset(tiny(), copied, workers=1).made == 3
         assert contents(copied) == contents(made)
     assert make_dataset(tiny(), out, workers=1).made == 2
+    (out / "spool").mkdir()
+    (out / "spool" / "2.npz").write_bytes(b"of a run that was killed as it took its sample away")
+    assert make_dataset(tiny(), out, workers=1).made == 0
     assert contents(out) == contents(made)
     assert not (out / "spool").exists()
 
