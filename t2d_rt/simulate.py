@@ -93,7 +93,7 @@ def simulate(
         Model, facets, rates, visibility and path tiers are chosen to keep to it (`plan` shows the choice). A small body or mesh in
         free space whose measured error misses it is simulated again, up to twice, each time more finely.
     accuracy: an `Accuracy`, or a mapping of its fields, that says how finely targets are modelled; with a tolerance the fields that
-        it sets stay. The default comes to -15 to -31 dB in free space, worst where a body hides much of itself, and to -12 to -17
+        it sets stay. The default comes to -15 to -31 dB in free space, worst where a body hides much of itself, and to -11 to -20
         dB in rooms.
     reflections: greatest number of reflections, counted on the paths out and back together.
     transmissions: greatest number of thin slabs that they pass through, counted likewise; 2 for a target behind a partition.
