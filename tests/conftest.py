@@ -8,6 +8,8 @@ import os
 # Before NumPy is loaded: two processes share two cores, and waiting threads of BLAS and OpenMP take a core from the other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Samples of data sets that a test makes in this process are those of workers; plugins of pytest have loaded NumPy before.
+os.environ.setdefault("T2D_RT_KERNELS", "own")
 
 from collections.abc import Callable, Iterator
 from functools import cache

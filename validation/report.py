@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import platform
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from datetime import date
@@ -92,14 +91,6 @@ def made() -> str:
     """Day, machine and versions, for a section that was just measured."""
     names = ", ".join(f"{name} {version}" for name, version in versions().items())
     return f"{date.today().isoformat()}, {os.cpu_count()} cores ({processor()}), {names}"
-
-
-def processor() -> str:
-    """Its name."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text(encoding="utf-8").splitlines() if info.is_file() else []
-    models = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(models, "") or platform.processor() or platform.machine()
 
 
 def write_report(

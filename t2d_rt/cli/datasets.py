@@ -60,7 +60,7 @@ def dataset(
       t2d-rt dataset my_recipe.yaml -o out --workers 8           # processes of this machine
       t2d-rt dataset hard -o out --scheduler tcp://head:8786     # on a cluster of dask.distributed
       t2d-rt dataset show hard 417 > sample.yaml                 # one sample as an experiment
-      t2d-rt simulate sample.yaml -o sample.zarr                 # the same samples of the ADC, bit for bit
+      t2d-rt simulate sample.yaml -o sample.zarr                 # the same samples of the ADC, but for last bits
       t2d-rt dataset check small                                 # checksums, records and arrays
       t2d-rt dataset summary small -o small.png                  # text, and pictures: balance, SNR, speeds, contact sheet
       t2d-rt dataset split small --apart description,seed -o split.json    # no description or motion on two sides; or --folds 5

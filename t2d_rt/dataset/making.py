@@ -12,7 +12,8 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from concurrent.futures import FIRST_COMPLETED, wait
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,6 +21,7 @@ from typing import Any
 
 from t2d_rt.core.checks import file_path, integer
 from t2d_rt.core.errors import InputError, install, warn
+from t2d_rt.core.kernels import common_kernels, has_common_kernels
 from t2d_rt.core.plugins import versions
 from t2d_rt.core.processes import end_with
 from t2d_rt.dataset.lock import locked
@@ -55,6 +57,10 @@ Scheduler = Callable[[Sequence[Task]], Iterator[list[Made]]]
 ADDRESS = re.compile(r"(tcp|tls)://([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]):[0-9]{1,5}")
 AT_ONCE = 10_000
 """Calls that a scheduler holds at most: ten for each of a thousand workers. A million would take it gigabytes."""
+THREADS = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"
+"""Variables of libraries that would start as many threads in each worker as there are cores."""
+IDLE_S = 300.0
+"""How long workers wait for the next run."""
 RETRIES = 2
 """How often a call is repeated whose worker was lost."""
 
@@ -65,7 +71,8 @@ def scheduler_named(name: str | None, workers: int) -> tuple[Scheduler, int]:
     name: None for `workers` processes of this machine, "local:N" or an address for a cluster of dask.
     """
     if name is None:
-        return here if workers == 1 else partial(on_this_machine, workers=workers), workers
+        alone = workers == 1 and has_common_kernels()
+        return here if alone else partial(on_this_machine, workers=workers), workers
     kind, _, rest = name.partition(":")
     if kind == "local" and rest.isdecimal() and int(rest) > 0:
         return partial(on_a_cluster, address=None, workers=int(rest)), int(rest)
@@ -86,21 +93,31 @@ def here(tasks: Sequence[Task]) -> Iterator[list[Made]]:
 
 
 def on_this_machine(tasks: Sequence[Task], workers: int) -> Iterator[list[Made]]:
-    """Makes the samples in processes of this machine; a worker that is lost ends the run in one sentence."""
-    from joblib import Parallel, delayed, parallel_config
-    from joblib.externals.loky import BrokenProcessPool
+    """Makes the samples in processes of this machine, which compute with the kernels of any; a worker that is lost ends the run in
+    one sentence. joblib's own calls would make the samples of one worker in this process."""
+    from joblib.externals.loky import BrokenProcessPool, get_reusable_executor
 
+    environment = dict.fromkeys(THREADS, "1") | common_kernels()
+    executor = get_reusable_executor(
+        workers, timeout=IDLE_S, initializer=end_with, initargs=(os.getpid(),), env=environment
+    )
+    coming, stopped = iter(tasks), True
     try:
-        with parallel_config(backend="loky", inner_max_num_threads=1, initializer=end_with, initargs=(os.getpid(),)):
-            calls = Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
-            results = calls(delayed(make_samples_in_worker)(*task) for task in tasks)
-        with closing(results):
-            yield from results
+        running = {executor.submit(make_samples_in_worker, *task) for task in itertools.islice(coming, 2 * workers)}
+        while running:
+            done, running = wait(running, return_when=FIRST_COMPLETED)
+            for future in done:
+                running |= {executor.submit(make_samples_in_worker, *task) for task in itertools.islice(coming, 1)}
+                yield future.result()
+        stopped = False
     except BrokenProcessPool:
         raise InputError(
             "a worker process was lost, as where memory runs out or somebody ends it; run the recipe again, with fewer --workers "
             "where memory is short: what is finished stays"
         ) from None
+    finally:
+        if stopped:
+            executor.shutdown(kill_workers=True)
 
 
 @contextmanager
@@ -118,13 +135,16 @@ def _silent(name: str) -> Iterator[None]:
 def on_a_cluster(tasks: Sequence[Task], address: str | None, workers: int) -> Iterator[list[Made]]:
     """Makes the samples on a cluster of dask: one that runs at an address, or one of so many processes of this machine."""
     try:
+        from dask import config
         from distributed import CancelledError, Client, KilledWorker, LocalCluster, as_completed
         from distributed.comm import CommClosedError
     except ImportError:
         raise InputError(f"a scheduler needs dask.distributed; {install('cluster')}") from None
     cluster: Any = None
     if address is None:
-        cluster = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None)
+        place = "distributed.nanny.pre-spawn-environ"
+        with config.set({f"{place}.{variable}": value for variable, value in common_kernels().items()}):
+            cluster = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None)
     try:
         client = Client(cluster if address is None else address, timeout="20s")
     except (OSError, ValueError, OverflowError) as error:
@@ -191,6 +211,8 @@ def make_dataset(
     progress: called with the fraction done, 0..1.
 
     The files are the same bytes whatever the workers, the order in which they finish and the stops between; only `log` differs.
+    Workers compute with the kernels of any machine (`common_kernels`), and so does one, in a process of its own where this one has
+    others. What a cluster at an address computes with is its own choice: a warning tells where it has others.
     Raises InputError where the folder is that of another recipe or of another run, where a file is damaged or cannot be written,
     where a worker is lost, and once more than 5 % of the samples have failed.
     """
@@ -283,7 +305,10 @@ class _Run:
 
     def __init__(self, recipe: Recipe, folder: Path, count: int, progress: Progress | None) -> None:
         self._recipe, self._folder, self._count, self._progress = recipe, folder, count, progress
-        self._files: dict[str, str] = dict(read_manifest(folder).get("files", {}))
+        manifest = read_manifest(folder)
+        self._files: dict[str, str] = dict(manifest.get("files", {}))
+        self._made_on: set[str] = set(manifest.get("made_on", []))
+        """Processors and kernels that samples were made with."""
         self._waiting: dict[int, dict[int, Made]] = {}
         self._inputs = recipe.files()
         self._log: list[dict[str, Any]] = []
@@ -359,6 +384,7 @@ class _Run:
         self._log += [{"index": each.record["index"], "seconds": dict(each.seconds)} for each in made]
         self.made += len(made)
         for each in made:
+            self._note_machine(each)
             write_spooled(self._folder, each)
         self._take(made)
 
@@ -381,6 +407,19 @@ class _Run:
         if self._progress is not None:
             self._progress(min(1.0, self.done / self._count))
 
+    def _note_machine(self, made: Made) -> None:
+        """Writes into the manifest what a sample was made with, before the sample itself; warns of kernels of the worker's own."""
+        if not made.machine or made.machine in self._made_on:
+            return
+        self._made_on.add(made.machine)
+        self.write_manifest()
+        if not made.common:
+            set_as = " ".join(f"{name}='{value}'" for name, value in common_kernels().items())
+            warn(
+                f"a worker computes with {made.machine}: its samples may differ from those of other machines in a last bit; start "
+                f"the workers with {set_as or 'the kernels of all machines'}"
+            )
+
     def _note_failures(self, made: Sequence[Made]) -> None:
         """Notes which samples failed; stops the run where they are too many to be chance."""
         self.failures += [(each.record["index"], each.record["failure"]) for each in made if each.record["failure"]]
@@ -399,6 +438,7 @@ class _Run:
             "recipe": self._recipe.name,
             "recipe_hash": self._recipe.hash,
             "versions": versions(),
+            "made_on": sorted(self._made_on),
             "inputs": self._inputs,
             "samples": samples,
             "failed": failed,

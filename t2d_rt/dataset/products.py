@@ -82,16 +82,17 @@ class _Map(_Product):
     greatest cell of most maps; "none" keeps them."""
 
     def encoded(self, power: np.ndarray) -> tuple[np.ndarray, float]:
-        """Powers [W] as they are written, and the greatest one [dB re 1 W], which is lost in levels relative to it.
+        """Powers [W] as they are written, and the greatest one to 0.001 dB [dB re 1 W], which is lost in levels relative to it.
 
         1e-300 W and a relative 1e-300 keep the logarithm finite where a record holds nothing at all.
         """
         greatest = max(float(power.max()), 1e-300)
+        peak_db = round(10.0 * math.log10(greatest), 3)
         level = np.maximum(10.0 * np.log10(np.maximum(power / greatest, 1e-300)), FLOOR_DB)
         if self.dtype == "float16":
-            return level.astype(np.float16), 10.0 * math.log10(greatest)
+            return level.astype(np.float16), peak_db
         shown = np.clip(1.0 + level / self.dynamic_range_db, 0.0, 1.0)
-        return np.rint(255.0 * shown).astype(np.uint8), 10.0 * math.log10(greatest)
+        return np.rint(255.0 * shown).astype(np.uint8), peak_db
 
     def levels(self, array: np.ndarray) -> np.ndarray:
         """Levels [dB] of what `encoded` wrote, float32; what lay below the dynamic range of "uint8" comes back at its end."""

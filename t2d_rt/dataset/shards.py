@@ -50,6 +50,10 @@ class Made:
     arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
     """Time of each stage, and in all that of the processor, `cpu`."""
+    machine: str = ""
+    """The processor and the kernels that it was made with; "" of one that was read."""
+    common: bool = True
+    """Whether these are the kernels that any machine has."""
 
 
 def shard_name(number: int) -> str:
@@ -465,6 +469,10 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         found = json.loads(read_bytes(path, limit=MOST_BYTES, noun="manifest"))
         if not all(isinstance(found.get(name, {}), dict) for name in ("files", "inputs", "versions")):
             raise ValueError("files, inputs and versions must be objects")
+        if not isinstance(made_on := found.get("made_on", []), list) or not all(
+            isinstance(each, str) for each in made_on
+        ):
+            raise ValueError("made_on must be a list of texts")
         if not all(FILE.fullmatch(name) for name in found["files"]):
             raise ValueError("files must be those of shards")
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
@@ -545,9 +553,11 @@ def frozen_differences(folder: Path, recipe: Recipe) -> Iterator[str]:
     for count, due in ships.frozen if ships.hash == recipe.hash else recipe.frozen:
         found, samples = content_hash(folder, recipe, count)
         if samples == count and found != due:
+            made_on = "; ".join(read_manifest(folder).get("made_on", [])) or "a machine that the manifest does not tell"
             yield (
                 f"the first {count} samples of {folder} are not those of {recipe.name} that are frozen ({found[:12]} in place of "
-                f"{due[:12]}): another version or kind of processor made them; say so beside any score"
+                f"{due[:12]}): another version made them, or other kernels; they were made on {shown(made_on)}; say so beside any "
+                "score"
             )
 
 

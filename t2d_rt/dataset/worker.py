@@ -11,7 +11,7 @@ import json
 import time
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ import numpy as np
 from t2d_rt.accuracy import plan
 from t2d_rt.core.backend import limited_threads, one_blas_thread
 from t2d_rt.core.errors import InputError, T2DError, T2DWarning
+from t2d_rt.core.kernels import has_common_kernels, machine
 from t2d_rt.core.memory import keep_freed, release_above
 from t2d_rt.dataset.products import View, parts_of, record_length_s
 from t2d_rt.dataset.recipe import Recipe, integer_seed
@@ -119,8 +120,9 @@ def make_samples(recipe_json: str, plans_json: Mapping[str, str], indices: Seque
     keep_freed()
     recipe = _recipe(recipe_json)
     plans = {name: Accuracy.model_validate_json(text) for name, text in plans_json.items()}
+    told = {"machine": machine(), "common": has_common_kernels()}
     with limited_threads(threads):
-        return [make_sample(recipe, plans, index) for index in indices]
+        return [replace(make_sample(recipe, plans, index), **told) for index in indices]
 
 
 def make_samples_in_worker(*task: Any) -> list[Made]:

@@ -216,8 +216,15 @@ def test_content_is_the_same_in_other_shards_and_a_frozen_one_is_compared(tmp_pa
         (folders[0] / "recipe.yaml").write_text(recipe(frozen=frozen).to_yaml())
         notices = frozen_differences(folders[0], recipe_of(folders[0]))
         assert [bool(re.search(*pair)) for pair in zip(told, notices, strict=True)] == [True] * len(told)
+    manifest = json.loads((folders[0] / "manifest.json").read_text())
+    (folders[0] / "manifest.json").write_text(json.dumps(manifest | {"made_on": ["abacus, OpenBLAS Haswell"]}))
     code, out, _ = run("dataset", "check", str(folders[0]))
-    assert (code, found[0] in out, "that are frozen" in out) == (0, True, True)  # another processor's samples are sound
+    assert (code, found[0] in out, "frozen" in out, "made on 'abacus, OpenBLAS Haswell'" in out) == (
+        0,
+        True,
+        True,
+        True,
+    )  # another processor's samples are sound
 
 
 def test_a_data_set_of_an_older_version_is_read_and_not_gone_on_with(tmp_path: Path) -> None:

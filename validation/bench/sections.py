@@ -16,7 +16,8 @@ from t2d_rt.types import Radar
 from t2d_rt.types.radar import preset_names
 from validation.bench.measure import Case, import_seconds, sincos_rate
 from validation.bench.stages import FACETS, STAGES, SYNTHESIS
-from validation.report import Check, Section, processor
+from t2d_rt.core.kernels import processor
+from validation.report import Check, Section
 
 WALK_S = 10.0
 WALK_LIMITS_S = {

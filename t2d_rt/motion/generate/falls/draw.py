@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.motion.generate.falls.humanoid import RATE_HZ, SIDES, Humanoid
+from t2d_rt.motion.generate.falls.humanoid import RATE_HZ, SIDES, Humanoid, on_grid
 from t2d_rt.motion.generate.falls.simulation import (
     DAMPING_PER_STIFFNESS,
     HEADINGS,
@@ -162,7 +162,7 @@ def course(body: Humanoid, drawn: Draw, reference: np.ndarray, frames: int) -> C
     """Targets and tones for so many frames, where the lead's coordinates from the event on are `reference` (T, nq)."""
     times = np.arange(frames) / RATE_HZ
     lead = reference[np.minimum(np.arange(frames), len(reference) - 1)]
-    pose = reaction_pose(body, drawn.reaction, lead)
+    pose = on_grid(reaction_pose(body, drawn.reaction, lead))
     weight = minimum_jerk((times - drawn.reaction.delay_s) / drawn.reaction.within_s)[:, None]
     hinges = body.model.jnt_qposadr[body.model.actuator_trnid[:, 0]]
     targets = ((1 - weight) * lead + weight * pose)[:, hinges]

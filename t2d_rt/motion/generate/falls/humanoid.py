@@ -327,6 +327,16 @@ def mujoco() -> Any:
     return module
 
 
+ON_GRID = 9
+"""Decimals to which what a simulation begins with is rounded, in SI units: a fall multiplies the last bit of a sine or a product,
+which is another on the next machine, into another fall."""
+
+
+def on_grid(values: Any) -> np.ndarray:
+    """Numbers to so many decimals that falls begin with the same bits on all machines, but at a rounding's very edge."""
+    return np.round(np.asarray(values, dtype=float), ON_GRID)
+
+
 def humanoid(
     offsets: np.ndarray,
     ankle_height_m: tuple[float, float],
@@ -343,18 +353,19 @@ def humanoid(
     spec.option.timestep = STEP_S
     for first, second in apart:
         spec.add_exclude(bodyname1=first, bodyname2=second)
-    _stretch(spec, dict(zip(CANONICAL_JOINTS, offsets, strict=True)), ankle_height_m, stature_m / STATURE_M)
+    at, scale = dict(zip(CANONICAL_JOINTS, on_grid(offsets), strict=True)), float(on_grid(stature_m / STATURE_M))
+    _stretch(spec, at, on_grid(ankle_height_m), scale)
     model = spec.compile()
     # Masses of the segments by their fractions of the body's; inertia as the geoms' volumes have it.
     fractions = model.body_user[:, 0]
-    ratio = mass_kg * fractions / fractions.sum() / np.where(model.body_mass > 0, model.body_mass, 1.0)
+    ratio = on_grid(mass_kg * fractions / fractions.sum() / np.where(model.body_mass > 0, model.body_mass, 1.0))
     model.body_mass[:] *= ratio
     model.body_inertia[:] *= ratio[:, None]
     mujoco().mj_setConst(model, mujoco().MjData(model))
     return _indexed(model)
 
 
-def _stretch(spec: Any, at: dict[str, np.ndarray], ankle_height_m: tuple[float, float], scale: float) -> None:
+def _stretch(spec: Any, at: dict[str, np.ndarray], ankle_height_m: np.ndarray, scale: float) -> None:
     """Bodies where the motion's joints are; geoms as long as the bones, as thick as the stature asks for; soles on the floor."""
     lengths = {}
     for name, parent in PARENTS.items():
@@ -362,7 +373,8 @@ def _stretch(spec: Any, at: dict[str, np.ndarray], ankle_height_m: tuple[float, 
             # The wrist's hinges belong to two bodies, of which the upper one lies at the end of the forearm.
             body = spec.body(BODIES[name]).parent if "wrist" in name else spec.body(BODIES[name])
             above = CANONICAL_JOINTS[parent]
-            lengths[BODIES[above]] = float(np.linalg.norm(at[name])) / max(float(np.linalg.norm(body.pos)), 1e-6)
+            ratio = np.linalg.norm(at[name]) / max(float(np.linalg.norm(body.pos)), 1e-6)
+            lengths[BODIES[above]] = float(on_grid(ratio))
             body.pos = at[name]
     limbs = {side + bone for side in "lr" for bone in ("femur", "tibia", "humerus", "radius")}
     for body in spec.bodies[1:]:  # the first is the world

@@ -23,6 +23,7 @@ from t2d_rt.motion.generate.falls.humanoid import (
     coordinates,
     humanoid,
     mujoco,
+    on_grid,
     reached,
     skeleton,
     velocities,
@@ -217,17 +218,17 @@ def prepared(lead: Motion, plan: FallPlan, choice: int = 0) -> Scenario:
     stature = stature_m(points)
     mass = rng.uniform(20, 27) * stature**2 if plan.mass_kg is None else plan.mass_kg
     body = _fitted(bones, found, stature, float(mass), lead, segments, frame)
-    reference = coordinates(body, lead.joints[:, 0], segments)
-    qvel = velocities(reference[frame - NEIGHBOURS : frame + NEIGHBOURS + 1], RATE_HZ)
+    reference = on_grid(coordinates(body, lead.joints[:, 0], segments))
+    qvel = on_grid(velocities(reference[frame - NEIGHBOURS : frame + NEIGHBOURS + 1], RATE_HZ))
     qpos = reference[frame].copy()
-    qpos[2] += _penetration(body, qpos)
+    qpos[2] = on_grid(qpos[2] + _penetration(body, qpos))
     _allow(body, qpos)
     return Scenario(
         lead=lead,
         segments=segments,
         frame=frame,
         foot=foot,
-        facing=facing(points)[frame, :2],
+        facing=on_grid(facing(points)[frame, :2]),
         skeleton=bones,
         body=body,
         start=(qpos, qvel),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field, replace
@@ -338,7 +339,7 @@ def simulate(
             _rub(body, disturbance.feet, float(model.geom_friction[body.floor, 0]))
         _act(model, data, course, frame, lying)
         phase = min(frame / RATE_HZ / disturbance.push_s, 1.0)
-        data.xfrc_applied[chest, :3] = np.sin(np.pi * phase) * np.array(disturbance.push_n)
+        data.xfrc_applied[chest, :3] = math.sin(math.pi * phase) * np.array(disturbance.push_n)
         after = moving[dofs]
         for _ in range(STEPS_PER_FRAME):
             if disturbance.caught:
