@@ -10,6 +10,7 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from t2d_rt.core.kernels import processor
 from t2d_rt.core.plugins import versions
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ DISABLED = "NPY_DISABLE_CPU_FEATURES"
 
 def _features() -> tuple[frozenset[str], list[str]]:
     """Instructions that NumPy uses if it has kernels of them, and of those that it has kernels of the ones beyond AVX2."""
-    from numpy._core import _multiarray_umath as numpy_core
+    from numpy._core import _multiarray_umath as numpy_core  # type: ignore[attr-defined]
 
     used = frozenset(name for name, there in numpy_core.__cpu_features__.items() if there)
     return used, [name for name in numpy_core.__cpu_dispatch__ if name.startswith(NEWER)]

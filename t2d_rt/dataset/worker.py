@@ -120,9 +120,9 @@ def make_samples(recipe_json: str, plans_json: Mapping[str, str], indices: Seque
     keep_freed()
     recipe = _recipe(recipe_json)
     plans = {name: Accuracy.model_validate_json(text) for name, text in plans_json.items()}
-    told = {"machine": machine(), "common": has_common_kernels()}
+    where, common = machine(), has_common_kernels()
     with limited_threads(threads):
-        return [replace(make_sample(recipe, plans, index), **told) for index in indices]
+        return [replace(make_sample(recipe, plans, index), machine=where, common=common) for index in indices]
 
 
 def make_samples_in_worker(*task: Any) -> list[Made]:

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.core.kernels import processor
 from t2d_rt.core.plugins import versions
 from t2d_rt.types import Radar
 from t2d_rt.types.radar import preset_names
 from validation.bench.measure import Case, import_seconds, sincos_rate
 from validation.bench.stages import FACETS, STAGES, SYNTHESIS
-from t2d_rt.core.kernels import processor
 from validation.report import Check, Section
 
 WALK_S = 10.0
