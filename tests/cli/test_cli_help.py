@@ -38,7 +38,8 @@ def test_every_command_says_what_it_does_and_has_examples(command: str) -> None:
 def test_a_help_over_several_lines_is_whole() -> None:
     told = parameter_help(simulate)
     assert set(inspect.signature(simulate).parameters) <= set(told)
-    assert told["accuracy"].startswith("An `Accuracy`") and told["accuracy"].endswith(" dB in rooms.")
+    assert told["accuracy"].startswith("An `Accuracy`")
+    assert told["accuracy"].endswith(" dB in rooms.")
     assert told["collisions"].endswith("unless there are `transmissions`.")
     assert parameter_help(load_motion)["floor"] == "Height of the floor in the file [m]."
 
