@@ -132,19 +132,26 @@ def _silent(name: str) -> Iterator[None]:
         logger.setLevel(level)
 
 
+def local_cluster(workers: int) -> Any:
+    """A cluster of dask of so many processes of this machine, which compute with the kernels of any."""
+    from dask import config
+    from distributed import LocalCluster
+
+    variables = {f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in common_kernels().items()}
+    with config.set(variables):
+        return LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None)
+
+
 def on_a_cluster(tasks: Sequence[Task], address: str | None, workers: int) -> Iterator[list[Made]]:
     """Makes the samples on a cluster of dask: one that runs at an address, or one of so many processes of this machine."""
     try:
-        from dask import config
-        from distributed import CancelledError, Client, KilledWorker, LocalCluster, as_completed
+        from distributed import CancelledError, Client, KilledWorker, as_completed
         from distributed.comm import CommClosedError
     except ImportError:
         raise InputError(f"a scheduler needs dask.distributed; {install('cluster')}") from None
     cluster: Any = None
     if address is None:
-        place = "distributed.nanny.pre-spawn-environ"
-        with config.set({f"{place}.{variable}": value for variable, value in common_kernels().items()}):
-            cluster = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None)
+        cluster = local_cluster(workers)
     try:
         client = Client(cluster if address is None else address, timeout="20s")
     except (OSError, ValueError, OverflowError) as error:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from t2d_rt.dataset import Recipe, make_dataset
-from t2d_rt.dataset.making import make_samples
+from t2d_rt.dataset.making import local_cluster, make_samples
 from validation.report import Check, Section
 
 SAMPLES, ALONE = 500, 24
@@ -41,13 +41,9 @@ def sent_bytes(task: tuple[Any, ...]) -> tuple[int, int]:
 
 def run() -> Section:
     """The run with its killed worker, beside the first shard made alone."""
-    from distributed import LocalCluster
-
     found = recipe()
     killed: list[float] = []
-    with tempfile.TemporaryDirectory() as folder, LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
-    ) as cluster:  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder, local_cluster(2) as cluster:
         together, alone = Path(folder) / "together", Path(folder) / "alone"
 
         def progress(done: float) -> None:
