@@ -46,7 +46,7 @@ class Detection(Fields):
     guard_cells: tuple[Steps, Steps] = (4, 12)
     """Cells between these and the tested one, along range and azimuth."""
     thresholds: tuple[Ratio, Ratio] = (5.0, 8.0)
-    """Least power over noise, a ratio, along range and azimuth."""
+    """Least power over noise, a ratio, along range and azimuth. A peak of the azimuths at its range needs the former alone."""
     side_lobe: Part = 0.4
     """Over azimuth: least power over that of the strongest azimuth at the same range."""
     group: tuple[bool, bool] = (False, False)

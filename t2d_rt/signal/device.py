@@ -1,10 +1,11 @@
 """Points as Texas Instruments' devices report them, by one chain: range FFT, static removal, a map, a CFAR, angles.
 
-3D people tracking searches range and azimuth: Capon's beamformer, a CFAR along range and along azimuth whose noise is that of the
-quieter side, then for each detection its elevation and its one speed, again by Capon's weights (TIDUE71D, section 2.1.2, and the
-tuning guide of the demo's detection layer). The SDK's out-of-box demo on xWR14xx searches range and Doppler: the logarithms of the
-antennas' powers are averaged, a CFAR over the quieter side runs along range, an azimuth FFT gives one or two azimuths, the phase
-between the rows of the array the elevation (mmWave SDK, the demo's data path and post-processing).
+3D people tracking searches range and azimuth: Capon's beamformer, a CFAR along range whose noise is that of the quieter side, along
+azimuth another, which peaks need not pass, then for each detection its elevation and its one speed, again by Capon's weights
+(TIDUE71D, section 2.1.2, the tuning guide of the demo's detection layer; of peaks, recorded points). The SDK's out-of-box demo on
+xWR14xx searches range and Doppler: the logarithms of the antennas' powers are averaged, a CFAR over the quieter side runs along
+range, an azimuth FFT gives one or two azimuths, the phase between the rows of the array the elevation (mmWave SDK, the demo's data
+path and post-processing).
 """
 
 from __future__ import annotations
@@ -160,8 +161,9 @@ def _detected(heat: np.ndarray, detection: Detection) -> tuple[np.ndarray, np.nd
             f"training and guard cells of a detection do not fit into {heat.shape[1]} azimuths; take fewer"
         )
     noise = _quieter_side(inner, detection, 0)
-    loud = inner > detection.thresholds[0] * noise
-    loud &= inner > detection.thresholds[1] * _quieter_side(inner, detection, 1)
+    peak = (inner > np.roll(inner, 1, axis=1)) & (inner >= np.roll(inner, -1, axis=1))
+    loud = peak | (inner > detection.thresholds[1] * _quieter_side(inner, detection, 1))
+    loud &= inner > detection.thresholds[0] * noise
     loud &= inner >= detection.side_lobe * inner.max(axis=1, keepdims=True)
     loud[:, : detection.angle_skip[0]] = False
     loud[:, heat.shape[1] - detection.angle_skip[1] :] = False

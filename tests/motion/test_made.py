@@ -14,6 +14,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.motion.check import check_motion, detect_fall
 from t2d_rt.motion.contacts import runs, soles
 from t2d_rt.motion.descriptions.slots import Activity, Step
+from t2d_rt.motion.generate import motion_from_text
 from t2d_rt.motion.generate.made import Made, make
 from t2d_rt.motion.generate.made.act import CHANNELS, Posture, progress, stance
 from t2d_rt.motion.generate.made.hands import Anatomy
@@ -165,6 +166,17 @@ def test_squat_holds_its_centre_of_mass_over_the_feet_and_knees_bend() -> None:
             - (ankle - hip) * (((knee - hip) * (ankle - hip)).sum(-1) / ((ankle - hip) ** 2).sum(-1))[:, None]
         )
         assert ahead[:, 0].min() > 0
+
+
+def test_who_squats_for_long_rests_on_the_heels() -> None:
+    for seed in range(3):
+        motion = motion_from_text("a person squats", seed=seed, duration_s=8.0)
+        lowest = int(motion.joints[:, 0, 2].argmin())
+        head_m, standing_m = (motion.joints[frame, motion.index("head"), 2] for frame in (lowest, 0))
+        assert 0.4 < head_m / standing_m < 0.62
+        resting = motion.joints[:, 0, 2] < motion.joints[lowest, 0, 2] + 0.05
+        assert resting.sum() / motion.rate_hz > 4.0
+        assert check_motion(motion, expected="bending").passed
 
 
 def test_a_hand_reaches_the_floor_and_rests_on_thighs() -> None:

@@ -77,6 +77,17 @@ def test_still_targets_and_noise_give_no_points() -> None:
     assert len(device_points(cube(radar, 10, 0.0, 30.0, 0.5), radar, detection).time_s) == 0
 
 
+def test_a_weak_target_is_one_point_at_each_range_and_a_strong_one_many() -> None:
+    radar, detection = Radar.from_ti_cfg(LINES), Detection.from_ti_cfg(LINES)
+    points = device_points(cube(radar, 10, 0.17, 30.0, 0.5), radar, detection)
+    cells = np.unique(np.stack([points.time_s, points.range_m]), axis=1).shape[1]
+    assert 5 < len(points.time_s) == cells
+    left = np.sin(points.azimuth_rad) * np.cos(points.elevation_rad)
+    assert np.abs(left - 0.3).max() < 0.06
+    strong = device_points(cube(radar, 10, 0.4, 30.0, 0.5), radar, detection)
+    assert len(strong.time_s) > 5 * np.unique(np.stack([strong.time_s, strong.range_m]), axis=1).shape[1]
+
+
 def test_thresholds_view_and_number_bound_the_points() -> None:
     radar, detection = Radar.from_ti_cfg(LINES), Detection.from_ti_cfg(LINES)
     adc = cube(radar, 1, 1.0, 0.0, 0.5)

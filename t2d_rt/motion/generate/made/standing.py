@@ -215,8 +215,21 @@ def _bend_knees(act: Act, step: Step) -> None:
     _down_and_up(act, act.u(74, 96) * DEG, act.u(20, 32), hold_s=act.u(0.1, 0.4))
 
 
+CROUCH_S = 6.0
+"""Time from which one squat is a rest on the heels."""
+CROUCH_DEG = 140.0, 152.0
+"""Its knees: 149 degrees of 26 people who crouched (Hyodo 2017, Braz. J. Phys. Ther. 21: 159), 157 at most, of thirty who often do
+(Hemmerich 2006, J. Orthop. Res. 24: 770); thighs lie on calves."""
+
+
 def squat(act: Act, step: Step) -> None:
-    """Down and up in 2 to 3 s, shanks and trunk leaning about alike so that the weight stays over the feet (Schoenfeld 2010)."""
+    """Down and up in 2 to 3 s, shanks and trunk leaning about alike so that the weight stays over the feet (Schoenfeld 2010); or,
+    for a long time, all the way down, where one rests.
+    """
+    if step.count in (None, 1) and step.duration_s is not None and step.duration_s >= CROUCH_S:
+        knees, heels = act.u(*CROUCH_DEG) * DEG, act.u(12, 24) * DEG if act.chance(0.3) else 0.0
+        _down_and_up(act, knees, act.u(34, 46), hold_s=step.duration_s - 3.0, arms="knees", heels=heels)
+        return
     for number in range(step.count or 1):
         deep = act.chance(0.3)
         knees = act.u(112, 130) if deep else act.u(78, 110)
