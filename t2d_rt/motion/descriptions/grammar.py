@@ -78,6 +78,7 @@ class Plan(Fields):
     body_part: Choices = NOTHING
     count: Choices = NOTHING
     duration_s: Choices = NOTHING
+    angle_deg: Choices = NOTHING
     before: WeightedPhrases = NOTHING
     """Steps that may lead to it, such as "walk speed=slow"."""
     after: WeightedPhrases = NOTHING
@@ -195,16 +196,16 @@ def _described(activity: Activity, sampler: WeightedSampler) -> Description:
 
 def _main(plan: Plan, sampler: WeightedSampler, name: str) -> Step:
     said: dict[str, object] = {"action": plan.action, "type": plan.type}
-    for slot in ("direction", "object", "body_part", "manner", "speed", "count", "duration_s"):
+    for slot in ("direction", "object", "body_part", "manner", "speed", "count", "duration_s", "angle_deg"):
         value = sampler.pick(getattr(plan, slot), f"{name} {slot}")
         clashing = {each for pair in said.items() for each in rules().not_together.get("=".join(map(str, pair)), ())}
         if value and f"{slot}={value}" not in clashing:
-            said[slot] = {"count": int, "duration_s": float}.get(slot, str)(value)
+            said[slot] = {"count": int, "duration_s": float, "angle_deg": float}.get(slot, str)(value)
     if {"count", "body_part", "object"} <= said.keys():
         del said["count"]
     phrases = " ".join(_limb_phrases(plan.action, plan.type, said.get("body_part")))
     if "{side}" in phrases or (plan.action == "stretch" and said.get("body_part") in ("arm", "leg", "foot")):
-        side = sampler.word("left right -", f"{name} side")
+        side = sampler.word("left right" if plan.action == "balance" else "left right -", f"{name} side")
         if side is not None:
             said["side"] = side
     return Step(**said)
@@ -311,8 +312,11 @@ def _verbs(name: str) -> tuple[str, ...]:
 
 def clause(step: Step, sampler: WeightedSampler, his: str, *, adjectives: bool = False) -> Clause:
     """A step as a clause; its manner or speed may be said by an adjective of who does it."""
+    telling = _telling(step)
+    if telling is not None:
+        step = step.model_copy(update={slot: None for slot in meaning(telling)[1]})
     left = {slot: getattr(step, slot) for slot in ("manner", "speed") if getattr(step, slot) not in (None, "normal")}
-    verb, said_type = _verb(step, sampler, left)
+    verb, said_type = _verb(step, sampler, left) if telling is None else (sampler.pick(_verbs(telling)), "")
     object_first = step.action == "stretch" and step.body_part is not None
     if object_first and step.body_part is not None:
         verb = f"stretch {sampler.pick(_sided(rules().stretched[step.body_part], step.side))}"
@@ -370,6 +374,14 @@ def _verb(step: Step, sampler: WeightedSampler, left: dict[str, str]) -> tuple[s
     return sampler.pick(_verbs(step.action)), ""
 
 
+def _telling(step: Step) -> str | None:
+    """The entry of the lexicon whose verbs tell several slots of a step at once: who lowers himself to the floor, or stands on the
+    left leg."""
+    entries = ((name, *meaning(name)) for name, words in lexicon().verbs.items() if words.said)
+    several = ((name, slots) for name, action, slots in entries if action == step.action and len(slots) > 1)
+    return next((name for name, slots in several if all(getattr(step, key) == slots[key] for key in slots)), None)
+
+
 def _direction(step: Step, sampler: WeightedSampler) -> list[str]:
     if step.direction is None or step.action == "climb":
         return []
@@ -387,7 +399,7 @@ def _object(step: Step, sampler: WeightedSampler) -> list[str]:
 
 
 def _measures(step: Step) -> list[str]:
-    found = []
+    found = [] if step.angle_deg is None else [f"by {step.angle_deg:g} degrees"]
     if step.count is not None:
         found.append("twice" if step.count == 2 else f"{NUMBER_WORDS[step.count]} times")
     if step.duration_s is not None:
@@ -403,4 +415,5 @@ def _sided(phrases: tuple[str, ...], side: str | None) -> tuple[str, ...]:
 
 def _filled(text: str, step: Step, his: str) -> str:
     filled = text.replace("{his}", his).replace("{way}", step.direction or "up").replace("{side}", step.side or "")
+    filled = filled.replace("{self}", {"his": "himself", "her": "herself"}.get(his, "themself"))
     return re.sub(r"\s+", " ", filled).strip()

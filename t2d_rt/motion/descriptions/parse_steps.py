@@ -18,6 +18,8 @@ OPPOSITE = {frozenset(pair.split()) for pair in f"{PAIRS}, {STRAIGHT_PAIRS}".spl
 """Directions that one step cannot both have."""
 ON_ONE_LEG = "jump", "turn", "walk", "run", "dance", "balance"
 """Actions of which "on one leg" is no mistake."""
+IN_PLACE = {"jump": "up", "walk": "in_place", "run": "in_place"}
+"""Direction of those that go on the spot."""
 OBJECTS_FIRST = "handrail", "ball", "chair", "stair", "floor"
 
 TWO_PEOPLE = {"man", "woman"}, {"man", "child"}, {"woman", "child"}, {"old_person", "child"}
@@ -139,12 +141,13 @@ class Reader:
         self.limb = False
 
     def _spot(self, words: str) -> None:
-        """Who jumps on the spot jumps up; walking and running on the spot are not made."""
+        """Who jumps on the spot jumps up, who walks or runs there gets nowhere; who climbs or dances does not stay."""
         steps = self.clauses[-1].steps
-        if not steps or steps[-1].action in ("walk", "run", "climb") or self.dead:
+        place = IN_PLACE.get(steps[-1].action) if steps else None
+        if place is not None and steps[-1].get("direction") in (None, place) and not self.dead:
+            steps[-1].said["direction"] = place
+        elif not steps or steps[-1].action in ("walk", "run", "climb", "dance") or self.dead:
             self.ignored.append(words)
-        elif steps[-1].action == "jump" and steps[-1].get("direction") is None:
-            steps[-1].said["direction"] = "up"
 
     def _subject(self, subject: str, words: str) -> None:
         named = words not in lexicon().pronouns
@@ -325,7 +328,9 @@ def attach(step: ParseStep, token: Token, ignored: list[str]) -> None:
 
 def _direct(step: ParseStep, value: str, words: str, ignored: list[str]) -> None:
     before = step.get("direction")
-    if value == "circle":
+    if before == "in_place":
+        ignored.append(words)
+    elif value == "circle":
         value = {"left": "counterclockwise", "right": "clockwise"}.get(str(before), str(before or "circle"))
         if value not in ("clockwise", "counterclockwise", "circle"):
             value = "circle"

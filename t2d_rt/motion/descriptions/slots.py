@@ -28,7 +28,9 @@ Action = Literal[
 
 Manner = Literal["careful", "happy", "angry", "sad"]
 Speed = Literal["slow", "normal", "fast"]
-Direction = Literal["forward", "back", "left", "right", "straight", "clockwise", "counterclockwise", "up", "down"]
+Direction = Literal[
+    "forward", "back", "left", "right", "straight", "clockwise", "counterclockwise", "up", "down", "in_place"
+]  # fmt: skip
 BodyPart = Literal["arm", "foot", "hand", "leg", "waist", "knee"]
 Object = Literal["stair", "chair", "floor", "ball", "handrail"]
 
@@ -68,6 +70,7 @@ _LOWERING: tuple[Action, ...] = ("sit", "lie_down", "bend")
 
 DIRECTIONS_OF: dict[Action, tuple[Direction, ...]] = {
     **dict.fromkeys(_MOVING, (*_LEVEL, *_CIRCLES, "up", "down")),
+    **dict.fromkeys(("walk", "run"), (*_LEVEL, *_CIRCLES, "up", "down", "in_place")),
     **dict.fromkeys(_LOWERING, (*_SIDES, "down")),
     "turn": ("left", "right", "back", *_CIRCLES),
     "climb": ("up", "down"),

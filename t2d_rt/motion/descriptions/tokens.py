@@ -18,6 +18,7 @@ MOST_BETWEEN = 4
 
 HIS = ("his", "her", "their", "its", "the")
 HIM = ("him", "her", "them", "it")
+SELF = ("himself", "herself", "themself", "themselves")
 
 SHORTEST_SLIP, SHORTEST_SWAP = 5, 6
 """Letters of a word in which a letter too many, too few or two exchanged ones are read as a slip; and a wrong letter."""
@@ -63,10 +64,11 @@ def words_of(text: str) -> list[str]:
 
 
 def _spelled(phrase: str) -> Iterator[tuple[str, ...]]:
-    """The words of a phrase, with each possessive in the place of {his}."""
+    """The words of a phrase, with each possessive in the place of {his}, and other words of the person likewise."""
     for his in HIS if "{his}" in phrase else ("",):
         for him in HIM if "{him}" in phrase else ("",):
-            yield tuple(words_of(phrase.replace("{his}", his).replace("{him}", him)))
+            for own in SELF if "{self}" in phrase else ("",):
+                yield tuple(words_of(phrase.replace("{his}", his).replace("{him}", him).replace("{self}", own)))
 
 
 def _verbs(phrases: Iterable[str], kind: str, slots: Mapping[str, object]) -> Iterator[Entry]:

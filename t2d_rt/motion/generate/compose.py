@@ -20,7 +20,7 @@ from t2d_rt.motion.generate.chain import SHORTEST_REST_S, Begins, Piece, best_se
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.edits import begun, halted
 from t2d_rt.motion.generate.library.individual import Individual, Maker, individual, lively, sole_m
-from t2d_rt.motion.generate.library.moves import ACTIONS, LONGEST_ON_THE_SPOT_S, directed, made_of_clips, own_clips
+from t2d_rt.motion.generate.library.moves import ACTIONS, directed, made_of_clips, own_clips
 from t2d_rt.motion.generate.library.store import RATE_HZ, Store, shipped
 from t2d_rt.motion.generate.library.users import with_users
 from t2d_rt.motion.generate.made import RESTS, Posture, make
@@ -69,8 +69,6 @@ def not_made(step: Step, then: Sequence[Step] = ()) -> list[str]:
         said.append(f"count {step.count}")
     if step.duration_s is not None and falls:
         said.append(f"duration {step.duration_s:g} s")
-    if step.action == "turn" and (step.duration_s or 0.0) > LONGEST_ON_THE_SPOT_S * (step.count or 1):
-        said.append(f"staying on the spot for the {step.duration_s:g} s")
     parts = PARTS.get(step.action, "").split()
     if step.action == "jump" and step.direction is not None:  # jumping jacks go nowhere
         parts = ["foot", "leg"]
@@ -79,6 +77,8 @@ def not_made(step: Step, then: Sequence[Step] = ()) -> list[str]:
     objects = ["floor", *OBJECTS.get(step.action, "").split()]
     if step.object is not None and step.object not in objects and not _used(step, then):
         said.append(step.object)
+    if step.direction == "in_place" and step.type is not None:
+        said.append("staying on the spot")
     if step.direction is not None and step.direction in IDLE_DIRECTIONS.get(step.action, "").split():
         said.append(f"direction {step.direction}")
     if step.manner is not None and falls:

@@ -10,7 +10,7 @@ import numpy as np
 
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.contacts import runs
+from t2d_rt.motion.contacts import plant, runs
 from t2d_rt.motion.descriptions.slots import Action, Manner, Step
 from t2d_rt.motion.generate import NOT_MADE
 from t2d_rt.motion.generate.chain import Piece, from_rotation_vector, joined, moved, swung
@@ -19,7 +19,7 @@ from t2d_rt.motion.generate.library.dances import dance
 from t2d_rt.motion.generate.library.edits import best_crossing
 from t2d_rt.motion.generate.library.individual import Maker, stand
 from t2d_rt.motion.generate.library.store import RATE_HZ, Segment, Store
-from t2d_rt.motion.interpolate import minimum_jerk
+from t2d_rt.motion.interpolate import low_pass, minimum_jerk
 from t2d_rt.motion.kinematics import INDEX
 from t2d_rt.motion.vary.arcs import MOST_TWIST_RAD
 
@@ -133,7 +133,7 @@ def _changed(piece: Piece, step: Step, change: Change, strength: float) -> Piece
     return piece.posed(root=root, local=local)
 
 
-def _turned(local: np.ndarray, joint: str, vector: list[float]) -> None:
+def _turned(local: np.ndarray, joint: str, vector: list[float] | np.ndarray) -> None:
     index = INDEX[joint]
     local[:, index] = quaternions.multiply(local[:, index], from_rotation_vector(np.array(vector)))
 
@@ -189,8 +189,20 @@ LIFTED_S = 0.4
 QUIET_S = 0.8
 """Standing before and after a turn on the spot."""
 
-LONGEST_ON_THE_SPOT_S = 3.5
-"""Turns that last longer have steps before and after."""
+ROUND_M = 0.05, 0.14
+"""Radius of the circle that the hips of one who turns on the spot go round: feet are set down beside each other."""
+
+MOST_SLOWED = 2.5
+"""Factor by which a turn that is to last is slower than one at ease; what is left of the time is spent standing."""
+
+TRAVEL_HZ = 0.4
+"""Frequency below which hips travel, and above which they sway with the steps, 0.7 to 1.5 strides a second."""
+
+STEP_S = 1.2
+"""Time in which a foot is lifted and stands again."""
+
+KNEES_RISE_DEG = 0.0, 20.0
+"""By how much more than in walking the thigh of one who steps on the spot is raised in the middle of a step."""
 
 SENSES: Mapping[str | None, float] = {"left": 1.0, "right": -1.0, "counterclockwise": 1.0, "clockwise": -1.0}
 """Sign of the change of heading in each direction that has a sense of rotation, left positive."""
@@ -230,6 +242,8 @@ def _as_recorded(maker: Maker, step: Step, own: list[Segment]) -> Piece:
 
 def gait(maker: Maker, step: Step, duration_s: float) -> Piece:
     """Walking or running: a clip of about the speed, warped to it, going on in others of the same speed at the same phase."""
+    if step.direction == "in_place":
+        return _in_place(maker, step, duration_s)
     mean, spread = SPEEDS_MPS[step.action, step.speed]
     legs = float(np.sqrt(maker.person.skeleton.leg_m / LEG_M))
     drawn = float(np.clip(maker.rng.normal(mean, spread), mean - 2 * spread, mean + 2 * spread))
@@ -255,6 +269,25 @@ def gait(maker: Maker, step: Step, duration_s: float) -> Piece:
     whole = styled(maker, whole, step)
     whole = whole.noted(f"speed {factor:.2f} times the clips', {edits.rate_of(whole.poses):.2f} m/s")
     return directed(maker, whole, step)
+
+
+def _in_place(maker: Maker, step: Step, duration_s: float) -> Piece:
+    """A walk or run without its travel; of a walk the thighs are raised more. Made longer and cut: a first and a last step that are
+    not whole would reach ahead and behind."""
+    whole = gait(maker, step.model_copy(update={"direction": None}), duration_s + 2 * STEP_S)
+    travel = low_pass(whole.poses.root[:, :2], TRAVEL_HZ, RATE_HZ)
+    whole = edits.shifted(whole, np.pad(travel[0] - travel, ((0, 0), (0, 1)))).noted("on the spot")
+    rise = float(np.radians(maker.rng.uniform(*KNEES_RISE_DEG))) if step.action == "walk" else 0.0
+    local = whole.poses.local.copy()
+    for number, side in enumerate(edits.SIDES):
+        lifted = np.zeros((len(whole), 1))
+        for start, stop in runs(np.asarray(~whole.planted[:, number].any(axis=1))):
+            lifted[start:stop, 0] = np.sin(np.pi * np.arange(1, stop - start + 1) / (stop - start + 1)) ** 2
+        for joint, part in (("hip", -rise), ("knee", rise)):
+            _turned(local, f"{side}_{joint}", part * lifted * [0.0, 1.0, 0.0])
+    whole = replace(whole, poses=plant(replace(whole.poses, local=local), whole.planted, floor_m=0.0))
+    first = round(STEP_S * RATE_HZ)
+    return whole.part(first, min(first + round(duration_s * RATE_HZ) + 1, len(whole)))
 
 
 def _jogging(maker: Maker, legs: Piece) -> Piece:
@@ -332,21 +365,19 @@ def angle_deg(step: Step) -> float:
 
 
 def turn(maker: Maker, step: Step, duration_s: float) -> Piece:
-    """Turning on the spot in small steps: a slow walk with short steps, its heading carried round, from standing to standing.
-
-    Where it is all that is done, the person comes and goes: a walk with a turn in it.
-    """
-    if (step.duration_s or 0.0) > LONGEST_ON_THE_SPOT_S:
-        return _turned_walk(maker, step, duration_s)
+    """Turning on the spot in small steps, from standing to standing: a slow walk whose heading is carried round, and which gets on no
+    farther than round a circle of `ROUND_M`."""
     angle = np.radians(angle_deg(step))
     sign = _sense(maker, step)
     rate = {"slow": 55.0, "normal": 85.0, "fast": 120.0}[step.speed]
-    lasting = max((step.duration_s or 0.0) - 2 * QUIET_S, float(np.degrees(angle)) / (rate * maker.person.tempo) + 0.9)
-    quiet_s = QUIET_S if step.duration_s is None else float(np.clip((step.duration_s - lasting) / 2, 0.3, QUIET_S))
+    at_ease_s = float(np.degrees(angle)) / (rate * maker.person.tempo) + 0.9
+    lasting = float(np.clip((step.duration_s or 0.0) - 2 * QUIET_S, at_ease_s, MOST_SLOWED * at_ease_s))
+    quiet_s = QUIET_S if step.duration_s is None else max((step.duration_s - lasting) / 2, 0.3)
     walk = quickened(gait(maker, Step(action="walk", speed="slow"), MOST_QUICKENED * lasting), float(angle), lasting)
-    fraction = np.linspace(0, 1, len(walk))
-    short = edits.straddled(edits.strided(walk, 0.12 + 0.1 * float(maker.rng.random())), APART_RAD)
-    turned = edits.bent(short, sign * angle * minimum_jerk((fraction - 0.1) / 0.8))
+    heading = angle * minimum_jerk((np.linspace(0, 1, len(walk)) - 0.1) / 0.8)
+    pace_mps = maker.rng.uniform(*ROUND_M) * np.gradient(heading) * RATE_HZ
+    short = edits.straddled(edits.strided(walk, pace_mps / max(edits.rate_of(walk.poses), 0.1)), APART_RAD)
+    turned = edits.bent(short, sign * heading)
     turned = turned.noted(f"turned {'left' if sign > 0 else 'right'} by {np.degrees(angle):.0f} degrees")
     quiet = stand(maker, Step(action="stand"), quiet_s)
     return joined([quiet, turned, stand(maker, Step(action="stand"), quiet_s)], blend_s=0.5)
@@ -360,20 +391,6 @@ def quickened(walk: Piece, angle_rad: float, lasting_s: float) -> Piece:
     fastest = 1.875 / 0.8 * angle_rad / lasting_s  # of a smooth step of least jerk over the middle 80 % of the time
     factor = float(np.clip(fastest * stance_s / (2 * MOST_TWIST_RAD), 1.0, MOST_QUICKENED))
     return edits.tempo(walk.part(0, round(factor * lasting_s * RATE_HZ) + 1), factor)
-
-
-def _turned_walk(maker: Maker, step: Step, duration_s: float) -> Piece:
-    angle = np.radians(angle_deg(step) + maker.rng.uniform(-12, 12))
-    sign = _sense(maker, step)
-    walk = gait(maker, Step(action="walk", speed=step.speed), duration_s)
-    rate = np.radians({"slow": 50.0, "normal": 75.0, "fast": 105.0}[step.speed])
-    within = min(0.75, angle / rate / duration_s)
-    begin = float(maker.rng.uniform(0.1, max(0.11, 0.9 - within)))
-    x = (np.linspace(0, 1, len(walk)) - begin) / within
-    # Steps shorten in a tight turn (Orendurff et al. 2006).
-    short = 1 - (0.35 if angle < 2 else 0.5) * np.exp(-(((x - 0.5) / 0.45) ** 4))
-    turned = edits.bent(edits.strided(walk, short), sign * angle * minimum_jerk(x))
-    return turned.noted(f"turned {'left' if sign > 0 else 'right'} by {np.degrees(angle):.0f} degrees")
 
 
 def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
