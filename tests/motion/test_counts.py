@@ -61,6 +61,7 @@ def test_who_hops_on_one_leg_lands_on_one() -> None:
 @pytest.mark.parametrize(
     ("words", "angle_deg"), slow_after(2, [
         ("around to the right", -180.0), ("180° clockwise", -180.0), ("to the left", 90.0), ("left by 270 degrees", 270.0),
+        ("left by 720 degrees", 720.0), ("left by 180 degrees for 9 s", 180.0),
     ]),
 )  # fmt: skip
 def test_who_turns_on_the_spot_turns_by_the_angle_that_is_said(words: str, angle_deg: float) -> None:
@@ -68,7 +69,48 @@ def test_who_turns_on_the_spot_turns_by_the_angle_that_is_said(words: str, angle
     across = motion.joints[:, motion.index("left_hip")] - motion.joints[:, motion.index("right_hip")]
     heading_deg = np.degrees(np.unwrap(np.arctan2(across[:, 1], across[:, 0])))
     assert heading_deg[-20:].mean() - heading_deg[:20].mean() == pytest.approx(angle_deg, abs=15)
-    assert np.ptp(motion.joints[:, motion.index("pelvis"), :2], axis=0).max() < 0.5
+    assert np.ptp(motion.joints[:, motion.index("pelvis"), :2], axis=0).max() < 0.35
+
+
+@pytest.mark.parametrize(
+    ("sentence", "angle_deg", "count"),
+    [
+        ("a man spins", 360.0, None),
+        ("a man spins around to the left", 360.0, None),
+        ("a man whirls around twice", 360.0, 2),
+        ("a man does a full turn", 360.0, None),
+        ("a man spins around by 180 degrees", 180.0, None),
+        ("a man makes a half turn to the left", 180.0, None),
+        ("a man does a quarter turn to the left", None, None),
+    ],
+)
+def test_who_spins_turns_a_whole_turn(sentence: str, angle_deg: float | None, count: int | None) -> None:
+    parsed = parse_description(sentence)
+    assert (parsed.description.action, str(parsed)) == ("turn", "")
+    assert (parsed.description.angle_deg, parsed.description.count) == (angle_deg, count)
+
+
+@pytest.mark.parametrize(("words", "reach_m"), [("walks", 0.35), ("runs", 0.65)])
+def test_who_walks_or_runs_on_the_spot_gets_nowhere(words: str, reach_m: float) -> None:
+    motion = motion_from_text(f"a person {words} on the spot for 6 s", seed=4)
+    assert motion.duration_s == pytest.approx(6.0, abs=0.1)
+    assert np.ptp(motion.joints[:, motion.index("pelvis"), :2], axis=0).max() < 0.12
+    ankles = motion.joints[:, [motion.index("left_ankle"), motion.index("right_ankle")]]
+    assert np.ptp(ankles[..., :2], axis=0).max() < reach_m
+    assert all(dips(-ankles[:, side, 2], 0.5) >= 4 for side in (0, 1))
+    assert check_motion(motion).passed
+
+
+@pytest.mark.parametrize(
+    ("sentence", "ignored"),
+    [
+        ("walks forward on the spot", ("on the spot",)),
+        ("runs on the spot in circles", ("in circles",)),
+        ("dances on the spot", ("on the spot",)),
+    ],
+)
+def test_directions_on_the_spot_are_told(sentence: str, ignored: tuple[str, ...]) -> None:
+    assert parse_description(sentence).ignored == ignored
 
 
 def test_turns_without_a_side_are_all_to_the_same_one() -> None:
@@ -212,7 +254,8 @@ def test_a_once_that_is_a_conjunction_is_no_count() -> None:
         ("a woman tiptoes across the room", ("tiptoes", "room")),
         ("he gets out of bed", ("bed",)),
         ("she climbs a ladder", ("ladder",)),
-        ("a boy walks on the spot", ("on the spot",)),
+        ("a boy climbs the stairs on the spot", ("on the spot",)),
+        ("a couple dances", ("couple",)),
         ("a man squats on one leg", ("on one leg",)),
         ("a tired man walks with heavy steps", ("tired", "heavy")),
         ("a girl waltzes", ("waltzes",)),
@@ -236,7 +279,7 @@ def test_words_that_change_nothing_are_told(sentence: str, told: tuple[str, ...]
         ("a man jumps five times for 3 seconds", r"not made: count 5 of jump \([1-4] within 3 s\)"),
         ("a man squats 5 times for 5 seconds", "not made: duration 5 s of squat"),
         ("a man turns 3 times for 3 seconds", "not made: duration 1 s of turn, which takes longer$"),
-        ("a man turns on the spot for 10 seconds", "not made: staying on the spot for the 10 s of turn"),
+        ("a man limps on the spot", "not made: staying on the spot of walk"),
     ],
 )
 def test_a_motion_of_a_sentence_warns_of_what_it_lacks(sentence: str, told: str) -> None:

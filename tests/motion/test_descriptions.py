@@ -72,6 +72,20 @@ def test_sentences_say_what_their_slots_say(activity: Activity) -> None:
         assert parsed == Parsed(description), description.sentence
 
 
+def test_the_grammar_writes_what_is_like_other_classes() -> None:
+    """People who let themselves down, beside falls; who stand on one leg; who turn by an angle; who do it several times."""
+    downs = [
+        each for each in written("sitting") if (each.action, each.manner, each.speed) == ("lie_down", "careful", "slow")
+    ]
+    assert 20 <= len(downs) <= 45
+    assert not any(parse_description(each.sentence).description.activity == "falling" for each in downs)
+    assert 20 <= sum(each.action == "balance" for each in written("bending")) <= 40
+    assert {90.0, 180.0, 270.0, 360.0} <= {each.angle_deg for each in written("walking")}
+    assert all(
+        any(each.count for each in written(activity)) for activity in ("walking", "sitting", "bending", "jumping")
+    )
+
+
 @pytest.mark.parametrize("activity", ACTIVITIES)
 def test_sentences_are_written_well(activity: Activity) -> None:
     for sentence in (each.sentence for each in written(activity)):
@@ -213,6 +227,14 @@ SENTENCES = [
     ("turns by 270 degrees clockwise", "walking", [{"action": "turn", "direction": "clockwise", "angle_deg": 270.0}]),
     ("stands on his left leg for 5 s", "bending",
      [{"action": "balance", "body_part": "leg", "side": "left", "duration_s": 5.0}]),
+    ("lies face down on the ground", "sitting", [{"action": "lie_down", "direction": "forward", "object": "floor"}]),
+    ("lowers herself into a chair", "sitting",
+     [{"action": SIT, "manner": "careful", "speed": "slow", "object": "chair"}]),
+    ("does 20 squats", "bending", [{"action": "squat", "count": 20}]),
+    ("gets down on her knees", "bending", [{"action": "squat"}]),
+    ("jumps left on one leg", "jumping", [{"action": "jump", "direction": "left", "body_part": "leg"}]),
+    ("walks on the spot, then forward", "walking",
+     [{"action": WALK, "direction": "in_place"}, {"action": WALK, "direction": "forward"}]),
     ("walks and balances on one leg", "bending", [{"action": WALK}, {"action": "balance"}]),
     ("sits down on a chair and stands up again", "sitting", [{"action": SIT, "object": "chair"}, {"action": UP}]),
     ("walks in a circle clockwise", "walking", [{"action": WALK, "direction": "clockwise"}]),
@@ -352,6 +374,9 @@ def test_misspelt_words_and_a_circle_are_told() -> None:
         ("eine Person geht langsam", "no activity was understood .*eine, geht, langsam.*describe walking"),
         ("a person performs a cartwheel", "no activity was understood .*cartwheel"),
         ("a man", "tells no activity; describe walking"),
+        ("turns his head left", "no activity was understood .*turns his head"),
+        ("does ten sit-ups", "no activity was understood .*sit ups"),
+        ("a man walks on his hands", "no activity was understood .*walks on his hands"),
         ("a man stands still", "standing only"),
         ("the person was pushed but did not fall", r"what does not happen, or nearly \(fall\)"),
         ("he nearly falls", "what does not happen"),

@@ -387,7 +387,8 @@ def _direction(step: Step, sampler: WeightedSampler) -> list[str]:
         return []
     if step.action == "turn" and step.direction == "back":
         return ["around"]
-    return [sampler.pick(rules().directions[step.action][step.direction])]
+    angle = "" if step.angle_deg is None else f" by {step.angle_deg:g} degrees"
+    return [sampler.pick(rules().directions[step.action][step.direction]) + angle]
 
 
 def _object(step: Step, sampler: WeightedSampler) -> list[str]:
@@ -399,7 +400,7 @@ def _object(step: Step, sampler: WeightedSampler) -> list[str]:
 
 
 def _measures(step: Step) -> list[str]:
-    found = [] if step.angle_deg is None else [f"by {step.angle_deg:g} degrees"]
+    found = []
     if step.count is not None:
         found.append("twice" if step.count == 2 else f"{NUMBER_WORDS[step.count]} times")
     if step.duration_s is not None:

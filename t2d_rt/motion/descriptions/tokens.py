@@ -111,7 +111,7 @@ def _entries() -> Iterator[Entry]:
     for part, phrases in known.body_parts.items():
         for phrase in phrases:
             yield from _phrases([phrase], "part", {"body_part": part})
-            for side in ("left", "right") if part != "waist" else ():
+            for side in ("left", "right") if part != "waist" and not phrase.startswith("on ") else ():
                 yield Entry((side, *words_of(phrase)), "part", {"body_part": part, "side": side})
     for section, kind in (
         ("without_meaning", "fixed"),
@@ -195,7 +195,7 @@ def _next(words: list[str], place: int) -> tuple[list[Token], int]:
             continue  # on his left foot
         token = Token(entry.kind, " ".join(words[place:after]), entry.slots, entry.gerund, partly=entry.partly)
         inner = tokens_of(" ".join(gap)) if gap else []
-        numbers = lexicon().numbers
+        numbers = {**lexicon().numbers, **{word: int(word) for word in gap if word.isdecimal()}}
         counted = [numbers[word] for word in gap if word in numbers and word not in ("a", "an")]
         inner = [each for each in inner if not counted or each.words not in numbers]
         if counted and entry.words[-1] in ("step", "steps"):
@@ -276,6 +276,8 @@ def _times(words: list[str], place: int) -> tuple[Token, int] | None:
         said = " ".join(words[place : after + 1])
         note = said if vague else ""
         return Token("slot", f"{whole} times" if vague else said, {"count": whole}, note=note), after + 1
+    if words[after - 1] == "couple":  # who dances, not how often
+        return None
     deeds = any(entry.kind == "action" and entry.words == (follows,) for entry in _index().get(follows, ()))
     if deeds and follows.endswith("s") and follows != "steps" and number > 1:
         return Token("slot", words[place], {"count": whole}), after

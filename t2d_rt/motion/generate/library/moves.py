@@ -173,8 +173,8 @@ step length over cadence keeps constant (Sekiya, Nagasaki 1998)."""
 MOST_QUICKENED = 1.6
 """Factor by which the steps of a turn on the spot come faster than those of a slow walk: 120 a minute for 75."""
 
-APART_RAD = 0.05
-"""Angle by which each leg is held apart in a turn on the spot, 4 cm at the ankle: chosen so that feet pass each other while
+APART_RAD = 0.065
+"""Angle by which each leg is held apart in a turn on the spot, 6 cm at the ankle: chosen so that feet pass each other while
 one stays behind the turning body."""
 
 SHORTEST_FLIGHT_S = 0.1
@@ -365,8 +365,8 @@ def angle_deg(step: Step) -> float:
 
 
 def turn(maker: Maker, step: Step, duration_s: float) -> Piece:
-    """Turning on the spot in small steps, from standing to standing: a slow walk whose heading is carried round, and which gets on no
-    farther than round a circle of `ROUND_M`."""
+    """Turning on the spot in small steps, from standing to standing: a slow walk whose heading is carried round and whose steps are
+    so short that it goes round a circle of `ROUND_M`."""
     angle = np.radians(angle_deg(step))
     sign = _sense(maker, step)
     rate = {"slow": 55.0, "normal": 85.0, "fast": 120.0}[step.speed]
