@@ -12,6 +12,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ from t2d_rt.motion.vary import mirror
 from t2d_rt.motion.vary.abnormal import abnormal_walk
 from t2d_rt.types.motion import Motion
 from validation.motions.classes import LEAST_S
+from validation.motions.gaits import Normal, figures, limit_of, recorded_walks
 from validation.motions.limits import class_of, read
 from validation.motions.seeds import SENTENCES
 
@@ -79,19 +81,20 @@ def repeated(motion: Motion, rng: np.random.Generator) -> Motion:
     return replace(found, joints=joints, rate_hz=found.rate_hz * float(rng.uniform(0.97, 1.03)))
 
 
-def mild(number: int, rng: np.random.Generator) -> Motion:
-    """A walk with hardly anything of an abnormal gait: 0 to 0.1 of the severity of patients."""
-    walk = poses_of(motion_from_text("a person walks", seed=1000 + number))
+def mild(number: int, rng: np.random.Generator, normal: Callable[[Motion], bool]) -> Motion:
+    """A normal walk with hardly anything of an abnormal gait: 0 to 0.1 of the severity of patients."""
+    seeds = count(1000 + 1000 * number)
+    walk = poses_of(next(walk for seed in seeds if normal(walk := motion_from_text("a person walks", seed=seed))))
     kind = GAIT_TYPES[number % len(GAIT_TYPES)]
     return motion_of(abnormal_walk(walk, kind, severity=float(rng.uniform(0, 0.1)), rng=rng))
 
 
-def made(activity: Activity, count: int) -> list[Motion]:
+def made(activity: Activity, number: int) -> list[Motion]:
     """Motions of a class by the grammar; sentences that nothing makes are left out."""
     found = []
-    for number, description in enumerate(grammar_descriptions(activity, count, seed=7)):
+    for seed, description in enumerate(grammar_descriptions(activity, number, seed=7)):
         try:
-            found.append(motion_from_text(description, seed=number))
+            found.append(motion_from_text(description, seed=seed))
         except InputError as error:
             print(f"not made: {error}")
     return found
@@ -136,7 +139,14 @@ def main() -> None:
             check_motion(each, expected=asked).reasons for asked in ACTIVITIES if asked != activity for each in plain
         ]
         told(f"planted wrong class, {activity}", wrong)
-    gentle = [check_motion(mild(number, rng), expected="abnormal_walking").reasons for number in range(options.n)]
+    walks = recorded_walks(options.recordings)
+    middle, limit = Normal(walks), limit_of(walks)
+
+    def normal(walk: Motion) -> bool:  # by the measure that shares nothing with the filter
+        found = figures(walk)
+        return found is not None and middle.distance(found) < limit
+
+    gentle = [check_motion(mild(each, rng, normal), expected="abnormal_walking").reasons for each in range(options.n)]
     told("planted too mild", gentle)
 
 

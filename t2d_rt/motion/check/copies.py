@@ -16,8 +16,8 @@ from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 STEP, LATEST_S, LEAST_SHARED = 2, 1.0, 0.7
 """Frames from one compared posture to the next; how much later one may begin [s]; part of the shorter one that both must share."""
 
-PACES = 0.97, 1.03
-"""Paces at which one is compared as well, where at its own it is up to `NEAR` times as far as a copy."""
+PACES = 1.0, 0.97, 1.03
+"""Paces at which one is compared; the best one and its lag are made finer where it is up to `NEAR` times as far as a copy."""
 
 ALIKE, NEAR = 0.012, 4.0
 """Mean distance of joints over stature up to which two motions are one; 14 of one sentence are 0.02 apart and more."""
@@ -53,22 +53,44 @@ def _postures(body: Tracks) -> np.ndarray:
 def apart(first: np.ndarray, second: np.ndarray) -> float:
     """Distance of two courses of postures (T, 22, 3) and (U, 22, 3), root mean square over joints and mean over instants,
     one shifted and paced against the other so that it is least."""
-    found = _shifted_apart(first, second)
+    from scipy.optimize import minimize
+
+    found, start, pace = min(
+        (*_shifted_apart(first, _at(second, np.arange(0.0, len(second) - 1 + 1e-9, pace))), pace) for pace in PACES
+    )
     if found > NEAR * ALIKE:
         return found
-    paced = []
-    for pace in PACES:
-        frames = np.arange(0.0, len(second) - 1, pace)
-        before = frames.astype(int)
-        part = (frames - before)[:, None, None]
-        paced.append((1 - part) * second[before] + part * second[np.minimum(before + 1, len(second) - 1)])
-    return min(found, *(_shifted_apart(first, each) for each in paced))
+    shared = LEAST_SHARED * min(len(first), len(second))
+
+    def distance(lag_and_pace: np.ndarray) -> float:
+        instants = lag_and_pace[0] + lag_and_pace[1] * np.arange(len(first))
+        inside = (instants >= 0) & (instants <= len(second) - 1)
+        if inside.sum() < shared:
+            return np.inf
+        apart = first[inside] - _at(second, instants[inside])
+        return float(np.sqrt((apart**2).sum(axis=-1).mean(axis=-1)).mean())
+
+    begin = np.array([start * pace, pace])
+    simplex = begin + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.01]])
+    finer = minimize(
+        distance, begin, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 1e-3, "maxfev": 80}
+    )
+    return min(found, float(finer.fun))
 
 
-def _shifted_apart(first: np.ndarray, second: np.ndarray) -> float:
+def _at(postures: np.ndarray, instants: np.ndarray) -> np.ndarray:
+    """Postures (T, 22, 3) at fractional frames (K,), between frames in a straight line."""
+    before = np.minimum(instants.astype(int), len(postures) - 1)
+    part = (instants - before)[:, None, None]
+    return np.asarray((1 - part) * postures[before] + part * postures[np.minimum(before + 1, len(postures) - 1)])
+
+
+def _shifted_apart(first: np.ndarray, second: np.ndarray) -> tuple[float, int]:
+    """Least distance over all lags, and by how many frames the second one is ahead of the first."""
     a, b = (each.reshape(len(each), -1) for each in (first, second))
     squares = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2 * a @ b.T
     distance = np.sqrt(np.maximum(squares, 0.0) / first.shape[1])
     latest, shared = round(LATEST_S * RATE_HZ / STEP), LEAST_SHARED * min(len(a), len(b))
-    found = (np.diagonal(distance, lag) for lag in range(max(-latest, 1 - len(a)), min(latest, len(b) - 1) + 1))
-    return float(min(each.mean() for each in found if len(each) >= shared))
+    lags = range(max(-latest, 1 - len(a)), min(latest, len(b) - 1) + 1)
+    found = ((np.diagonal(distance, lag), lag) for lag in lags)
+    return min((float(each.mean()), lag) for each, lag in found if len(each) >= shared)

@@ -491,6 +491,8 @@ def _drawn(name: str, mild: float, severe: float, severity: float, rng: np.rando
     """A patient's value between its ends, which of angles are in degrees."""
     if "_rad" in name:
         mild, severe = math.pi / 180 * mild, math.pi / 180 * severe
+    if name == "freezes_s":
+        severity **= 2
     spread = TEMPO_SPREAD if name in ("stride", "cadence") else SPREAD
     return (mild + severity * (severe - mild)) * float(np.exp(spread * np.clip(rng.standard_normal(), -2, 2)))
 
