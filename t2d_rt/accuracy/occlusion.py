@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from t2d_rt.accuracy.estimate import Chirps
 from t2d_rt.geometry.vectors import edge_cross, lengths
 from t2d_rt.pipeline.echo_model import Model
+from t2d_rt.propagation.images import Viewpoint, images
 from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.visibility import Surroundings
 from t2d_rt.types import Accuracy, MovingMesh
@@ -122,12 +123,12 @@ def _judged(model: Model, accuracy: Accuracy, *, by_fast: bool) -> tuple[np.ndar
     times_s = Chirps.random(model.radar, model.span_s, seed=model.seed, count=count).starts_s
     faces = _Faces.of(every, times_s)
     ends = list(_ends(model, accuracy))
-    places = {place.tobytes(): place for _, *both in ends for place in both}
-    towards = {key: faces.towards(place) for key, place in places.items()}
-    wanted = {key: np.zeros(faces.area_m2.shape[1], bool) for key in places}
+    seen_from = {_key(end): end for _, *both in ends for end in both}
+    towards = {key: faces.towards(images(end)[-1]) for key, end in seen_from.items()}
+    wanted = {key: np.zeros(faces.area_m2.shape[1], bool) for key in seen_from}
     glints = []
     for _, *both in ends:
-        keys = [place.tobytes() for place in both]
+        keys = [_key(end) for end in both]
         (there, to), (here, back) = (towards[key] for key in keys)
         middle = there + here
         cosine = np.einsum("kfi,kfi->kf", faces.normal, middle) / np.maximum(lengths(middle), 1e-30)
@@ -137,34 +138,38 @@ def _judged(model: Model, accuracy: Accuracy, *, by_fast: bool) -> tuple[np.ndar
             wanted[key] |= direct.any(axis=0)
         glints.append(direct * faces.area_m2 / (to * back) ** 2)
 
-    def visible_through(meshes: list[MovingMesh]) -> dict[bytes, np.ndarray]:
-        """Which faces the meshes leave visible from each place (K, F)."""
+    def visible_through(meshes: list[MovingMesh]) -> dict[Hashable, np.ndarray]:
+        """Which faces the meshes leave visible from each viewpoint (K, F)."""
         if not meshes:
-            return dict.fromkeys(places, np.ones(faces.area_m2.shape, bool))
+            return dict.fromkeys(seen_from, np.ones(faces.area_m2.shape, bool))
         vertices = np.concatenate([mesh.at(times_s) for mesh in meshes], axis=1)
-        surroundings = Surroundings(Occluders(meshes), vertices, list(places.values()), model.backend)
-        visible = {key: np.zeros(faces.area_m2.shape, bool) for key in places}
-        for key, place in places.items():
+        surroundings = Surroundings(Occluders(meshes), vertices, list(seen_from.values()), model.backend)
+        visible = {key: np.zeros(faces.area_m2.shape, bool) for key in seen_from}
+        for key, end in seen_from.items():
             some = wanted[key]
             if some.any():
-                visible[key][:, some] = surroundings.visible(place, faces.middle[:, some], faces.normal[:, some])
+                visible[key][:, some] = surroundings.visible(end, faces.middle[:, some], faces.normal[:, some])
         return visible
 
     seen, known = visible_through(every), visible_through(slow if by_fast else [])
     removed, remaining = [], []
-    for (power, out_m, back_m), glint in zip(ends, glints, strict=True):
-        visible, modelled = (each[out_m.tobytes()] & each[back_m.tobytes()] for each in (seen, known))
+    for (power, out, back), glint in zip(ends, glints, strict=True):
+        visible, modelled = (each[_key(out)] & each[_key(back)] for each in (seen, known))
         total = max(float(glint.sum()), 1e-300)
         removed.append(power * float(glint[modelled & ~visible].sum()) / total)
         remaining.append(power * float(glint[visible].sum()) / total)
     return np.array(removed), np.array(remaining)
 
 
-def _ends(model: Model, accuracy: Accuracy) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
-    """Power of each path pair and where its antennas appear to stand [m]."""
+def _key(end: Viewpoint) -> Hashable:
+    return end.tobytes() if isinstance(end, np.ndarray) else end.key
+
+
+def _ends(model: Model, accuracy: Accuracy) -> Iterator[tuple[float, Viewpoint, Viewpoint]]:
+    """Power of each path pair, and its antennas in free space or its paths."""
     if model.scene is None:
         yield 1.0, model.radar.tx_position_m, model.radar.rx_position_m
     least_db = max(LEVEL_DB, accuracy.least_level_db)
     for each in model.ranked:
         if each.mean_db >= least_db:
-            yield 10 ** (each.mean_db / 10), each.pair.out.image_m, each.pair.back.image_m
+            yield 10 ** (each.mean_db / 10), each.pair.out, each.pair.back

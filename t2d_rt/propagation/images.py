@@ -16,25 +16,36 @@ def vertices(path: OneWayPath, points: np.ndarray) -> np.ndarray:
     return np.stack(unfolded_vertices(path, points)[1])
 
 
+Viewpoint = np.ndarray | OneWayPath
+"""Whence something is seen: a place (3,) m, or a path, over its mirrors."""
+
+
+def images(viewpoint: Viewpoint) -> list[np.ndarray]:
+    """The antenna, and its image after each element of a path's chain: whence each straight part comes, (3,) m each."""
+    if isinstance(viewpoint, np.ndarray):
+        return [viewpoint]
+    elements, found = viewpoint.elements, [viewpoint.antenna_m]
+    for through, normal, offset_m in zip(elements.through, elements.normal, elements.offset_m, strict=True):
+        found.append(found[-1] if through else reflected(found[-1], normal, offset_m))
+    return found
+
+
 def unfolded_vertices(path: OneWayPath, points: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
     """For which points (..., 3) m every plane is met between its neighbours, bool (...), and `vertices`, an array (..., 3) of each.
 
     A straight line from the last image to the point meets the last plane, one from there to the image before the plane before.
     """
-    elements = path.elements
-    images = [path.antenna_m]
-    for through, normal, offset_m in zip(elements.through, elements.normal, elements.offset_m, strict=True):
-        images.append(images[-1] if through else reflected(images[-1], normal, offset_m))
+    elements, places = path.elements, images(path)
     stops = [points]
     good = np.ones(points.shape[:-1], bool)
-    for image, normal, offset_m in zip(images[:0:-1], elements.normal[::-1], elements.offset_m[::-1], strict=True):
+    for image, normal, offset_m in zip(places[:0:-1], elements.normal[::-1], elements.offset_m[::-1], strict=True):
         here = stops[-1]
         before, after = image @ normal - offset_m, here @ normal - offset_m
         # The image lies on one side of the mirror, the point on the other.
         good &= before * after < 0
         fraction = after / np.where(after == before, 1, after - before)
         stops.append(here + fraction[..., None] * (image - here))
-    stops.append(np.broadcast_to(images[0], points.shape))
+    stops.append(np.broadcast_to(places[0], points.shape))
     return good, stops[::-1]
 
 

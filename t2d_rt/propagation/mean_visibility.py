@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from t2d_rt.core.backend import Backend
+from t2d_rt.propagation.images import Viewpoint, images, reflected
 from t2d_rt.propagation.occluders import MOST_COPIES, Occluders
 from t2d_rt.propagation.visibility import Surroundings, Unblocked, faded
 from t2d_rt.types import MovingMesh
@@ -33,16 +34,16 @@ class MeanVisibility:
         self._solid = solid and bool(occluders.meshes)
         self._backend = backend
         self._every = max(1, len(mesh.rest) // POINTS)
-        self._views: dict[Hashable, tuple[np.ndarray, Unblocked | None]] = {}
+        self._views: dict[Hashable, tuple[Viewpoint, Unblocked | None]] = {}
         self._functions: dict[tuple[Hashable, int], Unblocked] = {}
         """What `over` has given: scatterers that need the same fraction hold the same object."""
         self._known: dict[Hashable, tuple[np.ndarray, np.ndarray]] = {}
         """Of one path, and of two that share the blockage by the scene, (K,)."""
 
-    def over(self, where: Hashable, viewpoint_m: np.ndarray, unblocked: Unblocked | None, path_count: int) -> Unblocked:
+    def over(self, where: Hashable, viewpoint: Viewpoint, unblocked: Unblocked | None, path_count: int) -> Unblocked:
         """Its function of times [s] (K,), (K, V), from a viewpoint of that name; the fraction `unblocked` by the scene counts for
         `path_count` one-way paths, 1 or 2."""
-        self._views.setdefault(where, (viewpoint_m, unblocked))
+        self._views.setdefault(where, (viewpoint, unblocked))
         return self._functions.setdefault((where, path_count), partial(self.at, where, path_count))
 
     def at(self, where: Hashable, path_count: int, times_s: np.ndarray) -> np.ndarray:
@@ -69,24 +70,38 @@ class MeanVisibility:
         middle = posed.mean(axis=1, keepdims=True)
         radius = np.linalg.norm(posed - middle, axis=2).max(axis=1, keepdims=True)
         marked = self._occluders.marked(self._samples_s)
-        near = {where: self._near(place, marked, middle[pose], radius[pose]) for where, (place, _) in views.items()}
+        near = {where: self._near(seen, marked, middle[pose], radius[pose]) for where, (seen, _) in views.items()}
         hidden = np.flatnonzero(np.any([each.any(axis=1) for each in near.values()], axis=0))
         for first in range(0, len(hidden), MOST_COPIES):
             some = hidden[first : first + MOST_COPIES]
             times_s = self._samples_s[some]
             points = self._mesh.at(times_s)[:, :: self._every]
             parts = np.any([each[some] for each in near.values()], axis=0)[:, self._occluders.mark_of_face]
-            vertices, places = self._occluders.at(times_s).vertices, [place for place, _ in views.values()]
-            scene = Surroundings(self._occluders, vertices, places, self._backend, parts=parts)
-            for where, (place, _) in views.items():
+            vertices, seen_from = self._occluders.at(times_s).vertices, [seen for seen, _ in views.values()]
+            scene = Surroundings(self._occluders, vertices, seen_from, self._backend, parts=parts)
+            for where, (seen, _) in views.items():
                 if near[where][some].any():
-                    visible = scene.visible(place, points, np.zeros_like(points))
+                    visible = scene.visible(seen, points, np.zeros_like(points))
                     for number, found in enumerate(self._known[where]):
                         found[some] = (visible * reached[where][pose[some]] ** (number + 1)).mean(axis=1)
 
-    def _near(self, viewpoint_m: np.ndarray, marked: np.ndarray, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    def _near(self, viewpoint: Viewpoint, marked: np.ndarray, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
         """Which marks on the occluders (K, M, 3) m may be in the way to a ball around (K, 1, 3) m of radius (K, 1) m, or stand for
         what is, at the sample times, bool (K, M)."""
+        places, found = images(viewpoint), self._between(images(viewpoint)[-1], marked, middle, radius)
+        # Each straight part leads from one image on to the ball's own image.
+        elements = (
+            () if isinstance(viewpoint, np.ndarray) else zip(viewpoint.planes, viewpoint.elements.through, strict=True)
+        )
+        for place_m, (plane, through) in zip(places[-2::-1], reversed(list(elements)), strict=True):
+            middle = middle if through else reflected(middle, *plane)
+            found |= self._between(place_m, marked, middle, radius)
+        return found
+
+    def _between(
+        self, viewpoint_m: np.ndarray, marked: np.ndarray, middle: np.ndarray, radius: np.ndarray
+    ) -> np.ndarray:
+        """The same on a straight line from a place to the ball."""
         towards = middle - viewpoint_m
         length = np.linalg.norm(towards, axis=2)
         reach = self._occluders.mark_reach_m

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import zip_longest
 from typing import Any
 from weakref import ref
 
@@ -17,6 +18,7 @@ import numpy as np
 
 from t2d_rt.core.backend import Backend, aligned, one_thread_at_a_time
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
+from t2d_rt.propagation.images import Viewpoint, images
 from t2d_rt.propagation.occluders import Occluders, Posed, incidence, vertex_normals
 from t2d_rt.propagation.rays import columns, mitsuba, side_by_side
 from t2d_rt.types import MovingMesh
@@ -109,15 +111,17 @@ class Viewpoints:
 
     def scene(self, at: Posed) -> Surroundings | None:
         """The meshes at some instants as rays to all viewpoints meet them; None where none of these is occluded."""
-        places = [each.viewpoint_m for each in self.each if each.solid]
-        if not places:
+        seen = [each.viewpoint for each in self.each if each.solid]
+        if not seen:
             return None
-        parts = at.facing(places) if len(places) <= FEW_PLACES else None
-        return Surroundings(self.meshes, at.vertices, places, self.backend, parts=parts)
+        places = {place.tobytes(): place for each in seen for place in images(each)}
+        parts = at.facing(list(places.values())) if len(places) <= FEW_PLACES else None
+        return Surroundings(self.meshes, at.vertices, seen, self.backend, parts=parts)
 
 
 class Occlusion:
-    """Visibility of the vertices of meshes from one of some viewpoints, self-occlusion and occlusion of one another included.
+    """Visibility of the vertices of meshes from one of some viewpoints, self-occlusion and occlusion of one another included, on
+    every straight part of a path.
 
     `unblocked` gives the fraction of the field at points (..., 3) that the static scene does not block; with `solid` False only
     that counts. Visibility is sampled at the viewpoints' sample times and fades in between; at 25 Hz the edge of a fast limb's
@@ -125,9 +129,9 @@ class Occlusion:
     """
 
     def __init__(
-        self, viewpoints: Viewpoints, viewpoint_m: np.ndarray, *, unblocked: Unblocked | None = None, solid: bool = True
+        self, viewpoints: Viewpoints, viewpoint: Viewpoint, *, unblocked: Unblocked | None = None, solid: bool = True
     ) -> None:
-        self.viewpoint_m, self.solid = np.asarray(viewpoint_m, np.float64), solid
+        self.viewpoint, self.viewpoint_m, self.solid = viewpoint, images(viewpoint)[-1], solid
         self.viewpoints, self._meshes, self._unblocked = viewpoints, viewpoints.meshes, unblocked
         viewpoints.add(self)
         self._last: dict[int, tuple[np.ndarray, list[np.ndarray]]] = {}
@@ -139,9 +143,9 @@ class Occlusion:
         """Whether it was asked for before that, or has been since."""
 
     @classmethod
-    def alone(cls, meshes: Occluders, viewpoint_m: np.ndarray, *, samples_s: np.ndarray, backend: Backend) -> Occlusion:
+    def alone(cls, meshes: Occluders, viewpoint: Viewpoint, *, samples_s: np.ndarray, backend: Backend) -> Occlusion:
         """From the only viewpoint, sampled at these times [s]."""
-        return cls(Viewpoints(meshes, samples_s, backend), viewpoint_m)
+        return cls(Viewpoints(meshes, samples_s, backend), viewpoint)
 
     def visibility(self, times_s: np.ndarray, path_count: int = 1) -> list[np.ndarray]:
         """Fractions in 0..1 at times [s] (K,), one float32 array (K, V) for each mesh: its vertices, those of its subdivision
@@ -208,12 +212,12 @@ class Occlusion:
         about them. A shadow narrower than these lie apart would be missed.
         """
         always = front & self._meshes.own if self._meshes.of_bodies else front
-        visible = scene.visible(self.viewpoint_m, at.points, at.normals, always)
+        visible = scene.visible(self.viewpoint, at.points, at.normals, always)
         others = front & ~always
         if others.any():
             lit, dark = self._meshes.beside(visible), self._meshes.beside(always & ~visible)
             visible |= others & lit & ~dark
-            visible |= scene.visible(self.viewpoint_m, at.points, at.normals, others & (lit == dark))
+            visible |= scene.visible(self.viewpoint, at.points, at.normals, others & (lit == dark))
         return visible
 
 
@@ -225,9 +229,9 @@ class ExactVisibility:
 
     SAME_S = 1e-3
 
-    def __init__(self, occluders: Sequence[MovingMesh], viewpoint_m: np.ndarray, *, backend: Backend) -> None:
+    def __init__(self, occluders: Sequence[MovingMesh], viewpoint: Viewpoint, *, backend: Backend) -> None:
         self._occluders = Occluders(occluders)
-        self._viewpoint = viewpoint_m
+        self._viewpoint, self._viewpoint_m = viewpoint, images(viewpoint)[-1]
         self._mitsuba = mitsuba(backend)
         self._last: tuple[bytes, list[_Obstacles]] = b"", []
 
@@ -243,7 +247,7 @@ class ExactVisibility:
         for instant, obstacles in zip(np.flatnonzero(fresh), self._obstacles(times_s[fresh]), strict=True):
             here = vertices[instant : instant + 1]
             normal = vertex_normals(here, faces, of_faces)
-            front = np.einsum("vi,vi->v", normal[0], self._viewpoint - here[0]) > 0
+            front = np.einsum("vi,vi->v", normal[0], self._viewpoint_m - here[0]) > 0
             seen = obstacles.leave_visible(here, normal, front[None])[0]
             visibility = np.where(front, seen, np.float32(1))  # beyond the horizon facets show their back
             found.append(visibility)
@@ -252,10 +256,10 @@ class ExactVisibility:
     def _obstacles(self, times_s: np.ndarray) -> list[_Obstacles]:
         """Occluders at each of these times: facets and diffuse points ask for the same ones."""
         if self._last[0] != times_s.tobytes():
-            posed, found = self._occluders.at(times_s), []
-            for vertices, facing in zip(posed.vertices, posed.facing([self._viewpoint]), strict=True):
-                from_here = (vertices - self._viewpoint)[None]
-                reach = 2.2 * float(np.abs(from_here).max())
+            posed, found, places = self._occluders.at(times_s), [], np.array(images(self._viewpoint))
+            for vertices, facing in zip(posed.vertices, posed.facing(list(places)), strict=True):
+                from_here = (vertices - self._viewpoint_m)[None]
+                reach = 2.2 * max(float(np.abs(each).max()) for each in (from_here, places - self._viewpoint_m))
                 scene = side_by_side(self._mitsuba, from_here, self._occluders.faces[facing], reach)
                 found.append(_Obstacles(self._mitsuba, *scene, self._viewpoint))
             self._last = times_s.tobytes(), found
@@ -264,17 +268,17 @@ class ExactVisibility:
 
 @dataclass(frozen=True, slots=True)
 class _Obstacles:
-    """Meshes at some instants side by side, in a scene that rays towards a viewpoint are traced in."""
+    """Meshes at some instants side by side, in a scene that rays towards a viewpoint are traced in, over its mirrors."""
 
     mitsuba: Any
     scene: Any
     shift_m: np.ndarray
-    """Where the viewpoint lies in the scene, beside the meshes of each instant (K, 1, 3)."""
-    viewpoint_m: np.ndarray
+    """Where the viewpoint, the last of its images, lies in the scene, beside the meshes of each instant (K, 1, 3)."""
+    viewpoint: Viewpoint
 
     @one_thread_at_a_time
     def leave_visible(self, points: np.ndarray, normals: np.ndarray, some: np.ndarray) -> np.ndarray:
-        """Whether the segment from some of points (K, Q, 3) of given normals to the viewpoint is free, bool (K, Q)."""
+        """Whether all segments from some of points (K, Q, 3) of given normals to the viewpoint are free, bool (K, Q)."""
         import drjit as dr
 
         found = np.zeros(some.shape, bool)
@@ -282,16 +286,37 @@ class _Obstacles:
             return found
         mi = self.mitsuba
 
-        from_here = mi.Vector3f(*columns(mi, points[some] - self.viewpoint_m))
+        from_here = mi.Vector3f(*columns(mi, points[some] - images(self.viewpoint)[-1]))
         normal = mi.Vector3f(*columns(mi, normals[some]))
         shifts = mi.Vector3f(*columns(mi, self.shift_m[:, 0]))
         shift = dr.gather(mi.Vector3f, shifts, mi.UInt32(aligned(np.nonzero(some)[0], np.uint32)))
-        origin = from_here + LIFT_M * (normal - dr.normalize(from_here))
-        distance = dr.norm(origin)
-        ray = mi.Ray3f(mi.Point3f(origin + shift), -origin / distance)
-        ray.maxt = distance
-        found[some] = ~self.scene.ray_test(ray).numpy()
+        found[some] = self._free(from_here + LIFT_M * (normal - dr.normalize(from_here)), shift).numpy()
         return found
+
+    def _free(self, here: Any, shift: Any) -> Any:
+        """Whether nothing is met from points relative to the last image, on one straight part after another back to the antenna."""
+        import drjit as dr
+
+        mi, places, free = self.mitsuba, images(self.viewpoint), self.mitsuba.Bool(True)
+
+        def vector(of: np.ndarray) -> Any:
+            return mi.Vector3f(*columns(mi, of[None]))
+
+        planes = () if isinstance(self.viewpoint, np.ndarray) else self.viewpoint.planes
+        for place, plane in zip_longest(reversed(places), reversed(planes)):
+            from_place = here - vector(place - places[-1])
+            length = dr.norm(from_place)
+            ahead = -from_place / length
+            if plane is not None:  # as far as that; one that is not met between its neighbours makes no path
+                normal, offset_m = plane
+                foot = (offset_m - normal @ places[-1]) * normal
+                reached = dr.dot(vector(foot) - here, vector(normal)) / dr.dot(ahead, vector(normal))
+                length = dr.select(reached > 0, dr.minimum(reached, length), 0)
+            ray = mi.Ray3f(mi.Point3f(here + shift), ahead)
+            ray.maxt = length
+            free &= ~self.scene.ray_test(ray, active=free)
+            here = here + length * ahead
+        return free
 
 
 class Surroundings:
@@ -301,7 +326,7 @@ class Surroundings:
         self,
         occluders: Occluders,
         vertices: np.ndarray,
-        places_m: Sequence[np.ndarray],
+        seen_from: Sequence[Viewpoint],
         backend: Backend,
         *,
         parts: np.ndarray | None = None,
@@ -310,15 +335,17 @@ class Surroundings:
         faces = occluders.faces + vertices.shape[1] * np.arange(len(vertices))[:, None, None]
         faces = faces if parts is None else faces[parts]
         self._middle = vertices.reshape(-1, 3).mean(axis=0)
-        reach = 2.2 * max(float(np.abs(each - self._middle).max()) for each in (vertices, *places_m))
+        places = [place for each in seen_from for place in images(each)]
+        reach = 2.2 * max(float(np.abs(each - self._middle).max()) for each in (vertices, *places))
         self._mitsuba = mitsuba(backend)
         self._scene, self._shift = side_by_side(self._mitsuba, vertices - self._middle, faces, reach)
 
     def visible(
-        self, place_m: np.ndarray, points: np.ndarray, normals: np.ndarray, some: np.ndarray | None = None
+        self, viewpoint: Viewpoint, points: np.ndarray, normals: np.ndarray, some: np.ndarray | None = None
     ) -> np.ndarray:
-        """Whether points (K, Q, 3) of given normals on the meshes are visible from a place, bool (K, Q): `some` of them, bool
+        """Whether points (K, Q, 3) of given normals on the meshes are visible from a viewpoint, bool (K, Q): `some` of them, bool
         (K, Q), by default all; none of the others is."""
         some = np.ones(points.shape[:2], bool) if some is None else some
-        obstacles = _Obstacles(self._mitsuba, self._scene, self._shift + (place_m - self._middle), place_m)
+        shift = self._shift + (images(viewpoint)[-1] - self._middle)
+        obstacles = _Obstacles(self._mitsuba, self._scene, shift, viewpoint)
         return obstacles.leave_visible(points, normals, some)

@@ -104,6 +104,11 @@ class OneWayPath(_Compared):
         return self.chain, self.image_m.tobytes()
 
     @property
+    def planes(self) -> list[tuple[np.ndarray, float]]:
+        """Unit normal (3,) and offset [m] of each plane that is met, from the antenna on."""
+        return list(zip(self.elements.normal, self.elements.offset_m.tolist(), strict=True))
+
+    @property
     def transmissions(self) -> int:
         """Number of slabs on the path."""
         return int(np.count_nonzero(self.elements.through))

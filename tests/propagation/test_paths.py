@@ -9,17 +9,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from builders import ANTENNA_M, UP, plate, small_room
-from t2d_rt.core.backend import select
+from builders import ANTENNA_M, UP, icosphere, plate, small_room, static_mesh
+from t2d_rt.core.backend import Backend, select
 from t2d_rt.pipeline.path_pairs import probed
 from t2d_rt.propagation.clutter import static_paths
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.images import existing, vertices
+from t2d_rt.propagation.mean_visibility import MeanVisibility
 from t2d_rt.propagation.mirrors import Mirrors
+from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.paths import FoundPaths, find_paths
 from t2d_rt.propagation.surroundings import radar_paths
+from t2d_rt.propagation.visibility import ExactVisibility, Occlusion
 from t2d_rt.scattering.paths import ranked_pairs
-from t2d_rt.types import PEC, Material, OneWayPath, PathSet, Radar, Scene
+from t2d_rt.types import PEC, Material, MovingMesh, OneWayPath, PathSet, Radar, Scene
 from t2d_rt.types.path_fields import SweepNodes, field_over, fields_over, received
 
 FREQUENCY_HZ = 77.87e9
@@ -289,3 +292,80 @@ def test_kept_chains_are_those_of_their_own_search() -> None:
     assert len(set(first)) == len(searches)
     mirrors.chains(ANTENNA_M, 1).clear()  # the caller's own
     assert tuple(mirrors.chains(ANTENNA_M, 1)) == first[0]
+
+
+# --- bodies in between ---
+
+MIDDLE_M, RECORD_S = np.array([4.0, 0.3, 1.2]), np.array([0.0, 1.0])
+EDGE_M = 5e-3
+"""Rays start 2 mm towards the viewpoint and 2 mm along the normal: a shadow's edge may lie that far off."""
+MIRRORED = {"wall": ([1, -1, 1], [0, 4, 0]), "right": ([1, -1, 1], [0, -8, 0])}
+"""Signs and shift of a place's image in each."""
+
+
+def _ball(radius_m: float, centre_m: np.ndarray, level: int = 3) -> MovingMesh:
+    vertices_m, faces = icosphere(level, radius_m)
+    return static_mesh(vertices_m + centre_m, faces)
+
+
+def _over(chain: tuple[str, ...]) -> OneWayPath:
+    """The path from `ANTENNA_M` over mirrors of a wall at y = 2 and one at the right, y = -4."""
+    wall = plate("wall", [(-2, 2, -1), (12, 2, -1), (12, 2, 4), (-2, 2, 4)])
+    right = plate("right", [(-2, -4, -1), (12, -4, -1), (12, -4, 4), (-2, -4, 4)])
+    mirrors = Mirrors.of(Scene(name="corridor", surfaces=(wall, right)), select("cpu"))
+    found = find_paths(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=2, probes_m=MIDDLE_M[None])
+    (path,) = [each for each in found.paths if each.chain == chain]
+    return path
+
+
+@pytest.mark.parametrize("exact", [False, True])
+@pytest.mark.parametrize(
+    ("chain", "part"), [(("wall",), 0), (("wall",), 1), *((("wall", "right"), part) for part in range(3))]
+)
+def test_a_body_hides_wherever_a_path_runs(backend: Backend, chain: tuple[str, ...], part: int, exact: bool) -> None:
+    """As its image does on the straight line from the antenna's image: bodies are mirrored here, and not the lines."""
+    path, target = _over(chain), _ball(0.4, MIDDLE_M, level=4)
+    lines = vertices(path, MIDDLE_M)
+    centre = lines[part] + 0.6 * (lines[part + 1] - lines[part]) + [0, 0, 0.12]
+    meshes = [target, _ball(0.12, centre)]
+    points, image = target.at(np.zeros(1))[0], path.image_m
+    for name in chain[part:]:
+        centre = MIRRORED[name][0] * centre + MIRRORED[name][1]
+    ray = points - image
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    depth = 0.12 - np.linalg.norm(centre - image - (ray @ (centre - image))[:, None] * ray, axis=1)
+    normals = (points - MIDDLE_M) / 0.4
+    lit = np.sum(normals * -ray, axis=1) > 0.05
+    if exact:
+        seen = ExactVisibility(meshes, path, backend=backend).fraction(np.zeros(1), points[None], target.faces)[0]
+    else:
+        view = Occlusion.alone(Occluders(meshes), path, samples_s=RECORD_S, backend=backend)
+        seen = view.visibility(np.zeros(1))[0][0]
+    dark, free = lit & (depth > EDGE_M), lit & (depth < -EDGE_M)
+    assert min(dark.sum(), free.sum()) > 50
+    assert not seen[dark].any()
+    assert (seen[free] == 1).all()
+
+
+def test_what_stands_behind_a_mirror_hides_nothing_before_it(backend: Backend) -> None:
+    path, target = _over(("wall",)), _ball(0.4, MIDDLE_M)
+    behind = _ball(0.5, path.image_m + 0.3 * (MIDDLE_M - path.image_m))
+    alone, both = (
+        Occlusion.alone(Occluders(some), path, samples_s=RECORD_S, backend=backend).visibility(np.zeros(1))[0]
+        for some in ([target], [target, behind])
+    )
+    assert np.array_equal(alone, both)
+    assert alone.max() == 1
+
+
+def test_a_fan_is_hidden_wherever_a_path_runs(backend: Backend) -> None:
+    """As far as a ball is that does not rotate."""
+    path = _over(("wall",))
+    lines = vertices(path, MIDDLE_M)
+    for aside, least, most in ((0.0, 0.0, 0.0), (0.2, 0.1, 0.9), (1.0, 1.0, 1.0)):
+        centre = lines[0] + 0.6 * (lines[1] - lines[0]) + [0, 0, aside]
+        mean = MeanVisibility(
+            _ball(0.3, MIDDLE_M), Occluders([_ball(0.25, centre)]), RECORD_S, solid=True, backend=backend
+        )
+        seen = mean.over("wall", path, None, 1)(np.zeros(1))
+        assert least <= seen.mean() <= most

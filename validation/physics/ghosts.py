@@ -20,19 +20,21 @@ from validation.report import Check, Section, new_figure, save_chart
 
 RADIUS_M, WALL_M = 0.15, 2.0
 START_M, VELOCITY_MPS, TIME_S = np.array([4.0, 0.3, 0.0]), np.array([-2.0, 0.5, 0.0]), 0.1
+BALL_M, BESIDE_M, HIDDEN_DB = 0.3, 0.4, -40.0
 SHOWN, SHOWN_DB = 14, 60.0
 """Ghosts that are labelled, and the dynamic range of the chart."""
 RANGE_BINS, SPEED_BINS, POWER_DB, SWAP_DB, MOVED_DB, STATIC_DBC = 0.1, 0.5, 0.5, -80.0, -60.0, -80.0
 
 
 def run() -> Section:
-    checks = [*_beside_a_wall(), *_unchanged()]
+    checks = [*_beside_a_wall(), *_behind_a_ball(), *_unchanged()]
     rows, chart = _labelled()
     return Section(
         title="Ghosts",
         checks=checks,
         note=f"A metal sphere of {RADIUS_M:g} m passes a metal wall {WALL_M:g} m aside: range, speed and power of its ghosts over "
-        "one of the two paths (length (R + R')/2 - a cos(beta/2)) and over both (R' - a) against closed forms. "
+        "one of the two paths (length (R + R')/2 - a cos(beta/2)) and over both (R' - a) against closed forms. Then a ball of "
+        f"{BALL_M:g} m stands on the path to the wall, or {BESIDE_M:g} m beside it, before the sphere's ghost over the wall. "
         "Then a small room: transmitter "
         "and receiver 20 cm apart change places; everything is turned and shifted together; nothing moves. The chart: such a "
         "sphere in the empty room, and where its ghosts must be.",
@@ -68,10 +70,34 @@ def _ball(
 # --- a sphere beside a wall ---
 
 
-def _beside_a_wall() -> list[Check]:
-    radar = Radar.preset("table2", position_m=(0.0, 0.0, 0.0))
+def _walled() -> tuple[Radar, Scene]:
     corners = [(-2.0, WALL_M, -2.0), (12.0, WALL_M, -2.0), (12.0, WALL_M, 4.0), (-2.0, WALL_M, 4.0)]
     wall = Scene(name="wall", surfaces=(_plate("wall", corners, "metal"),))
+    return Radar.preset("table2", position_m=(0.0, 0.0, 0.0)), wall
+
+
+def _behind_a_ball() -> list[Check]:
+    """Power of the ghost over both paths with a ball before the wall beside that without."""
+    radar, wall = _walled()
+    reflection = START_M * WALL_M / (2 * WALL_M - START_M[1])
+    reflection[1] = WALL_M
+    across = np.array([-reflection[1], reflection[0], 0.0]) / np.linalg.norm(reflection)
+    power = []
+    for targets in [[], *([_ball(reflection / 2 + aside * across, np.zeros(3), BALL_M)] for aside in (0.0, BESIDE_M))]:
+        sphere = _ball(START_M, np.zeros(3))
+        found = t2d.simulate(
+            [sphere, *targets], radar=radar, scene=wall, clutter="none", only_paths=["wall"], split="target"
+        )
+        power.append(float(np.mean(np.abs(next(iter(found.parts.values())).adc.values) ** 2)))
+    hidden, beside = (10 * math.log10(max(each / power[0], 1e-12)) for each in power[1:])
+    return [
+        Check(what="ball before the wall: ghost over it", measured=hidden, limit=HIDDEN_DB, unit="dB"),
+        Check(what="ball beside the path to the wall: ghost over it, off by", measured=abs(beside), limit=POWER_DB, unit="dB"),
+    ]  # fmt: skip
+
+
+def _beside_a_wall() -> list[Check]:
+    radar, wall = _walled()
     image = np.array([0.0, 2 * WALL_M, 0.0])
 
     def geometry(time_s: float, pair: tuple[int, int]) -> tuple[float, float, float]:
