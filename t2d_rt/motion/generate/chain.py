@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from t2d_rt.motion import quaternions
+from t2d_rt.motion.contacts import TWIST_MPS, runs, soles
 from t2d_rt.motion.descriptions.slots import Step
 from t2d_rt.motion.generate import NOT_MADE
 from t2d_rt.motion.interpolate import low_pass, minimum_jerk
@@ -18,6 +19,9 @@ BLEND_S = 0.4
 
 FARTHEST, LEAST_FRAMES = 0.7, 6
 """Of a velocity [m or rad] at a seam, times the time in which it dies out: a seventh of it is what a joint swings farther by."""
+
+MOST_CARRIED = 0.3
+"""Distance over the leg's length by which a foot that stands may be carried at a seam."""
 
 THROWN_RADPS = 8.0
 """Angular velocity of an arm that is thrown up in a jump and cannot swing farther; in walks it reaches 2 to 3 rad/s, in runs 5."""
@@ -145,8 +149,26 @@ def _appended(first: Piece, second: Piece, blend_s: float, turn: bool) -> Piece:
     own = rotation_vector(quaternions.multiply(local[1], quaternions.conjugate(local[0])))
     carried = np.stack([_offset(g, s, within, len(b)) for g, s in zip(gap, speed - own, strict=True)], axis=1)
     local = quaternions.multiply(from_rotation_vector(carried), local)
-    roots, locals_ = [a.root, root], [a.local, quaternions.normalise(local)]
-    return _one(first, second, roots, locals_, [first.planted, second.planted])
+    after = second.posed(root=root, local=quaternions.normalise(local))
+    roots, locals_ = [a.root, after.poses.root], [a.local, after.poses.local]
+    return _one(first, second, roots, locals_, [first.planted, second.planted & ~_swept(placed, after, within)])
+
+
+def _swept(placed: Poses, after: Piece, within: int) -> np.ndarray:
+    """Where what dies out at a seam, in `within` frames, carries a foot that would stand too far and too fast for that: (T, 2, 2).
+
+    After a run the body comes faster than a walk goes on: a foot that stood in the walk would hold it back by more than a leg.
+    """
+    found = np.zeros((len(after), 2, 2), bool)
+    count = min(within + 2, len(after))
+    carried = soles(after.poses.part(0, count)) - soles(placed.part(0, count))
+    fast = np.linalg.norm(np.gradient(carried, 1 / placed.rate_hz, axis=0), axis=-1) > TWIST_MPS
+    for side in range(2):
+        for start, stop in runs(np.asarray(after.planted[:count, side].any(axis=1))):
+            far = np.linalg.norm(carried[stop - 1, side] - carried[start, side], axis=-1).max()
+            if far > MOST_CARRIED * placed.skeleton.leg_m:
+                found[start:stop, side] = fast[start:stop, side]
+    return found
 
 
 def _one(

@@ -211,6 +211,13 @@ def aligned(piece: Piece) -> Piece:
     return moved(piece, -angle, poses.root[0, :2], np.zeros(2))
 
 
+def swing_of(piece: Piece) -> float:
+    """How far the wrists go to and fro against the shoulders along x, twice the leg being one: 90 % of the range, mean of both."""
+    joints, _ = piece.poses.world()
+    arms = [joints[:, INDEX[f"{side}_wrist"], 0] - joints[:, INDEX[f"{side}_shoulder"], 0] for side in SIDES]
+    return float(np.mean([np.ptp(np.percentile(each, (5, 95))) for each in arms])) / (2 * piece.poses.skeleton.leg_m)
+
+
 def rate_of(poses: Poses) -> float:
     """Mean horizontal speed of the pelvis along the line from start to end [m/s]."""
     net = np.linalg.norm(poses.root[-1, :2] - poses.root[0, :2])

@@ -39,11 +39,18 @@ LEGS, ARMS, WIDTHS = 0.018, 0.03, 0.03
 """Standard deviations of the logarithms of lengths of legs against the trunk, of arms, and of breadths of hips and shoulders at one
 stature (Gordon et al. 2014, ANSUR II: crotch height given stature 1.8 %, arm length 2.8 %, biacromial breadth 3.5 %)."""
 
+SHOULDER_RAD, ELBOW_RAD, WRIST_RAD = (0.15, 0.12, 0.05), (0.1, 0.1, 0.1), (0.08, 0.08, 0.08)
+
 POSTURE_RAD = {
-    "spine1": 0.02, "spine2": 0.02, "spine3": 0.045, "neck": 0.07, "head": 0.05, "left_shoulder": 0.085, "right_shoulder": 0.085,
-    "left_elbow": 0.1, "right_elbow": 0.1, "left_wrist": 0.08, "right_wrist": 0.08,
+    "spine1": (0.02, 0.02, 0.02), "spine2": (0.02, 0.02, 0.02), "spine3": (0.045, 0.06, 0.045), "neck": (0.07, 0.08, 0.07),
+    "head": (0.05, 0.1, 0.05), "left_shoulder": SHOULDER_RAD, "right_shoulder": SHOULDER_RAD, "left_elbow": ELBOW_RAD,
+    "right_elbow": ELBOW_RAD, "left_wrist": WRIST_RAD, "right_wrist": WRIST_RAD,
 }  # fmt: skip
-"""Standard deviations of a person's habitual posture per axis [rad]; between recorded walkers they are larger."""
+"""Standard deviations of a person's habitual posture about the joint's axes forward, left and up in the T-pose [rad]. Of upper arms
+(out, twist, ahead) and head those between five recorded walkers: 0.16, 0.13, 0.04 and 0.04, 0.11."""
+
+MOST_INWARD_RAD = 0.08
+"""By which a habit brings an arm nearer to the body."""
 
 RESTING_HZ, RESTING_DEPTH_M = (0.2, 0.35), (0.004, 0.012)
 """Breaths a second of people at rest, and how far the front of the trunk comes forward in one: of five people who sat the ribs by
@@ -97,7 +104,9 @@ def individual(
     normal = rng.standard_normal(6)
     habit = np.zeros((len(NAMES), 3))
     for joint, size in POSTURE_RAD.items():
-        habit[INDEX[joint]] = size * np.clip(rng.standard_normal(3), -2, 2)
+        habit[INDEX[joint]] = np.array(size) * np.clip(rng.standard_normal(3), -2, 2)
+    for joint, sign in (("left_shoulder", 1.0), ("right_shoulder", -1.0)):
+        habit[INDEX[joint], 0] = sign * max(sign * habit[INDEX[joint], 0], -MOST_INWARD_RAD)
     return Individual(
         body=name,
         stature_m=drawn,
@@ -141,7 +150,7 @@ def lively(piece: Piece, person: Individual, rng: np.random.Generator, *, quiet:
         for _ in range(3):
             frequency, phase = rng.uniform(*SLOW_HZ), rng.uniform(0, 2 * np.pi, 3)
             wave += np.sin(2 * np.pi * frequency * times[:, None] + phase) * np.sqrt(2 / 3)
-        added = quiet * (person.habit[joint] + SWAY * spread * wave)
+        added = quiet * (person.habit[joint] + SWAY * np.array(spread) * wave)
         local[:, joint] = quaternions.multiply(rotation, from_rotation_vector(added))
     return piece.posed(local=quaternions.normalise(local))
 

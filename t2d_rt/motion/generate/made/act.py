@@ -193,9 +193,9 @@ class Act:
     def hang(self) -> Hang:
         """An arm that hangs in this person's way."""
         return Hang(
-            forward_rad=self.about(6, 4) * DEG,
-            out_rad=self.about(self.habits.out, 1.5 * DEG),
-            bend_rad=self.about(20, 6) * DEG,
+            forward_rad=self.about(6, 6) * DEG,
+            out_rad=self.about(self.habits.out, 2 * DEG),
+            bend_rad=self.about(22, 8) * DEG,
         )
 
     @property
@@ -291,10 +291,10 @@ def stance(anatomy: Anatomy, rng: np.random.Generator, *, handed: str, step: Ste
     apart = 1.6 if step.body_part in ("leg", "foot") and step.action in ("sit", "squat", "stand_up") else 1.0
     habits = Habits(
         flex=(6 + 5 * draw[0] + slump) * DEG,
-        gaze=(5 + 5 * draw[1] + 0.6 * slump) * DEG,
-        out=(12 + 1.5 * draw[2]) * DEG,
+        gaze=(5 + 8 * draw[1] + 0.6 * slump) * DEG,
+        out=(12 + 3.5 * draw[2]) * DEG,
         half_width=apart * (0.058 + 0.016 * draw[3]) * anatomy.stature_m,
-        toe_out=(9 + 4.5 * draw[4]) * DEG,
+        toe_out=(9 + 6 * draw[4]) * DEG,
         ahead=0.028 * draw[5],
         lean=0.36 + 0.05 * draw[6],
     )

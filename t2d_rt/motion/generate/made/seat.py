@@ -92,10 +92,10 @@ def settle(act: Act, step: Step, *, leans: bool) -> None:
     """The trunk comes up once the seat carries, and rests: against the backrest, upright, or bowed over the thighs."""
     up_s = act.u(0.7, 1.3)
     bowed = not leans and act.chance(0.3)
-    flex = act.habits.flex + (act.about(28, 5) if bowed else act.about(16, 6)) * DEG
-    pitch = (act.about(14, 9) if bowed else act.about(-24, 4) if leans else act.about(-8, 5)) * DEG
+    flex = act.habits.flex + (act.about(28, 6) if bowed else act.about(16, 8)) * DEG
+    pitch = (act.about(14, 9) if bowed else act.about(-24, 5) if leans else act.about(-7, 8)) * DEG
     act.move(0.0, up_s, pitch=pitch, side=act.about(0, 4) * DEG)
-    act.move(0.05, up_s * act.u(0.95, 1.2), flex=flex, twist=act.about(0, 6) * DEG)
+    act.move(0.05, up_s * act.u(0.95, 1.2), flex=flex, twist=act.about(0, 8) * DEG)
     act.move(0.1, up_s, gaze=act.habits.gaze + act.about(4, 9) * DEG, look=act.about(0, 18) * DEG)
     for number, side in enumerate(SIDES):  # a foot finds a better place
         if act.chance(0.4):
@@ -144,7 +144,7 @@ def stand_up(act: Act, step: Step) -> None:
     1.3 to 2.3 s from the first lean to standing, Kerr 1997).
     """
     _feet_back(act)
-    first_s, rise_s = act.u(0.50, 0.95), float(np.exp(act.about(0.35, 0.22)))
+    first_s, rise_s = act.u(0.50, 0.95), float(np.exp(act.about(0.35, 0.26)))
     flex = act.habits.flex + act.about(14, 4) * DEG
     hips = (*act.at("hips"), act.values["z"] - act.place.floor_m)
     pitch = counterbalance(act, hips, flex, behind_m=act.u(0.05, 0.08) * act.tall / 1.72)
@@ -165,7 +165,7 @@ def stand_up(act: Act, step: Step) -> None:
         act.reach(side, goal, (0.22 + act.u(0, 0.12)) * rise_s, rise_s * act.u(0.7, 0.9), 0.07)
     act.wait(rise_s + act.u(0.1, 0.2))
     stand_tall(act, 0.0, 0.4, arms=False)
-    act.wait(act.u(0.4, 0.7))
+    act.wait(act.u(0.4, 1.8))
     act.posture = "standing"
 
 
