@@ -11,7 +11,7 @@ import numpy as np
 from t2d_rt.accuracy.estimate import Chirps
 from t2d_rt.geometry.vectors import edge_cross, lengths
 from t2d_rt.pipeline.echo_model import Model
-from t2d_rt.propagation.images import Viewpoint, images
+from t2d_rt.propagation.images import Viewpoint, apparent_m, seen_at
 from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.visibility import Surroundings
 from t2d_rt.types import Accuracy, MovingMesh
@@ -51,7 +51,7 @@ class _Faces:
         return cls(corners.mean(axis=2), across / twice[..., None], twice / 2)
 
     def towards(self, place_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Unit vectors to a place (K, F, 3) and the distances (K, F) [m]."""
+        """Unit vectors to a place, (3,) or (K, 1, 3), (K, F, 3) and the distances (K, F) [m]."""
         offset = place_m - self.middle
         distance = lengths(offset)
         return offset / distance[..., None], distance
@@ -124,7 +124,7 @@ def _judged(model: Model, accuracy: Accuracy, *, by_fast: bool) -> tuple[np.ndar
     faces = _Faces.of(every, times_s)
     ends = list(_ends(model, accuracy))
     seen_from = {_key(end): end for _, *both in ends for end in both}
-    towards = {key: faces.towards(images(end)[-1]) for key, end in seen_from.items()}
+    towards = {key: faces.towards(apparent_m(seen_at(end, times_s))) for key, end in seen_from.items()}
     wanted = {key: np.zeros(faces.area_m2.shape[1], bool) for key in seen_from}
     glints = []
     for _, *both in ends:
@@ -143,12 +143,14 @@ def _judged(model: Model, accuracy: Accuracy, *, by_fast: bool) -> tuple[np.ndar
         if not meshes:
             return dict.fromkeys(seen_from, np.ones(faces.area_m2.shape, bool))
         vertices = np.concatenate([mesh.at(times_s) for mesh in meshes], axis=1)
-        surroundings = Surroundings(Occluders(meshes), vertices, list(seen_from.values()), model.backend)
+        seen = {key: seen_at(end, times_s) for key, end in seen_from.items()}
+        every = [one for each in seen.values() for one in each]
+        surroundings = Surroundings(Occluders(meshes), vertices, every, model.backend)
         visible = {key: np.zeros(faces.area_m2.shape, bool) for key in seen_from}
-        for key, end in seen_from.items():
+        for key, each in seen.items():
             some = wanted[key]
             if some.any():
-                visible[key][:, some] = surroundings.visible(end, faces.middle[:, some], faces.normal[:, some])
+                visible[key][:, some] = surroundings.visible(each, faces.middle[:, some], faces.normal[:, some])
         return visible
 
     seen, known = visible_through(every), visible_through(slow if by_fast else [])

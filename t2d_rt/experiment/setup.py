@@ -23,7 +23,7 @@ from t2d_rt.motion.jumps import jumps, told, told_before
 from t2d_rt.noise.receiver import check_receiver
 from t2d_rt.pipeline.echo_model import Model, farthest_and_fastest
 from t2d_rt.pipeline.path_pairs import find_path_pairs, switched_on, within_reach
-from t2d_rt.pipeline.targets import TargetLike, placed, shared_time, targets_of
+from t2d_rt.pipeline.targets import TargetLike, in_world, placed, shared_time, targets_of
 from t2d_rt.propagation.collisions import checked_time
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.materials import check_values
@@ -94,10 +94,6 @@ def set_up(
     if experiment.material is not None:
         checked_material(experiment.material)
     scene = None if whole is None else within_reach(whole, radar)
-    if scene is not None and radar.track is not None:
-        raise InputError(
-            f"a radar that moves is modelled in free space alone, got scene {scene.name}; leave the scene out, or the track"
-        )
     if isinstance(experiment.noise, Receiver):
         check_receiver(radar, experiment.noise)
     backend = select(device)
@@ -108,7 +104,10 @@ def set_up(
     if radar.track is not None:
         _tell_of_track([each.source for each in modelled], span_s)
     if scene is not None:
-        moving = [placed(t, radar) if isinstance(t, Motion) else s for t, s in zip(targets, geometries, strict=True)]
+        moving = [
+            placed(target, radar) if isinstance(target, Motion) else in_world(each).geometry
+            for target, each in zip(targets, modelled, strict=True)
+        ]
         span_s = checked_time(
             experiment.collisions,
             scene,

@@ -15,7 +15,7 @@ from t2d_rt.core.memory import Budget
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.rays import Rays
 from t2d_rt.scattering.bounces import Setting, TubeDetail, bounce_echoes
-from t2d_rt.scattering.patches import least_range_m
+from t2d_rt.scattering.patches import from_radar, least_range_m
 from t2d_rt.scattering.refinement import Sagitta, most_facets, refined
 from t2d_rt.scattering.reflectors import Reflector
 from t2d_rt.types import Material, MovingMesh, PathPair, Radar
@@ -56,7 +56,7 @@ class Bouncing:
     def reflector(self, radar: Radar, span_s: tuple[float, float], max_facets: int) -> Reflector:
         """Its surface, of the same facets as over a single bounce."""
         assert self.mesh is not None
-        range_m = least_range_m(self.mesh, [(radar.tx_position_m, radar.rx_position_m)], np.array(span_s))
+        range_m = least_range_m(self.mesh, from_radar(radar), np.array(span_s))
         (facets,) = refined(self.mesh, 2 * math.pi / radar.wavelength_m, range_m, [self.sagitta_rad], max_facets)
         coherent = math.sqrt(1 - self.material.scattering_coefficient**2)
         gamma = self.material.reflection(radar.mid_frequency_hz) * coherent
@@ -114,8 +114,10 @@ def bounce_scatterers(
     return [found] if found.echoes else []
 
 
-def _unblocked(pair: PathPair, blockage: SceneBlockage, out_m: np.ndarray, back_m: np.ndarray) -> np.ndarray:
-    return np.asarray(blockage.fraction(pair.out, out_m) * blockage.fraction(pair.back, back_m))
+def _unblocked(
+    pair: PathPair, blockage: SceneBlockage, out_m: np.ndarray, back_m: np.ndarray, times_s: np.ndarray
+) -> np.ndarray:
+    return np.asarray(blockage.fraction(pair.out, out_m, times_s) * blockage.fraction(pair.back, back_m, times_s))
 
 
 def _apart(times_s: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import Budget, blocks
 from t2d_rt.geometry.vectors import lengths
 from t2d_rt.pipeline.path_pairs import ChosenPairs, Clutter, clutter_scatterers
-from t2d_rt.pipeline.targets import SeenFromMoving, TargetLike
+from t2d_rt.pipeline.targets import SeenFromMoving, TargetLike, passing
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.materials import itu_material
 from t2d_rt.propagation.visibility import sample_times
@@ -43,6 +44,8 @@ SPEED_RATE_HZ = 1000.0
 """In records in between: eight instants in a rotation at 7500 rpm."""
 SAME_RATE = 2.0
 """Targets whose surface rates differ by more are summed apart, each at its own."""
+PASSING_M = 3.0
+"""Distance of the points by which a scene passes a radar that moves."""
 TWIN_SEED = 1_000_003
 """Between the seeds of targets that have the same shape at rest."""
 
@@ -93,13 +96,28 @@ class Model:
         if accuracy.surface_rate_hz is not None:
             return [accuracy.surface_rate_hz] * len(self.geometries)
         sampled_hz = accuracy.visibility_rate_hz if accuracy.occlusion else 0.0
+        # A radar's movement across the line of sight to a target is one along paths over walls.
+        least_hz = 0.0 if self.passing_rate is None else self.passing_rate.needed_hz(accuracy.spline_error_db)
         return [
             max(
+                least_hz,
                 self.rate(number).needed_hz(accuracy.spline_error_db),
                 sampled_hz if isinstance(geometry, MovingMesh) else 0.0,
             )
             for number, geometry in enumerate(self.geometries)
         ]
+
+    @cached_property
+    def passing_rate(self) -> SurfaceRate | None:
+        """What the scene needs as it passes a radar that moves, by points on all sides; None where there is none."""
+        if self.radar.track is None or self.scene is None:
+            return None
+        places = self.radar.track.places_m(np.linspace(*self.span_s, 100))
+        away_m = np.ptp(places, axis=0).max() + PASSING_M
+        points = np.concatenate([sign * away_m * np.eye(3) for sign in (-1, 1)]) + places.mean(axis=0)
+        faces = np.array([(0, 1, 2), (3, 4, 5)])
+        around = MovingMesh(np.stack([points] * 2), faces, np.array(self.span_s), "pec", name="the scene")
+        return SurfaceRate(passing(around, self.radar), self.radar, self.span_s)
 
     def rate(self, number: int) -> SurfaceRate:
         """What the motion of the target of that number needs."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fnmatch
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -12,10 +13,21 @@ import numpy as np
 from t2d_rt.core.backend import Backend, select
 from t2d_rt.core.checks import unknown_name
 from t2d_rt.core.errors import InputError, warn
-from t2d_rt.propagation.clutter import POINT_PIECES, POINT_RAYS, Shadows, rough_points, roughened, static_paths
+from t2d_rt.propagation.clutter import (
+    POINT_PIECES,
+    POINT_RAYS,
+    Courses,
+    Shadows,
+    courses_past,
+    existing_over,
+    rough_points,
+    roughened,
+    static_paths,
+)
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.mirrors import Mirrors
+from t2d_rt.propagation.paths import Along
 from t2d_rt.propagation.surroundings import RadarPaths, probes, radar_paths
 from t2d_rt.scattering.clutter import mirror_echoes, rough_echoes
 from t2d_rt.scattering.paths import Probed, Ranked, ranked_pairs
@@ -25,6 +37,7 @@ from t2d_rt.types import (
     PathTier,
     Radar,
     Scene,
+    StaticPath,
 )
 from t2d_rt.types.scatterer import Fraction, Scatterer
 from t2d_rt.types.scene import ROOM_SURFACES, ROOM_TRIANGLES
@@ -153,7 +166,8 @@ def within_reach(scene: Scene, radar: Radar) -> Scene | None:
         warn(
             f"the ceiling of {scene.name} is {ceiling_m:.4g} m above the radar, higher than any room; give the scene in metres"
         )
-    near = scene.near(place, radar.max_range_m + SLAB_M)
+    reach_m = radar.max_range_m + SLAB_M + (0.0 if radar.track is None else radar.track.reach_m)
+    near = scene.near(place, reach_m)
     if near is None:
         where = ", ".join(f"{x:.4g}" for x in place)
         low, high = (", ".join(f"{x:.4g}" for x in corner) for corner in scene.bounds_m)
@@ -195,10 +209,11 @@ def find_path_pairs(
     backend: Backend,
 ) -> tuple[list[Ranked], SceneBlockage]:
     """Path pairs of up to `order` reflections and `transmissions` in all to the targets, strongest first, and what blocks them."""
-    points = probes(geometries, *span_s)
+    points, probed_s = probes(geometries, *span_s)
     most = {"order": order, "transmissions": transmissions}
-    found = radar_paths(scene, radar, points, **most, backend=backend)
-    ranked = ranked_pairs(radar, probed(found, points), **most)
+    along = Along.of(radar, span_s, probed_s)
+    found = radar_paths(scene, radar, points, **most, backend=backend, along=along)
+    ranked = ranked_pairs(radar, probed(found, points, probed_s), **most)
     if not ranked:
         raise InputError(
             f"no path leads from the radar to the target in scene {scene.name} with up to {order} reflections and "
@@ -207,10 +222,11 @@ def find_path_pairs(
     return ranked, found.blockage
 
 
-def probed(found: RadarPaths, probes_m: np.ndarray) -> Probed:
-    """Paths of a radar to the points that they were searched to."""
+def probed(found: RadarPaths, probes_m: np.ndarray, probed_s: np.ndarray | None = None) -> Probed:
+    """Paths of a radar to the points that they were searched to, and when these are there, which a radar that moves needs."""
     return Probed(
         probes_m=probes_m,
+        probed_s=probed_s,
         out=found.out.paths,
         back=found.back.paths,
         one_antenna=found.one_antenna,
@@ -238,21 +254,27 @@ def clutter_scatterers(
 ) -> tuple[list[Scatterer], dict[str, object]]:
     """Echoes of the static scene, occluded by targets, and how many, for a result's settings."""
     if kind == "diffuse":
+        if radar.track is not None:
+            raise InputError(
+                "clutter 'diffuse' is that of a radar that stands still, got one with a track; take 'specular' or 'none'"
+            )
         scene = roughened(scene, SCATTERING_COEFFICIENT, radar.mid_frequency_hz)
     found: list[Scatterer] = []
 
-    def unoccluded(paths_m: Sequence[np.ndarray], **fineness: int) -> Fraction | None:
+    def unoccluded(paths_m: Courses, **fineness: int) -> Fraction | None:
         if not geometries:
             return None
         return Shadows(
             geometries, paths_m, radar.wavelength_m, samples_s=samples_s, backend=backend, **fineness
         ).fractions
 
-    paths = static_paths(scene, radar, order=CLUTTER_ORDER, backend=backend)
+    paths: Sequence[StaticPath] = static_paths(scene, radar, order=CLUTTER_ORDER, backend=backend, samples_s=samples_s)
     if paths:
-        found.append(
-            mirror_echoes(paths, radar, times_s=times_s, fractions=unoccluded([path.stops_m for path in paths]))
-        )
+        courses = [path.stops_m for path in paths] if radar.track is None else partial(courses_past, radar, paths)
+        fractions = unoccluded(courses)
+        if radar.track is not None:
+            fractions = existing_over(paths, samples_s, fractions)
+        found.append(mirror_echoes(paths, radar, times_s=times_s, fractions=fractions))
     points = np.zeros((0, 3))
     if kind == "diffuse":
         points, rcs = rough_points(Mirrors.of(scene, backend, radar.tx_position_m), radar)

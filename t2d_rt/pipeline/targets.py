@@ -180,6 +180,11 @@ class SeenFromMoving:
         return SeenFromMoving.of(self.target.by(method), self.radar)
 
 
+def in_world(target: Target) -> Target:
+    """The target in the coordinates of the world."""
+    return target.target if isinstance(target, SeenFromMoving) else target
+
+
 def passing(geometry: AnyGeometry, radar: Radar) -> AnyGeometry:
     """What is given in the world as a radar that moves sees it, in the frame in which it stands still, while both are known; the
     same where the radar stands still."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -15,13 +15,15 @@ from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.materials import resolved
 from t2d_rt.propagation.mirrors import Mirrors, sphere
 from t2d_rt.propagation.occluders import FACES_PER_SCENE
-from t2d_rt.propagation.paths import find_paths
+from t2d_rt.propagation.paths import Along, find_paths
 from t2d_rt.propagation.rays import mitsuba, rays, side_by_side
 from t2d_rt.propagation.surroundings import polarization
 from t2d_rt.propagation.visibility import faded
 from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, Radar, Scene, StaticPath
 from t2d_rt.types.material import absorbs
 from t2d_rt.types.path_fields import reflection
+from t2d_rt.types.paths import passed
+from t2d_rt.types.scatterer import Fraction
 
 ASIDE_M = 1e-4 * np.array([0.36, 0.48, 0.8])
 """Where transmitter and receiver are one, paths over a corner meet its very edge. Which of them exist, and how they are polarised
@@ -33,29 +35,52 @@ RAYS, PIECES = 32, 4
 POINT_RAYS, POINT_PIECES = 4, 1
 """The same for rough points, of which there are many."""
 
+Courses = Sequence[np.ndarray] | Callable[[np.ndarray], Sequence[np.ndarray]]
+"""Vertices (stop, 3) m of paths, or (stop, K, 3) at times [s] (K,)."""
 _kept = LastUsed[tuple[StaticPath, ...]](16)
 
 
-def static_paths(scene: Scene, radar: Radar, *, order: int, backend: Backend) -> tuple[StaticPath, ...]:
-    """Specular paths over 1 to `order` mirrors; the line of sight between the antennas is leakage, not clutter.
+def static_paths(
+    scene: Scene, radar: Radar, *, order: int, backend: Backend, samples_s: np.ndarray | None = None
+) -> tuple[StaticPath, ...]:
+    """Specular paths over 1 to `order` mirrors; the line of sight between the antennas is leakage, not clutter. Of a radar that
+    moves all that exist at any of the sample times [s] (S,).
 
     Those of the last scenes and radars are kept: the search takes a second in a furnished room.
     """
     tx, rx = radar.tx_position_m, radar.rx_position_m
     out, back = (polarization(radar, angle) for angle in (radar.tx_polarization_deg, radar.rx_polarization_deg))
     at = [np.asarray(each, float).tobytes() for each in (tx, rx, out, back)]
-    key = scene.content, order, radar.mid_frequency_hz, backend.name, *at
-    return _kept.get(key, partial(_searched, scene, radar, order, backend, out, back))
+    samples_s = None if radar.track is None else samples_s
+    when = None if samples_s is None else (radar.track, samples_s.tobytes())
+    key = scene.content, order, radar.mid_frequency_hz, backend.name, when, *at
+    return _kept.get(key, partial(_searched, scene, radar, order, backend, out, back, samples_s))
 
 
 def _searched(
-    scene: Scene, radar: Radar, order: int, backend: Backend, out: np.ndarray, back: np.ndarray
+    scene: Scene,
+    radar: Radar,
+    order: int,
+    backend: Backend,
+    out: np.ndarray,
+    back: np.ndarray,
+    samples_s: np.ndarray | None,
 ) -> tuple[StaticPath, ...]:
     """The paths of `static_paths`, for the polarisations (3,) of the transmitters and of the receivers."""
     tx, rx = radar.tx_position_m, radar.rx_position_m
-    mirrors, beside = Mirrors.of(scene, backend, tx), (rx + ASIDE_M)[None]
-    found = find_paths(mirrors, tx, out, radar.mid_frequency_hz, order=order, probes_m=beside)
-    return tuple(_path(path, rx, back) for path in found.paths if path.order)
+    mirrors, beside, along = Mirrors.of(scene, backend, tx), (rx + ASIDE_M)[None], None
+    if samples_s is not None:
+        passing = radar.passing(samples_s)
+        beside = passing.points(passing.back.points(np.repeat(rx[None], len(samples_s), axis=0)) + ASIDE_M)
+        along = Along.of(radar, (samples_s[0], samples_s[-1]), samples_s)
+    found = find_paths(mirrors, tx, out, radar.mid_frequency_hz, order=order, probes_m=beside, along=along)
+    if samples_s is None:
+        return tuple(_path(path, rx, back) for path in found.paths if path.order)
+    return tuple(
+        replace(_path(path, rx, back, samples_s[:1]), at=partial(_path, path, rx, back), fraction=fraction)
+        for path, fraction in zip(found.paths, found.fraction, strict=True)
+        if path.order
+    )
 
 
 def forget() -> None:
@@ -63,15 +88,39 @@ def forget() -> None:
     _kept.forget()
 
 
-def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray) -> StaticPath:
-    """A one-way path from the transmitters, ended at the receivers (3,), whose polarisation is `across` (3,)."""
-    beside = receivers + ASIDE_M
-    stops = vertices(path, beside)
+def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray, times_s: np.ndarray | None = None) -> StaticPath:
+    """A one-way path from the transmitters, ended at the receivers (3,), whose polarisation is `across` (3,), at times (T,) of a
+    radar that moves."""
+    there, places = path.in_scene(times_s), receivers
+    if path.passing is not None:
+        back = passed(path.passing, times_s).back
+        receivers, across = (np.broadcast_to(each, back.shift_m.shape) for each in (receivers, across))
+        places, across = back.points(receivers), back.directions(across)
+    stops = vertices(there, places + ASIDE_M)
     ahead = stops[-1] - stops[-2]
-    ahead /= np.linalg.norm(ahead)
-    taken = across - (ahead @ across) * ahead
-    taken /= np.maximum(np.linalg.norm(taken), 1e-12)
-    return StaticPath(path=path, stops_m=stops, departure_m=path.unfolded(receivers), taken=taken)
+    ahead /= np.linalg.norm(ahead, axis=-1, keepdims=True)
+    taken = across - np.einsum("...i,...i->...", ahead, across)[..., None] * ahead
+    taken /= np.maximum(np.linalg.norm(taken, axis=-1, keepdims=True), 1e-12)
+    departure = path.unfolded(receivers, times_s)
+    return StaticPath(path=there, stops_m=stops, departure_m=departure, taken=taken, arrival_m=path.place_m(times_s))
+
+
+def existing_over(paths: Sequence[StaticPath], samples_s: np.ndarray, unoccluded: Fraction | None) -> Fraction:
+    """Which of a moving radar's paths exist, found at sample times [s] (S,) and faded in between, times what is not occluded."""
+    known = np.stack([path.fraction for path in paths if path.fraction is not None], axis=1)
+
+    def fraction(times_s: np.ndarray) -> np.ndarray:
+        found = faded(times_s, samples_s, known.__getitem__)
+        return found if unoccluded is None else found * unoccluded(times_s)
+
+    return fraction
+
+
+def courses_past(radar: Radar, paths: Sequence[StaticPath], times_s: np.ndarray) -> list[np.ndarray]:
+    """Where paths of a radar that moves run at times (K,) as it sees them, (stop, K, 3) m each."""
+    passing = radar.passing(times_s)
+    stops = (path.at(times_s).stops_m for path in paths if path.at is not None)
+    return [passing.points(each.swapaxes(0, 1)).swapaxes(0, 1) for each in stops]
 
 
 def roughened(scene: Scene, scattering_coefficient: float, frequency_hz: float) -> Scene:
@@ -113,6 +162,16 @@ def rough_points(mirrors: Mirrors, radar: Radar) -> tuple[np.ndarray, np.ndarray
     return points[visible], rcs[visible]
 
 
+def _rays_along(wavelength_m: float, rays: int, pieces: int, paths_m: Sequence[np.ndarray]) -> np.ndarray:
+    """Starts and ends of all pieces of the rays about paths (stop, 3) or (stop, K, 3), (2, 1 or K, piece, ray, 3) m."""
+    bundles = [bundle(np.asarray(path, float), wavelength_m, disc(rays), pieces) for path in paths_m]
+    shape = -1, *bundles[0].shape[2:-2], rays, 3
+    ends = np.stack(
+        [np.concatenate([each[:, some].reshape(shape) for each in bundles]) for some in (slice(-1), slice(1, None))]
+    )
+    return ends[:, None] if ends.ndim == 4 else ends.swapaxes(1, 2)
+
+
 class Shadows:
     """Occlusion of static paths by bodies: the free fraction of the first Fresnel zone at sample times (docs/physics.md, eq.
     27)."""
@@ -120,7 +179,7 @@ class Shadows:
     def __init__(
         self,
         geometries: Sequence[MovingMesh | Ellipsoids],
-        paths_m: Sequence[np.ndarray],
+        paths_m: Courses,
         wavelength_m: float,
         *,
         rays: int = RAYS,
@@ -128,18 +187,19 @@ class Shadows:
         samples_s: np.ndarray,
         backend: Backend,
     ) -> None:
-        """`paths_m`: vertices (stop, 3) [m] of each of the P paths, from one antenna to the other; traced at `samples_s`."""
+        """`paths_m`: vertices of each of the P paths, from one antenna to the other; traced at `samples_s`."""
         self._samples_s = samples_s
-        self._known = np.full((len(self._samples_s), len(paths_m)), np.nan, np.float32)
         solids = [geometry.solid() for geometry in geometries]
         self._vertices_at = [vertices_at for vertices_at, _, _ in solids]
         before = np.cumsum([0, *(count for *_, count in solids)])
         self._faces = np.concatenate([faces + first for (_, faces, _), first in zip(solids, before[:-1], strict=True)])
         self._at_once = int(np.clip(FACES_PER_SCENE // len(self._faces), 1, 64))
-        bundles = [bundle(np.asarray(path, float), wavelength_m, disc(rays), pieces) for path in paths_m]
-        self._path_of_bundle = np.repeat(np.arange(len(bundles)), [len(each) * pieces for each in bundles])
-        self._starts = np.concatenate([each[:, :-1].reshape(-1, rays, 3) for each in bundles])
-        self._stops = np.concatenate([each[:, 1:].reshape(-1, rays, 3) for each in bundles])
+        self._bundle, self._paths_m, self._standing = partial(_rays_along, wavelength_m, rays, pieces), paths_m, None
+        first = paths_m(samples_s[:1]) if callable(paths_m) else paths_m
+        if not callable(paths_m):
+            self._standing = self._bundle(paths_m)
+        self._path_of_bundle = np.repeat(np.arange(len(first)), [(len(each) - 1) * pieces for each in first])
+        self._known = np.full((len(self._samples_s), len(first)), np.nan, np.float32)
         self._mitsuba = mitsuba(backend)
 
     def fractions(self, times_s: np.ndarray) -> np.ndarray:
@@ -156,25 +216,32 @@ class Shadows:
     def traced(self, times_s: np.ndarray) -> np.ndarray:
         """Fractions at just these times, float32 (K, P); at most as many as stand in one scene."""
         vertices = np.concatenate([vertices_at(times_s) for vertices_at in self._vertices_at], axis=1)
-        if (vertices == vertices[:1]).all():  # a static target has one and the same shadow, to the last bit
+        ends = self._standing
+        if callable(self._paths_m):
+            ends = self._bundle(self._paths_m(times_s))
+        elif (vertices == vertices[:1]).all():  # a static target has one and the same shadow, to the last bit
             vertices = vertices[:1]
-        blocked = np.zeros((len(vertices), len(self._known[0]), self._starts.shape[1]), bool)
+        assert ends is not None
+        blocked = np.zeros((len(vertices), len(self._known[0]), ends.shape[3]), bool)
         # Few parts of the paths come near a body at any instant.
-        ends = np.stack([self._starts, self._stops])
-        low, high = ends.min(axis=(0, 2)), ends.max(axis=(0, 2))
+        low, high = ends.min(axis=(0, 3)), ends.max(axis=(0, 3))
         near = (low <= vertices.max(axis=1)[:, None]) & (high >= vertices.min(axis=1)[:, None])
         instant, piece = np.nonzero(near.all(axis=2))
         if len(piece):
-            np.logical_or.at(blocked, (instant, self._path_of_bundle[piece]), self._stopped(vertices, instant, piece))
+            np.logical_or.at(
+                blocked, (instant, self._path_of_bundle[piece]), self._stopped(vertices, instant, piece, ends)
+            )
         return np.broadcast_to(1 - blocked.mean(axis=2, dtype=np.float32), (len(times_s), blocked.shape[1]))
 
-    def _stopped(self, vertices: np.ndarray, instant: np.ndarray, piece: np.ndarray) -> np.ndarray:
-        """Which rays of pieces (R,) of bundles meet the bodies (K, V, 3) at their instant (R,), bool (R, rays)."""
-        reach = 2.2 * max(float(np.abs(each).max()) for each in (vertices, self._starts, self._stops))
+    def _stopped(self, vertices: np.ndarray, instant: np.ndarray, piece: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        """Which rays of pieces (R,) of bundles, given by their `ends`, meet the bodies (K, V, 3) at their instant (R,), bool (R,
+        rays)."""
+        reach = 2.2 * max(float(np.abs(each).max()) for each in (vertices, ends))
         faces = self._faces + np.arange(len(vertices))[:, None, None] * vertices.shape[1]
         bodies, shift = side_by_side(self._mitsuba, vertices, faces, reach)
-        path = self._stops[piece] - self._starts[piece]
+        starts, stops = np.broadcast_to(ends, (2, len(vertices), *ends.shape[2:]))[:, instant, piece]
+        path = stops - starts
         length = np.linalg.norm(path, axis=2)
         direction = path / np.maximum(length, 1e-12)[..., None]
-        found = bodies.ray_test(rays(self._mitsuba, self._starts[piece] + shift[instant], direction, length))
+        found = bodies.ray_test(rays(self._mitsuba, starts + shift[instant], direction, length))
         return np.asarray(found.numpy().reshape(length.shape))

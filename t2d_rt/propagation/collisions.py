@@ -143,8 +143,13 @@ def find_collisions(
 
 
 def radar_outside(scene: Scene, radar: Radar, backend: Backend) -> np.ndarray | None:
-    """Place [m] (3,) of an antenna that stands outside a room; None where none does, or the scene is no room."""
-    places = [place for place in (radar.tx_position_m, radar.rx_position_m) if _beyond(scene, place)]
+    """Place [m] (3,) of an antenna that stands outside a room, or gets there on the radar's track; None where none does, or the
+    scene is no room."""
+    centres = [radar.tx_position_m, radar.rx_position_m]
+    if radar.track is not None:
+        back = radar.passing(np.array(radar.track.times_s)).back
+        centres = [place for each in centres for place in back.points(np.broadcast_to(each, back.shift_m.shape))]
+    places = [place for place in centres if _beyond(scene, place)]
     return places[0] if places and is_room(Mirrors.of(scene, backend)) else None
 
 

@@ -18,6 +18,7 @@ from t2d_rt.core.memory import blocks
 from t2d_rt.propagation.images import unfolded_vertices
 from t2d_rt.propagation.mirrors import OUTLINE_M, SKIN_M, Mirrors
 from t2d_rt.types import OneWayPath
+from t2d_rt.types.paths import points_in_scene
 
 STRAIGHT = 1e-8
 """Squared change of direction of a path below which it goes straight on, as through a slab: what is less is rounding."""
@@ -123,12 +124,23 @@ class Edges:
             [np.concatenate([_outline(part.triangles) for part in (each, *each.covers)]) for each in mirrors.each],
         )
 
-    def fraction(self, path: OneWayPath, points: np.ndarray) -> np.ndarray:
+    def fraction(self, path: OneWayPath, points: np.ndarray, times_s: np.ndarray | None = None) -> np.ndarray:
         """Fraction of the path's field that reaches points (..., 3) m, float32 (...)."""
-        return self.fractions([path], points)[0]
+        return self.fractions([path], points, times_s)[0]
 
-    def fractions(self, paths: Sequence[OneWayPath], points: np.ndarray) -> np.ndarray:
-        """Fraction of the fields of P paths that reaches points (..., 3) m, float32 (P, ...)."""
+    def fractions(
+        self, paths: Sequence[OneWayPath], points: np.ndarray, times_s: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Fraction of the fields of P paths that reaches points (..., 3) m, float32 (P, ...); points (K, ..., 3) at times (K,) [s]
+        of a radar that moves, of which those of one time are worked on together."""
+        if paths and paths[0].passing is not None:
+            points = points_in_scene(paths[0].passing, points, times_s)
+            assert times_s is not None
+            found = np.empty((len(paths), *points.shape[:-1]), np.float32)
+            for moment in np.unique(times_s):
+                mine = times_s == moment
+                found[:, mine] = self.fractions([path.in_scene(moment[None]) for path in paths], points[mine])
+            return found
         flat = points.reshape(-1, 3)
         corner, cell = np.unique(_codes(flat), return_inverse=True)
         centres = (_places(corner) + 0.5) * CELL_M
@@ -307,17 +319,20 @@ class SceneBlockage:
     edges: Mapping[bytes, Edges]
     """By the place of the antenna, as `OneWayPath.antenna_m.tobytes()`; none in free space."""
 
-    def fraction(self, path: OneWayPath, points: np.ndarray) -> np.ndarray:
-        """Fraction of a path's field that reaches points (..., 3) m, faded at edges of mirrors and obstacles, float32 (...)."""
-        return self.fractions([path], points)[0]
+    def fraction(self, path: OneWayPath, points: np.ndarray, times_s: np.ndarray | None = None) -> np.ndarray:
+        """Fraction of a path's field that reaches points (..., 3) m, faded at edges of mirrors and obstacles, float32 (...); points
+        (K, ..., 3) at times (K,) [s] of a radar that moves."""
+        return self.fractions([path], points, times_s)[0]
 
-    def fractions(self, paths: Sequence[OneWayPath], points: np.ndarray) -> np.ndarray:
+    def fractions(
+        self, paths: Sequence[OneWayPath], points: np.ndarray, times_s: np.ndarray | None = None
+    ) -> np.ndarray:
         """The same of P paths, float32 (P, ...)."""
         found = np.empty((len(paths), *points.shape[:-1]), np.float32)
         antennas = [path.antenna_m.tobytes() for path in paths]
         for place in set(antennas):
             rows = [row for row, antenna in enumerate(antennas) if antenna == place]
-            found[rows] = self.edges[place].fractions([paths[row] for row in rows], points)
+            found[rows] = self.edges[place].fractions([paths[row] for row in rows], points, times_s)
         return found
 
 

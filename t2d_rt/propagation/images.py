@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from t2d_rt.core.memory import blocks
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.types import OneWayPath, PathSet
+from t2d_rt.types.paths import points_in_scene
 
 
 def vertices(path: OneWayPath, points: np.ndarray) -> np.ndarray:
@@ -18,6 +20,22 @@ def vertices(path: OneWayPath, points: np.ndarray) -> np.ndarray:
 
 Viewpoint = np.ndarray | OneWayPath
 """Whence something is seen: a place (3,) m, or a path, over its mirrors."""
+
+
+def seen_at(viewpoint: Viewpoint, times_s: np.ndarray) -> list[Viewpoint]:
+    """The viewpoint at each of times (K,) [s], of a path to a radar that moves; once, where it is always the same."""
+    return [viewpoint] if isinstance(viewpoint, np.ndarray) else list(viewpoint.seen_at(times_s))
+
+
+def instants_of(seen: Sequence[Viewpoint]) -> list[slice]:
+    """Which of the times each of `seen_at` stands for."""
+    return [slice(None)] if len(seen) == 1 else [slice(number, number + 1) for number in range(len(seen))]
+
+
+def apparent_m(seen: Sequence[Viewpoint]) -> np.ndarray:
+    """Whence the last straight part comes, (3,) m, or (K, 1, 3) at several times."""
+    places = [images(each)[-1] for each in seen]
+    return places[0] if len(places) == 1 else np.array(places)[:, None]
 
 
 def images(viewpoint: Viewpoint) -> list[np.ndarray]:
@@ -54,15 +72,24 @@ def reflected(points: np.ndarray, normal: np.ndarray, offset_m: float) -> np.nda
     return points - 2 * (points @ normal - offset_m)[..., None] * normal
 
 
-def existing(mirrors: Mirrors, paths: PathSet, points: np.ndarray) -> np.ndarray:
-    """Whether each of the paths to points (Q, 3) m exists, inside the outlines of these mirrors and not blocked: bool (P, Q)."""
+def existing(mirrors: Mirrors, paths: PathSet, points: np.ndarray, times_s: np.ndarray | None = None) -> np.ndarray:
+    """Whether each of the paths to points (Q, 3) m exists, inside the outlines of these mirrors and not blocked: bool (P, Q); of a
+    radar that moves each at its time (Q,) [s]."""
     found = np.zeros((len(paths), len(points)), bool)
+    points = points_in_scene(paths.passing, points, times_s)
     for some in blocks(np.arange(len(paths)), len(points) * (paths.mask.shape[1] + 2)):
-        _put_existing(found, mirrors, paths, some, points)
+        _put_existing(found, mirrors, paths, some, points, times_s)
     return found
 
 
-def _put_existing(found: np.ndarray, mirrors: Mirrors, paths: PathSet, numbers: np.ndarray, points: np.ndarray) -> None:
+def _put_existing(
+    found: np.ndarray,
+    mirrors: Mirrors,
+    paths: PathSet,
+    numbers: np.ndarray,
+    points: np.ndarray,
+    times_s: np.ndarray | None,
+) -> None:
     """Sets the rows of some paths in `found` (P, Q).
 
     Rays of all of these paths are traced at once, one straight part after another: a kernel's start costs as much as some
@@ -70,7 +97,7 @@ def _put_existing(found: np.ndarray, mirrors: Mirrors, paths: PathSet, numbers: 
     """
     parts: list[list[tuple[int, np.ndarray, np.ndarray, np.ndarray]]] = [[] for _ in range(paths.mask.shape[1] + 1)]
     for number in numbers.tolist():
-        path = paths[number]
+        path = paths[number].in_scene(times_s)
         good, stops = unfolded_vertices(path, points)
         stops = [stop[good] for stop in stops]
         inside = np.ones(len(stops[0]), bool)

@@ -8,10 +8,11 @@ from functools import partial
 import numpy as np
 
 from t2d_rt.core.backend import Backend
-from t2d_rt.propagation.images import Viewpoint, images, reflected
+from t2d_rt.propagation.images import Viewpoint, images, instants_of, reflected, seen_at
 from t2d_rt.propagation.occluders import MOST_COPIES, Occluders
 from t2d_rt.propagation.visibility import Surroundings, Unblocked, faded
 from t2d_rt.types import MovingMesh
+from t2d_rt.types.scatterer import Fraction
 
 POSES = 24
 """Of a rotation, in which a rotor's blockage by the static scene is found."""
@@ -35,12 +36,12 @@ class MeanVisibility:
         self._backend = backend
         self._every = max(1, len(mesh.rest) // POINTS)
         self._views: dict[Hashable, tuple[Viewpoint, Unblocked | None]] = {}
-        self._functions: dict[tuple[Hashable, int], Unblocked] = {}
+        self._functions: dict[tuple[Hashable, int], Fraction] = {}
         """What `over` has given: scatterers that need the same fraction hold the same object."""
         self._known: dict[Hashable, tuple[np.ndarray, np.ndarray]] = {}
         """Of one path, and of two that share the blockage by the scene, (K,)."""
 
-    def over(self, where: Hashable, viewpoint: Viewpoint, unblocked: Unblocked | None, path_count: int) -> Unblocked:
+    def over(self, where: Hashable, viewpoint: Viewpoint, unblocked: Unblocked | None, path_count: int) -> Fraction:
         """Its function of times [s] (K,), (K, V), from a viewpoint of that name; the fraction `unblocked` by the scene counts for
         `path_count` one-way paths, 1 or 2."""
         self._views.setdefault(where, (viewpoint, unblocked))
@@ -60,7 +61,7 @@ class MeanVisibility:
         posed = self._mesh.at(poses_s)[:, :: self._every]
         views = {where: view for where, view in self._views.items() if where not in self._known}
         reached = {
-            where: np.ones(posed.shape[:2], np.float32) if unblocked is None else unblocked(posed)
+            where: np.ones(posed.shape[:2], np.float32) if unblocked is None else unblocked(posed, poses_s)
             for where, (_, unblocked) in views.items()
         }
         for where, each in reached.items():
@@ -70,16 +71,23 @@ class MeanVisibility:
         middle = posed.mean(axis=1, keepdims=True)
         radius = np.linalg.norm(posed - middle, axis=2).max(axis=1, keepdims=True)
         marked = self._occluders.marked(self._samples_s)
-        near = {where: self._near(seen, marked, middle[pose], radius[pose]) for where, (seen, _) in views.items()}
+        middle, radius, near = middle[pose], radius[pose], {}
+        for where, (viewpoint, _) in views.items():
+            seen = seen_at(viewpoint, self._samples_s)
+            each = zip(seen, instants_of(seen), strict=True)
+            near[where] = np.concatenate([self._near(one, marked[at], middle[at], radius[at]) for one, at in each])
         hidden = np.flatnonzero(np.any([each.any(axis=1) for each in near.values()], axis=0))
         for first in range(0, len(hidden), MOST_COPIES):
             some = hidden[first : first + MOST_COPIES]
             times_s = self._samples_s[some]
             points = self._mesh.at(times_s)[:, :: self._every]
             parts = np.any([each[some] for each in near.values()], axis=0)[:, self._occluders.mark_of_face]
-            vertices, seen_from = self._occluders.at(times_s).vertices, [seen for seen, _ in views.values()]
-            scene = Surroundings(self._occluders, vertices, seen_from, self._backend, parts=parts)
-            for where, (seen, _) in views.items():
+            seen_from = {where: seen_at(viewpoint, times_s) for where, (viewpoint, _) in views.items()}
+            every = [one for seen in seen_from.values() for one in seen]
+            scene = Surroundings(
+                self._occluders, self._occluders.at(times_s).vertices, every, self._backend, parts=parts
+            )
+            for where, seen in seen_from.items():
                 if near[where][some].any():
                     visible = scene.visible(seen, points, np.zeros_like(points))
                     for number, found in enumerate(self._known[where]):

@@ -18,9 +18,41 @@ from t2d_rt.propagation.edges import Edges
 from t2d_rt.propagation.images import existing, reflected
 from t2d_rt.propagation.materials import resolved
 from t2d_rt.propagation.mirrors import Chain, Mirrors
-from t2d_rt.types import Material, PathSet
+from t2d_rt.types import Material, PathSet, Radar
 from t2d_rt.types.path_fields import transmission
-from t2d_rt.types.paths import Elements
+from t2d_rt.types.paths import Elements, Passing
+
+KEYS_M = 0.25
+"""Chains of mirrors are looked for at places of a radar's track that lie so far apart; which of them exist is asked more often."""
+KEY_RATE_HZ = 100.0
+"""Rate at which such places are looked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Along:
+    """The way of a radar that moves, as the search for its paths needs it."""
+
+    passing: Passing
+    keys_s: np.ndarray
+    """When it is at places that stand for all of its track (K,)."""
+    probed_s: np.ndarray
+    """When the points that paths are searched to are where they are (Q,)."""
+
+    @classmethod
+    def of(cls, radar: Radar, span_s: tuple[float, float], probed_s: np.ndarray) -> Along | None:
+        """Between two times; None for one that stands still."""
+        if radar.track is None:
+            return None
+        times_s = np.linspace(*span_s, max(2, math.ceil((span_s[1] - span_s[0]) * KEY_RATE_HZ)))
+        places, keys = radar.track.places_m(times_s), [0]
+        for number, place in enumerate(places):
+            if np.linalg.norm(place - places[keys[-1]]) > KEYS_M:
+                keys.append(number)
+        return cls(radar.passing, times_s[keys], probed_s)
+
+    def places_m(self, place_m: np.ndarray) -> np.ndarray:
+        """Where an antenna (3,), as it sees itself, is in the scene at the keys, (K, 3) m."""
+        return self.passing(self.keys_s).back.points(np.broadcast_to(place_m, (len(self.keys_s), 3)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,21 +79,24 @@ def find_paths(
     order: int,
     transmissions: int = 0,
     probes_m: np.ndarray,
+    along: Along | None = None,
 ) -> FoundPaths:
     """One-way paths of up to `order` reflections and `transmissions` slabs between an antenna at `place_m`, of that polarisation
-    (3,), and any of points (Q, 3)."""
+    (3,), and any of points (Q, 3); of an antenna that moves `along` a track as this sees them."""
     materials = [resolved(surface.material, frequency_hz) for surface in mirrors.scene.surfaces]
     loss_db = _losses_db(mirrors, materials, frequency_hz) if transmissions else None
-    chains = mirrors.chains(place_m, order, transmissions=transmissions, loss_db=loss_db)
-    mirrors, chains = mirrors.parted(chains)
-    candidates = _path_set(mirrors, materials, chains, np.array(place_m, float), np.array(polarization, float))
-    fraction = existing(mirrors, candidates, probes_m).astype(np.float32)
+    places = np.array([place_m]) if along is None else along.places_m(place_m)
+    each = (mirrors.chains(place, order, transmissions=transmissions, loss_db=loss_db) for place in places)
+    mirrors, chains = mirrors.parted(list(dict.fromkeys(chain for some in each for chain in some)))
+    passing, times_s = (None, None) if along is None else (along.passing, along.probed_s)
+    candidates = _path_set(mirrors, materials, chains, np.array(place_m, float), np.array(polarization, float), passing)
+    fraction = existing(mirrors, candidates, probes_m, times_s).astype(np.float32)
     edges = Edges.of(mirrors, SPEED_OF_LIGHT / frequency_hz)
     # Just inside a shadow no straight ray comes, but some of the field. That matters of the direct path, the first one, and of
     # all others where no path is left.
     if not fraction[0].any():
         for row in range(1 if fraction.any() else len(candidates)):
-            fraction[row] = edges.fraction(candidates[row], probes_m)
+            fraction[row] = edges.fraction(candidates[row], probes_m, times_s)
     rows = np.flatnonzero(fraction.any(axis=1))
     return FoundPaths(candidates.taken(rows), edges, fraction[rows])
 
@@ -81,6 +116,7 @@ def _path_set(
     chains: Sequence[Chain],
     place: np.ndarray,
     polarization: np.ndarray,
+    passing: Passing | None,
 ) -> PathSet:
     """A path over each chain, whether any point has it or not."""
     lengths = np.array([len(chain) for chain in chains])
@@ -102,6 +138,7 @@ def _path_set(
         image_m=image_m,
         mirror_matrix=mirror_matrix,
         shift_m=shift_m,
+        passing=passing,
     )
 
 

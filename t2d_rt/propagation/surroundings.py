@@ -16,9 +16,10 @@ from t2d_rt.geometry import winding
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.mean_visibility import poses
 from t2d_rt.propagation.mirrors import Mirrors, has_room
-from t2d_rt.propagation.paths import FoundPaths, find_paths
+from t2d_rt.propagation.paths import Along, FoundPaths, find_paths
 from t2d_rt.propagation.visibility import faded, sample_times
 from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, Radar, Scene
+from t2d_rt.types.paths import points_in_scene
 
 MOST_INSIDE = 64
 """Points of the targets that are asked whether they are in the room."""
@@ -26,16 +27,19 @@ PROBE_RATE_HZ, PROBES = 5.0, 40
 """Paths are searched to so many points of a target, so often."""
 
 
-def probes(geometries: Sequence[MovingMesh | Ellipsoids], start_s: float, stop_s: float) -> np.ndarray:
-    """Points of the targets over the record, (P, 3) m."""
+def probes(
+    geometries: Sequence[MovingMesh | Ellipsoids], start_s: float, stop_s: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the targets over the record, (P, 3) m, and when they are there, (P,) s."""
     times = sample_times(start_s, stop_s, PROBE_RATE_HZ)
-    found = []
+    found, when = [], []
     for geometry in geometries:
         for some in blocks(times, geometry.point_count):
             points = geometry.points_at(some)
-            every = max(1, points.shape[1] // PROBES)
-            found.append(points[:, ::every].reshape(-1, 3))
-    return np.concatenate(found)
+            points = points[:, :: max(1, points.shape[1] // PROBES)]
+            found.append(points.reshape(-1, 3))
+            when.append(np.repeat(some, points.shape[1]))
+    return np.concatenate(found), np.concatenate(when)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +58,19 @@ class RadarPaths:
 
 
 def radar_paths(
-    scene: Scene, radar: Radar, probes_m: np.ndarray, *, order: int, transmissions: int = 0, backend: Backend
+    scene: Scene,
+    radar: Radar,
+    probes_m: np.ndarray,
+    *,
+    order: int,
+    transmissions: int = 0,
+    backend: Backend,
+    along: Along | None = None,
 ) -> RadarPaths:
-    """One-way paths of up to `order` reflections and `transmissions` slabs between the radar and any of points (Q, 3) m."""
+    """One-way paths of up to `order` reflections and `transmissions` slabs between the radar, which may move `along` a track, and
+    any of points (Q, 3) m."""
     mirrors = Mirrors.of(scene, backend, radar.tx_position_m)
-    _check_inside(scene, mirrors, radar, probes_m, through=transmissions > 0)
+    _check_inside(scene, mirrors, radar, probes_m, through=transmissions > 0, along=along)
     search = partial(
         find_paths,
         mirrors,
@@ -66,6 +78,7 @@ def radar_paths(
         order=order,
         transmissions=transmissions,
         probes_m=probes_m,
+        along=along,
     )
     tx = radar.tx_position_m, polarization(radar, radar.tx_polarization_deg)
     rx = radar.rx_position_m, polarization(radar, radar.rx_polarization_deg)
@@ -79,11 +92,16 @@ def polarization(radar: Radar, angle_deg: float) -> np.ndarray:
     return np.asarray(np.array([0.0, math.sin(angle), math.cos(angle)]) @ radar.axes)
 
 
-def _check_inside(scene: Scene, mirrors: Mirrors, radar: Radar, probes_m: np.ndarray, *, through: bool) -> None:
+def _check_inside(
+    scene: Scene, mirrors: Mirrors, radar: Radar, probes_m: np.ndarray, *, through: bool, along: Along | None
+) -> None:
     """Refuses a radar within a slab or a closed surface, unless that is the room: it holds the targets as well, or is as large as
     one and paths may lead `through` it."""
+    if along is not None:
+        probes_m = points_in_scene(along.passing, probes_m, along.probed_s)
     some = probes_m[:: max(1, len(probes_m) // MOST_INSIDE)]
-    for place in (radar.tx_position_m, radar.rx_position_m):
+    centres = radar.tx_position_m, radar.rx_position_m
+    for place in centres if along is None else np.concatenate([along.places_m(centre) for centre in centres]):
         slab = mirrors.slab_at(place)
         found = [] if slab is None else [(slab, False)]
         for name, triangles in mirrors.shells_enclosing(place):
@@ -110,7 +128,7 @@ class Blockage:
         self._samples_s, self._pose = samples_s, None
         if mesh is not None and mesh.period_s is not None:
             samples_s, self._pose = poses(mesh, samples_s)
-        self._points = points_at(samples_s)
+        self._posed_s, self._points = samples_s, points_at(samples_s)
 
     @classmethod
     def to_vertices(cls, mesh: MovingMesh, vertices: np.ndarray, samples_s: np.ndarray) -> Blockage:
@@ -130,7 +148,7 @@ class Blockage:
     def over(self, paths: Sequence[OneWayPath], scene: SceneBlockage, *, in_the_mean: bool = False) -> list[Unblocked]:
         """Unblocked fractions of each path; `in_the_mean`: their mean over the N."""
         # All at once: a kernel's start costs as much as some thousand rays.
-        fractions = scene.fractions(paths, self._points).mean(axis=3)
+        fractions = scene.fractions(paths, self._points, self._posed_s).mean(axis=3)
         if in_the_mean:
             fractions = fractions.mean(axis=2, keepdims=True)
         if self._pose is not None:

@@ -18,17 +18,18 @@ import numpy as np
 
 from t2d_rt.core.backend import Backend, aligned, one_thread_at_a_time
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
-from t2d_rt.propagation.images import Viewpoint, images
+from t2d_rt.propagation.images import Viewpoint, apparent_m, images, instants_of, seen_at
 from t2d_rt.propagation.occluders import Occluders, Posed, incidence, vertex_normals
 from t2d_rt.propagation.rays import columns, mitsuba, side_by_side
-from t2d_rt.types import MovingMesh
+from t2d_rt.types import MovingMesh, OneWayPath
 
 LIFT_M = 2e-3
 """Rays start this far off the surface, so that the triangles they start from do not stop them."""
 FEW_PLACES = 4
 """From more viewpoints than that, images in a room's walls, about all faces of a body are seen."""
 
-Unblocked = Callable[[np.ndarray], np.ndarray]
+Unblocked = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Fraction of the field at points (K, V, 3) and times (K,) that the static scene does not block."""
 
 
 def sample_times(start_s: float, stop_s: float, rate_hz: float) -> np.ndarray:
@@ -111,7 +112,7 @@ class Viewpoints:
 
     def scene(self, at: Posed) -> Surroundings | None:
         """The meshes at some instants as rays to all viewpoints meet them; None where none of these is occluded."""
-        seen = [each.viewpoint for each in self.each if each.solid]
+        seen = [one for each in self.each if each.solid for one in seen_at(each.viewpoint, at.times_s)]
         if not seen:
             return None
         places = {place.tobytes(): place for each in seen for place in images(each)}
@@ -123,15 +124,15 @@ class Occlusion:
     """Visibility of the vertices of meshes from one of some viewpoints, self-occlusion and occlusion of one another included, on
     every straight part of a path.
 
-    `unblocked` gives the fraction of the field at points (..., 3) that the static scene does not block; with `solid` False only
-    that counts. Visibility is sampled at the viewpoints' sample times and fades in between; at 25 Hz the edge of a fast limb's
-    shadow moves by some 10 cm from one sample time to the next.
+    `unblocked` gives the fraction of the field that the static scene does not block; with `solid` False only that counts.
+    Visibility is sampled at the viewpoints' sample times and fades in between; at 25 Hz the edge of a fast limb's shadow moves by
+    some 10 cm from one sample time to the next.
     """
 
     def __init__(
         self, viewpoints: Viewpoints, viewpoint: Viewpoint, *, unblocked: Unblocked | None = None, solid: bool = True
     ) -> None:
-        self.viewpoint, self.viewpoint_m, self.solid = viewpoint, images(viewpoint)[-1], solid
+        self.viewpoint, self.solid = viewpoint, solid
         self.viewpoints, self._meshes, self._unblocked = viewpoints, viewpoints.meshes, unblocked
         viewpoints.add(self)
         self._last: dict[int, tuple[np.ndarray, list[np.ndarray]]] = {}
@@ -175,10 +176,11 @@ class Occlusion:
 
     def sampled(self, at: Posed, scene: Surroundings | None) -> VisibilitySamples:
         """Visibility at the instants of meshes that stand in a scene."""
-        unblocked = self._unblocked_at(at.points)
+        unblocked = self._unblocked_at(at)
         if not self.solid or scene is None:
             return VisibilitySamples(None, None, unblocked)
-        front = np.einsum("kvi,kvi->kv", at.normals, self.viewpoint_m - at.points) > 0
+        place_m = apparent_m(seen_at(self.viewpoint, at.times_s))
+        front = np.einsum("kvi,kvi->kv", at.normals, place_m - at.points) > 0
         return VisibilitySamples(front, self.visible(at, front, scene), unblocked)
 
     def fractions(self, sampled: VisibilitySamples, path_count: int) -> np.ndarray:
@@ -198,12 +200,12 @@ class Occlusion:
         beyond = (self._meshes.neighbours @ visibility.T).T / np.maximum(count, 1)
         return np.where(front, visibility, beyond).astype(np.float32)
 
-    def _unblocked_at(self, vertices: np.ndarray) -> np.ndarray:
-        """Fraction of the field at vertices (K, V, 3) that the static scene does not block, float32 (K, V)."""
+    def _unblocked_at(self, at: Posed) -> np.ndarray:
+        """Fraction of the field at the meshes' points that the static scene does not block, float32 (K, V)."""
         if self._unblocked is None:
-            return np.ones(vertices.shape[:2], np.float32)
+            return np.ones(at.points.shape[:2], np.float32)
         marks, carried = self._meshes.marks
-        return np.asarray((carried @ self._unblocked(vertices[:, marks]).T).T)
+        return np.asarray((carried @ self._unblocked(at.points[:, marks], at.times_s).T).T)
 
     def visible(self, at: Posed, front: np.ndarray, scene: Surroundings) -> np.ndarray:
         """Whether points of the meshes are visible from here, of those that face it, bool (K, Q); none of the others is.
@@ -212,12 +214,13 @@ class Occlusion:
         about them. A shadow narrower than these lie apart would be missed.
         """
         always = front & self._meshes.own if self._meshes.of_bodies else front
-        visible = scene.visible(self.viewpoint, at.points, at.normals, always)
+        seen = seen_at(self.viewpoint, at.times_s)
+        visible = scene.visible(seen, at.points, at.normals, always)
         others = front & ~always
         if others.any():
             lit, dark = self._meshes.beside(visible), self._meshes.beside(always & ~visible)
             visible |= others & lit & ~dark
-            visible |= scene.visible(self.viewpoint, at.points, at.normals, others & (lit == dark))
+            visible |= scene.visible(seen, at.points, at.normals, others & (lit == dark))
         return visible
 
 
@@ -231,7 +234,7 @@ class ExactVisibility:
 
     def __init__(self, occluders: Sequence[MovingMesh], viewpoint: Viewpoint, *, backend: Backend) -> None:
         self._occluders = Occluders(occluders)
-        self._viewpoint, self._viewpoint_m = viewpoint, images(viewpoint)[-1]
+        self._viewpoint = viewpoint
         self._mitsuba = mitsuba(backend)
         self._last: tuple[bytes, list[_Obstacles]] = b"", []
 
@@ -247,7 +250,7 @@ class ExactVisibility:
         for instant, obstacles in zip(np.flatnonzero(fresh), self._obstacles(times_s[fresh]), strict=True):
             here = vertices[instant : instant + 1]
             normal = vertex_normals(here, faces, of_faces)
-            front = np.einsum("vi,vi->v", normal[0], self._viewpoint_m - here[0]) > 0
+            front = np.einsum("vi,vi->v", normal[0], images(obstacles.viewpoint)[-1] - here[0]) > 0
             seen = obstacles.leave_visible(here, normal, front[None])[0]
             visibility = np.where(front, seen, np.float32(1))  # beyond the horizon facets show their back
             found.append(visibility)
@@ -256,12 +259,15 @@ class ExactVisibility:
     def _obstacles(self, times_s: np.ndarray) -> list[_Obstacles]:
         """Occluders at each of these times: facets and diffuse points ask for the same ones."""
         if self._last[0] != times_s.tobytes():
-            posed, found, places = self._occluders.at(times_s), [], np.array(images(self._viewpoint))
-            for vertices, facing in zip(posed.vertices, posed.facing(list(places)), strict=True):
-                from_here = (vertices - self._viewpoint_m)[None]
-                reach = 2.2 * max(float(np.abs(each).max()) for each in (from_here, places - self._viewpoint_m))
+            posed, found, seen = self._occluders.at(times_s), [], seen_at(self._viewpoint, times_s)
+            every = [place for each in seen for place in images(each)]
+            for number, (vertices, facing) in enumerate(zip(posed.vertices, posed.facing(every), strict=True)):
+                viewpoint = seen[number % len(seen)]
+                places = np.array(images(viewpoint))
+                from_here = (vertices - places[-1])[None]
+                reach = 2.2 * max(float(np.abs(each).max()) for each in (from_here, places - places[-1]))
                 scene = side_by_side(self._mitsuba, from_here, self._occluders.faces[facing], reach)
-                found.append(_Obstacles(self._mitsuba, *scene, self._viewpoint))
+                found.append(_Obstacles(self._mitsuba, *scene, viewpoint))
             self._last = times_s.tobytes(), found
         return self._last[1]
 
@@ -341,11 +347,19 @@ class Surroundings:
         self._scene, self._shift = side_by_side(self._mitsuba, vertices - self._middle, faces, reach)
 
     def visible(
-        self, viewpoint: Viewpoint, points: np.ndarray, normals: np.ndarray, some: np.ndarray | None = None
+        self,
+        seen: Viewpoint | Sequence[Viewpoint],
+        points: np.ndarray,
+        normals: np.ndarray,
+        some: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Whether points (K, Q, 3) of given normals on the meshes are visible from a viewpoint, bool (K, Q): `some` of them, bool
-        (K, Q), by default all; none of the others is."""
+        """Whether points (K, Q, 3) of given normals on the meshes are visible from a viewpoint, or from one at each instant, bool (K,
+        Q): `some` of them, bool (K, Q), by default all; none of the others is."""
         some = np.ones(points.shape[:2], bool) if some is None else some
-        shift = self._shift + (images(viewpoint)[-1] - self._middle)
-        obstacles = _Obstacles(self._mitsuba, self._scene, shift, viewpoint)
-        return obstacles.leave_visible(points, normals, some)
+        each = [seen] if isinstance(seen, np.ndarray | OneWayPath) else list(seen)
+        found = []
+        for viewpoint, at in zip(each, instants_of(each), strict=True):
+            shift = self._shift[at] + (images(viewpoint)[-1] - self._middle)
+            obstacles = _Obstacles(self._mitsuba, self._scene, shift, viewpoint)
+            found.append(obstacles.leave_visible(points[at], normals[at], some[at]))
+        return found[0] if len(found) == 1 else np.concatenate(found)

@@ -20,6 +20,7 @@ from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.surroundings import polarization
 from t2d_rt.scattering.paths import Arrivals
 from t2d_rt.types import Accuracy, Motion, OneWayPath, PathPair, Radar
+from t2d_rt.types.paths import points_in_scene
 from t2d_rt.types.target import Target
 
 if TYPE_CHECKING:
@@ -71,10 +72,11 @@ def path_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = No
     nearby_s = Nearby.instants(times_s, model.span_s)
     before, after = (reference_points(model, each) for each in (nearby_s.earlier, nearby_s.later))
     velocity = (after - before) / (nearby_s.later - nearby_s.earlier)[:, None]
-    rows = _rows(model, pairs, points, velocity)
+    at = Nearby(*(np.clip(model.span_s[0] + each, *model.span_s) for each in nearby_s))
+    rows = _rows(model, pairs, points, velocity, at)
     dims = ("target", "pair", "time_s")
     data = {name: (dims, np.stack(values, axis=1), {"units": unit_of(name)}) for name, values in rows.items()}
-    stops, meets = _polylines(pairs, points, ~np.isnan(np.stack(rows["delay_s"], axis=1)))
+    stops, meets = _polylines(pairs, points, at.now, ~np.isnan(np.stack(rows["delay_s"], axis=1)))
     found = xr.Dataset(
         {**data, "points_m": ((*dims, "point", "xyz"), stops, {"units": "m"}), "meets": (("pair", "point"), meets)},
         coords={
@@ -97,16 +99,18 @@ def path_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = No
 def pairs_of(model: Model, accuracy: Accuracy) -> list[PathPair]:
     """The path pairs that have echoes, strongest first; in free space the direct one alone."""
     chosen = model.pairs(accuracy)
-    return [PathPair(out=sight(model.radar, 0), back=sight(model.radar, 1))] if chosen is None else chosen.switched_on
+    return [PathPair(out=sight(model, 0), back=sight(model, 1))] if chosen is None else chosen.switched_on
 
 
-def sight(radar: Radar, end: int) -> OneWayPath:
+def sight(model: Model, end: int) -> OneWayPath:
     """The line of sight from the transmitters' centre, end 0, or the receivers', end 1."""
+    radar = model.radar
     place, angle_deg = (
         (radar.tx_position_m, radar.tx_polarization_deg),
         (radar.rx_position_m, radar.rx_polarization_deg),
     )[end]
-    return OneWayPath.line_of_sight(place, polarization(radar, angle_deg))
+    moves = model.scene is not None and radar.track is not None
+    return OneWayPath.line_of_sight(place, polarization(radar, angle_deg), radar.passing if moves else None)
 
 
 def record_times(span_s: tuple[float, float], rate_hz: float) -> np.ndarray:
@@ -153,28 +157,32 @@ def seen_from_radar(radar: Radar, directions: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _rows(
-    model: Model, pairs: Sequence[PathPair], points: np.ndarray, velocity: np.ndarray
+    model: Model, pairs: Sequence[PathPair], points: np.ndarray, velocity: np.ndarray, at: Nearby
 ) -> dict[str, list[np.ndarray]]:
-    """Of each pair all but the points it runs over, arrays (target, time)."""
-    radar, arrivals = model.radar, Arrivals.of(model.radar, pairs, points, frequencies=1)
+    """Of each pair all but the points it runs over at times [s], arrays (target, time)."""
+    in_time, apart_s = points.swapaxes(0, 1), (at.later - at.earlier)[:, None]
+    radar, arrivals = model.radar, Arrivals.of(model.radar, pairs, in_time, at.now, frequencies=1)
     one_way = {path.key: path for pair in pairs for path in (pair.out, pair.back)}
     free = {
-        key: np.ones(points.shape[:2]) if model.scene is None else model.blockage.fraction(path, points).astype(float)
+        key: np.ones(points.shape[:2])
+        if model.scene is None
+        else model.blockage.fraction(path, in_time, at.now).T.astype(float)
         for key, path in one_way.items()
     }
     rows: dict[str, list[np.ndarray]] = {name: [] for name in VARIABLES}
     for number, pair in enumerate(pairs):
-        towards = [points - path.image_m for path in (pair.out, pair.back)]
+        both = pair.out, pair.back
+        towards = [points - path.place_m(at.now) for path in both]
         lengths = [np.linalg.norm(each, axis=-1) for each in towards]
         passes = free[pair.out.key] * free[pair.back.key]
-        rate = sum(np.einsum("...i,...i->...", each, velocity) / m for each, m in zip(towards, lengths, strict=True))
-        power = (
-            radar.received_power_w(1.0, *lengths) * np.abs(arrivals.spectra(np.array([number]))[0, 0]) ** 2 * passes**2
-        )
+        own = [velocity - (path.place_m(at.later) - path.place_m(at.earlier)) / apart_s for path in both]
+        rate = sum(np.einsum("...i,...i->...", *each) / m for *each, m in zip(towards, own, lengths, strict=True))
+        field = arrivals.spectra(np.array([number]))[0, 0].T
+        power = radar.received_power_w(1.0, *lengths) * np.abs(field) ** 2 * passes**2
         with np.errstate(divide="ignore"):
             level_dbm = 10 * np.log10(power) + 30
         departure, arrival = (
-            seen_from_radar(radar, path.unfolded(points) - path.antenna_m) for path in (pair.out, pair.back)
+            seen_from_radar(radar, path.unfolded(in_time, at.now).swapaxes(0, 1) - path.antenna_m) for path in both
         )
         there = np.where(passes > 0, 1.0, np.nan)
         found: dict[str, Any] = {
@@ -193,15 +201,19 @@ def _rows(
     return rows
 
 
-def _polylines(pairs: Sequence[PathPair], points: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _polylines(
+    pairs: Sequence[PathPair], points: np.ndarray, at_s: np.ndarray, there: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Points (target, pair, time, point, 3) of the pairs, NaN where they are not `there` and beyond their last one, and what they
     meet (pair, point), "" beyond the last one."""
+    in_time = points_in_scene(pairs[0].out.passing, points.swapaxes(0, 1), at_s)
     courses = [[*pair.out.chain, "target", *pair.back.chain[::-1]] for pair in pairs]
     longest = max(len(course) for course in courses) + 2
     stops = np.full((len(points), len(pairs), points.shape[1], longest, 3), np.nan)
     for number, pair in enumerate(pairs):
-        course = np.concatenate([vertices(pair.out, points), vertices(pair.back, points)[-2::-1]])
-        stops[:, number, :, : len(course)] = np.moveaxis(course, 0, 2)
+        out, back = (vertices(path.in_scene(at_s, 3), in_time) for path in (pair.out, pair.back))
+        course = np.concatenate([out, back[-2::-1]])
+        stops[:, number, :, : len(course)] = course.transpose(2, 1, 0, 3)
     stops[~there] = np.nan
     meets = [["radar", *course, "radar"] + [""] * (longest - len(course) - 2) for course in courses]
     return stops, np.array(meets)

@@ -116,7 +116,8 @@ def truth_table(
         },
     )
     if visible:
-        seen = visible_fractions(model, accuracy, people, nearby.now)
+        at_s = np.clip(model.span_s[0] + nearby.now, *model.span_s)
+        seen = visible_fractions(model, accuracy, people, at_s)
         data["segment_visible"] = ("person", "time_s", "segment"), seen
     for name, values in data.variables.items():
         values.attrs["units"] = unit_of(str(name))
@@ -244,7 +245,7 @@ def visible_fractions(model: Model, accuracy: Accuracy, people: Sequence[Person]
         Occlusion(
             viewpoints,
             view,
-            unblocked=None if model.scene is None else partial(model.blockage.fraction, sight(model.radar, end)),
+            unblocked=None if model.scene is None else partial(model.blockage.fraction, sight(model, end)),
         )
         for end, view in enumerate(model.radar.views_m)
     ]

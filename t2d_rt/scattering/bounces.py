@@ -33,7 +33,7 @@ SWEEP_CYCLES = 0.4
 """Greatest change over the sweep of the phase between two sides of a cell [cycles]."""
 Scene = Callable[[np.ndarray, np.ndarray], RayTracer]
 """The tracer of vertices (V, 3) m and triangles (F, 3)."""
-Unblocked = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Unblocked = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """Fraction of the field over paths out to points (N, 3) m and back from points (N, 3) m that the static scene leaves, (N,)."""
 
 
@@ -143,11 +143,11 @@ class _Model:
         """Tubes at a time, by the number of bounces from 2."""
         (instant,) = self.instants(np.array([time_s]))
         return [
-            Sample.of(self._unblocked(instant, traced_tubes(instant, self.lattice, bounces)), self.cells)
+            Sample.of(self._unblocked(time_s, instant, traced_tubes(instant, self.lattice, bounces)), self.cells)
             for bounces in range(2, self.detail.bounces + 1)
         ]
 
-    def _unblocked(self, instant: Instant, tubes: Tubes) -> Tubes:
+    def _unblocked(self, time_s: float, instant: Instant, tubes: Tubes) -> Tubes:
         """What the static scene leaves of them, taken at one of each cell where they start and end."""
         if self.setting.unblocked is None or not len(tubes.factor):
             return tubes
@@ -157,7 +157,7 @@ class _Model:
         _, first, inverse = np.unique(cells, axis=0, return_index=True, return_inverse=True)
         faces, coordinates = (each[corner[first]][:, ends] for each in (tubes.faces, tubes.coordinates))
         places = carried_along(instant.posed.corners[faces], coordinates)
-        fraction = self.setting.unblocked(places[:, 0], places[:, 1])
+        fraction = self.setting.unblocked(places[:, 0], places[:, 1], np.full(len(places), time_s))
         return replace(tubes, factor=tubes.factor * fraction[inverse.ravel()])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,27 +15,44 @@ from t2d_rt.types import EchoArrays, Radar, StaticPath
 from t2d_rt.types.path_fields import SweepNodes, received
 from t2d_rt.types.scatterer import EchoLabels, Fraction, FrameBlock, Poses, Scatterer, Visibility
 
+StaticEchoes = EchoArrays | Callable[[np.ndarray], EchoArrays]
+"""Of N paths (N, ...), or as a function of times [s] (T,), (T, N, ...)."""
+
 
 def mirror_echoes(
     paths: Sequence[StaticPath], radar: Radar, *, times_s: np.ndarray, fractions: Fraction | None = None
 ) -> StaticScatterer:
     """One echo of each path at surface frames `times_s`, of which `fractions` are not occluded."""
-    departure, arrival = (np.array([getattr(path, end) for path in paths]) for end in ("departure_m", "arrival_m"))
-    length = np.linalg.norm(arrival - radar.rx_position_m, axis=1)
-    gain = radar.tx_pattern.gain((departure - radar.tx_position_m) / length[:, None] @ radar.axes.T)
-    gain = gain * radar.rx_pattern.gain((arrival - radar.rx_position_m) / length[:, None] @ radar.axes.T)
+
+    def passing(times_s: np.ndarray) -> EchoArrays:
+        return _mirrored([path if path.at is None else path.at(times_s) for path in paths], radar)
+
+    echoes = passing if any(path.at is not None for path in paths) else _mirrored(paths, radar)
+    return _standing(echoes, times_s, fractions, [path.name for path in paths])
+
+
+def _mirrored(paths: Sequence[StaticPath], radar: Radar) -> EchoArrays:
+    """Echoes (N,) of N paths; (T, N) at the times of those of a radar that moves."""
+    departure, arrival = (
+        np.stack([getattr(path, end) for path in paths], axis=-2) for end in ("departure_m", "arrival_m")
+    )
+    length = np.linalg.norm(arrival - radar.rx_position_m, axis=-1)
+    gain = radar.tx_pattern.gain((departure - radar.tx_position_m) / length[..., None] @ radar.axes.T)
+    gain = gain * radar.rx_pattern.gain((arrival - radar.rx_position_m) / length[..., None] @ radar.axes.T)
     # An echo of sigma / R^4 = 4 pi / L^2 is what Friis' equation gives.
     scale = radar.link_amplitude * math.sqrt(4 * math.pi) / length * np.sqrt(gain)
     nodes = SweepNodes.of(radar)
-    value, slope = nodes.line(np.conj([received(path, nodes.frequencies_hz) for path in paths]).T)
-    echoes = EchoArrays(
-        delay_s=length / SPEED_OF_LIGHT,
-        amplitude=scale * value,
-        slope=scale * slope,
-        departure_m=departure if radar.is_array else None,
-        arrival_m=arrival if radar.is_array else None,
+    spectra = np.conj([received(path, nodes.frequencies_hz) for path in paths])
+    value, slope = nodes.line(np.moveaxis(spectra, 0, -1))
+    return _with_single_places(
+        EchoArrays(
+            delay_s=length / SPEED_OF_LIGHT,
+            amplitude=scale * value,
+            slope=scale * slope,
+            departure_m=departure if radar.is_array else None,
+            arrival_m=arrival if radar.is_array else None,
+        )
     )
-    return _standing(echoes, times_s, fractions, [path.name for path in paths])
 
 
 def rough_echoes(
@@ -52,27 +69,29 @@ def rough_echoes(
     ranges = [np.linalg.norm(points_m - place, axis=1) for place in (radar.tx_position_m, radar.rx_position_m)]
     amplitude = radar.link_amplitude * np.sqrt(rcs_m2) / (ranges[0] * ranges[1]) * np.exp(1j * phase)
     echoes = EchoArrays(delay_s=(ranges[0] + ranges[1]) / SPEED_OF_LIGHT, amplitude=amplitude)
-    return _standing(seen_by(radar, echoes, points_m), times_s, fractions, ["rough wall"] * len(points_m))
+    echoes = _with_single_places(seen_by(radar, echoes, points_m))
+    return _standing(echoes, times_s, fractions, ["rough wall"] * len(points_m))
 
 
-def _standing(
-    echoes: EchoArrays, times_s: np.ndarray, fractions: Fraction | None, names: Sequence[str]
-) -> StaticScatterer:
-    echoes = echoes._replace(
+def _with_single_places(echoes: EchoArrays) -> EchoArrays:
+    return echoes._replace(
         departure_m=None if echoes.departure_m is None else echoes.departure_m.astype(np.float32),
         arrival_m=None if echoes.arrival_m is None else echoes.arrival_m.astype(np.float32),
     )
-    return StaticScatterer(
-        times_s=times_s, constant=echoes, unblocked=fractions, names=names, echoes=len(echoes.delay_s)
-    )
+
+
+def _standing(
+    echoes: StaticEchoes, times_s: np.ndarray, fractions: Fraction | None, names: Sequence[str]
+) -> StaticScatterer:
+    return StaticScatterer(times_s=times_s, static=echoes, unblocked=fractions, names=names, echoes=len(names))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StaticScatterer(Scatterer):
-    """Constant echoes, times the fractions that are not occluded."""
+    """Echoes of what stands still, times the fractions that are not occluded."""
 
-    constant: EchoArrays
-    """(N, ...)."""
+    static: StaticEchoes
+    """A function of times for a radar that moves."""
     unblocked: Fraction | None
     """(K, N)."""
     names: Sequence[str]
@@ -90,9 +109,12 @@ class StaticScatterer(Scatterer):
 
     @override
     def scatter(self, block: FrameBlock, poses: Poses, seen: Visibility) -> EchoArrays:
-        shape = block.last - block.first
-        static = [None if each is None else np.broadcast_to(each, (shape, *each.shape)) for each in self.constant]
-        found = EchoArrays(*static)  # type: ignore[arg-type]
+        if callable(self.static):
+            found = self.static(block.times_s)
+        else:
+            shape = block.last - block.first
+            static = [None if each is None else np.broadcast_to(each, (shape, *each.shape)) for each in self.static]
+            found = EchoArrays(*static)  # type: ignore[arg-type]
         unblocked = 1.0 if self.unblocked is None else seen[self.unblocked]
         return found._replace(
             amplitude=(found.amplitude * unblocked).astype(np.complex64),

@@ -13,6 +13,7 @@ from typing_extensions import override
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.geometry.vectors import cross, dot, unit
 from t2d_rt.scattering.antennas import seen_by, side_by_side
+from t2d_rt.scattering.facets import Pair
 from t2d_rt.scattering.paths import Arrivals, View, faded_weights, product, unfolded
 from t2d_rt.types import EchoArrays, Ellipsoids, Material, MovingMesh, PathPair, Radar
 from t2d_rt.types.scatterer import EchoLabels, Fraction, FrameBlock, Poses, Scatterer, Visibility
@@ -97,8 +98,11 @@ class EllipsoidScatterer(Scatterer):
         shown, near = _shown(views, block, seen, count)
         # An echo over each view, whose antennas stand in places of its own; one that is dark is where the centre is.
         own, axes = np.tile(centres, (1, len(views), 1)), np.tile(axes, (1, len(views), 1, 1))
-        places = [_places(radar, view) for view in views]
-        tx, rx = (np.broadcast_to(np.repeat([ends[k] for ends in places], count, axis=0), own.shape) for k in (0, 1))
+        places = [Pair.of(radar, view.paths).at(block.times_s).ends_m for view in views]
+        tx, rx = (
+            np.broadcast_to(np.repeat(np.stack(np.broadcast_arrays(*each), axis=-2), count, axis=-2), own.shape)
+            for each in zip(*places, strict=True)
+        )
         path = np.linalg.norm(own - tx, axis=-1) + np.linalg.norm(own - rx, axis=-1)
         field = np.zeros(path.shape)
         # Between an antenna and an image is a shadow and no reflection: it fades, and in line with both there is none to look for.
@@ -126,7 +130,7 @@ class EllipsoidScatterer(Scatterer):
         for number, pair in enumerate(pairs):
             mine = slice(number * count, (number + 1) * count)
             of_pair = EchoArrays(*(each[:, mine] for each in echoes if each is not None))
-            parts.append(unfolded(radar, of_pair, pair, *(end[:, mine] for end in ends)))
+            parts.append(unfolded(radar, of_pair, pair, block.times_s, *(end[:, mine] for end in ends)))
         return side_by_side(parts)
 
     def _over(
@@ -134,7 +138,7 @@ class EllipsoidScatterer(Scatterer):
     ) -> EchoArrays:
         """Echoes (T, N) of all ellipsoids, at centres (T, n, 3), over one pair after another, with the paths' fields."""
         if self.at_instants:
-            weights = Arrivals.of(self.radar, pairs, centres).weights()
+            weights = Arrivals.of(self.radar, pairs, centres, block.times_s).weights()
         else:
             weights = faded_weights(self.radar, pairs, block, centres, self.ellipsoids.points_at)
         factors = (each.swapaxes(0, 1).reshape(echoes.amplitude.shape) for each in weights)
@@ -155,13 +159,6 @@ def _shown(views: Sequence[View], block: FrameBlock, seen: Visibility, count: in
     here = slice(begin, begin + block.last - block.first)
     near = maximum_filter1d(fractions, 2 * REACH_FRAMES + 1, axis=0, mode="constant") > 0
     return fractions[here], near[here]
-
-
-def _places(radar: Radar, view: View) -> tuple[np.ndarray, np.ndarray]:
-    """Of transmitter and receiver, or of their images."""
-    if view.paths is None:
-        return radar.tx_position_m, radar.rx_position_m
-    return view.paths.out.image_m, view.paths.back.image_m
 
 
 def specular_points(

@@ -168,7 +168,9 @@ class Gather:
         return self.dr.opaque(self.backend.Float64, float(value))
 
     def place(self, position_m: np.ndarray) -> Vector:
-        """A fixed point (3,)."""
+        """A fixed point (3,) or a moving one (T, 3)."""
+        if position_m.ndim == 2:
+            return self.frame_point(position_m)
         return tuple(self.constant(x) for x in position_m)
 
     def field(self, values: Any, vertices: list[Any]) -> list[Any]:

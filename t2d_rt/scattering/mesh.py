@@ -147,22 +147,23 @@ class MeshScatterer(Scatterer):
         weights: Iterable[tuple[np.ndarray, np.ndarray] | None] = [None] * len(self.selections)
         if anchors is not None:
             weights = zip(*self._weights(anchors, block, cage[:, anchors.vertices]), strict=True)
-        lit = [model.lit_faces(posed, selection.pair) for selection in self.selections]
+        lit = [model.lit_faces(posed, each.pair.at(times_s[posed.instants])) for each in self.selections]
         traced = any(each.view.facet_visibility is not None for each in self.selections)
         facets = Facets.of(posed, model.operator, model.visibility_meshes, np.any(lit, axis=0), with_places=traced)
         for selection, faces, weight in zip(self.selections, lit, weights, strict=True):
             of_view = _seen(selection.view, times_s, seen, anchors, weight, self.backend)
-            model.put(made, facets, selection, of_view, faces)
+            model.put(made, facets, replace(selection, pair=selection.pair.at(times_s)), of_view, faces)
         found = made.arrays()
         if not (radar.is_array or radar.directional):
             return found
-        return side_by_side([each.with_ends(radar, found, posed.centre.swapaxes(0, 1)) for each in self.selections])
+        places = posed.centre.swapaxes(0, 1)
+        return side_by_side([each.with_ends(radar, found, times_s, places) for each in self.selections])
 
     def _weights(self, anchors: Anchors, block: FrameBlock, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of the path pairs of all selections at the anchors (T, A, 3) m: `faded_weights`, at instants none is faded."""
         pairs = [each.view.paths for each in self.selections if each.view.paths is not None]
         if self.model.at_instants:
-            return Arrivals.of(self.radar, pairs, points_m).weights()
+            return Arrivals.of(self.radar, pairs, points_m, block.times_s).weights()
         return faded_weights(
             self.radar, pairs, block, points_m, lambda times_s: self.surface.at(times_s)[:, anchors.vertices]
         )
@@ -243,7 +244,9 @@ class _Model:
         seed: int,
         subdivisions: set[int],
     ) -> _Model:
-        seen_from: list[Ends] = [(pair.places_m[0], pair.places_m[-1]) for pair in pairs]
+        def seen_from(times_s: np.ndarray) -> list[Ends]:
+            return [pair.at(times_s).ends_m for pair in pairs]
+
         reflection = material.reflection(radar.mid_frequency_hz)
         rough = material.scattering_coefficient
         sagittas = [detail.sagitta_rad, POINT_SAGITTA_RAD] if rough > 0 else [detail.sagitta_rad]
@@ -294,9 +297,10 @@ class _Model:
         probes = np.linspace(times_s[0], times_s[-1], max(2, math.ceil((times_s[-1] - times_s[0]) * FACING_RATE_HZ)))
         in_room = [view.paths is not None for view in views]
         for first in range(0, len(probes) - 1 if any(in_room) and not lit.all() else 0, FACING_AT_ONCE):
-            facing = Facing.of(surface.at(probes[first : first + FACING_AT_ONCE + 1]), self.cage_faces)
+            some_s = probes[first : first + FACING_AT_ONCE + 1]
+            facing = Facing.of(surface.at(some_s), self.cage_faces)
             for number, pair in enumerate(pairs):
-                lit[number] |= facing.lit(pair, self.tilt_rad)
+                lit[number] |= facing.lit(pair.at(some_s), self.tilt_rad)
         lit[~np.array(in_room)] = True
         first = 0
         for pair, view, some in zip(pairs, views, lit, strict=True):
@@ -379,13 +383,13 @@ class _Selection:
         """The same in pieces of at most that many echoes."""
         return [replace(self, patches=some) for some in np.split(self.patches, range(most, len(self.patches), most))]
 
-    def with_ends(self, radar: Radar, found: EchoArrays, places: np.ndarray) -> EchoArrays:
-        """The view's own of all echoes found, as arrays and patterns see them from the patches' places (T, all of them, 3)."""
+    def with_ends(self, radar: Radar, found: EchoArrays, times_s: np.ndarray, places: np.ndarray) -> EchoArrays:
+        """The view's own of all echoes found at times (T,), as arrays and patterns see them from all patches' places (T, G, 3)."""
         columns = slice(self.first, self.first + len(self.patches))
         mine = found._replace(**{name: getattr(found, name)[:, columns] for name in ("delay_s", "amplitude", "slope")})
         places = places[:, self.patches]
         paths = self.view.paths
-        return seen_by(radar, mine, places) if paths is None else unfolded(radar, mine, paths, places)
+        return seen_by(radar, mine, places) if paths is None else unfolded(radar, mine, paths, times_s, places)
 
 
 PROBE_EVERY = 6
@@ -420,10 +424,10 @@ class Facing:
         return angle.min(axis=1) < math.pi / 2 + margin
 
     def _angle(self, place_m: np.ndarray) -> np.ndarray:
-        """Of the lines of sight to a place with the normals [rad], (F, K)."""
+        """Of the lines of sight to a place (3,) or (K, 3) with the normals [rad], (F, K)."""
         key = place_m.tobytes()
         if key not in self._angles:
-            line_of_sight = place_m[:, None, None] - self.middle
+            line_of_sight = place_m.reshape(-1, 3).T[:, None] - self.middle
             cosine = dot(self.normal, line_of_sight) / np.sqrt(dot(line_of_sight, line_of_sight))
             self._angles[key] = np.arccos(np.clip(cosine, -1, 1))
         return self._angles[key]
@@ -444,6 +448,8 @@ class Posed:
     centres: Any
     """The same on the device, flat Float64."""
     facing: Facing
+    instants: np.ndarray
+    """Numbers of the frames at which faces are looked at for that."""
     backend: Backend
 
     @classmethod
@@ -460,7 +466,8 @@ class Posed:
         centres = carried(centre, cage)
         instants = np.unique(np.linspace(0, len(cage) - 1, math.ceil((len(cage) - 1) / PROBE_EVERY) + 1).astype(int))
         facing = Facing.of(cage[instants], faces)
-        return cls(patches, points, cage, cage.mean(axis=1), centres, backend.Float64(centres.ravel()), facing, backend)
+        flat = backend.Float64(centres.ravel())
+        return cls(patches, points, cage, cage.mean(axis=1), centres, flat, facing, instants, backend)
 
     @cached_property
     def local(self) -> np.ndarray:

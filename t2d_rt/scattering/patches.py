@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +19,9 @@ from t2d_rt.types import MovingMesh, Radar
 Csr = Any
 """A scipy.sparse matrix."""
 Ends = tuple[np.ndarray, np.ndarray]
-"""Places of a transmitter and a receiver, or of their images [m]."""
+"""Places of a transmitter and a receiver, or of their images [m], (3,) each, or (K, 3) of those that move."""
+SeenFrom = Callable[[np.ndarray], Sequence[Ends]]
+"""From where a target is seen at times [s] (K,)."""
 CYCLES_PER_STEP = 0.35
 """Greatest change, from one surface frame to the next, of the phase between two facets of a patch [cycles]: a walk's field errs by
 0.8 dB less than with 0.5, and by 0.1 dB more than with 0.25."""
@@ -73,7 +75,7 @@ def patches(
     radar: Radar,
     times_s: np.ndarray,
     *,
-    seen_from: Sequence[Ends] | None = None,
+    seen_from: SeenFrom | None = None,
     cycles_per_step: float = CYCLES_PER_STEP,
     sweep_cycles: float = SWEEP_CYCLES,
 ) -> Patches:
@@ -81,7 +83,7 @@ def patches(
 
     `seen_from`: by default the radar itself.
     """
-    seen_from = [(radar.tx_position_m, radar.rx_position_m)] if seen_from is None else seen_from
+    seen_from = from_radar(radar) if seen_from is None else seen_from
     places = fine.at(surface.rest)
     rest = places[fine.faces].mean(axis=1)
     order = np.argsort(_morton(rest), kind="stable")
@@ -152,7 +154,12 @@ def _mean_rows(corners: np.ndarray, starts: np.ndarray, linear: Csr) -> Csr:
     return csr_array((fraction, corners.ravel(), 3 * starts), shape=(len(sizes), linear.shape[0])) @ linear
 
 
-def least_range_m(surface: MovingMesh, seen_from: Sequence[Ends], times_s: np.ndarray) -> float:
+def from_radar(radar: Radar) -> SeenFrom:
+    """From the centres of its transmitters and of its receivers, themselves."""
+    return lambda times_s: [(radar.tx_position_m, radar.rx_position_m)]
+
+
+def least_range_m(surface: MovingMesh, seen_from: SeenFrom, times_s: np.ndarray) -> float:
     """Least distance of the mesh's vertices from an antenna over the record [m], rounded down to a power of `RANGE_STEP`.
 
     It sets how fine facets and, for arrays, patches must be; recordings of one body at about the same distance share its facets.
@@ -160,7 +167,7 @@ def least_range_m(surface: MovingMesh, seen_from: Sequence[Ends], times_s: np.nd
     span = times_s[-1] - times_s[0]
     least = math.inf
     for times in blocks(np.linspace(times_s[0], times_s[-1], int(np.clip(20 * span, 2, 200))), len(surface.rest)):
-        least = min(least, *(float(each.min()) for each in _ranges_of(surface.at(times), seen_from).values()))
+        least = min(least, *(float(each.min()) for each in _ranges_of(surface.at(times), seen_from(times)).values()))
     return rounded_range_m(least)
 
 
@@ -185,16 +192,17 @@ def normals(corners: np.ndarray) -> np.ndarray:
     return across / np.maximum(norms(across)[..., None], 1e-30)
 
 
-def _path_speeds(surface: MovingMesh, seen_from: Sequence[Ends], times_s: np.ndarray) -> Iterator[np.ndarray]:
+def _path_speeds(surface: MovingMesh, seen_from: SeenFrom, times_s: np.ndarray) -> Iterator[np.ndarray]:
     """Rate of change [m/s] of the unrefined vertices' path from transmitter to receiver, float32 (V, up to PROBES)."""
     step = min(1e-3, (times_s[-1] - times_s[0]) / 10)
     count = max(PROBES, int(PROBE_RATE_HZ * (times_s[-1] - times_s[0])))
     instants = np.linspace(times_s[0], times_s[-1] - step, count)
     for first in range(0, count, PROBES):
         for times in blocks(instants[first : first + PROBES], 2 * len(surface.rest)):
-            vertices = surface.at(np.concatenate([times, times + step]))
-            ranges = _ranges_of(vertices, seen_from)
-            for tx, rx in seen_from:
+            sides = np.concatenate([times, times + step])
+            ends = seen_from(sides)
+            ranges = _ranges_of(surface.at(sides), ends)
+            for tx, rx in ends:
                 before, after = np.split(ranges[tx.tobytes()] + ranges[rx.tobytes()], 2)
                 yield ((after - before) / step).T.astype(np.float32)
 
@@ -206,8 +214,8 @@ def _ranges_of(vertices: np.ndarray, seen_from: Sequence[Ends]) -> dict[bytes, n
 
 
 def ranges_m(vertices: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Distances (K, V) of vertices (K, V, 3) from one place."""
-    line_of_sight = vertices - place
+    """Distances (K, V) of vertices (K, V, 3) from one place (3,) or (K, 3)."""
+    line_of_sight = vertices - place[..., None, :]
     return np.sqrt(np.einsum("kvi,kvi->kv", line_of_sight, line_of_sight))
 
 

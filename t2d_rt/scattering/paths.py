@@ -137,8 +137,15 @@ class Arrivals:
     nodes: SweepNodes
 
     @classmethod
-    def of(cls, radar: Radar, pairs: Sequence[PathPair], points_m: np.ndarray, frequencies: int = 3) -> Arrivals:
-        """At points (..., 3) m and so many frequencies."""
+    def of(
+        cls,
+        radar: Radar,
+        pairs: Sequence[PathPair],
+        points_m: np.ndarray,
+        times_s: np.ndarray | None,
+        frequencies: int = 3,
+    ) -> Arrivals:
+        """At points (..., 3) m and so many frequencies; (K, ..., 3) at times (K,) [s] where the radar moves."""
         nodes = SweepNodes.of(radar, frequencies)
         one_end = (
             radar.tx_pattern == radar.rx_pattern
@@ -154,7 +161,7 @@ class Arrivals:
             each = {path.key: path for path in paths}
             place = {key: number for number, key in enumerate(each)}
             numbers += [place[path.key] for path in paths]
-            found = fields_over(list(each.values()), points_m, nodes.frequencies_hz)
+            found = fields_over(list(each.values()), points_m, nodes.frequencies_hz, times_s)
             gain = pattern.gain(np.moveaxis(found.departure, 0, -1) @ radar.axes.T)
             ends.append(_End(-found.arrival, found.field * np.sqrt(gain)))
         copies = np.array([pair.copies for pair in pairs])
@@ -203,7 +210,7 @@ def faded_weights(
     at_nodes = points_m[np.clip(nodes, start, stop - 1) - start]
     if beyond.any():
         at_nodes[beyond] = points_at(times_s[nodes[beyond]])
-    weight, slope = Arrivals.of(radar, pairs, at_nodes).weights()
+    weight, slope = Arrivals.of(radar, pairs, at_nodes, times_s[nodes]).weights()
     frame, column = np.arange(start, stop), np.arange(len(nodes))
     place = np.interp(frame, nodes, column)[:, None]
     fractions = np.maximum(0, 1 - np.abs(place - column))
@@ -211,16 +218,21 @@ def faded_weights(
 
 
 def unfolded(
-    radar: Radar, echoes: EchoArrays, paths: PathPair, departure_m: np.ndarray, arrival_m: np.ndarray | None = None
+    radar: Radar,
+    echoes: EchoArrays,
+    paths: PathPair,
+    times_s: np.ndarray,
+    departure_m: np.ndarray,
+    arrival_m: np.ndarray | None = None,
 ) -> EchoArrays:
-    """For arrays: with apparent positions (T, N, 3) of the echoes, given those seen from the antennas' images;
+    """For arrays: with apparent positions (T, N, 3) of the echoes at times (T,), given those seen from the antennas' images;
     those of the receivers are the transmitters' where they are not given."""
     if not radar.is_array:
         return echoes
-    departure = paths.out.unfolded(departure_m).astype(np.float32)
+    departure = paths.out.unfolded(departure_m, times_s).astype(np.float32)
     if arrival_m is None and paths.out.chain == paths.back.chain:
         return echoes._replace(departure_m=departure)
-    arrival = paths.back.unfolded(departure_m if arrival_m is None else arrival_m)
+    arrival = paths.back.unfolded(departure_m if arrival_m is None else arrival_m, times_s)
     return echoes._replace(departure_m=departure, arrival_m=arrival.astype(np.float32))
 
 
@@ -242,6 +254,8 @@ class Probed:
 
     probes_m: np.ndarray
     """(Q, 3)."""
+    probed_s: np.ndarray | None
+    """When they are there (Q,); needed where the radar moves."""
     out: PathSet
     back: PathSet
     one_antenna: bool
@@ -252,7 +266,11 @@ class Probed:
     def spreading(self) -> Iterator[np.ndarray]:
         """1 / distance from the paths' images to the points, times what reaches these: (P, Q) of each end."""
         for paths, fraction in zip((self.out, self.back), self.fraction, strict=True):
-            yield fraction / np.linalg.norm(self.probes_m - paths.image_m[:, None], axis=-1)
+            places = paths.image_m[:, None]
+            if paths.passing is not None:
+                shape = self.probes_m.shape
+                places = np.stack([np.broadcast_to(path.place_m(self.probed_s), shape) for path in paths])
+            yield fraction / np.linalg.norm(self.probes_m - places, axis=-1)
 
 
 def ranked_pairs(radar: Radar, probed: Probed, *, order: int, transmissions: int = 0) -> list[Ranked]:
@@ -274,7 +292,7 @@ def ranked_pairs(radar: Radar, probed: Probed, *, order: int, transmissions: int
     if not len(rows):
         return []
     pairs = [PathPair(out=out[i], back=back[j], copies=2 if joined and j > i else 1) for i, j in rows.tolist()]
-    arrivals = Arrivals.of(radar, pairs, probed.probes_m, RANKING_NODES)
+    arrivals = Arrivals.of(radar, pairs, probed.probes_m, probed.probed_s, RANKING_NODES)
     found = []
     for some in blocks(np.arange(len(pairs)), RANKING_NODES * len(probed.probes_m)):
         amount = (spread[0][rows[some, 0]] * spread[1][rows[some, 1]]) ** 2

@@ -200,8 +200,8 @@ def _cell(name: str, values_deg: np.ndarray, axis_deg: tuple[float, ...]) -> tup
 
 
 def one_view(tx_m: np.ndarray, rx_m: np.ndarray) -> list[np.ndarray]:
-    """Both positions, or the midpoint between them where they are within `ONE_VIEW_M`."""
-    return [tx_m, rx_m] if np.linalg.norm(tx_m - rx_m) > ONE_VIEW_M else [(tx_m + rx_m) / 2]
+    """Both positions (..., 3), or the midpoint between them where they are always within `ONE_VIEW_M`."""
+    return [tx_m, rx_m] if np.linalg.norm(tx_m - rx_m, axis=-1).max() > ONE_VIEW_M else [(tx_m + rx_m) / 2]
 
 
 @lru_cache(maxsize=64)

@@ -17,7 +17,7 @@ import numpy as np
 from t2d_rt.core.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
 from t2d_rt.geometry.vectors import cross, dot
 from t2d_rt.types import Material, OneWayPath, Radar, StaticPath
-from t2d_rt.types.paths import Elements
+from t2d_rt.types.paths import Elements, passed, points_in_scene
 
 Polarized = tuple[np.ndarray, np.ndarray]
 """A coefficient of TE and of TM waves."""
@@ -103,29 +103,34 @@ class PathFields(NamedTuple):
     """Fields that an antenna of gain 1 radiates over P one-way paths to points (...), components first."""
 
     departure: np.ndarray
-    """Unit vectors from the antenna, (3, P, ...)."""
+    """Unit vectors from the antenna as it sees them, (3, P, ...)."""
     arrival: np.ndarray
-    """Unit vectors on to the points, (3, P, ...)."""
+    """Unit vectors on to the points in the scene, (3, P, ...)."""
     field: np.ndarray
-    """Complex (3, F, P, ...), without the attenuation and phase of distance and of the path's `delay_s`, so of length 1 in the line
-    of sight."""
+    """In the scene, complex (3, F, P, ...), without the attenuation and phase of distance and of the path's `delay_s`, so of length
+    1 in the line of sight."""
 
 
-def fields_over(paths: Sequence[OneWayPath], points: np.ndarray, frequencies_hz: np.ndarray) -> PathFields:
-    """Those over P paths to points (..., 3) m at frequencies (F,) Hz: paths of as many elements all at once."""
-    flat = points.reshape(-1, 3)
+def fields_over(
+    paths: Sequence[OneWayPath], points: np.ndarray, frequencies_hz: np.ndarray, times_s: np.ndarray | None = None
+) -> PathFields:
+    """Those over P paths to points (..., 3) m at frequencies (F,) Hz, paths of as many elements all at once; to points (K, ..., 3)
+    at times (K,) of a radar that moves."""
+    passing, shape = paths[0].passing if paths else None, points.shape
+    flat = points_in_scene(passing, points, times_s).reshape(-1, 3)
     departure, arrival = np.empty((2, 3, len(paths), len(flat)))
     field = np.empty((3, len(frequencies_hz), len(paths), len(flat)), complex)
     lengths = np.array([len(path.chain) for path in paths])
     for length in np.unique(lengths).tolist():
         rows = np.flatnonzero(lengths == length)
         some = [paths[row] for row in rows.tolist()]
+        there = [path.in_scene(times_s, len(shape)) for path in some]
         antenna, polarization = (
-            np.stack([getattr(path, name) for path in some], axis=1)[..., None]
+            np.stack([_of_points(getattr(path, name), shape).T for path in there], axis=1).reshape(3, len(some), -1)
             for name in ("antenna_m", "polarization")
         )
         # The straight path from the image, folded back mirror by mirror, begins at the antenna.
-        ahead = np.stack([path.unfolded(flat).T for path in some], axis=1) - antenna
+        ahead = np.stack([path.unfolded(flat).T for path in there], axis=1) - antenna
         ahead /= np.sqrt(dot(ahead, ahead))
         departure[:, rows] = ahead
         wave = polarization - dot(polarization, ahead) * ahead
@@ -134,19 +139,29 @@ def fields_over(paths: Sequence[OneWayPath], points: np.ndarray, frequencies_hz:
         for number in range(length):
             wave, ahead = _after(wave, ahead, elements.taken((slice(None), number)), frequencies_hz)
         arrival[:, rows], field[:, :, rows] = ahead, wave
-    shape = points.shape[:-1]
-    return PathFields(*(each.reshape(*each.shape[:-1], *shape) for each in (departure, arrival, field)))
+    if passing is not None:
+        ahead = departure.reshape(3, len(paths), len(points), -1).transpose(2, 1, 3, 0)
+        departure = passed(passing, times_s).directions(ahead).transpose(3, 1, 0, 2).reshape(arrival.shape)
+    return PathFields(*(each.reshape(*each.shape[:-1], *shape[:-1]) for each in (departure, arrival, field)))
 
 
-def field_over(path: OneWayPath, points: np.ndarray, frequencies_hz: np.ndarray) -> np.ndarray:
+def _of_points(vectors: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """A vector (3,) for all points, or those of points of that shape (..., 3) as flat (Q, 3)."""
+    return vectors if vectors.ndim == 1 else np.broadcast_to(vectors, shape).reshape(-1, 3)
+
+
+def field_over(
+    path: OneWayPath, points: np.ndarray, frequencies_hz: np.ndarray, times_s: np.ndarray | None = None
+) -> np.ndarray:
     """The field over one path to points (..., 3) m at frequencies (F,) Hz, complex (F, ..., 3)."""
-    return np.moveaxis(fields_over([path], points, frequencies_hz).field[:, :, 0], 0, -1)
+    return np.moveaxis(fields_over([path], points, frequencies_hz, times_s).field[:, :, 0], 0, -1)
 
 
 def received(path: StaticPath, frequencies_hz: np.ndarray) -> np.ndarray:
     """What antennas of gain 1 and the radar's polarisations receive over a static path at frequencies (F,) Hz, without the
-    attenuation and phase of distance: complex (F,)."""
-    return field_over(path.path, path.stops_m[-1], frequencies_hz) @ path.taken
+    attenuation and phase of distance: complex (F,), or (F, T)."""
+    field = field_over(path.path, path.stops_m[-1], frequencies_hz)
+    return field @ path.taken if path.taken.ndim == 1 else np.einsum("fti,ti->ft", field, path.taken)
 
 
 def _after(

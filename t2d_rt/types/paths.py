@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
+from t2d_rt.types.radar_track import Rigid
+
+Passing = Callable[[np.ndarray], Rigid]
+"""How the scene stands at times [s] (K,) to a radar that moves, in the frame in which that keeps its place (`Radar.passing`)."""
 PathKey = tuple[tuple[str, ...], bytes]
 """A chain of mirrors, and the image of the antenna in them."""
+
+
+def passed(passing: Passing, times_s: np.ndarray | None) -> Rigid:
+    """How the scene stands at the times (K,) that whoever asks of a radar that moves must tell."""
+    if times_s is None:
+        raise ValueError("paths to a radar that moves are known at given times alone")
+    return passing(times_s)
+
+
+def points_in_scene(passing: Passing | None, points: np.ndarray, times_s: np.ndarray | None) -> np.ndarray:
+    """Points (K, ..., 3) m as a radar sees them at times (K,), in the coordinates of the scene; the same where it stands still."""
+    return points if passing is None else passed(passing, times_s).back.points(points)
 
 
 class _Compared:
@@ -67,7 +83,9 @@ class Elements(_Compared):
 class OneWayPath(_Compared):
     """The path over a chain of plane reflectors and through slabs, as if it came straight from the antenna's image.
 
-    From the antenna, a target at x appears at `mirror_matrix @ x + shift_m`, as far from the antenna as x is from the image.
+    From the antenna, a target at x appears at `mirror_matrix @ x + shift_m`, as far from the antenna as x is from the image. Of a
+    radar that moves all places are given as it sees them, in the frame in which it stands still, and with the times at which it
+    does; the mirrors, the matrix and the shift are those of the scene.
     """
 
     chain: tuple[str, ...]
@@ -84,9 +102,13 @@ class OneWayPath(_Compared):
     """(3, 3), orthogonal; its determinant is -1 for an odd number of mirrors."""
     shift_m: np.ndarray
     """(3,)."""
+    passing: Passing | None = None
+    """Of a radar that moves; its image then stands in `place_m`."""
 
     @classmethod
-    def line_of_sight(cls, antenna_m: np.ndarray, polarization: np.ndarray) -> OneWayPath:
+    def line_of_sight(
+        cls, antenna_m: np.ndarray, polarization: np.ndarray, passing: Passing | None = None
+    ) -> OneWayPath:
         """The path over no mirrors."""
         return cls(
             chain=(),
@@ -96,6 +118,7 @@ class OneWayPath(_Compared):
             image_m=antenna_m,
             mirror_matrix=np.eye(3),
             shift_m=np.zeros(3),
+            passing=passing,
         )
 
     @property
@@ -128,9 +151,49 @@ class OneWayPath(_Compared):
         """For people: "direct", "floor", "door (through) > floor", from the antenna on."""
         return " > ".join(self.chain) or "direct"
 
-    def unfolded(self, points: np.ndarray) -> np.ndarray:
-        """Apparent positions of points (..., 3) as seen from the antenna [m]."""
-        return points @ self.mirror_matrix.T + self.shift_m
+    def unfolded(self, points: np.ndarray, times_s: np.ndarray | None = None) -> np.ndarray:
+        """Apparent positions of points (..., 3) as seen from the antenna [m]; (K, ..., 3) at times (K,) for one that moves."""
+        if self.passing is None:
+            return points @ self.mirror_matrix.T + self.shift_m
+        passing = passed(self.passing, times_s)
+        return passing.points(passing.back.points(points) @ self.mirror_matrix.T + self.shift_m)
+
+    def place_m(self, times_s: np.ndarray | None = None) -> np.ndarray:
+        """The image (3,) m; (K, 3) at times (K,) for an antenna that moves and is seen in mirrors."""
+        if self.passing is None or not self.order:
+            return self.image_m
+        return passed(self.passing, times_s).points(self.in_scene(times_s).image_m)
+
+    def seen_at(self, times_s: np.ndarray) -> list[OneWayPath]:
+        """The path as a radar that moves sees it at each of times (K,) [s], its mirrors among it; once, where it is always the same."""
+        if self.passing is None:
+            return [self]
+        if not self.chain:
+            return [replace(self, passing=None)]
+        passing, elements, found = passed(self.passing, times_s), self.elements, []
+        for rotation, shift_m, image_m in zip(*passing, np.broadcast_to(self.place_m(times_s), (len(times_s), 3)), strict=True):
+            normal, matrix = elements.normal @ rotation.T, rotation @ self.mirror_matrix @ rotation.T
+            there = replace(elements, normal=normal, offset_m=elements.offset_m + normal @ shift_m)
+            shift_m = shift_m + rotation @ self.shift_m - matrix @ shift_m
+            found.append(
+                replace(self, elements=there, image_m=image_m, mirror_matrix=matrix, shift_m=shift_m, passing=None)
+            )
+        return found
+
+    def in_scene(self, times_s: np.ndarray | None, axes: int = 2) -> OneWayPath:
+        """The same path in the coordinates of the scene at times (K,), with places (K, 1, ..., 3) of so many axes."""
+        if self.passing is None:
+            return self
+        back = passed(self.passing, times_s).back
+        shape = (len(back.shift_m), *[1] * (axes - 2), 3)
+        antenna_m = back.points(np.broadcast_to(self.antenna_m, shape))
+        return replace(
+            self,
+            antenna_m=antenna_m,
+            polarization=back.directions(np.broadcast_to(self.polarization, shape)),
+            image_m=(antenna_m - self.shift_m) @ self.mirror_matrix,
+            passing=None,
+        )
 
     def __hash__(self) -> int:
         return hash(self.key)
@@ -160,6 +223,8 @@ class PathSet(_Compared):
     """(P, 3, 3)."""
     shift_m: np.ndarray
     """(P, 3)."""
+    passing: Passing | None = None
+    """Of a radar that moves."""
 
     def __len__(self) -> int:
         return len(self.chains)
@@ -174,6 +239,7 @@ class PathSet(_Compared):
             image_m=self.image_m[number],
             mirror_matrix=self.mirror_matrix[number],
             shift_m=self.shift_m[number],
+            passing=self.passing,
         )
 
     def __iter__(self) -> Iterator[OneWayPath]:
@@ -226,21 +292,22 @@ class PathPair:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StaticPath(_Compared):
-    """A path from the transmitters' centre over mirrors to the receivers'."""
+    """A path from the transmitters' centre over mirrors to the receivers'; of a radar that moves at T times, (T, 3) each."""
 
     path: OneWayPath
     """From the transmitters to `stops_m[-1]`."""
     stops_m: np.ndarray
-    """Transmitters, reflections, receivers, (order + 2, 3)."""
+    """Transmitters, reflections, receivers in the scene, (order + 2, 3)."""
     departure_m: np.ndarray
     """Apparent position of the receivers as seen from the transmitters, (3,)."""
     taken: np.ndarray
-    """Unit vector of the receivers' polarisation across the path where it arrives, (3,)."""
-
-    @property
-    def arrival_m(self) -> np.ndarray:
-        """Apparent position of the transmitters as seen from the receivers, (3,)."""
-        return self.path.image_m
+    """Unit vector of the receivers' polarisation across the path where it arrives in the scene, (3,)."""
+    arrival_m: np.ndarray
+    """Apparent position of the transmitters as seen from the receivers, (3,)."""
+    at: Callable[[np.ndarray], StaticPath] | None = None
+    """The same at times [s] (T,) of a radar that moves."""
+    fraction: np.ndarray | None = None
+    """Of its field that there is at sample times, as the path exists or does not, (S,); None: it always exists."""
 
     @property
     def name(self) -> str:

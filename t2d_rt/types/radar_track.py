@@ -55,6 +55,12 @@ class Rigid(NamedTuple):
     shift_m: np.ndarray
     """(K, 3)."""
 
+    @property
+    def back(self) -> Rigid:
+        """The motions that undo these."""
+        turned = self.rotation.swapaxes(1, 2)
+        return Rigid(turned, -np.einsum("kij,kj->ki", turned, self.shift_m))
+
     def points(self, points_m: np.ndarray) -> np.ndarray:
         """Points (K, ..., 3) m carried along."""
         return self.directions(points_m) + _spread(self.shift_m, points_m.ndim)
@@ -148,6 +154,12 @@ class RadarTrack(Fields):
     def places_m(self, times_s: np.ndarray) -> np.ndarray:
         """Places of the radar at times [s] (K,) of the track, (K, 3) m."""
         return self._curves[0](self._within(times_s))
+
+    @property
+    def reach_m(self) -> float:
+        """How far the radar gets from where its track begins [m]."""
+        places = np.array(self.positions_m)
+        return float(np.linalg.norm(places - places[0], axis=1).max())
 
     def axes(self, times_s: np.ndarray) -> np.ndarray | None:
         """Boresight, left and up in the world at these times, rows of (K, 3, 3); None where they do not turn."""

@@ -88,6 +88,8 @@ def _why_no_room(recording: Recording) -> str | None:
             f"{recording.experiment.lost} was computed by a function, which is not stored with the recording, so that its maps "
             "stand alone."
         )
+    if recording.radar.track is not None and recording.settings.get("scene", "free_space") != "free_space":
+        return "The radar moves through its scene, which is not drawn, so that its maps stand alone."
     return None
 
 

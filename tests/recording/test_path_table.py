@@ -176,9 +176,9 @@ def test_blockage_of_a_one_way_path_is_worked_out_once(in_room: t2d.Recording, m
     asked: list[object] = []
     fraction = SceneBlockage.fraction
 
-    def counted(blockage: SceneBlockage, path: OneWayPath, points: np.ndarray) -> np.ndarray:
+    def counted(blockage: SceneBlockage, path: OneWayPath, *of: np.ndarray) -> np.ndarray:
         asked.append(path.key)
-        return fraction(blockage, path, points)
+        return fraction(blockage, path, *of)
 
     monkeypatch.setattr(SceneBlockage, "fraction", counted)
     path_table(model, t2d.Accuracy(), np.zeros(1))

@@ -104,7 +104,7 @@ def echoes(
     last = float(meshes[0].times_s[-1])
     setting = Setting(
         radar=radar, scene=lambda vertices, faces: Rays(vertices, faces, backend), backend=backend,
-        unblocked=None if unblocked is None else lambda out, back: np.full(len(out), unblocked),
+        unblocked=None if unblocked is None else lambda out, back, times_s: np.full(len(out), unblocked),
     )  # fmt: skip
     return bounce_echoes(
         reflectors, setting, samples_s=np.linspace(0, last, samples),

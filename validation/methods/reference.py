@@ -26,7 +26,7 @@ from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.propagation.surroundings import polarization, probes, radar_paths
 from t2d_rt.scattering.curved_integral import curved_integrals
 from t2d_rt.scattering.mesh import POINTS_PER_MESH
-from t2d_rt.scattering.patches import least_range_m
+from t2d_rt.scattering.patches import from_radar, least_range_m
 from t2d_rt.scattering.paths import ranked_pairs
 from t2d_rt.scattering.phase_integral import SERIES_TERMS
 from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD
@@ -97,7 +97,7 @@ def reference_samples(
 def refined(surface: MovingMesh, radar: Radar, sagitta_rad: float | np.ndarray) -> Refinement:
     """Facets of that phase sagitta."""
     wavenumber = 2 * math.pi / radar.wavelength_m
-    range_m = least_range_m(surface, [(radar.tx_position_m, radar.rx_position_m)], surface.times_s)
+    range_m = least_range_m(surface, from_radar(radar), surface.times_s)
     return facets_of(surface, wavenumber, range_m, [sagitta_rad], MOST_FACETS)[0]
 
 
@@ -112,7 +112,7 @@ def _path_pairs(
     if not isinstance(scene, Scene):
         alone = OneWayPath.line_of_sight(radar.tx_position_m, polarization(radar, radar.tx_polarization_deg))
         return [PathPair(out=alone, back=alone)], [], None
-    places = probes([surface], float(surface.times_s[0]), float(surface.times_s[-1]))
+    places, _ = probes([surface], float(surface.times_s[0]), float(surface.times_s[-1]))
     found = radar_paths(scene, radar, places, order=reflections, backend=select("cpu"))
     ranked = ranked_pairs(radar, probed(found, places), order=reflections)
     kept = [each for each in ranked if each.best_db >= -range_db]

@@ -13,6 +13,7 @@ from t2d_rt.accuracy import Wanted
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import set_up
 from t2d_rt.geometry import Refinement, curved_refinements
+from t2d_rt.propagation.images import images
 from t2d_rt.propagation.occluders import Posed
 from t2d_rt.propagation.visibility import Occlusion, Surroundings
 from t2d_rt.recording.recording import Recording
@@ -105,7 +106,7 @@ def _occlusion_by(limbs: Ellipsoids) -> type[Occlusion]:
             for centre, axes, half in zip(centres.swapaxes(0, 1), every.swapaxes(0, 1), limbs.semi_axes_m, strict=True):
                 # where the ellipsoid is the unit sphere
                 start = np.einsum("kji,kqj->kqi", axes, at.points - centre[:, None]) / half
-                stop = np.einsum("kji,kj->ki", axes, self.viewpoint_m - centre)[:, None] / half
+                stop = np.einsum("kji,kj->ki", axes, images(self.viewpoint)[-1] - centre)[:, None] / half
                 segment = stop - start
                 length2 = np.einsum("kqi,kqi->kq", segment, segment)
                 nearest = np.clip(-np.einsum("kqi,kqi->kq", start, segment) / length2, 0, 1)
