@@ -27,6 +27,7 @@ from t2d_rt.scattering.rate import SurfaceRate
 from t2d_rt.scattering.refinement import Sagitta, facets, most_facets
 from t2d_rt.types import (
     Accuracy,
+    Ellipsoids,
     Material,
     Motion,
     MovingMesh,
@@ -115,8 +116,7 @@ class Model:
         places = self.radar.track.places_m(np.linspace(*self.span_s, 100))
         away_m = np.ptp(places, axis=0).max() + PASSING_M
         points = np.concatenate([sign * away_m * np.eye(3) for sign in (-1, 1)]) + places.mean(axis=0)
-        faces = np.array([(0, 1, 2), (3, 4, 5)])
-        around = MovingMesh(np.stack([points] * 2), faces, np.array(self.span_s), "pec", name="the scene")
+        around = Ellipsoids(np.full((6, 3), 1e-3), np.stack([points] * 2), np.array(self.span_s))
         return SurfaceRate(passing(around, self.radar), self.radar, self.span_s)
 
     def rate(self, number: int) -> SurfaceRate:

@@ -80,6 +80,12 @@ def checked_time(
         if collisions == "stop":
             raise InputError(told)
         warn(told)
+    if (crossed := radar_crossing(scene, radar, start, stop, backend)) is not None:
+        time_s, place, name = crossed
+        told = f"the radar goes through {name} of {scene.name} at {time_s - start:.2f} s, at {_place_text(place)}"
+        if collisions == "stop":
+            raise InputError(f"{told}; give another track")
+        warn(f"{told}; give another track")
     for found in find_collisions(scene, targets, radar, start, stop, outside=outside, backend=backend):
         told = _told(found, scene, names, start)
         if collisions == "warn":
@@ -151,6 +157,17 @@ def radar_outside(scene: Scene, radar: Radar, backend: Backend) -> np.ndarray | 
         centres = [place for each in centres for place in back.points(np.broadcast_to(each, back.shift_m.shape))]
     places = [place for place in centres if _beyond(scene, place)]
     return places[0] if places and is_room(Mirrors.of(scene, backend)) else None
+
+
+def radar_crossing(
+    scene: Scene, radar: Radar, start_s: float, stop_s: float, backend: Backend
+) -> tuple[float, np.ndarray, str] | None:
+    """When and where the track of a radar goes through a surface, and its name."""
+    if radar.track is None:
+        return None
+    times_s = uneven_times(start_s, stop_s)
+    line = radar.track.places_m(times_s)[None]
+    return first_crossing(Mirrors.of(scene, backend, radar.tx_position_m), line, times_s[None], 0.0)
 
 
 def is_room(mirrors: Mirrors) -> bool:

@@ -198,13 +198,15 @@ def faded_weights(
     points_m: np.ndarray,
     points_at: Callable[[np.ndarray], np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """`Arrivals.weights` at points that move, complex (N, T, A): known at some nodes in time and linear in between.
+    """`Arrivals.weights` at points that move, complex (N, T, A): known at some nodes in time and linear in between; at each frame of
+    a radar that turns.
 
     The points are (T, A, 3) m at the frames of a block, and `points_at` other times [s]; nodes are the same wherever it begins.
     """
     times_s, start, stop = block.record_s, block.first, block.last
     last = len(times_s) - 1
-    every = max(1, round(last / (times_s[-1] - times_s[0]) / NODE_RATE_HZ))
+    turns = radar.track is not None and radar.track.orientations is not None
+    every = 1 if turns else max(1, round(last / (times_s[-1] - times_s[0]) / NODE_RATE_HZ))
     nodes = np.unique(np.minimum(np.arange(start // every, -(-(stop - 1) // every) + 1) * every, last))
     beyond = (nodes < start) | (nodes >= stop)
     at_nodes = points_m[np.clip(nodes, start, stop - 1) - start]
@@ -254,7 +256,7 @@ class Probed:
 
     probes_m: np.ndarray
     """(Q, 3)."""
-    probed_s: np.ndarray | None
+    probed_s: np.ndarray | None = None
     """When they are there (Q,); needed where the radar moves."""
     out: PathSet
     back: PathSet
