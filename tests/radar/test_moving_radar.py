@@ -255,8 +255,8 @@ def test_echoes_at_an_instant_are_those_of_a_radar_that_stands_there() -> None:
     resting = Radar.preset("table2-uniform", position_m=tuple(place), boresight=tuple(axes[0, 0]))
     moving = resting.replace(position_m=places[0], boresight=(1, 0, 0)).replace(track=track)
     (expected, walls), (found, walls_found) = seen(resting), seen(moving)
-    assert nmse_db(found, expected) < -35
-    assert abs(walls_found - walls) < 0.03 * abs(walls)
+    assert nmse_db(found, expected) < -60  # -88 dB seen
+    assert abs(walls_found - walls) < 0.03 * abs(walls)  # 0.008 seen, of paths that fade in or out
 
 
 @pytest.mark.filterwarnings("ignore:top speed")
