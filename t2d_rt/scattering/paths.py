@@ -198,8 +198,8 @@ def faded_weights(
     points_m: np.ndarray,
     points_at: Callable[[np.ndarray], np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """`Arrivals.weights` at points that move, complex (N, T, A): known at some nodes in time and linear in between; at each frame of
-    a radar that turns.
+    """`Arrivals.weights` at points that move, complex (N, T, A): known at some nodes in time and linear in between, or at each
+    frame of a radar that turns.
 
     The points are (T, A, 3) m at the frames of a block, and `points_at` other times [s]; nodes are the same wherever it begins.
     """
