@@ -116,8 +116,8 @@ class Model:
         places = self.radar.track.places_m(np.linspace(*self.span_s, 100))
         away_m = np.ptp(places, axis=0).max() + PASSING_M
         points = np.concatenate([sign * away_m * np.eye(3) for sign in (-1, 1)]) + places.mean(axis=0)
-        around = Ellipsoids(np.full((6, 3), 1e-3), np.stack([points] * 2), np.array(self.span_s))
-        return SurfaceRate(passing(around, self.radar), self.radar, self.span_s)
+        standing = Ellipsoids(np.full((6, 3), 1e-3), np.stack([points] * 2), np.array(self.span_s))
+        return SurfaceRate(passing(standing, self.radar), self.radar, self.span_s)
 
     def rate(self, number: int) -> SurfaceRate:
         """What the motion of the target of that number needs."""

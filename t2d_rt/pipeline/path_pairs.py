@@ -18,10 +18,10 @@ from t2d_rt.propagation.clutter import (
     POINT_RAYS,
     Courses,
     Shadows,
-    courses_past,
     existing_over,
     rough_points,
     roughened,
+    static_courses,
     static_paths,
 )
 from t2d_rt.propagation.edges import SceneBlockage
@@ -270,7 +270,7 @@ def clutter_scatterers(
 
     paths: Sequence[StaticPath] = static_paths(scene, radar, order=CLUTTER_ORDER, backend=backend, samples_s=samples_s)
     if paths:
-        courses = [path.stops_m for path in paths] if radar.track is None else partial(courses_past, radar, paths)
+        courses = [path.stops_m for path in paths] if radar.track is None else partial(static_courses, radar, paths)
         fractions = unoccluded(courses)
         if radar.track is not None:
             fractions = existing_over(paths, samples_s, fractions)

@@ -116,7 +116,7 @@ def existing_over(paths: Sequence[StaticPath], samples_s: np.ndarray, unoccluded
     return fraction
 
 
-def courses_past(radar: Radar, paths: Sequence[StaticPath], times_s: np.ndarray) -> list[np.ndarray]:
+def static_courses(radar: Radar, paths: Sequence[StaticPath], times_s: np.ndarray) -> list[np.ndarray]:
     """Where paths of a radar that moves run at times (K,) as it sees them, (stop, K, 3) m each."""
     passing = radar.passing(times_s)
     stops = (path.at(times_s).stops_m for path in paths if path.at is not None)

@@ -137,9 +137,9 @@ class Edges:
             points = points_in_scene(paths[0].passing, points, times_s)
             assert times_s is not None
             found = np.empty((len(paths), *points.shape[:-1]), np.float32)
-            for moment in np.unique(times_s):
-                mine = times_s == moment
-                found[:, mine] = self.fractions([path.in_scene(moment[None]) for path in paths], points[mine])
+            for instant in np.unique(times_s):
+                mine = times_s == instant
+                found[:, mine] = self.fractions([path.in_scene(instant[None]) for path in paths], points[mine])
             return found
         flat = points.reshape(-1, 3)
         corner, cell = np.unique(_codes(flat), return_inverse=True)

@@ -22,9 +22,9 @@ from t2d_rt.types import Material, PathSet, Radar
 from t2d_rt.types.path_fields import transmission
 from t2d_rt.types.paths import Elements, Passing
 
-KEYS_M = 0.25
+SEARCHED_M = 0.25
 """Chains of mirrors are looked for at places of a radar's track that lie so far apart; which of them exist is asked more often."""
-KEY_RATE_HZ = 100.0
+SEARCHED_HZ = 100.0
 """Rate at which such places are looked for."""
 
 
@@ -33,7 +33,7 @@ class Along:
     """The way of a radar that moves, as the search for its paths needs it."""
 
     passing: Passing
-    keys_s: np.ndarray
+    searched_s: np.ndarray
     """When it is at places that stand for all of its track (K,)."""
     probed_s: np.ndarray
     """When the points that paths are searched to are where they are (Q,)."""
@@ -43,16 +43,16 @@ class Along:
         """Between two times; None for one that stands still."""
         if radar.track is None:
             return None
-        times_s = np.linspace(*span_s, max(2, math.ceil((span_s[1] - span_s[0]) * KEY_RATE_HZ)))
-        places, keys = radar.track.places_m(times_s), [0]
+        times_s = np.linspace(*span_s, max(2, math.ceil((span_s[1] - span_s[0]) * SEARCHED_HZ)))
+        places, numbers = radar.track.places_m(times_s), [0]
         for number, place in enumerate(places):
-            if np.linalg.norm(place - places[keys[-1]]) > KEYS_M:
-                keys.append(number)
-        return cls(radar.passing, times_s[keys], probed_s)
+            if np.linalg.norm(place - places[numbers[-1]]) > SEARCHED_M:
+                numbers.append(number)
+        return cls(radar.passing, times_s[numbers], probed_s)
 
     def places_m(self, place_m: np.ndarray) -> np.ndarray:
-        """Where an antenna (3,), as it sees itself, is in the scene at the keys, (K, 3) m."""
-        return self.passing(self.keys_s).back.points(np.broadcast_to(place_m, (len(self.keys_s), 3)))
+        """Where an antenna (3,), as it sees itself, is in the scene then, (K, 3) m."""
+        return self.passing(self.searched_s).back.points(np.broadcast_to(place_m, (len(self.searched_s), 3)))
 
 
 @dataclass(frozen=True, slots=True)

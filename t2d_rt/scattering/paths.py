@@ -205,8 +205,8 @@ def faded_weights(
     """
     times_s, start, stop = block.record_s, block.first, block.last
     last = len(times_s) - 1
-    turns = radar.track is not None and radar.track.orientations is not None
-    every = 1 if turns else max(1, round(last / (times_s[-1] - times_s[0]) / NODE_RATE_HZ))
+    rotates = radar.track is not None and radar.track.orientations is not None
+    every = 1 if rotates else max(1, round(last / (times_s[-1] - times_s[0]) / NODE_RATE_HZ))
     nodes = np.unique(np.minimum(np.arange(start // every, -(-(stop - 1) // every) + 1) * every, last))
     beyond = (nodes < start) | (nodes >= stop)
     at_nodes = points_m[np.clip(nodes, start, stop - 1) - start]

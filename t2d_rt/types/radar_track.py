@@ -58,8 +58,8 @@ class Rigid(NamedTuple):
     @property
     def back(self) -> Rigid:
         """The motions that undo these."""
-        turned = self.rotation.swapaxes(1, 2)
-        return Rigid(turned, -np.einsum("kij,kj->ki", turned, self.shift_m))
+        rotated = self.rotation.swapaxes(1, 2)
+        return Rigid(rotated, -np.einsum("kij,kj->ki", rotated, self.shift_m))
 
     def points(self, points_m: np.ndarray) -> np.ndarray:
         """Points (K, ..., 3) m carried along."""
