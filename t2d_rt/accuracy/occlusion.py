@@ -143,14 +143,14 @@ def _judged(model: Model, accuracy: Accuracy, *, by_fast: bool) -> tuple[np.ndar
         if not meshes:
             return dict.fromkeys(seen_from, np.ones(faces.area_m2.shape, bool))
         vertices = np.concatenate([mesh.at(times_s) for mesh in meshes], axis=1)
-        seen = {key: seen_at(end, times_s) for key, end in seen_from.items()}
-        every = [one for each in seen.values() for one in each]
-        surroundings = Surroundings(Occluders(meshes), vertices, every, model.backend)
+        viewpoints = {key: seen_at(end, times_s) for key, end in seen_from.items()}
+        together = [one for own in viewpoints.values() for one in own]
+        surroundings = Surroundings(Occluders(meshes), vertices, together, model.backend)
         visible = {key: np.zeros(faces.area_m2.shape, bool) for key in seen_from}
-        for key, each in seen.items():
+        for key, own in viewpoints.items():
             some = wanted[key]
             if some.any():
-                visible[key][:, some] = surroundings.visible(each, faces.middle[:, some], faces.normal[:, some])
+                visible[key][:, some] = surroundings.visible(own, faces.middle[:, some], faces.normal[:, some])
         return visible
 
     seen, known = visible_through(every), visible_through(slow if by_fast else [])

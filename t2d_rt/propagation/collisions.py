@@ -81,8 +81,8 @@ def checked_time(
             raise InputError(told)
         warn(told)
     if (crossed := radar_crossing(scene, radar, start, stop, backend)) is not None:
-        time_s, place, name = crossed
-        told = f"the radar goes through {name} of {scene.name} at {time_s - start:.2f} s, at {_place_text(place)}"
+        when_s, place, name = crossed
+        told = f"the radar goes through {name} of {scene.name} at {when_s - start:.2f} s, at {_place_text(place)}"
         if collisions == "stop":
             raise InputError(f"{told}; give another track")
         warn(f"{told}; give another track")

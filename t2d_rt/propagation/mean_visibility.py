@@ -74,8 +74,8 @@ class MeanVisibility:
         middle, radius, near = middle[pose], radius[pose], {}
         for where, (viewpoint, _) in views.items():
             seen = seen_at(viewpoint, self._samples_s)
-            each = zip(seen, instants_of(seen), strict=True)
-            near[where] = np.concatenate([self._near(one, marked[at], middle[at], radius[at]) for one, at in each])
+            pieces = zip(seen, instants_of(seen), strict=True)
+            near[where] = np.concatenate([self._near(one, marked[at], middle[at], radius[at]) for one, at in pieces])
         hidden = np.flatnonzero(np.any([each.any(axis=1) for each in near.values()], axis=0))
         for first in range(0, len(hidden), MOST_COPIES):
             some = hidden[first : first + MOST_COPIES]

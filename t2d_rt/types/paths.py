@@ -165,13 +165,15 @@ class OneWayPath(_Compared):
         return passed(self.passing, times_s).points(self.in_scene(times_s).image_m)
 
     def seen_at(self, times_s: np.ndarray) -> list[OneWayPath]:
-        """The path as a radar that moves sees it at each of times (K,) [s], its mirrors among it; once, where it is always the same."""
+        """The path and its mirrors as a radar that moves sees them at each of times (K,) [s]; once, where they are always the same."""
         if self.passing is None:
             return [self]
         if not self.chain:
             return [replace(self, passing=None)]
         passing, elements, found = passed(self.passing, times_s), self.elements, []
-        for rotation, shift_m, image_m in zip(*passing, np.broadcast_to(self.place_m(times_s), (len(times_s), 3)), strict=True):
+        for rotation, shift_m, image_m in zip(
+            *passing, np.broadcast_to(self.place_m(times_s), (len(times_s), 3)), strict=True
+        ):
             normal, matrix = elements.normal @ rotation.T, rotation @ self.mirror_matrix @ rotation.T
             there = replace(elements, normal=normal, offset_m=elements.offset_m + normal @ shift_m)
             shift_m = shift_m + rotation @ self.shift_m - matrix @ shift_m
