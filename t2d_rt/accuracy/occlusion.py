@@ -155,8 +155,8 @@ def _judged(model: Model, accuracy: Accuracy, *, by_fast: bool) -> tuple[np.ndar
 
     seen, known = visible_through(every), visible_through(slow if by_fast else [])
     removed, remaining = [], []
-    for (power, out, back), glint in zip(ends, glints, strict=True):
-        visible, modelled = (each[_key(out)] & each[_key(back)] for each in (seen, known))
+    for (power, *both), glint in zip(ends, glints, strict=True):
+        visible, modelled = (each[_key(both[0])] & each[_key(both[1])] for each in (seen, known))
         total = max(float(glint.sum()), 1e-300)
         removed.append(power * float(glint[modelled & ~visible].sum()) / total)
         remaining.append(power * float(glint[visible].sum()) / total)

@@ -353,8 +353,8 @@ class Surroundings:
         normals: np.ndarray,
         some: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Whether points (K, Q, 3) of given normals on the meshes are visible from a viewpoint, or one at each instant, bool (K, Q):
-        `some` of them, bool (K, Q), by default all; none of the others is."""
+        """Whether points (K, Q, 3) of given normals on the meshes are visible from a viewpoint, or one at each instant, bool (K,
+        Q): `some` of them, bool (K, Q), by default all; none of the others is."""
         some = np.ones(points.shape[:2], bool) if some is None else some
         each = [seen] if isinstance(seen, np.ndarray | OneWayPath) else list(seen)
         found = []

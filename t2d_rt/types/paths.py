@@ -165,7 +165,7 @@ class OneWayPath(_Compared):
         return passed(self.passing, times_s).points(self.in_scene(times_s).image_m)
 
     def seen_at(self, times_s: np.ndarray) -> list[OneWayPath]:
-        """The path and its mirrors as a radar that moves sees them at each of times (K,) [s]; once, where they are always the same."""
+        """The path and its mirrors as a radar that moves sees them at each of times (K,) [s]; once, where they are the same."""
         if self.passing is None:
             return [self]
         if not self.chain:
