@@ -411,7 +411,7 @@ def test_facets_are_counted_before_they_are_made(walk: Motion) -> None:
 def test_in_a_room_a_tolerance_climbs_a_ladder_of_accuracies(walk: Motion) -> None:
     """Tighter ones model more path pairs, which cost more; none expects more than a plan may, and what is asked for stays."""
     model = t2d.plan(walk, radar=RADAR, scene="empty_room", reflections=1, clutter="none", tolerance_db=0).model
-    plans = [planned(model, tolerance_db, t2d.Accuracy()) for tolerance_db in (-10.0, -15.0, -18.0, -22.0)]
+    plans = [planned(model, tolerance_db, t2d.Accuracy()) for tolerance_db in (-10.0, -15.0, -18.0, -21.0)]
     left = [each.accuracy.least_level_db for each in plans]
     cost = [each.budget.seconds(each.accuracy) for each in plans]
     assert left == sorted(left, reverse=True)
