@@ -297,13 +297,15 @@ class Passing:
     def __init__(self, *known: tuple[OneWayPath, float | Callable[[np.ndarray], np.ndarray]]) -> None:
         self._known = {path.key: passing for path, passing in known}
 
-    def fraction(self, path: OneWayPath, points: np.ndarray) -> np.ndarray:
+    def fraction(self, path: OneWayPath, points: np.ndarray, times_s: np.ndarray | None = None) -> np.ndarray:
         passing = self._known[path.key]
         return (
             passing(points).astype(np.float32) if callable(passing) else np.full(points.shape[:-1], passing, np.float32)
         )
 
-    def fractions(self, paths: Sequence[OneWayPath], points: np.ndarray) -> np.ndarray:
+    def fractions(
+        self, paths: Sequence[OneWayPath], points: np.ndarray, times_s: np.ndarray | None = None
+    ) -> np.ndarray:
         return np.array([self.fraction(path, points) for path in paths])
 
 
