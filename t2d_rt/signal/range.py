@@ -19,10 +19,10 @@ MOST_BYTES = 4 * 2**30
 """Memory that one step of the signal chain may ask for."""
 
 
-def taper(name: str, length: int, *, periodic: bool = False) -> np.ndarray:
+def taper(name: str | tuple[str, float], length: int, *, periodic: bool = False) -> np.ndarray:
     """Window divided by its sum, so that a tone of amplitude A reads A in its peak bin, float64 (length,).
 
-    `name` is scipy's ("hann", "boxcar", "blackmanharris", ...). Symmetric for fast time: its centre, the phase centre
+    `name` is scipy's ("hann", "boxcar", ("kaiser", 2.5), ...). Symmetric for fast time: its centre, the phase centre
     of the range bins, is exactly mid-sweep. Periodic for slow time: static echoes, on a bin there, leak into no Doppler
     bin beyond the main lobe (a symmetric Hann window of 256 leaks -66 dB). Its centre is sample length/2.
     """
@@ -38,7 +38,7 @@ def taper(name: str, length: int, *, periodic: bool = False) -> np.ndarray:
     return window / window.sum()
 
 
-def _of_scipy(name: str, length: int, *, periodic: bool) -> np.ndarray:
+def _of_scipy(name: str | tuple[str, float], length: int, *, periodic: bool) -> np.ndarray:
     from scipy.signal import get_window
 
     try:
@@ -52,7 +52,12 @@ def _of_scipy(name: str, length: int, *, periodic: bool) -> np.ndarray:
 
 
 def range_fft(
-    adc: Any, *, window: str = "hann", n_fft: int | None = None, bins: slice = slice(None), block: int = BLOCK
+    adc: Any,
+    *,
+    window: str | tuple[str, float] = "hann",
+    n_fft: int | None = None,
+    bins: slice = slice(None),
+    block: int = BLOCK,
 ) -> np.ndarray:
     """Complex range profile [sqrt(W)], (chirp, ..., bin), of ADC samples (chirp, ..., sample).
 

@@ -22,15 +22,28 @@ SLOW_HZ = 40.0
 """Chirps are averaged to about this rate: what a body at rest does is slower."""
 RANGE_ZOOM = 8
 """Range bins by interpolation in one of the radar's."""
+RANGE_WINDOW = "kaiser", 2.5
+"""Fine enough to tell parts of a trunk apart (a main lobe of 2.6 bins, where Hann's has 4); what stands still in its side lobes,
+-20 dB, moves no phase."""
 BREATHS_HZ, BEATS_HZ = (0.08, 0.7), (0.75, 3.0)
 """Bands in which breathing and heartbeat are looked for: 5 to 42 breaths and 45 to 180 beats a minute."""
 BREATH_HARMONICS, BEAT_HARMONICS = 6, 3
 """Multiples of either rate that a least-squares fit of the displacement has."""
 SHORTEST_S = 10.0
 """Shortest record [s]; two breaths of the slowest rate that is looked for fill it."""
-HEARTS_DB = 12.0
-"""Power over the median of the band [dB] below which the heart's line comes with a warning. Of 40 records of white noise alone
-(16 s at 40 Hz) eight reached it, the greatest with 16.5 dB: a line below some 17 dB may be noise."""
+HEARTS_DB = 17.0
+"""Power over the median of the band [dB] below which the heart's line comes with a warning: of 300 records of noise alone (16 s at
+40 Hz to 60 s at 20 Hz) the greatest read 16.1 dB, of as many of a breath in noise 8.6."""
+WEAKEST, CHEST_M = 0.1, 0.25
+"""Cells whose phase may be told: their variance over that of the one that varies most, and how far from it they lie [m], as
+a trunk is deep."""
+SCATTER = 0.1
+"""Scatter of an echo's radius about its circle, over the radius, that is no reason to take a weaker cell: it moves the phase by 0.1
+rad, 0.04 mm at 60 GHz."""
+AS_GOOD = 0.9
+"""Of the best cell's goodness from which on a stronger cell is as good."""
+LEAST_OWN = 2e-3
+"""Of a frequency's power about the least part that a breath and its harmonics leave for it to be told beside them."""
 ZOOM = 16
 """Frequencies of a spectrum by interpolation in one of its lines."""
 
@@ -40,7 +53,7 @@ class VitalSigns:
     """What the phase of a still person's echo tells."""
 
     range_m: float
-    """Range of the cell that moves most [m]."""
+    """Range of the cell that varies most [m]; the phase may be that of a cell near it."""
     time_s: np.ndarray
     """(T,)."""
     displacement_m: np.ndarray
@@ -54,8 +67,7 @@ class VitalSigns:
     heartbeat_m: float
     """From the least to the greatest in a beat, of the mean beat [m]."""
     heartbeat_db: float
-    """Power of the heart's line, or of its harmonic where the breath hides that, over the median of its band, breathing taken away
-    [dB]: below some 17 dB it may be noise; a warning comes below `HEARTS_DB`."""
+    """Power of the heart's harmonics over the median of the band, breathing taken away [dB]; a warning comes below `HEARTS_DB`."""
 
     def __str__(self) -> str:
         breaths, beats = 60 * self.breathing_hz, 60 * self.heartbeat_hz
@@ -71,7 +83,8 @@ def vital_signs(adc: Any, radar: Radar, *, range_gate_m: tuple[float, float] | N
 
     range_gate_m: nearest and farthest range that is looked at [m]; all by default. Of several persons it chooses one.
 
-    The range cell that varies most counts, of all antennas together. Where the person moves otherwise, that is what is found.
+    The person is where the range cell varies most, of all antennas together; of the cells near it that one counts whose echo keeps
+    best to its circle. Where the person moves otherwise, that is what is found.
     Bursts must follow faster than 6 Hz, twice the fastest heartbeat that is looked for.
     """
     check_recording(adc, radar)
@@ -84,7 +97,7 @@ def vital_signs(adc: Any, radar: Radar, *, range_gate_m: tuple[float, float] | N
         )
     axis_m = radar.range_axis_m(RANGE_ZOOM * radar.samples)
     bins = gate(axis_m, None if range_gate_m is None else interval("range_gate_m", range_gate_m, unit="m"))
-    profile = range_fft(slow, n_fft=RANGE_ZOOM * radar.samples, bins=bins)
+    profile = range_fft(slow, window=RANGE_WINDOW, n_fft=RANGE_ZOOM * radar.samples, bins=bins)
     return signs_of(profile, axis_m[bins], time_s, radar.wavelength_m)
 
 
@@ -103,8 +116,8 @@ def signs_of(profile: np.ndarray, range_m: np.ndarray, time_s: np.ndarray, wavel
         raise InputError(
             "vital signs need something that moves, and all chirps are alike; give a recording of a person"
         )
-    displacement = _displacement(profile[:, :, cell], wavelength_m)
-    breath = _peak_hz(displacement, time_s, BREATHS_HZ)[0]
+    displacement = _clearest(profile, variance, range_m, time_s, wavelength_m)
+    breath = _peak_hz(*_spectrum(displacement, time_s, BREATHS_HZ), BREATHS_HZ)[0]
     beat, over_db, harmonics = _beat(displacement, time_s, breath)
     parts = _depths(displacement, time_s, breath, beat, harmonics)
     return VitalSigns(
@@ -124,15 +137,35 @@ def slow_time(cube: Any, radar: Radar, together: int) -> tuple[np.ndarray, np.nd
     return times_s, slow
 
 
-def _displacement(cell: np.ndarray, wavelength_m: float) -> np.ndarray:
-    """Displacement (T,) [m] by the phase of antennas (T, A) about their circles' centres; the IF conjugates the received wave.
+def _clearest(
+    profile: np.ndarray, variance: np.ndarray, range_m: np.ndarray, time_s: np.ndarray, wavelength_m: float
+) -> np.ndarray:
+    """Displacement (T,) [m] of the cell in the chest whose echo stays on its circle best for the breath that it tells.
+
+    Cells near one another hold different parts of a trunk. Where two that move differently share one, the echo leaves its circle
+    and its phase tells neither. A cell that hardly moves stays on its circle, too: the square of the breath counts beside that of
+    the scatter. Of cells that are as good the strongest is taken.
+    """
+    most = int(variance.argmax())
+    near = np.flatnonzero((variance >= WEAKEST * variance[most]) & (np.abs(range_m - range_m[most]) <= CHEST_M))
+    moved, scatters = zip(*(_displacement(profile[:, :, cell], wavelength_m) for cell in near), strict=True)
+    breaths = [_spectrum(each, time_s, BREATHS_HZ)[1].max() for each in moved]
+    goodness = np.array(breaths) / (np.array(scatters) + SCATTER**2)
+    good = goodness >= AS_GOOD * goodness.max()
+    return np.asarray(moved[int(np.where(good, variance[near], -np.inf).argmax())])
+
+
+def _displacement(cell: np.ndarray, wavelength_m: float) -> tuple[np.ndarray, float]:
+    """Displacement (T,) [m] by the phase of antennas (T, A) about their circles' centres, and variance of the radii over the square
+    of their mean; the IF conjugates the received wave.
 
     From instant to instant the antennas' products are added up, so that where one fades the others tell the phase.
     """
     moving = cell - np.array([circle_centre(antenna) for antenna in cell.T])
     phase = np.cumsum(np.angle(np.sum(moving[1:] * moving[:-1].conj(), axis=1)))
     found = -wavelength_m / (4 * math.pi) * np.concatenate([[0.0], phase])
-    return found - found.mean()
+    radii = np.abs(moving)
+    return found - found.mean(), float(radii.var(axis=0).sum() / np.sum(radii.mean(axis=0) ** 2))
 
 
 def circle_centre(points: np.ndarray) -> complex:
@@ -152,34 +185,34 @@ def circle_centre(points: np.ndarray) -> complex:
     return complex(middle + scale * complex(-b, -c) / (2 * a))
 
 
-def _peak_hz(values: np.ndarray, time_s: np.ndarray, band_hz: tuple[float, float]) -> tuple[float, float]:
-    """Frequency of the strongest line in a band [Hz], and its power over the band's median [dB]."""
-    step_s = (time_s[-1] - time_s[0]) / (len(time_s) - 1)
-    window = np.hanning(len(values))
+def _spectrum(values: np.ndarray, time_s: np.ndarray, band_hz: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies in a band [Hz] (F,), from two cycles in the record on, and the power of values less a parabola there (F,)."""
     trend = np.polynomial.Polynomial.fit(time_s, values, 2)(time_s)
-    power = np.abs(np.fft.rfft((values - trend) * window, ZOOM * len(values))) ** 2
-    axis = np.fft.rfftfreq(ZOOM * len(values), step_s)
-    least = max(band_hz[0], 2.0 / (time_s[-1] - time_s[0]))
-    inside = np.flatnonzero((axis >= least) & (axis <= band_hz[1]))
-    maxima = [k for k in inside[1:-1] if power[k] >= power[k - 1] and power[k] > power[k + 1]] or list(inside)
-    best = max(maxima, key=lambda k: float(power[k]))
-    edge, beyond = inside[0], f"slower than {least:.2g}"
-    if band_hz == BEATS_HZ:
-        edge, beyond = inside[-1], f"faster than {band_hz[1]:g}"
+    power = np.abs(np.fft.rfft((values - trend) * np.hanning(len(values)), ZOOM * len(values))) ** 2
+    axis = np.fft.rfftfreq(ZOOM * len(values), (time_s[-1] - time_s[0]) / (len(time_s) - 1))
+    inside = (axis >= max(band_hz[0], 2.0 / (time_s[-1] - time_s[0]))) & (axis <= band_hz[1])
+    return axis[inside], power[inside]
+
+
+def _peak_hz(axis: np.ndarray, power: np.ndarray, band_hz: tuple[float, float]) -> tuple[float, float]:
+    """Frequency of the strongest line of a band's spectrum [Hz], and its power over the median [dB]."""
+    inner = power[1:-1]
+    maxima = 1 + np.flatnonzero((inner >= power[:-2]) & (inner > power[2:]))
+    best = int(maxima[power[maxima].argmax()]) if len(maxima) else int(power.argmax())
+    edge, beyond = (-1, f"faster than {band_hz[1]:g}") if band_hz == BEATS_HZ else (0, f"slower than {axis[0]:.2g}")
     if power[edge] > power[best]:
         warn(f"what is {beyond} Hz moves more than the line that is told; record longer, or of somebody at rest")
-    level = 10 * math.log10(max(float(power[best]), 1e-300) / max(float(np.median(power[inside])), 1e-300))
+    level = 10 * math.log10(max(float(power[best]), 1e-300) / max(float(np.median(power)), 1e-300))
     return float(axis[best]), level
 
 
 def _beat(values: np.ndarray, time_s: np.ndarray, breath: float) -> tuple[float, float, int]:
-    """Rate of the heart [Hz], power of its line over the band's median [dB], and how many harmonics are the breath's alone.
+    """Rate of the heart [Hz], power of its lines over the band's median [dB], and how many harmonics are the breath's alone.
 
-    A heart on a multiple of the breathing rate goes with the breath, and the first harmonic of it that the breath lacks is what
-    is left. So half or a third of that is the rate, where it is such a multiple and moves more, as a pulse's first harmonic does.
+    A heart on a multiple of the breathing rate goes with the breath, and harmonics of it that the breath lacks are what is left:
+    the rate, its half or its third is such a multiple then, and moves more than its harmonics, as a pulse's first harmonic does.
     """
-    rest = values - _fitted(values, time_s, [(breath, BREATH_HARMONICS)])[0]
-    line, over_db = _peak_hz(rest, time_s, BEATS_HZ)
+    line, over_db = _peak_hz(*_beats(values, time_s, breath), BEATS_HZ)
     near_hz = 1 / (time_s[-1] - time_s[0])
     if over_db < HEARTS_DB:
         warn(
@@ -187,19 +220,69 @@ def _beat(values: np.ndarray, time_s: np.ndarray, breath: float) -> tuple[float,
             f"multiple of {breath:.3g} Hz may be hidden by the breath; record longer, or nearer"
         )
         return line, over_db, BREATH_HARMONICS
-    for part in (2, 3):
+    for part in (2, 3, 1):
         rate = line / part
         multiple = round(rate / breath)
-        hidden = abs(rate - multiple * breath) < near_hz and (part - 1) * multiple <= BREATH_HARMONICS < part * multiple
-        if hidden and rate > BEATS_HZ[0] - near_hz:
-            _, (_, first, later) = _fitted(values, time_s, [(breath, multiple - 1), (rate, 1), (line, 1)])
-            if first > later:
-                warn(
-                    f"a line at {line:.2f} Hz tells a heart of {rate:.2f} Hz, {multiple} times the breathing rate; both may be the "
-                    "breath's own: record at another breathing rate to be sure"
-                )
-                return rate, over_db, multiple - 1
+        hidden = multiple <= BREATH_HARMONICS and (part - 1) * multiple <= BREATH_HARMONICS
+        told = part == 1 or part * multiple > BREATH_HARMONICS
+        off_hz = abs(rate - multiple * breath)
+        if not (hidden and told) or off_hz > near_hz or rate < BEATS_HZ[0] - near_hz:
+            continue
+        on = part > 1 or off_hz < near_hz / 4
+        harmonics = multiple - 1 if on else BREATH_HARMONICS
+        pulses = [k * rate for k in range(1, BEAT_HARMONICS + 1)]
+        moves = _fitted(values, time_s, [(breath, harmonics), *((each, 1) for each in pulses)])[1][1:]
+        if np.argmax(moves) > 0:
+            line = pulses[int(np.argmax(moves))] if part == 1 else line
+        elif on:
+            warn(
+                f"a heart of {rate:.2f} Hz, {multiple} times the breathing rate, is told by its harmonics; what moves so may all "
+                "be the breath's own: record at another breathing rate to be sure"
+            )
+            return rate, over_db, harmonics
+    if line > BEATS_HZ[1]:
+        warn(
+            f"the line that is told, {line:.2f} Hz, is faster than {BEATS_HZ[1]:g} Hz; record longer, or of somebody at rest"
+        )
     return line, over_db, BREATH_HARMONICS
+
+
+def _beats(values: np.ndarray, time_s: np.ndarray, breath: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies of `BEATS_HZ` [Hz] (F,), and what a heart of each of them explains that a breath does not (F,).
+
+    A joint least-squares fit under a Hann window: a parabola and the breath with its harmonics, of the rate that fits best, and one
+    frequency beside them, which explains what it lessens the residual by. A heart explains the sum over its harmonics.
+    """
+    from scipy.optimize import minimize_scalar
+
+    count, span_s = len(values), time_s[-1] - time_s[0]
+    window = np.hanning(count + 2)[1:-1] / math.sqrt(3 / 8)
+
+    def breathing(rate: float) -> tuple[np.ndarray, np.ndarray]:
+        """Orthonormal columns of parabola and breath (T, C), and what they leave of the values (T,)."""
+        base = np.linalg.qr(window[:, None] * _columns(time_s, [(rate, BREATH_HARMONICS)])[0])[0]
+        return base, window * values - base @ (base.T @ (window * values))
+
+    bounds = breath - 0.5 / span_s, breath + 0.5 / span_s
+    fitted = minimize_scalar(lambda rate: float(np.sum(breathing(rate)[1] ** 2)) * 1e6, bounds=bounds, method="bounded")
+    base, rest = breathing(float(fitted.x))
+    # Products of a cosine and a sine of each frequency with what is left and with the columns, and with one another.
+    products = np.fft.rfft(np.column_stack([rest, base]) * window[:, None], ZOOM * count, axis=0)
+    twice = np.fft.fft(window**2, ZOOM * count)[2 * np.arange(len(products)) % (ZOOM * count)]
+    cosine, sine = products.real[:, 1:], -products.imag[:, 1:]
+    even = (1 + LEAST_OWN) * count / 2 + twice.real / 2 - np.sum(cosine**2, axis=1)
+    odd = (1 + LEAST_OWN) * count / 2 - twice.real / 2 - np.sum(sine**2, axis=1)
+    mixed = -twice.imag / 2 - np.sum(cosine * sine, axis=1)
+    own = products[:, 0]
+    explained = (odd * own.real**2 + 2 * mixed * own.real * own.imag + even * own.imag**2) / (even * odd - mixed**2)
+    axis = np.fft.rfftfreq(ZOOM * count, span_s / (count - 1))
+    explained[axis > axis[-1] - 1 / span_s] = 0  # aliases
+    inside = np.flatnonzero((axis >= BEATS_HZ[0]) & (axis <= BEATS_HZ[1]))
+    harmonics = np.arange(1, BEAT_HARMONICS + 1)[:, None] * inside
+    of_each = np.where(harmonics < len(axis), explained[np.minimum(harmonics, len(axis) - 1)], 0)
+    # The first harmonic of a pulse is its strongest, unless the breath hides it.
+    hidden = even[inside] + odd[inside] < count / 2
+    return axis[inside], np.minimum(of_each, np.where(hidden, np.inf, of_each[0])).sum(axis=0)
 
 
 def _depths(values: np.ndarray, time_s: np.ndarray, breath: float, beat: float, harmonics: int) -> list[float]:
@@ -224,6 +307,14 @@ def _depths(values: np.ndarray, time_s: np.ndarray, breath: float, beat: float, 
 
 def _fitted(values: np.ndarray, time_s: np.ndarray, lines: list[tuple[float, int]]) -> tuple[np.ndarray, list[float]]:
     """Least-squares sum of a parabola and harmonics of some rates (T,), and from the least to the greatest of each rate's part."""
+    matrix, owned = _columns(time_s, lines)
+    factors = np.linalg.solve(matrix.T @ matrix, matrix.T @ values)
+    parts = [float(np.ptp(matrix[:, owned == owner] @ factors[owned == owner])) for owner in range(len(lines))]
+    return matrix @ factors, parts
+
+
+def _columns(time_s: np.ndarray, lines: list[tuple[float, int]]) -> tuple[np.ndarray, np.ndarray]:
+    """Columns of a parabola and of rates [Hz] with so many harmonics (T, C), and the number of the rate each belongs to, or -1."""
     middle = time_s - time_s.mean()
     # Harmonics from half the rate of the profiles on, less a line, are others' aliases.
     most_hz = ((len(middle) - 1) / 2 - 1) / (middle[-1] - middle[0])
@@ -232,8 +323,4 @@ def _fitted(values: np.ndarray, time_s: np.ndarray, lines: list[tuple[float, int
         for k in range(1, min(harmonics, int(most_hz / rate)) + 1):
             columns += [np.cos(2 * np.pi * k * rate * middle), np.sin(2 * np.pi * k * rate * middle)]
             owners += [owner] * 2
-    matrix = np.column_stack(columns)
-    factors = np.linalg.solve(matrix.T @ matrix, matrix.T @ values)
-    owned = np.array(owners)
-    parts = [float(np.ptp(matrix[:, owned == owner] @ factors[owned == owner])) for owner in range(len(lines))]
-    return matrix @ factors, parts
+    return np.column_stack(columns), np.array(owners)

@@ -70,14 +70,15 @@ def watching(preset: str, motion: Motion, posture: str) -> Radar:
     place = {"position_m": (0.01, 0.0, chest_m + DISTANCE_M), "boresight": (0.0, 0.0, -1.0)} if above else {
         "position_m": (-DISTANCE_M, 0.0, HEIGHT_M), "boresight": (1.0, 0.0, 0.0)
     }  # fmt: skip
-    return radar.replace(tx_offsets_m=[(0.0, 0.0, 0.0)], multiplexing="simultaneous", prf_hz=40.0, **place)
+    chirps = {"prf_hz": 40.0, "chirps_per_frame": None, "frame_interval_s": None}
+    return radar.replace(tx_offsets_m=[(0.0, 0.0, 0.0)], multiplexing="simultaneous", **chirps, **place)
 
 
 def simulated(options: Namespace) -> Iterator[tuple[str, VitalSigns]]:
     for posture in SENTENCES:
         for preset in options.radars.split(","):
             for method in ("ellipsoid", "mesh"):
-                for seed in range(1, options.people + 1):
+                for seed in range(options.first, options.first + options.people):
                     motion = at_rest(posture, seed)
                     radar = watching(preset, motion, posture)
                     found = simulate(
@@ -117,8 +118,9 @@ def within(signs: VitalSigns) -> bool:
 
 
 def add_options(parser: ArgumentParser) -> None:
-    parser.add_argument("--people", type=int, default=3, help="people of each posture")
-    parser.add_argument("--radars", default="table2", help="presets, with commas between")
+    parser.add_argument("--people", type=int, default=5, help="people of each posture")
+    parser.add_argument("--first", type=int, default=1, help="number of the first of them")
+    parser.add_argument("--radars", default="table2,people-tracking-60,iwr6843isk", help="presets, with commas between")
     parser.add_argument("--capture", help="raw capture of a DCA1000 over 2 lanes (.bin)")
     parser.add_argument("--cfg", help="its configuration (.cfg)")
     parser.add_argument("--a121", help="recording of an A121 (.h5)")
