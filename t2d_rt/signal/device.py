@@ -161,7 +161,10 @@ def _detected(heat: np.ndarray, detection: Detection) -> tuple[np.ndarray, np.nd
             f"training and guard cells of a detection do not fit into {heat.shape[1]} azimuths; take fewer"
         )
     noise = _quieter_side(inner, detection, 0)
-    peak = (inner > np.roll(inner, 1, axis=1)) & (inner >= np.roll(inner, -1, axis=1))
+    beside = np.pad(
+        inner, ((0, 0), (1, 1)), constant_values=-np.inf
+    )  # the first azimuth and the last are no neighbours
+    peak = (inner > beside[:, :-2]) & (inner >= beside[:, 2:])
     loud = peak | (inner > detection.thresholds[1] * _quieter_side(inner, detection, 1))
     loud &= inner > detection.thresholds[0] * noise
     loud &= inner >= detection.side_lobe * inner.max(axis=1, keepdims=True)

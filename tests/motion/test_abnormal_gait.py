@@ -135,6 +135,19 @@ def test_a_freeze_halts_the_walk_for_a_second_and_more(gaits: dict[GaitType, Pos
     assert np.std(poses.joint("left_knee")[start:stop], axis=0).max() > 0.001  # the knees tremble
 
 
+def test_halts_grow_from_none_with_the_square_of_the_severity() -> None:
+    def halted_s(severity: float) -> float:
+        return float(
+            np.mean(
+                [sum(gait_change("freezing", severity, np.random.default_rng(seed)).freezes_s) for seed in range(20)]
+            )
+        )
+
+    assert halted_s(0.0) == 0.0
+    assert halted_s(1.0) == pytest.approx(5.0, rel=0.05)
+    assert halted_s(0.5) == pytest.approx(halted_s(1.0) / 4)
+
+
 def test_a_waddling_trunk_rolls_over_the_standing_foot(gaits: dict[GaitType, Poses], walk: Poses) -> None:
     def roll_rad(poses: Poses) -> float:
         trunk = poses.joint("neck") - poses.joint("spine1")

@@ -16,6 +16,7 @@ from command_line import Command
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion import resample, trim
 from t2d_rt.motion.check import check_motion, copies, detect_fall, measure, passes
+from t2d_rt.motion.check.copies import apart
 from t2d_rt.motion.check.measures import RANGES_DEG, spans
 from t2d_rt.motion.check.verdict import GAIT_SIGNS, SENTENCES, shipped_limits
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
@@ -609,10 +610,45 @@ def test_the_command_tells_what_rate_was_assumed(run: Command, tmp_path: Path) -
     assert "assumed" not in run("check-motion", str(WALK)).out
 
 
+def test_raised_and_busy_arms_make_a_dance() -> None:
+    """Not hanging ones that move, nor raised ones that are held."""
+
+    def reasons(rise_m: float, turns_hz: float, expected: Activity) -> list[str]:
+        found = walk()
+        joints, angle = found.joints.copy(), 2 * np.pi * turns_hz * found.times_s
+        for side in ("left", "right"):
+            elbow = joints[:, found.index(f"{side}_shoulder")] + [0.05, 0.05, rise_m]
+            joints[:, found.index(f"{side}_elbow")] = elbow
+            round_it = 0.15 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+            joints[:, found.index(f"{side}_wrist")] = elbow + round_it
+        return [
+            each
+            for each in check_motion(replace(found, joints=joints), expected=expected).reasons
+            if "elbows are raised" in each
+        ]
+
+    assert len(reasons(0.0, 1.0, "walking")) == len(reasons(0.0, 1.0, "bending")) == 1
+    assert not reasons(0.0, 1.0, "dancing") + reasons(0.0, 1.0, "sitting")
+    assert not reasons(-0.28, 1.0, "walking") + reasons(0.0, 0.1, "walking")
+
+
 def test_another_class_is_told_by_what_carries_the_body() -> None:
     """A seat, a flight: bends passed as sitting where they are held low, sits and jumps as bending."""
     assert any("carries the body" in each for each in check_motion(sitting(), expected="bending").reasons)
     assert "it is a jump" in check_motion(jump(), expected="bending").reasons
+
+
+@pytest.mark.parametrize(("lag", "count"), [(10.0, 32), (15.0, 48), (18.0, 56)])
+def test_copies_that_share_just_enough_are_compared_without_a_warning(lag: float, count: int) -> None:
+    """A pace at which too little of them is shared was searched from."""
+    rng = np.random.default_rng(3)
+    sizes, rates = 0.08 * rng.standard_normal((3, 22, 3)), rng.uniform(0.01, 0.06, 3)
+
+    def course(instants: np.ndarray) -> np.ndarray:
+        return np.sin(2 * np.pi * instants[:, None] * rates) @ sizes.reshape(3, -1)
+
+    first, second = (course(each).reshape(count, 22, 3) for each in (np.arange(count), lag + 1.03 * np.arange(count)))
+    assert apart(first, second) < 0.5  # warnings are errors
 
 
 def test_what_repeats_another_motion_is_told(run: Command, tmp_path: Path) -> None:
@@ -625,6 +661,9 @@ def test_what_repeats_another_motion_is_told(run: Command, tmp_path: Path) -> No
     )
     assert copies([bend, other, again]) == [(0, 2)]
     assert copies([other]) == []
+    # At a pace between those that are compared, and later by 12.5 of the postures that are.
+    between = replace(t2d.trim(bend, 25 / 60, bend.duration_s), rate_hz=1.015 * bend.rate_hz)
+    assert copies([bend, between]) == [(0, 1)]
     paths = [str(tmp_path / f"{name}.bvh") for name in ("first", "second")]
     for path in paths:
         t2d.save_motion(bend, path)

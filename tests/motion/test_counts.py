@@ -60,8 +60,8 @@ def test_who_hops_on_one_leg_lands_on_one() -> None:
 
 @pytest.mark.parametrize(
     ("words", "angle_deg"), slow_after(2, [
-        ("around to the right", -180.0), ("180° clockwise", -180.0), ("to the left", 90.0), ("left by 270 degrees", 270.0),
-        ("left by 720 degrees", 720.0), ("left by 180 degrees for 9 s", 180.0),
+        ("around to the right", -180.0), ("left by 180 degrees for 9 s", 180.0), ("180° clockwise", -180.0), ("to the left", 90.0),
+        ("left by 270 degrees", 270.0), ("left by 720 degrees", 720.0),
     ]),
 )  # fmt: skip
 def test_who_turns_on_the_spot_turns_by_the_angle_that_is_said(words: str, angle_deg: float) -> None:
@@ -69,7 +69,7 @@ def test_who_turns_on_the_spot_turns_by_the_angle_that_is_said(words: str, angle
     across = motion.joints[:, motion.index("left_hip")] - motion.joints[:, motion.index("right_hip")]
     heading_deg = np.degrees(np.unwrap(np.arctan2(across[:, 1], across[:, 0])))
     assert heading_deg[-20:].mean() - heading_deg[:20].mean() == pytest.approx(angle_deg, abs=15)
-    assert np.ptp(motion.joints[:, motion.index("pelvis"), :2], axis=0).max() < 0.35
+    assert np.ptp(motion.joints[:, motion.index("pelvis"), :2], axis=0).max() < 0.3
 
 
 @pytest.mark.parametrize(
@@ -107,6 +107,10 @@ def test_who_walks_or_runs_on_the_spot_gets_nowhere(words: str, reach_m: float) 
         ("walks forward on the spot", ("on the spot",)),
         ("runs on the spot in circles", ("in circles",)),
         ("dances on the spot", ("on the spot",)),
+        ("jumps forward on the spot", ("on the spot",)),
+        ("jumps in place to the left", ("in place",)),
+        ("jumps up on the spot", ()),
+        ("jumps clockwise on the spot", ()),
     ],
 )
 def test_directions_on_the_spot_are_told(sentence: str, ignored: tuple[str, ...]) -> None:
@@ -280,6 +284,8 @@ def test_words_that_change_nothing_are_told(sentence: str, told: tuple[str, ...]
         ("a man squats 5 times for 5 seconds", "not made: duration 5 s of squat"),
         ("a man turns 3 times for 3 seconds", "not made: duration 1 s of turn, which takes longer$"),
         ("a man limps on the spot", "not made: staying on the spot of walk"),
+        ("a man squats for 8 s with his left arm held out", "not made: left arm of squat"),
+        ("a man squats for 8 s to pick up a ball", "not made: ball of squat"),
     ],
 )
 def test_a_motion_of_a_sentence_warns_of_what_it_lacks(sentence: str, told: str) -> None:

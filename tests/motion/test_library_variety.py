@@ -10,14 +10,14 @@ import pytest
 
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.check.gait import gait_of
-from t2d_rt.motion.check.measures import tracks
+from t2d_rt.motion.check.measures import flights_s, tracks
 from t2d_rt.motion.contacts import runs, steadying
 from t2d_rt.motion.descriptions.slots import Step
 from t2d_rt.motion.generate import motion_from_text
 from t2d_rt.motion.generate.chain import Piece, from_rotation_vector
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.dances import chances, circling, goes_on_standing, roughness
-from t2d_rt.motion.generate.library.individual import Maker, individual
+from t2d_rt.motion.generate.library.individual import MOST_INWARD_RAD, Maker, individual
 from t2d_rt.motion.generate.library.moves import jump
 from t2d_rt.motion.generate.library.store import RATE_HZ, Segment, shipped
 from t2d_rt.motion.generate.made.hands import Anatomy
@@ -179,3 +179,27 @@ def test_runners_swing_their_arms_as_recorded_ones_do() -> None:
     swings = [gait_of(tracks(motion_from_text("a person jogs", seed=seed))).arm_swing for seed in range(40, 46)]
     assert 0.11 < np.median(swings) < 0.2
     assert min(swings) > 0.04
+
+
+def test_walkers_swing_their_arms_in_proportion_to_their_speed() -> None:
+    """Seven recorded ones by 0.10 to 0.27 s/m times it."""
+    swings = {}
+    for speed in ("slowly", "fast"):
+        gaits = [gait_of(tracks(motion_from_text(f"a person walks {speed}", seed=seed))) for seed in range(3)]
+        assert all(0.07 < each.arm_swing / each.speed_mps < 0.28 for each in gaits)
+        swings[speed] = float(np.mean([each.arm_swing for each in gaits]))
+    assert swings["fast"] > 1.5 * swings["slowly"]
+
+
+def test_people_jump_as_often_as_they_like_where_nothing_is_said() -> None:
+    counts = [len(flights_s(tracks(motion_from_text("a person jumps", seed=seed)))) for seed in range(6)]
+    assert len(set(counts)) >= 3, counts
+
+
+def test_no_habit_brings_an_arm_into_the_body() -> None:
+    habits = [individual("person", np.random.default_rng(seed)).habit for seed in range(60)]
+    inward = [
+        -sign * each[INDEX[f"{side}_shoulder"], 0] for each in habits for side, sign in (("left", 1), ("right", -1))
+    ]
+    assert max(inward) == MOST_INWARD_RAD
+    assert min(inward) < -2 * MOST_INWARD_RAD

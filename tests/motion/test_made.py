@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -174,6 +175,12 @@ def test_who_squats_for_long_rests_on_the_heels() -> None:
         lowest = int(motion.joints[:, 0, 2].argmin())
         head_m, standing_m = (motion.joints[frame, motion.index("head"), 2] for frame in (lowest, 0))
         assert 0.4 < head_m / standing_m < 0.62
+        for side in ("left", "right"):
+            hip, knee, ankle = (
+                motion.joints[lowest, motion.index(f"{side}_{name}")] for name in ("hip", "knee", "ankle")
+            )
+            bend = math.acos((knee - hip) @ (ankle - knee) / np.linalg.norm(knee - hip) / np.linalg.norm(ankle - knee))
+            assert 135 < math.degrees(bend) < 155
         resting = motion.joints[:, 0, 2] < motion.joints[lowest, 0, 2] + 0.05
         assert resting.sum() / motion.rate_hz > 4.0
         assert check_motion(motion, expected="bending").passed

@@ -7,6 +7,7 @@ import pytest
 
 from t2d_rt.core.errors import InputError
 from t2d_rt.signal import Detection, device_points, sensor, sensors, steering_vectors
+from t2d_rt.signal.device import _detected
 from t2d_rt.types.radar import Radar
 
 # Chirps and detection in the numbers of no device: two transmitters, two receivers in a row and one row above it.
@@ -86,6 +87,15 @@ def test_a_weak_target_is_one_point_at_each_range_and_a_strong_one_many() -> Non
     assert np.abs(left - 0.3).max() < 0.06
     strong = device_points(cube(radar, 10, 0.4, 30.0, 0.5), radar, detection)
     assert len(strong.time_s) > 5 * np.unique(np.stack([strong.time_s, strong.range_m]), axis=1).shape[1]
+
+
+def test_the_ends_of_the_azimuths_are_no_neighbours() -> None:
+    """Power that rises up to one end and, less, to the other: both are peaks, where none of them is skipped."""
+    detection = changed(Detection.from_ti_cfg(LINES), angle_skip=(0, 0), side_lobe=0.0)
+    heat = np.ones((60, 60))
+    heat[30] = 20 + np.concatenate([np.linspace(9, 0, 30), np.linspace(0, 10, 30)])
+    _, azimuths, _ = _detected(heat, changed(detection, thresholds=(5.0, 1e9)))
+    assert azimuths.tolist() == [0, 59]
 
 
 def test_thresholds_view_and_number_bound_the_points() -> None:

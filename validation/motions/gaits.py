@@ -61,7 +61,7 @@ LEAST_SPREAD = {"halted": 0.1}
 HALTED_MPS = 0.1
 """Speed of the pelvis below which nobody goes on."""
 TREMBLES_S = 0.15
-"""Width of the mean over which that speed is taken: whoever trembles at 4 Hz and more without going on has halted."""
+"""Standard deviation of the Gaussian that smooths that speed: whoever trembles at 4 Hz and more without going on has halted."""
 SIDES = "left", "right"
 
 

@@ -10,9 +10,8 @@ from __future__ import annotations
 import argparse
 import warnings
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -81,12 +80,31 @@ def repeated(motion: Motion, rng: np.random.Generator) -> Motion:
     return replace(found, joints=joints, rate_hz=found.rate_hz * float(rng.uniform(0.97, 1.03)))
 
 
-def mild(number: int, rng: np.random.Generator, normal: Callable[[Motion], bool]) -> Motion:
-    """A normal walk with hardly anything of an abnormal gait: 0 to 0.1 of the severity of patients."""
-    seeds = count(1000 + 1000 * number)
-    walk = poses_of(next(walk for seed in seeds if normal(walk := motion_from_text("a person walks", seed=seed))))
-    kind = GAIT_TYPES[number % len(GAIT_TYPES)]
-    return motion_of(abnormal_walk(walk, kind, severity=float(rng.uniform(0, 0.1)), rng=rng))
+def normal_walks(recordings: Path, number: int) -> list[Motion]:
+    """Made walks that are normal by the measure of `validation.motions.gaits`, which shares nothing with the filter."""
+    recorded = recorded_walks(recordings)
+    middle, limit = Normal(recorded), limit_of(recorded)
+    found: list[Motion] = []
+    for seed in range(1000, 1000 + 10 * number):
+        if len(found) == number:
+            break
+        walk = motion_from_text("a person walks", seed=seed)
+        seen = figures(walk)
+        if seen is not None and middle.distance(seen) < limit:
+            found.append(walk)
+    return found
+
+
+def mild(walks: Sequence[Motion], rng: np.random.Generator) -> list[Motion]:
+    """Normal walks with hardly anything of an abnormal gait: 0 to 0.1 of the severity of patients."""
+    return [
+        motion_of(
+            abnormal_walk(
+                poses_of(walk), GAIT_TYPES[place % len(GAIT_TYPES)], severity=float(rng.uniform(0, 0.1)), rng=rng
+            )
+        )
+        for place, walk in enumerate(walks)
+    ]
 
 
 def made(activity: Activity, number: int) -> list[Motion]:
@@ -139,15 +157,8 @@ def main() -> None:
             check_motion(each, expected=asked).reasons for asked in ACTIVITIES if asked != activity for each in plain
         ]
         told(f"planted wrong class, {activity}", wrong)
-    walks = recorded_walks(options.recordings)
-    middle, limit = Normal(walks), limit_of(walks)
-
-    def normal(walk: Motion) -> bool:  # by the measure that shares nothing with the filter
-        found = figures(walk)
-        return found is not None and middle.distance(found) < limit
-
-    gentle = [check_motion(mild(each, rng, normal), expected="abnormal_walking").reasons for each in range(options.n)]
-    told("planted too mild", gentle)
+    gentle = mild(normal_walks(options.recordings, options.n), rng)
+    told("planted too mild", [check_motion(each, expected="abnormal_walking").reasons for each in gentle])
 
 
 if __name__ == "__main__":

@@ -18,6 +18,8 @@ STEP, LATEST_S, LEAST_SHARED = 2, 1.0, 0.7
 
 PACES = 1.0, 0.97, 1.03
 """Paces at which one is compared; the best one and its lag are made finer where it is up to `NEAR` times as far as a copy."""
+SLOWEST, FASTEST = 0.965, 1.035
+"""Limits of the finer pace."""
 
 ALIKE, NEAR = 0.012, 4.0
 """Mean distance of joints over stature up to which two motions are one; 14 of one sentence are 0.02 apart and more."""
@@ -60,18 +62,19 @@ def apart(first: np.ndarray, second: np.ndarray) -> float:
     )
     if found > NEAR * ALIKE:
         return found
-    shared = LEAST_SHARED * min(len(first), len(second))
 
     def distance(lag_and_pace: np.ndarray) -> float:
-        instants = lag_and_pace[0] + lag_and_pace[1] * np.arange(len(first))
-        inside = (instants >= 0) & (instants <= len(second) - 1)
-        if inside.sum() < shared:
+        lag, pace = lag_and_pace
+        instants = lag + pace * np.arange(len(first))
+        inside = (instants > -1e-6) & (instants < len(second) - 1 + 1e-6)
+        shared = LEAST_SHARED * min(len(first), (len(second) - 1) // pace + 1)
+        if not SLOWEST <= pace <= FASTEST or inside.sum() < shared:
             return np.inf
-        apart = first[inside] - _at(second, instants[inside])
-        return float(np.sqrt((apart**2).sum(axis=-1).mean(axis=-1)).mean())
+        between = first[inside] - _at(second, instants[inside].clip(0, len(second) - 1))
+        return float(np.sqrt((between**2).sum(axis=-1).mean(axis=-1)).mean())
 
     begin = np.array([start * pace, pace])
-    simplex = begin + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.01]])
+    simplex = begin + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.01 if pace <= 1 else -0.01]])
     finer = minimize(
         distance, begin, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 1e-3, "maxfev": 80}
     )

@@ -76,6 +76,8 @@ class Plan(Fields):
     direction: Choices = NOTHING
     object: Choices = NOTHING
     body_part: Choices = NOTHING
+    side: Choices = weighted("left right -", " ")
+    """Of the part of the body, where a phrase tells it."""
     count: Choices = NOTHING
     duration_s: Choices = NOTHING
     angle_deg: Choices = NOTHING
@@ -205,8 +207,8 @@ def _main(plan: Plan, sampler: WeightedSampler, name: str) -> Step:
         del said["count"]
     phrases = " ".join(_limb_phrases(plan.action, plan.type, said.get("body_part")))
     if "{side}" in phrases or (plan.action == "stretch" and said.get("body_part") in ("arm", "leg", "foot")):
-        side = sampler.word("left right" if plan.action == "balance" else "left right -", f"{name} side")
-        if side is not None:
+        side = sampler.pick(plan.side, f"{name} side")
+        if side:
             said["side"] = side
     return Step(**said)
 
@@ -378,8 +380,8 @@ def _telling(step: Step) -> str | None:
     """The entry of the lexicon whose verbs tell several slots of a step at once: who lowers himself to the floor, or stands on the
     left leg."""
     entries = ((name, *meaning(name)) for name, words in lexicon().verbs.items() if words.said)
-    several = ((name, slots) for name, action, slots in entries if action == step.action and len(slots) > 1)
-    return next((name for name, slots in several if all(getattr(step, key) == slots[key] for key in slots)), None)
+    several = ((name, told) for name, action, told in entries if action == step.action and len(told) > 1)
+    return next((name for name, told in several if all(getattr(step, key) == told[key] for key in told)), None)
 
 
 def _direction(step: Step, sampler: WeightedSampler) -> list[str]:

@@ -20,6 +20,8 @@ ON_ONE_LEG = "jump", "turn", "walk", "run", "dance", "balance"
 """Actions of which "on one leg" is no mistake."""
 IN_PLACE = {"jump": "up", "walk": "in_place", "run": "in_place"}
 """Direction of those that go on the spot."""
+LEADING = "forward", "straight", "back", "left", "right"
+"""Directions of a jump that does not stay on the spot."""
 OBJECTS_FIRST = "handrail", "ball", "chair", "stair", "floor"
 
 TWO_PEOPLE = {"man", "woman"}, {"man", "child"}, {"woman", "child"}, {"old_person", "child"}
@@ -46,6 +48,8 @@ class ParseStep:
     """Whether it goes "back", which behind a turn is forward again."""
     cause: str = ""
     """Words that tell the type of a fall or of a gait."""
+    spot: str = ""
+    """Words that tell that a jump stays on the spot."""
 
     def get(self, slot: str) -> object:
         """What the sentence says of a slot, or else what the verb implies."""
@@ -141,12 +145,16 @@ class Reader:
         self.limb = False
 
     def _spot(self, words: str) -> None:
-        """Who jumps on the spot jumps up, who walks or runs there gets nowhere; who climbs or dances does not stay."""
+        """Who jumps on the spot jumps up, who walks or runs there gets nowhere; who climbs or dances does not stay, nor who jumps
+        somewhere else."""
         steps = self.clauses[-1].steps
-        place = IN_PLACE.get(steps[-1].action) if steps else None
-        if place is not None and steps[-1].get("direction") in (None, place) and not self.dead:
-            steps[-1].said["direction"] = place
-        elif not steps or steps[-1].action in ("walk", "run", "climb", "dance") or self.dead:
+        action, direction = (steps[-1].action, steps[-1].get("direction")) if steps else ("", None)
+        if action in IN_PLACE and direction in (None, IN_PLACE[action]) and not self.dead:
+            steps[-1].said["direction"] = IN_PLACE[action]
+            steps[-1].spot = words
+        elif (
+            self.dead or action in ("", "walk", "run", "climb", "dance") or (action == "jump" and direction in LEADING)
+        ):
             self.ignored.append(words)
 
     def _subject(self, subject: str, words: str) -> None:
@@ -338,6 +346,8 @@ def _direct(step: ParseStep, value: str, words: str, ignored: list[str]) -> None
     elif before == "circle" and value in ("clockwise", "counterclockwise", "left", "right"):
         step.said["direction"] = {"left": "counterclockwise", "right": "clockwise"}.get(value, value)
     elif before is None or before == value or (before in ("up", "down") and value not in ("up", "down")):
+        if step.spot and value in LEADING:
+            ignored.append(step.spot)
         step.said["direction"] = value
     elif step.action == "turn" and before == "back" and value != "forward":  # turns around to the left
         step.said["direction"] = value

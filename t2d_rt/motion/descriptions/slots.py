@@ -65,12 +65,12 @@ RESTS_OF: dict[Activity, tuple[str, ...]] = {"sitting": ("seated", "lying")}
 _SIDES: tuple[Direction, ...] = ("forward", "back", "left", "right")
 _LEVEL: tuple[Direction, ...] = (*_SIDES, "straight")
 _CIRCLES: tuple[Direction, ...] = ("clockwise", "counterclockwise")
-_MOVING: tuple[Action, ...] = ("walk", "run", "dance", "jump")
+_MOVING: tuple[Direction, ...] = (*_LEVEL, *_CIRCLES, "up", "down")
 _LOWERING: tuple[Action, ...] = ("sit", "lie_down", "bend")
 
 DIRECTIONS_OF: dict[Action, tuple[Direction, ...]] = {
-    **dict.fromkeys(_MOVING, (*_LEVEL, *_CIRCLES, "up", "down")),
-    **dict.fromkeys(("walk", "run"), (*_LEVEL, *_CIRCLES, "up", "down", "in_place")),
+    **dict.fromkeys(("dance", "jump"), _MOVING),
+    **dict.fromkeys(("walk", "run"), (*_MOVING, "in_place")),
     **dict.fromkeys(_LOWERING, (*_SIDES, "down")),
     "turn": ("left", "right", "back", *_CIRCLES),
     "climb": ("up", "down"),

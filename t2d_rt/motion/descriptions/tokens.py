@@ -195,7 +195,7 @@ def _next(words: list[str], place: int) -> tuple[list[Token], int]:
             continue  # on his left foot
         token = Token(entry.kind, " ".join(words[place:after]), entry.slots, entry.gerund, partly=entry.partly)
         inner = tokens_of(" ".join(gap)) if gap else []
-        numbers = {**lexicon().numbers, **{word: int(word) for word in gap if word.isdecimal()}}
+        numbers = {**lexicon().numbers, **{word: int(word) for word in gap if word.isdecimal()}} if gap else {}
         counted = [numbers[word] for word in gap if word in numbers and word not in ("a", "an")]
         inner = [each for each in inner if not counted or each.words not in numbers]
         if counted and entry.words[-1] in ("step", "steps"):

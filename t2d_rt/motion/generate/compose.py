@@ -24,6 +24,7 @@ from t2d_rt.motion.generate.library.moves import ACTIONS, directed, made_of_clip
 from t2d_rt.motion.generate.library.store import RATE_HZ, Store, shipped
 from t2d_rt.motion.generate.library.users import with_users
 from t2d_rt.motion.generate.made import RESTS, Posture, make
+from t2d_rt.motion.generate.made.standing import on_heels
 from t2d_rt.motion.interpolate import resample
 from t2d_rt.motion.kinematics import Poses, motion_of, poses_of
 from t2d_rt.motion.read.passes import file_origin
@@ -70,11 +71,13 @@ def not_made(step: Step, then: Sequence[Step] = ()) -> list[str]:
     if step.duration_s is not None and falls:
         said.append(f"duration {step.duration_s:g} s")
     parts = PARTS.get(step.action, "").split()
+    objects = ["floor", *OBJECTS.get(step.action, "").split()]
     if step.action == "jump" and step.direction is not None:  # jumping jacks go nowhere
         parts = ["foot", "leg"]
+    if on_heels(step):  # hands rest on the knees
+        parts, objects = ["foot", "leg"], ["floor", "handrail"]
     if step.body_part is not None and step.body_part not in parts and step.type not in GAIT_TYPES:
         said.append(f"{step.side + ' ' if step.side else ''}{step.body_part}")
-    objects = ["floor", *OBJECTS.get(step.action, "").split()]
     if step.object is not None and step.object not in objects and not _used(step, then):
         said.append(step.object)
     if step.direction == "in_place" and step.type is not None:

@@ -459,6 +459,9 @@ SPREAD = 0.06
 TEMPO_SPREAD = 0.04
 """That of stride and cadence, whose ranges are those of groups of patients."""
 
+SQUARED = frozenset({"freezes_s"})
+"""Values that lie at the square of the severity: mild halts are rare. No source tells the power."""
+
 TYPES = shipped(Path(__file__).with_suffix(".yaml"))
 """The ranges of each type of gait: names of fields of `GaitChange`, and the values at severity 0 (mild) and 1 (severe)."""
 
@@ -491,7 +494,7 @@ def _drawn(name: str, mild: float, severe: float, severity: float, rng: np.rando
     """A patient's value between its ends, which of angles are in degrees."""
     if "_rad" in name:
         mild, severe = math.pi / 180 * mild, math.pi / 180 * severe
-    if name == "freezes_s":
+    if name in SQUARED:
         severity **= 2
     spread = TEMPO_SPREAD if name in ("stride", "cadence") else SPREAD
     return (mild + severity * (severe - mild)) * float(np.exp(spread * np.clip(rng.standard_normal(), -2, 2)))

@@ -212,7 +212,10 @@ def aligned(piece: Piece) -> Piece:
 
 
 def swing_of(piece: Piece) -> float:
-    """How far the wrists go to and fro against the shoulders along x, twice the leg being one: 90 % of the range, mean of both."""
+    """How far the wrists go to and fro against the shoulders along x, twice the leg being one: 90 % of the range, mean of both.
+
+    `Gait.arm_swing` is over the stature in place of twice the leg, which is 0.94 to 0.96 of it, and so 4 to 6 % less.
+    """
     joints, _ = piece.poses.world()
     arms = [joints[:, INDEX[f"{side}_wrist"], 0] - joints[:, INDEX[f"{side}_shoulder"], 0] for side in SIDES]
     return float(np.mean([np.ptp(np.percentile(each, (5, 95))) for each in arms])) / (2 * piece.poses.skeleton.leg_m)

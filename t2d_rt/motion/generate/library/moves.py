@@ -61,18 +61,6 @@ Fredrickson 2012). Care: shorter and slower steps, gaze to the floor, as on slip
 STRENGTH = 0.6, 1.3
 """Range of how much of a change a sample has."""
 
-STYLES: Mapping[str, Change] = {
-    "run": Change(1.0, 1.0, trunk_deg=3.0, head_deg=4.0, elbows_deg=10.0, apart_deg=5.0, bounce=0.12, crouch=0.008),
-    "walk": Change(1.0, 1.0, trunk_deg=3.0, head_deg=5.0, elbows_deg=14.0, apart_deg=6.0, bounce=0.1, crouch=0.01),
-    "jump": Change(1.0, 1.0, trunk_deg=4.5, head_deg=8.0, arms=0.25, elbows_deg=16.0, apart_deg=7.0, crouch=0.012),
-}
-"""Standard deviations of how runners differ at one speed, beside swinging arms: lean 3 degrees, elbows 10 degrees, rise of the
-pelvis 12 % (Williams and Cavanagh 1987; Folland et al. 2017); factors by their logarithms."""
-
-CADENCE_FRACTION = 0.5, 0.12
-"""Mean and deviation of the part of a change of speed (as a logarithm) that cadence takes; stride takes the rest."""
-
-
 RUN_SWING, WALK_SWING_S_PER_M, SWING_SPREAD = 0.15, 0.155, 0.3
 """How far wrists swing against their shoulders over the stature: of runs, of walks by their speed [s/m], medians, and deviation of
 the logarithm. Of four recorded runners at 2.5 to 3.5 m/s 0.09, 0.16, 0.175 and 0.19, the first in six of the eight clips; of seven
@@ -80,6 +68,17 @@ walkers at 0.9 to 1.6 m/s 0.10 to 0.27 s/m times their speed."""
 
 SWUNG, ELBOWS_SWUNG = (0.6, 3.0), 1.2
 """Limits of the factor by which arms swing farther for that, and the greatest of elbows: they bend to 150 degrees."""
+
+STYLES: Mapping[str, Change] = {
+    "run": Change(trunk_deg=3, head_deg=4, arms=SWING_SPREAD, elbows_deg=10, apart_deg=5, bounce=0.12, crouch=0.008),
+    "walk": Change(trunk_deg=3, head_deg=5, arms=SWING_SPREAD, elbows_deg=14, apart_deg=6, bounce=0.1, crouch=0.01),
+    "jump": Change(trunk_deg=4.5, head_deg=8, arms=0.25, elbows_deg=16, apart_deg=7, bounce=0.0, crouch=0.012),
+}
+"""Standard deviations of how runners differ at one speed: lean 3 degrees, elbows 10 degrees, rise of the pelvis 12 % (Williams and
+Cavanagh 1987; Folland et al. 2017); factors by their logarithms."""
+
+CADENCE_FRACTION = 0.5, 0.12
+"""Mean and deviation of the part of a change of speed (as a logarithm) that cadence takes; stride takes the rest."""
 
 
 def styled(maker: Maker, piece: Piece, step: Step) -> Piece:
@@ -98,8 +97,7 @@ def styled(maker: Maker, piece: Piece, step: Step) -> Piece:
     )
     if step.action != "jump":
         median = RUN_SWING if step.action == "run" else WALK_SWING_S_PER_M * edits.rate_of(piece.poses)
-        wanted = median * float(np.exp(SWING_SPREAD * draw[2]))
-        own = replace(own, arms=float(np.clip(wanted / max(edits.swing_of(piece), 1e-3), *SWUNG)))
+        own = replace(own, arms=float(np.clip(median * own.arms / max(edits.swing_of(piece), 1e-3), *SWUNG)))
     return _changed(piece, step, own, 1.0)
 
 
@@ -165,7 +163,6 @@ DURATION_S: Mapping[Action, tuple[float, float]] = {
     "run": (3.0, 5.0),
     "dance": (6.0, 9.0),
     "stand": (1.5, 3.0),
-    "turn": (3.6, 5.5),
     "jump": (2.5, 7.0),
 }
 """Range of durations [s] where none is given; of a step beside others, half."""
@@ -192,6 +189,9 @@ SHORTEST_FLIGHT_S = 0.1
 
 LANDING_S = 0.5
 """Time after a flight in which the knees give and straighten again."""
+
+LATE_S, LATE_OF_LASTING_S = 1.6, 0.8
+"""By how much longer one may stand before the first jump, and before jumps that are to last for a given time."""
 
 LIFTED_S = 0.4
 """Time in which the free leg of one who hops is drawn up, or put down."""
@@ -374,9 +374,9 @@ def angle_deg(step: Step) -> float:
     return step.angle_deg or TURNS_DEG.get(step.direction, 90.0)
 
 
-def turn(maker: Maker, step: Step, duration_s: float) -> Piece:
+def turn(maker: Maker, step: Step, _: float) -> Piece:
     """Turning on the spot in small steps, from standing to standing: a slow walk whose heading is carried round and whose steps are
-    so short that it goes round a circle of `ROUND_M`."""
+    so short that it goes round a circle of `ROUND_M`; how long that takes follows from the angle, where nothing else is said."""
     angle = np.radians(angle_deg(step))
     sign = _sense(maker, step)
     rate = {"slow": 55.0, "normal": 85.0, "fast": 120.0}[step.speed]
@@ -428,11 +428,10 @@ def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
         piece = edits.paced(piece, pace * float(np.exp(0.06 * maker.rng.standard_normal())))
         if step.count is not None:
             piece = _with_flights(piece, step.count - done)
-        piece = _thrown(
-            maker,
-            _begun_late(maker, piece, first.clip, 1.6 if step.duration_s is None else 0.8) if not pieces else piece,
-            step,
-        )
+        if not pieces:
+            late_s = LATE_S if step.duration_s is None else LATE_OF_LASTING_S
+            piece = _begun_late(maker, piece, first.clip, late_s)
+        piece = _thrown(maker, piece, step)
         pieces.append(piece)
         done += len(flights(piece))
         total += len(piece) / RATE_HZ

@@ -217,18 +217,26 @@ def _bend_knees(act: Act, step: Step) -> None:
 
 CROUCH_S = 6.0
 """Time from which one squat is a rest on the heels."""
+DOWN_AND_UP_S = 3.0
+"""What of it going down and up take, about."""
 CROUCH_DEG = 140.0, 152.0
 """Its knees: 149 degrees of 26 people who crouched (Hyodo 2017, Braz. J. Phys. Ther. 21: 159), 157 at most, of thirty who often do
 (Hemmerich 2006, J. Orthop. Res. 24: 770); thighs lie on calves."""
+
+
+def on_heels(step: Step) -> bool:
+    """Whether a step is a squat that rests on the heels, the hands on the knees."""
+    once = step.action == "squat" and step.count in (None, 1)
+    return once and step.duration_s is not None and step.duration_s >= CROUCH_S
 
 
 def squat(act: Act, step: Step) -> None:
     """Down and up in 2 to 3 s, shanks and trunk leaning about alike so that the weight stays over the feet (Schoenfeld 2010); or,
     for a long time, all the way down, where one rests.
     """
-    if step.count in (None, 1) and step.duration_s is not None and step.duration_s >= CROUCH_S:
+    if step.duration_s is not None and on_heels(step):
         knees, heels = act.u(*CROUCH_DEG) * DEG, act.u(12, 24) * DEG if act.chance(0.3) else 0.0
-        _down_and_up(act, knees, act.u(34, 46), hold_s=step.duration_s - 3.0, arms="knees", heels=heels)
+        _down_and_up(act, knees, act.u(34, 46), hold_s=step.duration_s - DOWN_AND_UP_S, arms="knees", heels=heels)
         return
     for number in range(step.count or 1):
         deep = act.chance(0.3)
