@@ -8,7 +8,7 @@ import os
 # Before NumPy is loaded: two processes share two cores, and waiting threads of BLAS and OpenMP take a core from the other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-# Samples of data sets that a test makes in this process are those of workers; plugins of pytest have loaded NumPy before.
+# Workers keep this process's kernels, so that samples made here and there are the same bits: pytest's plugins have loaded NumPy.
 os.environ.setdefault("T2D_RT_KERNELS", "own")
 
 from collections.abc import Callable, Iterator

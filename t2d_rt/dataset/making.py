@@ -1,6 +1,6 @@
 """`make_dataset`: the samples of a recipe, shard by shard, into a folder; what is finished there is not made again.
 
-Processes of this machine (joblib) work, or those of a cluster (dask.distributed).
+Processes of this machine (joblib's loky) work, or those of a cluster (dask.distributed).
 """
 
 from __future__ import annotations
@@ -47,17 +47,19 @@ from t2d_rt.dataset.shards import (
     write_spooled,
     write_whole,
 )
-from t2d_rt.dataset.worker import make_plans, make_samples, make_samples_in_worker
+from t2d_rt.dataset.worker import in_worker, make_plans, make_samples
 from t2d_rt.recording.maps import background_settings, check_axes
 
 Task = tuple[Any, ...]
-Scheduler = Callable[[Sequence[Task]], Iterator[list[Made]]]
-"""Takes the arguments of calls of `make_samples` and gives what they return, in any order."""
+Work = Callable[..., Any]
+Scheduler = Callable[[Work, Sequence[Task]], Iterator[Any]]
+"""Takes a function of `worker` and the arguments of its calls, and gives what they return, in any order."""
 
 ADDRESS = re.compile(r"(tcp|tls)://([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]):[0-9]{1,5}")
 AT_ONCE = 10_000
 """Calls that a scheduler holds at most: ten for each of a thousand workers. A million would take it gigabytes."""
-THREADS = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"
+LIMITED = "OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "BLIS_NUM", "NUMBA_NUM", "NUMEXPR_NUM", "VECLIB_MAXIMUM"
+THREADS = {f"{name}_THREADS": "1" for name in LIMITED}
 """Variables of libraries that would start as many threads in each worker as there are cores."""
 IDLE_S = 300.0
 """How long workers wait for the next run."""
@@ -70,8 +72,9 @@ def scheduler_named(name: str | None, workers: int) -> tuple[Scheduler, int]:
 
     name: None for `workers` processes of this machine, "local:N" or an address for a cluster of dask.
     """
+    wanted = common_kernels()
     if name is None:
-        alone = workers == 1 and has_common_kernels()
+        alone = workers == 1 and (not wanted or has_common_kernels())
         return here if alone else partial(on_this_machine, workers=workers), workers
     kind, _, rest = name.partition(":")
     if kind == "local" and rest.isdecimal() and int(rest) > 0:
@@ -86,28 +89,28 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def here(tasks: Sequence[Task]) -> Iterator[list[Made]]:
-    """Makes the samples in this process, one after another."""
+def here(work: Work, tasks: Sequence[Task]) -> Iterator[Any]:
+    """Works in this process, on one task after another."""
     for task in tasks:
-        yield make_samples(*task)
+        yield work(*task)
 
 
-def on_this_machine(tasks: Sequence[Task], workers: int) -> Iterator[list[Made]]:
-    """Makes the samples in processes of this machine, which compute with the kernels of any; a worker that is lost ends the run in
-    one sentence. joblib's own calls would make the samples of one worker in this process."""
+def on_this_machine(work: Work, tasks: Sequence[Task], workers: int) -> Iterator[Any]:
+    """Works in processes of this machine, which compute with the kernels that all machines have; a worker that is lost ends the run
+    in one sentence. joblib's own calls would do the work of a single worker in this process."""
     from joblib.externals.loky import BrokenProcessPool, get_reusable_executor
 
-    environment = dict.fromkeys(THREADS, "1") | common_kernels()
+    environment = THREADS | common_kernels()
     executor = get_reusable_executor(
         workers, timeout=IDLE_S, initializer=end_with, initargs=(os.getpid(),), env=environment
     )
     coming, stopped = iter(tasks), True
     try:
-        running = {executor.submit(make_samples_in_worker, *task) for task in itertools.islice(coming, 2 * workers)}
+        running = {executor.submit(in_worker, work, *task) for task in itertools.islice(coming, 2 * workers)}
         while running:
             done, running = wait(running, return_when=FIRST_COMPLETED)
             for future in done:
-                running |= {executor.submit(make_samples_in_worker, *task) for task in itertools.islice(coming, 1)}
+                running |= {executor.submit(in_worker, work, *task) for task in itertools.islice(coming, 1)}
                 yield future.result()
         stopped = False
     except BrokenProcessPool:
@@ -133,17 +136,23 @@ def _silent(name: str) -> Iterator[None]:
 
 
 def local_cluster(workers: int) -> Any:
-    """A cluster of dask of so many processes of this machine, which compute with the kernels of any."""
+    """A cluster of dask of so many processes of this machine, which compute with the kernels that all machines have."""
     from dask import config
     from distributed import LocalCluster
 
-    variables = {f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in common_kernels().items()}
-    with config.set(variables):
-        return LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None)
+    before, wanted = dict(os.environ), common_kernels()
+    os.environ.update(wanted)  # the user's own variables would go before those of dask's settings
+    try:
+        with config.set({f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in wanted.items()}):
+            return LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None)
+    finally:
+        for name in os.environ.keys() - before.keys():
+            del os.environ[name]
+        os.environ.update(before)
 
 
-def on_a_cluster(tasks: Sequence[Task], address: str | None, workers: int) -> Iterator[list[Made]]:
-    """Makes the samples on a cluster of dask: one that runs at an address, or one of so many processes of this machine."""
+def on_a_cluster(work: Work, tasks: Sequence[Task], address: str | None, workers: int) -> Iterator[Any]:
+    """Works on a cluster of dask: one that runs at an address, or one of so many processes of this machine."""
     try:
         from distributed import CancelledError, Client, KilledWorker, as_completed
         from distributed.comm import CommClosedError
@@ -159,7 +168,7 @@ def on_a_cluster(tasks: Sequence[Task], address: str | None, workers: int) -> It
     try:
         if cluster is not None:
             client.run(end_with, os.getpid())
-        submit, coming = partial(client.submit, make_samples, pure=False, retries=RETRIES), iter(tasks)
+        submit, coming = partial(client.submit, work, pure=False, retries=RETRIES), iter(tasks)
         running = as_completed([submit(*task) for task in itertools.islice(coming, AT_ONCE)])
         for future in running:
             for task in itertools.islice(coming, 1):
@@ -218,8 +227,8 @@ def make_dataset(
     progress: called with the fraction done, 0..1.
 
     The files are the same bytes whatever the workers, the order in which they finish and the stops between; only `log` differs.
-    Workers compute with the kernels of any machine (`common_kernels`), and so does one, in a process of its own where this one has
-    others. What a cluster at an address computes with is its own choice: a warning tells where it has others.
+    Workers compute with the kernels that all machines have (`common_kernels`). A single worker gets a process of its own where this
+    process has other kernels. A cluster at an address has its own: a warning tells of others.
     Raises InputError where the folder is that of another recipe or of another run, where a file is damaged or cannot be written,
     where a worker is lost, and once more than 5 % of the samples have failed.
     """
@@ -235,11 +244,11 @@ def make_dataset(
         sweep(target)
         run = _Run(recipe, target, count, progress)
         if run.tasks:
-            plans = {name: each.model_dump_json() for name, each in make_plans(recipe, target / PLANS, count).items()}
+            plans = make_plans(recipe, target / PLANS, count, threads, take_up)
             text = recipe.model_dump_json()
             run.write_manifest()  # of which files samples follow, for the run that goes on
             try:
-                for made in take_up([(text, plans, [index], threads) for index in run.tasks]):
+                for made in take_up(make_samples, [(text, plans, [index], threads) for index in run.tasks]):
                     run.add(made)
             except KeyboardInterrupt as stopped:
                 stopped.add_note(
@@ -316,6 +325,8 @@ class _Run:
         self._files: dict[str, str] = dict(manifest.get("files", {}))
         self._made_on: set[str] = set(manifest.get("made_on", []))
         """Processors and kernels that samples were made with."""
+        self._seen: set[str] = set()
+        """Those of this run."""
         self._waiting: dict[int, dict[int, Made]] = {}
         self._inputs = recipe.files()
         self._log: list[dict[str, Any]] = []
@@ -415,16 +426,18 @@ class _Run:
             self._progress(min(1.0, self.done / self._count))
 
     def _note_machine(self, made: Made) -> None:
-        """Writes into the manifest what a sample was made with, before the sample itself; warns of kernels of the worker's own."""
-        if not made.machine or made.machine in self._made_on:
+        """Writes into the manifest what a sample was made with, before the sample itself; warns once of a worker's own kernels."""
+        if made.machine in self._seen:
             return
-        self._made_on.add(made.machine)
-        self.write_manifest()
-        if not made.common:
-            set_as = " ".join(f"{name}='{value}'" for name, value in common_kernels().items())
+        self._seen.add(made.machine)
+        if made.machine not in self._made_on:
+            self._made_on.add(made.machine)
+            self.write_manifest()
+        set_as = " ".join(f"{name}='{value}'" for name, value in common_kernels().items())
+        if set_as and not made.common:
             warn(
                 f"a worker computes with {made.machine}: its samples may differ from those of other machines in a last bit; start "
-                f"the workers with {set_as or 'the kernels of all machines'}"
+                f"the workers with {set_as}"
             )
 
     def _note_failures(self, made: Sequence[Made]) -> None:

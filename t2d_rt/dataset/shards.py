@@ -53,7 +53,7 @@ class Made:
     machine: str = ""
     """The processor and the kernels that it was made with; "" of one that was read."""
     common: bool = True
-    """Whether these are the kernels that any machine has."""
+    """Whether these are the kernels that all machines have."""
 
 
 def shard_name(number: int) -> str:
@@ -469,9 +469,8 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         found = json.loads(read_bytes(path, limit=MOST_BYTES, noun="manifest"))
         if not all(isinstance(found.get(name, {}), dict) for name in ("files", "inputs", "versions")):
             raise ValueError("files, inputs and versions must be objects")
-        if not isinstance(made_on := found.get("made_on", []), list) or not all(
-            isinstance(each, str) for each in made_on
-        ):
+        made_on = found.get("made_on", [])
+        if not isinstance(made_on, list) or not all(isinstance(each, str) for each in made_on):
             raise ValueError("made_on must be a list of texts")
         if not all(FILE.fullmatch(name) for name in found["files"]):
             raise ValueError("files must be those of shards")

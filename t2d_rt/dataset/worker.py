@@ -10,7 +10,7 @@ import gc
 import json
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -125,16 +125,16 @@ def make_samples(recipe_json: str, plans_json: Mapping[str, str], indices: Seque
         return [replace(make_sample(recipe, plans, index), machine=where, common=common) for index in indices]
 
 
-def make_samples_in_worker(*task: Any) -> list[Made]:
-    """`make_samples` in a process of its own."""
-    made = make_samples(*task)
+def in_worker(work: Callable[..., Any], *task: Any) -> Any:
+    """A call of `make_samples` or `make_plan` in a process of its own."""
+    made = work(*task)
     _settle()
     return made
 
 
 @functools.cache
 def _settle() -> None:
-    """Done once, after a worker's first samples. The garbage collector leaves out what is loaded by then, which saves 2 % of a
+    """Done once, after a worker's first call. The garbage collector leaves out what is loaded by then, which saves 2 % of a
     sample's time, and loky, which replaces workers that grow, lets them grow by `MOST_GROWTH_BYTES` first."""
     from joblib.externals.loky import process_executor
 
@@ -261,16 +261,25 @@ def groups(recipe: Recipe, count: int, *, only: str | None = None) -> dict[str, 
     return found
 
 
-def make_plans(recipe: Recipe, path: Path, count: int) -> Mapping[str, Accuracy]:
-    """Accuracies of the groups, those that a file holds already and the others, which are added to it."""
-    known = read_plans(path)
-    missing = {name: indices for name, indices in groups(recipe, count).items() if name not in known}
-    made = {name: plan_of(recipe, indices) for name, indices in missing.items()}
-    if made or not path.exists():
-        known = dict(sorted({**known, **made}.items()))
+def make_plans(
+    recipe: Recipe, path: Path, count: int, threads: int, take_up: Callable[..., Iterable[tuple[str, str]]]
+) -> dict[str, str]:
+    """Accuracies of the groups as JSON, those that a file holds already and the others, which `take_up` makes where it makes
+    samples; they are added to the file."""
+    known, text = read_plans(path), recipe.model_dump_json()
+    tasks = [(text, name, indices, threads) for name, indices in groups(recipe, count).items() if name not in known]
+    if tasks or not path.exists():
+        made = take_up(make_plan, tasks) if tasks else ()
+        known = dict(sorted({**known, **{name: Accuracy.model_validate_json(plain) for name, plain in made}}.items()))
         plain = {name: each.model_dump(mode="json") for name, each in known.items()}
         write_whole(path, (json.dumps(plain, indent=1) + "\n").encode())
-    return known
+    return {name: each.model_dump_json() for name, each in known.items()}
+
+
+def make_plan(recipe_json: str, name: str, indices: list[int], threads: int) -> tuple[str, str]:
+    """Name and accuracy of a group, as text; the work of one call in a worker."""
+    with limited_threads(threads):
+        return name, plan_of(_recipe(recipe_json), indices).model_dump_json()
 
 
 def read_plans(path: Path) -> dict[str, Accuracy]:
@@ -283,6 +292,7 @@ def read_plans(path: Path) -> dict[str, Accuracy]:
         raise InputError(f"{path} cannot be read ({error}); remove it and run the recipe again") from None
 
 
+@one_blas_thread
 def plan_of(recipe: Recipe, indices: list[int]) -> Accuracy:
     """The accuracy that keeps to a group's tolerance: that of the first of its samples that can be planned."""
     failure: T2DError | None = None

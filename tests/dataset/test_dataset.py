@@ -633,7 +633,7 @@ def test_a_scheduler_holds_few_calls_at_once(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(distributed, "Client", Client)
     monkeypatch.setattr(distributed, "as_completed", AsCompleted)
     monkeypatch.setattr("t2d_rt.dataset.making.AT_ONCE", 2)
-    assert list(on_a_cluster([(number,) for number in range(7)], "tcp://head:8786", 0)) == list(range(7))
+    assert list(on_a_cluster(int, [(number,) for number in range(7)], "tcp://head:8786", 0)) == list(range(7))
 
 
 def test_a_lost_scheduler_is_one_sentence(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
@@ -656,5 +656,5 @@ def test_a_lost_scheduler_is_one_sentence(monkeypatch: pytest.MonkeyPatch, caplo
     monkeypatch.setattr(distributed, "Client", Client)
     monkeypatch.setattr(distributed, "as_completed", iter)
     with pytest.raises(InputError, match=r"the cluster tcp://head:8786 is lost .*; run the recipe again"):
-        list(on_a_cluster([()], "tcp://head:8786", 0))
+        list(on_a_cluster(int, [()], "tcp://head:8786", 0))
     assert not caplog.records

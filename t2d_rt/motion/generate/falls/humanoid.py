@@ -329,7 +329,7 @@ def mujoco() -> Any:
 
 ON_GRID = 9
 """Decimals to which what a simulation begins with is rounded, in SI units: a fall multiplies the last bit of a sine or a product,
-which is another on the next machine, into another fall."""
+which is another on the next machine, into millimetres and more."""
 
 
 def on_grid(values: Any) -> np.ndarray:
