@@ -4,7 +4,7 @@ The recordings are those of wudaozhiying1/mmWave-human-tracking, each a .json.gz
 frames. Waveform, power back-off, antennas, mounting and detection are those of the configuration, the link budget the data sheet's,
 as the preset people-tracking-60 has it. The people are made from sentences and held in the posture that the recording's name tells;
 they wear clothes, breathe and sway as those of data sets do. Nothing is fitted to what the recordings that judge tell. By every
-other recording it is chosen how far away the person is, that the seat is low, and --sway where it is given. The others judge.
+other recording it is chosen how far away the person is, that the seat is low, which peaks pass, and --sway where it is given.
 """
 
 from __future__ import annotations

@@ -46,8 +46,8 @@ POSTURE_RAD = {
     "head": (0.05, 0.1, 0.05), "left_shoulder": SHOULDER_RAD, "right_shoulder": SHOULDER_RAD, "left_elbow": ELBOW_RAD,
     "right_elbow": ELBOW_RAD, "left_wrist": WRIST_RAD, "right_wrist": WRIST_RAD,
 }  # fmt: skip
-"""Standard deviations of a person's habitual posture about the joint's axes forward, left and up in the T-pose [rad]. Of upper arms
-(out, twist, ahead) and head those between five recorded walkers: 0.16, 0.13, 0.04 and 0.04, 0.11."""
+"""Standard deviations of a person's habitual posture about the joint's axes forward, left and up in the T-pose [rad]. Five
+recorded walkers differ by 0.16, 0.13 and 0.04 (upper arms: out, twist, ahead), and by 0.04 and 0.11 (heads: sideward, nod)."""
 
 MOST_INWARD_RAD = 0.08
 """By which a habit brings an arm nearer to the body."""
