@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,10 +11,11 @@ import numpy as np
 from t2d_rt.accuracy.estimate import Chirps
 from t2d_rt.geometry.vectors import edge_cross, lengths
 from t2d_rt.pipeline.echo_model import Model
-from t2d_rt.propagation.images import Viewpoint, apparent_m, seen_at
+from t2d_rt.propagation.images import apparent_m
 from t2d_rt.propagation.occluders import Occluders
-from t2d_rt.propagation.visibility import Surroundings
-from t2d_rt.types import Accuracy, MovingMesh
+from t2d_rt.propagation.visibility import Surroundings, sights
+from t2d_rt.types import Accuracy, MovingMesh, OneWayPath
+from t2d_rt.types.paths import PathKey
 
 INSTANTS, ROOM_INSTANTS = 12, 8
 LEAST_DB, MOST_DB = -45.0, 20.0
@@ -123,12 +124,12 @@ def _judged(model: Model, accuracy: Accuracy, *, by_fast: bool) -> tuple[np.ndar
     times_s = Chirps.random(model.radar, model.span_s, seed=model.seed, count=count).starts_s
     faces = _Faces.of(every, times_s)
     ends = list(_ends(model, accuracy))
-    seen_from = {_key(end): end for _, *both in ends for end in both}
-    towards = {key: faces.towards(apparent_m(seen_at(end, times_s))) for key, end in seen_from.items()}
+    seen_from = {end.key: end.seen_at(times_s) for _, *both in ends for end in both}
+    towards = {key: faces.towards(apparent_m(seen)) for key, seen in seen_from.items()}
     wanted = {key: np.zeros(faces.area_m2.shape[1], bool) for key in seen_from}
     glints = []
     for _, *both in ends:
-        keys = [_key(end) for end in both]
+        keys = [end.key for end in both]
         (there, to), (here, back) = (towards[key] for key in keys)
         middle = there + here
         cosine = np.einsum("kfi,kfi->kf", faces.normal, middle) / np.maximum(lengths(middle), 1e-30)
@@ -138,16 +139,15 @@ def _judged(model: Model, accuracy: Accuracy, *, by_fast: bool) -> tuple[np.ndar
             wanted[key] |= direct.any(axis=0)
         glints.append(direct * faces.area_m2 / (to * back) ** 2)
 
-    def visible_through(meshes: list[MovingMesh]) -> dict[Hashable, np.ndarray]:
+    def visible_through(meshes: list[MovingMesh]) -> dict[PathKey, np.ndarray]:
         """Which faces the meshes leave visible from each viewpoint (K, F)."""
         if not meshes:
             return dict.fromkeys(seen_from, np.ones(faces.area_m2.shape, bool))
         vertices = np.concatenate([mesh.at(times_s) for mesh in meshes], axis=1)
-        viewpoints = {key: seen_at(end, times_s) for key, end in seen_from.items()}
-        together = [one for own in viewpoints.values() for one in own]
+        together = [one for own in seen_from.values() for one in own]
         surroundings = Surroundings(Occluders(meshes), vertices, together, model.backend)
         visible = {key: np.zeros(faces.area_m2.shape, bool) for key in seen_from}
-        for key, own in viewpoints.items():
+        for key, own in seen_from.items():
             some = wanted[key]
             if some.any():
                 visible[key][:, some] = surroundings.visible(own, faces.middle[:, some], faces.normal[:, some])
@@ -156,21 +156,18 @@ def _judged(model: Model, accuracy: Accuracy, *, by_fast: bool) -> tuple[np.ndar
     seen, known = visible_through(every), visible_through(slow if by_fast else [])
     removed, remaining = [], []
     for (power, *both), glint in zip(ends, glints, strict=True):
-        visible, modelled = (each[_key(both[0])] & each[_key(both[1])] for each in (seen, known))
+        visible, modelled = (each[both[0].key] & each[both[1].key] for each in (seen, known))
         total = max(float(glint.sum()), 1e-300)
         removed.append(power * float(glint[modelled & ~visible].sum()) / total)
         remaining.append(power * float(glint[visible].sum()) / total)
     return np.array(removed), np.array(remaining)
 
 
-def _key(end: Viewpoint) -> Hashable:
-    return end.tobytes() if isinstance(end, np.ndarray) else end.key
-
-
-def _ends(model: Model, accuracy: Accuracy) -> Iterator[tuple[float, Viewpoint, Viewpoint]]:
-    """Power of each path pair, and its antennas in free space or its paths."""
+def _ends(model: Model, accuracy: Accuracy) -> Iterator[tuple[float, OneWayPath, OneWayPath]]:
+    """Power of each path pair, and its paths; in free space the lines of sight of the antennas."""
     if model.scene is None:
-        yield 1.0, model.radar.tx_position_m, model.radar.rx_position_m
+        out, back = sights([model.radar.tx_position_m, model.radar.rx_position_m])
+        yield 1.0, out, back
     least_db = max(LEVEL_DB, accuracy.least_level_db)
     for each in model.ranked:
         if each.mean_db >= least_db:

@@ -235,9 +235,9 @@ def probed(found: RadarPaths, probes_m: np.ndarray, probed_s: np.ndarray | None 
 
 
 def paths_to(scene: Scene, radar: Radar, point_m: np.ndarray, *, reflections: int) -> list[tuple[str, np.ndarray]]:
-    """Names of the one-way paths from the transmitters to a point, and their vertices (P, 3) [m]."""
+    """Names of the one-way paths from the transmitters, where a track begins, to a point, and their vertices (P, 3) [m]."""
     point_m = np.asarray(point_m, float)
-    found = radar_paths(scene, radar, point_m[None], order=reflections, backend=select("auto"))
+    found = radar_paths(scene, radar.replace(track=None), point_m[None], order=reflections, backend=select("auto"))
     return [(path.name, vertices(path, point_m)) for path in found.out.paths]
 
 

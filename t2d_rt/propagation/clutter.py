@@ -51,7 +51,10 @@ def static_paths(
     tx, rx = radar.tx_position_m, radar.rx_position_m
     out, back = (polarization(radar, angle) for angle in (radar.tx_polarization_deg, radar.rx_polarization_deg))
     at = [np.asarray(each, float).tobytes() for each in (tx, rx, out, back)]
-    samples_s = None if radar.track is None else samples_s
+    if radar.track is None:
+        samples_s = None
+    elif samples_s is None:
+        raise ValueError("static paths of a radar that moves are searched at sample times, got None; give samples_s")
     when = None if samples_s is None else (radar.track, samples_s.tobytes())
     key = scene.content, order, radar.mid_frequency_hz, backend.name, when, *at
     return _kept.get(key, partial(_searched, scene, radar, order, backend, out, back, samples_s))

@@ -18,33 +18,22 @@ def vertices(path: OneWayPath, points: np.ndarray) -> np.ndarray:
     return np.stack(unfolded_vertices(path, points)[1])
 
 
-Viewpoint = np.ndarray | OneWayPath
-"""Whence something is seen: a place (3,) m, or a path, over its mirrors."""
-
-
-def seen_at(viewpoint: Viewpoint, times_s: np.ndarray) -> list[Viewpoint]:
-    """The viewpoint at each of times (K,) [s], of a path to a radar that moves; once, where it is always the same."""
-    return [viewpoint] if isinstance(viewpoint, np.ndarray) else list(viewpoint.seen_at(times_s))
-
-
-def instants_of(seen: Sequence[Viewpoint]) -> list[slice]:
-    """Which of the times each of `seen_at` stands for."""
+def instants_of(seen: Sequence[OneWayPath]) -> list[slice]:
+    """Which of the times each of `OneWayPath.seen_at` stands for."""
     return [slice(None)] if len(seen) == 1 else [slice(number, number + 1) for number in range(len(seen))]
 
 
-def apparent_m(seen: Sequence[Viewpoint]) -> np.ndarray:
+def apparent_m(seen: Sequence[OneWayPath]) -> np.ndarray:
     """Whence the last straight part comes, (3,) m, or (K, 1, 3) at several times."""
     places = [images(each)[-1] for each in seen]
     return places[0] if len(places) == 1 else np.array(places)[:, None]
 
 
-def images(viewpoint: Viewpoint) -> list[np.ndarray]:
-    """The antenna, and its image after each element of a path's chain: whence each straight part comes, (3,) m each."""
-    if isinstance(viewpoint, np.ndarray):
-        return [viewpoint]
-    elements, found = viewpoint.elements, [viewpoint.antenna_m]
-    for through, normal, offset_m in zip(elements.through, elements.normal, elements.offset_m, strict=True):
-        found.append(found[-1] if through else reflected(found[-1], normal, offset_m))
+def images(path: OneWayPath) -> list[np.ndarray]:
+    """The antenna, and its image after each element of the chain: whence each straight part comes, (3,) m each."""
+    found = [path.antenna_m]
+    for through, plane in zip(path.elements.through, path.planes, strict=True):
+        found.append(found[-1] if through else reflected(found[-1], *plane))
     return found
 
 
@@ -53,10 +42,9 @@ def unfolded_vertices(path: OneWayPath, points: np.ndarray) -> tuple[np.ndarray,
 
     A straight line from the last image to the point meets the last plane, one from there to the image before the plane before.
     """
-    elements, places = path.elements, images(path)
-    stops = [points]
+    places, stops = images(path), [points]
     good = np.ones(points.shape[:-1], bool)
-    for image, normal, offset_m in zip(places[:0:-1], elements.normal[::-1], elements.offset_m[::-1], strict=True):
+    for image, (normal, offset_m) in zip(places[:0:-1], path.planes[::-1], strict=True):
         here = stops[-1]
         before, after = image @ normal - offset_m, here @ normal - offset_m
         # The image lies on one side of the mirror, the point on the other.

@@ -8,10 +8,10 @@ from functools import partial
 import numpy as np
 
 from t2d_rt.core.backend import Backend
-from t2d_rt.propagation.images import Viewpoint, images, instants_of, reflected, seen_at
+from t2d_rt.propagation.images import images, instants_of, reflected
 from t2d_rt.propagation.occluders import MOST_COPIES, Occluders
 from t2d_rt.propagation.visibility import Surroundings, Unblocked, faded
-from t2d_rt.types import MovingMesh
+from t2d_rt.types import MovingMesh, OneWayPath
 from t2d_rt.types.scatterer import Fraction
 
 POSES = 24
@@ -35,13 +35,13 @@ class MeanVisibility:
         self._solid = solid and bool(occluders.meshes)
         self._backend = backend
         self._every = max(1, len(mesh.rest) // POINTS)
-        self._views: dict[Hashable, tuple[Viewpoint, Unblocked | None]] = {}
+        self._views: dict[Hashable, tuple[OneWayPath, Unblocked | None]] = {}
         self._functions: dict[tuple[Hashable, int], Fraction] = {}
         """What `over` has given: scatterers that need the same fraction hold the same object."""
         self._known: dict[Hashable, tuple[np.ndarray, np.ndarray]] = {}
         """Of one path, and of two that share the blockage by the scene, (K,)."""
 
-    def over(self, where: Hashable, viewpoint: Viewpoint, unblocked: Unblocked | None, path_count: int) -> Fraction:
+    def over(self, where: Hashable, viewpoint: OneWayPath, unblocked: Unblocked | None, path_count: int) -> Fraction:
         """Its function of times [s] (K,), (K, V), from a viewpoint of that name; the fraction `unblocked` by the scene counts for
         `path_count` one-way paths, 1 or 2."""
         self._views.setdefault(where, (viewpoint, unblocked))
@@ -73,7 +73,7 @@ class MeanVisibility:
         marked = self._occluders.marked(self._samples_s)
         middle, radius, near = middle[pose], radius[pose], {}
         for where, (viewpoint, _) in views.items():
-            seen = seen_at(viewpoint, self._samples_s)
+            seen = viewpoint.seen_at(self._samples_s)
             pieces = zip(seen, instants_of(seen), strict=True)
             near[where] = np.concatenate([self._near(one, marked[at], middle[at], radius[at]) for one, at in pieces])
         hidden = np.flatnonzero(np.any([each.any(axis=1) for each in near.values()], axis=0))
@@ -82,7 +82,7 @@ class MeanVisibility:
             times_s = self._samples_s[some]
             points = self._mesh.at(times_s)[:, :: self._every]
             parts = np.any([each[some] for each in near.values()], axis=0)[:, self._occluders.mark_of_face]
-            seen_from = {where: seen_at(viewpoint, times_s) for where, (viewpoint, _) in views.items()}
+            seen_from = {where: viewpoint.seen_at(times_s) for where, (viewpoint, _) in views.items()}
             every = [one for seen in seen_from.values() for one in seen]
             scene = Surroundings(
                 self._occluders, self._occluders.at(times_s).vertices, every, self._backend, parts=parts
@@ -93,15 +93,14 @@ class MeanVisibility:
                     for number, found in enumerate(self._known[where]):
                         found[some] = (visible * reached[where][pose[some]] ** (number + 1)).mean(axis=1)
 
-    def _near(self, viewpoint: Viewpoint, marked: np.ndarray, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    def _near(self, viewpoint: OneWayPath, marked: np.ndarray, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
         """Which marks on the occluders (K, M, 3) m may be in the way to a ball around (K, 1, 3) m of radius (K, 1) m, or stand for
         what is, at the sample times, bool (K, M)."""
-        places, found = images(viewpoint), self._between(images(viewpoint)[-1], marked, middle, radius)
-        # Each straight part leads from one image on to the ball's own image.
-        elements = (
-            () if isinstance(viewpoint, np.ndarray) else zip(viewpoint.planes, viewpoint.elements.through, strict=True)
-        )
-        for place_m, (plane, through) in zip(places[-2::-1], reversed(list(elements)), strict=True):
+        *before, place_m = images(viewpoint)
+        found = self._between(place_m, marked, middle, radius)
+        # Unfolded, each straight part runs from an image of the antenna to the ball's image in the mirrors after it.
+        elements = zip(viewpoint.planes, viewpoint.elements.through, strict=True)
+        for place_m, (plane, through) in reversed(list(zip(before, elements, strict=True))):
             middle = middle if through else reflected(middle, *plane)
             found |= self._between(place_m, marked, middle, radius)
         return found

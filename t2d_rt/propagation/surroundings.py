@@ -69,6 +69,8 @@ def radar_paths(
 ) -> RadarPaths:
     """One-way paths of up to `order` reflections and `transmissions` slabs between the radar, which may move `along` a track, and
     any of points (Q, 3) m."""
+    if radar.track is not None and along is None:
+        raise ValueError("paths of a radar that moves are searched along its track, got none; give along")
     mirrors = Mirrors.of(scene, backend, radar.tx_position_m)
     _check_inside(scene, mirrors, radar, probes_m, through=transmissions > 0, along=along)
     search = partial(

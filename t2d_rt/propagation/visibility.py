@@ -18,7 +18,7 @@ import numpy as np
 
 from t2d_rt.core.backend import Backend, aligned, one_thread_at_a_time
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
-from t2d_rt.propagation.images import Viewpoint, apparent_m, images, instants_of, seen_at
+from t2d_rt.propagation.images import apparent_m, images, instants_of
 from t2d_rt.propagation.occluders import Occluders, Posed, incidence, vertex_normals
 from t2d_rt.propagation.rays import columns, mitsuba, side_by_side
 from t2d_rt.types import MovingMesh, OneWayPath
@@ -35,6 +35,11 @@ Unblocked = Callable[[np.ndarray, np.ndarray], np.ndarray]
 def sample_times(start_s: float, stop_s: float, rate_hz: float) -> np.ndarray:
     """Instants [s] at which visibility is sampled."""
     return np.linspace(start_s, stop_s, max(2, int(np.ceil((stop_s - start_s) * rate_hz)) + 1))
+
+
+def sights(places_m: Sequence[np.ndarray]) -> list[OneWayPath]:
+    """Lines of sight from places (3,) m as viewpoints, of which the polarisation does not count."""
+    return [OneWayPath.line_of_sight(place, np.array([0.0, 0.0, 1.0])) for place in places_m]
 
 
 def faded(times_s: np.ndarray, samples_s: np.ndarray, at_samples: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
@@ -112,7 +117,7 @@ class Viewpoints:
 
     def scene(self, at: Posed) -> Surroundings | None:
         """The meshes at some instants as rays to all viewpoints meet them; None where none of these is occluded."""
-        seen = [one for each in self.each if each.solid for one in seen_at(each.viewpoint, at.times_s)]
+        seen = [one for each in self.each if each.solid for one in each.viewpoint.seen_at(at.times_s)]
         if not seen:
             return None
         places = {place.tobytes(): place for each in seen for place in images(each)}
@@ -130,7 +135,7 @@ class Occlusion:
     """
 
     def __init__(
-        self, viewpoints: Viewpoints, viewpoint: Viewpoint, *, unblocked: Unblocked | None = None, solid: bool = True
+        self, viewpoints: Viewpoints, viewpoint: OneWayPath, *, unblocked: Unblocked | None = None, solid: bool = True
     ) -> None:
         self.viewpoint, self.solid = viewpoint, solid
         self.viewpoints, self._meshes, self._unblocked = viewpoints, viewpoints.meshes, unblocked
@@ -144,7 +149,7 @@ class Occlusion:
         """Whether it was asked for before that, or has been since."""
 
     @classmethod
-    def alone(cls, meshes: Occluders, viewpoint: Viewpoint, *, samples_s: np.ndarray, backend: Backend) -> Occlusion:
+    def alone(cls, meshes: Occluders, viewpoint: OneWayPath, *, samples_s: np.ndarray, backend: Backend) -> Occlusion:
         """From the only viewpoint, sampled at these times [s]."""
         return cls(Viewpoints(meshes, samples_s, backend), viewpoint)
 
@@ -179,7 +184,7 @@ class Occlusion:
         unblocked = self._unblocked_at(at)
         if not self.solid or scene is None:
             return VisibilitySamples(None, None, unblocked)
-        place_m = apparent_m(seen_at(self.viewpoint, at.times_s))
+        place_m = apparent_m(self.viewpoint.seen_at(at.times_s))
         front = np.einsum("kvi,kvi->kv", at.normals, place_m - at.points) > 0
         return VisibilitySamples(front, self.visible(at, front, scene), unblocked)
 
@@ -214,7 +219,7 @@ class Occlusion:
         about them. A shadow narrower than these lie apart would be missed.
         """
         always = front & self._meshes.own if self._meshes.of_bodies else front
-        seen = seen_at(self.viewpoint, at.times_s)
+        seen = self.viewpoint.seen_at(at.times_s)
         visible = scene.visible(seen, at.points, at.normals, always)
         others = front & ~always
         if others.any():
@@ -232,7 +237,7 @@ class ExactVisibility:
 
     SAME_S = 1e-3
 
-    def __init__(self, occluders: Sequence[MovingMesh], viewpoint: Viewpoint, *, backend: Backend) -> None:
+    def __init__(self, occluders: Sequence[MovingMesh], viewpoint: OneWayPath, *, backend: Backend) -> None:
         self._occluders = Occluders(occluders)
         self._viewpoint = viewpoint
         self._mitsuba = mitsuba(backend)
@@ -259,7 +264,7 @@ class ExactVisibility:
     def _obstacles(self, times_s: np.ndarray) -> list[_Obstacles]:
         """Occluders at each of these times: facets and diffuse points ask for the same ones."""
         if self._last[0] != times_s.tobytes():
-            posed, found, seen = self._occluders.at(times_s), [], seen_at(self._viewpoint, times_s)
+            posed, found, seen = self._occluders.at(times_s), [], self._viewpoint.seen_at(times_s)
             every = [place for each in seen for place in images(each)]
             for number, (vertices, facing) in enumerate(zip(posed.vertices, posed.facing(every), strict=True)):
                 viewpoint = seen[number % len(seen)]
@@ -280,7 +285,7 @@ class _Obstacles:
     scene: Any
     shift_m: np.ndarray
     """Where the viewpoint, the last of its images, lies in the scene, beside the meshes of each instant (K, 1, 3)."""
-    viewpoint: Viewpoint
+    viewpoint: OneWayPath
 
     @one_thread_at_a_time
     def leave_visible(self, points: np.ndarray, normals: np.ndarray, some: np.ndarray) -> np.ndarray:
@@ -308,12 +313,13 @@ class _Obstacles:
         def vector(of: np.ndarray) -> Any:
             return mi.Vector3f(*columns(mi, of[None]))
 
-        planes = () if isinstance(self.viewpoint, np.ndarray) else self.viewpoint.planes
-        for place, plane in zip_longest(reversed(places), reversed(planes)):
+        for place, plane in zip_longest(reversed(places), reversed(self.viewpoint.planes)):
             from_place = here - vector(place - places[-1])
             length = dr.norm(from_place)
             ahead = -from_place / length
-            if plane is not None:  # as far as that; one that is not met between its neighbours makes no path
+            if (
+                plane is not None
+            ):  # to there; where it is not between image and point there is no path: a ray of length 0
                 normal, offset_m = plane
                 foot = (offset_m - normal @ places[-1]) * normal
                 reached = dr.dot(vector(foot) - here, vector(normal)) / dr.dot(ahead, vector(normal))
@@ -332,7 +338,7 @@ class Surroundings:
         self,
         occluders: Occluders,
         vertices: np.ndarray,
-        seen_from: Sequence[Viewpoint],
+        seen_from: Sequence[OneWayPath],
         backend: Backend,
         *,
         parts: np.ndarray | None = None,
@@ -348,17 +354,16 @@ class Surroundings:
 
     def visible(
         self,
-        seen: Viewpoint | Sequence[Viewpoint],
+        seen: Sequence[OneWayPath],
         points: np.ndarray,
         normals: np.ndarray,
         some: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Whether points (K, Q, 3) of given normals on the meshes are visible from a viewpoint, or one at each instant, bool (K,
-        Q): `some` of them, bool (K, Q), by default all; none of the others is."""
+        """Whether points (K, Q, 3) of given normals on the meshes are visible from what was `seen_at` the instants, bool (K, Q):
+        `some` of them, bool (K, Q), by default all; none of the others is."""
         some = np.ones(points.shape[:2], bool) if some is None else some
-        each = [seen] if isinstance(seen, np.ndarray | OneWayPath) else list(seen)
         found = []
-        for viewpoint, at in zip(each, instants_of(each), strict=True):
+        for viewpoint, at in zip(seen, instants_of(seen), strict=True):
             shift = self._shift[at] + (images(viewpoint)[-1] - self._middle)
             obstacles = _Obstacles(self._mitsuba, self._scene, shift, viewpoint)
             found.append(obstacles.leave_visible(points[at], normals[at], some[at]))

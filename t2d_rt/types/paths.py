@@ -183,7 +183,8 @@ class OneWayPath(_Compared):
         return found
 
     def in_scene(self, times_s: np.ndarray | None, axes: int = 2) -> OneWayPath:
-        """The same path in the coordinates of the scene at times (K,), with places (K, 1, ..., 3) of so many axes."""
+        """The same path in the coordinates of the scene at times (K,). Places have shape (K, 1, ..., 1, 3), of `axes` axes, to
+        stand beside points (K, ..., 3)."""
         if self.passing is None:
             return self
         back = passed(self.passing, times_s).back

@@ -22,7 +22,7 @@ from t2d_rt.propagation.paths import FoundPaths, find_paths
 from t2d_rt.propagation.surroundings import radar_paths
 from t2d_rt.propagation.visibility import ExactVisibility, Occlusion
 from t2d_rt.scattering.paths import ranked_pairs
-from t2d_rt.types import PEC, Material, MovingMesh, OneWayPath, PathSet, Radar, Scene
+from t2d_rt.types import PEC, Material, MovingMesh, OneWayPath, PathSet, Radar, RadarTrack, Scene
 from t2d_rt.types.path_fields import SweepNodes, field_over, fields_over, received
 
 FREQUENCY_HZ = 77.87e9
@@ -292,6 +292,14 @@ def test_kept_chains_are_those_of_their_own_search() -> None:
     assert len(set(first)) == len(searches)
     mirrors.chains(ANTENNA_M, 1).clear()  # the caller's own
     assert tuple(mirrors.chains(ANTENNA_M, 1)) == first[0]
+
+
+def test_paths_of_a_radar_that_moves_are_searched_along_its_track() -> None:
+    radar = Radar.preset("table2", track=RadarTrack(times_s=[0, 1], positions_m=[(0, 0, 1), (1, 0, 1)]))
+    with pytest.raises(ValueError, match="at sample times, got None"):
+        static_paths(scene(), radar, order=1, backend=select("cpu"))
+    with pytest.raises(ValueError, match="along its track, got none"):
+        radar_paths(scene(), radar, np.array([[3.0, 0.0, 1.0]]), order=1, backend=select("cpu"))
 
 
 # --- bodies in between ---

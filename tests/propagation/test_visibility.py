@@ -17,11 +17,12 @@ from t2d_rt.core.errors import T2DWarning
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.geometry import SubdividedMesh
 from t2d_rt.propagation.occluders import Occluders, Posed
-from t2d_rt.propagation.visibility import Occlusion, Surroundings, Viewpoints, sample_times
+from t2d_rt.propagation.visibility import Occlusion, Surroundings, Viewpoints, sample_times, sights
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
 HERE = np.array([0.0, 0.0, 1.0])
+SIGHT = sights([HERE])
 LONG_S = (0.0, 1.0)
 # Rays start 2 mm towards the viewpoint and 2 mm along the normal: a shadow's edge may lie that far off.
 EDGE_M = 0.005
@@ -42,7 +43,9 @@ def moving_sphere(
 
 def occlusion(meshes: list[MovingMesh], backend: Backend, rate_hz: float = 10.0, at: np.ndarray = HERE) -> Occlusion:
     start, stop = max(m.times_s[0] for m in meshes), min(m.times_s[-1] for m in meshes)
-    return Occlusion.alone(Occluders(meshes), at, samples_s=sample_times(start, stop, rate_hz), backend=backend)
+    return Occlusion.alone(
+        Occluders(meshes), *sights([at]), samples_s=sample_times(start, stop, rate_hz), backend=backend
+    )
 
 
 def the_scene(view: Occlusion, at: Posed) -> Surroundings:
@@ -302,8 +305,8 @@ def test_faces_that_face_away_hide_nothing_more(walker: MovingMesh, backend: Bac
     normals = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
     towards = np.sum(normals * (HERE - corners.mean(axis=2)), axis=2) > 0
     seen = [
-        Surroundings(posed.meshes, posed.vertices, [HERE], backend, parts=parts).visible(
-            HERE, posed.points, posed.normals
+        Surroundings(posed.meshes, posed.vertices, SIGHT, backend, parts=parts).visible(
+            SIGHT, posed.points, posed.normals
         )
         for parts in (None, towards)
     ]
@@ -346,7 +349,7 @@ def test_points_away_from_shadows_edges_need_no_rays(
     meshes, times_s = Occluders([walker], subdivision=level), np.linspace(0, 1, 5)
     at = meshes.at(times_s)
     front = np.sum(at.normals * (HERE - at.points), axis=2) > 0
-    every = Surroundings(meshes, at.vertices, [HERE], backend).visible(HERE, at.points, at.normals, front)
+    every = Surroundings(meshes, at.vertices, SIGHT, backend).visible(SIGHT, at.points, at.normals, front)
     rays: list[int] = []
     visible = Surroundings.visible
 
@@ -355,7 +358,7 @@ def test_points_away_from_shadows_edges_need_no_rays(
         return visible(self, *given)
 
     monkeypatch.setattr(Surroundings, "visible", counted)
-    view = Occlusion.alone(meshes, HERE, samples_s=np.array([0.0, 1.0]), backend=backend)
+    view = Occlusion.alone(meshes, *SIGHT, samples_s=np.array([0.0, 1.0]), backend=backend)
     found = view.visible(at, front, the_scene(view, at))
     assert not found[~front].any()
     assert sum(rays) < 0.5 * front.sum()
@@ -373,8 +376,8 @@ def test_of_other_meshes_every_point_is_traced(walker: MovingMesh, backend: Back
         assert not meshes.of_bodies
         at = meshes.at(np.array([0.5]))
         front = np.sum(at.normals * (HERE - at.points), axis=2) > 0
-        expected = Surroundings(meshes, at.vertices, [HERE], backend).visible(HERE, at.points, at.normals, front)
-        view = Occlusion.alone(meshes, HERE, samples_s=np.array([0.0, 1.0]), backend=backend)
+        expected = Surroundings(meshes, at.vertices, SIGHT, backend).visible(SIGHT, at.points, at.normals, front)
+        view = Occlusion.alone(meshes, *SIGHT, samples_s=np.array([0.0, 1.0]), backend=backend)
         assert np.mean(view.visible(at, front, the_scene(view, at)) != expected) < 1e-4
     assert Occluders([walker, walker]).of_bodies
 
@@ -392,7 +395,7 @@ def test_faces_that_look_inward_hide_what_is_behind_them(backend: Backend) -> No
         for time_s in (0.0, 1.0):
             at = meshes.at(np.array([time_s]))
             front = np.sum(at.normals * (HERE - at.points), axis=2) > 0
-            view = Occlusion.alone(meshes, HERE, samples_s=np.array(LONG_S), backend=backend)
+            view = Occlusion.alone(meshes, *SIGHT, samples_s=np.array(LONG_S), backend=backend)
             seen = view.visible(at, front, the_scene(view, at))
             assert not seen[:, : len(ball.rest)].any()
     assert Occluders(cabins).at(np.array([0.0])).facing([HERE]).mean() < 0.7  # outward ones face this way or not
@@ -415,7 +418,7 @@ def test_a_scene_serves_its_viewpoints_however_many(
     angles = np.linspace(0, 2 * np.pi, count, endpoint=False)
     places = [np.array([2.0 + 4 * np.cos(a), 4 * np.sin(a), 1.0]) for a in angles]
     viewpoints = Viewpoints(meshes, samples_s, backend)
-    views = [Occlusion(viewpoints, place) for place in places]
+    views = [Occlusion(viewpoints, place) for place in sights(places)]
     at = meshes.at(np.linspace(0, 1, 3))
     facing: list[list[np.ndarray]] = []
     faces_facing = Posed.facing
@@ -424,7 +427,9 @@ def test_a_scene_serves_its_viewpoints_however_many(
     assert [len(some) for some in facing] == [count][: count <= 4]  # more viewpoints see about all faces
     for place, view in zip(places, views, strict=True):
         front = np.sum(at.normals * (place - at.points), axis=2) > 0
-        every = Surroundings(meshes, at.vertices, [place], backend).visible(place, at.points, at.normals, front)
+        every = Surroundings(meshes, at.vertices, sights([place]), backend).visible(
+            sights([place]), at.points, at.normals, front
+        )
         assert np.mean(view.visible(at, front, scene) != every) < 2e-4
 
 
@@ -436,7 +441,7 @@ def test_viewpoints_share_a_scene(
     meshes, samples = Occluders([walker]), sample_times(0, 1.2, 25.0)
     places = [HERE, np.array([9.0, -40.0, 2.0]), np.array([-3.0, 6.0, -5.0])]
     viewpoints = Viewpoints(meshes, samples, backend)
-    some = [Occlusion(viewpoints, place) for place in places[:together]]
+    some = [Occlusion(viewpoints, place) for place in sights(places[:together])]
     made: list[int] = []
     scene = Surroundings.__init__
 
@@ -451,7 +456,7 @@ def test_viewpoints_share_a_scene(
         found = [[each.visibility(times)[0] for each in some] for times in blocks]
     assert len(made) == -(-len(samples) // 4)  # one scene for each chunk of samples, whatever the number of places
     for place, values in zip(places, zip(*found, strict=True), strict=False):
-        alone = Occlusion.alone(Occluders([walker]), place, samples_s=samples, backend=backend)
+        alone = Occlusion.alone(Occluders([walker]), *sights([place]), samples_s=samples, backend=backend)
         expected = np.concatenate([alone.visibility(times)[0] for times in blocks])
         # The scene lies elsewhere in float32; a ray that grazes may change sides.
         assert np.mean(np.abs(np.concatenate(values) - expected) > 0.01) < 1e-3
@@ -466,7 +471,7 @@ def test_viewpoints_asked_one_after_another_over_the_whole_record(
     meshes, samples = Occluders([walker]), sample_times(0, 1.2, 25.0)
     places = [HERE, np.array([9.0, -40.0, 2.0]), np.array([-3.0, 6.0, -5.0])]
     viewpoints = Viewpoints(meshes, samples, backend)
-    some = [Occlusion(viewpoints, place) for place in places]
+    some = [Occlusion(viewpoints, place) for place in sights(places)]
     traced: list[int] = []
     sampled = Occlusion.sampled
 
@@ -485,7 +490,7 @@ def test_viewpoints_asked_one_after_another_over_the_whole_record(
     assert max(held) <= 3 * 2  # of the first block all viewpoints, then those that are in use
     assert sum(traced) <= 1.3 * len(some) * len(samples)
     for place, values in zip(places, found, strict=True):
-        alone = Occlusion.alone(Occluders([walker]), place, samples_s=samples, backend=backend)
+        alone = Occlusion.alone(Occluders([walker]), *sights([place]), samples_s=samples, backend=backend)
         expected = np.concatenate([alone.visibility(times)[0] for times in blocks])
         assert np.mean(np.abs(values - expected) > 0.01) < 1e-3
 
@@ -494,7 +499,7 @@ def test_many_viewpoints_are_traced_at_fewer_instants_at_once(walker: MovingMesh
     samples = sample_times(0, 1.2, 25.0)
     meshes = Occluders([walker], subdivision=1)
     few, many = (Viewpoints(meshes, samples, backend) for _ in range(2))
-    held = [Occlusion(few, HERE), *(Occlusion(many, HERE + [0, 0, k]) for k in range(400))]
+    held = [Occlusion(few, *SIGHT), *(Occlusion(many, each) for each in sights([HERE + [0, 0, k] for k in range(400)]))]
     assert len(held) == 401  # what nothing holds is not traced for
     assert few.at_once == meshes.copies
     assert 1 <= many.at_once <= max(1, VISIBILITY_BYTES / (SAMPLE_BYTES * 400 * meshes.point_count)) < meshes.copies
@@ -545,7 +550,7 @@ def test_subdivision_places_a_shadows_edge_more_closely(backend: Backend) -> Non
     errors = []
     for subdivision in range(3):
         occluded = Occlusion.alone(
-            Occluders([floor, shade], subdivision=subdivision), HERE, samples_s=samples_s, backend=backend
+            Occluders([floor, shade], subdivision=subdivision), *SIGHT, samples_s=samples_s, backend=backend
         )
         seen = occluded.visibility(np.array([0.5]))[0][0]
         stands = SubdividedMesh.of(faces, len(places), subdivision).operator @ places

@@ -7,7 +7,7 @@ import pytest
 from trimesh.creation import box
 
 import t2d_rt as t2d
-from builders import ball, icosphere, slow_after, static_mesh, walk
+from builders import ball, icosphere, moving, slow_after, static_mesh, walk
 from t2d_rt.core.backend import select
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError
@@ -253,6 +253,21 @@ def test_a_segment_is_visible_as_far_as_nothing_stands_before_it(in_room: t2d.Re
     )
     assert (free.segment_visible.sel(segment=above) > 0.9).all()
     assert (free.segment_visible > 0.3).all()
+
+
+def test_what_is_seen_in_a_record_that_begins_late_is_of_the_instant_asked_for() -> None:
+    """A shade rises before a person; a ball far away that begins at 0.05 s makes the record begin then."""
+    motion, times_s = t2d.place(t2d.trim(walk(), 0, 0.1), distance_m=3.0), np.array([0.0, 0.05, 0.1])
+    shade, shot = box(bounds=[[1.5, -1.0, -2.0], [1.51, 1.0, 0.0]]), icosphere(1, 0.1)
+    screen = moving((np.array(shade.vertices), np.array(shade.faces)), np.outer(times_s, [0, 0, 15.0]), times_s)
+    seen = []
+    for first_s, asked_s in ((0.0, [0.03, 0.08]), (0.05, [0.03])):
+        some_s = times_s[times_s >= first_s]
+        far = moving(shot, np.tile([30.0, 20.0, 1.0], (len(some_s), 1)), some_s)
+        model = set_up([motion, screen, far], "free_space", t2d.Experiment.without_targets("ci4r")).model
+        seen.append(truth_table(model, t2d.Accuracy(), np.array(asked_s)).segment_visible[0].values)
+    np.testing.assert_allclose(seen[1][0], seen[0][1], atol=1e-6)
+    assert np.ptp(seen[0], axis=0).max() > 0.9
 
 
 def test_meshes_without_joints_are_no_persons() -> None:
