@@ -367,13 +367,15 @@ def test_what_stands_behind_a_mirror_hides_nothing_before_it(backend: Backend) -
 
 
 def test_a_fan_is_hidden_wherever_a_path_runs(backend: Backend) -> None:
-    """As far as a ball is that does not rotate."""
-    path = _over(("wall",))
-    lines = vertices(path, MIDDLE_M)
-    for aside, least, most in ((0.0, 0.0, 0.0), (0.2, 0.1, 0.9), (1.0, 1.0, 1.0)):
+    """In the mean over its points, as each of them is: a point is hidden where the ball before the wall meets its path."""
+    path, fan = _over(("wall",)), _ball(0.3, MIDDLE_M)
+    points, lines = fan.at(np.zeros(1))[0], vertices(path, MIDDLE_M)
+    antenna, at_wall, _ = vertices(path, points)
+    for aside in (0.0, 0.1, 0.2, 0.3, 1.0):
         centre = lines[0] + 0.6 * (lines[1] - lines[0]) + [0, 0, aside]
-        mean = MeanVisibility(
-            _ball(0.3, MIDDLE_M), Occluders([_ball(0.25, centre)]), RECORD_S, solid=True, backend=backend
-        )
+        mean = MeanVisibility(fan, Occluders([_ball(0.25, centre, level=4)]), RECORD_S, solid=True, backend=backend)
         seen = mean.over("wall", path, None, 1)(np.zeros(1))
-        assert least <= seen.mean() <= most
+        ahead = (at_wall - antenna) / np.linalg.norm(at_wall - antenna, axis=1, keepdims=True)
+        beside = np.linalg.norm(np.cross(centre - antenna, ahead), axis=1)
+        assert np.ptp(seen) == 0
+        assert abs(seen.mean() - np.mean(beside > 0.25)) < 0.03, aside

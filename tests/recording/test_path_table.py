@@ -255,6 +255,7 @@ def test_a_segment_is_visible_as_far_as_nothing_stands_before_it(in_room: t2d.Re
     assert (free.segment_visible > 0.3).all()
 
 
+@pytest.mark.filterwarnings("ignore:top speed")
 def test_what_is_seen_in_a_record_that_begins_late_is_of_the_instant_asked_for() -> None:
     """A shade rises before a person; a ball far away that begins at 0.05 s makes the record begin then."""
     motion, times_s = t2d.place(t2d.trim(walk(), 0, 0.1), distance_m=3.0), np.array([0.0, 0.05, 0.1])
