@@ -13,7 +13,7 @@ from t2d_rt.geometry.vectors import edge_cross, lengths
 from t2d_rt.pipeline.echo_model import Model
 from t2d_rt.propagation.images import apparent_m
 from t2d_rt.propagation.occluders import Occluders
-from t2d_rt.propagation.visibility import Surroundings, sights
+from t2d_rt.propagation.visibility import Surroundings, viewpoints_at
 from t2d_rt.types import Accuracy, MovingMesh, OneWayPath
 from t2d_rt.types.paths import PathKey
 
@@ -166,7 +166,7 @@ def _judged(model: Model, accuracy: Accuracy, *, by_fast: bool) -> tuple[np.ndar
 def _ends(model: Model, accuracy: Accuracy) -> Iterator[tuple[float, OneWayPath, OneWayPath]]:
     """Power of each path pair, and its paths; in free space the lines of sight of the antennas."""
     if model.scene is None:
-        out, back = sights([model.radar.tx_position_m, model.radar.rx_position_m])
+        out, back = viewpoints_at([model.radar.tx_position_m, model.radar.rx_position_m])
         yield 1.0, out, back
     least_db = max(LEVEL_DB, accuracy.least_level_db)
     for each in model.ranked:

@@ -14,7 +14,7 @@ from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.mean_visibility import MeanVisibility
 from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.surroundings import Blockage
-from t2d_rt.propagation.visibility import ExactVisibility, Occlusion, Viewpoints, sights
+from t2d_rt.propagation.visibility import ExactVisibility, Occlusion, Viewpoints, viewpoints_at
 from t2d_rt.scattering.paths import FacetVisibility, View, anchor_vertices
 from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, PathPair, Radar
 from t2d_rt.types.paths import PathKey
@@ -99,7 +99,7 @@ class ExactOverStrongest:
 
     def _facet_visibility(self, pair: PathPair | None) -> FacetVisibility:
         """Traced from every facet's vertices."""
-        ends = sights(self._sight.radar.views_m) if pair is None else [pair.out, pair.back]
+        ends = viewpoints_at(self._sight.radar.views_m) if pair is None else [pair.out, pair.back]
         return _TracedFromFacets(
             tuple(
                 ExactVisibility(self._occluders, end, backend=self._sight.backend)
@@ -162,7 +162,7 @@ class _OneWayVisibility:
     def fraction(self, number: int, end: int, path: OneWayPath | None, path_count: int) -> Fraction:
         """Visibility over the one-way path of an end, whose blockage `path_count` paths share."""
         key, sight = self.place(end, path), self._sight
-        viewpoint = sights(sight.radar.views_m)[key[1]] if path is None else path
+        viewpoint = viewpoints_at(sight.radar.views_m)[key[1]] if path is None else path
         unblocked = None if path is None else partial(sight.blockage.fraction, path)
         if sight.fast_rotating[number]:
             if number not in self._mean:

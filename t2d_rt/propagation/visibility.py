@@ -37,7 +37,7 @@ def sample_times(start_s: float, stop_s: float, rate_hz: float) -> np.ndarray:
     return np.linspace(start_s, stop_s, max(2, int(np.ceil((stop_s - start_s) * rate_hz)) + 1))
 
 
-def sights(places_m: Sequence[np.ndarray]) -> list[OneWayPath]:
+def viewpoints_at(places_m: Sequence[np.ndarray]) -> list[OneWayPath]:
     """Lines of sight from places (3,) m as viewpoints, of which the polarisation does not count."""
     return [OneWayPath.line_of_sight(place, np.array([0.0, 0.0, 1.0])) for place in places_m]
 

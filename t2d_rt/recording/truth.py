@@ -21,7 +21,7 @@ from t2d_rt.motion.kinematics import poses_of
 from t2d_rt.pipeline.echo_model import Model, with_method
 from t2d_rt.pipeline.targets import in_frame, passing, segments, skin
 from t2d_rt.propagation.occluders import Occluders
-from t2d_rt.propagation.visibility import Occlusion, Viewpoints, sights
+from t2d_rt.propagation.visibility import Occlusion, Viewpoints, viewpoints_at
 from t2d_rt.recording.path_table import (
     Nearby,
     mean_range_m,
@@ -247,7 +247,7 @@ def visible_fractions(model: Model, accuracy: Accuracy, people: Sequence[Person]
             view,
             unblocked=None if model.scene is None else partial(model.blockage.fraction, sight(model, end)),
         )
-        for end, view in enumerate(sights(model.radar.views_m))
+        for end, view in enumerate(viewpoints_at(model.radar.views_m))
     ]
     for first in range(0, len(at_s), viewpoints.at_once):
         some_s = at_s[first : first + viewpoints.at_once]

@@ -17,12 +17,12 @@ from t2d_rt.core.errors import T2DWarning
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.geometry import SubdividedMesh
 from t2d_rt.propagation.occluders import Occluders, Posed
-from t2d_rt.propagation.visibility import Occlusion, Surroundings, Viewpoints, sample_times, sights
+from t2d_rt.propagation.visibility import Occlusion, Surroundings, Viewpoints, sample_times, viewpoints_at
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
 HERE = np.array([0.0, 0.0, 1.0])
-SIGHT = sights([HERE])
+SIGHT = viewpoints_at([HERE])
 LONG_S = (0.0, 1.0)
 # Rays start 2 mm towards the viewpoint and 2 mm along the normal: a shadow's edge may lie that far off.
 EDGE_M = 0.005
@@ -44,7 +44,7 @@ def moving_sphere(
 def occlusion(meshes: list[MovingMesh], backend: Backend, rate_hz: float = 10.0, at: np.ndarray = HERE) -> Occlusion:
     start, stop = max(m.times_s[0] for m in meshes), min(m.times_s[-1] for m in meshes)
     return Occlusion.alone(
-        Occluders(meshes), *sights([at]), samples_s=sample_times(start, stop, rate_hz), backend=backend
+        Occluders(meshes), *viewpoints_at([at]), samples_s=sample_times(start, stop, rate_hz), backend=backend
     )
 
 
@@ -418,7 +418,7 @@ def test_a_scene_serves_its_viewpoints_however_many(
     angles = np.linspace(0, 2 * np.pi, count, endpoint=False)
     places = [np.array([2.0 + 4 * np.cos(a), 4 * np.sin(a), 1.0]) for a in angles]
     viewpoints = Viewpoints(meshes, samples_s, backend)
-    views = [Occlusion(viewpoints, place) for place in sights(places)]
+    views = [Occlusion(viewpoints, place) for place in viewpoints_at(places)]
     at = meshes.at(np.linspace(0, 1, 3))
     facing: list[list[np.ndarray]] = []
     faces_facing = Posed.facing
@@ -427,8 +427,8 @@ def test_a_scene_serves_its_viewpoints_however_many(
     assert [len(some) for some in facing] == [count][: count <= 4]  # more viewpoints see about all faces
     for place, view in zip(places, views, strict=True):
         front = np.sum(at.normals * (place - at.points), axis=2) > 0
-        every = Surroundings(meshes, at.vertices, sights([place]), backend).visible(
-            sights([place]), at.points, at.normals, front
+        every = Surroundings(meshes, at.vertices, viewpoints_at([place]), backend).visible(
+            viewpoints_at([place]), at.points, at.normals, front
         )
         assert np.mean(view.visible(at, front, scene) != every) < 2e-4
 
@@ -441,7 +441,7 @@ def test_viewpoints_share_a_scene(
     meshes, samples = Occluders([walker]), sample_times(0, 1.2, 25.0)
     places = [HERE, np.array([9.0, -40.0, 2.0]), np.array([-3.0, 6.0, -5.0])]
     viewpoints = Viewpoints(meshes, samples, backend)
-    some = [Occlusion(viewpoints, place) for place in sights(places[:together])]
+    some = [Occlusion(viewpoints, place) for place in viewpoints_at(places[:together])]
     made: list[int] = []
     scene = Surroundings.__init__
 
@@ -456,7 +456,7 @@ def test_viewpoints_share_a_scene(
         found = [[each.visibility(times)[0] for each in some] for times in blocks]
     assert len(made) == -(-len(samples) // 4)  # one scene for each chunk of samples, whatever the number of places
     for place, values in zip(places, zip(*found, strict=True), strict=False):
-        alone = Occlusion.alone(Occluders([walker]), *sights([place]), samples_s=samples, backend=backend)
+        alone = Occlusion.alone(Occluders([walker]), *viewpoints_at([place]), samples_s=samples, backend=backend)
         expected = np.concatenate([alone.visibility(times)[0] for times in blocks])
         # The scene lies elsewhere in float32; a ray that grazes may change sides.
         assert np.mean(np.abs(np.concatenate(values) - expected) > 0.01) < 1e-3
@@ -471,7 +471,7 @@ def test_viewpoints_asked_one_after_another_over_the_whole_record(
     meshes, samples = Occluders([walker]), sample_times(0, 1.2, 25.0)
     places = [HERE, np.array([9.0, -40.0, 2.0]), np.array([-3.0, 6.0, -5.0])]
     viewpoints = Viewpoints(meshes, samples, backend)
-    some = [Occlusion(viewpoints, place) for place in sights(places)]
+    some = [Occlusion(viewpoints, place) for place in viewpoints_at(places)]
     traced: list[int] = []
     sampled = Occlusion.sampled
 
@@ -490,7 +490,7 @@ def test_viewpoints_asked_one_after_another_over_the_whole_record(
     assert max(held) <= 3 * 2  # of the first block all viewpoints, then those that are in use
     assert sum(traced) <= 1.3 * len(some) * len(samples)
     for place, values in zip(places, found, strict=True):
-        alone = Occlusion.alone(Occluders([walker]), *sights([place]), samples_s=samples, backend=backend)
+        alone = Occlusion.alone(Occluders([walker]), *viewpoints_at([place]), samples_s=samples, backend=backend)
         expected = np.concatenate([alone.visibility(times)[0] for times in blocks])
         assert np.mean(np.abs(values - expected) > 0.01) < 1e-3
 
@@ -499,7 +499,10 @@ def test_many_viewpoints_are_traced_at_fewer_instants_at_once(walker: MovingMesh
     samples = sample_times(0, 1.2, 25.0)
     meshes = Occluders([walker], subdivision=1)
     few, many = (Viewpoints(meshes, samples, backend) for _ in range(2))
-    held = [Occlusion(few, *SIGHT), *(Occlusion(many, each) for each in sights([HERE + [0, 0, k] for k in range(400)]))]
+    held = [
+        Occlusion(few, *SIGHT),
+        *(Occlusion(many, each) for each in viewpoints_at([HERE + [0, 0, k] for k in range(400)])),
+    ]
     assert len(held) == 401  # what nothing holds is not traced for
     assert few.at_once == meshes.copies
     assert 1 <= many.at_once <= max(1, VISIBILITY_BYTES / (SAMPLE_BYTES * 400 * meshes.point_count)) < meshes.copies

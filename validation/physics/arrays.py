@@ -13,7 +13,7 @@ from t2d_rt.body.materials import resolve_material
 from t2d_rt.body.template import template
 from t2d_rt.core.backend import select
 from t2d_rt.propagation.occluders import Occluders
-from t2d_rt.propagation.visibility import Occlusion, sample_times, sights
+from t2d_rt.propagation.visibility import Occlusion, sample_times, viewpoints_at
 from t2d_rt.scattering.ellipsoid import specular_points
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
@@ -263,7 +263,7 @@ def _power(body: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
     """Mean of the echoes' places weighted with their powers, (T, 3)."""
     samples_s = sample_times(float(body.times_s[0]), float(body.times_s[-1]), 25.0)
     view = Occlusion.alone(
-        Occluders([body]), *sights([radar.tx_position_m]), samples_s=samples_s, backend=select("auto")
+        Occluders([body]), *viewpoints_at([radar.tx_position_m]), samples_s=samples_s, backend=select("auto")
     )
     material = resolve_material("skin", radar.mid_frequency_hz)
     echoes = mesh_echoes(

@@ -15,7 +15,7 @@ from t2d_rt.body.segments import segment_of_faces
 from t2d_rt.body.template import template
 from t2d_rt.core.backend import select
 from t2d_rt.propagation.occluders import Occluders
-from t2d_rt.propagation.visibility import Occlusion, sights
+from t2d_rt.propagation.visibility import Occlusion, viewpoints_at
 from t2d_rt.scattering.ellipsoid import PhaseFrom, ellipsoid_echoes
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
@@ -85,7 +85,9 @@ def mesh_fields(
     times_s = mesh.times_s
     views = [View()]
     if occlusion:
-        traced = Occlusion.alone(Occluders([mesh]), *sights([radar.tx_position_m]), samples_s=times_s, backend=backend)
+        traced = Occlusion.alone(
+            Occluders([mesh]), *viewpoints_at([radar.tx_position_m]), samples_s=times_s, backend=backend
+        )
         views = [View(visibility=(lambda at: traced.visibility(at)[0],))]
     views += [View(visibility=(_constant(fraction),)) for fraction in only]
     stream = mesh_echoes(

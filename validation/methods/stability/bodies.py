@@ -11,7 +11,7 @@ import t2d_rt as t2d
 from t2d_rt.core.backend import select
 from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.rays import columns, mitsuba, mitsuba_mesh, traceable
-from t2d_rt.propagation.visibility import Occlusion, sights
+from t2d_rt.propagation.visibility import Occlusion, viewpoints_at
 from t2d_rt.scattering.phase_integral import divided_difference
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar
 from validation.methods.stability.case import Case, Theme
@@ -118,7 +118,7 @@ def grazing(radar: Radar) -> Case:
     stopped = traceable(mi, mitsuba_mesh(mi, proxy, faces)).ray_test(ray).numpy()
     samples_s = np.zeros(2)
     view = Occlusion.alone(
-        Occluders([ball]), *sights([radar.tx_position_m]), samples_s=samples_s, backend=select("auto")
+        Occluders([ball]), *viewpoints_at([radar.tx_position_m]), samples_s=samples_s, backend=select("auto")
     )
     sampled = view.visibility(samples_s[:1])[0][0]
     return Case(
