@@ -15,7 +15,7 @@ from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import set_up
-from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar, RadarTrack, Scene, Surface
+from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar, RadarTrack, Scene, Surface, antennas
 from tests.builders import ball, icosphere, moving, static_mesh
 
 TABLE2 = Radar.preset("table2")
@@ -122,7 +122,7 @@ def test_beside_a_wall_a_plate_comes_to_the_radar(clutter: str) -> None:
     room = {"scene": wall(1, 2.0), "reflections": 2, "clutter": clutter}
     expected = t2d.simulate(coming, radar=TABLE2, **room)
     assert expected.settings["pairs"] == ["direct, wall", "direct", "wall"]
-    assert difference_db(expected, t2d.simulate(still, radar=riding, **room)) < -60  # no difference seen
+    assert difference_db(expected, t2d.simulate(still, radar=riding, **room)) < -150  # no difference seen
     assert difference_db(expected, t2d.simulate(still, radar=TABLE2, **room)) > -20  # had the radar stood still
 
 
@@ -145,7 +145,7 @@ def by_images(
     def element(offset_m: np.ndarray) -> np.ndarray:
         return middle + np.einsum("i,kij->kj", offset_m, axes)
 
-    def gain(pattern: t2d.Radar, towards: np.ndarray) -> np.ndarray:
+    def gain(pattern: antennas.Pattern, towards: np.ndarray) -> np.ndarray:
         ahead = np.einsum("kij,kj->ki", axes, towards)
         return np.sqrt(pattern.gain(ahead / np.linalg.norm(ahead, axis=1, keepdims=True)))
 
@@ -174,15 +174,10 @@ def by_images(
 @pytest.mark.parametrize(
     ("preset", "velocity_mps", "wall_at", "turns_deg", "at_most_db"),
     [
-        ("table2", (1.0, 0.0, 0.0), (0, 5.0), 0.0, -60.0),  # -101 dB seen, with clutter -102
-        ("table2", (0.7, 0.6, 0.0), (0, 5.0), 0.0, -60.0),  # -99 dB
-        (
-            "array-3x4",
-            (0.6, 0.5, 0.0),
-            (0, 5.0),
-            25.0,
-            -50.0,
-        ),  # -57 dB: apparent places in single precision and splines
+        ("table2", (1.0, 0.0, 0.0), (0, 5.0), 0.0, -90.0),  # -101 dB seen, with clutter -102
+        ("table2", (0.7, 0.6, 0.0), (0, 5.0), 0.0, -88.0),  # -99 dB
+        # -57 dB: apparent places in single precision and splines
+        ("array-3x4", (0.6, 0.5, 0.0), (0, 5.0), 25.0, -50.0),
     ],
 )
 def test_walls_pass_a_radar_that_moves(
@@ -226,7 +221,7 @@ def test_a_track_of_one_place_is_that_place() -> None:
         for radar in (resting, resting.replace(track=track))
     )
     assert one.settings["pairs"] == other.settings["pairs"]
-    assert difference_db(one, other) < -100  # -196 dB seen
+    assert difference_db(one, other) < -185  # -196 dB seen
 
 
 @pytest.mark.filterwarnings("ignore:top speed")
@@ -255,7 +250,7 @@ def test_echoes_at_an_instant_are_those_of_a_radar_that_stands_there() -> None:
     resting = Radar.preset("table2-uniform", position_m=tuple(place), boresight=tuple(axes[0, 0]))
     moving = resting.replace(position_m=places[0], boresight=(1, 0, 0)).replace(track=track)
     (expected, walls), (found, walls_found) = seen(resting), seen(moving)
-    assert nmse_db(found, expected) < -60  # -88 dB seen
+    assert nmse_db(found, expected) < -76  # -88 dB seen
     assert abs(walls_found - walls) < 0.03 * abs(walls)  # 0.008 seen, of paths that fade in or out
 
 
@@ -275,6 +270,22 @@ def test_a_mirror_is_seen_while_the_radar_is_before_it() -> None:
     lit = np.sqrt(power / power[np.abs(at_m) < 0.2].mean())
     assert np.allclose(lit[np.abs(at_m) < 0.3], 1, atol=0.01)
     assert lit[np.abs(at_m) > 0.5].max() < 1e-3
+
+
+def test_what_a_ball_hides_of_a_wall_follows_the_track() -> None:
+    """As balls do that come to the radar, one of which passes between it and the wall."""
+    along = np.outer(TIMES_S, [4.0, 0.0, 0.0])
+    shapes = icosphere(2, 0.15, (4.0, 0.2, 1.0)), icosphere(2, 0.25, (0.4, 0.9, 1.0))
+    riding = TABLE2.replace(track=RadarTrack(times_s=TIMES_S, positions_m=np.array(TABLE2.position_m) + along))
+
+    def found(radar: Radar, carried_m: np.ndarray, occlusion: bool = True) -> t2d.Recording:
+        balls = [MovingMesh(each + carried_m[:, None], faces, TIMES_S, "pec") for each, faces in shapes]
+        accuracy = {"tiers": [{"level_db": -200.0}], "occlusion": occlusion}
+        return t2d.simulate(balls, radar=radar, scene=wall(1, 2.0), reflections=1, accuracy=accuracy)
+
+    expected = found(TABLE2, -along)
+    assert difference_db(expected, found(riding, 0 * along)) < -150  # no difference seen
+    assert difference_db(expected, found(TABLE2, -along, occlusion=False)) > -6  # -2.7 dB seen
 
 
 def test_of_a_radar_that_moves_in_a_room_the_rest_is_refused() -> None:
