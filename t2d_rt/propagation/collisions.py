@@ -12,7 +12,7 @@ import numpy as np
 from t2d_rt.core.backend import Backend
 from t2d_rt.core.errors import InputError, warn
 from t2d_rt.propagation.mirrors import Mirrors, has_room, sphere
-from t2d_rt.types import CANONICAL_JOINTS, Ellipsoids, Motion, MovingMesh, Radar, Scene
+from t2d_rt.types import CANONICAL_JOINTS, Ellipsoids, Motion, MovingMesh, Radar, RadarTrack, Scene
 
 SAMPLE_RATE_HZ = 25.0
 """A walker goes 6 cm between two instants, in the mean."""
@@ -20,7 +20,7 @@ GOLDEN = 0.6180339887
 """Instants are uneven by this fraction of their interval, again and again: at even ones a fan of 1500 rpm would seem static."""
 DEEP_M = 0.05
 """As far on both sides of a surface a point has gone through it: feet dip into floors, doors close flush with their wall, people
-sink into a sofa."""
+sink into a sofa. An antenna is a point, for which nothing of it is forgiven."""
 PARTS = 12
 """Of a mesh, whose middles are tested: a hand that touches a table is not through it."""
 INSTANTS_AT_ONCE, VERTICES_AT_ONCE = 50, 2_500_000
@@ -74,18 +74,22 @@ def checked_time(
     if collisions == "ignore":
         return time_s
     start, stop = time_s
-    if not outside and (place := radar_outside(scene, radar, backend)) is not None:
-        told = f"the radar is at {_place_text(place)}, outside {_reach_text(scene)}"
-        told += "; move it (position_m), choose another room, or allow transmissions for paths through walls"
-        if collisions == "stop":
-            raise InputError(told)
-        warn(told)
     if (crossed := radar_crossing(scene, radar, start, stop, backend)) is not None:
         when_s, place, name = crossed
         told = f"the radar goes through {name} of {scene.name} at {when_s - start:.2f} s, at {_place_text(place)}"
         if collisions == "stop":
             raise InputError(f"{told}; give another track")
         warn(f"{told}; give another track")
+    if not outside and (beyond := radar_outside(scene, radar, time_s, backend)) is not None:
+        when_s, place = beyond
+        still = radar.track is None
+        when = "" if still else f" at {when_s - start:.2f} s of the record"
+        told = f"the radar is at {_place_text(place)}{when}, outside {_reach_text(scene)}; "
+        told += "move it (position_m)" if still else "give another track"
+        told += ", choose another room, or allow transmissions for paths through walls"
+        if collisions == "stop":
+            raise InputError(told)
+        warn(told)
     for found in find_collisions(scene, targets, radar, start, stop, outside=outside, backend=backend):
         told = _told(found, scene, names, start)
         if collisions == "warn":
@@ -139,7 +143,7 @@ def find_collisions(
     for number, target in enumerate(targets):
         track = middles(target, times)
         start = track[0].mean(axis=0)
-        if has_outside and _beyond(scene, start):
+        if has_outside and _beyond(scene, start, DEEP_M):
             found.append(Collision(number, start_s, start, None))
             continue
         crossings = [first_crossing(mirrors, *each) for each in _lines(target, track, times)]
@@ -148,26 +152,46 @@ def find_collisions(
     return found
 
 
-def radar_outside(scene: Scene, radar: Radar, backend: Backend) -> np.ndarray | None:
-    """Place [m] (3,) of an antenna that stands outside a room, or gets there on the radar's track; None where none does, or the
-    scene is no room."""
-    centres = [radar.tx_position_m, radar.rx_position_m]
+def radar_outside(
+    scene: Scene, radar: Radar, time_s: tuple[float, float], backend: Backend
+) -> tuple[float, np.ndarray] | None:
+    """When [s] and where [m] (3,) an antenna first stands outside a room between two times; None where none does, or the scene is
+    no room."""
+    times_s = np.array(time_s[:1]) if radar.track is None else _track_times(radar.track, *time_s)
+    centres = np.broadcast_to([radar.tx_position_m, radar.rx_position_m], (len(times_s), 2, 3))
     if radar.track is not None:
-        back = radar.passing(np.array(radar.track.times_s)).back
-        centres = [place for each in centres for place in back.points(np.broadcast_to(each, back.shift_m.shape))]
-    places = [place for place in centres if _beyond(scene, place)]
-    return places[0] if places and is_room(Mirrors.of(scene, backend)) else None
+        centres = radar.passing(times_s).back.points(centres)
+    beyond = np.argwhere(_beyond(scene, centres, 0.0))
+    if not len(beyond) or not is_room(Mirrors.of(scene, backend)):
+        return None
+    instant, antenna = beyond[0]
+    return float(times_s[instant]), centres[instant, antenna]
 
 
 def radar_crossing(
     scene: Scene, radar: Radar, start_s: float, stop_s: float, backend: Backend
 ) -> tuple[float, np.ndarray, str] | None:
-    """When and where the track of a radar goes through a surface, and its name."""
+    """When and where the track of a radar first goes through a surface, however little, and its name."""
     if radar.track is None:
         return None
-    times_s = uneven_times(start_s, stop_s)
-    line = radar.track.places_m(times_s)[None]
-    return first_crossing(Mirrors.of(scene, backend, radar.tx_position_m), line, times_s[None], 0.0)
+    times_s = _track_times(radar.track, start_s, stop_s)
+    line_m = radar.track.places_m(times_s)
+    found = []
+    for mirror in Mirrors.of(scene, backend, radar.tx_position_m).each:
+        depth_m = line_m @ mirror.normal - mirror.offset_m
+        before = np.flatnonzero((depth_m[:-1] != 0) & (np.sign(depth_m[:-1]) != np.sign(depth_m[1:])))
+        fraction = depth_m[before] / (depth_m[before] - depth_m[before + 1])
+        places = line_m[before] + fraction[:, None] * (line_m[before + 1] - line_m[before])
+        met = np.flatnonzero(mirror.holds(places))[:1]
+        when_s = times_s[before] + fraction * (times_s[before + 1] - times_s[before])
+        found += [(float(when_s[each]), places[each], scene.surfaces[mirror.surface].name) for each in met]
+    return min(found, key=itemgetter(0), default=None)
+
+
+def _track_times(track: RadarTrack, start_s: float, stop_s: float) -> np.ndarray:
+    """Instants of the record [s] at which a radar is tested: also those of its track's poses."""
+    poses_s = np.array(track.times_s)
+    return np.union1d(uneven_times(start_s, stop_s), poses_s[(poses_s > start_s) & (poses_s < stop_s)])
 
 
 def is_room(mirrors: Mirrors) -> bool:
@@ -180,10 +204,10 @@ def is_room(mirrors: Mirrors) -> bool:
     return bool(np.isfinite(distance).mean() > ENCLOSED)
 
 
-def _beyond(scene: Scene, place_m: np.ndarray) -> bool:
-    """Whether a place lies well beyond the box around a scene."""
+def _beyond(scene: Scene, places_m: np.ndarray, deep_m: float) -> np.ndarray:
+    """Whether places (..., 3) lie farther than that beyond the box around a scene, (...)."""
     low, high = scene.bounds_m
-    return bool(((place_m < low - DEEP_M) | (place_m > high + DEEP_M)).any())
+    return np.asarray(((places_m < low - deep_m) | (places_m > high + deep_m)).any(axis=-1))
 
 
 def _lines(

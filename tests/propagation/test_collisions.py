@@ -289,12 +289,12 @@ SIDE = plate("side", [(0, 2, 0), (4, 2, 0), (4, 2, 3), (0, 2, 3)])
 def test_what_is_a_room(backend: Backend, scene: Scene, room: bool) -> None:
     """Only a room has an outside where a radar has no business."""
     assert is_room(Mirrors.of(scene, backend)) is room
-    assert (radar_outside(scene, away(-3.0), backend) is not None) is room
-    assert radar_outside(scene, away(0.5), backend) is None
+    assert (radar_outside(scene, away(-3.0), (0.0, 1.0), backend) is not None) is room
+    assert radar_outside(scene, away(0.5), (0.0, 1.0), backend) is None
 
 
 @pytest.mark.parametrize("name", scene_names())
 def test_shipped_scenes_are_rooms(backend: Backend, name: str) -> None:
     mirrors = Mirrors.of(load_scene(name), backend)
     assert is_room(mirrors)
-    assert radar_outside(mirrors.scene, RADAR, backend) is None
+    assert radar_outside(mirrors.scene, RADAR, (0.0, 1.0), backend) is None

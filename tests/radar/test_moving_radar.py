@@ -298,6 +298,32 @@ def test_of_a_radar_that_moves_in_a_room_the_rest_is_refused() -> None:
         t2d.simulate(target, radar=through, scene="empty_room", transmissions=2, collisions="stop")
 
 
+def test_an_antenna_goes_through_a_wall_however_little() -> None:
+    """To 4 cm behind the wall at -0.5 m; and by 0.1 mm between two instants, which rays that begin off surfaces would miss."""
+    for places, when in (([(-0.4, 0, 1), (-0.54, 0, 1)], "0.07"), ([(-0.49995, 0, 1), (-0.50005, 0, 1)], "0.05")):
+        track = RadarTrack(times_s=[0, 0.1], positions_m=places)
+        with pytest.raises(InputError, match=rf"the radar goes through wall-x of empty_room at {when} s, at \(-0\.50"):
+            through(track)
+
+
+def test_only_poses_within_the_record_are_outside() -> None:
+    times_s = np.linspace(-5, 10, 151)
+    places = np.stack([-0.06 * times_s, 0 * times_s, 1 + 0 * times_s], axis=1)
+    assert len(through(RadarTrack(times_s=times_s, positions_m=places)).cube)
+    beyond = RadarTrack(times_s=times_s, positions_m=places - [0.6, 0, 0])
+    with pytest.raises(
+        InputError, match=r"at \(-0\.60, 0\.00, 1\.00\) m at 0\.00 s of the record, .* give another track"
+    ):
+        through(beyond)
+
+
+def through(track: RadarTrack) -> t2d.Recording:
+    """A short record in the empty room, which ends or is refused where something goes through a wall."""
+    radar = TABLE2.replace(track=track)
+    room = {"scene": "empty_room", "reflections": 0, "clutter": "none", "collisions": "stop"}
+    return t2d.simulate(ball((2.0, 0.0, 1.0), time_s=0.1, level=1), radar=radar, **room)
+
+
 def test_truth_is_told_from_where_the_radar_is() -> None:
     radar = TABLE2.replace(track=RadarTrack(times_s=[0, 0.3], positions_m=[(0, 0, 1), (0.3, 0, 1)]))
     walk = t2d.example("walk")
