@@ -572,4 +572,11 @@ def check_dataset(path: str | Path) -> list[str]:
     found = list(faults(folder, recipe))
     if manifest.get("recipe_hash") != recipe.hash:
         found.insert(0, f"{folder / MANIFEST} is of another recipe than {RECIPE}, or missing")
+    if not found:
+        failures = [each["failure"] for number in numbers(folder) for each in Shard.of(folder, number, recipe).records]
+        for name, count in (("samples", len(failures)), ("failed", len(failures) - failures.count(None))):
+            if (told := manifest.get(name, count)) != count:
+                found.append(
+                    f"{folder / MANIFEST} tells {told} for {name}, and the shards hold {count}; samples were lost or it was edited"
+                )
     return found

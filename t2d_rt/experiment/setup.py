@@ -323,11 +323,19 @@ def _check_outside_ellipsoids(geometry: Ellipsoids, radar: Radar, times_s: np.nd
         inside = np.sum(local**2, axis=2) < 1 + 1e-6
         if inside.any():
             frame, index = np.argwhere(inside)[0]
-            where = ", ".join(f"{x:.3g}" for x in antenna)
-            raise InputError(
-                f"the radar at ({where}) m is inside {geometry.names[index]} at {times_s[frame]:.3g} s; place the target farther "
-                "away (distance_m) or move the radar"
-            )
+            raise _radar_within(radar, antenna, times_s[frame], f"is inside {geometry.names[index]}")
+
+
+def _radar_within(radar: Radar, antenna_m: np.ndarray, time_s: float, told: str) -> InputError:
+    """The refusal of a radar inside a target, which tells where its antenna (3,) is at that time."""
+    place_m, mend = antenna_m, "move the radar"
+    if radar.track is not None:
+        place_m = radar.passing(np.array([time_s])).back.points(antenna_m[None])[0].round(6) + 0.0
+        mend = "give the radar another track"
+    where = ", ".join(f"{x:.3g}" for x in place_m)
+    return InputError(
+        f"the radar at ({where}) m {told} at {time_s:.3g} s; place the target farther away (distance_m) or {mend}"
+    )
 
 
 def check_outside(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> None:
@@ -344,9 +352,5 @@ def _check_outside(surface: MovingMesh, radar: Radar, times: np.ndarray) -> None
         inside[within] = np.abs(winding(vertices[within][:, surface.faces] - antenna)) > 0.5
         touches = np.linalg.norm(vertices - antenna, axis=2).min(axis=1) < 1e-3
         if inside.any() or touches.any():
-            where = ", ".join(f"{x:.3g}" for x in antenna)
             instant = times[np.argmax(inside if inside.any() else touches)]
-            raise InputError(
-                f"the radar at ({where}) m {'is inside' if inside.any() else 'touches'} {surface.name} at {instant:.3g} s; place "
-                "the target farther away (distance_m) or move the radar"
-            )
+            raise _radar_within(radar, antenna, instant, f"{'is inside' if inside.any() else 'touches'} {surface.name}")

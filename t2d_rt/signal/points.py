@@ -359,6 +359,8 @@ def intervals(adc: Any, radar: Radar, frame_chirps: int | None = None) -> Iterat
     if frame_chirps is not None:
         frame_chirps = integer("frame_chirps", frame_chirps)
     if frame_chirps is None:
+        if chirps < 8:
+            raise InputError(f"points take a cube of 8 chirps or more, got {chirps} rows; give whole bursts")
         frame_chirps = min(burst if radar.loops_per_frame else 128, chirps)
     if not 8 <= frame_chirps <= min(burst, chirps):
         raise InputError(

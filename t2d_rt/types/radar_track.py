@@ -129,7 +129,7 @@ class RadarTrack(Fields):
     @classmethod
     def read(cls, path: str | Path) -> RadarTrack:
         """From a file: .csv whose first line is "t,x,y,z" or "t,x,y,z,yaw,pitch,roll" (seconds, metres, degrees as of `of_angles`;
-        semicolons and decimal commas of spreadsheets are read too), .npz of arrays of these names, or .yaml of a track's fields."""
+        spreadsheets' semicolons, tabs and decimal commas too), .npz of arrays of these names, or .yaml of a track's fields."""
         path = Path(path)
         kind = path.suffix.lower()
         if kind in (".yaml", ".yml"):
@@ -145,6 +145,8 @@ class RadarTrack(Fields):
                 f"got {', '.join(found) or 'nothing'}"
             )
         values = np.stack([found[name] for name in names], axis=1)
+        if len(values) < 2:
+            raise InputError(f"{path}: a radar's track must have two poses or more, got {len(values)}")
         if not np.isfinite(values).all():
             raise InputError(f"{path}: a radar's track must hold finite numbers alone; repair or leave out such rows")
         if len(names) == 4:
@@ -236,7 +238,7 @@ def _of_csv(path: Path) -> dict[str, np.ndarray]:
     if len(lines) < 2:
         return {}
     comma = next((each for each in ";\t" if each in lines[0]), ",")
-    if comma == ";":  # of spreadsheets whose decimal sign is the comma
+    if comma != ",":  # of spreadsheets whose decimal sign is the comma
         lines[1:] = [line.replace(",", ".") for line in lines[1:]]
     rows = [[word.strip(' "') for word in line.rstrip(f"{comma} ").split(comma)] for line in lines]
     names = [name.lower() for name in rows[0]]
@@ -246,7 +248,7 @@ def _of_csv(path: Path) -> dict[str, np.ndarray]:
         values = np.array([[float(word) for word in row] for row in rows[1:]])
     except ValueError:
         raise InputError(
-            f"{path}: rows of a radar's track must hold as many numbers each as its first line {shown(lines[:1])} has names"
+            f"{path}: rows of a radar's track must hold as many numbers each as its first line, {shown(lines[0])}, has names"
         ) from None
     if values.shape[1] != len(names):
         raise InputError(f"{path}: rows have {values.shape[1]} numbers and the first line names {len(names)} columns")

@@ -347,6 +347,15 @@ def test_a_damaged_shard_is_found_and_not_overwritten(copy: Path) -> None:
     assert any("cannot read shard" in each and "00000.npz" in each for each in check_dataset(copy))
 
 
+def test_a_manifest_counts_what_the_shards_hold(copy: Path) -> None:
+    path = copy / "manifest.json"
+    manifest = json.loads(path.read_text())
+    for name in ("samples", "failed"):
+        path.write_text(json.dumps({**manifest, name: 77}))
+        (fault,) = check_dataset(copy)
+        assert f"tells 77 for {name}, and the shards hold {manifest[name]}" in fault
+
+
 def test_a_damaged_shard_that_is_not_in_the_manifest_yet(copy: Path) -> None:
     (copy / "manifest.json").unlink()
     records = copy / "shards/00001.jsonl"

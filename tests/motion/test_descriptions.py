@@ -403,6 +403,7 @@ def test_misspelt_words_and_a_circle_are_told() -> None:
         ("runs 0 times", "1 to 100 times, got 0"),
         ("jumps 2.5 times", "1 to 100 times, got 2.5"),
         ("runs for 10000 seconds", "up to 600 s, got 10000 s"),
+        ("walks for 0 seconds", "more than 0 and up to 600 s, got 0 s; write a longer time"),
         (", then ".join(["walks", "runs"] * 16), "at most 30 steps, got 32"),
     ],
 )

@@ -317,6 +317,19 @@ def test_only_poses_within_the_record_are_outside() -> None:
         through(beyond)
 
 
+def test_a_radar_within_a_target_is_told_where_it_is_then() -> None:
+    radar = TABLE2.replace(track=RadarTrack(times_s=[0, 0.1], positions_m=[(0, 0, 1), (1, 0, 1)]))
+    for method, name in (("mesh", "ball"), ("ellipsoid", "egg")):
+        target = ball((1.0, 0.0, 1.0), time_s=0.1, level=1) if name == "ball" else egg()
+        with pytest.raises(InputError, match=rf"radar at \(0\.\d+, 0, 1\) m is inside {name} at 0\.0.* another track"):
+            t2d.simulate(target, radar=radar, method=method)
+
+
+def egg() -> Ellipsoids:
+    """One that rests."""
+    return Ellipsoids(np.array([[0.1, 0.1, 0.2]]), np.tile([1.0, 0, 1], (3, 1, 1)), [0, 0.05, 0.1], names=["egg"])
+
+
 def through(track: RadarTrack) -> t2d.Recording:
     """A short record in the empty room, which ends or is refused where something goes through a wall."""
     radar = TABLE2.replace(track=track)
@@ -368,6 +381,7 @@ def test_tracks_are_kept_and_read(tmp_path: Path) -> None:
         ("t,x,y,z\n0,1,2,nan\n1,1,2,3", "finite"),
         ("", "needs t, x, y, z"),
         ("t,x,y,z,vx\n0,1,2,3,4\n1,1,2,3,4", "no others, got t, x, y, z, vx"),
+        ("t,x,y,z\n0,1,2,3", "track.csv: a radar's track must have two poses or more, got 1"),
         ("t,t,x,y,z\n0,0,1,2,3\n1,1,1,2,3", "each column once"),
     ],
 )
@@ -382,6 +396,7 @@ def test_tracks_that_are_none(tmp_path: Path, text: str, told: str) -> None:
     [
         "\ufeffT;X;Y;Z\n0;0,5;2;3\n1;1;2;3\n;;;\n",
         '"t","x","y","z",\n0,.5,2,3,\n1,1,2,3,\n',
+        "t\tx\ty\tz\n0\t0,5\t2\t3\n1\t1\t2\t3\n",
         "z\ty\tx\tt\n3\t2\t.5\t0\n3\t2\t1\t1\n",
     ],
 )

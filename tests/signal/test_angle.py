@@ -430,6 +430,8 @@ def test_guards() -> None:
     for frame in (4, 65):
         with pytest.raises(InputError, match=r"frame_chirps must lie in 8..64 .* got"):
             point_cloud(cube, TDM, frame_chirps=frame)
+    with pytest.raises(InputError, match="points take a cube of 8 chirps or more, got 3 rows"):
+        point_cloud(cube[:3], TDM)
     for rate in (0.0, 0.9, np.nan):
         with pytest.raises(InputError, match=r"false_alarm_rate must lie in 1e-12..0.5"):
             point_cloud(cube, TDM, false_alarm_rate=rate)

@@ -251,7 +251,10 @@ def _step_fields(step: ParseStep, ignored: list[str]) -> dict[str, object]:
     if count is not None and not (isinstance(count, int) and 1 <= count <= slots.MOST_TIMES):
         raise InputError(f"an action is done 1 to {slots.MOST_TIMES} times, got {count}; write a whole number of times")
     if isinstance(duration, float) and not 0 < duration <= slots.LONGEST_S:
-        raise InputError(f"an action lasts up to {slots.LONGEST_S:g} s, got {duration:g} s; write a shorter time")
+        mend = "a shorter" if duration > 0 else "a longer"
+        raise InputError(
+            f"an action lasts more than 0 and up to {slots.LONGEST_S:g} s, got {duration:g} s; write {mend} time"
+        )
     return fields
 
 
