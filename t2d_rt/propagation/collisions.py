@@ -82,10 +82,10 @@ def checked_time(
         warn(f"{told}; give another track")
     if not outside and (beyond := radar_outside(scene, radar, time_s, backend)) is not None:
         when_s, place = beyond
-        still = radar.track is None
-        when = "" if still else f" at {when_s - start:.2f} s of the record"
+        moves = radar.track is not None
+        when = f" at {when_s - start:.2f} s of the record" if moves else ""
         told = f"the radar is at {_place_text(place)}{when}, outside {_reach_text(scene)}; "
-        told += "move it (position_m)" if still else "give another track"
+        told += "give another track" if moves else "move it (position_m)"
         told += ", choose another room, or allow transmissions for paths through walls"
         if collisions == "stop":
             raise InputError(told)
