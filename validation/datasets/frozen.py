@@ -12,6 +12,7 @@ import re
 import sys
 import warnings
 from argparse import ArgumentParser
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,8 @@ OPTIONS = TrainOptions(epochs=60, batch=16)
 """Of networks: the protocol of `t2d-rt train` in smaller batches, as few samples need; chosen for no score."""
 NETWORKS = ("streaming", "vgg-7")
 SEEDS = (0, 1)
+QUICK = 8
+"""So many first samples are frozen as well, for a test that makes them again."""
 
 
 def told(name: str, dataset: Dataset) -> str:
@@ -66,13 +69,13 @@ def lines(dataset: Dataset, kept: Path) -> list[str]:
     return list(found.values())
 
 
-def freeze(count: int, content: str, table: str) -> None:
-    """Writes the table into the page, and the hash into the recipe that ships."""
+def freeze(contents: Mapping[int, str], table: str) -> None:
+    """Writes the table into the page, and hashes by the number of first samples into the recipe that ships."""
     page = PAGE.read_text("utf-8")
     begin, end = page.index(BEGIN) + len(BEGIN), page.index(END)
     PAGE.write_text(f"{page[:begin]}\n{table}\n{page[end:]}", encoding="utf-8")
     recipe = FOLDER / f"{RECIPE}.yaml"
-    known = {number: each for number, each in Recipe.read(RECIPE).frozen if number != count} | {count: content}
+    known = dict(Recipe.read(RECIPE).frozen) | contents
     text = re.sub(r"^frozen:\n(?:  .*\n)*", "", recipe.read_text("utf-8"), flags=re.MULTILINE)
     rows = "".join(f"  - [{number}, {each}]\n" for number, each in sorted(known.items()))
     recipe.write_text(f"{text}frozen:\n{rows}", encoding="utf-8")
@@ -106,7 +109,8 @@ def main(words: list[str]) -> int:
     )
     print(table)
     if options.freeze:
-        freeze(count, content, table)
+        quick, _ = content_hash(options.folder, recipe, QUICK)
+        freeze({QUICK: quick, count: content}, table)
     return 0
 
 
