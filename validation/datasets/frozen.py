@@ -12,7 +12,6 @@ import re
 import sys
 import warnings
 from argparse import ArgumentParser
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -69,7 +68,7 @@ def lines(dataset: Dataset, kept: Path) -> list[str]:
     return list(found.values())
 
 
-def freeze(contents: Mapping[int, str], table: str) -> None:
+def freeze(contents: dict[int, str], table: str) -> None:
     """Writes the table into the page, and hashes by the number of first samples into the recipe that ships."""
     page = PAGE.read_text("utf-8")
     begin, end = page.index(BEGIN) + len(BEGIN), page.index(END)
