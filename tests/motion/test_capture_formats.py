@@ -508,6 +508,30 @@ def test_parameters_of_smplx(tmp_path: Path) -> None:
         load_motion(tmp_path / "e.npz")
 
 
+def test_a_body_that_stays_in_a_t_pose_is_told(tmp_path: Path) -> None:
+    """Rotations that are all zero, as rotations and as positions, in all frames or in some."""
+    walking = np.stack([0.03 * np.arange(60.0), np.zeros(60), np.zeros(60)], axis=1)
+    body = {"global_orient": np.tile([np.pi / 2, 0, 0], (60, 1)), "body_pose": np.zeros((60, 63)), "transl": walking}
+    np.savez(tmp_path / "a.npz", **body, betas=np.zeros(10))
+    with pytest.warns(T2DWarning, match="stays in one pose with its arms held out to the sides, a T-pose"):
+        motion = load_motion(tmp_path / "a.npz", smooth_hz=None)
+    assert "; a T-pose in all frames; " in motion.report
+    np.save(tmp_path / "b.npy", motion.joints[:, :22])
+    with pytest.warns(T2DWarning, match="stays in one pose with its arms held out to the sides, a T-pose"):
+        load_motion(tmp_path / "b.npy", smooth_hz=None)
+    knee = CANONICAL_JOINTS.index("left_knee")
+    body["body_pose"][:, 3 * knee - 3] = 0.3 + 0.1 * np.sin(0.3 * np.arange(60.0))
+    np.savez(tmp_path / "c.npz", **body)
+    assert "no T-pose" in load_motion(tmp_path / "c.npz", smooth_hz=None).report  # one knee moves: no warning
+    body["body_pose"][20:27] = 0
+    np.savez(tmp_path / "d.npz", **body)
+    with pytest.warns(T2DWarning, match="in 7 of 60 frames, first in frame 20, all rotations of the body are zero"):
+        load_motion(tmp_path / "d.npz", smooth_hz=None)
+    np.savez(tmp_path / "e.npz", poses=np.zeros((60, 156)), mocap_framerate=60.0)
+    with pytest.raises(InputError, match="lacks trans or transl"):
+        load_motion(tmp_path / "e.npz")
+
+
 def test_a_rate_that_is_given_is_used_throughout(tmp_path: Path) -> None:
     """AMASS' stature, by the speed of planted feet, too: as with the rate in the file, where it has none or a wrong one."""
     from t2d_rt.motion.interpolate import decompose

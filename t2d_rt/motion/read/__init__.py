@@ -15,7 +15,7 @@ from t2d_rt.core.checks import file_path, instance, shown
 from t2d_rt.core.errors import InputError, warn
 from t2d_rt.core.plugins import loaded, plugins
 from t2d_rt.motion.interpolate import resample, trim
-from t2d_rt.motion.read.amass import MOVED, ROOT, read_amass
+from t2d_rt.motion.read.amass import MOVED, OF_SMPL, ROOT, read_amass
 from t2d_rt.motion.read.arrays import Arrays, read_arrays
 from t2d_rt.motion.read.asf_amc import read_asf_amc
 from t2d_rt.motion.read.bones import read_csv, read_mvnx
@@ -237,7 +237,7 @@ def _of_arrays(read: Callable[[Path], Arrays], path: Path, reading: Reading) -> 
     """Tracks of Kimodo, of AMASS or smplx, or of joints by name or order."""
     arrays, subject = replace(read(path), given_hz=reading.rate_hz), reading.subject
     kimodo = "posed_joints" in arrays
-    if kimodo or (arrays.first("poses", *ROOT) and arrays.first(*MOVED, "global_orient")):
+    if kimodo or (arrays.first("poses", *ROOT) and arrays.first(*MOVED, *OF_SMPL)):
         check_only(subject)
         tracks = read_kimodo(arrays) if kimodo else read_amass(arrays)
     else:

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from t2d_rt.core.errors import InputError
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.motion.quaternions import multiply, rotate
 from t2d_rt.motion.read.arrays import Arrays
 from t2d_rt.motion.read.clock import stated_rate, times_of
@@ -33,6 +33,9 @@ ROOT = ("root_orient", "global_orient")
 BODY = ("pose_body", "body_pose")
 """What AMASS and what smplx call the root's way, its turn and the rotations of the 21 joints behind it."""
 
+OF_SMPL = ("global_orient", *BODY, "betas", "mocap_framerate", "mocap_frame_rate")
+"""Names that tell rotations from joints where the root's way lacks."""
+
 BODY_ANGLES = 66
 """Axis-angle vectors of the 22 canonical joints; hands, jaw and eyes follow."""
 FORMS = {66: "AMASS", 72: "AMASS (SMPL)", 156: "AMASS (SMPL-H)", 165: "AMASS (SMPL-X)"}
@@ -52,6 +55,9 @@ SLOW_MPS = 0.5
 LEAST_TRAVEL_M = 0.8
 """Travel over the floor from which the stature is found from planted feet."""
 SCALES = (0.8, 1.25)
+
+CALIBRATION_FRAMES = 5
+"""At the start, which a calibration pose may take."""
 
 SURE = 0.01
 """Of the stature, by which the lowest joint must keep its level better along another axis than along z for that axis to be
@@ -78,6 +84,7 @@ def read_amass(arrays: Arrays) -> Tracks:
     rows, lost = filled(np.concatenate([moved, poses[:, :BODY_ANGLES]], axis=1), f"{arrays.path}", slice(3))
     moved = rows[:, :3]
     turned = _orientations(rows[:, 3:].reshape(len(poses), -1, 3))
+    _tell_of_zeros(poses[:, 3:BODY_ANGLES])
     about = _forward(turned)
     up = stance_axis({name: moved + STATURE_M * point for name, point in about.items()}, "z", margin=SURE)
     stature, told = _stature(about, moved, rate_hz, up)
@@ -87,6 +94,17 @@ def read_amass(arrays: Arrays) -> Tracks:
     tracks = Tracks(form=form, points=points, turned=turned, rate_hz=rate_hz, unit_m=1.0, up=up)
     clause = f"bone lengths of SMPL's mean body, {stature:.2f} m tall ({told}), betas not used"
     return replace(tracks.without(lost), rate_assumed=stated_hz is None).saying(clause)
+
+
+def _tell_of_zeros(body: np.ndarray) -> None:
+    """Warns where some frames of the body's rotations (T, 63), behind those that may be a calibration pose, are all zeros."""
+    zeros = ~body.any(axis=1)
+    if not zeros.all() and (count := np.count_nonzero(zeros[CALIBRATION_FRAMES:])):
+        first = CALIBRATION_FRAMES + int(zeros[CALIBRATION_FRAMES:].argmax())
+        warn(
+            f"in {count} of {len(body)} frames, first in frame {first}, all rotations of the body are zero, a T-pose, as where a "
+            "person was lost; cut these frames, or store NaN in them"
+        )
 
 
 def _joined(arrays: Arrays) -> np.ndarray:

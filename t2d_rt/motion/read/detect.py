@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -50,6 +51,12 @@ STANDS = 0.8
 
 FLOOR_PERCENTILE = 2.0
 """The floor is where the lowest foot joint is in the lowest 2 % of frames: robust to a bad frame, right for jumps."""
+
+STILL = 1e-4
+"""Of the stature, by which no joint leaves its place about the pelvis in a pose that stays the same."""
+
+STRAIGHT = 0.94
+"""Least cosine of the angle between a bone of an arm that is held out and the line across both shoulders, 20 degrees."""
 
 Up = Literal["x", "y", "z", "-x", "-y", "-z"]
 GivenUp = Up | Literal["file"] | tuple[float, float, float]
@@ -258,6 +265,19 @@ def tpose_frames(points: dict[str, np.ndarray]) -> int:
     # A jump moves the joints by several cm on average, many times more than any step of the motion itself.
     jumps = np.flatnonzero(steps[:5] > max(0.03, 5.0 * float(np.percentile(steps[5:], 99))))
     return int(jumps[-1]) + 1 if len(jumps) else 0
+
+
+def stays_in_tpose(points: dict[str, np.ndarray]) -> bool:
+    """Whether the pose is one and the same in all frames, with straight arms held out to the sides."""
+    arms = [points[f"{side}_{joint}"] for side in ("left", "right") for joint in ("shoulder", "elbow", "wrist")]
+    pose = (
+        np.stack([*arms, *(points[f"{side}_ankle"] for side in ("left", "right"))], axis=1) - points["pelvis"][:, None]
+    )
+    if norms(pose - pose[:1]).max() > STILL * stature_m(points):
+        return False
+    left, right = ([vectors.unit(b[0] - a[0]) for a, b in pairwise(arm)] for arm in (arms[:3], arms[3:]))
+    across = vectors.unit(arms[0][0] - arms[3][0])
+    return min([*(bone @ across for bone in left), *(-bone @ across for bone in right)]) > STRAIGHT
 
 
 def floor_level(points: dict[str, np.ndarray]) -> float:

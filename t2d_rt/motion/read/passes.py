@@ -25,6 +25,7 @@ from t2d_rt.motion.read.detect import (
     add_feet,
     floor_level,
     stance_axis,
+    stays_in_tpose,
     to_z_up,
     tpose_frames,
     unit,
@@ -328,4 +329,11 @@ def _with_feet(tracks: Tracks, tall_m: float) -> Tracks:
 def _without_tpose(tracks: Tracks, drop: bool | None) -> Tracks:
     """Tracks without a calibration pose at the start: as it is found, one frame at least or none as the user says."""
     frames = 0 if drop is False else max(tpose_frames(tracks.points), int(drop is True))
-    return tracks.piece(frames).saying(f"first {frames} frame(s) dropped (T-pose)" if frames else "no T-pose")
+    found = f"first {frames} frame(s) dropped (T-pose)" if frames else "no T-pose"
+    if stays_in_tpose(tracks.points):
+        found = "a T-pose in all frames"
+        warn(
+            "the body stays in one pose with its arms held out to the sides, a T-pose, in all frames, as where all rotations are "
+            "zero; store the rotations of its joints"
+        )
+    return tracks.piece(frames).saying(found)
