@@ -84,7 +84,8 @@ def _over_doppler(part: np.ndarray, radar: Radar, detection: Detection, n_fft: i
     """The same of a search over Doppler."""
     found = array_spectrum(part, radar, range_window=detection.range_window, mti="mean", n_fft=n_fft)
     cells = found.spectrum.transpose(2, 0, 1)  # (range, velocity, antenna)
-    levels = np.log(np.maximum(cells.real**2 + cells.imag**2, 1e-300)).mean(axis=2)
+    power = cells.real**2 + cells.imag**2
+    levels = np.log(np.maximum(power, np.finfo(power.dtype).tiny)).mean(axis=2)
     near, far = detection.range_skip
     noise = _quieter_side(_inner(levels, detection), detection, 0)
     loud = levels[near : len(levels) - far] > math.log(detection.thresholds[0]) + noise

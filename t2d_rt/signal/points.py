@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.core.checks import array, choice, flag, integer, number, numeric, shown
-from t2d_rt.core.errors import InputError
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.signal.angle import array_spectrum, beam_step, check_static, steering_vectors
 from t2d_rt.signal.doppler import window_starts
 from t2d_rt.signal.maps import ArraySpectrum, PointCloud
@@ -19,6 +19,8 @@ from t2d_rt.types.radar import Radar
 
 RANK = 0.75
 """Which of the ordered training cells OS-CFAR takes, as a fraction of their number."""
+SCALE = 1e-12, 1e12
+"""Greatest samples of a frame whose powers single precision holds with all digits, and those of what is 40 dB weaker and more."""
 MOST_LOOKS, MOST_CELLS = 100_000, 2_000
 """Antennas and training cells that a threshold is computed for."""
 
@@ -366,10 +368,24 @@ def intervals(adc: Any, radar: Radar, frame_chirps: int | None = None) -> Iterat
         raise InputError(
             f"frame_chirps must lie in 8..{min(burst, chirps)} (the rows of the cube, or of a burst), got {frame_chirps}"
         )
+    left = chirps % burst
+    if left and left < frame_chirps:
+        warn(
+            f"the last {left} of {chirps} rows are a part of a burst, which has {burst}, and give no points; record whole bursts"
+        )
     starts = window_starts(chirps, burst, frame_chirps, frame_chirps)
     times_s = radar.chirp_starts_s(chirps)[starts] + frame_chirps / 2 * radar.loop_interval_s
     for start, time_s in zip(starts, times_s, strict=True):
-        yield float(time_s), np.asarray(adc[start : start + frame_chirps])
+        yield float(time_s), _scaled(np.asarray(adc[start : start + frame_chirps]))
+
+
+def _scaled(part: np.ndarray) -> np.ndarray:
+    """Samples of a frame; very weak and very strong ones by a power of two, so that no power leaves the numbers there are."""
+    greatest = float(max(np.abs(part.real).max(), np.abs(part.imag).max()))
+    if greatest == 0 or SCALE[0] <= greatest <= SCALE[1]:
+        return part
+    wide = np.ldexp(1.0, -math.frexp(greatest)[1])
+    return (part.astype(complex) * wide).astype(np.result_type(part, np.complex64))
 
 
 def cloud_of(fields: Iterable[np.ndarray], *, nearest_m: float) -> PointCloud:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from t2d_rt.core.errors import InputError
-from t2d_rt.signal import Detection, device_points, sensor, sensors, steering_vectors
+from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.signal import Detection, device_points, point_cloud, sensor, sensors, steering_vectors
 from t2d_rt.signal.device import _detected
 from t2d_rt.types.radar import Radar
 
@@ -71,6 +71,38 @@ def test_points_lie_where_the_mover_is() -> None:
     assert np.sin(points.elevation_rad[loudest]) == pytest.approx(0.2, abs=0.04)
     cell = radar.speed_axis_mps(32)
     assert np.abs(points.speed_mps - 0.4).max() <= cell[1] - cell[0]
+
+
+@pytest.mark.parametrize("over", ["azimuth", "doppler"])
+@pytest.mark.parametrize("factor", [1e-20, 1e-22, 1e-30, 1e20])
+def test_weak_and_strong_cubes_give_the_same_points(over: str, factor: float) -> None:
+    """In single precision, whose squares end at 1e-45 and 3e38."""
+    radar, detection = Radar.from_ti_cfg(LINES), changed(Detection.from_ti_cfg(LINES), over=over)
+    usual, clouds = cube(radar, 3, 1.0, 30.0, 0.5), []
+    for samples in (usual, factor * usual):
+        single = samples.astype(np.complex64)
+        clouds.append((device_points(single, radar, detection), point_cloud(single, radar)))
+    for expected, found in zip(*clouds, strict=True):
+        assert len(expected.snr_db) > 2
+        np.testing.assert_allclose(found.snr_db, expected.snr_db, atol=1e-3)
+        np.testing.assert_allclose(found.xyz_m, expected.xyz_m, atol=1e-3)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_cells_without_any_power_give_no_nan() -> None:
+    radar, detection = Radar.from_ti_cfg(LINES), changed(Detection.from_ti_cfg(LINES), over="doppler")
+    alike = np.ones((64, 8, radar.samples), np.complex64)
+    assert np.isfinite(device_points(alike, radar, detection).snr_db).all()
+
+
+def test_a_part_of_a_burst_at_the_end_is_told() -> None:
+    radar = Radar.from_ti_cfg(LINES)
+    samples = cube(radar, 3, 1.0, 30.0, 0.5)
+    for points in (device_points, point_cloud):
+        with pytest.warns(T2DWarning, match="the last 12 of 76 rows are a part of a burst, which has 32, and give no"):
+            cut = points(samples[:76], radar)
+        assert np.array_equal(cut.snr_db, points(samples[:64], radar).snr_db)
+    point_cloud(samples[:76], radar, frame_chirps=8)  # a window of 8 lies within the 12: nothing is told
 
 
 def test_still_targets_and_noise_give_no_points() -> None:
