@@ -18,14 +18,13 @@ from builders import MOTIONS, WALK, slow_after
 from t2d_rt.body import template
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion, motion_from_joints
-from t2d_rt.motion.interpolate import low_pass
+from t2d_rt.motion.interpolate import compose, decompose, low_pass
 from t2d_rt.motion.quaternions import conjugate, multiply, rotate
 from t2d_rt.motion.read.complete import add_level_feet, complete
 from t2d_rt.motion.read.joint_sets import NEEDED
 from t2d_rt.motion.read.noise import CUTOFFS_HZ, denoised, noise_power
 from t2d_rt.motion.read.orientations import orientations_from_positions
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
-from validation.motions.measures import reproduction_errors_m, twist_steps_deg
 
 CLIPS = {
     "walk": WALK,
@@ -34,6 +33,19 @@ CLIPS = {
     "jog": MOTIONS / "iclone_002_03_run_jog.bvh.gz",
     "MoMask": MOTIONS / "momask_22j_120frames.bvh",
 }
+
+BONES = {
+    "spine1": ("spine2", "pelvis"), "spine2": ("spine3", "spine1"), "spine3": ("neck", "spine2"), "neck": ("head", "spine3"),
+    **{
+        f"{side}_{joint}": tuple(name if name in ("pelvis", "spine3") else f"{side}_{name}" for name in ends)
+        for side in ("left", "right")
+        for joint, ends in {
+            "hip": ("knee", "pelvis"), "knee": ("ankle", "hip"), "ankle": ("foot", "knee"), "shoulder": ("elbow", "spine3"),
+            "elbow": ("wrist", "shoulder"),
+        }.items()
+    },
+}  # fmt: skip
+"""Bones by the joint that carries them: the joint that they end at, and the joint against which their twist counts."""
 
 
 @cache
@@ -48,6 +60,29 @@ def of_positions(motion: Motion) -> Motion:
 
 def points_of(motion: Motion) -> dict[str, np.ndarray]:
     return {name: motion.joints[:, i] for i, name in enumerate(motion.names[:22])}
+
+
+def reproduction_errors_m(motion: Motion) -> np.ndarray:
+    """Distances (T, J) between joints and those of forward kinematics with constant (median) offsets."""
+    offsets, local = decompose(motion.joints, motion.rotations, motion.parents)
+    rigid = np.tile(np.median(offsets, axis=0), (len(offsets), 1, 1))
+    rigid[:, 0] = offsets[:, 0]
+    joints, _ = compose(rigid, local, motion.parents)
+    return np.linalg.norm(joints - motion.joints, axis=-1)
+
+
+def twist_steps_deg(motion: Motion) -> dict[str, np.ndarray]:
+    """Angles (T - 1,) by which each bone turns about itself against its parent from frame to frame."""
+    found = {}
+    for name, (end, parent) in BONES.items():
+        above = conjugate(motion.rotations[:, motion.index(parent)])
+        along = rotate(above, motion.joints[:, motion.index(end)] - motion.joints[:, motion.index(name)])
+        along /= np.linalg.norm(along, axis=-1, keepdims=True)
+        turned = multiply(above, motion.rotations[:, motion.index(name)])
+        step = multiply(turned[1:], conjugate(turned[:-1]))
+        angle = 2 * np.arctan2((step[:, :3] * along[:-1]).sum(axis=-1), step[:, 3])
+        found[name] = np.degrees(np.abs(np.angle(np.exp(1j * angle))))
+    return found
 
 
 # --- rotations ------------------------------------------------------------------------------------------------------

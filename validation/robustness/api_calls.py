@@ -18,7 +18,7 @@ from t2d_rt import body, motion, plots, signal
 from t2d_rt.core.errors import T2DError, T2DWarning
 from t2d_rt.recording import compare as comparison
 from t2d_rt.scene import Opening, Piece, Slab
-from t2d_rt.types import EchoArrays, Ellipsoids, Material, MovingMesh
+from t2d_rt.types import EchoArrays, Ellipsoids, Material, MovingMesh, Radar
 from validation.robustness.api_arguments import (
     DDM,
     FACES,
@@ -107,7 +107,7 @@ def _meshed(mover: Any) -> Any:
 def calls(folder: Path) -> list[Call]:
     """All calls; files are written into `folder`."""
     made: list[Call] = []
-    for group in (_values, _movers, _motions, _signals, _pictures, _results):
+    for group in (_values, _radars, _scenes, _movers, _motions, _signals, _pictures, _results):
         made += group(folder)
     return made
 
@@ -158,6 +158,40 @@ def _values(folder: Path) -> list[Call]:
             lambda s: s.gather(),
         ),
     ]  # fmt: skip
+
+
+def _radars(folder: Path) -> list[Call]:
+    return [
+        Call("Radar", Radar, RADAR.model_dump(), lambda r: r.speed_axis_mps(16)),
+        Call(
+            "Radar.preset",
+            Radar.preset,
+            {"name": "ci4r", "samples": 32, "prf_hz": 2000},
+            lambda r: r.speed_axis_mps(16),
+        ),
+        Call("Radar.from_yaml", Radar.from_yaml, {"path": folder / "none.yaml"}),
+        Call("Radar.to_yaml", RADAR.to_yaml, {"path": folder / "made.yaml"}),
+        Call("Radar.replace", RADAR.replace, {"prf_hz": 2000, "samples": 16}, lambda r: r.speed_axis_mps(16)),
+        Call("Radar.speed_resolution_mps", RADAR.speed_resolution_mps, {"duration_s": 0.1}),
+        Call("Radar.range_axis_m", RADAR.range_axis_m, {"n_fft": 16, "speed_mps": 1.0}),
+        Call("Radar.speed_axis_mps", RADAR.speed_axis_mps, {"n_fft": 64}),
+        Call("Radar.chirp_starts_s", RADAR.chirp_starts_s, {"chirps": 10}),
+        Call("Radar.chirp_times_s", RADAR.chirp_times_s, {"duration_s": 0.1}),
+    ]
+
+
+def _scenes(folder: Path) -> list[Call]:
+    surface = {
+        "name": "wall", "vertices": np.array([[5.0, -2, 0], [5, -2, 2], [5, 2, 2]]), "faces": np.array([[0, 1, 2]]),
+        "material": "concrete", "thickness_m": 0.1,
+    }  # fmt: skip
+    wall = t2d.Scene(name="wall", surfaces=(t2d.Surface(**surface),))
+    return [
+        Call("Surface", t2d.Surface, surface, lambda s: s.vertices),
+        Call("Scene", t2d.Scene, {"name": "wall", "surfaces": wall.surfaces}, lambda s: s.bounds_m),
+        Call("save_scene", t2d.save_scene, {"scene": wall, "folder": folder / "saved"}, str),
+        Call("load_scene", t2d.load_scene, {"source": "empty_room"}, lambda s: s.bounds_m),
+    ]
 
 
 def _movers(folder: Path) -> list[Call]:
@@ -320,6 +354,7 @@ def _results(folder: Path) -> list[Call]:
         Call("compare.envelope", comparison.envelope, {"power_db": np.zeros((3, 4)), "speeds_mps": np.arange(3.0)}),
         Call("Viewer", t2d.Viewer, {"recordings": [recorded], "titles": ["a"]}, str),
         Call("simulate", t2d.simulate, simulated, lambda r: r.cube),
+        Call("simulate a mesh", t2d.simulate, {**simulated, "target": ball(), "method": "mesh"}, lambda r: r.cube),
         Call(
             "synthesize", t2d.synthesize,
             {"echoes": t2d.Echoes(**echo_arrays()), "radar": RADAR, "tolerance_db": -50, "device": "cpu", "read_frames": 8,

@@ -8,52 +8,29 @@ from typing import Any
 
 import numpy as np
 
-from validation.robustness.fuzz.api_calls import CALLS, called, names_of, short
+from validation.robustness.api_calls import calls
+from validation.robustness.fuzz.api_calls import attempted
 from validation.robustness.fuzz.case import Attempt, chance, pick
 
-OFTEN = (
-    "simulate ellipsoids",
-    "simulate a mesh",
-    "spectrogram",
-    "synthesize",
-    "MovingMesh",
-    "motion_from_joints",
-    "point_cloud",
-)
+OFTEN = "simulate", "simulate a mesh", "spectrogram", "synthesize", "MovingMesh", "motion_from_joints", "point_cloud"
 """Calls with the most to go wrong."""
 FACTORS = (0.0, -1.0, 1e-12, 1e-3, 0.5, 0.999, 1.001, 2.0, 10.0, 1e3, 1e9, 1e30)
 STEPS = (-1, 1, 2, -2, 7, 100, 4096)
 WORDS = (
-    "",
-    "mean",
-    "hann",
-    "none",
-    "auto",
-    "adult",
-    "pec",
-    "skin",
-    "metal",
-    "wood",
-    "blackmanharris",
-    "os",
-    "ca",
-    "highpass",
-    "canceller",
-    "coherent",
-    "boxcar",
-)
+    "", "mean", "hann", "none", "auto", "adult", "pec", "skin", "metal", "wood", "blackmanharris", "os", "ca", "highpass",
+    "canceller", "coherent", "boxcar",
+)  # fmt: skip
 
 
 def attempt(rng: np.random.Generator, folder: Path) -> Attempt:
     """One call."""
-    name = pick(rng, OFTEN if chance(rng, 0.3) else sorted(CALLS))
-    function, arguments = CALLS[name]()
+    all_calls = calls(folder)
+    call = pick(rng, [each for each in all_calls if each.name in OFTEN] if chance(rng, 0.3) else all_calls)
     chosen = {}
     for _ in range(1 if chance(rng, 0.5) else 2):
-        key = pick(rng, names_of(name, arguments))
-        chosen[key] = unusual(rng, arguments[key])
-    told = f"{name}({', '.join(f'{key}={short(value)}' for key, value in chosen.items())})"
-    return Attempt(told, lambda: called(function, arguments | chosen))
+        key = pick(rng, sorted(call.arguments))
+        chosen[key] = unusual(rng, call.arguments[key])
+    return attempted(call, chosen)
 
 
 def unusual(rng: np.random.Generator, value: Any) -> Any:
