@@ -23,7 +23,7 @@ from t2d_rt.learn.prediction import LEAST, Prediction, predict
 from t2d_rt.recording.recording import Recording
 from t2d_rt.simulate import run as simulate
 from validation.report import Check, Section
-from validation.studies.benchmark_report import interval
+from validation.studies.common import interval
 
 TOGETHER, RECORDINGS = 3, 40
 AWAY_S = 1.0

@@ -9,7 +9,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -48,6 +48,11 @@ class Scale:
     models: tuple[str, ...] = (*NETWORKS, *BASELINES)
     once: tuple[str, ...] = ()
     """Models that have, to save time, the first seed alone where no claim is judged, and are not split by clip."""
+    samples: int | None = None
+    """Of each set, the first so many; all by default."""
+    splits: tuple[str, ...] = SPLITS
+    precision: Literal["float32", "bfloat16"] = "float32"
+    schedule: Literal["plateau", "cosine"] = "plateau"
 
     def recipe(self, name: str) -> Recipe:
         """The recipe of a set."""
@@ -72,6 +77,10 @@ SCALES = {
     "laptop": Scale(
         name="laptop", recipes={"simple": "small-simple", "hard": "small-hard"}, size=48, epochs=60, batch=16, seeds=(0, 1, 2),
         once=SLOW,
+    ),
+    "thousands": Scale(
+        name="thousands", recipes={"simple": "simple", "hard": "hard"}, size=64, epochs=24, batch=32, seeds=(0, 1), samples=6400,
+        splits=("file", "description"), precision="bfloat16", schedule="cosine",
     ),
     "paper": Scale(
         name="paper", recipes={"simple": "simple", "hard": "hard"}, size=224, epochs=100, batch=64, seeds=(0, 1, 2, 3, 4),
@@ -102,7 +111,7 @@ class Cell:
 
 def cells_of(scale: Scale) -> list[Cell]:
     """All cells: where claims are judged first, and there seed by seed, so that a run that is stopped has whole seeds."""
-    columns = [(each, by) for each in SETS for by in SPLITS]
+    columns = [(each, by) for each in SETS for by in scale.splits]
     return [
         Cell(set=each, by=by, model=model, seed=seed)
         for judged in (True, False)
@@ -145,7 +154,8 @@ def run_cells(
 
 def _stamp(scale: Scale, dataset: Dataset, maps: LabelledMaps) -> str:
     """What a set's cells follow from beside their names, splits included: files of other data or another scale are refused."""
-    digest = hashlib.sha256(f"{scale.size} {scale.epochs} {scale.batch}".encode())
+    protocol = f"{scale.size} {scale.epochs} {scale.batch} {scale.precision} {scale.schedule}"
+    digest = hashlib.sha256(protocol.encode())
     digest.update(maps.levels.tobytes() + maps.labels.tobytes() + maps.velocity_mps.tobytes())
     shared = [sorted(traits(record, KINDS)) for record in dataset.records]
     digest.update(json.dumps([maps.classes, maps.duration_s, maps.names, shared]).encode())
@@ -158,7 +168,7 @@ def _read_cell(path: Path, cell: Cell, stamp: str) -> dict[str, Any]:
         lambda told: (
             {name: told[name] for name in asdict(cell)} == asdict(cell)
             and "stamp" in told
-            and bool({"refused", "confusion"} & told.keys())
+            and bool({"refused", "told"} & told.keys())
         ),
     )
     if told["stamp"] != stamp:
@@ -178,7 +188,9 @@ def _outcome(cell: Cell, scale: Scale, dataset: Dataset, maps: LabelledMaps) -> 
         probabilities = baseline_probabilities(cell.model, train, test, seed=cell.seed)
         more: dict[str, Any] = {}
     else:
-        options = TrainOptions(epochs=scale.epochs, batch=scale.batch, seed=cell.seed)
+        options = TrainOptions(
+            epochs=scale.epochs, batch=scale.batch, seed=cell.seed, precision=scale.precision, schedule=scale.schedule
+        )
         model = train_model(cell.model, train, val, options)
         epochs = model.card.about["epochs"]
         seconds = round((time.process_time() - started) / epochs, 3)
@@ -187,10 +199,20 @@ def _outcome(cell: Cell, scale: Scale, dataset: Dataset, maps: LabelledMaps) -> 
     scores = scores_of(probabilities, test.labels)
     return {
         "accuracy": scores.accuracy, "macro_f1": scores.macro_f1, "calibration_error": scores.calibration_error,
-        "confusion": scores.confusion.tolist(), "classes": list(maps.classes),
+        "confusion": scores.confusion.tolist(), "classes": list(maps.classes), "truth": test.labels.tolist(),
+        "told": probabilities.argmax(axis=1).tolist(), "groups": _groups(cell, dataset, places["test"]),
         "samples": {"train": len(train), "val": len(val), "test": len(test)},
         "seconds": round(time.process_time() - started, 3), **more,
     }  # fmt: skip
+
+
+def _groups(cell: Cell, dataset: Dataset, places: np.ndarray) -> list[int]:
+    """What is drawn anew for an interval, for each sample of the test: by file samples, for each description is on all sides."""
+    if cell.by == "file":
+        return [int(each) for each in places]
+    names = [f"{each['class']}/{each['description']}" for each in dataset.records]
+    _, numbers = np.unique(names, return_inverse=True)
+    return [int(each) for each in numbers[places]]
 
 
 def speed_of(model: SavedModel) -> dict[str, float]:
@@ -286,7 +308,8 @@ def run(options: Namespace) -> str:
         if given is None:
             (folder / "data").mkdir(exist_ok=True)
             with ProgressBar(f"{name} set") as progress:
-                make_dataset(scale.recipe(name), folder / "data" / name, workers=options.workers, progress=progress)
+                made = folder / "data" / name
+                make_dataset(scale.recipe(name), made, limit=scale.samples, workers=options.workers, progress=progress)
         datasets[name] = Dataset(given or folder / "data" / name)
     with ProgressBar(f"benchmark {scale.name}") as progress:
         results = run_cells(scale, datasets, folder / "cells", minutes=options.minutes, progress=progress)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,7 @@ from t2d_rt.dataset.splits import SPLITS
 from t2d_rt.learn.baselines import BASELINES
 from t2d_rt.learn.figures import draw_confusion
 from t2d_rt.learn.models import build, card, count
+from t2d_rt.learn.scores import DRAWS
 from t2d_rt.plots.new_figure import NotebookFigure
 from validation.studies.benchmark import NETWORKS, SETS, Scale
 from validation.studies.common import table
@@ -36,10 +37,7 @@ FIRST, LAST = 3, 6
 PAPERS_ACCURACY, WITHIN = 98.3, 3.0
 """The paper's least accuracy [%] on Simple by file, and the points below it within which the best network must come: networks that
 do not learn the easy set as the paper's did say nothing of its claims."""
-LEAST_SEEDS = 3
-"""For an interval: two values that agree by chance would make one of no width."""
-
-UNTESTED = "cannot be tested at this size"
+UNTESTED = "cannot be tested on these sets"
 
 Result = dict[str, Any]
 
@@ -54,146 +52,140 @@ class Claim:
     figures: str
 
 
-def interval(values: Sequence[float]) -> tuple[float, float]:
-    """Mean, and half of the 95 % interval of the mean by Student's t; infinite for fewer values than LEAST_SEEDS."""
-    from scipy.stats import t
+class Accuracies:
+    """Accuracies [%] of the cells, as they are and for samples that are drawn anew (bootstrap)."""
 
-    count = len(values)
-    if count < LEAST_SEEDS:
-        return float(np.mean(values)), float("inf")
-    spread = float(np.std(values, ddof=1)) / count**0.5
-    return float(np.mean(values)), float(t.ppf(0.975, count - 1)) * spread
+    def __init__(self, results: Sequence[Result]) -> None:
+        self._results = [each for each in results if "told" in each]
+        self.networks = [each for each in NETWORKS if any(row["model"] == each for row in self._results)]
+        self._weights: dict[tuple[str, str], np.ndarray] = {}
 
+    def cells(self, set_: str, by: str, model: str) -> list[Result]:
+        """Those of a model, in the order of their seeds."""
+        found = [each for each in self._results if (each["set"], each["by"], each["model"]) == (set_, by, model)]
+        return sorted(found, key=lambda each: int(each["seed"]))
 
-def accuracies(results: Sequence[Result], set_: str, by: str, model: str) -> dict[int, float]:
-    """Accuracy [%] by seed."""
-    return {
-        each["seed"]: 100.0 * each["accuracy"]
-        for each in results
-        if (each["set"], each["by"], each["model"]) == (set_, by, model) and "accuracy" in each
-    }
+    def of_seeds(self, set_: str, by: str, model: str) -> list[float]:
+        """Accuracy of each seed."""
+        return [100.0 * each["accuracy"] for each in self.cells(set_, by, model)]
+
+    def weights(self, cell: Result) -> np.ndarray:
+        """How often each sample of a cell's test is drawn, (1 + DRAWS, N), first once each.
+
+        All models and seeds of a set and a split have the same draws, so that differences keep what these have in common.
+        """
+        key = cell["set"], cell["by"]
+        if key not in self._weights:
+            count = 1 + max(max(each["groups"]) for each in self._results if (each["set"], each["by"]) == key)
+            rng = np.random.default_rng([SETS.index(key[0]), SPLITS.index(key[1])])
+            drawn = rng.multinomial(count, np.full(count, 1.0 / count), size=DRAWS)
+            self._weights[key] = np.vstack([np.ones(count), drawn])
+        return self._weights[key][:, cell["groups"]]
+
+    def __call__(self, set_: str, by: str, model: str) -> np.ndarray | None:
+        """The mean over seeds, (1 + DRAWS,); None where nothing was run."""
+        found = []
+        for cell in self.cells(set_, by, model):
+            weights = self.weights(cell)
+            found.append(100.0 * weights @ np.equal(cell["told"], cell["truth"]) / np.maximum(weights.sum(axis=1), 1.0))
+        return np.mean(found, axis=0) if found else None
+
+    def all(self, set_: str, by: str) -> dict[str, np.ndarray] | None:
+        """Of each network that was run anywhere; None where one is lacking."""
+        found = {model: self(set_, by, model) for model in self.networks}
+        known = {model: each for model, each in found.items() if each is not None}
+        return known if known and len(known) == len(found) else None
 
 
 def claims(results: Sequence[Result]) -> list[Claim]:
     """Verdicts on all of them; none on the paper's where no network comes near to its accuracy on the easy set."""
-    of_paper = [_alike(results), _lead(results), _loss(results, "file"), _loss(results, "description"), _pairs(results)]
-    if not _learned(results):
+    found = Accuracies(results)
+    of_paper = [_alike(found), _lead(found), _loss(found, "file"), _loss(found, "description"), _pairs(found)]
+    if not _learned(found):
         of_paper = [replace(each, verdict=UNTESTED) for each in of_paper]
-    return [*of_paper, _leak(results, "simple"), _leak(results, "hard")]
+    return [*of_paper, _leak(found, "simple"), _leak(found, "hard")]
 
 
-def _learned(results: Sequence[Result]) -> bool:
+def _learned(found: Accuracies) -> bool:
     """Whether the best network reaches the paper's accuracy on Simple by file, within `WITHIN` points."""
-    found = [list(accuracies(results, "simple", "file", model).values()) for model in NETWORKS]
-    return max((float(np.mean(each)) for each in found if each), default=0.0) >= PAPERS_ACCURACY - WITHIN
+    means = [float(np.mean(each)) for model in found.networks if (each := found.of_seeds("simple", "file", model))]
+    return max(means, default=0.0) >= PAPERS_ACCURACY - WITHIN
 
 
-def verdict(low: float, high: float, limit: float) -> str:
-    """Held where all of the interval is above the limit, refuted where all of it is below."""
+def verdict(drawn: np.ndarray, limit: float) -> str:
+    """Held where the whole 95 % interval is above the limit, refuted where it is below."""
+    low, high = np.percentile(drawn[1:], [2.5, 97.5])
     return "held" if low > limit else "refuted" if high < limit else "undecided"
 
 
-def _over_seeds(results: Sequence[Result], of_seed: Callable[[int], float | None]) -> tuple[float, float, int]:
-    """Mean, half interval and number of seeds of what `of_seed` gives."""
-    seeds = sorted({each["seed"] for each in results})
-    values = [value for value in map(of_seed, seeds) if value is not None]
-    if not values:
-        return float("nan"), float("inf"), 0
-    return *interval(values), len(values)
-
-
-def _of(results: Sequence[Result], set_: str, by: str, seed: int) -> dict[str, float] | None:
-    """Accuracy [%] of each network that was run with a seed; None where one is lacking."""
-    run = {each["model"] for each in results if each["model"] in NETWORKS}
-    found = {model: accuracies(results, set_, by, model).get(seed) for model in NETWORKS if model in run}
-    known = {model: value for model, value in found.items() if value is not None}
-    return known if known and len(known) == len(found) else None
-
-
-def _alike(results: Sequence[Result]) -> Claim:
-    def spread(seed: int) -> float | None:
-        found = _of(results, "simple", "file", seed)
-        return None if found is None else max(found.values()) - min(found.values())
-
-    mean, half, count = _over_seeds(results, spread)
-    found = verdict(-(mean + half), -(mean - half), -ALIKE)
+def _alike(found: Accuracies) -> Claim:
+    title, run = "All models are alike on Simple (98.3 to 99.7 %).", found.all("simple", "file")
+    if run is None:
+        return Claim(title, "undecided", "not run")
+    spread = np.ptp(list(run.values()), axis=0)
     return Claim(
-        "All models are alike on Simple (98.3 to 99.7 %).", found,
-        f"best minus worst network, by file: {_points(mean, half, count)}; alike means within {ALIKE:g} points",
+        title, verdict(-spread, -ALIKE),
+        f"best minus worst network, by file: {_points(spread)}; alike means within {ALIKE:g} points",
     )  # fmt: skip
 
 
-def _lead(results: Sequence[Result]) -> Claim:
-    def lead(seed: int) -> float | None:
-        found = _of(results, "hard", "description", seed)
-        if found is None or not set(CONVOLUTIONAL) <= found.keys():
-            return None
-        others = [value for name, value in found.items() if name not in (*CONVOLUTIONAL, "streaming")]
-        return float(np.mean([found[name] for name in CONVOLUTIONAL])) - max(others) if others else None
-
-    mean, half, count = _over_seeds(results, lead)
+def _lead(found: Accuracies) -> Claim:
+    title, run = "On Hard convolutional networks lead.", found.all("hard", "description")
+    others = [] if run is None else [each for name, each in run.items() if name not in (*CONVOLUTIONAL, "streaming")]
+    if run is None or not others or not set(CONVOLUTIONAL) <= run.keys():
+        return Claim(title, "undecided", "not run")
+    lead = np.mean([run[name] for name in CONVOLUTIONAL], axis=0) - np.max(others, axis=0)
     return Claim(
-        "On Hard convolutional networks lead.", verdict(mean - half, mean + half, 0.0),
-        f"mean of VGG-7 and ResNet-18 minus the best of the others, by description: {_points(mean, half, count)}",
+        title, verdict(lead, 0.0), f"mean of VGG-7 and ResNet-18 minus the best of the others, by description: {_points(lead)}"
     )  # fmt: skip
 
 
-def _loss(results: Sequence[Result], by: str) -> Claim:
-    rows, verdicts = [], []
-    for model in dict.fromkeys(each["model"] for each in results if each["model"] in NETWORKS):
-        simple, hard = (accuracies(results, *each, model) for each in (("simple", "file"), ("hard", by)))
-        both = sorted(simple.keys() & hard.keys())
-        if not both:
-            continue
-        mean, half = interval([simple[seed] - hard[seed] for seed in both])
-        verdicts.append(verdict(mean - half, mean + half, LOSS))
-        rows.append(f"{model} {_points(mean, half, len(both))}")
-    found = "refuted" if "refuted" in verdicts else "held" if verdicts and set(verdicts) == {"held"} else "undecided"
-    return Claim(
-        f"Every network loses {LOSS:g} points or more from Simple by file to Hard by {by}.", found, "; ".join(rows)
-    )
+def _loss(found: Accuracies, by: str) -> Claim:
+    title = f"Every network loses {LOSS:g} points or more from Simple by file to Hard by {by}."
+    simple, hard = found.all("simple", "file"), found.all("hard", by)
+    if simple is None or hard is None:
+        return Claim(title, "undecided", "not run")
+    lost = {model: simple[model] - hard[model] for model in simple}
+    verdicts = {verdict(each, LOSS) for each in lost.values()}
+    told = "; ".join(f"{model} {_points(each)}" for model, each in lost.items())
+    return Claim(title, "refuted" if "refuted" in verdicts else "held" if verdicts == {"held"} else "undecided", told)
 
 
-def _leak(results: Sequence[Result], set_: str) -> Claim:
-    """Of the networks that were run with every seed by both splits."""
-    seeds = {each["seed"] for each in results}
-    found = {
-        model: [accuracies(results, set_, by, model) for by in ("file", "description")]
-        for model in dict.fromkeys(each["model"] for each in results if each["model"] in NETWORKS)
-    }
-    whole = {model: pair for model, pair in found.items() if all(each.keys() == seeds for each in pair)}
-
-    def margin(seed: int) -> float | None:
-        return float(np.mean([pair[0][seed] - pair[1][seed] for pair in whole.values()])) if whole else None
-
-    mean, half, count = _over_seeds(results, margin)
-    return Claim(
-        f"(Not of the paper) A split by file flatters: it beats a split by description on {set_.capitalize()}.",
-        verdict(mean - half, mean + half, 0.0),
-        f"mean over {', '.join(whole) or 'no network'}: {_points(mean, half, count)}",
-    )
+def _leak(found: Accuracies, set_: str) -> Claim:
+    """Of the networks that were run by both splits."""
+    title = f"(Not of the paper) A split by file flatters: it beats a split by description on {set_.capitalize()}."
+    pairs = {model: (found(set_, "file", model), found(set_, "description", model)) for model in found.networks}
+    whole = {model: a - b for model, (a, b) in pairs.items() if a is not None and b is not None}
+    if not whole:
+        return Claim(title, "undecided", "not run")
+    margin = np.mean(list(whole.values()), axis=0)
+    return Claim(title, verdict(margin, 0.0), f"mean over {', '.join(whole)}: {_points(margin)}")
 
 
-def _pairs(results: Sequence[Result]) -> Claim:
-    rows = [
-        each for each in results if (each["set"], each["by"]) == ("hard", "description") and each["model"] in NETWORKS
-    ]
-    rows = [each for each in rows if "confusion" in each]
+def _pairs(found: Accuracies) -> Claim:
     title = "What separates the models on Hard is walking against abnormal walking, and falling against dancing."
+    rows = [each for model in found.networks for each in found.cells("hard", "description", model)]
     if not rows or not {name for pair in PAIRS for name in pair} <= set(rows[0]["classes"]):
-        return Claim(title, "undecided", "the data set lacks these classes")
+        return Claim(title, "undecided", "not run, or the data set lacks these classes")
     classes = rows[0]["classes"]
-    ranked = confused_pairs(np.sum([each["confusion"] for each in rows], axis=0), classes)
-    names = [frozenset(pair) for pair, _ in ranked]
-    ranks = [names.index(frozenset(pair)) + 1 for pair in PAIRS]
-    found = "held" if max(ranks) <= FIRST else "refuted" if max(ranks) > LAST else "undecided"
-    if len({each["seed"] for each in rows}) < LEAST_SEEDS:
-        found = "undecided"
-    told = ", ".join(f"{a} and {b} {100 * part:.0f} %" for (a, b), part in ranked[:FIRST])
+    confusions = np.sum([confusions_of(each, found.weights(each)) for each in rows], axis=0)
+    ranked = [confused_pairs(each, classes) for each in confusions]
+    ranks = np.array([[[set(a) for a, _ in each].index(set(pair)) + 1 for pair in PAIRS] for each in ranked])
+    inside, outside = (np.mean(each) for each in (ranks[1:].max(axis=1) <= FIRST, ranks[1:].max(axis=1) > LAST))
+    told = ", ".join(f"{a} and {b} {100 * part:.0f} %" for (a, b), part in ranked[0][:FIRST])
     return Claim(
-        title, found,
-        f"of {len(ranked)} pairs these are number {ranks[0]} and {ranks[1]}; most often confused, of the samples of both: {told}",
+        title, "held" if inside >= 0.95 else "refuted" if outside >= 0.95 else "undecided",
+        f"of {len(ranked[0])} pairs these are number {ranks[0, 0]} and {ranks[0, 1]}; most often confused, of the samples of both: "
+        + told,
     )  # fmt: skip
+
+
+def confusions_of(cell: Result, weights: np.ndarray) -> np.ndarray:
+    """Confusion (1 + DRAWS, classes, classes) of samples that are drawn so often."""
+    count = len(cell["classes"])
+    where = np.zeros((len(cell["told"]), count * count))
+    where[np.arange(len(where)), np.multiply(cell["truth"], count) + cell["told"]] = 1.0
+    return (weights @ where).reshape(-1, count, count)
 
 
 def confused_pairs(confusion: np.ndarray, classes: Sequence[str]) -> list[tuple[tuple[str, str], float]]:
@@ -207,14 +199,9 @@ def confused_pairs(confusion: np.ndarray, classes: Sequence[str]) -> list[tuple[
     return sorted(found, key=lambda each: -each[1])
 
 
-def _points(mean: float, half: float, count: int) -> str:
-    if count == 0:
-        return "not run"
-    return (
-        f"{mean:.1f} points ({count} of {LEAST_SEEDS} seeds)"
-        if count < LEAST_SEEDS
-        else f"{mean:.1f} +- {half:.1f} points ({count} seeds)"
-    )
+def _points(drawn: np.ndarray) -> str:
+    low, high = np.percentile(drawn[1:], [2.5, 97.5])
+    return f"{drawn[0]:.1f} [{low:.1f}, {high:.1f}] points"
 
 
 def write_report(scale: Scale, results: Sequence[Result], total: int, folder: Path) -> Path:
@@ -248,16 +235,20 @@ def _head(scale: Scale, results: Sequence[Result], total: int) -> str:
     samples = ", ".join(f"{name} {number}" for name, number in sizes.items())
     lengths = [each["epochs"] for each in results if "epochs" in each]
     capped = sum(each == scale.epochs for each in lengths)
+    schedule = (
+        f"All trainings run {scale.epochs} epochs, whose rate rises and falls along a cosine."
+        if scale.schedule == "cosine"
+        else f"{capped} of {len(lengths)} trainings reached the limit of epochs, without an early stop, and may be undertrained."
+    )
     return (
         f"{len(results)} of {total} cells are done, {seconds / 60:.1f} minutes of one processor. Maps of {scale.size} x "
         f"{scale.size} cells, at most {scale.epochs} epochs, batches of {scale.batch}, Adam 1e-3; seeds {seeds}, each with its own "
         f"split, weights and order. Samples: {samples}; half of them to train on, a quarter to choose the epoch by, a quarter to "
-        f"test on. Intervals are 95 % of the mean over seeds by Student's t. {platform.machine()}, {os.cpu_count()} cores, Python "
-        f"{platform.python_version()}, torch {torch.__version__}.\n\n"
-        f"**What this size can tell.** {capped} of {len(lengths)} trainings reached the limit of epochs, without an early stop: "
-        "networks may be undertrained. The paper trained on thousands of samples: its claims have a verdict where the best "
-        f"network comes within {WITHIN:g} points of its {PAPERS_ACCURACY:g} % on Simple by file, and cannot be tested otherwise. "
-        "With fewer than three seeds there is no interval, and nothing is decided."
+        f"test on. Intervals are 95 % of the mean over seeds, for tests of which samples (by file) or descriptions are drawn anew, "
+        "the same for all models (bootstrap); they do not hold the chance of a training, which the seeds tell. "
+        f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, torch {torch.__version__}.\n\n"
+        f"**What these sets can tell.** {schedule} The claims have a verdict where the best network comes within "
+        f"{WITHIN:g} points of the paper's {PAPERS_ACCURACY:g} % on Simple by file, and cannot be tested otherwise."
     )
 
 
@@ -268,29 +259,41 @@ def _claims_table(results: Sequence[Result]) -> str:
 
 
 def _accuracy(results: Sequence[Result], models: Sequence[str]) -> str:
-    columns = [(name, by) for name in SETS for by in SPLITS]
+    found = Accuracies(results)
+    columns = [
+        (name, by) for name in SETS for by in SPLITS if any((row["set"], row["by"]) == (name, by) for row in results)
+    ]
     head = ("model", *(f"{name}, by {by}" for name, by in columns))
-    rows = [(model, *(percent([*accuracies(results, *each, model).values()]) for each in columns)) for model in models]
-    return "Test accuracy [%]; by file as the authors split, by description and by clip without leaks.\n\n" + table(
-        head, rows
+    rows = [(model, *(percent(found, *each, model) for each in columns)) for model in models]
+    return (
+        "Test accuracy [%], its 95 % interval, and that of each seed; by file as the authors split, by description and by clip "
+        "without leaks.\n\n" + table(head, rows)
     )
 
 
-def percent(values: Sequence[float]) -> str:
-    """Mean and half interval [%]."""
-    if not values:
+def percent(found: Accuracies, set_: str, by: str, model: str) -> str:
+    """Mean over seeds, its interval, and that of each seed [%]."""
+    drawn = found(set_, by, model)
+    if drawn is None:
         return "-"
-    mean, half = interval(values)
-    return f"{mean:.1f}" if not np.isfinite(half) else f"{mean:.1f} +- {half:.1f}"
+    low, high = np.percentile(drawn[1:], [2.5, 97.5])
+    return f"{drawn[0]:.1f} [{low:.1f}, {high:.1f}] ({', '.join(f'{each:.1f}' for each in found.of_seeds(set_, by, model))})"
 
 
 def _printed(results: Sequence[Result], models: Sequence[str]) -> str:
-    rows = []
+    found, rows = Accuracies(results), []
     for model in models:
         about = None if model in BASELINES else card(model).printed
-        found = [percent([*accuracies(results, *each, model).values()]) for each in (
-            ("simple", "file"), ("hard", "file"), ("hard", "description"))]  # fmt: skip
-        rows.append((model, *(("-", "-") if about is None else (f"{about.simple:.2f}", f"{about.hard:.2f}")), *found))
+        means = [
+            found.of_seeds(*each, model) for each in (("simple", "file"), ("hard", "file"), ("hard", "description"))
+        ]
+        rows.append(
+            (
+                model,
+                *(("-", "-") if about is None else (f"{about.simple:.2f}", f"{about.hard:.2f}")),
+                *(f"{np.mean(each):.1f}" if each else "-" for each in means),
+            )
+        )
     return table(
         ("model", "Simple, printed", "Hard, printed", "Simple by file", "Hard by file", "Hard by description"), rows
     )
@@ -346,17 +349,19 @@ def _refused(results: Sequence[Result]) -> str:
 
 def accuracy_figure(results: Sequence[Result], models: Sequence[str]) -> Figure:
     """Mean accuracy of each model on each set by each split, with intervals and the printed values."""
+    found = Accuracies(results)
     figure = NotebookFigure(figsize=(11, 4.6), layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
     for ax, name in zip(axes, SETS, strict=True):
         for number, by in enumerate(SPLITS):
-            found = [[*accuracies(results, name, by, model).values()] for model in models]
+            drawn = [found(name, by, model) for model in models]
+            if all(each is None for each in drawn):
+                continue
             places = np.arange(len(models)) + 0.27 * (number - 1)
-            pairs = [interval(each) if each else (0.0, 0.0) for each in found]
-            halves = [half if half > 0 and np.isfinite(half) else np.nan for _, half in pairs]
-            ax.bar(
-                places, [mean for mean, _ in pairs], 0.25, yerr=halves, capsize=2, color=f"C{number}", label=f"by {by}"
-            )
+            low, mean, high = np.array(
+                [[np.nan] * 3 if each is None else [*np.percentile(each[1:], [2.5, 97.5]), each[0]] for each in drawn]
+            ).T[[0, 2, 1]]
+            ax.bar(places, mean, 0.25, yerr=[mean - low, high - mean], capsize=2, color=f"C{number}", label=f"by {by}")
         for place, model in enumerate(models):
             about = None if model in BASELINES else card(model).printed
             if about is not None:
@@ -366,7 +371,8 @@ def accuracy_figure(results: Sequence[Result], models: Sequence[str]) -> Figure:
         ax.set(title=name.capitalize(), ylim=(0, 112))
         ax.grid(axis="y", alpha=0.3)
     axes[0].set_ylabel("test accuracy [%]")
-    axes[1].legend(fontsize=8, loc="upper right", ncols=4)
+    if axes[1].get_legend_handles_labels()[0]:
+        axes[1].legend(fontsize=8, loc="upper right", ncols=4)
     return figure
 
 

@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from t2d_rt.core.atomic_write import replacing
 from t2d_rt.core.errors import InputError
 from t2d_rt.dataset.products import edges
@@ -26,6 +28,21 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """
     first, *others = [f"| {' | '.join(str(each).replace('|', '/') for each in line)} |" for line in (head, *rows)]
     return "\n".join([first, "|" + "---|" * len(head), *others])
+
+
+LEAST_VALUES = 3
+"""For an interval: two values that agree by chance would make one of no width."""
+
+
+def interval(values: Sequence[float]) -> tuple[float, float]:
+    """Mean, and half of the 95 % interval of the mean by Student's t; infinite for fewer than three values."""
+    from scipy.stats import t
+
+    count = len(values)
+    if count < LEAST_VALUES:
+        return float(np.mean(values)), float("inf")
+    spread = float(np.std(values, ddof=1)) / count**0.5
+    return float(np.mean(values)), float(t.ppf(0.975, count - 1)) * spread
 
 
 def write_whole(path: Path, text: str) -> None:

@@ -20,8 +20,7 @@ from t2d_rt.dataset.splits import KINDS, check_sides, traits
 from t2d_rt.learn import TrainOptions, scores_of, sides_of, train_model
 from t2d_rt.learn.maps import LabelledMaps, maps_of, shared_speeds
 from t2d_rt.learn.models import card
-from validation.studies.benchmark_report import interval
-from validation.studies.common import read_cell, table, write_whole
+from validation.studies.common import interval, read_cell, table, write_whole
 
 SEEDS = 0, 1, 2, 3, 4, 5, 6, 7
 """Each with its own split, weights and order; more than elsewhere, as a side has few samples of each condition."""
