@@ -64,6 +64,28 @@ def test_a_stopped_training_goes_on_to_the_same_bits(trained: tuple[SavedModel, 
         )
 
 
+def test_bfloat16_learns_as_float32_does(tmp_path: Path) -> None:
+    """Steps in bfloat16, which has 8 bits: the first loss within 1 %; weights are float32, the same after a stop."""
+
+    def stopping(fraction: float) -> None:
+        raise Killed
+
+    sides = ridges(24), ridges(12, seed=1)
+    full = train_model("vgg-7", *sides, TrainOptions(epochs=2, batch=8))
+    half = TrainOptions(epochs=2, batch=8, precision="bfloat16")
+    whole = train_model("vgg-7", *sides, half, output=tmp_path / "whole")
+    with pytest.raises(Killed):
+        train_model("vgg-7", *sides, half, output=tmp_path / "part", progress=stopping)
+    went_on = train_model("vgg-7", *sides, half, output=tmp_path / "part")
+    first, other = (each.card.about["history"][0]["train_loss"] for each in (full, whole))
+    assert first != other
+    assert first == pytest.approx(other, rel=0.01)
+    np.testing.assert_array_equal(weights(went_on), weights(whole))
+    assert {each.dtype for each in whole.network.parameters()} == {torch.float32}
+    levels = sides[1].levels
+    np.testing.assert_array_equal(load_model(tmp_path / "whole").probabilities(levels), whole.probabilities(levels))
+
+
 def test_a_finished_training_tells_no_time_that_it_did_not_take(
     trained: tuple[SavedModel, Path], tmp_path: Path
 ) -> None:
