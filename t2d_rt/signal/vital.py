@@ -40,6 +40,15 @@ a trunk is deep."""
 SCATTER = 0.1
 """Scatter of an echo's radius about its circle, over the radius, that is no reason to take a weaker cell: it moves the phase by 0.1
 rad, 0.04 mm at 60 GHz."""
+NOISY = 0.2
+"""Variance of an echo's radius about its circle, over the square of its mean, from which on the cell is taken for noise, which has
+4 / pi - 1 = 0.27: an echo as strong as the noise has 0.22, one 4 dB above it 0.14. Of 60 records of noise 50 are told at 10 s by 20
+profiles a second, and all at 16 s by 40."""
+BREATH_M = 1e-3, 24e-3
+"""Depths of a breath that are no reason for doubt [m]: a quarter of the shallowest and twice the deepest of the 4 to 12 mm that
+chests move by."""
+LEAKAGE_BINS = 1.5
+"""Range bins next to the radar that leakage and flicker noise fill: the main lobe of `RANGE_WINDOW`."""
 AS_GOOD = 0.9
 """Of the best cell's goodness from which on a stronger cell is as good."""
 LEAST_OWN = 2e-3
@@ -83,8 +92,9 @@ def vital_signs(adc: Any, radar: Radar, *, range_gate_m: tuple[float, float] | N
 
     range_gate_m: nearest and farthest range that is looked at [m]; all by default. Of several persons it chooses one.
 
-    The person is where the range cell varies most, of all antennas together; of the cells near it that one counts whose echo keeps
-    best to its circle. Where the person moves otherwise, that is what is found.
+    The person is where the range cell varies most, of all antennas together, of those whose echo keeps to a circle, as noise does
+    not; of the cells near it that one counts whose echo keeps best to its own. Where the person moves otherwise, that is what is
+    found. A warning tells cells of noise or leakage, and a breath that no chest has.
     Bursts must follow faster than 6 Hz, twice the fastest heartbeat that is looked for.
     """
     check_recording(adc, radar)
@@ -98,7 +108,13 @@ def vital_signs(adc: Any, radar: Radar, *, range_gate_m: tuple[float, float] | N
     axis_m = radar.range_axis_m(RANGE_ZOOM * radar.samples)
     bins = gate(axis_m, None if range_gate_m is None else interval("range_gate_m", range_gate_m, unit="m"))
     profile = range_fft(slow, window=RANGE_WINDOW, n_fft=RANGE_ZOOM * radar.samples, bins=bins)
-    return signs_of(profile, axis_m[bins], time_s, radar.wavelength_m)
+    found = signs_of(profile, axis_m[bins], time_s, radar.wavelength_m)
+    if found.range_m < (near_m := LEAKAGE_BINS * radar.range_resolution_m):
+        warn(
+            f"what varies most is at {found.range_m:.2f} m, where the radar's leakage and flicker noise lie (below {near_m:.2g} m) "
+            "and may be no person; give range_gate_m"
+        )
+    return found
 
 
 def signs_of(profile: np.ndarray, range_m: np.ndarray, time_s: np.ndarray, wavelength_m: float) -> VitalSigns:
@@ -111,15 +127,19 @@ def signs_of(profile: np.ndarray, range_m: np.ndarray, time_s: np.ndarray, wavel
             f"got {rate_hz:.3g}; record bursts that follow faster (frame_interval_s)"
         )
     variance = profile.var(axis=0, dtype=np.complex128).real.sum(axis=0)
-    cell = int(variance.argmax())
-    if not variance[cell] > 1e-12 * np.mean(np.abs(profile) ** 2, axis=0).sum(axis=0).max():
+    if not variance.max() > 1e-12 * np.mean(np.abs(profile) ** 2, axis=0).sum(axis=0).max():
         raise InputError(
             "vital signs need something that moves, and all chirps are alike; give a recording of a person"
         )
-    displacement = _clearest(profile, variance, range_m, time_s, wavelength_m)
+    cell, displacement = _clearest(profile, variance, range_m, time_s, wavelength_m)
     breath = _peak_hz(*_spectrum(displacement, time_s, BREATHS_HZ), BREATHS_HZ)[0]
     beat, over_db, harmonics = _beat(displacement, time_s, breath)
     parts = _depths(displacement, time_s, breath, beat, harmonics)
+    if not BREATH_M[0] <= parts[0] <= BREATH_M[1]:
+        warn(
+            f"what is told as a breath moves by {1e3 * parts[0]:.2g} mm, where chests move by 4 to 12 mm: it may be no chest; give "
+            "range_gate_m, or record from the front"
+        )
     return VitalSigns(
         range_m=float(range_m[cell]), time_s=time_s, displacement_m=displacement,
         excursion_m=float(np.ptp(displacement)), breathing_hz=breath, breathing_m=parts[0], heartbeat_hz=beat,
@@ -139,20 +159,31 @@ def slow_time(cube: Any, radar: Radar, together: int) -> tuple[np.ndarray, np.nd
 
 def _clearest(
     profile: np.ndarray, variance: np.ndarray, range_m: np.ndarray, time_s: np.ndarray, wavelength_m: float
-) -> np.ndarray:
-    """Displacement (T,) [m] of the cell in the chest whose echo stays on its circle best for the breath that it tells.
+) -> tuple[int, np.ndarray]:
+    """Cell that varies most, and displacement (T,) [m] of the cell near it whose echo stays on its circle best for the breath that
+    it tells.
 
     Cells near one another hold different parts of a trunk. Where two that move differently share one, the echo leaves its circle
     and its phase tells neither. A cell that hardly moves stays on its circle, too: the square of the breath counts beside that of
-    the scatter. Of cells that are as good the strongest is taken.
+    the scatter. Of cells that are as good the strongest is taken. Noise keeps to no circle and is no person while others do.
     """
-    most = int(variance.argmax())
-    near = np.flatnonzero((variance >= WEAKEST * variance[most]) & (np.abs(range_m - range_m[most]) <= CHEST_M))
-    moved, scatters = zip(*(_displacement(profile[:, :, cell], wavelength_m) for cell in near), strict=True)
-    breaths = [_spectrum(each, time_s, BREATHS_HZ)[1].max() for each in moved]
-    goodness = np.array(breaths) / (np.array(scatters) + SCATTER**2)
+    varying = np.flatnonzero(variance >= WEAKEST * variance.max())
+    moved, each_scatter = zip(*(_displacement(profile[:, :, cell], wavelength_m) for cell in varying), strict=True)
+    scatter = np.array(each_scatter)
+    likely = (scatter < NOISY) | (scatter.min() >= NOISY)
+    most = varying[int(np.where(likely, variance[varying], -np.inf).argmax())]
+    beside = likely & (np.abs(range_m[varying] - range_m[most]) <= CHEST_M)
+    near = np.flatnonzero(beside & (variance[varying] >= WEAKEST * variance[most]))
+    breaths = [_spectrum(moved[number], time_s, BREATHS_HZ)[1].max() for number in near]
+    goodness = np.array(breaths) / (scatter[near] + SCATTER**2)
     good = goodness >= AS_GOOD * goodness.max()
-    return np.asarray(moved[int(np.where(good, variance[near], -np.inf).argmax())])
+    best = int(near[np.where(good, variance[varying[near]], -np.inf).argmax()])
+    if scatter[best] >= NOISY:
+        warn(
+            f"the echo at {range_m[varying[best]]:.2f} m does not keep to a circle: its radius varies by {scatter[best]:.2f} of "
+            "its square, as noise alone does by 0.27, so that nothing of a chest may be in it; give range_gate_m, or record nearer"
+        )
+    return int(most), np.asarray(moved[best])
 
 
 def _displacement(cell: np.ndarray, wavelength_m: float) -> tuple[np.ndarray, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from contextlib import nullcontext
 
@@ -103,6 +104,45 @@ def test_the_cell_whose_echo_keeps_to_its_circle_is_taken() -> None:
     assert abs(alone.heartbeat_hz / 1.2 - 1) > 0.1
     assert (found.heartbeat_hz, found.breathing_m) == pytest.approx((1.2, 0.005), rel=0.01)
     assert found.range_m == 1.9
+
+
+def noise(seed: int, power: float) -> np.ndarray:
+    """Of one range cell of four antennas over 30 s, (1200, 4)."""
+    drawn = np.random.default_rng(seed).standard_normal((2, 1200, 4))
+    return math.sqrt(power / 2) * (drawn[0] + 1j * drawn[1])
+
+
+def test_noise_that_varies_more_than_the_chest_is_no_person() -> None:
+    """As flicker noise and leakage do next to the radar."""
+    time_s, wavelength_m = np.arange(1200) / 40.0, 299_792_458.0 / 60e9
+    moved = BREATH.displacement_m(time_s) + BEAT.displacement_m(time_s)
+    chest = np.exp(-4j * np.pi * moved / wavelength_m)[:, None] + noise(0, 1e-3)
+    cells = np.stack([40 + noise(1, 2.0), noise(2, 0.2), chest], axis=2)
+    found = signs_of(cells, np.array([0.0, 0.1, 1.9]), time_s, wavelength_m)
+    assert cells.var(axis=0).sum(axis=0).argmax() == 0
+    assert (found.range_m, found.breathing_hz, found.heartbeat_hz) == pytest.approx((1.9, 0.25, 1.2), rel=0.005)
+    with pytest.warns(T2DWarning) as told:
+        signs_of(cells[:, :, :2], np.array([0.0, 0.1]), time_s, wavelength_m)
+    assert any("m does not keep to a circle: its radius varies by 0.2" in str(each.message) for each in told)
+
+
+def test_a_person_in_the_cells_of_the_leakage_is_doubtful() -> None:
+    starts, radar = RADAR.chirp_times_s(30.0), RADAR
+    moved = BREATH.displacement_m(starts) + BEAT.displacement_m(starts)
+    samples = np.exp(-4j * np.pi * moved / radar.wavelength_m)[:, None, None] * np.ones((4, radar.samples))
+    with pytest.warns(
+        T2DWarning, match=r"at 0\.00 m, where the radar's leakage .* \(below 0\.\d+ m\).* give range_gate_m"
+    ):
+        vital_signs(samples.astype(np.complex64), radar)
+
+
+@pytest.mark.parametrize("depth_m", [0.0003, 0.04])
+def test_a_breath_that_no_chest_has_is_told(depth_m: float) -> None:
+    time_s, wavelength_m = np.arange(1200) / 40.0, 0.01
+    moved = Breathing(rate_hz=0.25, depth_m=depth_m).displacement_m(time_s) + BEAT.displacement_m(time_s)
+    cells = np.exp(-4j * np.pi * moved / wavelength_m)[:, None, None] + 1e-3 * noise(0, 1.0)[:, :, None]
+    with pytest.warns(T2DWarning, match="mm, where chests move by 4 to 12 mm"):
+        signs_of(cells, np.array([2.0]), time_s, wavelength_m)
 
 
 def seen(breath_hz: float, beat_hz: float, told: str | None, depth_m: float = 0.0002) -> VitalSigns:
