@@ -18,6 +18,7 @@ from t2d_rt.core.stored_arrays import Inputs, Store
 from t2d_rt.experiment.catalog import target_named
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.geometry import winding
+from t2d_rt.geometry.vectors import inner, unit
 from t2d_rt.motion import placement
 from t2d_rt.motion.jumps import jumps, told, told_before
 from t2d_rt.noise.receiver import check_receiver
@@ -28,6 +29,7 @@ from t2d_rt.propagation.collisions import checked_time
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.materials import check_values
 from t2d_rt.propagation.scenes import load_scene
+from t2d_rt.propagation.surroundings import probes
 from t2d_rt.radar import check_speed
 from t2d_rt.scattering.paths import Ranked
 from t2d_rt.scattering.refinement import REFINING_BYTES
@@ -48,6 +50,10 @@ BISTATIC_DEG = 120.0
 """Greatest angle between transmitter and receiver as a target sees them. There the field of a sphere of 10 cm by physical
 optics is up to 0.9 dB off Mie's series at 77 GHz (20 cm 0.6 dB, 3 cm 1.4 dB), at 130 to 150 degrees up to 2.5 dB: its edge of
 shadow is too sharp."""
+
+BISTATIC_DB = -10.0
+"""Level of a path pair, relative to the strongest one's, from which such an angle is told: 2.5 dB of it are then 10 % of the
+strongest one's field."""
 
 LEAST_CUT_S = 0.05
 """Part of a motion beyond the record's end from which it is told; durations in whole frames differ by less."""
@@ -136,6 +142,9 @@ def set_up(
             backend=backend,
         )
     paths_on = switched_on(ranked, experiment.only_paths, experiment.without_paths)
+    _tell_of_bistatic(
+        [each for each in ranked if paths_on is None or each.pair.name in paths_on], geometries, radar, span_s
+    )
     model = Model(
         radar,
         modelled,
@@ -313,6 +322,29 @@ def _check_bistatic(geometry: Geometry, radar: Radar, span_s: tuple[float, float
                 f"at {times[angle_deg.argmax()]:.3g} s {geometry.name} lies between transmitter and receiver, which it sees "
                 f"{angle_deg.max():.0f} degrees apart; echoes are modelled up to {BISTATIC_DEG:g} degrees: place the target "
                 "farther away (distance_m), or the antennas nearer together"
+            )
+
+
+def _tell_of_bistatic(
+    ranked: Sequence[Ranked], geometries: Sequence[Geometry], radar: Radar, span_s: tuple[float, float]
+) -> None:
+    """Warns where antennas apart see a target from almost opposite sides over a path pair of a room that carries weight.
+
+    A radar in one place has such pairs as well, out direct and back by the wall behind the target: beside its direct echo, which
+    is seen from one side, they are ghosts.
+    """
+    if np.linalg.norm(radar.tx_position_m - radar.rx_position_m) <= ONE_VIEW_M:
+        return
+    weighty = [each for each in ranked if each.mean_db >= BISTATIC_DB and each.pair.order]
+    points, when = probes(geometries, *span_s) if weighty else (np.zeros((0, 3)), np.zeros(0))
+    for each in weighty:
+        out, back = (unit(path.place_m(when) - points) for path in (each.pair.out, each.pair.back))
+        angle_deg = np.degrees(np.arccos(np.clip(inner(out, back), -1, 1)))
+        if angle_deg.max() > BISTATIC_DEG:
+            warn(
+                f"over the path pair {each.pair.name!r}, {each.mean_db:.0f} dB from the strongest, a target sees transmitter and "
+                f"receiver {angle_deg.max():.0f} degrees apart at {when[angle_deg.argmax()]:.3g} s; beyond {BISTATIC_DEG:g} "
+                "degrees echoes may be 2.5 dB off: move the antennas, or leave the pair out (without_paths)"
             )
 
 

@@ -284,6 +284,21 @@ def test_targets_between_the_antennas_are_refused() -> None:
         t2d.simulate(dash, radar=RADAR.replace(rx_offsets_m=(6.0, 0, 0)), method="ellipsoid")
 
 
+def test_a_path_pair_that_sees_a_target_from_opposite_sides_is_told_of_antennas_apart() -> None:
+    """Over both walls beside the target: of a radar in one place they are not told, nor where they are left out."""
+    room = t2d.Room(size_m=(8.0, 6.0, 2.5), walls={"material": "metal", "thickness_m": 0.002})
+    egg = Ellipsoids(np.array([[0.1, 0.1, 0.2]]), np.tile([2.0, 0, 1.0], (3, 1, 1)), TIMES_S)
+    options: dict[str, Any] = {"scene": room, "method": "ellipsoid", "measure_error": False}
+    apart = RADAR.replace(tx_offsets_m=(0, 2.0, 0), rx_offsets_m=(0, -2.0, 0))
+    with pytest.warns(
+        T2DWarning, match=r"over the path pair '.*wall.*', -\d+ dB from the .* 1[23]\d degrees apart"
+    ) as told:
+        t2d.simulate(egg, radar=apart, **options)
+    names = [str(each.message).split("'")[1] for each in told]
+    t2d.simulate(egg, radar=apart, without_paths=names, **options)
+    t2d.simulate(egg, radar=RADAR, **options)
+
+
 def test_a_facet_that_rotates_too_fast_is_reported() -> None:
     times_s = np.linspace(0, 0.2, 41)
     angle, y, z = 20 * times_s, np.array([-0.2, 0.2, 0.2, -0.2]), np.array([-0.2, -0.2, 0.2, 0.2])
