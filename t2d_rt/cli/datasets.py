@@ -130,15 +130,16 @@ def _make(name: str, output: str | None, options: Given) -> int:
 
 def _show(name: str, index: int) -> int:
     from t2d_rt.dataset import Recipe
+    from t2d_rt.dataset.making import scheduler_named
     from t2d_rt.dataset.worker import shown_sample
 
-    say(shown_sample(Recipe.read(name), index))
+    say(shown_sample(Recipe.read(name), index, scheduler_named(None, 1)[0]))
     return 0
 
 
 def _check(folder: str) -> int:
     from t2d_rt.dataset import check_dataset
-    from t2d_rt.dataset.shards import content_hash, dataset_folder, frozen_differences, recipe_of
+    from t2d_rt.dataset.shards import content_hash, dataset_folder, frozen_differences, mixed_kernels, recipe_of
 
     faults = check_dataset(folder)
     for each in faults:
@@ -151,6 +152,8 @@ def _check(folder: str) -> int:
     say(f"{folder}: {samples} samples of {recipe.name}, content {content}")
     for each in (f"{folder}: all shards are as they were written", *frozen_differences(place, recipe)):
         say(each)
+    if (mixed := mixed_kernels(place)) is not None:
+        say(f"{folder}: {mixed}")
     return 0
 
 

@@ -20,7 +20,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.plugins import versions
 from t2d_rt.dataset.dataset import Dataset, Product
 from t2d_rt.dataset.parquet import DATA, pyarrow, write_parquet
-from t2d_rt.dataset.shards import RAGGED, RECIPE, SHARDS, UNITS
+from t2d_rt.dataset.shards import RAGGED, RECIPE, SHARDS, UNITS, mixed_kernels
 from t2d_rt.dataset.splits import Split, check_split
 
 if TYPE_CHECKING:
@@ -367,4 +367,6 @@ def _quality(dataset: Dataset) -> str:
         lines.append(
             f"- measured error of the field {np.median(errors):.1f} dB (median of {len(errors)}), {errors.max():.1f} dB at most"
         )
+    if (mixed := mixed_kernels(dataset.path)) is not None:
+        lines.append(f"- {mixed}")
     return "\n".join(lines)

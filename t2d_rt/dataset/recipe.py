@@ -261,6 +261,12 @@ class Recipe(Fields):
             found.__dict__.pop("hash", None)
         return found
 
+    def hashed_as(self, written: str) -> Self:
+        """A copy with the hash that an older version gave it, by which its samples were made."""
+        found = super().model_copy()
+        found.__dict__["hash"] = written  # where functools.cached_property keeps it
+        return found
+
     def seeds(self, number: int, purpose: str) -> np.random.SeedSequence:
         """The seeds of one purpose, as "view", of a motion or sample by its number.
 

@@ -456,7 +456,7 @@ def recipe_of(folder: Path) -> Recipe:
     recipe = Recipe.read(folder / RECIPE)
     made_of = read_manifest(folder).get("recipe_hash")
     if made_of != recipe.hash and made_of == written_hash(folder / RECIPE):
-        recipe.__dict__["hash"] = made_of  # where functools.cached_property keeps it
+        return recipe.hashed_as(made_of)
     return recipe
 
 
@@ -558,6 +558,17 @@ def frozen_differences(folder: Path, recipe: Recipe) -> Iterator[str]:
                 f"{due[:12]}): another version made them, or other kernels; they were made on {shown(made_on)}; say so beside any "
                 "score"
             )
+
+
+def mixed_kernels(folder: Path) -> str | None:
+    """A sentence where samples of a data set were made with different kernels; None where they were not."""
+    found = {each.partition(", ")[2] or each for each in read_manifest(folder).get("made_on", [])}
+    if len(found) < 2:
+        return None
+    return (
+        f"samples were made with {len(found)} kinds of kernels ({', '.join(map(shown, sorted(found)))}), which round "
+        "differently: some differ in a last bit from what the others would have made"
+    )
 
 
 def check_dataset(path: str | Path) -> list[str]:

@@ -312,15 +312,19 @@ def plan_of(recipe: Recipe, indices: list[int]) -> Accuracy:
     raise failure
 
 
-def shown_sample(recipe: Recipe, index: int) -> str:
-    """Text that `t2d-rt simulate` takes: the experiment of a sample, and its accuracy where it is not the default."""
+def shown_sample(recipe: Recipe, index: int, take_up: Callable[..., Iterable[tuple[str, str]]]) -> str:
+    """Text that `t2d-rt simulate` takes: the experiment of a sample, and its accuracy where it is not the default.
+
+    take_up: makes the plan of its group, where the plans of a data set are made.
+    """
     import yaml
 
     found = sample(recipe, index)
     group = group_of(found.cell)
-    plans = {}
+    plans: dict[str, Accuracy] = {}
     if found.cell.condition.tolerance_db is not None:
-        plans[group] = plan_of(recipe, groups(recipe, recipe.samples, only=group)[group])
+        task = recipe.model_dump_json(), group, groups(recipe, recipe.samples, only=group)[group], 1
+        plans |= {name: Accuracy.model_validate_json(plain) for name, plain in take_up(make_plan, [task])}
     accuracy = accuracy_of(found.cell, plans)
     text = (
         f"# sample {index} of {recipe.name} ({recipe.hash[:8]}): {found.cell.activity}, {found.cell.condition.name}\n"

@@ -39,8 +39,9 @@ from t2d_rt.dataset import (
 from t2d_rt.dataset.lock import LOCK, locked
 from t2d_rt.dataset.making import on_a_cluster
 from t2d_rt.dataset.shards import Made
-from t2d_rt.dataset.worker import make_sample, make_samples, view
+from t2d_rt.dataset.worker import make_plan, make_sample, make_samples, shown_sample, view
 from t2d_rt.experiment.experiment import Experiment
+from t2d_rt.types import Accuracy
 
 TINY = """
 about: Four short samples of two classes.
@@ -154,6 +155,21 @@ def test_the_yaml_of_a_sample_runs_alone_to_the_same_bits(made: Path, tmp_path: 
     assert experiment.hash == record["experiment"]
     for name, array in kept.items():
         np.testing.assert_array_equal(arrays[name], array)
+
+
+def test_the_plan_of_a_sample_that_is_shown_is_made_where_those_of_data_sets_are() -> None:
+    import yaml
+
+    planned = tiny(conditions=[{"name": "mesh", "tolerance_db": -15}], classes=["jumping"])
+    asked = []
+
+    def elsewhere(work: Any, tasks: Any) -> list[tuple[str, str]]:
+        asked.extend((work, *task[1:]) for task in tasks)
+        return [("jumping/mesh", Accuracy(surface_rate_hz=123.0).model_dump_json())]
+
+    text = shown_sample(planned, 1, elsewhere)
+    assert asked == [(make_plan, "jumping/mesh", list(range(planned.samples)), 1)]
+    assert yaml.safe_load(text)["accuracy"]["surface_rate_hz"] == 123.0
 
 
 def test_two_workers_and_other_batches_make_the_same_files(made: Path, tmp_path: Path) -> None:

@@ -131,6 +131,16 @@ def test_parquet_holds_the_same_numbers(dataset: Dataset, parquet: Path) -> None
     assert "velocity -4.267 to 4.267 m/s" in card
 
 
+def test_the_card_tells_of_mixed_kernels(folder: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason="pyarrow is not installed (extra [export])")
+    mixed = shutil.copytree(folder, tmp_path / "mixed")
+    manifest = json.loads((mixed / "manifest.json").read_text())
+    kinds = ["abacus, OpenBLAS Haswell, NumPy AVX2", "abacus, OpenBLAS SkylakeX, NumPy AVX512_SPR"]
+    (mixed / "manifest.json").write_text(json.dumps(manifest | {"made_on": kinds}))
+    card = (export_dataset(Dataset(mixed), tmp_path / "out", "parquet") / "README.md").read_text()
+    assert "- samples were made with 2 kinds of kernels" in card
+
+
 def test_columns_of_parquet_are_plain(dataset: Dataset, parquet: Path) -> None:
     pq = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed (extra [export])")
     table = pq.read_table(parquet / "data" / "train-00000-of-00001.parquet")

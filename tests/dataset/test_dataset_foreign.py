@@ -216,7 +216,7 @@ def test_content_is_the_same_in_other_shards_and_a_frozen_one_is_compared(tmp_pa
         (folders[0] / "recipe.yaml").write_text(recipe(frozen=frozen).to_yaml())
         notices = frozen_differences(folders[0], recipe_of(folders[0]))
         assert [bool(re.search(*pair)) for pair in zip(told, notices, strict=True)] == [True] * len(told)
-    manifest = json.loads((folders[0] / "manifest.json").read_text())
+    manifest, other = (json.loads((each / "manifest.json").read_text()) for each in folders)
     (folders[0] / "manifest.json").write_text(json.dumps(manifest | {"made_on": ["abacus, OpenBLAS Haswell"]}))
     code, out, _ = run("dataset", "check", str(folders[0]))
     assert (code, found[0] in out, "frozen" in out, "made on 'abacus, OpenBLAS Haswell'" in out) == (
@@ -225,6 +225,12 @@ def test_content_is_the_same_in_other_shards_and_a_frozen_one_is_compared(tmp_pa
         True,
         True,
     )  # another processor's samples are sound
+    made_on = ["abacus, OpenBLAS Haswell, NumPy AVX2", "quipu, OpenBLAS Haswell, NumPy AVX2"]
+    for more, told in (([], False), (["abacus, OpenBLAS SkylakeX, NumPy AVX512_SPR"], True)):
+        (folders[1] / "manifest.json").write_text(json.dumps(other | {"made_on": made_on + more}))
+        code, out, _ = run("dataset", "check", str(folders[1]))
+        sentence = "with 2 kinds of kernels ('OpenBLAS Haswell, NumPy AVX2', 'OpenBLAS SkylakeX, NumPy AVX512_SPR')"
+        assert (code, sentence in out, "kinds of kernels" in out) == (0, told, told)
 
 
 def test_a_data_set_of_an_older_version_is_read_and_not_gone_on_with(tmp_path: Path) -> None:
