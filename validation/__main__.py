@@ -18,7 +18,7 @@ SECTIONS = {
     "arrays": "physics", "body_fit": "physics",
     "rooms": "physics", "edges": "physics", "ghosts": "physics", "movers": "physics", "ellipsoid_model": "physics",
     "human_rcs": "physics", "receiver": "physics", "background": "physics", "blockage": "physics", "stability": "methods",
-    "working_directories": "robustness", "results": "robustness", "datasets": "robustness", "memory": "robustness",
+    "working_directories": "robustness", "results": "robustness", "memory": "robustness",
     "corruptions": "robustness", "fuzz": "robustness", "soak": "robustness",
     "nearest_centroid": "datasets", "limb_labels": "datasets", "lost_worker": "datasets", "gated_cells": "datasets",
     "hidden_labels": "datasets",

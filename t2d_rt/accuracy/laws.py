@@ -152,8 +152,6 @@ class Laws:
     """Power of path pairs over what probes at the targets say."""
     seconds: dict[str, float]
     """Of a unit of each kind of work (`cost.KINDS`), where the yardstick takes a second."""
-    seconds_scatter: float
-    """Standard deviation of the logarithm of the time taken over that predicted."""
 
     @classmethod
     @functools.cache
@@ -178,7 +176,6 @@ class Laws:
             direct=direct,
             **single,
             seconds=found["cost"]["seconds"],
-            seconds_scatter=found["cost"]["scatter"],
         )
 
     def sampled(self, none_db: float, rate_hz: float, subdivision: int, size: float = FITTED_SIZE) -> Law:

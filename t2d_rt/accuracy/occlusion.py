@@ -96,11 +96,6 @@ class Occluded:
         return float(np.clip(10 * math.log10(removed / max(float(self.remaining.sum()), 1e-30)), LEAST_DB, MOST_DB))
 
 
-def unoccluded_db(model: Model, accuracy: Accuracy) -> float:
-    """Estimated power that occlusion removes from the targets' echoes over the power that remains [dB]."""
-    return Occluded.of(model, accuracy).level_db()
-
-
 def _judged(model: Model, accuracy: Accuracy, *, by_fast: bool) -> tuple[np.ndarray, np.ndarray] | None:
     """Power removed and power that remains of the strongest N path pairs, (N,) each; None where nothing occludes.
 

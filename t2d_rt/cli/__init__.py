@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 try:
     from t2d_rt.cli.output import say, stopped_by_sigterm
     from t2d_rt.core.checks import unknown_name
-    from t2d_rt.core.errors import InputError, T2DError, T2DWarning
+    from t2d_rt.core.errors import T2DError, T2DWarning
 except KeyboardInterrupt:  # Ctrl-C while the program loads
     print("t2d-rt: stopped; nothing was written", file=sys.stderr)
     sys.exit(130)
@@ -45,8 +45,6 @@ COMMANDS = {
     "list": ("recordings", "[WHAT]", "Lists names that the commands take: presets, scenes, bodies, movers and motions."),
 }  # fmt: skip
 """Modules of the commands' functions, the word that follows each, and what it does."""
-STUDIES = {"benchmark": "benchmark (or fidelity, conditions)", "transfer": "transfer (or twins)", "gap": "gap"}
-"""Commands that were, each with the study that does the same."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -109,9 +107,6 @@ def _run(arguments: list[str]) -> int:
 
 
 def _command(name: str) -> Command:
-    if name in STUDIES:
-        run = f"run python -m validation study {STUDIES[name]} in a clone of t2d-rt"
-        raise InputError(f"{name} is a study now and no command; {run}")
     if name not in COMMANDS:
         raise unknown_name("command", name, COMMANDS, hint=" (t2d-rt --help)")
     from t2d_rt.cli.options import Command

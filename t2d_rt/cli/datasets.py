@@ -70,18 +70,9 @@ def dataset(
     """
     making = {"limit": limit, "workers": workers, "scheduler": scheduler, "threads": threads}
     options: Given = making | {
-        "output": output,
-        "overwrite": overwrite,
-        "to": to,
-        "split": split,
-        "products": products,
-        "fractions": fractions,
-        "dynamic_range_db": dynamic_range_db,
-        "apart": apart,
-        "leave_out": leave_out,
-        "folds": folds,
-        "seed": seed,
-    }
+        "output": output, "overwrite": overwrite, "to": to, "split": split, "products": products, "fractions": fractions,
+        "dynamic_range_db": dynamic_range_db, "apart": apart, "leave_out": leave_out, "folds": folds, "seed": seed,
+    }  # fmt: skip
     if not files:
         raise InputError(f"dataset needs a recipe, or one of {', '.join(TAKES)}; t2d-rt dataset --help shows examples")
     verb, words = (files[0], files[1:]) if files[0] in TAKES else ("", files)

@@ -44,12 +44,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-STUDIES = "fidelity", "gap", "transfer", "twins"
-"""Modules that were here, and are studies now."""
-
-
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
-        moved = f"; it is validation.studies.{name} now, in a clone of t2d-rt" if name in STUDIES else ""
-        raise AttributeError(f"module 't2d_rt.learn' has no attribute '{name}'{moved}")
+        raise AttributeError(f"module 't2d_rt.learn' has no attribute '{name}'")
     return public(getattr(import_module(_HOME[name]), name))

@@ -230,7 +230,7 @@ def frames(points: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     found: dict[str, np.ndarray] = {}
     for number, (name, above) in enumerate(zip(spine, (*spine[1:], "neck"), strict=True)):
         left = unit(across_hips) * (1 - number / 3) + unit(across_shoulders) * (number / 3)
-        found[name] = _frame("z", points[above] - points[name], "y", left)
+        found[name] = axes_along("z", points[above] - points[name], "y", left)
     found[LOWER_BACK] = found["pelvis"]
     found["neck"] = _swung(found["spine3"], [0.0, 0.0, 1.0], points["head"] - points["neck"])
     found["head"] = _swung(found["neck"], [0.0, 0.0, 1.0], points["head_top"] - points["head"])
@@ -265,8 +265,8 @@ def _arm(found: dict[str, np.ndarray], points: Mapping[str, np.ndarray], side: s
     straight = _swung(found[f"{side}_collar"], along, upper)
     # A bent elbow brings the forearm towards +x of the rest pose: about -z on the left, +z on the right.
     hinge = _hinge(straight, [0.0, 0.0, 1.0], -sign * np.cross(unit(upper), unit(fore)))
-    found[f"{side}_shoulder"] = _frame("y", sign * upper, "z", hinge)
-    found[f"{side}_elbow"] = _frame("y", sign * fore, "z", hinge)
+    found[f"{side}_shoulder"] = axes_along("y", sign * upper, "z", hinge)
+    found[f"{side}_elbow"] = axes_along("y", sign * fore, "z", hinge)
     found[f"{side}_wrist"] = _swung(found[f"{side}_elbow"], along, hand - wrist)
 
 
@@ -276,12 +276,12 @@ def _leg(found: dict[str, np.ndarray], points: Mapping[str, np.ndarray], side: s
     straight = _swung(found["pelvis"], [0.0, 0.0, -1.0], thigh)
     # With the leg straight the hinge is square to the plane of leg and foot, which shows better than the pelvis's axis.
     level = _hinge(straight, [0.0, 1.0, 0.0], np.cross(unit(sole), unit(shank)))
-    hinge = _hinge(_frame("z", -thigh, "y", level), [0.0, 1.0, 0.0], np.cross(unit(thigh), unit(shank)))
-    found[f"{side}_hip"] = _frame("z", -thigh, "y", hinge)
-    found[f"{side}_knee"] = _frame("z", -shank, "y", hinge)
+    hinge = _hinge(axes_along("z", -thigh, "y", level), [0.0, 1.0, 0.0], np.cross(unit(thigh), unit(shank)))
+    found[f"{side}_hip"] = axes_along("z", -thigh, "y", hinge)
+    found[f"{side}_knee"] = axes_along("z", -shank, "y", hinge)
     # The sole's frame has x along the level part of the bone in standing: the bone itself falls by a constant angle.
-    found[f"{side}_ankle"] = _frame("x", _levelled(ankle, foot, hinge), "y", hinge)
-    found[f"{side}_foot"] = _frame("x", toe - foot, "y", hinge)
+    found[f"{side}_ankle"] = axes_along("x", _levelled(ankle, foot, hinge), "y", hinge)
+    found[f"{side}_foot"] = axes_along("x", toe - foot, "y", hinge)
 
 
 def _levelled(ankle: np.ndarray, ball: np.ndarray, hinge: np.ndarray) -> np.ndarray:
@@ -304,7 +304,7 @@ def _hinge(guess: np.ndarray, axis: list[float], normal: np.ndarray) -> np.ndarr
     return (1 - weight) * expected + weight * unit(normal)
 
 
-def _frame(first: str, along: np.ndarray, second: str, towards: np.ndarray) -> np.ndarray:
+def axes_along(first: str, along: np.ndarray, second: str, towards: np.ndarray) -> np.ndarray:
     """Orientations whose axis `first` lies along a direction and whose axis `second` lies towards another, both (T, 3)."""
     a = unit(along)
     b = unit(towards - (towards * a).sum(-1, keepdims=True) * a)

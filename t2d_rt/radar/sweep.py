@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.core.polynomials import horner, sine_and_cosine
 from t2d_rt.types import Radar
 
 
@@ -118,37 +119,13 @@ def sin_cos(cycles: Any, *, within_half: bool = False) -> tuple[Any, Any]:
     rest = cycles if within_half else cycles - dr.round(cycles)
     square = rest * rest
     sine, cosine = _polynomials()
-    return rest * _horner(sine, square), _horner(cosine, square)
+    return rest * horner(sine, square), horner(cosine, square)
 
 
 @cache
 def _polynomials() -> tuple[list[float], list[float]]:
-    """sin(2 pi t)/t and cos(2 pi t) in powers of t^2, |t| <= 1/2, lowest first: through Chebyshev points."""
-    return _in_powers(_sine_over_t, 5), _in_powers(_cosine, 6)
-
-
-def _in_powers(values: Callable[[np.ndarray], np.ndarray], degree: int) -> list[float]:
-    """Coefficients, lowest first, of the polynomial through a function of z = t^2 at Chebyshev points of 0..1/4."""
-    fitted = np.polynomial.Chebyshev.interpolate(values, degree, domain=[0, 0.25])
-    return fitted.convert(kind=np.polynomial.Polynomial).coef.tolist()
-
-
-def _sine_over_t(z: np.ndarray) -> np.ndarray:
-    return np.asarray(2 * math.pi * np.sinc(2 * np.sqrt(z)))
-
-
-def _cosine(z: np.ndarray) -> np.ndarray:
-    return np.asarray(np.cos(2 * math.pi * np.sqrt(z)))
-
-
-def _horner(coefficients: list[float], z: Any) -> Any:
-    """A polynomial of at least two coefficients, lowest first, by fused multiply-adds."""
-    import drjit as dr
-
-    total = dr.fma(z, coefficients[-1], coefficients[-2])
-    for coefficient in coefficients[-3::-1]:
-        total = dr.fma(total, z, coefficient)
-    return total
+    """Those of `sin_cos`."""
+    return sine_and_cosine(5, 6)
 
 
 def cubic_at(cubic: Any, u: Any) -> Any:

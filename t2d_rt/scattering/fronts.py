@@ -7,8 +7,8 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from t2d_rt.geometry.vectors import lengths, unit
-from t2d_rt.scattering.reflectors import Lattice, Posed, Reflectors, cross, dot
+from t2d_rt.geometry.vectors import lengths, unit, vector_product
+from t2d_rt.scattering.reflectors import Lattice, Posed, Reflectors, dot
 
 LIFT_WAVELENGTHS = 0.1
 """Rays start so far off a curved facet [wavelengths], which is more than it bulges; what they meet is found of the ray from the
@@ -197,7 +197,7 @@ def reflected(instant: Instant, front: Front) -> Front:
     """
     met = _Met.of(instant, front)
     good = met.good[front.triangles]
-    across = cross(*two_edges(met.place[front.triangles]))
+    across = vector_product(*two_edges(met.place[front.triangles]))
     agree = np.abs(np.einsum("mi,mci->mc", unit(across), met.normal[front.triangles])).min(axis=1) > LEAST_COSINE
     whole = good.all(axis=1) & agree & (front.lead < 0)
     triangles = front.triangles[whole]
@@ -266,9 +266,9 @@ def focal_phase(start: np.ndarray, end: np.ndarray, direction: np.ndarray) -> np
     A section of the tube is mapped to a later one by I + s B, whose determinant changes its sign at each focal line.
     """
     (p, q), (u, v) = two_edges(start), two_edges(end)
-    before = dot(cross(p, q), direction)
-    determinant = dot(cross(u, v), direction) / before
-    trace = (dot(cross(u, q), direction) + dot(cross(p, v), direction)) / before
+    before = dot(vector_product(p, q), direction)
+    determinant = dot(vector_product(u, v), direction) / before
+    trace = (dot(vector_product(u, q), direction) + dot(vector_product(p, v), direction)) / before
     return np.where(determinant < 0, -1j, np.where(trace < 0, -1, 1))
 
 
@@ -290,4 +290,4 @@ def two_edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def seen_area(triangles: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """Twice the area of triangles (M, 3, 3) as seen along (M, 3), with its sign."""
-    return dot(cross(*two_edges(triangles)), direction)
+    return dot(vector_product(*two_edges(triangles)), direction)

@@ -48,13 +48,6 @@ SERIES_TERMS = {4: 10, 8: 18}
 Parts = tuple[Any, Any]
 
 
-class Integrals(Protocol):
-    """What `divided_differences` is: an integral over a facet and its derivative, from the phases of the corners [rad]."""
-
-    def __call__(self, p0: Any, p1: Any, p2: Any, *, ops: Ops, terms: int) -> tuple[Parts, Parts]:
-        """The integral F and its derivative dF."""
-
-
 def divided_difference(p0: np.ndarray, p1: np.ndarray, p2: np.ndarray) -> np.ndarray:
     """exp[j p0, j p1, j p2] for phases [rad] of any equal shape; complex of the phases' precision.
 

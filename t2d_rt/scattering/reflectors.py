@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from t2d_rt.geometry import Refinement
-from t2d_rt.geometry.vectors import lengths, unit
+from t2d_rt.geometry.vectors import lengths, unit, vector_product
 from t2d_rt.scattering.patches import Csr
 from t2d_rt.scattering.refinement import carried
 from t2d_rt.types import MovingMesh
@@ -77,7 +77,7 @@ class Reflectors:
         slots, count = self.faces.ravel(), self.faces.size
         of_vertex = csr_array((np.ones(count), (np.arange(count), slots)), shape=(count, self.vertex_count))
         joined = (of_vertex @ of_vertex.T).tocoo()
-        normal = np.repeat(unit(cross(*_edges(self.rest[self.faces]))), 3, axis=0)
+        normal = np.repeat(unit(vector_product(*_edges(self.rest[self.faces]))), 3, axis=0)
         cosine = np.einsum("ni,ni->n", normal[joined.row], normal[joined.col])
         # A facet and those beside it are compared, so a mean over more than these is bent by no more than the crease.
         keep = (cosine > np.cos(np.radians(self._crease[joined.row // 3]))) | (joined.row == joined.col)
@@ -102,7 +102,9 @@ class Reflectors:
         bulges = np.where(self.curved[:, None, None], 4 * vertices[self._middles] - 2 * (corners + after), 0)
         forward = after - corners + bulges
         backward = np.roll(corners, 1, axis=1) - corners + np.roll(bulges, 1, axis=1)
-        across = cross(forward, backward).reshape(-1, 3)  # as long as the facet is large, which weights the mean
+        across = vector_product(forward, backward).reshape(
+            -1, 3
+        )  # as long as the facet is large, which weights the mean
         return Posed(corners, bulges, unit(self.smooth @ across).reshape(-1, 3, 3))
 
 
@@ -141,7 +143,7 @@ class Posed:
             slopes = corners + bulges * following[..., None] + np.roll(bulges * weights[..., None], 1, axis=1)
             u, v = slopes[:, 1] - slopes[:, 0], slopes[:, 2] - slopes[:, 0]
             offset = origins - place
-            along_v, along_u = cross(v, directions), cross(directions, u)
+            along_v, along_u = vector_product(v, directions), vector_product(directions, u)
             volume = dot(u, along_v)
             scale = 1 / np.where(np.abs(volume) > 1e-30, volume, np.inf)
             du, dv = dot(offset, along_v) * scale, dot(offset, along_u) * scale
@@ -152,7 +154,7 @@ class Posed:
         """Places (N, 3) m in the frames of facets (N,), (N, 3): along two edges, and along the normal [m]."""
         first, u, v, normal = frames(self.corners[face])
         offset = places - first
-        along_v, along_u = cross(v, normal), cross(normal, u)
+        along_v, along_u = vector_product(v, normal), vector_product(normal, u)
         volume = dot(u, along_v)
         return np.stack([dot(offset, along_v) / volume, dot(offset, along_u) / volume, dot(offset, normal)], axis=-1)
 
@@ -160,7 +162,7 @@ class Posed:
 def frames(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """First corner, two edges and unit normal of triangles (..., 3, 3)."""
     u, v = _edges(corners)
-    return corners[..., 0, :], u, v, unit(cross(u, v))
+    return corners[..., 0, :], u, v, unit(vector_product(u, v))
 
 
 def carried_along(corners: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
@@ -244,13 +246,6 @@ def _grid(parts: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _edges(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
-
-
-def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """`np.cross` takes several times as long."""
-    x, y, z = np.moveaxis(a, -1, 0)
-    p, q, r = np.moveaxis(b, -1, 0)
-    return np.stack([y * r - z * q, z * p - x * r, x * q - y * p], axis=-1)
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

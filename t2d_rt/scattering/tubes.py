@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2d_rt.geometry.vectors import lengths
+from t2d_rt.geometry.vectors import lengths, vector_product
 from t2d_rt.scattering.fronts import GRAZING, Front, Instant, launched, outgoing, reflected, seen_area, two_edges
-from t2d_rt.scattering.reflectors import Lattice, cross, dot
+from t2d_rt.scattering.reflectors import Lattice, dot
 
 LARGEST_BUBBLE_RAD = 3.0
 """By which the phase on an edge of a tube may leave the straight line, fourfold (eq. 30); tubes that are bent more are taken as the
@@ -109,7 +109,7 @@ def _received(instant: Instant, front: Front, target: np.ndarray, level: int) ->
         front.lead < 0, corners.mean(axis=1), corners[np.arange(len(corners)), np.maximum(front.lead, 0)]
     )
     place = front.place[front.triangles]
-    area = lengths(cross(*two_edges(place)))
+    area = lengths(vector_product(*two_edges(place)))
     section = np.abs(seen_area(place, front.incoming[front.triangles].mean(axis=1)))
     spread = area / np.sqrt(np.maximum(section, np.maximum(GRAZING * area, 1e-30)))
     amplitude = front.weight * obliquity * spread

@@ -22,7 +22,7 @@ from t2d_rt.accuracy import cost
 from t2d_rt.accuracy.budget import BODY_SAGITTA_RAD
 from t2d_rt.accuracy.estimate import Chirps, Field, field, nmse_db, of_cube
 from t2d_rt.accuracy.laws import COARSER, FILE, PERIMETER, Law, Laws
-from t2d_rt.accuracy.occlusion import unoccluded_db
+from t2d_rt.accuracy.occlusion import Occluded
 from t2d_rt.accuracy.search import VISIBILITY
 from t2d_rt.core.errors import T2DWarning
 from t2d_rt.pipeline.echo_model import Model, with_method
@@ -124,7 +124,7 @@ def of_body(name: str) -> dict[str, Any]:
     return {
         "case": name, **facets(model, chirps, SCALES, FINEST),
         "limbs_db": nmse_db(limbs, finest), "limbs_power_db": _power_db(limbs, finest),
-        "unoccluded_db": nmse_db(own, traced), "unrefined_db": unoccluded_db(model, Accuracy()),
+        "unoccluded_db": nmse_db(own, traced), "unrefined_db": Occluded.of(model, Accuracy()).level_db(),
     }  # fmt: skip
 
 

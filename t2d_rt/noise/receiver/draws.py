@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -15,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.core.backend import Backend, normal_numbers
+from t2d_rt.core.polynomials import horner, in_powers, sine_and_cosine
 
 GROUP_SAMPLES = 65_536
 """Samples of a group of rows, whose numbers come from one generator."""
@@ -83,50 +83,19 @@ def complex_normal(backend: Backend, radius: Any, angle: Any) -> tuple[Any, Any]
     exponent = Int32(bits - 0x3F400000) >> 23
     mantissa: Any = dr.reinterpret_array(Float32, bits - UInt32(exponent << 23))
     z = mantissa - 1
-    power = dr.fma(24.0 - Float32(exponent), math.log(2), -z * _horner(logarithm, z))
+    power = dr.fma(24.0 - Float32(exponent), math.log(2), -z * horner(logarithm, z))
     length = dr.sqrt(dr.maximum(power, 1e-9))
     cycles = Float32(Int32(angle)) * 2.0**-32  # -1/2..1/2
     square = cycles * cycles
-    return length * _horner(cosine, square), length * cycles * _horner(sine, square)
+    return length * horner(cosine, square), length * cycles * horner(sine, square)
 
 
 @cache
 def _polynomials() -> tuple[list[float], list[float], list[float]]:
     """ln(1 + z)/z for -1/4 < z < 1/2, and sin(2 pi t)/t and cos(2 pi t) in powers of t^2 for |t| < 1/2, lowest power first."""
-
-    return (
-        _in_powers(_logarithm_over, 6, (-0.25, 0.5)),
-        _in_powers(_sine_over, 4, (0, 0.25)),
-        _in_powers(_cosine_of_root, 5, (0, 0.25)),
-    )
-
-
-def _in_powers(values: Callable[[np.ndarray], np.ndarray], degree: int, domain: tuple[float, float]) -> list[float]:
-    """Coefficients of the polynomial that meets a function at the Chebyshev points of a domain, lowest power first."""
-    fitted = np.polynomial.Chebyshev.interpolate(values, degree, domain=list(domain))
-    return fitted.convert(kind=np.polynomial.Polynomial).coef.tolist()
+    return in_powers(_logarithm_over, 6, (-0.25, 0.5)), *sine_and_cosine(4, 5)
 
 
 def _logarithm_over(z: np.ndarray) -> np.ndarray:
     """ln(1 + z) / z, 1 at 0."""
     return np.asarray(np.log1p(z) / np.where(z == 0, 1, z) + (z == 0))
-
-
-def _sine_over(square: np.ndarray) -> np.ndarray:
-    """sin(2 pi t) / t of t^2."""
-    return np.asarray(2 * math.pi * np.sinc(2 * np.sqrt(square)))
-
-
-def _cosine_of_root(square: np.ndarray) -> np.ndarray:
-    """cos(2 pi t) of t^2."""
-    return np.asarray(np.cos(2 * math.pi * np.sqrt(square)))
-
-
-def _horner(coefficients: list[float], z: Any) -> Any:
-    """A polynomial of these coefficients, lowest power first."""
-    import drjit as dr
-
-    total = dr.fma(z, coefficients[-1], coefficients[-2])
-    for coefficient in coefficients[-3::-1]:
-        total = dr.fma(total, z, coefficient)
-    return total

@@ -12,7 +12,7 @@ from t2d_rt.motion import quaternions
 from t2d_rt.motion.generate.made.act import CHANNELS, DEG, INDEX, SIDES, SIGN, Act, progress
 from t2d_rt.motion.generate.made.hands import Anatomy, Figure, Goal, Hand, Hang
 from t2d_rt.motion.interpolate import decompose
-from t2d_rt.motion.kinematics import LOWER_BACK, NAMES, PARENTS, Poses
+from t2d_rt.motion.kinematics import LOWER_BACK, NAMES, PARENTS, Poses, axes_along
 
 # --- what keeps a body from moving like a machine: sway, and noise of the muscles that grows with the
 # movement ---
@@ -282,8 +282,8 @@ def _leg(figure: Figure, values: Mapping[str, np.ndarray], side: str, ankle: np.
     pole = quaternions.rotate(_chain(frame, (Z, out)), X) + 0.6 * upright**2 * Z
     knee, end, side_on = _two_bones(hip, ankle, pole, figure.anatomy.bones_m(side, "knee", "ankle"), LEG_SOFT)
     hinge = vector_product(side_on, ankle - hip)
-    turns[f"{side}_hip"] = _frame("z", hip - knee, "y", hinge)
-    turns[f"{side}_knee"] = _frame("z", knee - end, "y", hinge)
+    turns[f"{side}_hip"] = axes_along("z", hip - knee, "y", hinge)
+    turns[f"{side}_knee"] = axes_along("z", knee - end, "y", hinge)
     points[f"{side}_hip"], points[f"{side}_knee"], points[f"{side}_ankle"] = hip, knee, end
     loose = values[f"{side}_loose"][:, None]
     if loose.any():
@@ -318,8 +318,8 @@ def _arm(figure: Figure, side: str, arm: Arm, ground: np.ndarray, rate_hz: float
         side_on = side_on + (sunk / (0.08 * tall))[:, None] * Z
         middle, end, side_on = _two_bones(shoulder, wrist, side_on, bones_m, ARM_SOFT)
     hinge = -sign * vector_product(side_on, wrist - shoulder)
-    turns[f"{side}_shoulder"] = _frame("y", sign * (middle - shoulder), "z", hinge)
-    turns[f"{side}_elbow"] = loose = _frame("y", sign * (end - middle), "z", hinge)
+    turns[f"{side}_shoulder"] = axes_along("y", sign * (middle - shoulder), "z", hinge)
+    turns[f"{side}_elbow"] = loose = axes_along("y", sign * (end - middle), "z", hinge)
     points[f"{side}_elbow"], points[f"{side}_wrist"] = middle, end
     turned = _hand(hands[0], loose, sign)
     for hand, done in zip(hands[1:], arm.done, strict=True):
@@ -360,7 +360,7 @@ def _hand(hand: Hand, loose: np.ndarray, sign: float) -> np.ndarray:
     """Orientation of the hand: along the forearm where the goal does not care."""
     if hand.fingers is None or hand.back is None:
         return loose
-    return _frame("y", sign * hand.fingers, "z", hand.back)
+    return axes_along("y", sign * hand.fingers, "z", hand.back)
 
 
 def _swept(start: np.ndarray, end: np.ndarray, part: np.ndarray) -> np.ndarray:
@@ -399,14 +399,3 @@ def _chain(first: np.ndarray, *steps: tuple[np.ndarray, np.ndarray]) -> np.ndarr
     for axis, angle in steps:
         first = quaternions.multiply(first, quaternions.about_axis(axis, angle))
     return first
-
-
-def _frame(first: str, along: np.ndarray, second: str, towards: np.ndarray) -> np.ndarray:
-    """Orientations (T, 4) whose axis `first` lies along a direction (T, 3) and whose axis `second` lies towards another."""
-    a = unit(along)
-    b = unit(towards - (towards * a).sum(-1, keepdims=True) * a)
-    columns = {first: a, second: b}
-    (third,) = set("xyz") - set(columns)
-    x, y = (("y", "z"), ("z", "x"), ("x", "y"))["xyz".index(third)]
-    columns[third] = vector_product(columns[x], columns[y])
-    return quaternions.from_matrix(np.stack([columns[axis] for axis in "xyz"], axis=-1))

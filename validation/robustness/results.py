@@ -1,8 +1,9 @@
-"""Runs that are killed: at random instants, and before every step that they take in the file system."""
+"""Results on disk: runs that are killed at random instants, and before every step that they take in the file system."""
 
 from __future__ import annotations
 
 import io
+import multiprocessing
 import os
 import shutil
 import signal
@@ -11,20 +12,27 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout, suppress
+from multiprocessing.context import ForkServerProcess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from t2d_rt.cli import main
+from t2d_rt import cli
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.resources import resource
 from t2d_rt.recording.files import check_free
 from t2d_rt.recording.recording import Recording
+from t2d_rt.types import Radar
 from validation.report import Check, Section
-from validation.robustness.results.processes import found, picture, save, sentence, start_writer
 
+CONTEXT = multiprocessing.get_context("forkserver")
+CONTEXT.set_forkserver_preload(["xarray", "zarr", "scipy.signal", "validation.robustness.results"])
+RADAR = Radar.preset("ci4r")
+CHIRPS = 2000
+"""4 MB of samples: writing them takes a good part of the run."""
 KILLS, COMMANDS = 100, 12
 KINDS = ("fresh", "overwriting", "paired")
 STEPS = ("open", "os.mkdir", "os.rename", "os.remove", "os.rmdir", "tempfile.mkdtemp", "shutil.rmtree", "fcntl.flock")
@@ -52,12 +60,12 @@ def run() -> Section:
     )
     names += (TIDY,)
     return Section(
-        title="Kills",
+        title="Results on disk",
         checks=[
             Check(what=f"{runs} killed runs, {name}: failures", measured=faults[name], limit=0, unit="")
             for name in names
         ],
-        note=f"Kills: {KILLS} kill -9 and {KILLS} SIGTERM at random instants of the {took_s:.2f} s that saving 4 MB takes, in "
+        note=f"{KILLS} kill -9 and {KILLS} SIGTERM at random instants of the {took_s:.2f} s that saving 4 MB takes, in "
         "turn of fresh, overwriting and paired runs (two writers, one is killed); kill -9 before each of the "
         f"{steps['fresh']} steps of a fresh and {steps['overwriting']} of an overwriting run in the file system (Python's "
         f"audit events, so the renames too); {COMMANDS} at random instants of whole commands. The next command is "
@@ -110,7 +118,7 @@ def _judged(path: Path, kind: str) -> Counter[str]:
         check_free(path, overwrite=True)
     else:
         with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-            main(["info", str(path)])
+            cli.main(["info", str(path)])
     whole, drawn = found(path), picture(path)
     left = {entry.name for entry in path.parent.iterdir() if entry.suffix != ".err"} - {"r.zarr", "r.png"}
     return Counter(
@@ -180,3 +188,76 @@ def _judged_command(place: Path, error: str) -> Counter[str]:
     except InputError:
         faults["nothing half written"] = 1
     return faults
+
+
+# --- what writers in processes of their own write, and what is found afterwards ---
+
+
+class Drawing:
+    """A picture that says whose it is."""
+
+    def __init__(self, value: int) -> None:
+        self.value = value
+
+    def savefig(self, path: Path) -> None:
+        path.write_text(str(self.value))
+
+
+def recording(value: int) -> Recording:
+    return Recording(np.full((CHIRPS, 1, RADAR.samples), value, np.complex64), RADAR)
+
+
+def save(path: Path, value: int, *, overwrite: bool) -> None:
+    recording(value).save(path, overwrite=overwrite, figure=Drawing(value))
+
+
+def found(path: Path) -> int | str | None:
+    """The value of the whole recording at `path`, why there is none, or None where there is nothing."""
+    if not path.exists():
+        return None
+    try:
+        cube = np.asarray(Recording.load(path).cube)
+    except InputError as error:
+        return str(error)
+    return int(cube[0, 0, 0].real) if (cube == cube[0, 0, 0]).all() else "mixed samples"
+
+
+def picture(path: Path) -> int | str | None:
+    """Whose picture lies beside it."""
+    file = path.with_suffix(".png")
+    text = file.read_text() if file.exists() else None
+    return int(text) if text is not None and text.isdigit() else text
+
+
+def start_writer(
+    path: Path,
+    value: int,
+    *,
+    overwrite: bool,
+    first: Callable[..., None] | None = None,
+    arguments: tuple[Any, ...] = (),
+) -> ForkServerProcess:
+    """A process that saves as the command line does; it calls `first` before."""
+    options = {"path": path, "value": value, "overwrite": overwrite, "first": first, "arguments": arguments}
+    process = CONTEXT.Process(target=_write, kwargs=options)
+    process.start()
+    return process
+
+
+def _write(
+    path: Path, value: int, overwrite: bool, first: Callable[..., None] | None, arguments: tuple[Any, ...]
+) -> None:
+    def run(_: list[str]) -> int:
+        if first is not None:
+            first(*arguments)
+        save(path, value, overwrite=overwrite)
+        return 0
+
+    cli._run = run
+    sys.stderr = (path.parent / f"{value}.err").open("w", encoding="utf-8")
+    sys.exit(cli.main(["simulate"]))
+
+
+def sentence(path: Path, value: int) -> str:
+    """What a writer said."""
+    return (path.parent / f"{value}.err").read_text(encoding="utf-8")
