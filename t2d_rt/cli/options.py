@@ -340,18 +340,21 @@ def reading(command: Command) -> None:
     """How a motion file is read."""
     from t2d_rt.motion import load_motion
 
-    group = command.parser.add_argument_group("reading the motion file (what is not given is detected)")
-    hints, defaults = get_type_hints(load_motion), defaults_of(load_motion)
-    command.add_fields(parameter_help(load_motion), hints, defaults, prefix="motion.", group=group)
+    _of_function(command, load_motion, "motion.", "reading the motion file (what is not given is detected)")
 
 
 def signal(command: Command) -> None:
     """How a spectrogram is made."""
     from t2d_rt.signal import spectrogram
 
-    group = command.parser.add_argument_group("spectrogram")
-    hints, defaults = get_type_hints(spectrogram), defaults_of(spectrogram)
-    command.add_fields(parameter_help(spectrogram), hints, defaults, prefix="signal.", group=group)
+    _of_function(command, spectrogram, "signal.", "spectrogram")
+
+
+def _of_function(command: Command, function: Callable[..., Any], prefix: str, title: str) -> None:
+    """A group of options, one for each parameter of a function that has a default."""
+    group = command.parser.add_argument_group(title)
+    hints, told = get_type_hints(function), parameter_help(function)
+    command.add_fields(told, hints, defaults_of(function), prefix=prefix, group=group)
 
 
 Capture = Annotated[Given, capture]

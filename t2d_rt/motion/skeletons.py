@@ -208,21 +208,11 @@ def flavours() -> Mapping[str, Flavour]:
     return MappingProxyType(_known())
 
 
-def register_flavour(
-    name: str,
-    joints: Mapping[str, Source],
-    *,
-    lost_bones: Mapping[str, tuple[str, str, float]] | None = None,
-    cmu_units: bool = False,
-) -> Flavour:
+def register_flavour(name: str, joints: Mapping[str, Source]) -> Flavour:
     """Add (or replace) a naming flavour; `load_motion` detects it from then on."""
     text("name", name)
     instance("joints", joints, Mapping, "a mapping of canonical joints to the file's names")
-    if lost_bones is not None:
-        instance("lost_bones", lost_bones, Mapping, "a mapping of joints to (parent, child, fraction)")
-    flavour = Flavour(
-        name=name, joints=dict(joints), lost_bones=dict(lost_bones or {}), cmu_units=flag("cmu_units", cmu_units)
-    )
+    flavour = Flavour(name=name, joints=dict(joints))
     _known().pop(name, None)
     _known()[name] = flavour
     return flavour

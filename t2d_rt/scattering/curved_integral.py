@@ -33,13 +33,25 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from t2d_rt.core.checks import check_shape, integer, numeric
-from t2d_rt.scattering.phase_integral import NUMPY_OPS, SERIES_TERMS, Ops, Parts, exponential, power_integral, times
+from t2d_rt.scattering.phase_integral import (
+    NUMPY_OPS,
+    SERIES_TERMS,
+    Ops,
+    Parts,
+    divided_differences,
+    exponential,
+    power_integral,
+    times,
+)
 
 Order = Literal[1, 2]
 
 # Phase differences from which integrals are computed from the first to the last, which loses k!/d^k; below, from the last to the
 # first, which starts with a series of SERIES_TERMS.
 SWITCH_RAD = {1: 2.0, 2: 3.0}
+
+EXPANSION_ORDER: Order = 2
+"""To which curved facets' bulges are expanded (docs/physics.md, eq. 30)."""
 
 CENTRE = 1 / 13
 """The constant c over the sum of the bubbles: a little less than the mean of b, 1/12, since the mean of x^3, which is left out,
@@ -97,6 +109,21 @@ def curved_integral(phases: Any, amplitudes: Any, bubbles: Any, order: Order = 2
         *(list(x.astype(dtype)) for x in given), ops=NUMPY_OPS, terms=SERIES_TERMS[dtype.itemsize], order=order
     )
     return real + 1j * imag
+
+
+def facet_integral(phases: Sequence[Any], amplitudes: Sequence[Any], ops: Ops) -> tuple[Parts, Parts]:
+    """Integral of amplitude times exp(j phase) over a facet, and its derivative by the logarithm of the frequency, in float32.
+
+    `phases` [rad] are those of three corners, between which the one amplitude is the mean, or of the corners and of the middles of
+    edges 01, 12, 20 of a curved facet, with an amplitude at each corner.
+    """
+    terms = SERIES_TERMS[4]
+    if len(phases) == 3:
+        (amplitude,) = amplitudes
+        value, change = divided_differences(*phases, ops=ops, terms=terms)
+        return (value[0] * amplitude, value[1] * amplitude), (change[0] * amplitude, change[1] * amplitude)
+    bubbles = [4 * phases[3 + i] - 2 * (phases[i] + phases[(i + 1) % 3]) for i in range(3)]
+    return curved_integrals(phases[:3], amplitudes, bubbles, ops=ops, terms=terms, order=EXPANSION_ORDER)
 
 
 def curved_integrals(

@@ -13,7 +13,7 @@ import numpy as np
 from t2d_rt.core.backend import one_thread_at_a_time
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.geometry.vectors import cross, dot
-from t2d_rt.scattering.curved_integral import Order, curved_integrals
+from t2d_rt.scattering.curved_integral import facet_integral
 from t2d_rt.scattering.lanes import (
     Block,
     Gather,
@@ -29,13 +29,10 @@ from t2d_rt.scattering.lanes import (
     triangle_normal,
 )
 from t2d_rt.scattering.patches import Ends, Patches
-from t2d_rt.scattering.phase_integral import SERIES_TERMS, divided_differences
 from t2d_rt.types import PathPair, Radar
 from t2d_rt.types.radar import one_view
 
 THIRDS = [1 / 3, 1 / 3, 1 / 3]
-EXPANSION_ORDER: Order = 2
-"""To which curved facets' bulges are expanded (physics.md, eq. 30)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -208,26 +205,20 @@ def _phase_integrals(at: Gather, posed: FacetVertices, patches: Patches, seen: _
         if posed.visibility is not None:
             visibility = at.field(posed.visibility, at.vertices(corners_of, facet))
         amplitudes = (_flat_amplitude if len(nodes) == 3 else _curved_amplitudes)(at, nodes, visibility, seen.places)
-
-        def integrate(nodes: list[Vector], amplitudes: list[Any], total: list[Any]) -> list[Any]:
-            phases = [seen.phase(node) for node in nodes]
-            if len(amplitudes) == 1:
-                value, change = divided_differences(*phases, ops=lane_ops(at.dr), terms=SERIES_TERMS[4])
-                found = [amplitudes[0] * x for x in (*value, *change)]
-            else:
-                bubbles = [4 * phases[3 + i] - 2 * (phases[i] + phases[(i + 1) % 3]) for i in range(3)]
-                value, change = curved_integrals(
-                    phases[:3], amplitudes, bubbles, ops=lane_ops(at.dr), terms=SERIES_TERMS[4], order=EXPANSION_ORDER
-                )
-                found = [*value, *change]
-            return [t + x for t, x in zip(total, found, strict=True)]
-
         # A branch, which lanes pass over together where none of their facets is lit.
         arguments = nodes, amplitudes, total
-        lit = sum(amplitudes) > 0
+        lit, integrate = sum(amplitudes) > 0, partial(_with_integral, at, seen)
         return facet + 1, at.dr.if_stmt(arguments, lit, integrate, lambda *unlit: unlit[-1], mode="symbolic")
 
     return _sums(at, patches.starts, add)
+
+
+def _with_integral(
+    at: Gather, seen: _Antennas, nodes: list[Vector], amplitudes: list[Any], total: list[Any]
+) -> list[Any]:
+    """The sums of `_phase_integrals` with one facet more."""
+    value, change = facet_integral([seen.phase(node) for node in nodes], amplitudes, lane_ops(at.dr))
+    return [t + x for t, x in zip(total, (*value, *change), strict=True)]
 
 
 def _diffuse_sums(at: Gather, points: PointVertices, seen: _Antennas) -> list[Any]:

@@ -12,10 +12,8 @@ import numpy as np
 
 from t2d_rt.core.backend import Backend
 from t2d_rt.geometry.vectors import cross
-from t2d_rt.scattering.curved_integral import curved_integrals
-from t2d_rt.scattering.facets import EXPANSION_ORDER
+from t2d_rt.scattering.curved_integral import facet_integral
 from t2d_rt.scattering.lanes import Vector, lane_ops, minus, norm
-from t2d_rt.scattering.phase_integral import SERIES_TERMS, divided_differences
 from t2d_rt.scattering.reflectors import Reflectors, carried_along
 from t2d_rt.scattering.tubes import Tubes
 from t2d_rt.types import Radar
@@ -338,17 +336,9 @@ def tube_fields(
     k = dr.opaque(Float64, float(wavenumber))
     phases = [Float32(k * (read(lengths.nodes_m, column) - own)) for column in nodes.T]
     corners = [dr.gather(Float32, backend.lanes(column, Float32), tube) for column in amplitude.T]
-    ops = lane_ops(dr)
-    if len(phases) == 3:
-        value, change = divided_differences(*phases, ops=ops, terms=SERIES_TERMS[4])
-        mean = (corners[0] + corners[1] + corners[2]) * (1 / 3)
-        value, change = ((x * mean, y * mean) for x, y in (value, change))
-    else:
-        bubbles = [4 * phases[3 + i] - 2 * (phases[i] + phases[(i + 1) % 3]) for i in range(3)]
-        value, change = curved_integrals(
-            phases[:3], corners, bubbles, ops=ops, terms=SERIES_TERMS[4], order=EXPANSION_ORDER
-        )
-    flat = [dr.ravel(backend.arrays.Array2f(*each)) for each in (value, change)]
+    amplitudes = [(corners[0] + corners[1] + corners[2]) * (1 / 3)] if len(phases) == 3 else corners
+    integral = facet_integral(phases, amplitudes, lane_ops(dr))
+    flat = [dr.ravel(backend.arrays.Array2f(*each)) for each in integral]
     dr.eval(flat)
     found = [np.asarray(each).view(np.complex64).reshape(len(nodes), lengths.frames) for each in flat]
     return found[0], found[1]

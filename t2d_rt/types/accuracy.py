@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from itertools import pairwise
 from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
-from t2d_rt.core.errors import InputError, warn
+from t2d_rt.core.errors import InputError
 from t2d_rt.types.fields import Count, Decibel, Fields, Number
 
 EVERY_PATH_DB = -200.0
@@ -17,16 +17,6 @@ MOST_RANGE_DB = 200.0
 """A dynamic range that leaves no path pair out."""
 Scale = Annotated[Number, Field(ge=0.01, le=100)]
 Rate = Annotated[Number, Field(ge=10, le=10_000)]
-
-
-def _as_now(visibility: object) -> object:
-    """Of files of before this release, in which tiers could share the occlusion of others."""
-    if visibility != "shared":
-        return visibility
-    warn(
-        "path tiers no longer share the occlusion of others; this one has its own, and another run gives other samples"
-    )
-    return "occlusion"
 
 
 class PathTier(Fields):
@@ -49,7 +39,7 @@ class PathTier(Fields):
     """Span in delay of the patches into which facets are merged, relative to the first tier's."""
     patch_phase_scale: Scale = 1.0
     """Phase by which a patch may change from one surface frame to the next, relative to the first tier's."""
-    visibility: Annotated[Literal["occlusion", "blockage"], BeforeValidator(_as_now)] = "occlusion"
+    visibility: Literal["occlusion", "blockage"] = "occlusion"
     """What is traced: "occlusion" by the targets and blockage by the scene, or "blockage" by the scene alone, at a few points of
     each target."""
     diffuse_points: Annotated[Count, Field(ge=0, le=1_000_000)] = 4_000

@@ -16,7 +16,6 @@ from t2d_rt.accuracy.estimate import Chirps, Field, field, nmse_db
 from t2d_rt.accuracy.laws import COARSER, FacetLaw, Laws
 from t2d_rt.accuracy.measuring import _mean
 from t2d_rt.accuracy.occlusion import LEAST_DB, Occluded
-from t2d_rt.core.errors import T2DWarning
 from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.types import Accuracy, Radar
 from validation.methods.models import modelled
@@ -155,11 +154,3 @@ def test_what_occlusion_takes_of_some_path_pairs_is_theirs() -> None:
     assert found["half"] == pytest.approx(found["third too"] + 10 * math.log10(0.5))
     assert found["first"] == LEAST_DB
     assert Occluded(np.ones(1), np.zeros(0), np.zeros(0)).level_db() == -math.inf
-
-
-def test_tiers_of_older_files_trace_their_own_occlusion() -> None:
-    with pytest.warns(T2DWarning, match="no longer share"):
-        assert (
-            Accuracy(tiers=[{"level_db": 0}, {"level_db": -20, "visibility": "shared"}]).tiers[1].visibility
-            == "occlusion"
-        )

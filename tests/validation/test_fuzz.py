@@ -16,7 +16,7 @@ from validation.robustness.soak import section
 
 KINDS = {
     "bvh", "radar_yaml", "scene_xml", "recording_zarr", "command_line", "api_calls", "api_values", "shards", "result_files",
-    "endpoint", "momask", "cached", "trained", "dead_parents",
+    "endpoint", "momask", "trained", "dead_parents",
 }  # fmt: skip
 KNOWN = {
     5: ("well", ""), 12: ("refused", ""), 29: ("traceback", "traceback"), 18: ("crash", "crash"), 10: ("hang", "hang"),

@@ -23,7 +23,7 @@ from t2d_rt.simulate import recorded
 from t2d_rt.types import Ellipsoids, MovingMesh
 from validation.methods.chart.measure import FLAT, MEMORY_GB, Case
 
-REFINED, INTEGRALS = "t2d_rt.scattering.mesh.refined", "t2d_rt.scattering.facets.divided_differences"
+REFINED, INTEGRALS = "t2d_rt.scattering.mesh.refined", "t2d_rt.scattering.curved_integral.divided_differences"
 OCCLUSION = "t2d_rt.pipeline.visibility.Occlusion"
 SHRUNK, NEAR = 0.9, 1.15
 """Ellipsoids that occlude are smaller by the first, and occlude nothing of what lies within them enlarged by the second."""

@@ -49,7 +49,7 @@ def section(outcomes: Sequence[Mapping[str, Any]]) -> Section:
         title="Fuzzing",
         checks=checks,
         note="Motion files, radar and config files, scenes with their meshes, saved recordings, words on the command line, calls "
-        "of the public functions, data sets, results and trained models of others, cached entries, answers of endpoints and "
+        "of the public functions, data sets, results and trained models of others, answers of endpoints and "
         "programs in the place of MoMask, each valid but for a few changes drawn at random; and main processes that are killed. "
         "`python -m validation.robustness.fuzz --only bvh:137` makes an input again. Each runs in a process of its own and has to "
         "end well (finite numbers, what was saved is what loads, nothing outside a folder is opened or written, no process is "

@@ -12,7 +12,7 @@ from validation.robustness.fuzz.process import KINDS, MEGABYTES, SECONDS, Outcom
 
 FRACTIONS = {
     "bvh": 0.12, "radar_yaml": 0.06, "scene_xml": 0.09, "recording_zarr": 0.09, "command_line": 0.09, "api_calls": 0.075,
-    "api_values": 0.075, "shards": 0.12, "result_files": 0.12, "endpoint": 0.04, "momask": 0.02, "cached": 0.06, "trained": 0.03,
+    "api_values": 0.075, "shards": 0.12, "result_files": 0.12, "endpoint": 0.04, "momask": 0.02, "trained": 0.03,
     "dead_parents": 0.01,
 }  # fmt: skip
 """Parts of the inputs that are of each kind."""

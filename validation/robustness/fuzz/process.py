@@ -35,7 +35,7 @@ FILE_BYTES = 2**30
 POLL_S = 0.02
 KINDS = (
     "bvh", "radar_yaml", "scene_xml", "recording_zarr", "command_line", "api_calls", "api_values", "shards", "result_files",
-    "endpoint", "momask", "cached", "trained", "dead_parents",
+    "endpoint", "momask", "trained", "dead_parents",
 )  # fmt: skip
 KEPT_BYTES = 4 * 2**20
 """Larger files of a failed input are not kept: it can be made again."""
