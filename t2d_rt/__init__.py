@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         smooth,
         trim,
     )
+    from t2d_rt.motion.carry import carry
     from t2d_rt.motion.check import check_motion
     from t2d_rt.motion.generate import motion_from_text
     from t2d_rt.motion.vary import mirror, vary_gait, vary_view
@@ -83,6 +84,7 @@ _HOMES = {
         "smooth",
         "trim",
     ),
+    "t2d_rt.motion.carry": ("carry",),
     "t2d_rt.motion.check": ("check_motion",),
     "t2d_rt.motion.generate": ("motion_from_text",),
     "t2d_rt.motion.vary": ("mirror", "vary_gait", "vary_view"),
@@ -160,6 +162,7 @@ __all__ = [
     "add_noise",
     "animate",
     "bodies",
+    "carry",
     "check_motion",
     "compare",
     "describe",

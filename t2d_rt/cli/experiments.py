@@ -49,12 +49,19 @@ def experiment(command: Command, *, skip: tuple[str, ...] = ()) -> None:
     from t2d_rt.simulate import run, simulate
     from t2d_rt.types import Accuracy
 
-    _fields(command, MotionFile, skip=("kind", "file", "subject", "reading"))
+    listed = list[str | dict[str, Any]]
+    _fields(
+        command,
+        MotionFile,
+        skip=("kind", "file", "subject", "reading"),
+        hints={"carries": listed},
+        defaults={"carries": []},
+    )
     told = (
         "A further target, such as fan:X,Y,Z,rpm=900, pet:X,Y,Z,animal=cat or person:FILE,distance_m=3; there are also "
         "ceiling_fan, curtain and door (t2d-rt list movers). The option is given once for each; in a config file it is a list."
     )
-    command.add("add", list[str | dict[str, Any]], [], told)
+    command.add("add", listed, [], told)
     group = command.parser.add_argument_group("model")
     better = parameter_help(simulate) | {
         "scene": f"Scene: free_space, {', '.join(scene_names())}, a Mitsuba/Sionna XML file, or a room's mesh (.obj, .ply, .glb).",

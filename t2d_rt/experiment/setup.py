@@ -106,13 +106,14 @@ def set_up(
     modelled = targets_of(targets, experiment.method, experiment.body, experiment.material, radar)
     geometries = [each.geometry for each in modelled]
     span_s = shared_time(geometries)
-    _tell_of_cuts(targets, geometries, span_s[1])
+    sources = [each.source for each in modelled]
+    _tell_of_cuts(sources, geometries, span_s[1])
     if radar.track is not None:
-        _tell_of_track([each.source for each in modelled], span_s)
+        _tell_of_track(sources, span_s)
     if scene is not None:
         moving = [
-            placed(target, radar) if isinstance(target, Motion) else in_world(each).geometry
-            for target, each in zip(targets, modelled, strict=True)
+            source if isinstance(source, Motion) else in_world(each).geometry
+            for source, each in zip(sources, modelled, strict=True)
         ]
         span_s = checked_time(
             experiment.collisions,

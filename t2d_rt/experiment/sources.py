@@ -10,13 +10,22 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, cast
 
 import numpy as np
-from pydantic import ConfigDict, Discriminator, Field, SerializerFunctionWrapHandler, field_validator, model_serializer
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    SerializerFunctionWrapHandler,
+    field_validator,
+    model_serializer,
+)
 
 from t2d_rt.core.checks import names_advice, shown
 from t2d_rt.core.errors import InputError, warn
 from t2d_rt.core.stored_arrays import Hash, Inputs, Store, named_arrays
 from t2d_rt.experiment.catalog import found_from, motion_path
 from t2d_rt.motion import aside, load_motion, place, trim
+from t2d_rt.motion.carry import Wish, carry
 from t2d_rt.motion.descriptions.slots import Step
 from t2d_rt.motion.generate import COMPOSED, LONGEST_S, motion_from_text, understood
 from t2d_rt.motion.vary import arc, hold, vary_gait
@@ -25,7 +34,7 @@ from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, OwnMover, Pet, TableF
 from t2d_rt.scene.movers import KINDS, kind_names
 from t2d_rt.types import Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
 from t2d_rt.types.fields import Count, Fields, Number
-from t2d_rt.types.motion import Breathing, Heartbeat
+from t2d_rt.types.motion import Breathing, Carried, Heartbeat
 
 Substance = str | Material
 Fraction = Annotated[Number, Field(ge=-1e6, le=1e6)]
@@ -45,6 +54,11 @@ class Plain(Fields):
         return {name: value for name, value in found.items() if value or name not in self._later}
 
 
+def _several(value: Any) -> Any:
+    """A list of what may be given alone."""
+    return (value,) if isinstance(value, (str, Mapping)) else value
+
+
 class _Placed(Plain):
     """A motion that is cut and placed before the radar."""
 
@@ -62,6 +76,15 @@ class _Placed(Plain):
     """Angle of the walk against the line to the radar [deg]."""
     aside_m: Fraction = 0.0
     """How far left of the line along the boresight the motion starts, as the radar sees it [m]."""
+    carries: Annotated[tuple[str | dict[str, Any], ...], BeforeValidator(_several)] = ()
+    """What the person carries, as "bag", "cane in the left hand" or {thing: box, material: metal}."""
+
+    @field_validator("carries")
+    @classmethod
+    def _known_things(cls, value: tuple[Any, ...]) -> tuple[Any, ...]:
+        for each in value:
+            Wish.of(each)
+        return value
 
     def cut(self, motion: Motion) -> Motion:
         """The piece of a motion that is used."""
@@ -86,7 +109,7 @@ class _Placed(Plain):
     def put(self, piece: Motion, radar: Radar) -> Motion:
         """A piece where it starts."""
         motion = place(
-            piece,
+            carry(piece, self.carries),
             distance_m=self.distance_m,
             angle_deg=self.angle_deg,
             radar_position_m=radar.position_m,
@@ -98,7 +121,7 @@ class _Placed(Plain):
 class MotionFile(_Placed):
     """A motion of a file."""
 
-    _later: ClassVar[tuple[str, ...]] = ("reading",)
+    _later: ClassVar[tuple[str, ...]] = ("reading", "carries")
     if_missing: ClassVar[str] = "write file: walk.bvh, or person:walk.bvh on the command line"
 
     kind: Literal["file"] = "file"
@@ -134,7 +157,7 @@ WHOLE: Mapping[str, object] = {"start_s": 0.0, "stop_s": None, "radius_m": 0.0}
 class MotionText(_Placed):
     """A motion that is made from a sentence."""
 
-    _later: ClassVar[tuple[str, ...]] = ("person_seed", "stand_s", "radius_m")
+    _later: ClassVar[tuple[str, ...]] = ("person_seed", "stand_s", "radius_m", "carries")
 
     kind: Literal["text"] = "text"
     text: str
@@ -222,7 +245,7 @@ def _piece(source: MotionText) -> Motion:
 class MotionArrays(Plain):
     """A motion whose joints are stored."""
 
-    _later: ClassVar[tuple[str, ...]] = ("activities", "breathing", "heartbeat")
+    _later: ClassVar[tuple[str, ...]] = ("activities", "breathing", "heartbeat", "carries")
     noun: ClassVar[str] = "motion"
 
     kind: Literal["motion"] = "motion"
@@ -242,6 +265,8 @@ class MotionArrays(Plain):
     """How the person breathes."""
     heartbeat: Heartbeat | None = None
     """How the person's heart beats."""
+    carries: tuple[Carried, ...] = ()
+    """What the person carries."""
 
 
 class BodyMesh(Plain):
@@ -371,7 +396,9 @@ Source = Annotated[
     Discriminator("kind"),
 ]
 """Where a target comes from."""
-MOTION_FIELDS = "rate_hz", "names", "parents", "placed", "report", "origin", "activities", "breathing", "heartbeat"
+MOTION_FIELDS = (
+    "rate_hz", "names", "parents", "placed", "report", "origin", "activities", "breathing", "heartbeat", "carries",
+)  # fmt: skip
 """Of a `Motion` beside its arrays, which are stored as they are."""
 MESH_FIELDS = "material", "crease_deg", "curved", "name"
 """Of a `MovingMesh`, likewise."""

@@ -158,7 +158,9 @@ def poses_of(motion: Motion) -> Poses:
     points = _with_ends(motion)
     shown = frames(points)
     given = {name: motion.rotations[:, motion.index(name)] for name in motion.names}
-    turned = {name: _calibrated(given[name], shown[name]) if name in given else shown[name] for name in NAMES}
+    turned = {
+        name: quaternions.calibrated(given[name], shown[name]) if name in given else shown[name] for name in NAMES
+    }
     turned[LOWER_BACK] = turned["pelvis"]
     turned |= {name: _aligned(name, turned[name], points) for name in _CHILD}
     for name, parent in OPTIONAL_JOINTS.items():
@@ -318,13 +320,6 @@ def axes_along(first: str, along: np.ndarray, second: str, towards: np.ndarray) 
 def _swung(parent: np.ndarray, axis: list[float], bone: np.ndarray) -> np.ndarray:
     """The parent's orientation (T, 4), turned by the least rotation that lays `axis` along the bone (T, 3)."""
     return quaternions.multiply(quaternions.between(quaternions.rotate(parent, np.array(axis)), bone), parent)
-
-
-def _calibrated(given: np.ndarray, shown: np.ndarray) -> np.ndarray:
-    """A joint's own orientations (T, 4), turned by the constant that brings them nearest to those that positions show."""
-    offset = quaternions.multiply(quaternions.conjugate(given), shown)
-    values, vectors = np.linalg.eigh(np.einsum("ti,tj->ij", offset, offset))
-    return quaternions.multiply(given, vectors[:, int(values.argmax())])
 
 
 def _aligned(name: str, rotation: np.ndarray, points: Mapping[str, np.ndarray]) -> np.ndarray:

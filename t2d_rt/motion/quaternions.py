@@ -80,3 +80,10 @@ def from_matrix(matrix: np.ndarray) -> np.ndarray:
         forms[..., row, column] = forms[..., column, row] = value
     best = np.argmax(norms(forms), axis=-1)
     return normalise(np.take_along_axis(forms, best[..., None, None], axis=-2)[..., 0, :])
+
+
+def calibrated(given: np.ndarray, shown: np.ndarray) -> np.ndarray:
+    """A joint's own orientations (T, 4), turned by the constant that brings them nearest to those that positions show."""
+    offset = multiply(conjugate(given), shown)
+    values, vectors = np.linalg.eigh(np.einsum("ti,tj->ij", offset, offset))
+    return multiply(given, vectors[:, int(values.argmax())])

@@ -10,7 +10,7 @@ import numpy as np
 
 from t2d_rt.core.atomic_write import check_place, check_taken, replacing
 from t2d_rt.core.checks import file_path, flag
-from t2d_rt.core.errors import InputError
+from t2d_rt.core.errors import InputError, warn
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.kinematics import LOWER_BACK, NAMES, PARENTS, poses_of
 from t2d_rt.motion.skeletons import sided, tables
@@ -30,6 +30,10 @@ def save_motion(motion: Motion, path: str | Path, *, overwrite: bool = False) ->
     """
     checked_motion(motion)
     target = check_target(path, overwrite=overwrite)
+    if motion.carries:
+        warn(
+            f"a .bvh file holds joints alone, and the {motion.carries[0].thing} is not among them; carry it again once it is read"
+        )
     text = bvh_text(motion)
     with replacing(target, partial(check_taken, target, overwrite=overwrite)) as new:
         new.write_text(text, encoding="ascii")

@@ -13,11 +13,13 @@ import numpy as np
 from t2d_rt.body import segments as fit_segments
 from t2d_rt.body import skin as skin_body
 from t2d_rt.core.errors import InputError
-from t2d_rt.motion import place, track
+from t2d_rt.motion import Track, place, quaternions, track
 from t2d_rt.scene import Mover
+from t2d_rt.scene.things import substance, surface
 from t2d_rt.types import Ellipsoids, Material, Motion, MovingMesh, Radar
 from t2d_rt.types.material import checked_material
 from t2d_rt.types.mesh import Made
+from t2d_rt.types.motion import Carried
 from t2d_rt.types.splines import set_fields
 from t2d_rt.types.target import Geometry, Method, Target
 
@@ -112,9 +114,9 @@ class UserEllipsoids:
 
 @dataclass(frozen=True, slots=True)
 class MovingPart:
-    """A mover over the time that it is needed, by its facets whatever the method of bodies."""
+    """A mover over the time that it is needed, or what a person carries, by its facets whatever the method of bodies."""
 
-    source: Mover
+    source: Mover | MovingMesh
     mesh: MovingMesh
     may_rotate_fast: bool = True
 
@@ -226,8 +228,8 @@ def _carried(geometry: Geometry, radar: Radar, times_s: np.ndarray) -> np.ndarra
 def targets_of(
     given: Sequence[TargetLike], method: Method, body: str, material: str | Material | None, radar: Radar
 ) -> list[Target]:
-    """The targets that were handed in, movers over the time that all others have in common; `material` is that of all others,
-    None their own."""
+    """The targets that were handed in, each person followed by what they carry, movers over the time that all others have in
+    common; `material` is that of persons, meshes and ellipsoids, None their own."""
     lasting = {
         number: _lasting(each, method, body, material, radar)
         for number, each in enumerate(given)
@@ -238,10 +240,11 @@ def targets_of(
             f"movers alone have no end, got {given!r:.60}; give one of them as its mesh, mover.mesh(0, 5) for 5 s"
         )
     time_s = shared_time([each.geometry for each in lasting.values()])
-    found = [
-        MovingPart(each, each.mesh(*time_s)) if isinstance(each, Mover) else lasting[number]
-        for number, each in enumerate(given)
-    ]
+    found: list[Target] = []
+    for number, each in enumerate(given):
+        found.append(MovingPart(each, each.mesh(*time_s)) if isinstance(each, Mover) else lasting[number])
+        if isinstance(each, Motion):
+            found += [MovingPart(thing, thing) for thing in things(lasting[number].source)]
     return found if radar.track is None else [SeenFromMoving.of(each, radar) for each in found]
 
 
@@ -270,6 +273,26 @@ def skin(motion: Motion, body: str = "adult", *, material: str | Material = "ski
     checked_material(material)
     made = Made("skin", {"motion": motion, "body": body, "material": material})
     return skin_body(motion, body, material=material, track=track(motion), made=made)
+
+
+def things(motion: Motion) -> list[MovingMesh]:
+    """Meshes of what a person carries."""
+    followed = track(motion) if motion.carries else None
+    return [_thing(followed, each) for each in motion.carries if followed is not None]
+
+
+def _thing(followed: Track, carried: Carried) -> MovingMesh:
+    vertices, faces = surface(carried)
+    local = quaternions.rotate(np.array(carried.rotation), vertices) + carried.position_m
+    moving = partial(_rigid, followed, followed.motion.index(carried.joint), local)
+    times_s = followed.motion.times_s
+    return MovingMesh.from_track(moving, faces, times_s, material=substance(carried), rest=vertices, name=carried.thing)
+
+
+def _rigid(followed: Track, joint: int, local: np.ndarray, times_s: np.ndarray) -> np.ndarray:
+    """Points (V, 3) of a joint's frame, in space (K, V, 3)."""
+    places, rotations = followed(times_s)
+    return places[:, joint, None] + quaternions.rotate(rotations[:, joint, None], local)
 
 
 def segments(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> Ellipsoids:

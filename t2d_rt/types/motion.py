@@ -11,6 +11,7 @@ import numpy as np
 from t2d_rt.core.checks import LARGEST_M, array, flag, instance, number, numeric, shown, text
 from t2d_rt.core.errors import InputError, html_table
 from t2d_rt.geometry.vectors import norms
+from t2d_rt.types.material import Material, checked_material
 from t2d_rt.types.splines import set_fields
 
 CANONICAL_JOINTS: tuple[str, ...] = (
@@ -121,6 +122,39 @@ def _advanced(cycle: Breathing | Heartbeat, start_s: float) -> float:
     return float((cycle.phase_rad + 2 * np.pi * cycle.rate_hz * start_s) % (2 * np.pi))
 
 
+HANDLE_M = 0.12
+"""Of a bag that is carried, from its grip to its top [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Carried:
+    """A thing that a person carries, rigid in the frame of one joint; `carry` makes it, and poses the arms that hold it."""
+
+    thing: str
+    """What it is: bag, box, cane, ..."""
+    joint: str
+    """Joint of the motion whose orientation carries it."""
+    position_m: tuple[float, float, float]
+    """Its origin in the joint's frame [m]."""
+    rotation: tuple[float, float, float, float]
+    """Its axes, x forward, y left and z up, in the joint's frame: a unit quaternion x, y, z, w."""
+    size_m: tuple[float, ...]
+    """Its dimensions [m], of which `motion.carry` tells the meaning."""
+    material: str | Material
+
+    def __post_init__(self) -> None:
+        text("thing", self.thing), text("joint", self.joint), checked_material(self.material)
+        position = array("position_m", self.position_m, (3,), limit=LARGEST_M, unit="m")
+        rotation = array("rotation", self.rotation, (4,), limit=ROTATION_LIMIT)
+        sizes = array("size_m", self.size_m, hint="dimensions [m]", limit=LARGEST_M, unit="m")
+        if abs(np.linalg.norm(rotation) - 1) > 1e-6:
+            raise InputError(f"rotation must be a unit quaternion x, y, z, w, got {shown(self.rotation)}")
+        if sizes.ndim != 1 or not len(sizes) or not (sizes > 0).all():
+            raise InputError(f"size_m must be a list of positive dimensions [m], got {shown(self.size_m)}")
+        plain = {"position_m": position, "rotation": rotation, "size_m": sizes}
+        set_fields(self, **{name: tuple(each.tolist()) for name, each in plain.items()})
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
     """Joints of one person in time: metres, right-handed, z up.
@@ -149,6 +183,8 @@ class Motion:
     """How the person breathes, which joints do not tell; None where nothing but the joints moves, as of a file."""
     heartbeat: Heartbeat | None = None
     """How the person's heart beats, likewise."""
+    carries: tuple[Carried, ...] = ()
+    """Things that move with the person's joints, as `carry` adds them."""
 
     def __post_init__(self) -> None:
         names, parents = _names(self.names), _parents(self.parents)
@@ -170,6 +206,11 @@ class Motion:
             instance("breathing", self.breathing, Breathing, "a Breathing, as Breathing(rate_hz=0.25, depth_m=0.008)")
         if self.heartbeat is not None:
             instance("heartbeat", self.heartbeat, Heartbeat, "a Heartbeat, as Heartbeat(rate_hz=1.2, depth_m=0.0002)")
+        carries = instance("carries", self.carries, (list, tuple), "a list of Carried, as t2d_rt.carry makes it")
+        for each in carries:
+            instance("carries", each, Carried, "a list of Carried, as t2d_rt.carry makes it")
+            if each.joint not in names:
+                raise InputError(f"the {each.thing} is carried by {shown(each.joint)}, which the motion does not have")
         origin = cast(Sequence[Any], instance("origin", self.origin, (list, tuple), "a list of texts"))
         set_fields(
             self,
@@ -181,6 +222,7 @@ class Motion:
             report=text("report", self.report),
             origin=tuple(text("origin", each) for each in origin),
             activities=_activities(self.activities),
+            carries=tuple(carries),
         )
 
     def __repr__(self) -> str:

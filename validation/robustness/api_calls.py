@@ -238,6 +238,7 @@ def _motions(folder: Path) -> list[Call]:
         Call("load_recording", t2d.load_recording, {"path": folder / "none.npy"}),
         Call("describe", t2d.describe, {"motion": whole}),
         Call("place", t2d.place, {"motion": whole, "distance_m": 3, "angle_deg": 0, **position}),
+        Call("carry", t2d.carry, {"motion": whole, "things": "ball"}),
         Call("repeat", t2d.repeat, {"motion": whole, "duration_s": 0.3, "travel": True, "blend_s": 0.1}),
         Call("resample", t2d.resample, {"motion": whole, "rate_hz": 30.0}),
         Call("smooth", t2d.smooth, {"motion": whole, "cutoff_hz": 10.0}),

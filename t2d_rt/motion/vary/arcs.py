@@ -34,6 +34,8 @@ def arc(motion: Motion, radius_m: float) -> Motion:
         raise InputError(
             f"radius_m of {radius_m:g} m is tighter than a person turns; give 0.3 or more, or -0.3 or less"
         )
+    if motion.carries:
+        raise InputError("the arms that carry things cannot be bent to an arc; bend the path first, and then carry")
     poses = poses_of(motion)
     smooth = low_pass(poses.root[:, :2], CURVE_CUTOFF_HZ, poses.rate_hz)
     velocity = np.gradient(smooth, 1.0 / poses.rate_hz, axis=0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,7 +26,16 @@ def mirror(motion: Motion) -> Motion:
     # A reflection at y = 0 turns rotations about x and z around and leaves those about y.
     joints = motion.joints[:, order] * np.array([1.0, -1.0, 1.0])
     rotations = motion.rotations[:, order] * np.array([-1.0, 1.0, -1.0, 1.0])
-    return motion.edited("mirrored", joints=joints, rotations=rotations)
+    carries = tuple(
+        replace(
+            each,
+            joint=_other_side(each.joint),
+            position_m=each.position_m * np.array([1.0, -1.0, 1.0]),
+            rotation=each.rotation * np.array([-1.0, 1.0, -1.0, 1.0]),
+        )
+        for each in motion.carries
+    )
+    return motion.edited("mirrored", joints=joints, rotations=rotations, carries=carries)
 
 
 def _other_side(name: str) -> str:
