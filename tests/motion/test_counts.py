@@ -132,14 +132,48 @@ def test_turns_without_a_side_are_all_to_the_same_one() -> None:
         ("around to the left", 180.0),
         ("180° clockwise", 180.0),
         ("around by 90 ° to the right", 90.0),
+        ("1.5 turns", 540.0),
+        ("by one and a half turns to the left", 540.0),
+        ("by half a turn", 180.0),
+        ("by 1/4 turn", 90.0),
+        ("three quarters of a turn", 270.0),
+        ("by 1.5 revolutions", 540.0),
+        ("by a right angle", 90.0),
+        ("by pi/2", 90.0),
+        ("by pi radians", 180.0),
+        ("by half a radian", np.degrees(0.5)),
+        ("by 1.57 rad", np.degrees(1.57)),
+        ("by eighty degrees", 80.0),
+        ("by two hundred and seventy degrees", 270.0),
+        ("by one hundred eighty degrees", 180.0),
     ],
 )
 def test_angles_are_read_in_any_order(words: str, angle_deg: float) -> None:
     parsed = parse_description(f"a person turns {words}")
-    assert (parsed.description.angle_deg, parsed.ignored) == (angle_deg, ())
+    (step,) = parsed.description.steps
+    assert (step.angle_deg, step.count, parsed.ignored) == (pytest.approx(angle_deg), None, ())
 
 
-@pytest.mark.parametrize("words", ["left by 0 degrees", "by 5 degrees", "around by 10000°"])
+def test_whole_turns_stay_counts() -> None:
+    (step,) = parse_description("a person makes two turns").description.steps
+    assert (step.count, step.angle_deg) == (2, None)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "turns by minus 90 degrees",
+        "turns by negative ninety degrees",
+        "turns minus half a turn",
+        "jumps minus two times",
+    ],
+)
+def test_numbers_below_zero_in_words_are_refused(words: str) -> None:
+    with pytest.raises(InputError, match=r"numbers of a description are above 0, got (minus|negative) "):
+        parse_description(f"a person {words}")
+
+
+@pytest.mark.parametrize("words", ["left by 0 degrees", "by 5 degrees", "around by 10000°", "by 2.5 turns"])
 def test_angles_that_nobody_turns_by_are_refused(words: str) -> None:
     with pytest.raises(InputError, match="turns by 10 to 720 degrees, got "):
         parse_description(f"a person turns {words}")

@@ -91,9 +91,13 @@ def _checked(sentence: str) -> str:
             f"a description has at most {slots.LONGEST_SENTENCE} characters, got {len(sentence)}; describe one person's "
             "activity in a sentence"
         )
-    negative = re.search(r"(?<!\S)[-\u2212]\d\S*", sentence)
+    numbers = "|".join(each for each in lexicon().numbers if each not in ("a", "an"))
+    below = rf"(?<!\S)(?:[-\u2212](?=[\d.])|(?:minus|negative)\s+(?=[\d.]|(?:a|{numbers}|half|pi)\b))\S+"
+    negative = re.search(below, sentence, re.IGNORECASE)
     if negative is not None:
-        raise InputError(f"numbers of a description are above 0, got {negative[0]}; write how many times or how long")
+        raise InputError(
+            f"numbers of a description are above 0, got {negative[0]}; write how many times, how long, or to which side"
+        )
     letters = [char for char in sentence if char.isalpha()]
     if sum(char.isascii() for char in letters) < len(letters) / 2:
         raise InputError(f"a description is an English sentence, got {shown(sentence)}; translate it")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
@@ -15,6 +16,9 @@ WORD = re.compile(r"\d+(?:\.\d+)?|[^\W\d_]+(?:'[^\W\d_]+)?|n't|[^\w\s]")
 GAP = "~"
 MOST_BETWEEN = 4
 """Words that `~` stands for at most: "picks the red ball up"."""
+
+PARTS = {"half": 0.5, "third": 1 / 3, "quarter": 0.25}
+"""Of a turn or of a unit of angles."""
 
 HIS = ("his", "her", "their", "its", "the")
 HIM = ("him", "her", "them", "it")
@@ -242,7 +246,7 @@ def _measure(words: list[str], place: int) -> tuple[Token, int] | None:
         if inner is None or (word == "after" and inner[0].note.endswith("moment")):
             return None
         return inner if word == "for" else (Token("reported", f"after {inner[0].words}"), inner[1])
-    return _times(words, place) or _lasting(words, place, alone=True) or _turned(words, place)
+    return _turned(words, place) or _times(words, place) or _lasting(words, place, alone=True)
 
 
 def _number(words: list[str], place: int) -> tuple[float, bool, int] | None:
@@ -260,6 +264,12 @@ def _number(words: list[str], place: int) -> tuple[float, bool, int] | None:
     number = known.numbers.get(ahead[0])
     if number is None:
         return None
+    if ahead[1:2] == ["hundred"]:
+        rest = place + 2 + int(ahead[2:] == ["and"])
+        more = _number(words, rest) if words[rest : rest + 1] and words[rest] not in ("a", "an") else None
+        if more is not None and 0 < more[0] < 100 and not more[1] and more[0] == int(more[0]):
+            return 100 * number + more[0], False, more[2]
+        return 100 * number, False, place + 2
     ones = known.numbers.get(ahead[1]) if number >= 20 and ahead[1:] else None
     return (number + ones, False, place + 2) if ones is not None and 0 < ones < 10 else (number, False, place + 1)
 
@@ -302,13 +312,48 @@ def _lasting(words: list[str], place: int, *, alone: bool) -> tuple[Token, int] 
     return Token("slot", f"{seconds:g} seconds" if vague else said, {"duration_s": seconds}, note=note), after + 1
 
 
+def _amount(words: list[str], place: int) -> tuple[float, int] | None:
+    """How much, and where the unit stands: 1.5, half a, a quarter of a, three quarters, one and a half, 1 / 4, pi / 2."""
+    start = place + int(words[place] in ("a", "one") and (words[place + 1 : place + 2] or [""])[0] in PARTS)
+    if words[start] in PARTS or words[start] == "pi":
+        amount, after = PARTS.get(words[start], math.pi), start + 1
+    else:
+        found = _number(words, place)
+        if found is None:
+            return None
+        amount, _, after = found
+        if words[after : after + 3] == ["and", "a", "half"]:
+            amount, after = amount + 0.5, after + 3
+        elif words[after : after + 1] and words[after].removesuffix("s") in PARTS:
+            amount, after = amount * PARTS[words[after].removesuffix("s")], after + 1
+    divisor = words[after + 1] if words[after : after + 1] == ["/"] and len(words) > after + 1 else ""
+    if divisor.isdecimal() and int(divisor):
+        amount, after = amount / int(divisor), after + 2
+    for between in ("of", "a"):
+        after += int(words[after : after + 1] == [between])
+    return amount, after
+
+
 def _turned(words: list[str], place: int) -> tuple[Token, int] | None:
-    """By which angle: 90 degrees, a hundred and eighty is not read."""
-    found = _number(words, place)
-    if found is None or found[2] >= len(words) or words[found[2]] not in lexicon().degrees:
+    """By which angle: 90 degrees, 1.57 radians, half a turn, a right angle; a hundred and eighty is not read.
+
+    Whole turns are counted as other actions are, and the word turn tells of the action, too.
+    """
+    found = _amount(words, place)
+    if found is None:
         return None
-    number, _, after = found
-    return Token("angle", " ".join(words[place : after + 1]), {"angle_deg": float(number)}), after + 1
+    amount, after = found
+    unit = words[after] if after < len(words) else ""
+    each = lexicon().degrees.get(unit)
+    if unit in ("turn", "turns") and amount != int(amount):
+        return Token("angle", " ".join(words[place : after + 1]), {"angle_deg": 360 * amount}), after
+    if unit == "right" and words[after + 1 : after + 2] in (["angle"], ["angles"]):
+        each, after = 90.0, after + 1
+    elif each is None and "pi" in words[place:after]:
+        each, after = math.degrees(1), after - 1
+    if each is None:
+        return None
+    return Token("angle", " ".join(words[place : after + 1]), {"angle_deg": float(amount * each)}), after + 1
 
 
 def _meant(word: str) -> str | None:
