@@ -19,7 +19,7 @@ from t2d_rt.accuracy import (
     warn_out_of_reach,
 )
 from t2d_rt.core.backend import Device, one_blas_thread, prefetched
-from t2d_rt.core.checks import flag, instance, integer, shown
+from t2d_rt.core.checks import array, flag, instance, integer, shown
 from t2d_rt.core.cubes import Cube
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import LIMIT_GB, after_call
@@ -47,6 +47,8 @@ from t2d_rt.types.target import Method
 
 MOST_AGAIN = 2
 """So often a small body or mesh that misses its tolerance is simulated again."""
+LATEST_S = 1.0
+"""Between the starts of several radars."""
 NEXT_SEED = 1_000_003
 """Between the seeds of the receivers of several radars."""
 FIRST_RUN = 0.8
@@ -139,6 +141,7 @@ def simulate_radars(
     radars: Sequence[Radar | str | Path],
     *,
     interference: bool = False,
+    starts_s: Sequence[float] | None = None,
     **options: Any,
 ) -> list[Recording]:
     """Recordings of the same targets by several radars on one clock, each with the samples that it has alone.
@@ -151,7 +154,9 @@ def simulate_radars(
         the receivers of another.
     interference: whether each radar hears the chirps of all others beside the noise that it has, over the line of sight; walls
         and targets between are ignored, and echoes of these chirps are not modelled. When their chirps begin is drawn for each
-        radar that hears them, as if clocks were not in step.
+        radar that hears them, as if clocks were not in step, or follows from `starts_s`.
+    starts_s: with interference: when the first sweep of each radar begins on one clock [s]. It tells when the others' chirps are
+        heard; targets are seen from the instant 0 of the record on by every radar, so that offsets should be short beside movement.
     options: of `simulate`, for all of them.
 
     All records must begin at one instant: a track that begins after the targets, unless all do, is refused.
@@ -166,12 +171,19 @@ def simulate_radars(
     if interference and noise == "none":
         raise InputError("interference comes with a receiver's noise; give noise, such as 'receiver', or leave it out")
     _check_one_start(targets, some)
+    if starts_s is not None and not interference:
+        raise InputError("starts_s tells when radars hear one another; give interference=True as well, or leave it out")
+    began_s = None if starts_s is None else array("starts_s", starts_s, (len(some),), limit=LATEST_S, unit="s")
     found = []
     for number, radar in enumerate(some):
         own = noise_named(noise, radar)
         if isinstance(own, Receiver):
             seed = integer("seed", options.get("seed", 0)) if own.seed is None else own.seed
-            others = [heard(other, radar) for other in some[:number] + some[number + 1 :] if interference]
+            others = [
+                heard(other, radar, None if began_s is None else float(began_s[place] - began_s[number]))
+                for place, other in enumerate(some)
+                if interference and place != number
+            ]
             own = own.replace(interferers=[*own.interferers, *others], seed=seed + number * NEXT_SEED)
         found.append(simulate(targets, radar=radar, noise=own, **options))
     return found

@@ -49,9 +49,7 @@ class Material:
 
     def permittivity(self, frequency_hz: float) -> complex:
         """Complex relative permittivity eps' - j sigma/(omega eps0), e^{+j omega t} convention."""
-        frequency_hz = checked_frequency(frequency_hz)
-        loss = self.conductivity_s_per_m / (2 * math.pi * frequency_hz * VACUUM_PERMITTIVITY)
-        return complex(self.relative_permittivity, -loss)
+        return complex(self.relative_permittivity, -loss(self.conductivity_s_per_m, checked_frequency(frequency_hz)))
 
     def reflection(self, frequency_hz: float) -> complex:
         """Fresnel coefficient of the field at normal incidence, (1 - n)/(1 + n); -1 for a perfect conductor."""
@@ -60,6 +58,11 @@ class Material:
             return -1 + 0j
         n = cmath.sqrt(self.permittivity(frequency_hz))
         return (1 - n) / (1 + n)
+
+
+def loss(conductivity_s_per_m: Any, frequency_hz: Any) -> Any:
+    """Imaginary part sigma/(omega eps0) of the relative permittivity eps' - j eps'', of numbers or arrays."""
+    return conductivity_s_per_m / (2 * math.pi * VACUUM_PERMITTIVITY * frequency_hz)
 
 
 def checked_material(material: Any) -> str | Material:

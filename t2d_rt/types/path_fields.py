@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from t2d_rt.core.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
+from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.geometry.vectors import cross, dot
 from t2d_rt.types import Material, OneWayPath, Radar, StaticPath
+from t2d_rt.types.material import loss
 from t2d_rt.types.paths import Elements, passed, points_in_scene
 
 Polarized = tuple[np.ndarray, np.ndarray]
@@ -202,8 +203,8 @@ def _coefficients(element: Elements, cosine: np.ndarray, frequencies_hz: np.ndar
         (_transmission, element.through, passing),
     ):
         if some.any():
-            loss = element.conductivity_s_per_m[some] / (2 * math.pi * VACUUM_PERMITTIVITY * frequencies_hz[:, None])
-            eta = (element.relative_permittivity[some] - 1j * loss)[..., None]
+            lost = loss(element.conductivity_s_per_m[some], frequencies_hz[:, None])
+            eta = (element.relative_permittivity[some] - 1j * lost)[..., None]
             found = of(eta, element.thickness_m[some, None], cosine[some], frequency_hz)
             te[:, some], tm[:, some] = (factor[:, some, None] * each for each in found)
     return te, tm

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from t2d_rt.core.checks import instance
+from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError
 from t2d_rt.types.antennas import Isotropic
 from t2d_rt.types.radar import Radar
@@ -52,8 +53,10 @@ def bistatic(transmitter: Radar, receiver: Radar) -> Radar:
     )
 
 
-def heard(other: Radar, radar: Radar) -> Interferer:
+def heard(other: Radar, radar: Radar, later_s: float | None = None) -> Interferer:
     """Another radar as one hears it over the line of sight: its place, its chirps, and its power in that direction.
+
+    later_s: by how much later than this radar's its first sweep begins [s]; by default when they begin is drawn.
 
     Both must stand still, and the other one must chirp without pauses. Where all transmitters send on each chirp, their powers
     add up.
@@ -79,4 +82,5 @@ def heard(other: Radar, radar: Radar) -> Interferer:
         duration_s=other.sweep_time_s,
         interval_s=other.chirp_interval_s,
         eirp_dbm=other.tx_power_dbm + other.tx_gain_dbi + 10 * math.log10(max(gain * at_once, 1e-15)),
+        first_s=None if later_s is None else later_s + range_m / SPEED_OF_LIGHT,
     )

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import ConfigDict, Discriminator, Field, field_validator, model_validator
+from pydantic import ConfigDict, Discriminator, Field, field_validator, model_serializer, model_validator
 
 from t2d_rt.core.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K
 from t2d_rt.core.errors import InputError
@@ -143,6 +143,13 @@ class Interferer(_Part):
     """Start of one of its chirps to the start of the next [s]."""
     eirp_dbm: Decibel = 21.0
     """Transmitted power times antenna gain [dBm]."""
+    first_s: Annotated[Number, Field(ge=-1e3, le=1e3)] | None = None
+    """When the start of one of its chirps arrives, on the clock of the radar that hears it [s]; drawn by default."""
+
+    @model_serializer(mode="wrap")
+    def _without_no_start(self, written: Any) -> Any:
+        """The fields; without a start that is drawn, as versions had none."""
+        return {name: value for name, value in written(self).items() if name != "first_s" or value is not None}
 
     @model_validator(mode="after")
     def _check_interval(self) -> Self:

@@ -84,6 +84,35 @@ def test_radars_hear_one_another_at_their_distance() -> None:
     assert 10 * np.log10(powers[0] / powers[2]) == pytest.approx(6.02, abs=0.1)
 
 
+def test_radars_that_begin_at_stated_instants_hear_one_another_at_that_delay() -> None:
+    """Of one waveform: a sweep that begins d later and is R away leaves a tone of the frequency slope (d + R / c)."""
+    other, later_s = TABLE2.replace(position_m=(6.0, 0.0, 1.0), boresight=(-1.0, 0.0, 0.0)), 25e-9
+    options = {"noise": t2d.Receiver(), "method": "ellipsoid", "measure_error": False}
+    walk = t2d.trim(t2d.example("walk"), 0.0, 0.1)
+    found = t2d.simulate_radars(walk, [TABLE2, other], interference=True, starts_s=[0.0, later_s], **options)
+    again = t2d.simulate_radars(walk, [TABLE2, other], interference=True, starts_s=[0.2, 0.2 + later_s], **options)
+    range_m = np.linalg.norm(np.subtract(TABLE2.position_m, other.position_m))
+    spectrum = np.abs(np.fft.fft(found[0].cube[:, 0], axis=1)).mean(axis=0)
+    beat_hz = TABLE2.slope_hz_per_s * (later_s + range_m / 299_792_458.0)
+    assert spectrum.argmax() == round(beat_hz / TABLE2.sample_rate_hz * TABLE2.samples)
+    assert np.allclose(
+        found[0].cube, again[0].cube, atol=1e-4 * np.abs(found[0].cube).max()
+    )  # 0.2 s have 3e-17 s of rounding
+    # The other way round the sweep begins before the own: below the IF band. The walk's echo is a tenth.
+    assert np.abs(np.fft.fft(found[1].cube[:, 0], axis=1)).max() < 0.1 * spectrum.max()
+    with pytest.raises(InputError, match="give interference=True as well"):
+        t2d.simulate_radars(walk, [TABLE2, other], starts_s=[0.0, later_s], **options)
+    with pytest.raises(InputError, match=r"starts_s must .* shape"):
+        t2d.simulate_radars(walk, [TABLE2, other], interference=True, starts_s=[0.0], **options)
+
+
+def test_a_start_that_is_drawn_is_not_written() -> None:
+    assert "first_s" not in heard(ASIDE, TABLE2).model_dump()
+    assert heard(ASIDE, TABLE2, 1e-6).model_dump()["first_s"] == pytest.approx(
+        1e-6 + np.linalg.norm([2, -2, 0.2]) / 299_792_458.0
+    )
+
+
 def test_radars_that_are_none() -> None:
     with pytest.raises(InputError, match="a list of radars"):
         t2d.simulate_radars(TARGET, TABLE2)  # type: ignore[arg-type]

@@ -293,7 +293,8 @@ class Interference:
         phase = np.exp(2j * np.pi * radar.mid_frequency_hz / SPEED_OF_LIGHT * (ranges - ranges.mean()))
         channels = self._slots.channels
         self._channels = (math.sqrt(self.power_w) * np.resize(phase, channels)).astype(np.complex64)
-        self._first_s = other.interval_s * draws.of(f"{self._name} start").random()
+        drawn_s = other.interval_s * draws.of(f"{self._name} start").random()
+        self._first_s = drawn_s if other.first_s is None else other.first_s
         self._phases: dict[int, np.ndarray] = {}
 
     def __call__(self, samples: np.ndarray, first_row: int) -> np.ndarray:
