@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2d_rt.accuracy.estimate import Chirps
+from t2d_rt.core.backend import Backend
 from t2d_rt.geometry.vectors import edge_cross, lengths
 from t2d_rt.pipeline.echo_model import Model
 from t2d_rt.propagation.images import apparent_m
@@ -56,6 +57,27 @@ class _Faces:
         offset = place_m - self.middle
         distance = lengths(offset)
         return offset / distance[..., None], distance
+
+    def visible_through(
+        self,
+        meshes: list[MovingMesh],
+        times_s: np.ndarray,
+        seen_from: dict[PathKey, list[OneWayPath]],
+        wanted: dict[PathKey, np.ndarray],
+        backend: Backend,
+    ) -> dict[PathKey, np.ndarray]:
+        """Which of the faces that are wanted (F,) the meshes leave visible from each viewpoint, (K, F)."""
+        if not meshes:
+            return dict.fromkeys(seen_from, np.ones(self.area_m2.shape, bool))
+        vertices = np.concatenate([mesh.at(times_s) for mesh in meshes], axis=1)
+        together = [one for own in seen_from.values() for one in own]
+        surroundings = Surroundings(Occluders(meshes), vertices, together, backend)
+        visible = {key: np.zeros(self.area_m2.shape, bool) for key in seen_from}
+        for key, own in seen_from.items():
+            some = wanted[key]
+            if some.any():
+                visible[key][:, some] = surroundings.visible(own, self.middle[:, some], self.normal[:, some])
+        return visible
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,22 +155,10 @@ def _judged(model: Model, accuracy: Accuracy, *, by_fast: bool) -> tuple[np.ndar
         for key in keys:
             wanted[key] |= direct.any(axis=0)
         glints.append(direct * faces.area_m2 / (to * back) ** 2)
-
-    def visible_through(meshes: list[MovingMesh]) -> dict[PathKey, np.ndarray]:
-        """Which faces the meshes leave visible from each viewpoint (K, F)."""
-        if not meshes:
-            return dict.fromkeys(seen_from, np.ones(faces.area_m2.shape, bool))
-        vertices = np.concatenate([mesh.at(times_s) for mesh in meshes], axis=1)
-        together = [one for own in seen_from.values() for one in own]
-        surroundings = Surroundings(Occluders(meshes), vertices, together, model.backend)
-        visible = {key: np.zeros(faces.area_m2.shape, bool) for key in seen_from}
-        for key, own in seen_from.items():
-            some = wanted[key]
-            if some.any():
-                visible[key][:, some] = surroundings.visible(own, faces.middle[:, some], faces.normal[:, some])
-        return visible
-
-    seen, known = visible_through(every), visible_through(slow if by_fast else [])
+    seen, known = (
+        faces.visible_through(some, times_s, seen_from, wanted, model.backend)
+        for some in (every, slow if by_fast else [])
+    )
     removed, remaining = [], []
     for (power, *both), glint in zip(ends, glints, strict=True):
         visible, modelled = (each[both[0].key] & each[both[1].key] for each in (seen, known))

@@ -16,7 +16,6 @@ from t2d_rt.core.errors import InputError, warn
 from t2d_rt.propagation.clutter import (
     POINT_PIECES,
     POINT_RAYS,
-    Courses,
     Shadows,
     existing_over,
     rough_points,
@@ -39,7 +38,7 @@ from t2d_rt.types import (
     Scene,
     StaticPath,
 )
-from t2d_rt.types.scatterer import Fraction, Scatterer
+from t2d_rt.types.scatterer import Scatterer
 from t2d_rt.types.scene import ROOM_SURFACES, ROOM_TRIANGLES
 from t2d_rt.types.target import Geometry
 
@@ -260,18 +259,11 @@ def clutter_scatterers(
             )
         scene = roughened(scene, SCATTERING_COEFFICIENT, radar.mid_frequency_hz)
     found: list[Scatterer] = []
-
-    def unoccluded(paths_m: Courses, **fineness: int) -> Fraction | None:
-        if not geometries:
-            return None
-        return Shadows(
-            geometries, paths_m, radar.wavelength_m, samples_s=samples_s, backend=backend, **fineness
-        ).fractions
-
+    shadows = partial(Shadows, geometries, wavelength_m=radar.wavelength_m, samples_s=samples_s, backend=backend)
     paths: Sequence[StaticPath] = static_paths(scene, radar, order=CLUTTER_ORDER, backend=backend, samples_s=samples_s)
     if paths:
         courses = [path.stops_m for path in paths] if radar.track is None else partial(static_courses, radar, paths)
-        fractions = unoccluded(courses)
+        fractions: Fraction | None = shadows(courses).fractions if geometries else None
         if radar.track is not None:
             fractions = existing_over(paths, samples_s, fractions)
         found.append(mirror_echoes(paths, radar, times_s=times_s, fractions=fractions))
@@ -280,6 +272,6 @@ def clutter_scatterers(
         points, rcs = rough_points(Mirrors.of(scene, backend, radar.tx_position_m), radar)
     if len(points):
         paths_m = [np.array([radar.tx_position_m, point, radar.rx_position_m]) for point in points]
-        passing = unoccluded(paths_m, rays=POINT_RAYS, pieces=POINT_PIECES)
+        passing = shadows(paths_m, rays=POINT_RAYS, pieces=POINT_PIECES).fractions if geometries else None
         found.append(rough_echoes(points, rcs, radar, times_s=times_s, seed=seed, fractions=passing))
     return found, {"clutter": kind, "clutter_paths": len(paths), "clutter_points": len(points)}

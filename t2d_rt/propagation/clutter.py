@@ -111,12 +111,13 @@ def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray, times_s: 
 def existing_over(paths: Sequence[StaticPath], samples_s: np.ndarray, unoccluded: Fraction | None) -> Fraction:
     """Which of a moving radar's paths exist, found at sample times [s] (S,) and faded in between, times what is not occluded."""
     known = np.stack([path.fraction for path in paths if path.fraction is not None], axis=1)
+    return partial(_existing, known, samples_s, unoccluded)
 
-    def fraction(times_s: np.ndarray) -> np.ndarray:
-        found = faded(times_s, samples_s, known.__getitem__)
-        return found if unoccluded is None else found * unoccluded(times_s)
 
-    return fraction
+def _existing(known: np.ndarray, samples_s: np.ndarray, unoccluded: Fraction | None, times_s: np.ndarray) -> np.ndarray:
+    """The fractions of `existing_over`, `known` at its sample times, (K, N)."""
+    found = faded(times_s, samples_s, known.__getitem__)
+    return found if unoccluded is None else found * unoccluded(times_s)
 
 
 def static_courses(radar: Radar, paths: Sequence[StaticPath], times_s: np.ndarray) -> list[np.ndarray]:

@@ -140,50 +140,30 @@ def _window(
     """The window of intervals start..stop, from frames low..high of the blocks held; the record has `total` frames."""
     near = max(0, start - 2), min(total, stop + 3)
     live = np.flatnonzero(np.any([np.any(part.amplitude, axis=0) for part in _rows(held, *near)], axis=0))
-
-    def taken(field: int, first: int, last: int, before: int = 0, after: int = 0) -> np.ndarray:
-        """Live echoes at frames first..last-1, with room for more frames before and after."""
-        parts: list[Any] = [part[field] for part in _rows(held, first, last)]
-        out = reused_empty((before + last - first + after, len(live), *parts[0].shape[2:]), parts[0].dtype)
-        row = before
-        for part in parts:
-            np.take(part, live, axis=1, out=out[row : row + len(part)], mode="clip")  # "raise" would copy once more
-            row += len(part)
-        return out
-
-    def with_ends(field: int) -> np.ndarray:
-        # The line through the record's last two frames makes the central difference there the one-sided one.
-        before, after = near[0] - (start - 2), stop + 3 - near[1]
-        return _lengthened(taken(field, *near, before, after), before, after)
-
-    def framed(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values at the window's frames and their slopes there, one frame more beyond an end of the record, on a straight line."""
-        matrix = spline_slopes(len(values))[keep].astype(values.dtype)
-        slope = np.matmul(matrix, values, out=reused_empty((len(matrix), values.shape[1]), values.dtype))
-        values = values[keep]
-        if start == 0:
-            values, slope = np.concatenate([values[:1] - slope[:1], values]), np.concatenate([slope[:1], slope])
-        if stop == total - 1:
-            values, slope = np.concatenate([values, values[-1:] + slope[-1:]]), np.concatenate([slope, slope[-1:]])
-        return values, slope
-
-    def apparent_of(points: np.ndarray) -> ApparentPositions:
-        values, steps = zip(*(framed(points[..., axis]) for axis in range(3)), strict=True)
-        return ApparentPositions(np.stack(values), np.stack(steps))
-
-    keep = slice(max(0, start - 1) - low, min(total, stop + 2) - low)
-    amplitude, sweep = with_ends(1), None if held[0][1].slope is None else with_ends(2)
+    # The line through the record's last two frames makes the central difference there the one-sided one.
+    before, after = near[0] - (start - 2), stop + 3 - near[1]
+    amplitude, sweep = (
+        None
+        if held[0][1][field] is None
+        else _lengthened(_taken(held, field, live, *near, before, after), before, after)
+        for field in (1, 2)
+    )
+    assert amplitude is not None
     if part is not None:  # silent echoes are grouped with the others, so that groups do not depend on which are silent
         part = part[live]
         for each in (amplitude, sweep):
             if each is not None:
                 each[:, part < 0] = 0
     lit = amplitude != 0
-    delay, delay_slope = framed(taken(0, low, high))
+    frames = _Frames(slice(max(0, start - 1) - low, min(total, stop + 2) - low), start == 0, stop == total - 1)
+    delay, delay_slope = frames.with_slopes(_taken(held, 0, live, low, high))
     sample, apparent = held[0][1], None
     if sample.departure_m is not None:
-        departure = apparent_of(taken(3, low, high))
-        apparent = departure, departure if sample.arrival_m is None else apparent_of(taken(4, low, high))
+        departure = frames.apparent(_taken(held, 3, live, low, high))
+        apparent = (
+            departure,
+            departure if sample.arrival_m is None else frames.apparent(_taken(held, 4, live, low, high)),
+        )
     return Window(
         start=start,
         stop=stop,
@@ -196,6 +176,51 @@ def _window(
         apparent=apparent,
         part=part,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Frames:
+    """The frames of a window among those that are read for it."""
+
+    keep: slice
+    begins: bool
+    """Whether the record begins with the window, and whether it ends with it."""
+    ends: bool
+
+    def with_slopes(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values at the window's frames and their slopes there, one frame more beyond an end of the record, on a straight line."""
+        matrix = spline_slopes(len(values))[self.keep].astype(values.dtype)
+        slope = np.matmul(matrix, values, out=reused_empty((len(matrix), values.shape[1]), values.dtype))
+        values = values[self.keep]
+        if self.begins:
+            values, slope = np.concatenate([values[:1] - slope[:1], values]), np.concatenate([slope[:1], slope])
+        if self.ends:
+            values, slope = np.concatenate([values, values[-1:] + slope[-1:]]), np.concatenate([slope, slope[-1:]])
+        return values, slope
+
+    def apparent(self, points: np.ndarray) -> ApparentPositions:
+        """The same of points (T, N, 3)."""
+        values, steps = zip(*(self.with_slopes(points[..., axis]) for axis in range(3)), strict=True)
+        return ApparentPositions(np.stack(values), np.stack(steps))
+
+
+def _taken(
+    held: list[tuple[int, EchoArrays]],
+    field: int,
+    live: np.ndarray,
+    first: int,
+    last: int,
+    before: int = 0,
+    after: int = 0,
+) -> np.ndarray:
+    """A field of live echoes at frames first..last-1, with room for more frames before and after."""
+    parts: list[Any] = [part[field] for part in _rows(held, first, last)]
+    out = reused_empty((before + last - first + after, len(live), *parts[0].shape[2:]), parts[0].dtype)
+    row = before
+    for part in parts:
+        np.take(part, live, axis=1, out=out[row : row + len(part)], mode="clip")  # "raise" would copy once more
+        row += len(part)
+    return out
 
 
 def _lengthened(values: np.ndarray, before: int, after: int) -> np.ndarray:

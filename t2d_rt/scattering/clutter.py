@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from typing_extensions import override
@@ -23,16 +24,15 @@ def mirror_echoes(
     paths: Sequence[StaticPath], radar: Radar, *, times_s: np.ndarray, fractions: Fraction | None = None
 ) -> StaticScatterer:
     """One echo of each path at surface frames `times_s`, of which `fractions` are not occluded."""
-
-    def passing(times_s: np.ndarray) -> EchoArrays:
-        return _mirrored([path if path.at is None else path.at(times_s) for path in paths], radar)
-
-    echoes = passing if any(path.at is not None for path in paths) else _mirrored(paths, radar)
+    moves = any(path.at is not None for path in paths)
+    echoes = partial(_mirrored, paths, radar) if moves else _mirrored(paths, radar)
     return _standing(echoes, times_s, fractions, [path.name for path in paths])
 
 
-def _mirrored(paths: Sequence[StaticPath], radar: Radar) -> EchoArrays:
-    """Echoes (N,) of N paths; (T, N) at the times of those of a radar that moves."""
+def _mirrored(paths: Sequence[StaticPath], radar: Radar, times_s: np.ndarray | None = None) -> EchoArrays:
+    """Echoes (N,) of N paths; (T, N) at times [s] (T,) of a radar that moves."""
+    if times_s is not None:
+        paths = [path if path.at is None else path.at(times_s) for path in paths]
     departure, arrival = (
         np.stack([getattr(path, end) for path in paths], axis=-2) for end in ("departure_m", "arrival_m")
     )
