@@ -39,7 +39,7 @@ from t2d_rt.recording.recording import Recording
 from t2d_rt.recording.remake import again, gated, received
 from t2d_rt.scattering.ellipsoid import PhaseFrom
 from t2d_rt.scene import Mover, Room
-from t2d_rt.signal.gated import RangeGate
+from t2d_rt.signal.range import RangeGate
 from t2d_rt.types import Accuracy, EchoArrays, Material, Radar, Receiver, Scene
 from t2d_rt.types.radar_pairs import heard
 from t2d_rt.types.scatterer import FrameBlock, Scatterer, pose, visibility

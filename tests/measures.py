@@ -24,14 +24,6 @@ def volume(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return (a * np.cross(b, c)).sum((-1, -2)) / 6
 
 
-def knife_edge_db(v: np.ndarray) -> np.ndarray:
-    """Field behind a half-plane beside that without it [dB], v its height over the ray (ITU-R P.526)."""
-    from scipy.special import fresnel
-
-    sine, cosine = fresnel(v)
-    return 20 * np.log10(np.hypot(1 - cosine - sine, cosine - sine) / 2)
-
-
 def check_picture(path: Path, colours: int = 200) -> None:
     """A PNG, and not one of few colours: a spectrogram has all of its map's, white margins and text alone some dozens."""
     from matplotlib.image import imread

@@ -24,7 +24,7 @@ from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
 from t2d_rt.noise.masks import OcclusionMask
 from t2d_rt.pipeline.path_pairs import Clutter
 from t2d_rt.propagation.scenes import SceneFile
-from t2d_rt.signal.gated import RangeGate
+from t2d_rt.signal.range import RangeGate
 from t2d_rt.types import Accuracy, Radar, Receiver
 from t2d_rt.types.fields import Count, Decibel, Fields, Number
 from t2d_rt.types.target import Method

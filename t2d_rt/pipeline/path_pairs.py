@@ -38,7 +38,7 @@ from t2d_rt.types import (
     Scene,
     StaticPath,
 )
-from t2d_rt.types.scatterer import Scatterer
+from t2d_rt.types.scatterer import Fraction, Scatterer
 from t2d_rt.types.scene import ROOM_SURFACES, ROOM_TRIANGLES
 from t2d_rt.types.target import Geometry
 

@@ -19,7 +19,7 @@ from t2d_rt.noise.receiver import receive
 from t2d_rt.noise.receiver.gated import receive_gated
 from t2d_rt.pipeline.prepare import plugin_finders
 from t2d_rt.recording.recording import Recording, whole
-from t2d_rt.signal.gated import RangeGate
+from t2d_rt.signal.range import RangeGate
 from t2d_rt.types import Accuracy, Receiver
 
 KNOWN = "error_db", "error_scatter_db", "error_chirps", "tolerance_db"

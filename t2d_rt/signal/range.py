@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -115,6 +116,33 @@ def gate(range_m: np.ndarray, limits_m: tuple[float, float] | None) -> slice:
             f"{range_m[1] - range_m[0]:.3g} m from {range_m[0]:.3g} to {range_m[-1]:.3g} m"
         )
     return slice(int(inside[0]), int(inside[-1]) + 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RangeGate:
+    """Which range cells of a radar are kept."""
+
+    limits_m: tuple[float, float]
+    """Nearest and farthest range [m]."""
+    bins: slice
+    """Numbers of the range bins."""
+    window: str
+    """Of the range FFT."""
+    matrix: np.ndarray
+    """What each sample adds to each cell, complex64 (sample, cell)."""
+
+    @classmethod
+    def of(cls, radar: Radar, limits_m: tuple[float, float], window: str = "hann") -> RangeGate:
+        """The bins of a radar within limits, as `range_fft` makes them; raises InputError where there are none."""
+        bins = gate(radar.range_axis_m(), limits_m)
+        cycles = np.outer(np.arange(radar.samples), np.arange(bins.start, bins.stop)) % radar.samples / radar.samples
+        matrix = taper(window, radar.samples)[:, None] * np.exp(-2j * np.pi * cycles)
+        return cls(limits_m, bins, window, matrix.astype(np.complex64))
+
+    @property
+    def processing(self) -> dict[str, Any]:
+        """Options of `spectrogram` that ask for these cells."""
+        return {"range_gate_m": list(self.limits_m), "range_window": self.window}
 
 
 def check_recording(adc: Any, radar: Any) -> None:

@@ -16,7 +16,7 @@ from t2d_rt.noise.receiver import receive
 from t2d_rt.noise.receiver.gated import BLOCK_ROWS, receive_gated
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.signal import range_fft, spectrogram
-from t2d_rt.signal.gated import RangeGate
+from t2d_rt.signal.range import RangeGate
 from t2d_rt.types import Echoes, Radar, Receiver
 
 RADAR = Radar.preset("table2", prf_hz=4000)

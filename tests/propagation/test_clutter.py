@@ -13,7 +13,6 @@ from trimesh.creation import box
 import t2d_rt as t2d
 import t2d_rt.propagation.clutter as traced
 from builders import ball, moving, plate
-from measures import knife_edge_db
 from t2d_rt.core.backend import select
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError
@@ -28,6 +27,7 @@ from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.scattering.clutter import mirror_echoes
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar, Scene, StaticPath, Surface
 from t2d_rt.types.path_fields import received
+from validation.physics.edges import knife_edge_db
 
 Corners = list[tuple[float, float, float]]
 TIMES_S = np.linspace(0, 0.02, 5)

@@ -10,7 +10,6 @@ from trimesh.creation import box
 
 import t2d_rt as t2d
 from builders import ANTENNA_M, UP, plate, slow_after, walk
-from measures import knife_edge_db
 from t2d_rt.core.backend import select
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError
@@ -20,6 +19,7 @@ from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.paths import FoundPaths, find_paths
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.types import Ellipsoids, Radar, Scene, Surface
+from validation.physics.edges import knife_edge_db
 
 FREQUENCY_HZ = 77.87e9
 WAVELENGTH_M = SPEED_OF_LIGHT / FREQUENCY_HZ

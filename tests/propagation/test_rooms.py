@@ -32,6 +32,7 @@ from t2d_rt.scattering.paths import View
 from t2d_rt.signal import range_doppler
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, OneWayPath, PathPair, Radar, Scene, Surface
 from t2d_rt.types.path_fields import field_over
+from validation.physics.ghosts import sphere_power
 
 
 def with_shared_occlusion(distance_m: float = 2.0) -> Scene:
@@ -137,7 +138,7 @@ def test_ghosts_of_a_sphere_beside_a_wall() -> None:
 
     middle, step = 0.05, 1e-4
     r, r_image, beta = geometry(middle)
-    direct = mixed(r, r, 0.0, radius)
+    direct = sphere_power(r, r, 0.0, radius)
     for path, copies in ((mixed_path, 2), (lambda t: geometry(t)[1] - radius, 1)):
         expected_range, expected_speed = path(middle), (path(middle - step) - path(middle + step)) / (2 * step)
         row, column = np.argmin(np.abs(speeds - expected_speed)), np.argmin(np.abs(ranges - expected_range))
@@ -147,7 +148,7 @@ def test_ghosts_of_a_sphere_beside_a_wall() -> None:
         assert abs(interpolated(ranges, power[at_row], at_column) - expected_range) < 0.1 * bin_m
         assert abs(interpolated(speeds, power[:, at_column], at_row) - expected_speed) < 0.5 * bin_mps
         lengths = (r, r_image, beta) if copies == 2 else (r_image, r_image, 0.0)
-        expected = copies**2 * mixed(*lengths, radius) / direct
+        expected = copies**2 * sphere_power(*lengths, radius) / direct
         # Power of a line is that of the cells it spreads over.
         found = summed(power, at_row, at_column) / summed(alone, *np.unravel_index(np.argmax(alone), alone.shape))
         assert abs(10 * math.log10(found / expected)) < 0.5
@@ -155,18 +156,6 @@ def test_ghosts_of_a_sphere_beside_a_wall() -> None:
 
 def summed(power: np.ndarray, row: int, column: int) -> float:
     return float(power[row - 3 : row + 4, column - 2 : column + 3].sum())
-
-
-def mixed(r_out: float, r_back: float, beta: float, radius_m: float) -> float:
-    """Power of a sphere's specular echo over two lengths, up to a constant: with the spreading of a curved mirror,
-
-    4 cos^2(beta/2)/det H of the path's Hessian, H = (1/R1 + 1/R2) P + 2 cos(beta/2)/a along and across the plane of the lengths.
-    """
-    cosine = math.cos(beta / 2)
-    a, b = r_out - radius_m * cosine, r_back - radius_m * cosine
-    bend = 1 / a + 1 / b
-    along, across = bend * cosine**2 + 2 * cosine / radius_m, bend + 2 * cosine / radius_m
-    return cosine**2 / (along * across) / (a * b) ** 2
 
 
 def interpolated(axis: np.ndarray, power: np.ndarray, peak_at: int) -> float:

@@ -14,7 +14,7 @@ from t2d_rt.noise.receiver import receive
 from t2d_rt.noise.receiver.gated import receive_gated
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.signal import range_fft, spectrogram
-from t2d_rt.signal.gated import RangeGate
+from t2d_rt.signal.range import RangeGate
 from t2d_rt.types import Echoes, Radar, Receiver
 from validation.report import Check, Section
 

@@ -128,7 +128,7 @@ def _beside_a_wall() -> list[Check]:
         at = _peak_near(there.power, there.velocity_mps, there.range_m, speed, range_m)
         seen_m = _between(there.range_m, there.power[at[0]], at[1])
         seen_mps = _between(there.velocity_mps, there.power[:, at[1]], at[0])
-        expected = copies**2 * _sphere(*geometry(middle, pair)) / _sphere(*geometry(middle, (0, 0)))
+        expected = copies**2 * sphere_power(*geometry(middle, pair)) / sphere_power(*geometry(middle, (0, 0)))
         # Power of a line is that of the cells it spreads over.
         power_db = 10 * math.log10(_line_power(there.power, at) / _line_power(alone.power, alone_at) / expected)
         found += [
@@ -159,15 +159,15 @@ def _line_power(power: np.ndarray, at: Any) -> float:
     return float(power[row - 3 : row + 4, column - 2 : column + 3].sum())
 
 
-def _sphere(out_m: float, back_m: float, beta: float) -> float:
+def sphere_power(out_m: float, back_m: float, beta: float, radius_m: float = RADIUS_M) -> float:
     """Power of a sphere's specular echo over two paths to its centre, up to a constant.
 
     4 cos^2(beta/2) / det H, H the Hessian of the path on its surface.
     """
     cosine = math.cos(beta / 2)
-    a, b = out_m - RADIUS_M * cosine, back_m - RADIUS_M * cosine
+    a, b = out_m - radius_m * cosine, back_m - radius_m * cosine
     bend = 1 / a + 1 / b
-    along, across = bend * cosine**2 + 2 * cosine / RADIUS_M, bend + 2 * cosine / RADIUS_M
+    along, across = bend * cosine**2 + 2 * cosine / radius_m, bend + 2 * cosine / radius_m
     return cosine**2 / (along * across) / (a * b) ** 2
 
 
