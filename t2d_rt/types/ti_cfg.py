@@ -22,8 +22,8 @@ from t2d_rt.core.files import MAX_YAML_BYTES, read_bytes
 Source = str | Path | Sequence[str]
 Commands = dict[str, list[list[float]]]
 BOARDS = {
-    "xwr14xx": "iwr1443boost", "xwr18xx": "awr1843boost", "xwr68xx": "iwr6843isk", "xwr68xx_aop": "iwr6843aop",
-    "xwr64xx": "iwr6843isk", "xwr64xx_aop": "iwr6843aop",
+    "xwr14xx": "iwr1443boost", "xwr16xx": "iwr1642boost", "xwr18xx": "awr1843boost", "xwr68xx": "iwr6843isk",
+    "xwr68xx_aop": "iwr6843aop", "xwr64xx": "iwr6843isk", "xwr64xx_aop": "iwr6843aop",
 }  # fmt: skip
 """Presets of the evaluation boards that the visualizer's comment "Platform:..." means."""
 FULL_DBM = 12.0

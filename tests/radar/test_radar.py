@@ -52,6 +52,7 @@ def test_table2_figures() -> None:
         ("iwr6843aop", 37_411, 4.449, 8.082, 1.7804e9),
         ("awr1843boost", 83_333, 8.031, 24.98, 1.536e9),
         ("iwr1443boost", 51_966, 4.918, 10.46, 3.44e9),
+        ("iwr1642boost", 80_000, 7.635, 12.49, 3.072e9),
         ("awr2243-cascade", 41_666, 4.022, 14.99, 1.28e9),
         ("bgt60tr13c", 40_000, 4.935, 12.79, 1.5e9),
         ("k-mc1", 25_000, 7.767, 153.5, 0.25e9),
@@ -69,7 +70,7 @@ def test_presets(name: str, chirps_in_10_s: int, max_speed: float, max_range: fl
 
 
 def test_every_preset_is_tested_here() -> None:
-    assert len(preset_names()) == 20
+    assert len(preset_names()) == 21
     assert Radar.preset("TABLE2_Uniform") == Radar.preset("table2-uniform")
 
 

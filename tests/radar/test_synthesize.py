@@ -38,7 +38,7 @@ from validation.echoes import random_echoes as made_up
 TABLE2 = Radar.preset("table2")
 LARGE = {
     *("imaging-12x16", "automotive-79", "indoor-60", "array-3x4"),
-    *("iwr6843isk", "iwr6843aop", "awr1843boost", "iwr1443boost", "awr2243-cascade"),
+    *("iwr6843isk", "iwr6843aop", "awr1843boost", "iwr1443boost", "iwr1642boost", "awr2243-cascade"),
 }
 """Presets of many antennas, which take long."""
 

@@ -104,6 +104,14 @@ def test_masks_choose_the_boards_antennas_in_the_order_of_the_chirps() -> None:
     assert len(Radar.from_ti_cfg(half.splitlines()).rx_offsets_m) == 2
 
 
+def test_the_platform_of_a_board_with_two_transmitters_is_known() -> None:
+    """Eight antennas in one row, lambda/2 apart, of a file without antGeometry."""
+    radar = Radar.from_ti_cfg(["% Platform:xWR16xx", *FILES["xwr1642_sdk2"][0].splitlines()])
+    board = Radar.preset("iwr1642boost")
+    assert (radar.tx_offsets_m, radar.rx_offsets_m) == (board.tx_offsets_m, board.rx_offsets_m)
+    np.testing.assert_allclose(np.diff(2 * radar.virtual_offsets_m[:, 1] / 0.0019467), 1, atol=1e-3)
+
+
 @pytest.mark.parametrize(
     "name", ["xwr1443_two_of_three", "xwr1843_sdk3", "xwr6843_isk", "xwr6843_vital", "xwr6843aop_variations"]
 )
