@@ -176,7 +176,7 @@ def poses_of(motion: Motion) -> Poses:
     )
 
 
-def motion_of(poses: Poses, *, origin: tuple[str, ...] = (), report: str = "") -> Motion:
+def motion_of(poses: Poses, *, origin: tuple[str, ...] = ()) -> Motion:
     """The motion of a skeleton's poses, with all optional ends."""
     joints, rotations = poses.world()
     names = (*CANONICAL_JOINTS, *OPTIONAL_JOINTS)
@@ -189,7 +189,6 @@ def motion_of(poses: Poses, *, origin: tuple[str, ...] = (), report: str = "") -
         parents=(*CANONICAL_PARENTS, *(names.index(name) for name in OPTIONAL_JOINTS.values())),
         placed=False,
         origin=origin,
-        report=report,
     )
 
 

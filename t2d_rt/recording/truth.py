@@ -124,10 +124,10 @@ def truth_table(
     return data
 
 
-def person_rows(truth: xr.Dataset, person: int = 0) -> np.ndarray:
-    """The truth of one person as a table with the columns of `TRUTH_COLUMNS`, float32 (time, column); without those of visible
+def person_rows(truth: xr.Dataset) -> np.ndarray:
+    """The truth of the first person as a table with the columns of `TRUTH_COLUMNS`, float32 (time, column); without visible
     fractions where these were left out."""
-    own = truth.isel(person=person)
+    own = truth.isel(person=0)
     columns = [
         truth.time_s.values[:, None],
         own.joints_m.sel(joint=list(CANONICAL_JOINTS)).values.reshape(len(truth.time_s), -1),

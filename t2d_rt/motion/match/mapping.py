@@ -388,13 +388,11 @@ def _trunk(tree: Tree, person: Person) -> dict[str, Source]:
     ):
         neck = spine.pop()
     spine = _rising(tree, pelvis, [*spine, *above], height)
-    found |= _spine(tree, spine, {joint: 1.0 + height(joint) * leg / trunk for joint in spine})
+    found |= _spine(spine, {joint: 1.0 + height(joint) * leg / trunk for joint in spine})
     if neck is not None:
         found["neck"] = neck
     if head is None:
-        return found | {
-            "head": _made_up_head(tree, pelvis, neck if neck is not None else (spine or [pelvis])[-1], height)
-        }
+        return found | {"head": _made_up_head(pelvis, neck if neck is not None else (spine or [pelvis])[-1], height)}
     found["head"] = head
     top = person.head[-1]
     if top != head and HEAD_TOP[0] < height(top) - height(head) < HEAD_TOP[1]:
@@ -453,7 +451,7 @@ def _rising(tree: Tree, pelvis: int, joints: list[int], height: Height) -> list[
     return found[1:]
 
 
-def _spine(tree: Tree, joints: list[int], along: dict[int, float]) -> dict[str, Source]:
+def _spine(joints: list[int], along: dict[int, float]) -> dict[str, Source]:
     """Lowest, middle and highest joint of the spine; `along` is 0 at the hips and 1 at the shoulders."""
     if not joints:
         return {}
@@ -466,7 +464,7 @@ def _spine(tree: Tree, joints: list[int], along: dict[int, float]) -> dict[str, 
     return {"spine1": joints[0], "spine2": min(away, key=away.__getitem__), "spine3": joints[-1]}
 
 
-def _made_up_head(tree: Tree, pelvis: int, highest: int, height: Height) -> Source:
+def _made_up_head(pelvis: int, highest: int, height: Height) -> Source:
     """A point on the line of the trunk, as high as heads are."""
     low, high = height(pelvis), height(highest)
     if high - low < 0.1:

@@ -176,7 +176,7 @@ def got_up(
     weight = minimum_jerk(np.arange(len(root)) / (blend_s * RATE_HZ))
     segments = _blended(lying, segments, weight)
     root = root_m + weight[:, None] * (root - root_m)
-    return _on_the_floor(body, root, segments, root_m), segments
+    return _on_the_floor(body, root, segments), segments
 
 
 def _turned(clip: Motion, bones: Skeleton, root_m: np.ndarray, lying: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -228,7 +228,7 @@ def _slerp(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndar
     return quaternions.normalise(low * first + high * sign * second)
 
 
-def _on_the_floor(body: Humanoid, root: np.ndarray, segments: np.ndarray, start: np.ndarray) -> np.ndarray:
+def _on_the_floor(body: Humanoid, root: np.ndarray, segments: np.ndarray) -> np.ndarray:
     """The root (K, 3) raised or lowered so that the body's lowest point touches the floor as it did at the start."""
     lowest = lowest_points(body, coordinates(body, root, segments))
     drop = low_pass((lowest - lowest[0])[:, None], 8.0, RATE_HZ)[:, 0]

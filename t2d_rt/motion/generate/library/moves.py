@@ -221,8 +221,8 @@ TURNS_DEG: Mapping[str | None, float] = {"back": 180.0, "clockwise": 360.0, "cou
 """Angles of turns; others are of 90 degrees."""
 
 
-def made_of_clips(maker: Maker, step: Step, *, alone: bool = True, before: Piece | None = None) -> Piece:
-    """The piece that a step asks for. alone: it is all of its description, and so may last longer. before: what it goes on from."""
+def made_of_clips(maker: Maker, step: Step, *, alone: bool = True) -> Piece:
+    """The piece that a step asks for. alone: it is all of its description, and so may last longer."""
     own = own_clips(maker.store, step)
     if step.action not in ACTIONS and not own:
         raise InputError(f"the library has no clips of {step.action}; it makes {', '.join(ACTIONS)}")
