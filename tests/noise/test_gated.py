@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import ks_2samp
 
+from measures import nmse_db
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.cubes import DiskCube, GatedRows
 from t2d_rt.core.errors import InputError
@@ -45,10 +46,6 @@ def by_samples(rows: ProductRows, receiver: Receiver | None, seed: int = 0) -> t
     if receiver is not None:
         cube, levels = receive(cube, RADAR, receiver, seed)
     return range_fft(cube, bins=GATE.bins), levels
-
-
-def nmse_db(found: np.ndarray, wanted: np.ndarray) -> float:
-    return float(10 * np.log10(np.sum(np.abs(found - wanted) ** 2) / np.sum(np.abs(wanted) ** 2)))
 
 
 def test_cells_without_noise_are_those_of_the_samples() -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from measures import db
 from t2d_rt.cli import main
 from t2d_rt.core.constants import BOLTZMANN
 from t2d_rt.core.cube_storage import ScratchRows
@@ -41,10 +42,6 @@ def through(cube: np.ndarray, radar: t2d.Radar = RADAR, *, seed: int = 0, **fiel
 
 def power(samples: np.ndarray) -> float:
     return float(np.mean(np.abs(samples.astype(np.complex128)) ** 2))
-
-
-def db(ratio: float) -> float:
-    return 10 * math.log10(ratio)
 
 
 @cache

@@ -22,6 +22,7 @@ from t2d_rt.scattering.fronts import focal_phase
 from t2d_rt.scattering.refinement import refined
 from t2d_rt.scattering.reflectors import Reflector
 from t2d_rt.types import Echoes, EchoStream, Material, MovingMesh, Radar
+from validation.physics import bounces as corners
 from validation.physics.exact import dihedral_rcs, trihedral_area
 
 RADAR = Radar.preset("ism-24").replace(samples=16)
@@ -34,32 +35,14 @@ Triangles = tuple[np.ndarray, np.ndarray]
 
 
 def dihedral(angle_deg: float = 0.0) -> Triangles:
-    """Two square plates with a vertical edge at the origin, that open towards -x."""
-    edge = np.array([[0, 0, -EDGE_M / 2], [0, 0, EDGE_M / 2]])
-    left, right = (edge + EDGE_M / math.sqrt(2) * np.array([-1, side, 0]) for side in (1, -1))
-    vertices, faces = np.concatenate([edge, left, right]), np.array([[0, 3, 2], [0, 1, 3], [0, 4, 5], [0, 5, 1]])
+    """Two square plates with a vertical edge at the origin, that open towards -x, turned about that."""
+    vertices, faces = corners.dihedral()
     return vertices @ rotation(angle_deg).T, faces
 
 
 def rotation(angle_deg: float) -> np.ndarray:
     cos, sin = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
     return np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
-
-
-def trihedral(towards: np.ndarray) -> Triangles:
-    """Three square plates at right angles at the origin; the radar, at -x, lies in the direction `towards` of their edges."""
-    corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1) if i * j * k == 0]) * EDGE_M
-    number = {tuple(np.rint(corner / EDGE_M).astype(int)): at for at, corner in enumerate(corners)}
-    faces = []
-    for axis in range(3):
-        u, v = (tuple(int(k == (axis + step) % 3) for k in range(3)) for step in (1, 2))
-        both = tuple(a + b for a, b in zip(u, v, strict=True))
-        first, second, third, last = (number[each] for each in ((0, 0, 0), u, both, v))
-        faces += [[first, second, third], [first, third, last]]
-    across = np.cross([0, 0, 1.0], towards)
-    across /= np.linalg.norm(across)
-    frame = np.stack([-towards, -across, np.cross(towards, across)])
-    return corners @ frame.T, np.array(faces)
 
 
 def before(radar: Radar, shape: Triangles) -> MovingMesh:
@@ -87,7 +70,7 @@ def test_dihedral(preset: str, angle_deg: float) -> None:
 def test_trihedral(preset: str, angle_deg: float) -> None:
     radar = Radar.preset(preset, sample_rate_hz=30e6)
     towards = rotation(angle_deg) @ np.ones(3) / math.sqrt(3)
-    found = difference(before(radar, trihedral(towards)), radar, 3, 2)
+    found = difference(before(radar, corners.trihedral(towards)), radar, 3, 2)
     expected = 4 * math.pi * trihedral_area(EDGE_M, towards) ** 2 / radar.wavelength_m**2
     assert db(found / expected) == pytest.approx(0, abs=0.45)
 
