@@ -18,10 +18,11 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import norms, unit
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.contacts import SIDES, Limb, contacts, reach, runs, soles
+from t2d_rt.motion.generate.made.hands import Anatomy
 from t2d_rt.motion.interpolate import low_pass, minimum_jerk
-from t2d_rt.motion.kinematics import INDEX, Poses, facing, poses_of, stature_m
+from t2d_rt.motion.kinematics import INDEX, LOWER_BACK, Poses, facing, motion_of, poses_of, stature_m
 from t2d_rt.types.material import Material, checked_material
-from t2d_rt.types.motion import HANDLE_M, Carried, Motion, checked_motion
+from t2d_rt.types.motion import HANDLE_M, RIM_M, WHEEL_M, Carried, Motion, checked_motion
 
 X, Y, Z = np.eye(3)
 SIGN = {"left": 1.0, "right": -1.0}
@@ -60,9 +61,14 @@ SIZES_M: Mapping[str, tuple[str, tuple[float, ...]]] = {
     "box": ("length, width and height", (0.30, 0.40, 0.30)),
     "backpack": ("length, width and height", (0.18, 0.30, 0.45)),
     "cane": ("diameter, and length if it is not fitted to the arm", (0.019,)),
+    "crutch": ("diameter, and length below the grip if it is not fitted to the arm", (0.022,)),
+    "walker": ("width, and height if it is not fitted to the arms", (0.56,)),
+    "wheelchair": ("width and height of the seat", (0.62, 0.50)),
 }
 """Dimensions of things: their meaning, and what they are by default [m]."""
-MATERIALS = {"bag": "fabric", "ball": "plastic", "box": "wood", "backpack": "fabric", "cane": "metal"}
+MATERIALS = {"bag": "fabric", "ball": "plastic", "box": "wood", "backpack": "fabric"} | dict.fromkeys(
+    ("cane", "crutch", "walker", "wheelchair"), "metal"
+)
 """What things are made of by default."""
 SAYING = re.compile(r"(?:an? )?(\w+)(?: in (?:the|a|his|her|their) (left|right) hand)?")
 
@@ -95,7 +101,7 @@ class Wish:
                 raise InputError(f"unknown field {shown(name)} of a thing; {names_advice(name, known)}")
         thing, side = fields["thing"], fields.get("hand")
         if not isinstance(thing, str) or thing not in SIZES_M:
-            raise unknown_name("thing", thing, list(SIZES_M))
+            raise unknown_name("thing", thing, [*SIZES_M, *PAIRS])
         if side is not None and (side not in SIDES or thing not in ONE_HANDED):
             hands = "left or right" if thing in ONE_HANDED else "left out, as no single hand carries it"
             raise InputError(f"hand of a {thing} must be {hands}, got {shown(side)}")
@@ -122,13 +128,8 @@ class Person:
 
     @classmethod
     def of(cls, motion: Motion) -> Person:
-        """The person of a motion, who stands on the floor at z = 0."""
+        """The person of a motion."""
         points, poses = {name: motion.joints[:, k] for k, name in enumerate(motion.names)}, poses_of(motion)
-        lowest_m = float(soles(poses)[..., 2].min())
-        if abs(lowest_m) > FLOOR_M:
-            raise InputError(
-                f"things stand on a floor at z = 0, and the lowest sole is at {lowest_m:.3g} m; move the motion there"
-            )
         ahead = facing(points)
         angle = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
         slow = low_pass(angle[:, None], HEADING_HZ, motion.rate_hz)[:, 0]
@@ -294,23 +295,118 @@ def _stepping(
     return track
 
 
-ONE_HANDED: Mapping[str, Callable[[Person, Wish, str], Place]] = {"bag": _bag, "ball": _ball, "cane": _cane}
-PLACES = {**ONE_HANDED, "box": _box, "backpack": _backpack}
-HANDS_OF = {"box": 2, "backpack": 0}
-FITTED = ("cane",)
+def _path(person: Person) -> np.ndarray:
+    """Where what rolls on the floor is, below the pelvis, (T, 3) [m]: the pelvis's way without its sway."""
+    return low_pass(person.points["pelvis"], HEADING_HZ, person.poses.rate_hz) * [1.0, 1.0, 0.0]
+
+
+def _walker(person: Person, wish: Wish, _: str) -> Place:
+    """A walking frame with wheels that is pushed at even speed, by both hands."""
+    tall, path = person.stature_m, _path(person)
+    shoulder = 0.5 * (person.points["left_shoulder"] + person.points["right_shoulder"])
+    ahead_m = WALKER_AHEAD * tall + float(np.median(((shoulder - path) * person.ahead(X)).sum(axis=1)))
+    origin = path + person.ahead([ahead_m, 0.0, 0.0])
+    out_m, low_m, hands = wish.size_m[0] / 2 - WALKER_GRIP_M, [], {}
+    for side in SIDES:
+        hands[side] = _hanging_hand(side, np.pi / 3)
+        wrist = -GRIP * tall * quaternions.rotate(hands[side], SIGN[side] * Y)  # from the grip
+        span = person.points[f"{side}_shoulder"] - origin - person.ahead(wrist + [0.0, SIGN[side] * out_m, 0.0])
+        level2 = (span[:, :2] ** 2).sum(axis=1)
+        low_m.append(span[:, 2] - np.sqrt(np.maximum((STRAIGHT[0] * sum(person.arm_m(side))) ** 2 - level2, 0.0)))
+    height_m = wish.size_m[1] if len(wish.size_m) > 1 else float(np.max(low_m))
+    grips = {
+        side: Grip(np.array([0.0, SIGN[side] * out_m, height_m]), hands[side], (-1.0, 0.4, -0.3)) for side in SIDES
+    }
+    return Place(origin, person.heading, "right_wrist", (wish.size_m[0], height_m), grips, 0.0)
+
+
+WALKER_AHEAD, WALKER_GRIP_M = 0.09, 0.05
+"""Grips before the shoulders, over stature, and within the frame's outer width [m]; they are as low as the arms always reach."""
+
+
+def _wheelchair(person: Person, wish: Wish, _: str) -> Place:
+    """A wheelchair on whose seat the person sits (`_seated`)."""
+    hips = 0.5 * (person.points["left_hip"] + person.points["right_hip"])
+    return Place(hips * [1.0, 1.0, 0.0], person.heading, "pelvis", wish.size_m, {}, 0.0)
+
+
+def _seated(motion: Motion, person: Person, wish: Wish) -> Motion:
+    """The person in a wheelchair that goes the way of the motion; feet on the footrest, hands that push the rims and come back."""
+    poses, anatomy = person.poses, Anatomy(person.poses.skeleton)
+    path, heading = _path(person), person.heading
+    hips = path + (wish.size_m[1] + anatomy.seat_m) * Z
+    tilt = quaternions.about_axis(Y, np.array(anatomy.tilt_rad))
+    pelvis, still = quaternions.multiply(heading, tilt), np.broadcast_to([0.0, 0.0, 0.0, 1.0], poses.local.shape)
+    local = quaternions.blend(still, poses.local, np.array(SEATED_TRUNK))
+    local[:, 0], local[:, INDEX[LOWER_BACK]] = pelvis, quaternions.conjugate(tilt)  # the spine goes on upright
+    poses = replace(poses, root=hips - quaternions.rotate(pelvis, anatomy.middle), local=local)
+    rolled = np.concatenate([[0.0], np.cumsum((np.diff(path, axis=0) * person.ahead(X)[1:]).sum(axis=1))]) / WHEEL_M
+    angle = pushing(rolled)
+    for side in SIDES:
+        sign = SIGN[side]
+        thigh, shank = anatomy.bones_m(side, "knee", "ankle")
+        ankle = np.array([thigh + 0.05, sign * anatomy.hips_m, -0.97 * shank])
+        poses, _ = reach(
+            poses, cast(Limb, f"{side}_leg"), hips + person.ahead(ankle), pole=person.ahead([1.0, 0.0, 1.0])
+        )
+        rim = np.stack(
+            [RIM_M * np.sin(angle), 0 * angle + sign * wish.size_m[0] / 2, RIM_M * np.cos(angle) + WHEEL_M], axis=1
+        )
+        fingers = quaternions.rotate(heading, quaternions.rotate(_hanging_hand(side, np.pi / 6), sign * Y))
+        wrist = path + quaternions.rotate(heading, rim) - GRIP * person.stature_m * fingers
+        limb = cast(Limb, f"{side}_arm")
+        poses, _ = reach(poses, limb, wrist, pole=person.ahead([-1.0, 0.5 * sign, 0.0]))
+        axes = quaternions.multiply(heading, _hanging_hand(side, np.pi / 6))
+        above = poses.world()[1][:, INDEX[f"{side}_elbow"]]
+        local = poses.local.copy()
+        local[:, INDEX[f"{side}_wrist"]] = quaternions.multiply(quaternions.conjugate(above), axes)
+        poses = replace(poses, local=quaternions.continuous(local))
+    found = motion_of(poses)
+    same = {name: getattr(found, name) for name in ("joints", "rotations", "names", "parents")}
+    return replace(motion, **same)
+
+
+SEATED_TRUNK = 0.15
+"""Part of the trunk's movement in the gait that is left of it in a wheelchair."""
+PUSH_RAD, CYCLE_RAD, PUSH_FROM_RAD = 1.3, 2.9, -0.45
+"""Angles by which a wheel rolls in a push and from one push to the next, and where the hand grasps the rim, from its top forward:
+at 1 m/s pushes of 0.4 s, 1.1 a second."""
+
+
+def pushing(rolled_rad: np.ndarray) -> np.ndarray:
+    """Angle (T,) on the rim, from its top forward, of a hand that pushes a wheel which has rolled by (T,) [rad].
+
+    In a push it moves with the rim; back it goes by the quintic that keeps speed and acceleration at both ends.
+    """
+    phase = np.mod(rolled_rad, CYCLE_RAD)
+    back = CYCLE_RAD - PUSH_RAD
+    x = np.clip((phase - PUSH_RAD) / back, 0.0, 1.0)
+    # From PUSH_RAD, slope 1, to 0, slope 1: the straight line PUSH_RAD + back x, less what leads to 0.
+    returning = PUSH_RAD + back * x - CYCLE_RAD * minimum_jerk(x)
+    return PUSH_FROM_RAD + np.where(phase < PUSH_RAD, phase, returning)
+
+
+ONE_HANDED: Mapping[str, Callable[[Person, Wish, str], Place]] = {
+    "bag": _bag, "ball": _ball, "cane": _cane, "crutch": _cane,
+}  # fmt: skip
+PLACES = {**ONE_HANDED, "box": _box, "backpack": _backpack, "walker": _walker, "wheelchair": _wheelchair}
+HANDS_OF = {"box": 2, "backpack": 0, "walker": 2, "wheelchair": 2}
+FITTED = "cane", "crutch", "walker"
 """Things whose last dimension is fitted to the person unless it is given."""
 
 
 def carry(motion: Motion, things: str | Mapping[str, Any] | Sequence[str | Mapping[str, Any]]) -> Motion:
-    """The motion of a person who carries things; arms that hold them are posed anew, everything else moves as it did.
+    """The motion of a person who carries things; the arms that hold them are posed anew, and of who sits in a wheelchair all.
 
-    things: what is carried, one or a list: "bag", "ball", "box", "backpack" or "cane", of which a bag, a ball and a cane may be
-        "in the left hand" or "in the right hand", by default in the right one if it is free; or mappings such as
-        {thing: box, size_m: [0.3, 0.4, 0.3], material: metal}, with `hand`, `size_m` and `material` as far as they differ.
-        `SIZES_M` tells what sizes mean.
+    things: what is carried, one or a list: "bag", "ball", "box", "backpack", "cane", "crutch", "crutches", "walker", "wheelchair".
+        A bag, a ball, a cane and a crutch may be "in the left hand" or "in the right hand", by default in the right one if it is
+        free; or mappings such as {thing: box, size_m: [0.3, 0.4, 0.3], material: metal}, with `hand`, `size_m` and `material` as
+        far as they differ. `SIZES_M` tells what sizes mean.
 
     A bag hangs from an arm that is nearly straight and swings less, a box is held before the chest with both hands and moves with
-    it, a ball lies in a hand that moves as it did, and a cane's tip stands on the floor while the foot of the other side does.
+    it, a ball lies in a hand that moves as it did, and the tip of a cane or a crutch stands on the floor while the foot of the
+    other side does. A walker is pushed before the person at even speed. Who has a wheelchair sits in it, goes the way of the motion
+    and pushes the rims of its wheels.
     Later edits take the things along. The floor is z = 0.
     """
     checked_motion(motion)
@@ -319,10 +415,19 @@ def carry(motion: Motion, things: str | Mapping[str, Any] | Sequence[str | Mappi
         raise InputError(f'things must be a text such as "bag", a mapping or a list of them, got {shown(things)}')
     if motion.carries and listed:
         raise InputError(f"the person carries a {motion.carries[0].thing} already; give all things to carry at once")
-    wishes = [Wish.of(each) for each in listed]
+    wishes = [wish for each in listed for wish in _wishes(each)]
     if not wishes:
         return motion
     person, sides = Person.of(motion), _sides(wishes)
+    lowest_m = float(soles(person.poses)[..., 2].min())
+    if abs(lowest_m) > FLOOR_M:
+        raise InputError(
+            f"things stand on a floor at z = 0, and the lowest sole is at {lowest_m:.3g} m; move the motion there"
+        )
+    for wish in wishes:
+        if wish.thing == "wheelchair":
+            motion = _seated(motion, person, wish)
+            person = Person.of(motion)
     places = [PLACES[wish.thing](person, wish, side) for wish, side in zip(wishes, sides, strict=True)]
     for wish, place in zip(wishes, places, strict=True):
         lowest = place.origin[:, 2] - place.below_m
@@ -335,6 +440,19 @@ def carry(motion: Motion, things: str | Mapping[str, Any] | Sequence[str | Mappi
     posed = _holding(motion, person, grips)
     found = tuple(_attached(posed, wish, place) for wish, place in zip(wishes, places, strict=True))
     return replace(posed, carries=found).edited(f"carries {', '.join(wish.thing for wish in wishes)}")
+
+
+PAIRS = {"crutches": "crutch"}
+"""Things that come by two, one for each hand."""
+
+
+def _wishes(entry: Any) -> list[Wish]:
+    """The thing of an entry, or the two of a pair."""
+    fields = entry if isinstance(entry, Mapping) else {"thing": entry}
+    thing = fields.get("thing")
+    if not isinstance(thing, str) or thing not in PAIRS:
+        return [Wish.of(entry)]
+    return [Wish.of({"hand": side, **fields, "thing": PAIRS[thing]}) for side in SIDES]
 
 
 def _sides(wishes: Sequence[Wish]) -> list[str]:

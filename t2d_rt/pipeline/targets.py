@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, TypeVar
 
@@ -15,12 +15,12 @@ from t2d_rt.body import skin as skin_body
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion import Track, place, quaternions, track
 from t2d_rt.scene import Mover
-from t2d_rt.scene.things import substance, surface
+from t2d_rt.scene.things import substance, surface, wheels
 from t2d_rt.types import Ellipsoids, Material, Motion, MovingMesh, Radar
 from t2d_rt.types.material import checked_material
 from t2d_rt.types.mesh import Made
 from t2d_rt.types.motion import Carried
-from t2d_rt.types.splines import set_fields
+from t2d_rt.types.splines import set_fields, spline
 from t2d_rt.types.target import Geometry, Method, Target
 
 TargetLike = Motion | MovingMesh | Ellipsoids | Mover
@@ -276,23 +276,51 @@ def skin(motion: Motion, body: str = "adult", *, material: str | Material = "ski
 
 
 def things(motion: Motion) -> list[MovingMesh]:
-    """Meshes of what a person carries."""
+    """Meshes of what a person carries, and of the wheels that roll with it."""
     followed = track(motion) if motion.carries else None
-    return [_thing(followed, each) for each in motion.carries if followed is not None]
+    return [mesh for each in motion.carries if followed is not None for mesh in _thing(followed, each)]
 
 
-def _thing(followed: Track, carried: Carried) -> MovingMesh:
-    vertices, faces = surface(carried)
-    local = quaternions.rotate(np.array(carried.rotation), vertices) + carried.position_m
-    moving = partial(_rigid, followed, followed.motion.index(carried.joint), local)
+def _thing(followed: Track, carried: Carried) -> list[MovingMesh]:
     times_s = followed.motion.times_s
-    return MovingMesh.from_track(moving, faces, times_s, material=substance(carried), rest=vertices, name=carried.thing)
+    solids = [(carried.thing, surface(carried), Rigid(followed, carried))]
+    for axle, radius_m, solid in wheels(carried):
+        here, there = np.moveaxis(Rigid(followed, carried, np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))(times_s), 1, 0)
+        ahead = there - here
+        steps_m = (np.diff(here, axis=0) * 0.5 * (ahead[1:] + ahead[:-1])).sum(axis=1)
+        rolled = spline(times_s, np.concatenate([[0.0], np.cumsum(steps_m)]) / radius_m)
+        solids.append((f"{carried.thing} wheel", solid, Rigid(followed, carried, axle=axle, rolled=rolled)))
+    return [
+        MovingMesh.from_track(
+            replace(moving, points=vertices), faces, times_s, material=substance(carried), rest=vertices, name=name
+        )
+        for name, (vertices, faces), moving in solids
+    ]
 
 
-def _rigid(followed: Track, joint: int, local: np.ndarray, times_s: np.ndarray) -> np.ndarray:
-    """Points (V, 3) of a joint's frame, in space (K, V, 3)."""
-    places, rotations = followed(times_s)
-    return places[:, joint, None] + quaternions.rotate(rotations[:, joint, None], local)
+@dataclass(frozen=True, slots=True)
+class Rigid:
+    """Points that move with a thing that a person carries, as a function of time."""
+
+    followed: Track
+    carried: Carried
+    points: np.ndarray = field(default_factory=lambda: np.zeros((1, 3)))
+    """In the frame of the thing, or about the axle of a wheel [m], (V, 3)."""
+    axle: np.ndarray | None = None
+    """Of a wheel, in the frame of the thing [m], (3,)."""
+    rolled: Callable[[np.ndarray], np.ndarray] | None = None
+    """Angle that the wheel has rolled by at times (K,) [rad]."""
+
+    def __call__(self, times_s: np.ndarray) -> np.ndarray:
+        """Places (K, V, 3) at times (K,) [m]."""
+        points = self.points
+        if self.rolled is not None:
+            spins = quaternions.about_axis(np.array([0.0, 1.0, 0.0]), self.rolled(times_s))
+            points = quaternions.rotate(spins[:, None], points) + self.axle
+        joint = self.followed.motion.index(self.carried.joint)
+        places, rotations = self.followed(times_s)
+        local = quaternions.rotate(np.array(self.carried.rotation), points) + self.carried.position_m
+        return places[:, joint, None] + quaternions.rotate(rotations[:, joint, None], local)
 
 
 def segments(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> Ellipsoids:

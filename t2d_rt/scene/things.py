@@ -8,22 +8,38 @@ import numpy as np
 
 from t2d_rt.scene.movers.solids import MATERIALS, ball, ring_of, skin_faces, together
 from t2d_rt.types import Material
-from t2d_rt.types.motion import HANDLE_M, Carried
+from t2d_rt.types.motion import HANDLE_M, RIM_M, WHEEL_M, Carried
 
 STEP_M = 0.1
 """Between vertices: visibility is sampled there."""
 PER_RING = 12
 """Points around a tube: edges of 30 degrees are smooth."""
-CANE_HANDLE_M = 0.06
-"""Half the length of a cane's handle."""
+CANE_HANDLE_M, CUFF_M = 0.06, 0.22
+"""Half the length of a cane's handle; height of a crutch's cuff over its grip."""
+TUBE_M, CASTOR_M = 0.0125, 0.0635
+"""Radii of the tubes of frames, of 25 mm, and of a walking frame's wheels, of 5 inches."""
+SPOKES, SPOKE_M = 12, 0.0025
+"""Of a rear wheel of a wheelchair; wires of 2 mm would lie below what physical optics tells."""
 
 Solid = tuple[np.ndarray, np.ndarray]
 """Vertices (V, 3) [m] and faces (F, 3)."""
 
 
 def surface(carried: Carried) -> Solid:
-    """The surface of a thing in its own frame."""
+    """The surface of a thing in its own frame, without wheels that roll."""
     size = carried.size_m
+    if carried.thing == "crutch":
+        radius_m = size[0] / 2
+        cuff = tube([-0.09, -0.045, CUFF_M], [-0.09, 0.045, CUFF_M], 0.02)
+        arm = tube([0, 0, radius_m], [-0.09, 0, CUFF_M - 0.02], radius_m)
+        handle = tube([-0.02, 0, 0], [0.1, 0, 0], radius_m)
+        return together([cuff, arm, handle, tube([0, 0, -radius_m], [0, 0, -size[1]], radius_m)])
+    if carried.thing == "walker":
+        return together(
+            [part for y in (-1, 1) for part in _walker_side(y * (size[0] / 2 - TUBE_M), size[1])] + _across(size)
+        )
+    if carried.thing == "wheelchair":
+        return together(_chair(size[0] / 2 - 0.09, size[1]))
     if carried.thing == "bag":
         vertices, faces = block(size)
         return vertices - [0.0, 0.0, HANDLE_M + size[2] / 2], faces
@@ -35,6 +51,80 @@ def surface(carried: Carried) -> Solid:
         handle = tube([-CANE_HANDLE_M, 0, 0], [CANE_HANDLE_M, 0, 0], radius_m)
         return together([handle, tube([0, 0, -radius_m], [0, 0, -length_m], radius_m)])
     return block(size)
+
+
+def wheels(carried: Carried) -> list[tuple[np.ndarray, float, Solid]]:
+    """Axles (3,) in the frame of a thing, radii [m] and surfaces about their axle, along y, of wheels that roll with it."""
+    if carried.thing != "wheelchair":
+        return []
+    out = carried.size_m[0] / 2
+    parts = [torus(WHEEL_M - TUBE_M, TUBE_M), torus(RIM_M, 0.009), tube([0, -0.04, 0], [0, 0.04, 0], 0.025)]
+    for angle in 2 * math.pi * np.arange(SPOKES) / SPOKES:
+        along = np.array([math.sin(angle), 0.0, math.cos(angle)])
+        parts.append(tube(list(0.026 * along), list((WHEEL_M - 2 * TUBE_M) * along), SPOKE_M))
+    vertices, faces = together(parts)
+    own = parts[0][0].shape[0]
+    found = []
+    for side in (1.0, -1.0):
+        # The hand rim lies outside the wheel.
+        shifted = vertices.copy()
+        shifted[:, 1] -= 0.04 * side
+        shifted[own : 2 * own, 1] += 0.04 * side
+        found.append((np.array([0.0, side * out, WHEEL_M]), WHEEL_M, (shifted, faces)))
+    return found
+
+
+def _walker_side(y: float, height_m: float) -> list[Solid]:
+    """Grip, two legs, a rail and the front wheel of one side of a walking frame."""
+    return [
+        tube([-0.1, y, height_m], [0.1, y, height_m], TUBE_M),
+        tube([-0.08, y, height_m - TUBE_M], [-0.14, y, 0.0], TUBE_M),
+        tube([0.08, y, height_m - TUBE_M], [0.3, y, CASTOR_M], TUBE_M),
+        tube([-0.1, y, 0.35 * height_m], [0.2, y, 0.35 * height_m], TUBE_M),
+        tube([0.3, y - 0.014, CASTOR_M], [0.3, y + 0.014, CASTOR_M], CASTOR_M),
+    ]
+
+
+def _across(size_m: tuple[float, ...]) -> list[Solid]:
+    """The two bars across the front of a walking frame."""
+    y, height_m = size_m[0] / 2 - TUBE_M, size_m[1]
+    return [tube([x, -y, z * height_m], [x, y, z * height_m], TUBE_M) for x, z in ((0.12, 0.8), (0.2, 0.45))]
+
+
+def _chair(y: float, seat_m: float) -> list[Solid]:
+    """Seat, back, tubes, footrests and casters of a wheelchair, as wide as twice y [m]."""
+    seat, back = block((0.42, 2 * y, 0.03)), block((0.03, 2 * y, 0.42))
+    found = [
+        (seat[0] + [0.12, 0.0, seat_m - 0.015], seat[1]),
+        (back[0] + [-0.15, 0.0, seat_m + 0.25], back[1]),
+        tube([0, -y, WHEEL_M], [0, y, WHEEL_M], TUBE_M),
+    ]
+    for side in (-y, y):
+        found += [
+            tube([-0.18, side, 0.25], [-0.18, side, seat_m + 0.45], TUBE_M),
+            tube([-0.18, side, seat_m - 0.05], [0.36, side, seat_m - 0.05], TUBE_M),
+            tube([0.36, side, seat_m - 0.05], [0.5, side, 0.14], TUBE_M),
+            tube([0.3, side, 0.2], [0.3, side, seat_m - 0.06], TUBE_M),
+            tube([0.3, side - 0.015, 0.1], [0.3, side + 0.015, 0.1], 0.1),
+        ]
+        rest = block((0.16, 0.14, 0.02))
+        found.append((rest[0] + [0.52, 0.6 * side, 0.1], rest[1]))
+    return found
+
+
+def torus(radius_m: float, tube_m: float) -> Solid:
+    """A torus about y."""
+    count = max(24, math.ceil(2 * math.pi * radius_m / STEP_M * 2))
+    angle, ring = 2 * math.pi * np.arange(count) / count, 2 * math.pi * np.arange(PER_RING) / PER_RING
+    far = radius_m + tube_m * np.cos(ring)
+    points = np.stack(
+        np.broadcast_arrays(np.sin(angle)[:, None] * far, tube_m * np.sin(ring), np.cos(angle)[:, None] * far),
+        axis=-1,
+    )
+    here = np.arange(count * PER_RING).reshape(count, PER_RING)
+    a, b, c, d = here, np.roll(here, -1, 0), np.roll(here, (-1, -1), (0, 1)), np.roll(here, -1, 1)
+    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    return points.reshape(-1, 3), faces
 
 
 def substance(carried: Carried) -> str | Material:

@@ -124,6 +124,8 @@ def _advanced(cycle: Breathing | Heartbeat, start_s: float) -> float:
 
 HANDLE_M = 0.12
 """Of a bag that is carried, from its grip to its top [m]."""
+WHEEL_M, RIM_M = 0.305, 0.26
+"""Radii of a wheelchair's rear wheels, of 24 inches, and of their hand rims [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

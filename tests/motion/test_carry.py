@@ -21,7 +21,8 @@ from t2d_rt.pipeline.targets import things
 from t2d_rt.scene.things import surface
 from t2d_rt.types import Motion, MovingMesh, Radar
 
-THINGS = "bag", "ball", "box", "backpack", "cane"
+HELD = "bag", "ball", "box", "backpack", "cane", "crutches", "walker"
+THINGS = *HELD, "wheelchair"
 QUICK = Radar.preset("table2", samples=64, prf_hz=4_000.0)
 
 
@@ -51,13 +52,14 @@ def frame(
 
 @pytest.mark.parametrize("thing", THINGS)
 def test_surfaces_are_closed_and_face_outward(thing: str) -> None:
-    (mesh,) = things(
-        t2d.carry(walk(), thing)
-    )  # warns, which fails, where it is not watertight; refuses what is inside out
-    solid = mesh.trimesh(0.3)
-    assert solid.is_watertight
-    assert solid.is_winding_consistent
-    assert all(part.volume > 0 for part in solid.split())
+    # A mesh warns, which fails, where it is not watertight, and refuses what is inside out.
+    meshes = things(t2d.carry(walk(), thing))
+    assert len(meshes) == {"crutches": 2, "wheelchair": 3}.get(thing, 1)
+    for mesh in meshes:
+        solid = mesh.trimesh(0.3)
+        assert solid.is_watertight
+        assert solid.is_winding_consistent
+        assert all(part.volume > 0 for part in solid.split())
 
 
 def test_a_box_has_its_size() -> None:
@@ -76,7 +78,7 @@ def test_nothing_is_changed_where_nothing_is_carried() -> None:
     assert t2d.carry(walk(), []) is walk()
 
 
-@pytest.mark.parametrize("thing", THINGS)
+@pytest.mark.parametrize("thing", HELD)
 def test_the_rest_of_the_body_moves_as_it_did(thing: str) -> None:
     found = t2d.carry(walk(), thing)
     moved = np.abs(found.joints - walk().joints).max(axis=(0, 2)) > 0
@@ -148,6 +150,44 @@ def test_the_hand_stays_on_the_canes_grip() -> None:
     wrist, hand = (found.joints[:, found.index(f"right_{name}")] for name in ("wrist", "hand"))
     grip = wrist + 0.045 * 1.6 * (hand - wrist) / np.linalg.norm(hand - wrist, axis=1, keepdims=True)
     assert np.linalg.norm(grip - origin, axis=1).max() < 0.01
+
+
+@pytest.mark.parametrize("name", ["walk", "short_walk"])
+def test_a_walker_rolls_level_on_the_floor_and_hands_hold_it(name: str) -> None:
+    found = t2d.carry(t2d.example(name), "walker")
+    (mesh,) = things(found)
+    places = mesh.at(np.linspace(0, found.duration_s, 300))
+    assert np.abs(places[..., 2].min(axis=1)).max() < 2e-3
+    origin, axes = frame(found)
+    for side in ("left", "right"):
+        local = axes.inv().apply(found.joints[:, found.index(f"{side}_wrist")] - origin)
+        np.testing.assert_allclose(local, np.broadcast_to(local[:1], local.shape), atol=5e-3)
+    pelvis = np.gradient(found.joints[:, 0], 1 / found.rate_hz, axis=0)[30:-30]
+    rolls = np.gradient(origin, 1 / found.rate_hz, axis=0)[30:-30]
+    assert np.ptp(rolls[:, 0]) < np.ptp(pelvis[:, 0]) or name == "short_walk"  # which starts from standing
+
+
+def test_wheels_roll_and_hands_push_their_rims() -> None:
+    found = t2d.carry(walk(), "wheelchair")
+    chair, left, _ = things(found)
+    times_s = np.arange(0.5, 3.5, 1e-3)
+    speed = np.gradient(chair.at(times_s).mean(axis=1), times_s, axis=0)
+    places = left.at(times_s)
+    velocity = np.gradient(places, times_s, axis=0)
+    size = np.linalg.norm(velocity, axis=-1)
+    forward = np.linalg.norm(speed, axis=-1)
+    assert np.abs(places[..., 2].min(axis=1)).max() < 3e-3
+    lowest = np.take_along_axis(size, places[..., 2].argmin(axis=1)[:, None], axis=1)
+    assert (lowest < 0.15 * forward[:, None]).all()  # vertices lie 10 degrees apart
+    np.testing.assert_allclose(size.max(axis=1), 2 * forward, rtol=0.02)  # at its top, of a wheel that rolls
+    # A hand that pushes keeps to the rim: as fast as the rim is, for 45 % of the way.
+    hand = track(found)(times_s)[0][:, found.index("left_hand")]
+    axle = 0.5 * (places.max(axis=1) + places.min(axis=1))
+    turned = np.unwrap(np.arctan2(*np.moveaxis(hand - axle, 1, 0)[[0, 2]]))
+    rate = np.abs(np.gradient(turned, times_s))
+    pushes = np.abs(rate * 0.305 / forward - 1) < 0.25
+    assert 0.25 < pushes.mean() < 0.65
+    assert found.joints[:, found.index("left_foot"), 2].min() > 0.03  # on the footrest
 
 
 def test_a_mirror_exchanges_the_hands() -> None:
@@ -250,6 +290,8 @@ def test_the_command_line_names_them(tmp_path: Path, monkeypatch: pytest.MonkeyP
         ({"thing": "box", "hand": "left"}, "hand of a box must be left out"),
         ({"thing": "box", "size_m": [1, 2]}, "size_m of a box is length, width and height"),
         ({"thing": "box", "color": 1}, "unknown field 'color' of a thing"),
+        (["wheelchair", "bag"], "the hands are full"),
+        ("crutches in the left hand", "unknown thing 'crutches'"),
         ({}, "a thing is a text as"),
         ({"thing": [1]}, r"unknown thing \[1\]"),
         ({"thing": "bag", "size_m": [0.3, 0.1, 2.0]}, "m below the floor at"),
