@@ -217,7 +217,7 @@ def _box(person: Person, wish: Wish, _: str) -> Place:
     for side in SIDES:
         # Fingers forward, the thumb up, the back of the hand out.
         axes = _hanging_hand(side, np.pi / 2)
-        at = np.array([min(0.0, 0.18 * tall - local[0]), SIGN[side] * (width / 2 + PALM_M), -0.2 * height])
+        at = np.array([min(0.0, BOX_GRIP * tall - local[0]), SIGN[side] * (width / 2 + PALM_M), -0.2 * height])
         grips[side] = Grip(at, axes, (-0.4, 0.5, -0.8))
     return Place(origin, person.chest, "spine3", wish.size_m, grips, height / 2)
 
@@ -230,9 +230,9 @@ def _backpack(person: Person, wish: Wish, _: str) -> Place:
     return Place(origin, person.chest, "spine3", wish.size_m, {}, wish.size_m[2] / 2)
 
 
-BELLY, BACK = 0.105, 0.085
-"""From the axis of the upper spine to a box before it and to what lies against the back, over stature: fronts of the templates'
-trunks lie 0.06 to 0.10 of it ahead."""
+BOX_GRIP, BELLY, BACK = 0.13, 0.105, 0.085
+"""From the axis of the upper spine to the grips of a box, to the box and to what lies against the back, over stature: fronts of the
+templates' trunks lie 0.06 to 0.10 of it ahead."""
 
 
 def _cane(person: Person, wish: Wish, side: str) -> Place:
@@ -271,7 +271,7 @@ def _stepping(
     middle, ahead = soles(poses)[:, foot].mean(axis=1), person.ahead(X)
     level = np.array([1.0, 1.0, 0.0])
     stands = []
-    for start, stop in runs(contacts(poses)[:, foot].any(axis=1)):
+    for start, stop in runs(np.asarray(contacts(poses)[:, foot].any(axis=1))):
         frame = (start + stop) // 2
         hand = wish_at[frame]
         place = (hand + ((middle[frame] - hand) @ ahead[frame] + CANE_AHEAD * person.stature_m) * ahead[frame]) * level
