@@ -17,6 +17,7 @@ from t2d_rt.core.calls import public
 
 if TYPE_CHECKING:
     from t2d_rt.accuracy import plan
+    from t2d_rt.body.outfit import Outfit
     from t2d_rt.core.errors import BackendError, InputError, T2DError, T2DWarning
     from t2d_rt.experiment.catalog import bodies, example, examples, movers, presets, scenes
     from t2d_rt.experiment.experiment import Experiment
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from t2d_rt.types import (
         Accuracy,
         Breathing,
+        ByPart,
         Echoes,
         EchoStream,
         Ellipsoids,
@@ -100,6 +102,7 @@ _HOMES = {
     "t2d_rt.experiment.experiment": ("Experiment",),
     "t2d_rt.experiment.catalog": ("bodies", "example", "examples", "movers", "presets", "scenes"),
     "t2d_rt.accuracy": ("plan",),
+    "t2d_rt.body.outfit": ("Outfit",),
     "t2d_rt.pipeline.targets": ("segments", "skin"),
     "t2d_rt.recording.remake": ("add_noise",),
     "t2d_rt.simulate": ("run", "simulate", "simulate_radars"),
@@ -110,6 +113,7 @@ _HOMES = {
         *(
             "Accuracy",
             "Breathing",
+            "ByPart",
             "PathTier",
             "EchoStream",
             "Echoes",
@@ -132,6 +136,7 @@ __all__ = [
     "Accuracy",
     "BackendError",
     "Breathing",
+    "ByPart",
     "CeilingFan",
     "Curtain",
     "Door",
@@ -145,6 +150,7 @@ __all__ = [
     "Motion",
     "MovingMesh",
     "OcclusionMask",
+    "Outfit",
     "PathTier",
     "Pet",
     "Radar",

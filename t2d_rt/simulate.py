@@ -18,6 +18,7 @@ from t2d_rt.accuracy import (
     warn_of_miss,
     warn_out_of_reach,
 )
+from t2d_rt.body.outfit import Outfit
 from t2d_rt.core.backend import Device, one_blas_thread, prefetched
 from t2d_rt.core.checks import array, flag, instance, integer, shown
 from t2d_rt.core.cubes import Cube
@@ -71,7 +72,7 @@ def simulate(
     seed: int = 0,
     noise: str | Path | Mapping[str, Any] | Receiver = "none",
     body: str = "adult",
-    material: str | Material | None = None,
+    material: str | Material | Outfit | None = None,
     phase_from: PhaseFrom = "specular",
     only_paths: Sequence[str] | None = None,
     without_paths: Sequence[str] = (),
@@ -111,7 +112,8 @@ def simulate(
     noise: what the receiver adds to the samples, once their error is measured: "none"; "receiver", with typical values for the
         radar's band; a YAML file or a mapping of a `Receiver`'s fields, or a `Receiver`. `Recording.snr_db` tells the outcome.
     body: the body template that motions are skinned with.
-    material: material of everything but movers; by default a body is "skin" and a mesh keeps its own.
+    material: material of everything but movers; by default a body is "skin" and a mesh keeps its own. Bodies may wear an `Outfit`:
+        "dressed" has shoes on the feet and cloth on all but head and hands, "coat" thicker cloth.
     phase_from: point of an ellipsoid that its phase comes from: the "specular" point, or the "centre" as in the Text2Doppler paper.
     only_paths: names of the path pairs to the targets that have echoes, as `Recording.paths` lists them; all by default. In a name
         * stands for any characters: ["direct", "ceiling*"]. How finely a pair is modelled does not depend on which are on, so that

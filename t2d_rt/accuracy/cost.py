@@ -24,6 +24,7 @@ from t2d_rt.scattering.patches import rounded_range_m
 from t2d_rt.scattering.refinement import POINT_SAGITTA_RAD, REFINING_BYTES
 from t2d_rt.scattering.streams import most_echoes
 from t2d_rt.types import Accuracy, MovingMesh, PathTier
+from t2d_rt.types.material import is_rough
 
 SUMMED_BYTES, SUMMED_ARRAY_BYTES = 6_900, 12_000
 """Bytes that an echo takes while a window of frames is summed, for one antenna and for an array (this and what follows by least
@@ -95,7 +96,7 @@ class FacetCount:
         wavenumber = 2 * math.pi / model.radar.wavelength_m
         of_edges = wavenumber / 3 * length2 * bend
         limits = limit[ends].mean(axis=2)
-        rough = resolved(mesh.material, model.radar).scattering_coefficient > 0
+        rough = is_rough(resolved(mesh.material, model.radar))
         of_points = _facets(of_edges.mean(axis=1) / POINT_SAGITTA_RAD, mesh.curved) if rough else 0.0
         return cls((of_edges / limits).mean(axis=1), limits.mean(axis=1), of_points, mesh.curved)
 
@@ -233,7 +234,7 @@ def predicted_bytes(model: Model, accuracy: Accuracy, counts: Sequence[FacetCoun
 def rough_meshes(model: Model) -> int:
     """Number of meshes that have diffuse points."""
     materials = [target.material for target in model.modelled if target.mesh is not None]
-    return sum(resolved(each, model.radar).scattering_coefficient > 0 for each in materials)
+    return sum(is_rough(resolved(each, model.radar)) for each in materials)
 
 
 def parts_bytes(model: Model, parts: int) -> float:

@@ -1,4 +1,4 @@
-"""What a body is made of: skin and clothing at millimetre waves."""
+"""What a body is made of: skin, clothing and shoes at millimetre waves."""
 
 from __future__ import annotations
 
@@ -20,7 +20,13 @@ SCATTERING_COEFFICIENTS: dict[str, float] = {"skin": 0.3, "clothed": 0.6}
 """S of the body's surfaces: skin is nearly smooth at 4 mm wavelength, cloth is not. Clothing passes the wave within
 3 dB, so the permittivity behind it stays that of skin."""
 
-BODY_MATERIALS: tuple[str, ...] = ("pec", *SCATTERING_COEFFICIENTS)
+SHOE_PERMITTIVITY, SHOE_CONDUCTIVITY_S_PER_M, SHOE_CONDUCTIVITY_POWER = 3.62, 0.0051, 0.8422
+"""Of vinyl, of which soles and uppers may be: relative permittivity, conductivity at 1 GHz, and the power of the frequency that it
+goes with (ITU-R P.2040-3, vinyl tile; its values end at 40 GHz)."""
+SHOE_SCATTERING_COEFFICIENT = 0.1
+"""S of what is moulded and nearly smooth, as of movers' plastic."""
+
+BODY_MATERIALS: tuple[str, ...] = ("pec", *SCATTERING_COEFFICIENTS, "shoe")
 """Names that `resolve_material` knows."""
 
 
@@ -40,8 +46,15 @@ def resolve_material(material: str | Material, frequency_hz: float) -> Material:
         return cast(Material, material)
     if material == "pec":
         return PEC
-    if material not in SCATTERING_COEFFICIENTS:
+    if material not in BODY_MATERIALS:
         raise InputError(f"unknown body material {material!r}; use one of {', '.join(BODY_MATERIALS)}, or a Material")
+    if material == "shoe":
+        return Material(
+            name="shoe",
+            relative_permittivity=SHOE_PERMITTIVITY,
+            conductivity_s_per_m=SHOE_CONDUCTIVITY_S_PER_M * (frequency_hz / 1e9) ** SHOE_CONDUCTIVITY_POWER,
+            scattering_coefficient=SHOE_SCATTERING_COEFFICIENT,
+        )
     permittivity = skin_permittivity(frequency_hz)
     return Material(
         name=material,

@@ -9,6 +9,7 @@ import numpy as np
 
 from t2d_rt.body.chest import lies_on_front
 from t2d_rt.body.fit import SIDES, Fitted, fit
+from t2d_rt.body.outfit import Outfit, clad, outfit_of
 from t2d_rt.body.pose import BONES, Posing, posing
 from t2d_rt.body.skin import JointTrack, linear_track
 from t2d_rt.body.template import template
@@ -69,20 +70,21 @@ def segments(
     motion: Motion,
     body: str = "adult",
     *,
-    material: str | Material = "skin",
+    material: str | Material | Outfit = "skin",
     track: JointTrack | None = None,
     made: Made | None = None,
 ) -> Ellipsoids:
     """Ellipsoids fitted to the surface that `skin` moves, moving rigidly with its bones; arguments as in `skin`."""
     checked_motion(motion)
-    fitted = fit(template(body), motion)
+    fitted = fit(template(body, outfit_of(material)), motion)
+    surface = clad(material, lambda outfit: outfit.of_segments(tuple(SEGMENTS)))
     pose = posing(fitted, motion)
     semi_axes, centres, axes = fit_ellipsoids(fitted)
     bones = [BONES.index(part.bone) for part in SEGMENTS.values()]
     offsets = centres - np.array([fitted.joints[part.bone] for part in SEGMENTS.values()])
 
     carried = _Carried(pose, bones, offsets, axes, track or linear_track(motion), motion)
-    return Ellipsoids.from_track(carried, semi_axes, motion.times_s, material, names=tuple(SEGMENTS), made=made)
+    return Ellipsoids.from_track(carried, semi_axes, motion.times_s, surface, names=tuple(SEGMENTS), made=made)
 
 
 @dataclass(frozen=True, slots=True)

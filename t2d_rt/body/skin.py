@@ -11,6 +11,7 @@ import numpy as np
 
 from t2d_rt.body.chest import ChestWall
 from t2d_rt.body.fit import Fitted, fit
+from t2d_rt.body.outfit import Outfit, clad, outfit_of
 from t2d_rt.body.pose import BONES, Posing, posing
 from t2d_rt.body.template import template
 from t2d_rt.geometry import curvature
@@ -53,17 +54,19 @@ def skin(
     motion: Motion,
     body: str = "adult",
     *,
-    material: str | Material = "skin",
+    material: str | Material | Outfit = "skin",
     track: JointTrack | None = None,
     made: Made | None = None,
 ) -> MovingMesh:
     """The body's control cage (about 3200 vertices, 6400 faces) moving with a skeleton.
 
     `track` interpolates the motion in time (C2, for a radar); without it straight lines join its frames.
-    `made` says how to make the mesh again. Where the floor at z = 0 is the person's, the skin lies flat on it, not within it.
+    `material` is that of the whole skin, or an outfit. `made` says how to make the mesh again. Where the floor at z = 0 is the
+    person's, the skin lies flat on it, not within it.
     """
     checked_motion(motion)
-    fitted = fit(template(body), motion)
+    fitted = fit(template(body, outfit_of(material)), motion)
+    surface = clad(material, lambda outfit: outfit.of_faces(fitted.template.faces, fitted.template.weights))
     pose = posing(fitted, motion)
     basis = blend_basis(fitted)
     track = track or linear_track(motion)
@@ -77,7 +80,7 @@ def skin(
         partial(_vertices, basis, pose, track, chest, _on_floor(motion, basis, pose)),
         fitted.template.faces,
         motion.times_s,
-        material,
+        surface,
         rest=fitted.vertices,
         crease_deg=180.0,
         sagitta_rad=SAGITTA_RAD * (SAGITTA_RADIUS_M * bend) ** SAGITTA_POWER,

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.body.outfit import Outfit, put_on
 from t2d_rt.core.checks import unknown_name
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.resources import listing, resource
@@ -54,7 +55,10 @@ class Template:
     """Rings of surface vertices around hips, knees, ankles, shoulders, elbows, wrists and head."""
 
     like: np.ndarray | None = None
-    """Rest vertices of the shipped body that this one was made of, whose facets it shares; None of a shipped one."""
+    """Rest vertices of the shipped body, in the same outfit, that this one was made of, whose facets it shares; None of a shipped
+    one."""
+    outfit: Outfit | None = None
+    """What it wears; None is the bare body."""
 
     @property
     def stature_m(self) -> float:
@@ -72,7 +76,7 @@ class Template:
         return BMI[self.name.partition("@")[0]]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return template, (self.name,)  # pickled by its name
+        return template, (self.name, self.outfit)  # pickled by its name
 
 
 def bodies() -> list[str]:
@@ -98,8 +102,11 @@ DENSITY_KG_PER_M3 = 1000.0
 """A body floats, and just so."""
 
 
-def template(name: str = "adult") -> Template:
-    """The shipped body of that name, or, as "man@31.5", the same person with another body mass index [kg/m^2]."""
+def template(name: str = "adult", outfit: Outfit | None = None) -> Template:
+    """The shipped body of that name, or, as "man@31.5", the same person with another body mass index [kg/m^2]; bare, or in what it
+    wears."""
+    if outfit is not None:
+        return _dressed(name, outfit)
     base, at, bmi = name.partition("@") if isinstance(name, str) else (name, "", "")
     if not isinstance(name, str) or base not in bodies():
         raise unknown_name("body", name, bodies(), hint=', or one with its body mass index as "man@31.5"')
@@ -115,6 +122,15 @@ def template(name: str = "adult") -> Template:
             f"the body mass index of {base} must be {low:g} to {high:g} kg/m^2, got {bmi!r} in body {name!r}"
         )
     return _of_girth(name, base, wanted)
+
+
+@lru_cache(maxsize=64)
+def _dressed(name: str, outfit: Outfit) -> Template:
+    """A body with cloth and shoes around it."""
+    body = template(name)
+    vertices, joints = put_on(outfit, body.vertices, body.faces, body.weights, body.joints)
+    like = None if body.like is None else template(name.partition("@")[0], outfit).vertices
+    return replace(body, vertices=vertices, joints=MappingProxyType(joints), like=like, outfit=outfit)
 
 
 @lru_cache(maxsize=64)

@@ -65,7 +65,7 @@ def experiment(command: Command, *, skip: tuple[str, ...] = ()) -> None:
     group = command.parser.add_argument_group("model")
     better = parameter_help(simulate) | {
         "scene": f"Scene: free_space, {', '.join(scene_names())}, a Mitsuba/Sionna XML file, or a room's mesh (.obj, .ply, .glb).",
-        "material": "Material of the body: skin, clothed, pec or an ITU name; skin by default.",
+        "material": "Material of the body (skin, clothed, pec or an ITU name), or what it wears (dressed, coat); skin by default.",
     }
     better |= {name: f"{better[name]} The option is given once for each." for name in ("only_paths", "without_paths")}
     known: Given = {"better": better, "hints": SIMPLER, "defaults": {"without_paths": None}, "group": group}

@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator
 
+from t2d_rt.body.outfit import Outfit
 from t2d_rt.core.checks import instance, integer
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_yaml
@@ -57,7 +58,7 @@ class Experiment(Plain):
     written: ClassVar[Mapping[str, str]] = {
         "targets": "a list of mappings with a kind, as in [{kind: file, file: walk}]",
         "scene": "a name, a path, or a mapping, as in {file: street.xml, materials: {brick: concrete}}",
-        "material": "a name or a Material",
+        "material": "a name, a Material or an Outfit",
         "only_paths": "a list of names of path pairs, as in [direct]",
         "without_paths": "a list of names of path pairs, as in [direct]",
     }
@@ -83,8 +84,8 @@ class Experiment(Plain):
     """Scattering model: physical optics of a "mesh", or "ellipsoid"."""
     body: str = "adult"
     """Template of the bodies."""
-    material: Substance | None = None
-    """Material of everything but movers; by default each target's own."""
+    material: Substance | Outfit | None = None
+    """Material of everything but movers, or an outfit, which bodies wear; by default each target's own."""
     phase_from: Literal["specular", "centre"] = "specular"
     """Point of an ellipsoid that its phase comes from."""
     only_paths: Annotated[tuple[str, ...], Field(min_length=1)] | None = None

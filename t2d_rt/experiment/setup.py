@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.body.outfit import outfit_of
 from t2d_rt.core.backend import one_blas_thread, select
 from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError, T2DWarning, warn
@@ -36,7 +37,6 @@ from t2d_rt.scattering.refinement import REFINING_BYTES
 from t2d_rt.scene import Mover, Room
 from t2d_rt.types import Accuracy, Ellipsoids, Motion, MovingMesh, Radar, Scene
 from t2d_rt.types.antennas import ONE_VIEW_M
-from t2d_rt.types.material import checked_material
 from t2d_rt.types.receiver import Receiver
 from t2d_rt.types.target import Geometry
 
@@ -98,7 +98,7 @@ def set_up(
     whole = _scene_of(scene, radar)  # before the targets: a motion takes longer to read
     targets = placed_targets(target, radar)
     if experiment.material is not None:
-        checked_material(experiment.material)
+        outfit_of(experiment.material)  # refuses what is neither a material nor an outfit
     scene = None if whole is None else within_reach(whole, radar)
     if isinstance(experiment.noise, Receiver):
         check_receiver(radar, experiment.noise)

@@ -20,6 +20,7 @@ from pydantic import (
     model_serializer,
 )
 
+from t2d_rt.body.outfit import Outfit
 from t2d_rt.core.checks import names_advice, shown
 from t2d_rt.core.errors import InputError, warn
 from t2d_rt.core.stored_arrays import Hash, Inputs, Store, named_arrays
@@ -32,7 +33,7 @@ from t2d_rt.motion.vary import arc, hold, vary_gait
 from t2d_rt.pipeline.targets import TargetLike, segments, skin
 from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, OwnMover, Pet, TableFan, mover
 from t2d_rt.scene.movers import KINDS, kind_names
-from t2d_rt.types import Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
+from t2d_rt.types import ByPart, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
 from t2d_rt.types.fields import Count, Fields, Number
 from t2d_rt.types.motion import Breathing, Carried, Heartbeat
 
@@ -277,7 +278,7 @@ class BodyMesh(Plain):
     kind: Literal["skin", "segments"]
     motion: MotionArrays
     body: str
-    material: Substance
+    material: Substance | Outfit
 
 
 class MoverMesh(Plain):
@@ -308,8 +309,8 @@ class MeshArrays(Plain):
 
     kind: Literal["mesh"] = "mesh"
     input: Hash
-    """`vertices`, `faces`, `times_s` and `sagitta_rad`."""
-    material: Substance
+    """`vertices`, `faces`, `times_s` and `sagitta_rad`, and `part` of a mesh of several materials."""
+    material: Substance | tuple[Substance, ...]
     crease_deg: Number
     curved: bool = False
     name: str
@@ -322,8 +323,8 @@ class EllipsoidArrays(Plain):
 
     kind: Literal["ellipsoids"] = "ellipsoids"
     input: Hash
-    """`semi_axes_m`, `centres`, `axes` and `times_s`."""
-    material: Substance
+    """`semi_axes_m`, `centres`, `axes` and `times_s`, and `part` of ellipsoids of several materials."""
+    material: Substance | tuple[Substance, ...]
     names: tuple[str, ...]
 
 
@@ -400,7 +401,7 @@ MOTION_FIELDS = (
     "rate_hz", "names", "parents", "placed", "report", "origin", "activities", "breathing", "heartbeat", "carries",
 )  # fmt: skip
 """Of a `Motion` beside its arrays, which are stored as they are."""
-MESH_FIELDS = "material", "crease_deg", "curved", "name"
+MESH_FIELDS = "crease_deg", "curved", "name"
 """Of a `MovingMesh`, likewise."""
 OWN_KINDS = "file", "text", "motion", "skin", "segments", "mover_mesh", "mesh", "ellipsoids", "unknown", "mover"
 """Kinds of sources that are no movers."""
@@ -473,12 +474,16 @@ def _source(target: TargetLike, store: Store) -> Any:
         return BodyMesh(kind=made.by, **{**made.arguments, "motion": _source(made.arguments["motion"], store)})
     if made is None or made.by != "arrays":
         return Unknown(description=repr(target))
+    own, part = target.material, dict[str, np.ndarray]()
+    if isinstance(own, ByPart):
+        part["part"] = own.part
+    material = own.materials if isinstance(own, ByPart) else own
     if isinstance(target, MovingMesh):
         sagitta = np.asarray(target.sagitta_rad, float)
-        key = store.keep(**made.arguments, faces=target.faces, times_s=target.times_s, sagitta_rad=sagitta)
-        return MeshArrays(input=key, **{name: getattr(target, name) for name in MESH_FIELDS})
-    key = store.keep(**made.arguments, semi_axes_m=target.semi_axes_m, times_s=target.times_s)
-    return EllipsoidArrays(input=key, material=target.material, names=target.names)
+        key = store.keep(**made.arguments, faces=target.faces, times_s=target.times_s, sagitta_rad=sagitta, **part)
+        return MeshArrays(input=key, material=material, **{name: getattr(target, name) for name in MESH_FIELDS})
+    key = store.keep(**made.arguments, semi_axes_m=target.semi_axes_m, times_s=target.times_s, **part)
+    return EllipsoidArrays(input=key, material=material, names=target.names)
 
 
 def target_from(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) -> TargetLike:
@@ -501,11 +506,21 @@ def target_from(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) 
     if isinstance(source, MoverMesh):
         return source.mover.mesh(source.start_s, source.stop_s)
     if isinstance(source, MeshArrays):
-        arrays = named_arrays(inputs, source.input, ("vertices", "faces", "times_s", "sagitta_rad"))
+        arrays, material = _with_material(source, inputs, ("vertices", "faces", "times_s", "sagitta_rad"))
         sagitta = arrays.pop("sagitta_rad")
-        fields: dict[str, Any] = arrays | {name: getattr(source, name) for name in MESH_FIELDS}
+        fields: dict[str, Any] = arrays | {name: getattr(source, name) for name in MESH_FIELDS} | {"material": material}
         return MovingMesh(**fields, sagitta_rad=sagitta if sagitta.ndim else float(sagitta))
     if isinstance(source, EllipsoidArrays):
-        arrays = named_arrays(inputs, source.input, ("semi_axes_m", "centres", "axes", "times_s"))
-        return Ellipsoids(**arrays, material=source.material, names=source.names)
+        arrays, material = _with_material(source, inputs, ("semi_axes_m", "centres", "axes", "times_s"))
+        return Ellipsoids(**arrays, material=material, names=source.names)
     raise InputError(f"{source.description} was computed by a function and is not stored; give it again")
+
+
+def _with_material(
+    source: MeshArrays | EllipsoidArrays, inputs: Inputs, names: tuple[str, ...]
+) -> tuple[dict[str, np.ndarray], str | Material | ByPart]:
+    """The stored arrays of these names, and what the surface is made of."""
+    if not isinstance(source.material, tuple):
+        return named_arrays(inputs, source.input, names), source.material
+    arrays = named_arrays(inputs, source.input, (*names, "part"))
+    return arrays, ByPart(source.material, arrays.pop("part"))

@@ -15,10 +15,12 @@ from t2d_rt.core.memory import Budget
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.rays import Rays
 from t2d_rt.scattering.bounces import Setting, TubeDetail, bounce_echoes
+from t2d_rt.scattering.mesh import coherent_reflection
 from t2d_rt.scattering.patches import from_radar, least_range_m
 from t2d_rt.scattering.refinement import Sagitta, most_facets, refined
 from t2d_rt.scattering.reflectors import Reflector
-from t2d_rt.types import Material, MovingMesh, PathPair, Radar
+from t2d_rt.types import ByPart, Material, MovingMesh, PathPair, Radar
+from t2d_rt.types.material import values_of
 from t2d_rt.types.scatterer import Scatterer
 
 SAME_S = 1e-3
@@ -35,7 +37,7 @@ class Bouncing:
     mesh: MovingMesh | None
     """None where ellipsoids scatter."""
     fast_rotating: bool
-    material: Material
+    material: Material | ByPart
     sagitta_rad: Sagitta
     """Phase sagitta of its facets."""
     times_s: np.ndarray
@@ -58,9 +60,9 @@ class Bouncing:
         assert self.mesh is not None
         range_m = least_range_m(self.mesh, from_radar(radar), np.array(span_s))
         (facets,) = refined(self.mesh, 2 * math.pi / radar.wavelength_m, range_m, [self.sagitta_rad], max_facets)
-        coherent = math.sqrt(1 - self.material.scattering_coefficient**2)
-        gamma = self.material.reflection(radar.mid_frequency_hz) * coherent
-        return Reflector(surface=self.mesh, facets=facets, reflection=gamma)
+        of_material = partial(coherent_reflection, frequency_hz=radar.mid_frequency_hz)
+        gamma = values_of(self.material, len(self.mesh.faces), of_material)
+        return Reflector(surface=self.mesh, facets=facets, reflection=gamma[facets.base_face])
 
 
 def direct_pair(pairs: Sequence[PathPair], bounces: int, *, warned: bool) -> PathPair | None:

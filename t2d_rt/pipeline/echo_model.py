@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
+from t2d_rt.body.outfit import Outfit
 from t2d_rt.core.backend import Backend
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import Budget, blocks
@@ -27,6 +28,7 @@ from t2d_rt.scattering.rate import SurfaceRate
 from t2d_rt.scattering.refinement import Sagitta, facets, most_facets
 from t2d_rt.types import (
     Accuracy,
+    ByPart,
     Ellipsoids,
     Material,
     Motion,
@@ -66,7 +68,7 @@ class Model:
     """What of the scene blocks them."""
     _: KW_ONLY
     method: Method
-    material: str | Material | None
+    material: str | Material | Outfit | None
     body: str
     phase_from: PhaseFrom
     seed: int
@@ -172,7 +174,7 @@ class Model:
         rest = [None if target.mesh is None else target.mesh.rest for target in self.modelled[: number + 1]]
         return self.seed + TWIN_SEED * sum(np.array_equal(rest[-1], other) for other in rest[:-1])  # type: ignore[arg-type]
 
-    def material_of(self, number: int) -> Material:
+    def material_of(self, number: int) -> Material | ByPart:
         """What a target is made of, at mid-sweep."""
         return resolved(self.modelled[number].material, self.radar)
 
@@ -237,7 +239,14 @@ def farthest_and_fastest(geometry: Geometry, radar: Radar, span_s: tuple[float, 
     return farthest, fastest
 
 
-def resolved(material: str | Material, radar: Radar) -> Material:
+def resolved(material: str | Material | ByPart, radar: Radar) -> Material | ByPart:
+    """Values at mid-sweep, part by part where a surface has several materials."""
+    if isinstance(material, ByPart):
+        return material.resolved(partial(values, radar=radar))
+    return values(material, radar)
+
+
+def values(material: str | Material, radar: Radar) -> Material:
     """Values at mid-sweep: a body's material, or an ITU one by name."""
     if isinstance(material, Material) or material in BODY_MATERIALS:
         return resolve_material(material, radar.mid_frequency_hz)

@@ -12,7 +12,7 @@ from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.plugins import loaded, plugins
 from t2d_rt.pipeline.bounces import Bouncing, bounce_scatterers, direct_pair
-from t2d_rt.pipeline.echo_model import Model, detail, sagitta_rad
+from t2d_rt.pipeline.echo_model import Model, detail, resolved, sagitta_rad
 from t2d_rt.pipeline.path_pairs import ChosenPairs, Clutter
 from t2d_rt.pipeline.periodic import in_periods
 from t2d_rt.pipeline.visibility import (
@@ -29,7 +29,7 @@ from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.scattering.streams import Resampled, batches
-from t2d_rt.types import Accuracy, Ellipsoids, MovingMesh, PathPair, PathTier
+from t2d_rt.types import Accuracy, ByPart, Ellipsoids, Material, MovingMesh, PathPair, PathTier
 from t2d_rt.types.scatterer import FrameBlock, Scatterer
 
 OCCLUDER_SAGITTA_SCALE = 2.0
@@ -198,7 +198,7 @@ def own_ellipsoids(preparation: Preparation, number: int, times_s: np.ndarray) -
         views = preparation.coarse_views(target.geometry, preparation.pairs.pairs, sight.samples_s, fast)
     ellipsoids = target.ellipsoids()
     assert ellipsoids is not None  # what has no mesh has these
-    yield _ellipsoids(preparation, number, ellipsoids, times_s, views)
+    yield _ellipsoids(preparation, number, ellipsoids, preparation.model.material_of(number), times_s, views)
 
 
 def facets(preparation: Preparation, number: int, times_s: np.ndarray) -> Iterator[Scatterer]:
@@ -262,19 +262,25 @@ def limbs(preparation: Preparation, number: int, times_s: np.ndarray) -> Iterato
         if not preparation.at_instants:
             samples_s, frames_s = np.append(samples_s[:-1:2], samples_s[-1]), model.decimated(times_s, tier)
         views = coarse_views(ellipsoids, pairs, samples_s, model.blockage, minor=True)
-        own = _ellipsoids(preparation, number, ellipsoids, frames_s, views)
+        # Their materials, for an outfit's are by face or by segment.
+        own = _ellipsoids(preparation, number, ellipsoids, resolved(ellipsoids.material, model.radar), frames_s, views)
         yield own if preparation.at_instants else Resampled.of(own, times_s)
 
 
 def _ellipsoids(
-    preparation: Preparation, number: int, ellipsoids: Ellipsoids, times_s: np.ndarray, views: Sequence[View]
+    preparation: Preparation,
+    number: int,
+    ellipsoids: Ellipsoids,
+    material: Material | ByPart,
+    times_s: np.ndarray,
+    views: Sequence[View],
 ) -> Scatterer:
     model = preparation.model
     return ellipsoid_echoes(
         ellipsoids,
         model.radar,
         times_s=times_s,
-        material=model.material_of(number),
+        material=material,
         phase_from=model.phase_from,
         views=views,
         target=number,

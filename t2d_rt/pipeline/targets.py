@@ -12,12 +12,12 @@ import numpy as np
 
 from t2d_rt.body import segments as fit_segments
 from t2d_rt.body import skin as skin_body
+from t2d_rt.body.outfit import Outfit, outfit_of
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion import Track, place, quaternions, track
 from t2d_rt.scene import Mover
 from t2d_rt.scene.things import substance, surface, wheels
-from t2d_rt.types import Ellipsoids, Material, Motion, MovingMesh, Radar
-from t2d_rt.types.material import checked_material
+from t2d_rt.types import ByPart, Ellipsoids, Material, Motion, MovingMesh, Radar
 from t2d_rt.types.mesh import Made
 from t2d_rt.types.motion import Carried
 from t2d_rt.types.splines import set_fields, spline
@@ -34,16 +34,22 @@ class Body:
 
     source: Motion
     template: str
-    material: str | Material
+    outfit: str | Material | Outfit
+    """What it wears, or the one material of the whole body."""
     geometry: Geometry
     """The skin or the segments."""
     may_rotate_fast: bool = False
 
     @classmethod
-    def of(cls, motion: Motion, template: str, material: str | Material, method: Method) -> Body:
+    def of(cls, motion: Motion, template: str, outfit: str | Material | Outfit, method: Method) -> Body:
         """By skin or segments; the motion stands in its place before the radar."""
         make = skin if method == "mesh" else segments
-        return cls(motion, template, material, make(motion, template, material=material))
+        return cls(motion, template, outfit, make(motion, template, material=outfit))
+
+    @property
+    def material(self) -> str | Material | ByPart:
+        """What its surface is made of."""
+        return self.geometry.material
 
     @property
     def mesh(self) -> MovingMesh | None:
@@ -52,11 +58,11 @@ class Body:
 
     def ellipsoids(self) -> Ellipsoids:
         """One ellipsoid for each segment of the body."""
-        return segments(self.source, self.template) if isinstance(self.geometry, MovingMesh) else self.geometry
+        return self.geometry if isinstance(self.geometry, Ellipsoids) else self.by("ellipsoid").ellipsoids()
 
     def by(self, method: Method) -> Body:
         """By skin or segments."""
-        return Body.of(self.source, self.template, self.material, method)
+        return Body.of(self.source, self.template, self.outfit, method)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +70,7 @@ class UserMesh:
     """A mesh of the user."""
 
     source: MovingMesh
-    material: str | Material
+    material: str | Material | ByPart
     may_rotate_fast: bool = True
 
     @property
@@ -94,7 +100,7 @@ class UserEllipsoids:
     """Ellipsoids of the user."""
 
     source: Ellipsoids
-    material: str | Material
+    material: str | Material | ByPart
     mesh: None = None
     may_rotate_fast: bool = True
 
@@ -126,7 +132,7 @@ class MovingPart:
         return self.mesh
 
     @property
-    def material(self) -> str | Material:
+    def material(self) -> str | Material | ByPart:
         """The mover's own material."""
         return self.mesh.material
 
@@ -163,7 +169,7 @@ class SeenFromMoving:
         return self.geometry if isinstance(self.geometry, MovingMesh) else None
 
     @property
-    def material(self) -> str | Material:
+    def material(self) -> str | Material | ByPart:
         """The target's own material."""
         return self.target.material
 
@@ -226,10 +232,14 @@ def _carried(geometry: Geometry, radar: Radar, times_s: np.ndarray) -> np.ndarra
 
 
 def targets_of(
-    given: Sequence[TargetLike], method: Method, body: str, material: str | Material | None, radar: Radar
+    given: Sequence[TargetLike], method: Method, body: str, material: str | Material | Outfit | None, radar: Radar
 ) -> list[Target]:
     """The targets that were handed in, each person followed by what they carry, movers over the time that all others have in
-    common; `material` is that of persons, meshes and ellipsoids, None their own."""
+    common; `material` is that of persons, meshes and ellipsoids, an outfit that of persons alone, None their own."""
+    if material is not None and outfit_of(material) is not None and not any(isinstance(each, Motion) for each in given):
+        raise InputError(
+            f"an outfit is worn by a Motion, got {given!r:.60}; give one, or skin(motion, material=...) in the outfit"
+        )
     lasting = {
         number: _lasting(each, method, body, material, radar)
         for number, each in enumerate(given)
@@ -249,11 +259,17 @@ def targets_of(
 
 
 def _lasting(
-    given: Motion | MovingMesh | Ellipsoids, method: Method, body: str, material: str | Material | None, radar: Radar
+    given: Motion | MovingMesh | Ellipsoids,
+    method: Method,
+    body: str,
+    material: str | Material | Outfit | None,
+    radar: Radar,
 ) -> Target:
     if isinstance(given, Motion):
         return Body.of(placed(given, radar), body, "skin" if material is None else material, method)
-    own = given.material if material is None else material
+    own: str | Material | ByPart = given.material
+    if isinstance(material, str | Material) and outfit_of(material) is None:
+        own = material
     return UserMesh(given, own).by(method) if isinstance(given, MovingMesh) else UserEllipsoids(given, own)
 
 
@@ -268,9 +284,8 @@ def shared_time(geometries: Sequence[Geometry]) -> tuple[float, float]:
     return start, stop
 
 
-def skin(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> MovingMesh:
-    """The motion's skinned body: `vertices` (T, V, 3) m, `faces` (F, 3), `times_s` (T,)."""
-    checked_material(material)
+def skin(motion: Motion, body: str = "adult", *, material: str | Material | Outfit = "skin") -> MovingMesh:
+    """The motion's skinned body, all of one material or in an outfit: `vertices` (T, V, 3) m, `faces` (F, 3), `times_s` (T,)."""
     made = Made("skin", {"motion": motion, "body": body, "material": material})
     return skin_body(motion, body, material=material, track=track(motion), made=made)
 
@@ -323,9 +338,8 @@ class Rigid:
         return places[:, joint, None] + quaternions.rotate(rotations[:, joint, None], local)
 
 
-def segments(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> Ellipsoids:
+def segments(motion: Motion, body: str = "adult", *, material: str | Material | Outfit = "skin") -> Ellipsoids:
     """One ellipsoid for each segment of the same body."""
-    checked_material(material)
     made = Made("segments", {"motion": motion, "body": body, "material": material})
     return fit_segments(motion, body, material=material, track=track(motion), made=made)
 

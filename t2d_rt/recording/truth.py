@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from t2d_rt.body.fit import fit
+from t2d_rt.body.outfit import Outfit
 from t2d_rt.body.segments import SEGMENTS, segment_of_faces
 from t2d_rt.body.template import template
 from t2d_rt.core.constants import unit_of
@@ -31,7 +32,7 @@ from t2d_rt.recording.path_table import (
     sight,
     target_names,
 )
-from t2d_rt.types import Accuracy, Ellipsoids, Motion, MovingMesh, Radar
+from t2d_rt.types import Accuracy, Ellipsoids, Material, Motion, MovingMesh, Radar
 from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS
 
 if TYPE_CHECKING:
@@ -65,6 +66,8 @@ class Person(NamedTuple):
     """Of the target."""
     motion: Motion
     body: str
+    outfit: str | Material | Outfit
+    """What is worn, or the one material of the whole body."""
 
 
 def truth_table(
@@ -152,11 +155,13 @@ def _of_persons(
     middles = Nearby(*(np.zeros((*shape, len(SEGMENTS), 3)) for _ in at))
     places, stands = np.zeros((*shape, len(joints), 3)), np.zeros((*shape, 2, 2), bool)
     cycles, does = {name: np.zeros(shape) for name in CYCLES}, list[np.ndarray]()
-    for row, (number, motion, body) in enumerate(people):
+    for row, (number, motion, body, outfit) in enumerate(people):
         own = in_frame(model.radar, at.now, track(motion)(at.now)[0][:, [motion.index(name) for name in joints]])
         places[row] = (own - np.asarray(model.radar.position_m)) @ model.radar.axes.T
         own_limbs = model.geometries[number]
-        limbs = own_limbs if isinstance(own_limbs, Ellipsoids) else passing(segments(motion, body), model.radar)
+        limbs = own_limbs
+        if not isinstance(limbs, Ellipsoids):
+            limbs = passing(segments(motion, body, material=outfit), model.radar)
         for each, some_s in zip(middles, at, strict=True):
             each[row] = limbs.at(some_s)[0]
         frames = np.clip(np.rint(at.now * motion.rate_hz).astype(int), 0, len(motion.joints) - 1)
@@ -180,10 +185,10 @@ def persons(model: Model) -> list[Person]:
     found = []
     for number, source in enumerate(model.targets):
         if isinstance(source, Motion):
-            found.append(Person(number, source, model.body))
+            found.append(Person(number, source, model.body, "skin" if model.material is None else model.material))
         elif isinstance(source, (MovingMesh, Ellipsoids)) and source.made and source.made.by in ("skin", "segments"):
             arguments: Mapping[str, Any] = source.made.arguments
-            found.append(Person(number, arguments["motion"], arguments["body"]))
+            found.append(Person(number, arguments["motion"], arguments["body"], arguments["material"]))
     return found
 
 
@@ -199,7 +204,7 @@ class Doing(NamedTuple):
 def doings(model: Model) -> list[Doing]:
     """What each person does and from when to when [s], as far as motions tell it, in order for each person."""
     names, (first_s, last_s), found = target_names(model.modelled), model.span_s, []
-    for number, motion, _ in persons(model):
+    for number, motion, *_ in persons(model):
         begins = [*motion.activities, ("", np.inf)]
         for (activity, begin_s), (_, end_s) in pairwise(begins):
             begin_s, end_s = max(begin_s - first_s, 0.0), min(end_s, last_s) - first_s
@@ -237,7 +242,9 @@ def visible_fractions(model: Model, accuracy: Accuracy, people: Sequence[Person]
     fast = skinned.fast_rotating(accuracy)
     meshes = {k: mesh for k, mesh in enumerate(skinned.geometries) if isinstance(mesh, MovingMesh) and not fast[k]}
     meshes |= {
-        each.number: passing(skin(each.motion, each.body), model.radar) for each in people if each.number not in meshes
+        each.number: passing(skin(each.motion, each.body, material=each.outfit), model.radar)
+        for each in people
+        if each.number not in meshes
     }
     occluders, order, owners = Occluders(list(meshes.values())), list(meshes), [_owners(each) for each in people]
     viewpoints = Viewpoints(occluders, at_s, model.backend)

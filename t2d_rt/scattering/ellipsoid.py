@@ -15,7 +15,8 @@ from t2d_rt.geometry.vectors import cross, dot, unit
 from t2d_rt.scattering.antennas import seen_by, side_by_side
 from t2d_rt.scattering.facets import Pair
 from t2d_rt.scattering.paths import Arrivals, View, faded_weights, product, unfolded
-from t2d_rt.types import EchoArrays, Ellipsoids, Material, MovingMesh, PathPair, Radar
+from t2d_rt.types import ByPart, EchoArrays, Ellipsoids, Material, MovingMesh, PathPair, Radar
+from t2d_rt.types.material import values_of
 from t2d_rt.types.scatterer import EchoLabels, Fraction, FrameBlock, Poses, Scatterer, Visibility
 
 FORWARD = 0.08, 0.2
@@ -32,7 +33,7 @@ def ellipsoid_echoes(
     radar: Radar,
     *,
     times_s: np.ndarray,
-    material: Material,
+    material: Material | ByPart,
     phase_from: PhaseFrom = "specular",
     views: Sequence[View] = (View(),),
     target: int = 0,
@@ -51,7 +52,9 @@ def ellipsoid_echoes(
         ellipsoids=ellipsoids,
         radar=radar,
         views=tuple(views),
-        reflection=complex(material.reflection(radar.mid_frequency_hz)).conjugate(),  # IF = tx conj(rx)
+        reflection=values_of(
+            material, len(ellipsoids.semi_axes_m), lambda each: each.reflection(radar.mid_frequency_hz).conjugate()
+        ),  # IF = tx conj(rx)
         phase_from=phase_from,
         at_instants=at_instants,
         echoes=len(views) * len(ellipsoids.semi_axes_m),
@@ -66,7 +69,8 @@ class EllipsoidScatterer(Scatterer):
     ellipsoids: Ellipsoids
     radar: Radar
     views: tuple[View, ...]
-    reflection: complex
+    reflection: np.ndarray
+    """conj(Gamma) of each ellipsoid (N,)."""
     phase_from: PhaseFrom
     at_instants: bool = False
     """Whether frames are instants unrelated to one another."""
@@ -119,7 +123,8 @@ class EllipsoidScatterer(Scatterer):
         lit = (lit[0][known], lit[1][known])
         path[lit], field[lit], ends[0][lit], ends[1][lit] = (each[known] for each in found)
         field *= radar.link_amplitude * fade * fade * (3 - 2 * fade)
-        echoes = EchoArrays(path / SPEED_OF_LIGHT, (self.reflection * field * shown).astype(np.complex64))
+        field = np.tile(self.reflection, len(views)) * field
+        echoes = EchoArrays(path / SPEED_OF_LIGHT, (field * shown).astype(np.complex64))
         pairs = [view.paths for view in views if view.paths is not None]
         if not pairs:  # in free space
             return seen_by(radar, echoes, *ends)

@@ -117,8 +117,8 @@ class PointVertices:
     """As in `DiffusePoints`, (Q, 4)."""
     starts: np.ndarray
     """First point of each patch and the end, (P + 1,)."""
-    scattered: float
-    """S |Gamma|."""
+    scattered: np.ndarray
+    """S |Gamma| of each patch (P,)."""
 
 
 @one_thread_at_a_time
@@ -136,15 +136,15 @@ def patch_echoes(
     patches: Patches,
     numbers: np.ndarray,
     pair: Pair,
-    reflection: complex,
+    reflection: np.ndarray,
     weights: Weights | None,
     block: Block,
     columns: np.ndarray,
 ) -> None:
     """Writes the amplitude [sqrt(W)] and slope [sqrt(W)/Hz] of patches, their delay's carrier taken out.
 
-    `patches` are some of the G, by their `numbers` (P,), and go to `columns` (P,). Reflection is Gamma of the surface times the
-    fraction that stays coherent; the diffuse points add what does not.
+    `patches` are some of the G, by their `numbers` (P,), and go to `columns` (P,). `reflection` (P,) is Gamma of each one's surface
+    times the fraction that stays coherent; the diffuse points add what does not.
     """
     at = Gather(posed.vertices, block.shape[0], len(patches), block.backend)
     dr, Float32 = at.dr, block.backend.Float32
@@ -154,14 +154,14 @@ def patch_echoes(
     wavelength = SPEED_OF_LIGHT / pair.frequency_hz
     scale = Float32(at.constant(pair.link_amplitude * math.sqrt(4 * math.pi) / wavelength))
     # IF = tx conj(rx): the conjugate of the usual -j/lambda Gamma ... e^{-jkR}.
-    factor = -1j * complex(reflection).conjugate()
-    real, imag = (scale * dr.opaque(Float32, float(x)) for x in (factor.real, factor.imag))
+    factor = -1j * reflection.conjugate()
+    real, imag = (scale * at.value_per_lane(x) for x in (factor.real, factor.imag))
     per_hz = dr.opaque(Float32, 1 / pair.frequency_hz)
     amplitude = complex_times(real, imag, total[0], total[1])
     slope = complex_times(real * per_hz, imag * per_hz, total[2], total[3])
     if posed.points is not None:
         diffuse = _diffuse_sums(at, posed.points, seen)
-        scale = Float32(at.constant(2 * pair.link_amplitude * posed.points.scattered))
+        scale = at.value_per_lane(2 * pair.link_amplitude * posed.points.scattered)
         amplitude = tuple(x + scale * y for x, y in zip(amplitude, diffuse[:2], strict=True))
         slope = tuple(x + scale * per_hz * y for x, y in zip(slope, diffuse[2:], strict=True))
     if weights is not None:

@@ -148,6 +148,10 @@ class Gather:
         """A whole number of each item, on every lane."""
         return self.dr.gather(self.backend.UInt32, self.backend.lanes(numbers), self.item)
 
+    def value_per_lane(self, values: np.ndarray) -> Any:
+        """A number of each item, on every lane."""
+        return self.dr.gather(self.backend.Float32, self.backend.lanes(values, self.backend.Float32), self.item)
+
     def weighted(
         self, weights: Weights, number: Any, amplitude: tuple[Any, Any], slope: tuple[Any, Any]
     ) -> tuple[tuple[Any, Any], tuple[Any, Any]]:

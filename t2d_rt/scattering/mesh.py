@@ -33,7 +33,8 @@ from t2d_rt.scattering.paths import Anchors, Arrivals, View, anchor_vertices, fa
 from t2d_rt.scattering.points import DiffusePoints, Seen, VisibilityMesh, sampled_visibility
 from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD, Sagitta, carried, refined
 from t2d_rt.scattering.streams import joined, most_echoes
-from t2d_rt.types import EchoArrays, Ellipsoids, Material, MovingMesh, Radar
+from t2d_rt.types import ByPart, EchoArrays, Ellipsoids, Material, MovingMesh, Radar
+from t2d_rt.types.material import is_rough, values_of
 from t2d_rt.types.scatterer import EchoLabels, Fraction, FrameBlock, Poses, Scatterer, Visibility
 
 POINTS_PER_MESH = 4_000
@@ -68,7 +69,7 @@ def mesh_echoes(
     radar: Radar,
     *,
     times_s: np.ndarray,
-    material: Material,
+    material: Material | ByPart,
     detail: Detail,
     seed: int,
     views: Sequence[View],
@@ -169,6 +170,16 @@ class MeshScatterer(Scatterer):
         )
 
 
+def coherent_reflection(material: Material, frequency_hz: float) -> complex:
+    """Gamma times the fraction of the field that stays coherent."""
+    return material.reflection(frequency_hz) * math.sqrt(1 - material.scattering_coefficient**2)
+
+
+def diffuse_reflection(material: Material, frequency_hz: float) -> float:
+    """S |Gamma|."""
+    return material.scattering_coefficient * abs(material.reflection(frequency_hz))
+
+
 def _frames_at_once(views: Sequence[View]) -> int:
     """So many frames that visibility at them, from the viewpoints of all views, fits memory."""
     points = {
@@ -225,7 +236,8 @@ class _Model:
     patches: Patches
     centre: Csr
     """Sparse: the patches' reference points from the control points."""
-    reflection: complex
+    reflection: np.ndarray
+    """Gamma of each patch times the fraction that stays coherent, complex (G,)."""
     points: DiffusePoints | None
     visibility_meshes: dict[int, VisibilityMesh]
     """Meshes at whose vertices visibility is sampled, by subdivision level."""
@@ -239,7 +251,7 @@ class _Model:
         radar: Radar,
         pairs: Sequence[Pair],
         times_s: np.ndarray,
-        material: Material,
+        material: Material | ByPart,
         detail: Detail,
         seed: int,
         subdivisions: set[int],
@@ -247,9 +259,8 @@ class _Model:
         def seen_from(times_s: np.ndarray) -> list[Ends]:
             return [pair.at(times_s).ends_m for pair in pairs]
 
-        reflection = material.reflection(radar.mid_frequency_hz)
-        rough = material.scattering_coefficient
-        sagittas = [detail.sagitta_rad, POINT_SAGITTA_RAD] if rough > 0 else [detail.sagitta_rad]
+        sagittas = [detail.sagitta_rad, POINT_SAGITTA_RAD] if is_rough(material) else [detail.sagitta_rad]
+        part = material.part if isinstance(material, ByPart) else np.zeros(len(surface.faces), np.int32)
         span_s = times_s if detail.span_s is None else np.array(detail.span_s)
         wavenumber, range_m = 2 * math.pi / radar.wavelength_m, least_range_m(surface, seen_from, span_s)
         fine, *carriers = refined(surface, wavenumber, range_m, sagittas, detail.max_facets)
@@ -261,6 +272,12 @@ class _Model:
             seen_from=seen_from,
             cycles_per_step=detail.cycles_per_step,
             sweep_cycles=detail.sweep_cycles,
+            part=part if isinstance(material, ByPart) else None,
+        )
+        first, faces = parts.base_face[parts.starts[:-1]], len(surface.faces)
+        coherent, scattered = (
+            values_of(material, faces, partial(of, frequency_hz=radar.mid_frequency_hz))[first]
+            for of in (coherent_reflection, diffuse_reflection)
         )
         points = None
         if carriers and detail.points:
@@ -269,8 +286,9 @@ class _Model:
                 carriers[0],
                 patch_facets=fine.at(surface.rest)[parts.corners],
                 starts=parts.starts,
+                parts=(part[parts.base_face], part[carriers[0].base_face]),
                 seed=seed,
-                scattered=rough * abs(reflection),
+                scattered=scattered,
                 count=detail.points,
             )
         visibility_meshes = {level: VisibilityMesh.of(surface, fine, points, level) for level in subdivisions}
@@ -281,7 +299,7 @@ class _Model:
             fine=fine,
             patches=parts,
             centre=centres(parts, fine),
-            reflection=reflection * math.sqrt(1 - rough**2),
+            reflection=coherent,
             points=points,
             visibility_meshes=visibility_meshes,
             at_instants=math.isinf(detail.cycles_per_step),
@@ -332,7 +350,8 @@ class _Model:
                 points=self._points(chosen, facets, seen, level),
             )
             parts = replace(parts, nodes=facets.numbers[parts.nodes])
-            patch_echoes(vertices, parts, chosen, pair, self.reflection, seen.weights, block, columns[lit])
+            gamma = self.reflection[chosen]
+            patch_echoes(vertices, parts, chosen, pair, gamma, seen.weights, block, columns[lit])
 
     def lit_faces(self, posed: Posed, pair: Pair) -> np.ndarray:
         """Which cage faces may hold facets that face both antennas at any of the frames, bool (F,)."""

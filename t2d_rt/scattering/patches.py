@@ -78,10 +78,11 @@ def patches(
     seen_from: SeenFrom | None = None,
     cycles_per_step: float = CYCLES_PER_STEP,
     sweep_cycles: float = SWEEP_CYCLES,
+    part: np.ndarray | None = None,
 ) -> Patches:
     """Cuts the facets, along a space-filling curve of the rest pose, until each patch is small enough at all times.
 
-    `seen_from`: by default the radar itself.
+    `seen_from`: by default the radar itself. `part`: of each unrefined face (F,); a patch has facets of one part alone.
     """
     seen_from = from_radar(radar) if seen_from is None else seen_from
     places = fine.at(surface.rest)
@@ -104,6 +105,8 @@ def patches(
         range_m = least_range_m(surface, seen_from, times_s)
         per_m = max(per_m, reach / range_m / radar.wavelength_m / APERTURE_CYCLES)
     _cut(first, rest[filled] * per_m)
+    if part is not None:
+        _cut(first, 2.0 * part[fine.base_face[filled], None])
     rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
     allowed_mps = radar.wavelength_m * rate_hz * cycles_per_step
     centroid = _mean_rows(fine.faces[filled], np.arange(len(filled) + 1), fine.linear).astype(np.float32)

@@ -19,6 +19,8 @@ from t2d_rt.types.scatterer import Fraction
 
 APART_M = 0.1
 """Facets of opposite directions are apart by twice that, for a point that looks for the nearest one."""
+FAR_M = 1e6
+"""Facets of different materials are apart by that: a point lies in one of its own material."""
 VertexVisibility = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Visibility (K, Q) of vertices (K, Q, 3) of triangles (F, 3)."""
 
@@ -71,8 +73,8 @@ class DiffusePoints:
     [rad], float32 (Q, 4)."""
     starts: np.ndarray
     """First point of each patch and the end, integers (G + 1,)."""
-    scattered: float
-    """S |Gamma|."""
+    scattered: np.ndarray
+    """S |Gamma| of each patch (G,)."""
 
     @classmethod
     def spread(
@@ -82,14 +84,15 @@ class DiffusePoints:
         *,
         patch_facets: np.ndarray,
         starts: np.ndarray,
+        parts: tuple[np.ndarray, np.ndarray],
         seed: int,
-        scattered: float,
+        scattered: np.ndarray,
         count: int,
     ) -> DiffusePoints:
         """At least about `count` points, spread with a seed over the carrier, whose triangles are taken as flat.
 
-        Each belongs to the patch of the nearest facet that faces the same way; patch g has `patch_facets` (F, 3, 3) m at rest
-        starts[g]..starts[g + 1] - 1.
+        Each belongs to the patch of the nearest facet that faces the same way and is of the same part; patch g has `patch_facets`
+        (F, 3, 3) m at rest starts[g]..starts[g + 1] - 1. `parts` are those of the patches' facets (F,) and of the carrier's (Fc,).
         """
         from scipy.spatial import cKDTree
 
@@ -100,8 +103,9 @@ class DiffusePoints:
         points = _spread(rest, carrier.faces, seed, point_spacing(area, count))
         corners = carrier.faces[points.face]
         places = np.einsum("qi,qij->qj", points.barycentric, rest[corners])
-        near = cKDTree(np.hstack([patch_facets.mean(axis=1), APART_M * unit(edge_cross(patch_facets))]))
-        _, facet = near.query(np.hstack([places, APART_M * unit(across[points.face])]))
+        of_facets, of_points = (FAR_M * part[:, None] for part in (parts[0], parts[1][points.face]))
+        near = cKDTree(np.hstack([patch_facets.mean(axis=1), APART_M * unit(edge_cross(patch_facets)), of_facets]))
+        _, facet = near.query(np.hstack([places, APART_M * unit(across[points.face]), of_points]))
         patch = np.searchsorted(starts, facet, side="right") - 1
         order = np.argsort(patch, kind="stable")
         used, corners = np.unique(corners[order], return_inverse=True)
@@ -119,7 +123,13 @@ class DiffusePoints:
     def only(self, patches: np.ndarray) -> DiffusePoints:
         """Those of some patches, by their indices."""
         chosen, starts = members(self.starts, patches)
-        return replace(self, corners=self.corners[chosen], packets=self.packets[chosen], starts=starts)
+        return replace(
+            self,
+            corners=self.corners[chosen],
+            packets=self.packets[chosen],
+            starts=starts,
+            scattered=self.scattered[patches],
+        )
 
     def facet_visibility(self, visibility: VertexVisibility, cage: np.ndarray) -> np.ndarray:
         """That of the vertices that hold points (Vp, T), for control points (T, V, 3)."""

@@ -16,7 +16,7 @@ from t2d_rt.core.backend import aligned_empty, in_threads
 from t2d_rt.core.memory import REUSED_BYTES, Budget, reused
 from t2d_rt.geometry import Refinement, curved_refinements, refinements
 from t2d_rt.scattering.patches import Csr, from_radar, least_range_m
-from t2d_rt.types import MovingMesh, Radar
+from t2d_rt.types import ByPart, MovingMesh, Radar
 
 # Diffuse points lie on a refinement of their own fixed fineness, so that they do not depend on the facets' size: a point is off
 # the curved surface by a tenth of this phase or so, always the same.
@@ -56,7 +56,7 @@ def facets(
         lambda times_s: carried(fine.operator, fine.controlled(surface.at(times_s))).swapaxes(0, 1),
         fine.faces,
         surface.times_s,
-        surface.material,
+        surface.material.of_faces(fine.base_face) if isinstance(surface.material, ByPart) else surface.material,
         rest=fine.at(surface.rest),
         name=surface.name,
     )

@@ -27,8 +27,8 @@ class Reflector:
 
     surface: MovingMesh
     facets: Refinement
-    reflection: complex
-    """Gamma of the surface times the fraction that stays coherent."""
+    reflection: np.ndarray
+    """Gamma of each facet's surface times the fraction that stays coherent, complex (F,)."""
 
 
 class Reflectors:
@@ -47,7 +47,7 @@ class Reflectors:
         sizes = [len(each.facets.faces) for each in reflectors]
         self.curved = np.repeat([each.facets.middles is not None for each in reflectors], sizes)
         """Which facets are (F,)."""
-        self.reflection = np.repeat([complex(each.reflection).conjugate() for each in reflectors], sizes)
+        self.reflection = np.concatenate([each.reflection.conjugate() for each in reflectors])
         """Of each facet conj(Gamma), as IF = tx conj(rx), complex (F,)."""
         self.rest = np.concatenate([each.facets.at(each.surface.rest) for each in reflectors])
         """Vertices at rest (V, 3)."""

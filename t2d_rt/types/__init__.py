@@ -4,7 +4,7 @@ from t2d_rt.core.calls import public
 from t2d_rt.types.accuracy import Accuracy, PathTier
 from t2d_rt.types.echoes import EchoArrays, Echoes
 from t2d_rt.types.ellipsoids import Ellipsoids
-from t2d_rt.types.material import PEC, Material
+from t2d_rt.types.material import PEC, ByPart, Material
 from t2d_rt.types.mesh import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Breathing, Heartbeat, Motion
 from t2d_rt.types.paths import OneWayPath, PathPair, PathSet, StaticPath
@@ -21,6 +21,7 @@ __all__ = [
     "PEC",
     "Accuracy",
     "Breathing",
+    "ByPart",
     "EchoArrays",
     "EchoStream",
     "Echoes",

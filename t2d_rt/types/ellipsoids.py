@@ -11,7 +11,7 @@ import numpy as np
 
 from t2d_rt.core.checks import LARGEST_M, array, call, shown
 from t2d_rt.core.errors import InputError
-from t2d_rt.types.material import Material, checked_material
+from t2d_rt.types.material import ByPart, Material, checked_material
 from t2d_rt.types.mesh import Made, Solid, Track
 from t2d_rt.types.splines import checked_times, set_fields, spline, within
 
@@ -34,7 +34,7 @@ class Ellipsoids:
     """float64 (N, 3)."""
     times_s: np.ndarray
     """float64 (T,)."""
-    material: str | Material
+    material: str | Material | ByPart
     names: tuple[str, ...]
     track: PoseTrack = field(repr=False)
     """Their places as a function of time."""
@@ -48,7 +48,7 @@ class Ellipsoids:
         centres: np.ndarray,
         times_s: np.ndarray,
         axes: np.ndarray | None = None,
-        material: str | Material = "skin",
+        material: str | Material | ByPart = "skin",
         *,
         names: Sequence[str] | None = None,
     ) -> None:
@@ -71,7 +71,7 @@ class Ellipsoids:
         track: PoseTrack,
         semi_axes_m: np.ndarray,
         times_s: np.ndarray,
-        material: str | Material = "skin",
+        material: str | Material | ByPart = "skin",
         *,
         names: Sequence[str] | None = None,
         made: Made | None = None,
@@ -88,7 +88,11 @@ class Ellipsoids:
         return ellipsoids
 
     def _fill(
-        self, semi_axes_m: np.ndarray, times_s: np.ndarray, material: str | Material, names: Sequence[str] | None
+        self,
+        semi_axes_m: np.ndarray,
+        times_s: np.ndarray,
+        material: str | Material | ByPart,
+        names: Sequence[str] | None,
     ) -> None:
         """Checks and sets the fields that both ways of making ellipsoids have in common."""
         times_s = checked_times(times_s)
@@ -105,7 +109,7 @@ class Ellipsoids:
             raise InputError(f"names must be a list of one text for each ellipsoid, got {shown(names)}")
         if len(names) != len(semi_axes_m):
             raise InputError(f"{len(semi_axes_m)} ellipsoids need as many names, got {len(names)}")
-        material = checked_material(material)
+        material = checked_material(material, len(semi_axes_m))
         set_fields(self, semi_axes_m=semi_axes_m, times_s=times_s, material=material, names=tuple(names))
 
     @property

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any
 
-from t2d_rt.core.checks import GREATEST, number, shown, text
+import numpy as np
+
+from t2d_rt.core.checks import GREATEST, array, number, shown, text
 from t2d_rt.core.constants import VACUUM_PERMITTIVITY
 from t2d_rt.core.errors import InputError
 
@@ -65,8 +67,73 @@ def loss(conductivity_s_per_m: Any, frequency_hz: Any) -> Any:
     return conductivity_s_per_m / (2 * math.pi * VACUUM_PERMITTIVITY * frequency_hz)
 
 
-def checked_material(material: Any) -> str | Material:
-    """The name of a material, or its values."""
+@dataclass(frozen=True, slots=True, eq=False)
+class ByPart:
+    """Several materials of one surface: each face of a mesh, or each ellipsoid, has one of them."""
+
+    materials: tuple[str | Material, ...]
+    """Names or values."""
+    part: np.ndarray
+    """Which of these each face or ellipsoid has, int (N,)."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.materials, (tuple, list)) or not self.materials:
+            raise InputError(
+                f"materials by part must be a tuple of at least one, got {shown(self.materials)}; give names or Materials"
+            )
+        for each in self.materials:
+            if isinstance(checked_material(each), ByPart):
+                raise InputError(
+                    "materials by part must each be a name or a Material, got materials by part among them"
+                )
+        part, count = array("part", self.part, ("face",)), len(self.materials)
+        if not np.array_equal(part, np.round(part)) or not 0 <= part.min() <= part.max() < count:
+            raise InputError(
+                f"part must be whole numbers in 0..{count - 1}, one for each face, got {shown(self.part)}; it numbers materials"
+            )
+        object.__setattr__(self, "materials", tuple(self.materials))
+        object.__setattr__(self, "part", part.astype(np.int32))
+
+    @property
+    def name(self) -> str:
+        """Names of the materials."""
+        return ", ".join(each if isinstance(each, str) else each.name for each in self.materials)
+
+    def resolved(self, resolve: Callable[[str | Material], Material]) -> Material | ByPart:
+        """The same of values: one material where all faces have it."""
+        each = [resolve(material) for material in self.materials]
+        used = list(dict.fromkeys(each[number] for number in np.unique(self.part)))
+        if len(used) == 1:
+            return used[0]
+        numbers = [used.index(material) if material in used else -1 for material in each]
+        return ByPart(tuple(used), np.array(numbers)[self.part])
+
+    def of_faces(self, faces: np.ndarray) -> ByPart:
+        """The same of other faces, by the number of the face (N,) that each is a part of."""
+        return ByPart(self.materials, self.part[faces])
+
+
+def values_of(material: Material | ByPart, count: int, value: Callable[[Material], complex]) -> np.ndarray:
+    """A value of the material of each of `count` faces or ellipsoids (count,); materials by part are resolved."""
+    if isinstance(material, Material):
+        return np.full(count, value(material))
+    return np.array([value(each) for each in material.materials if isinstance(each, Material)])[material.part]
+
+
+def is_rough(material: Material | ByPart) -> bool:
+    """Whether any of it scatters diffusely; materials by part are resolved."""
+    each = (material,) if isinstance(material, Material) else material.materials
+    return any(isinstance(one, Material) and one.scattering_coefficient > 0 for one in each)
+
+
+def checked_material(material: Any, count: int | None = None) -> str | Material | ByPart:
+    """The name of a material, its values, or those of the `count` parts of a surface."""
+    if isinstance(material, ByPart) and count is not None:
+        if len(material.part) != count:
+            raise InputError(
+                f"part must hold a number for each of {count} faces or ellipsoids, got {len(material.part)}"
+            )
+        return material
     if not isinstance(material, (str, Material)) or (
         isinstance(material, str) and not 0 < len(material) <= LONGEST_NAME
     ):

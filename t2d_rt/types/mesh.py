@@ -11,7 +11,7 @@ import numpy as np
 from t2d_rt.core.checks import LARGEST_M, array, call, check_shape, flag, number, numeric, shown, text
 from t2d_rt.core.errors import InputError, warn
 from t2d_rt.geometry.vectors import edge_cross
-from t2d_rt.types.material import Material, checked_material
+from t2d_rt.types.material import ByPart, Material, checked_material
 from t2d_rt.types.splines import checked_times, set_fields, spline, within
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class MovingMesh:
     """int32 (F, 3)."""
     times_s: np.ndarray
     """float64 (T,)."""
-    material: str | Material
+    material: str | Material | ByPart
     crease_deg: float
     sagitta_rad: float | np.ndarray
     curved: bool
@@ -84,7 +84,7 @@ class MovingMesh:
         vertices: np.ndarray,
         faces: np.ndarray,
         times_s: np.ndarray,
-        material: str | Material = "skin",
+        material: str | Material | ByPart = "skin",
         *,
         crease_deg: float = 45.0,
         sagitta_rad: float | np.ndarray = 0.07,
@@ -108,7 +108,7 @@ class MovingMesh:
         track: Track,
         faces: np.ndarray,
         times_s: np.ndarray,
-        material: str | Material = "skin",
+        material: str | Material | ByPart = "skin",
         *,
         rest: np.ndarray | None = None,
         crease_deg: float = 45.0,
@@ -146,7 +146,7 @@ class MovingMesh:
         name: str,
         rest: np.ndarray,
         faces: np.ndarray,
-        material: str | Material,
+        material: str | Material | ByPart,
         crease_deg: float,
         sagitta_rad: float | np.ndarray,
         curved: bool,
@@ -164,7 +164,7 @@ class MovingMesh:
             self,
             rest=rest,
             faces=faces.astype(np.int32),
-            material=checked_material(material),
+            material=checked_material(material, len(faces)),
             crease_deg=number("crease_deg", crease_deg, 0, 180, hint="180 makes all edges smooth, 0 none"),
             sagitta_rad=sagitta_rad,
             curved=flag("curved", curved),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Literal, Protocol
 
 from t2d_rt.types.ellipsoids import Ellipsoids
-from t2d_rt.types.material import Material
+from t2d_rt.types.material import ByPart, Material
 from t2d_rt.types.mesh import MovingMesh
 
 Geometry = MovingMesh | Ellipsoids
@@ -28,7 +28,7 @@ class Target(Protocol):
         """The surface whose facets scatter; None where ellipsoids do."""
 
     @property
-    def material(self) -> str | Material:
+    def material(self) -> str | Material | ByPart:
         """What its surface is made of."""
 
     @property

@@ -4,8 +4,8 @@ The recordings are maps of MMRGait-1.0 (doi 10.12000/JR22227): `tfmap` (192, col
 at lower rows, no axes. What the maps themselves tell is taken from them: the STFT's window (their noise is not
 correlated beyond one row, so a row is one Doppler bin, and the torso's row gives the window's length), its step (the
 noise's correlation in time), that powers of many range cells were added (the noise's spread), and how far the torso
-lies over the floor. The antennas' beam is taken to be 28 degrees wide, as patch antennas of such boards are. None of
-that is chosen by the measures, and no material is.
+lies over the floor. The antennas are those of an evaluation board for 77 GHz, by its guide: 56 degrees wide in azimuth
+and 28 in elevation. None of that is chosen by the measures, and no material or outfit is.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from t2d_rt.motion import load_motion, place, trim
 from t2d_rt.scene import Room
 from t2d_rt.signal import spectrogram
 from t2d_rt.simulate import simulate
-from t2d_rt.types import Motion, Radar
-from t2d_rt.types.antennas import CosinePower
+from t2d_rt.types import Material, Motion, Radar
+from t2d_rt.types.antennas import CosinePower, Isotropic, Pattern
 from validation.studies.common import table, write_whole
 
 REST = 128
@@ -42,7 +42,8 @@ HOP = 0.18
 """Step of the STFT over its window: with it, a Hann window's noise is correlated in time as the maps' is (0.64, 0.25)."""
 GATE_M = (1.2, 6.0)
 RADAR = Radar(carrier_hz=77e9, slope_hz_per_s=40e12, sample_rate_hz=2.56e6, samples=64, prf_hz=6000)
-BEAM = CosinePower(half_power_beamwidth_deg=28.0)
+BOARD = Radar.preset("awr1843boost").tx_pattern
+ROUND = CosinePower(half_power_beamwidth_deg=28.0)
 MIDDLE_M = 4.2
 """Distance of the path's middle, on boresight; 2.6 s of a walk then lie within `GATE_M`."""
 HALL = Room(name="hall", size_m=(12, 14, 6))
@@ -53,22 +54,26 @@ class Fidelity(NamedTuple):
 
     name: str
     method: Literal["mesh", "ellipsoid"] = "mesh"
-    roughness: float = 0.3
-    """Scattering coefficient S of the skin; 0.6 is the material "clothed"."""
-    beam: bool = True
+    material: str | float = "skin"
+    """Of the body, or its outfit; a number is the scattering coefficient S of its skin."""
+    pattern: Pattern = BOARD
     floor: bool = False
 
 
 SKIN = Fidelity("skin (S = 0.3)")
 FIDELITIES = (
-    Fidelity("ellipsoids, isotropic antennas", "ellipsoid", beam=False),
+    Fidelity("ellipsoids, isotropic antennas", "ellipsoid", pattern=Isotropic()),
     Fidelity("ellipsoids", "ellipsoid"),
-    Fidelity("smooth skin, isotropic antennas", roughness=0.0, beam=False),
-    Fidelity("smooth skin", roughness=0.0),
+    Fidelity("ellipsoids, dressed", "ellipsoid", "dressed"),
+    Fidelity("smooth skin", material=0.0),
     SKIN,
-    Fidelity("clothed (S = 0.6)", roughness=0.6),
-    Fidelity("clothed, echoes by the floor too", roughness=0.6, floor=True),
-    Fidelity("S = 0.9", roughness=0.9),
+    Fidelity("clothed (S = 0.6)", material="clothed"),
+    Fidelity("clothed, echoes by the floor too", material="clothed", floor=True),
+    Fidelity("S = 0.9", material=0.9),
+    Fidelity("dressed", material="dressed"),
+    Fidelity("coat", material="coat"),
+    Fidelity("dressed, isotropic antennas", material="dressed", pattern=Isotropic()),
+    Fidelity("dressed, a round beam of 28 degrees", material="dressed", pattern=ROUND),
 )
 
 
@@ -147,11 +152,13 @@ def walked(file: str, angle_deg: float) -> Motion:
 
 def simulated(motion: Motion, fidelity: Fidelity) -> tuple[np.ndarray, float]:
     """Cube of a walk and the processor time that it took [s]."""
-    radar = RADAR.replace(tx_pattern=BEAM, rx_pattern=BEAM) if fidelity.beam else RADAR
-    skin = replace(resolve_material("skin", radar.carrier_hz), scattering_coefficient=fidelity.roughness)
+    radar = RADAR.replace(tx_pattern=fidelity.pattern, rx_pattern=fidelity.pattern)
+    material: str | Material | float = fidelity.material
+    if isinstance(material, float):
+        material = replace(resolve_material("skin", radar.carrier_hz), scattering_coefficient=material)
     start = time.process_time()
     about: dict[str, Any] = {"scene": HALL, "only_paths": ["direct", "*floor*"]} if fidelity.floor else {}
-    made = simulate(motion, radar=radar, method=fidelity.method, material=skin, clutter="none", **about)
+    made = simulate(motion, radar=radar, method=fidelity.method, material=material, clutter="none", **about)
     return np.asarray(made.adc[:]), time.process_time() - start
 
 

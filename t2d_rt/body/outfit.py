@@ -1,0 +1,143 @@
+"""What a person wears: materials by part of the body, cloth that lies off the skin, shoes around the feet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.core.checks import number, shown, text
+from t2d_rt.core.errors import InputError
+from t2d_rt.geometry.vectors import edge_cross, unit
+from t2d_rt.types.material import ByPart, Material, checked_material
+from t2d_rt.types.motion import CANONICAL_JOINTS
+
+BARE = "head", "neck", "left_hand", "right_hand"
+SHOD = "left_foot", "right_foot"
+"""Segments in shoes; all but these and the bare ones are in cloth."""
+BARE_JOINTS = "neck", "head", "left_wrist", "right_wrist"
+SHOD_JOINTS = "left_ankle", "left_foot", "right_ankle", "right_foot"
+"""Those that move what is bare, and what is in shoes."""
+UPPER_M, TOE_M = 0.004, 0.012
+"""Thickness of a shoe's upper, and the room before the toes, for which shoemakers allow 10 to 15 mm: choices."""
+FACING_DOWN, SOLE_TOP_M = (0.1, 0.4), (0.02, 0.04)
+"""What of a bare foot becomes the underside of the sole: from which to which downward part of the normal it fades in, and between
+which heights [m] it fades out."""
+MOST_CLOTH_M, MOST_SOLE_M = 0.02, 0.06
+"""Thicker cloth would meet that of the other limb, thicker soles would not bend with the foot."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outfit:
+    """What a person wears: shoes, and cloth on all but head, neck and hands.
+
+    >>> Outfit(name="barefoot", shoes="skin", sole_m=0).cloth
+    'clothed'
+    """
+
+    name: str = "outfit"
+    cloth: str | Material = "clothed"
+    """Material of trunk, arms and legs."""
+    bare: str | Material = "skin"
+    """Material of head, neck and hands."""
+    shoes: str | Material = "shoe"
+    """Material of the feet."""
+    cloth_m: float = 0.003
+    """Distance of the cloth's surface from the skin [m]."""
+    sole_m: float = 0.025
+    """Thickness of the soles [m]; 0 is a foot without a shoe around it."""
+
+    def __post_init__(self) -> None:
+        text("name of an outfit", self.name)
+        for each in (self.cloth, self.bare, self.shoes):
+            checked_material(each)
+        number("cloth_m", self.cloth_m, 0, MOST_CLOTH_M, unit="m", hint="0.003 is a shirt, 0.012 a coat")
+        number("sole_m", self.sole_m, 0, MOST_SOLE_M, unit="m", hint="0.025 is an ordinary shoe, 0 none")
+
+    def of_faces(self, faces: np.ndarray, weights: np.ndarray) -> ByPart:
+        """Materials of the faces (F, 3) of a body that moves with the joints by `weights` (V, 22): each is of the part that
+        moves it most."""
+        bare, shod = (_of_joints(weights, joints)[faces].sum(axis=1) for joints in (BARE_JOINTS, SHOD_JOINTS))
+        return self._by_part(np.argmax([3 - bare - shod, bare, shod], axis=0))
+
+    def of_segments(self, names: Sequence[str]) -> ByPart:
+        """Materials of a body's segments."""
+        return self._by_part(np.array([1 if name in BARE else 2 if name in SHOD else 0 for name in names]))
+
+    def _by_part(self, part: np.ndarray) -> ByPart:
+        return ByPart((self.cloth, self.bare, self.shoes), part)
+
+
+OUTFITS: Mapping[str, Outfit] = MappingProxyType(
+    {"dressed": Outfit(name="dressed"), "coat": Outfit(name="coat", cloth_m=0.012)}
+)
+"""Outfits by name. How far cloth lies off the skin is a choice."""
+
+
+def outfit_of(material: Any) -> Outfit | None:
+    """The outfit that is given, by its name too; None for one material of the whole body."""
+    if isinstance(material, Outfit):
+        return material
+    if isinstance(material, ByPart):
+        raise InputError(
+            f"a body takes a material or an Outfit, got {shown(material)}; its parts are those of an Outfit"
+        )
+    checked_material(material)
+    return OUTFITS.get(material) if isinstance(material, str) else None
+
+
+def clad(material: str | Material | Outfit, of: Callable[[Outfit], ByPart]) -> str | Material | ByPart:
+    """The materials of an outfit, by its name too, by part; one material of the whole body as it is."""
+    outfit = outfit_of(material)
+    return of(outfit) if outfit is not None else material  # type: ignore[return-value]
+
+
+def put_on(
+    outfit: Outfit, vertices: np.ndarray, faces: np.ndarray, weights: np.ndarray, joints: Mapping[str, np.ndarray]
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Vertices (V, 3) m and joints of a bare template that stands on z = 0, with cloth and shoes around it.
+
+    The soles stay on z = 0, and all above them is raised by their thickness. `weights` (V, 22) move the vertices with the joints.
+    """
+    normals = unit(_vertex_normals(vertices, faces))
+    bare, shod = _of_joints(weights, BARE_JOINTS), _of_joints(weights, SHOD_JOINTS)
+    found = vertices + outfit.cloth_m * (1 - bare - shod)[:, None] * normals
+    if not outfit.sole_m:
+        return found, dict(joints)
+    for side in ("left", "right"):
+        foot, forward = _of_joints(weights, (f"{side}_ankle", f"{side}_foot")), _forward(side, joints)
+        along = vertices @ forward
+        toes = foot * _ramp(along, joints[f"{side}_foot"] @ forward, along[foot > 0.5].max())
+        found += TOE_M * toes[:, None] * forward
+    under = shod * _ramp(-normals[:, 2], *FACING_DOWN) * (1 - _ramp(vertices[:, 2], *SOLE_TOP_M))
+    found += UPPER_M * (shod * (1 - under))[:, None] * normals
+    found[:, 2] += outfit.sole_m
+    found[:, 2] -= under * found[:, 2]
+    return found, {name: place + [0.0, 0.0, outfit.sole_m] for name, place in joints.items()}
+
+
+def _of_joints(weights: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """How far each vertex goes with some joints, 0..1 (V,)."""
+    return np.asarray(weights[:, [CANONICAL_JOINTS.index(name) for name in names]].sum(axis=1))
+
+
+def _forward(side: str, joints: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Unit vector from ankle to toes along the floor (3,)."""
+    return unit((joints[f"{side}_toe"] - joints[f"{side}_ankle"]) * [1, 1, 0])
+
+
+def _ramp(values: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Smoothly from 0 at `low` to 1 at `high`."""
+    fraction = np.clip((values - low) / (high - low), 0, 1)
+    return np.asarray(fraction * fraction * (3 - 2 * fraction))
+
+
+def _vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Sum of the normals of the faces around each vertex, by their areas (V, 3)."""
+    across, found = edge_cross(vertices[faces]), np.zeros_like(vertices)
+    for corner in faces.T:
+        np.add.at(found, corner, across)
+    return found

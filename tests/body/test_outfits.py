@@ -1,0 +1,190 @@
+"""Outfits: cloth and shoes around the bodies, materials by part, and how they travel through simulations and records."""
+
+from __future__ import annotations
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+import builders
+import t2d_rt as t2d
+from t2d_rt.body.fit import fit
+from t2d_rt.body.materials import resolve_material
+from t2d_rt.body.outfit import OUTFITS, TOE_M, UPPER_M, Outfit, put_on
+from t2d_rt.body.segments import SEGMENTS, segment_of_faces
+from t2d_rt.body.template import bodies, template
+from t2d_rt.core.errors import InputError
+from t2d_rt.geometry.vectors import edge_cross
+from t2d_rt.types import ByPart, Material
+from t2d_rt.types.motion import CANONICAL_JOINTS
+
+PLAIN = Outfit(cloth="clothed", bare="clothed", shoes="clothed", cloth_m=0, sole_m=0)
+CLOTH, BARE, SHOES = 0, 1, 2
+
+
+@pytest.fixture(scope="module")
+def walk() -> t2d.Motion:
+    return t2d.trim(builders.walk(), 1.0, 1.3)
+
+
+def of_joint(name: str, count: int) -> np.ndarray:
+    weights = np.zeros((count, len(CANONICAL_JOINTS)))
+    weights[:, CANONICAL_JOINTS.index(name)] = 1
+    return weights
+
+
+def test_cloth_around_a_ball_is_a_larger_ball() -> None:
+    vertices, faces = builders.icosphere(3, 0.2)
+    clothes = Outfit(cloth_m=0.02, sole_m=0)
+    found, _ = put_on(clothes, vertices, faces, of_joint("spine1", len(vertices)), {})
+    assert np.linalg.norm(found, axis=1) == pytest.approx(0.22, abs=2e-5)  # normals of an icosphere are off by 0.1 %
+    bare, _ = put_on(clothes, vertices, faces, of_joint("head", len(vertices)), {})
+    assert np.array_equal(bare, vertices)
+
+
+@pytest.mark.parametrize("name", [*bodies(), "man@40"])
+@pytest.mark.parametrize("outfit", OUTFITS)
+def test_clothes_keep_the_surface_whole(name: str, outfit: str) -> None:
+    bare, clad = template(name), template(name, OUTFITS[outfit])
+    normals = [edge_cross(each.vertices[each.faces]) for each in (bare, clad)]
+    over = (normals[0] * normals[1]).sum(axis=1) <= 0  # but for a few of stout bodies, between the legs
+    assert np.linalg.norm(normals[1][over], axis=1).sum() < 2e-4 * np.linalg.norm(normals[1], axis=1).sum()
+    sole = OUTFITS[outfit].sole_m
+    assert clad.vertices[:, 2].min() == pytest.approx(0, abs=1e-12)
+    assert clad.stature_m - bare.stature_m == pytest.approx(sole, abs=0.004)
+    for joint, place in bare.joints.items():
+        assert clad.joints[joint] == pytest.approx(place + [0, 0, sole], abs=1e-12)
+    hands = np.isin(
+        np.argmax(bare.weights, axis=1), [CANONICAL_JOINTS.index(f"{side}_wrist") for side in ("left", "right")]
+    )
+    hands &= bare.weights.max(axis=1) == 1
+    assert hands.any()
+    assert clad.vertices[hands] == pytest.approx(bare.vertices[hands] + [0, 0, sole], abs=1e-12)
+
+
+def test_a_shoe_is_longer_than_the_foot_and_flat_below() -> None:
+    bare, clad = template("adult"), template("adult", OUTFITS["dressed"])
+    foot = bare.weights[:, [CANONICAL_JOINTS.index(name) for name in ("left_ankle", "left_foot")]].sum(axis=1) > 0.999
+    lengths = [np.ptp(each.vertices[foot, 0]) for each in (bare, clad)]
+    assert TOE_M <= lengths[1] - lengths[0] <= TOE_M + 2 * UPPER_M + 0.001
+    # An underside, over most of the area on which the shoe is seen from below, and 25 mm between it and the foot.
+    down = edge_cross(clad.vertices[clad.faces])
+    below = foot[clad.faces].all(axis=1) & (down[:, 2] < 0)
+    flat = below & (clad.vertices[clad.faces][..., 2].max(axis=1) < 0.004)
+    assert -down[flat, 2].sum() > -0.75 * down[below, 2].sum()
+    rim = foot & (bare.vertices[:, 2] > 0.04)
+    assert clad.vertices[rim, 2] - bare.vertices[rim, 2] == pytest.approx(0.025, abs=UPPER_M)
+
+
+def test_every_face_is_of_one_part_which_is_that_of_its_segment(walk) -> None:
+    mesh, fitted = t2d.skin(walk, material="dressed"), fit(template("adult", OUTFITS["dressed"]), walk)
+    assert isinstance(mesh.material, ByPart)
+    part, segment = mesh.material.part, np.array(list(SEGMENTS))[segment_of_faces(fitted)]
+    area = np.linalg.norm(edge_cross(mesh.rest[mesh.faces]), axis=1)
+    meant = np.where(
+        np.char.endswith(segment, "foot"), SHOES, np.where(np.isin(segment, ["head", "neck"]), BARE, CLOTH)
+    )
+    meant[np.char.endswith(segment, "hand")] = BARE
+    assert area[part != meant].sum() < 0.005 * area.sum()  # at the borders weights of several joints meet
+    parts = [area[part == number].sum() / area.sum() for number in (CLOTH, BARE, SHOES)]
+    assert sum(parts) == pytest.approx(1)
+    assert parts == pytest.approx([0.8, 0.11, 0.09], abs=0.03)
+    assert [each.material.part[list(SEGMENTS).index(name)] for each in [t2d.segments(walk, material="dressed")]
+            for name in ("head", "left_hand", "right_foot", "chest")] == [BARE, BARE, SHOES, CLOTH]  # fmt: skip
+
+
+def test_a_plain_outfit_is_its_material_bit_for_bit(walk) -> None:
+    for method in ("mesh", "ellipsoid"):
+        one, other = (t2d.simulate(walk, method=method, material=each) for each in ("clothed", PLAIN))
+        assert np.array_equal(one.adc, other.adc)
+        assert not np.array_equal(one.adc, t2d.simulate(walk, method=method, material="dressed").adc)
+
+
+@pytest.mark.parametrize("method", ["mesh", "ellipsoid"])
+def test_recordings_keep_outfits_and_are_made_again(walk, tmp_path, method) -> None:
+    shoes = Material(name="wood", relative_permittivity=2.0)
+    outfit = Outfit(name="clogs", shoes=shoes, sole_m=0.04)
+    made = t2d.simulate(walk, method=method, material=outfit)
+    made.save(tmp_path / "clogs.zarr")
+    kept = t2d.load_recording(tmp_path / "clogs.zarr")
+    assert kept.experiment.material == outfit
+    assert kept.settings["material"]["shoes"]["name"] == "wood"
+    assert np.array_equal(kept.again().adc, made.adc)
+    # A body that was skinned by hand, too: it keeps what it wears.
+    own = t2d.skin(walk, material=outfit) if method == "mesh" else t2d.segments(walk, material=outfit)
+    by_hand = t2d.simulate(own)
+    by_hand.save(tmp_path / "by_hand.zarr")
+    again = t2d.load_recording(tmp_path / "by_hand.zarr")
+    assert again.experiment.targets[0].material == outfit
+    assert np.array_equal(again.again().adc, by_hand.adc)
+
+
+def test_rooms_bounces_and_truth_know_of_outfits(walk) -> None:
+    # Minor paths of a room have ellipsoids in place of facets, and ray tubes a reflection for each facet.
+    short = t2d.trim(walk, 0, 0.12)
+    tiers = t2d.Accuracy().tiers
+    assert any(tier.scatterer == "ellipsoids" for tier in tiers)
+    room = t2d.simulate(short, material="dressed", scene="living_room", clutter="none")
+    assert np.isfinite(np.abs(np.asarray(room.adc)).max())
+    once, twice = (t2d.simulate(short, material="dressed", bounces=count) for count in (1, 2))
+    assert not np.array_equal(once.adc, twice.adc)
+    ranges_m = [t2d.simulate(short, material=each).truth.segment_range_m.values for each in ("dressed", PLAIN)]
+    apart_m = np.abs(ranges_m[0] - ranges_m[1]).max(axis=(0, 1))
+    feet = np.array([name.endswith("foot") for name in SEGMENTS])
+    assert (
+        apart_m[feet].min() > 0.0015 > apart_m[~feet].max()
+    )  # shoes are longer and lower than feet, cloth is about limbs
+
+
+def test_an_outfit_is_written_as_its_fields(walk) -> None:
+    fields = {"targets": [{"kind": "file", "file": "walk"}], "radar": "table2"}
+    made = t2d.Experiment(**fields, material={"shoes": "skin", "sole_m": 0.0})
+    assert made.material == Outfit(shoes="skin", sole_m=0.0)
+    assert t2d.Experiment.model_validate_json(made.model_dump_json()) == made
+    assert t2d.Experiment(**fields, material={"name": "x", "relative_permittivity": 2.0}).material == Material(
+        name="x", relative_permittivity=2.0
+    )
+    with pytest.raises(InputError, match="a name, a Material or an Outfit"):
+        t2d.Experiment(**fields, material={"cloth": "skin", "colour": "red"})
+
+
+def test_a_dressed_template_is_pickled_as_it_is() -> None:
+    clad = template("woman", OUTFITS["coat"])
+    assert pickle.loads(pickle.dumps(clad)) is clad
+    assert template("man@30", OUTFITS["coat"]).like is template("man", OUTFITS["coat"]).vertices
+
+
+def test_shoes_are_of_vinyl() -> None:
+    shoe = resolve_material("shoe", 24e9)  # ITU-R P.2040-3 up to 40 GHz
+    assert shoe.relative_permittivity == 3.62
+    assert shoe.conductivity_s_per_m == pytest.approx(0.07413, rel=1e-4)
+    gamma = resolve_material("shoe", 77e9).reflection(77e9)
+    assert 20 * math.log10(abs(gamma)) == pytest.approx(-10.15, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"cloth_m": 0.5}, "a coat"),
+        ({"sole_m": -0.1}, "0 none"),
+        ({"cloth": 3}, "a name or a Material"),
+        ({"name": 2}, "a text"),
+    ],
+)
+def test_wrong_outfits_are_refused(fields, message) -> None:
+    with pytest.raises(InputError, match=message):
+        Outfit(**fields)
+
+
+def test_only_bodies_wear_outfits(walk) -> None:
+    with pytest.raises(InputError, match="an outfit is worn by a Motion"):
+        t2d.simulate(t2d.skin(walk), material="dressed")
+    ball = t2d.Ellipsoids([[0.1] * 3], np.array([[[2.0, 1, 1]]] * 2), [0.0, 0.3], material="pec")
+    one, both = (t2d.simulate(each, method="ellipsoid", material="dressed") for each in (walk, [walk, ball]))
+    alone = t2d.simulate(ball)
+    apart = np.asarray(both.adc[:]) - np.asarray(one.adc[:]) - np.asarray(alone.adc[: len(both.adc)])
+    assert np.abs(apart).max() < 1e-4 * np.abs(np.asarray(alone.adc)).max()  # what is no body keeps its own material
+    with pytest.raises(InputError, match="a material or an Outfit"):
+        t2d.skin(walk, material=ByPart(("skin",), np.array([0])))  # type: ignore[arg-type]
