@@ -78,7 +78,8 @@ class _Placed(Plain):
     aside_m: Fraction = 0.0
     """How far left of the line along the boresight the motion starts, as the radar sees it [m]."""
     carries: Annotated[tuple[str | dict[str, Any], ...], BeforeValidator(_several)] = ()
-    """What the person carries, as "bag", "cane in the left hand" or {thing: box, material: metal}."""
+    """What the person carries: a text as "bag" or "cane in the left hand", or a mapping as {thing: box, size_m: [0.2, 0.3, 0.2]} in
+    an experiment. The command line has the option once for each."""
 
     @field_validator("carries")
     @classmethod
