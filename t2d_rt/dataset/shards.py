@@ -455,7 +455,7 @@ def recipe_of(folder: Path) -> Recipe:
     """
     recipe = Recipe.read(folder / RECIPE)
     made_of = read_manifest(folder).get("recipe_hash")
-    if made_of != recipe.hash and made_of == written_hash(folder / RECIPE):
+    if made_of is not None and made_of != recipe.hash and made_of == written_hash(folder / RECIPE):
         return recipe.hashed_as(made_of)
     return recipe
 

@@ -98,7 +98,7 @@ def read_amass(arrays: Arrays) -> Tracks:
 
 def _tell_of_zeros(body: np.ndarray) -> None:
     """Warns where some frames of the body's rotations (T, 63), behind those that may be a calibration pose, are all zeros."""
-    zeros = ~body.any(axis=1)
+    zeros = np.all(body == 0, axis=1)
     if not zeros.all() and (count := np.count_nonzero(zeros[CALIBRATION_FRAMES:])):
         first = CALIBRATION_FRAMES + int(zeros[CALIBRATION_FRAMES:].argmax())
         warn(
