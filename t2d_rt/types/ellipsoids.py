@@ -11,7 +11,7 @@ import numpy as np
 
 from t2d_rt.core.checks import LARGEST_M, array, call, shown
 from t2d_rt.core.errors import InputError
-from t2d_rt.types.material import ByPart, Material, checked_material
+from t2d_rt.types.material import ByPart, Material, checked_materials
 from t2d_rt.types.mesh import Made, Solid, Track
 from t2d_rt.types.splines import checked_times, set_fields, spline, within
 
@@ -109,7 +109,7 @@ class Ellipsoids:
             raise InputError(f"names must be a list of one text for each ellipsoid, got {shown(names)}")
         if len(names) != len(semi_axes_m):
             raise InputError(f"{len(semi_axes_m)} ellipsoids need as many names, got {len(names)}")
-        material = checked_material(material, len(semi_axes_m))
+        material = checked_materials(material, len(semi_axes_m))
         set_fields(self, semi_axes_m=semi_axes_m, times_s=times_s, material=material, names=tuple(names))
 
     @property

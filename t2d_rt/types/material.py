@@ -82,10 +82,7 @@ class ByPart:
                 f"materials by part must be a tuple of at least one, got {shown(self.materials)}; give names or Materials"
             )
         for each in self.materials:
-            if isinstance(checked_material(each), ByPart):
-                raise InputError(
-                    "materials by part must each be a name or a Material, got materials by part among them"
-                )
+            checked_material(each)
         part, count = array("part", self.part, ("face",)), len(self.materials)
         if not np.array_equal(part, np.round(part)) or not 0 <= part.min() <= part.max() < count:
             raise InputError(
@@ -126,18 +123,21 @@ def is_rough(material: Material | ByPart) -> bool:
     return any(isinstance(one, Material) and one.scattering_coefficient > 0 for one in each)
 
 
-def checked_material(material: Any, count: int | None = None) -> str | Material | ByPart:
-    """The name of a material, its values, or those of the `count` parts of a surface."""
-    if isinstance(material, ByPart) and count is not None:
-        if len(material.part) != count:
-            raise InputError(
-                f"part must hold a number for each of {count} faces or ellipsoids, got {len(material.part)}"
-            )
-        return material
+def checked_material(material: Any) -> str | Material:
+    """The name of a material, or its values."""
     if not isinstance(material, (str, Material)) or (
         isinstance(material, str) and not 0 < len(material) <= LONGEST_NAME
     ):
         raise InputError(f"material must be a name or a Material, got {shown(material)}; 'skin' is a body's")
+    return material
+
+
+def checked_materials(material: Any, count: int) -> str | Material | ByPart:
+    """The material of a surface, or those of the parts that its `count` faces or ellipsoids belong to."""
+    if not isinstance(material, ByPart):
+        return checked_material(material)
+    if len(material.part) != count:
+        raise InputError(f"part must hold a number for each of {count} faces or ellipsoids, got {len(material.part)}")
     return material
 
 

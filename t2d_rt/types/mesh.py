@@ -11,7 +11,7 @@ import numpy as np
 from t2d_rt.core.checks import LARGEST_M, array, call, check_shape, flag, number, numeric, shown, text
 from t2d_rt.core.errors import InputError, warn
 from t2d_rt.geometry.vectors import edge_cross
-from t2d_rt.types.material import ByPart, Material, checked_material
+from t2d_rt.types.material import ByPart, Material, checked_materials
 from t2d_rt.types.splines import checked_times, set_fields, spline, within
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ class MovingMesh:
             self,
             rest=rest,
             faces=faces.astype(np.int32),
-            material=checked_material(material, len(faces)),
+            material=checked_materials(material, len(faces)),
             crease_deg=number("crease_deg", crease_deg, 0, 180, hint="180 makes all edges smooth, 0 none"),
             sagitta_rad=sagitta_rad,
             curved=flag("curved", curved),

@@ -30,8 +30,8 @@ def mirror(motion: Motion) -> Motion:
         replace(
             each,
             joint=_other_side(each.joint),
-            position_m=each.position_m * np.array([1.0, -1.0, 1.0]),
-            rotation=each.rotation * np.array([-1.0, 1.0, -1.0, 1.0]),
+            position_m=(each.position_m[0], -each.position_m[1], each.position_m[2]),
+            rotation=(-each.rotation[0], each.rotation[1], -each.rotation[2], each.rotation[3]),
         )
         for each in motion.carries
     )
