@@ -106,6 +106,23 @@ def test_radars_that_begin_at_stated_instants_hear_one_another_at_that_delay() -
         t2d.simulate_radars(walk, [TABLE2, other], interference=True, starts_s=[0.0], **options)
 
 
+def test_a_radar_that_begins_later_is_not_heard_before() -> None:
+    """Nor is a chirp missing afterwards; a radar that began before is heard from the first row on."""
+    other, later_s = TABLE2.replace(position_m=(6.0, 0.0, 1.0), boresight=(-1.0, 0.0, 0.0)), 0.05
+    options = {"noise": t2d.Receiver(seed=3), "method": "ellipsoid", "measure_error": False}
+    walk = t2d.trim(t2d.example("walk"), 0.0, 0.1)
+    silent = t2d.simulate_radars(walk, [TABLE2, other], **options)
+    first = round(later_s * TABLE2.prf_hz)
+    starts_s = [0.0, first / TABLE2.prf_hz + 25e-9]  # so that the beat of the chirps that are heard lies in the IF band
+    heard_by = t2d.simulate_radars(walk, [TABLE2, other], interference=True, starts_s=starts_s, **options)
+    added = np.abs(heard_by[0].cube - silent[0].cube).max(axis=(1, 2))
+    assert not added[:first].any()
+    assert added[first:].min() > 0.5 * added.max() > 0
+    early = t2d.simulate_radars(walk, [TABLE2, other], interference=True, starts_s=[starts_s[1], 50e-9], **options)
+    added = np.abs(early[0].cube - silent[0].cube).max(axis=(1, 2))
+    assert added.min() > 0.5 * added.max() > 0
+
+
 def test_a_start_that_is_drawn_is_not_written() -> None:
     assert "first_s" not in heard(ASIDE, TABLE2).model_dump()
     assert heard(ASIDE, TABLE2, 1e-6).model_dump()["first_s"] == pytest.approx(

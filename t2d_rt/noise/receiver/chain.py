@@ -304,6 +304,10 @@ class Interference:
         starts = self._slots.starts_s(first_row, len(samples))
         other, length = self._other, self._radar.sweep_time_s
         low = np.floor((starts - self._first_s - other.duration_s) / other.interval_s).astype(np.int64)
+        if other.first_s is not None:
+            low = np.maximum(
+                low, 0
+            )  # it is silent before its first chirp; where the start is drawn, it chirped before the record
         high = np.floor((starts + length - self._first_s) / other.interval_s).astype(np.int64)
         for step in range(int((high - low).max(initial=-1)) + 1):
             chirp = low + step
@@ -346,7 +350,7 @@ class Interference:
         if part not in self._phases:
             if len(self._phases) > 2:
                 del self._phases[min(self._phases)]
-            # Counters are not negative: a chirp may have begun before the record.
+            # Counters are not negative, and where the start is drawn a chirp before the record may be heard in it.
             self._phases[part] = self._draws.of(f"{self._name} phases", part + 1).random(PHASES)
         return complex(np.exp(2j * np.pi * self._phases[part][chirp % PHASES]))
 
