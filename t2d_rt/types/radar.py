@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field, model_serializer, model_validator
 
 from t2d_rt.core.atomic_write import replacing
-from t2d_rt.core.checks import file_path, integer, number, numeric, positive, shown, unknown_name
+from t2d_rt.core.checks import array, file_path, integer, number, positive, shown, unknown_name
 from t2d_rt.core.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError, html_table
 from t2d_rt.core.files import read_yaml
@@ -381,8 +381,7 @@ class Radar(Fields):
 
     def beat_frequency_hz(self, range_m: float | np.ndarray) -> float | np.ndarray:
         """Beat frequency 2 S R / c of a static target [Hz]."""
-        numeric("range_m", range_m)
-        return 2 * self.slope_hz_per_s * range_m / SPEED_OF_LIGHT
+        return 2 * self.slope_hz_per_s * array("range_m", range_m, unit="m") / SPEED_OF_LIGHT
 
     def range_axis_m(self, n_fft: int | None = None, *, speed_mps: float = 0.0) -> np.ndarray:
         """Range of each FFT bin [m], (n_fft,); `speed_mps` corrects for range-Doppler coupling of a target of that
@@ -444,11 +443,14 @@ class Radar(Fields):
     ) -> float | np.ndarray:
         """Power at the ADC [W] by the radar equation (Skolnik); `rx_range_m` where the receiver is elsewhere."""
         rx_range_m = range_m if rx_range_m is None else rx_range_m
-        for name, value in (("range_m", range_m), ("rx_range_m", rx_range_m)):
-            if not (numeric(name, value) > 0).all():
-                raise InputError(f"{name} must be positive, got {shown(value)}")
-        numeric("rcs_m2", rcs_m2)
-        return self.link_amplitude**2 * rcs_m2 / (range_m * rx_range_m) ** 2
+        there, back = array("range_m", range_m, unit="m"), array("rx_range_m", rx_range_m, unit="m")
+        for name, found, given in (("range_m", there, range_m), ("rx_range_m", back, rx_range_m)):
+            if not (found > 0).all():
+                raise InputError(f"{name} must be positive, got {shown(given)}")
+        area = array("rcs_m2", rcs_m2, unit="m2")
+        if (area < 0).any():
+            raise InputError(f"rcs_m2 must not be negative, got {shown(rcs_m2)}")
+        return self.link_amplitude**2 * area / (there * back) ** 2
 
     @property
     def noise_power_w(self) -> float:

@@ -106,6 +106,23 @@ def test_radar_equation() -> None:
     assert louder.received_power_w(1.0, 5.0) / louder.noise_power_w == pytest.approx(expected / TABLE2.noise_power_w)
 
 
+@pytest.mark.parametrize(
+    ("function", "arguments", "sentence"),
+    [
+        ("beat_frequency_hz", (math.nan,), "range_m must be finite"),
+        ("beat_frequency_hz", ([1.0, math.inf],), "range_m must be finite"),
+        ("received_power_w", (math.nan, 5.0), "rcs_m2 must be finite"),
+        ("received_power_w", (1.0, [5.0, math.nan]), "range_m must be finite"),
+        ("received_power_w", (1.0, 5.0, math.nan), "rx_range_m must be finite"),
+        ("received_power_w", (1.0, 0.0), "range_m must be positive, got 0.0"),
+        ("received_power_w", (-1.0, 5.0), "rcs_m2 must not be negative, got -1.0"),
+    ],
+)
+def test_radar_equation_of_what_is_no_number(function: str, arguments: tuple[object, ...], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        getattr(TABLE2, function)(*arguments)
+
+
 def test_axes() -> None:
     ranges = TABLE2.range_axis_m(512)
     assert ranges[0] == 0
