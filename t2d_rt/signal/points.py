@@ -20,7 +20,7 @@ from t2d_rt.types.radar import Radar
 RANK = 0.75
 """Which of the ordered training cells OS-CFAR takes, as a fraction of their number."""
 SCALE = 1e-12, 1e12
-"""Greatest samples of a frame whose powers single precision holds with all digits, and those of what is 40 dB weaker and more."""
+"""Range of a frame's largest sample in which float32 holds its power and that of cells 40 dB weaker."""
 MOST_LOOKS, MOST_CELLS = 100_000, 2_000
 """Antennas and training cells that a threshold is computed for."""
 

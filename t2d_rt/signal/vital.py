@@ -180,8 +180,8 @@ def _clearest(
     best = int(near[np.where(good, variance[varying[near]], -np.inf).argmax()])
     if scatter[best] >= NOISY:
         warn(
-            f"the echo at {range_m[varying[best]]:.2f} m does not keep to a circle: its radius varies by {scatter[best]:.2f} of "
-            "its square, as noise alone does by 0.27, so that nothing of a chest may be in it; give range_gate_m, or record nearer"
+            f"the echo at {range_m[varying[best]]:.2f} m does not keep to a circle: the variance of its radius is "
+            f"{scatter[best]:.2f} of its mean squared, where noise alone has 0.27, so that nothing of a chest may be in it; give range_gate_m, or record nearer"
         )
     return int(most), np.asarray(moved[best])
 

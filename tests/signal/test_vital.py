@@ -123,7 +123,7 @@ def test_noise_that_varies_more_than_the_chest_is_no_person() -> None:
     assert (found.range_m, found.breathing_hz, found.heartbeat_hz) == pytest.approx((1.9, 0.25, 1.2), rel=0.005)
     with pytest.warns(T2DWarning) as told:
         signs_of(cells[:, :, :2], np.array([0.0, 0.1]), time_s, wavelength_m)
-    assert any("m does not keep to a circle: its radius varies by 0.2" in str(each.message) for each in told)
+    assert any("m does not keep to a circle: the variance of its radius is 0.2" in str(each.message) for each in told)
 
 
 def test_a_person_in_the_cells_of_the_leakage_is_doubtful() -> None:

@@ -123,7 +123,4 @@ def fitted_cost(times: list[dict[str, Any]]) -> dict[str, Any]:
     least = np.array([LEAST.get(kind, 0.0) for kind in kinds])
     found, _ = nnls(units / taken[:, None], 1 - units @ least / taken)
     found += least
-    return {
-        "seconds": dict(zip(kinds, found.tolist(), strict=True)),
-        "scatter": float(np.std(np.log(units @ found / taken))),
-    }
+    return {"seconds": dict(zip(kinds, found.tolist(), strict=True))}
