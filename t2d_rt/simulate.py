@@ -158,7 +158,7 @@ def simulate_radars(
         and targets between are ignored, and echoes of these chirps are not modelled. When their chirps begin is drawn for each
         radar that hears them, as if clocks were not in step, or follows from `starts_s`.
     starts_s: with interference: when the first sweep of each radar begins on one clock [s]; it is not heard before. starts_s moves
-        interference only: echoes of all radars begin at the record's first instant, so that offsets should be short beside movement.
+        interference only: all echoes begin at the record's first instant, so that offsets should be short beside movement.
     options: of `simulate`, for all of them.
 
     All records must begin at one instant: a track that begins after the targets, unless all do, is refused.

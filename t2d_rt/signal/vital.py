@@ -181,7 +181,8 @@ def _clearest(
     if scatter[best] >= NOISY:
         warn(
             f"the echo at {range_m[varying[best]]:.2f} m does not keep to a circle: the variance of its radius is "
-            f"{scatter[best]:.2f} of its mean squared, where noise alone has 0.27, so that nothing of a chest may be in it; give range_gate_m, or record nearer"
+            f"{scatter[best]:.2f} of its mean squared, where noise alone has 0.27, so that nothing of a chest may be in it; "
+            "give range_gate_m, or record nearer"
         )
     return int(most), np.asarray(moved[best])
 

@@ -144,7 +144,9 @@ class Interferer(_Part):
     eirp_dbm: Decibel = 21.0
     """Transmitted power times antenna gain [dBm]."""
     first_s: Annotated[Number, Field(ge=-1e3, le=1e3)] | None = None
-    """When its first chirp arrives, on the clock of the radar that hears it [s]; by default it chirps all the time, and is drawn."""
+    """When its first chirp arrives, on the clock of the radar that hears it [s].
+
+    By default it chirps all the time, and when one of its chirps begins is drawn."""
 
     @model_serializer(mode="wrap")
     def _without_no_start(self, written: Any) -> Any:

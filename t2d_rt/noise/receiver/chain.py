@@ -305,9 +305,7 @@ class Interference:
         other, length = self._other, self._radar.sweep_time_s
         low = np.floor((starts - self._first_s - other.duration_s) / other.interval_s).astype(np.int64)
         if other.first_s is not None:
-            low = np.maximum(
-                low, 0
-            )  # it is silent before its first chirp; where the start is drawn, it chirped before the record
+            low = np.maximum(low, 0)  # where the start is drawn, it chirped before the record
         high = np.floor((starts + length - self._first_s) / other.interval_s).astype(np.int64)
         for step in range(int((high - low).max(initial=-1)) + 1):
             chirp = low + step
