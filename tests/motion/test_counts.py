@@ -141,6 +141,19 @@ def test_turns_without_a_side_are_all_to_the_same_one() -> None:
         ("by a right angle", 90.0),
         ("by pi/2", 90.0),
         ("by pi radians", 180.0),
+        ("by two pi", 360.0),
+        ("by 2π", 360.0),
+        ("by 3 pi / 4", 135.0),
+        ("by 3/4 pi", 135.0),
+        ("by half of pi", 90.0),
+        ("by pi over two to the left", 90.0),
+        ("1,5 turns", 540.0),
+        ("by 1,57 rad", np.degrees(1.57)),
+        ("by 0,125 turns", 45.0),
+        (".5 turns", 180.0),
+        ("1½ turns", 540.0),
+        ("1 1/2 turns", 540.0),
+        ("by one and a quarter turns", 450.0),
         ("by half a radian", np.degrees(0.5)),
         ("by 1.57 rad", np.degrees(1.57)),
         ("by eighty degrees", 80.0),
@@ -152,6 +165,18 @@ def test_angles_are_read_in_any_order(words: str, angle_deg: float) -> None:
     parsed = parse_description(f"a person turns {words}")
     (step,) = parsed.description.steps
     assert (step.angle_deg, step.count, parsed.ignored) == (pytest.approx(angle_deg), None, ())
+
+
+def test_a_comma_is_part_of_a_number() -> None:
+    """A decimal comma, or that of thousands; lists of numbers and commas before a space have others."""
+    (step,) = parse_description("a person walks for 2,5 seconds").description.steps
+    assert step.duration_s == 2.5
+    with pytest.raises(InputError, match="got 1000"):
+        parse_description("a person jumps 1,000 times")
+    for sentence in ("a person jumps 1, 5 times", "a person jumps 1,2,5 times"):
+        parsed = parse_description(sentence)
+        assert parsed.description.steps[0].count == 5
+        assert "1" in parsed.ignored
 
 
 def test_whole_turns_stay_counts() -> None:

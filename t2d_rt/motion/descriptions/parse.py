@@ -92,7 +92,7 @@ def _checked(sentence: str) -> str:
             "activity in a sentence"
         )
     numbers = "|".join(each for each in lexicon().numbers if each not in ("a", "an"))
-    below = rf"(?<!\S)(?:[-\u2212](?=[\d.])|(?:minus|negative)\s+(?=[\d.]|(?:a|{numbers}|half|pi)\b))\S+"
+    below = rf"(?<!\S)(?:[-\u2212](?=[\d.])|(?:minus|negative)\s+(?=[\d.]|(?:a|{numbers}|half|pi|\u03c0)\b))\S+"
     negative = re.search(below, sentence, re.IGNORECASE)
     if negative is not None:
         raise InputError(

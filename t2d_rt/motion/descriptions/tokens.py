@@ -13,6 +13,8 @@ from typing import Any
 from t2d_rt.motion.descriptions.lexicon import Forms, Synonyms, inflected, lexicon, meaning
 
 WORD = re.compile(r"\d+(?:\.\d+)?|[^\W\d_]+(?:'[^\W\d_]+)?|n't|[^\w\s]")
+COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![.,]?\d)")
+"""Within a number; a list of three numbers and more has others."""
 GAP = "~"
 MOST_BETWEEN = 4
 """Words that `~` stands for at most: "picks the red ball up"."""
@@ -54,17 +56,25 @@ class Entry:
 
 
 def words_of(text: str) -> list[str]:
-    """Words, numbers and signs in lower case; hyphens part words, dashes are commas, a sign of degrees is the word.
+    """Words, numbers and signs in lower case; hyphens part words, dashes are commas, signs of degrees and pi are words.
 
     >>> words_of("High-stepping, it's 2.5 s!")
     ['high', 'stepping', ',', "it's", '2.5', 's', '!']
+    >>> words_of("1,5 turns, 1,000 steps, 1½ or .5")
+    ['1.5', 'turns', ',', '1000', 'steps', ',', '1', '1', '/', '2', 'or', '0.5']
     """
-    plain = (
-        unicodedata.normalize("NFKC", re.sub(r"(?<=\d)\s*[°º]", " degrees ", text))
-        .lower()
-        .translate({0x2019: "'", 0x2018: "'", 0x2014: ",", 0x2013: ","})
-    )
+    apart = re.sub(r"(?<=\d)(?=[¼-¾⅐-⅞])", " ", re.sub(r"(?<=\d)\s*[°º]", " degrees ", text))
+    signs = {0x2019: "'", 0x2018: "'", 0x2014: ",", 0x2013: ",", 0x2044: "/", 0x3C0: "pi"}
+    plain = COMMA.sub(_with_point, unicodedata.normalize("NFKC", apart).lower().translate(signs))
+    plain = re.sub(r"(?<![\w.])\.(?=\d)", "0.", plain)
     return WORD.findall(re.sub(r"(?<=\w)-(?=\w)", " ", re.sub(r"\s-+\s", " , ", plain)))
+
+
+def _with_point(number: re.Match[str]) -> str:
+    """A number with a comma: before three digits that parts thousands, as in English, else it is a decimal comma."""
+    whole, rest = number.groups()
+    thousands = len(rest) == 3 and len(whole) <= 3 and not whole.startswith("0")
+    return f"{whole}{rest}" if thousands else f"{whole}.{rest}"
 
 
 def _spelled(phrase: str) -> Iterator[tuple[str, ...]]:
@@ -313,25 +323,44 @@ def _lasting(words: list[str], place: int, *, alone: bool) -> tuple[Token, int] 
 
 
 def _amount(words: list[str], place: int) -> tuple[float, int] | None:
-    """How much, and where the unit stands: 1.5, half a, a quarter of a, three quarters, one and a half, 1 / 4, pi / 2."""
-    start = place + int(words[place] in ("a", "one") and (words[place + 1 : place + 2] or [""])[0] in PARTS)
-    if words[start] in PARTS or words[start] == "pi":
-        amount, after = PARTS.get(words[start], math.pi), start + 1
-    else:
-        found = _number(words, place)
+    """How much, and where the unit stands: 1.5, half a, three quarters of a, one and a half, 1 1 / 4, pi / 2, two pi."""
+    amount, after = 1.0, place
+    if words[place] != "pi":
+        found = _part(words, place)
         if found is None:
             return None
-        amount, _, after = found
-        if words[after : after + 3] == ["and", "a", "half"]:
-            amount, after = amount + 0.5, after + 3
-        elif words[after : after + 1] and words[after].removesuffix("s") in PARTS:
-            amount, after = amount * PARTS[words[after].removesuffix("s")], after + 1
-    divisor = words[after + 1] if words[after : after + 1] == ["/"] and len(words) > after + 1 else ""
-    if divisor.isdecimal() and int(divisor):
-        amount, after = amount / int(divisor), after + 2
-    for between in ("of", "a"):
+        amount, after = found
+        more = _part(words, after + int(words[after : after + 1] == ["and"]))
+        if more is not None and 0 < more[0] < 1 and amount == int(amount):
+            amount, after = amount + more[0], more[1]
+    for between in ("*", "times", "of", "a"):
         after += int(words[after : after + 1] == [between])
+    if words[after : after + 1] == ["pi"]:
+        divisor, after = _divisor(words, after + 1)
+        amount *= math.pi / divisor
     return amount, after
+
+
+def _part(words: list[str], place: int) -> tuple[float, int] | None:
+    """A number or a part of one, and where it ends: 1.5, half, a quarter, three quarters, 1 / 4."""
+    ahead = words[place : place + 2]
+    start = place + int(len(ahead) == 2 and ahead[0] in ("a", "one") and ahead[1] in PARTS)
+    if ahead and words[start] in PARTS:
+        return PARTS[words[start]], start + 1
+    found = _number(words, place)
+    if found is None:
+        return None
+    amount, _, after = found
+    if words[after : after + 1] and words[after].removesuffix("s") in PARTS:
+        return amount * PARTS[words[after].removesuffix("s")], after + 1
+    divisor, after = _divisor(words, after)
+    return amount / divisor, after
+
+
+def _divisor(words: list[str], place: int) -> tuple[float, int]:
+    """What is divided by, and where that ends: / 4, over two; 1 where nothing is."""
+    found = _number(words, place + 1) if words[place : place + 1] and words[place] in ("/", "over") else None
+    return (1.0, place) if found is None or not found[0] > 0 else (found[0], found[2])
 
 
 def _turned(words: list[str], place: int) -> tuple[Token, int] | None:
