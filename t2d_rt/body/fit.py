@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from t2d_rt.body.outfit import put_on
 from t2d_rt.body.rotations import matrices
 from t2d_rt.body.template import Template
+from t2d_rt.body.template import template as body_template
 from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
@@ -82,8 +84,9 @@ def stance(motion: Motion, side: str) -> Stance | None:
 
 
 def fit(template: Template, motion: Motion) -> Fitted:
-    """The template with the median bone lengths of a motion."""
-    rest = dict(template.joints) | {m: _middle(template.joints, m) for m in ("hips", "shoulders")}
+    """The template with the median bone lengths of a motion; clothes and shoes are put on after, as thick as they are."""
+    bare = template if template.outfit is None else body_template(template.name)
+    rest = dict(bare.joints) | {m: _middle(bare.joints, m) for m in ("hips", "shoulders")}
     lengths = _lengths(motion)
     ratio = {bone: length / float(np.linalg.norm(rest[bone[1]] - rest[bone[0]])) for bone, length in lengths.items()}
     tall = [TORSO, *((f"{side}_{a}", f"{side}_{b}") for side in SIDES for a, b in LIMBS[:2])]
@@ -92,11 +95,14 @@ def fit(template: Template, motion: Motion) -> Fitted:
     ankle = {side: _ankle_ratio(motion, side, rest, scale) for side in SIDES}
     joints, stretches = _stretch(rest, ratio, scale, ankle)
     old, new = (np.array([points[name] for name in CANONICAL_JOINTS]) for points in (rest, joints))
-    offset = template.vertices[:, None] - old
-    moved = np.einsum("vb,bij,vbj->vi", template.weights, stretches, offset, optimize=True) + template.weights @ new
+    offset = bare.vertices[:, None] - old
+    moved = np.einsum("vb,bij,vbj->vi", bare.weights, stretches, offset, optimize=True) + bare.weights @ new
     floor = np.array([0, 0, moved[:, 2].min()])
-    fitted = {name: point - floor for name, point in joints.items() if name in template.joints}
-    return Fitted(template=template, vertices=moved - floor, joints=fitted, scale=scale)
+    fitted = {name: point - floor for name, point in joints.items() if name in bare.joints}
+    vertices = moved - floor
+    if template.outfit is not None:
+        vertices = put_on(template.outfit, vertices, bare.faces, bare.weights, fitted)
+    return Fitted(template=template, vertices=vertices, joints=fitted, scale=scale)
 
 
 def _middle(points: Mapping[str, np.ndarray], pair: str) -> np.ndarray:

@@ -24,8 +24,8 @@ SHOD_JOINTS = "left_ankle", "left_foot", "right_ankle", "right_foot"
 UPPER_M, TOE_M = 0.004, 0.012
 """Thickness of a shoe's upper, and the room before the toes, for which shoemakers allow 10 to 15 mm: choices."""
 FACING_DOWN, SOLE_TOP_M = (0.1, 0.4), (0.02, 0.04)
-"""What of a bare foot becomes the underside of the sole: from which to which downward part of the normal it fades in, and between
-which heights [m] it fades out."""
+"""What of a bare foot is its underside, and becomes that of the sole: from which to which downward part of the normal it fades in,
+and between which heights over the lowest [m] it fades out."""
 MOST_CLOTH_M, MOST_SOLE_M = 0.02, 0.06
 """Thicker cloth would meet that of the other limb, thicker soles would not bend with the foot."""
 
@@ -48,7 +48,7 @@ class Outfit:
     cloth_m: float = 0.003
     """Distance of the cloth's surface from the skin [m]."""
     sole_m: float = 0.025
-    """Thickness of the soles [m]; 0 is a foot without a shoe around it."""
+    """Thickness of the soles [m]; 0 is the shape of the bare foot, of the material `shoes`."""
 
     def __post_init__(self) -> None:
         text("name of an outfit", self.name)
@@ -97,26 +97,28 @@ def clad(material: str | Material | Outfit, of: Callable[[Outfit], ByPart]) -> s
 
 def put_on(
     outfit: Outfit, vertices: np.ndarray, faces: np.ndarray, weights: np.ndarray, joints: Mapping[str, np.ndarray]
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Vertices (V, 3) m and joints of a bare template that stands on z = 0, with cloth and shoes around it.
+) -> np.ndarray:
+    """Vertices (V, 3) m of a bare body at rest on z = 0, with cloth and shoes around it.
 
-    The soles stay on z = 0, and all above them is raised by their thickness. `weights` (V, 22) move the vertices with the joints.
+    The undersides of the feet and all joints stay where they are: feet are raised within their shoes by the soles' thickness, and
+    shins are shorter by it. `weights` (V, 22) move the vertices with the joints.
     """
     normals = unit(_vertex_normals(vertices, faces))
     bare, shod = _of_joints(weights, BARE_JOINTS), _of_joints(weights, SHOD_JOINTS)
     found = vertices + outfit.cloth_m * (1 - bare - shod)[:, None] * normals
     if not outfit.sole_m:
-        return found, dict(joints)
-    for side in ("left", "right"):
+        return found
+    for side, leftward in (("left", 1), ("right", -1)):
         foot, forward = _of_joints(weights, (f"{side}_ankle", f"{side}_foot")), _forward(side, joints)
-        along = vertices @ forward
+        heights_m, along = vertices[:, 2] - vertices[foot > 0.5, 2].min(), vertices @ forward
+        under = foot * _ramp(-normals[:, 2], *FACING_DOWN) * (1 - _ramp(heights_m, *SOLE_TOP_M))
+        found += UPPER_M * (foot * (1 - under))[:, None] * normals
         toes = foot * _ramp(along, joints[f"{side}_foot"] @ forward, along[foot > 0.5].max())
         found += TOE_M * toes[:, None] * forward
-    under = shod * _ramp(-normals[:, 2], *FACING_DOWN) * (1 - _ramp(vertices[:, 2], *SOLE_TOP_M))
-    found += UPPER_M * (shod * (1 - under))[:, None] * normals
-    found[:, 2] += outfit.sole_m
-    found[:, 2] -= under * found[:, 2]
-    return found, {name: place + [0.0, 0.0, outfit.sole_m] for name, place in joints.items()}
+        ankle_m, knee_m = (joints[f"{side}_{name}"][2] for name in ("ankle", "knee"))
+        raised = np.clip((knee_m - vertices[:, 2]) / (knee_m - ankle_m), 0, 1) * (vertices[:, 1] * leftward > 0)
+        found[:, 2] += outfit.sole_m * raised * (1 - under)
+    return found
 
 
 def _of_joints(weights: np.ndarray, names: Sequence[str]) -> np.ndarray:

@@ -128,9 +128,9 @@ def template(name: str = "adult", outfit: Outfit | None = None) -> Template:
 def _dressed(name: str, outfit: Outfit) -> Template:
     """A body with cloth and shoes around it."""
     body = template(name)
-    vertices, joints = put_on(outfit, body.vertices, body.faces, body.weights, body.joints)
+    vertices = put_on(outfit, body.vertices, body.faces, body.weights, body.joints)
     like = None if body.like is None else template(name.partition("@")[0], outfit).vertices
-    return replace(body, vertices=vertices, joints=MappingProxyType(joints), like=like, outfit=outfit)
+    return replace(body, vertices=vertices, like=like, outfit=outfit)
 
 
 @lru_cache(maxsize=64)

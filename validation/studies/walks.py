@@ -42,7 +42,7 @@ HOP = 0.18
 """Step of the STFT over its window: with it, a Hann window's noise is correlated in time as the maps' is (0.64, 0.25)."""
 GATE_M = (1.2, 6.0)
 RADAR = Radar(carrier_hz=77e9, slope_hz_per_s=40e12, sample_rate_hz=2.56e6, samples=64, prf_hz=6000)
-BOARD = Radar.preset("awr1843boost").tx_pattern
+BOARD = "awr1843boost"
 ROUND = CosinePower(half_power_beamwidth_deg=28.0)
 MIDDLE_M = 4.2
 """Distance of the path's middle, on boresight; 2.6 s of a walk then lie within `GATE_M`."""
@@ -56,7 +56,8 @@ class Fidelity(NamedTuple):
     method: Literal["mesh", "ellipsoid"] = "mesh"
     material: str | float = "skin"
     """Of the body, or its outfit; a number is the scattering coefficient S of its skin."""
-    pattern: Pattern = BOARD
+    pattern: str | Pattern = BOARD
+    """Of the antennas, or the preset that has it."""
     floor: bool = False
 
 
@@ -152,7 +153,9 @@ def walked(file: str, angle_deg: float) -> Motion:
 
 def simulated(motion: Motion, fidelity: Fidelity) -> tuple[np.ndarray, float]:
     """Cube of a walk and the processor time that it took [s]."""
-    radar = RADAR.replace(tx_pattern=fidelity.pattern, rx_pattern=fidelity.pattern)
+    given = fidelity.pattern
+    pattern = Radar.preset(given).tx_pattern if isinstance(given, str) else given
+    radar = RADAR.replace(tx_pattern=pattern, rx_pattern=pattern)
     material: str | Material | float = fidelity.material
     if isinstance(material, float):
         material = replace(resolve_material("skin", radar.carrier_hz), scattering_coefficient=material)
@@ -189,7 +192,7 @@ def window_of(cube: np.ndarray, row: float) -> int:
 
 
 def compared(
-    map_: Recorded, windows: dict[str, int], walks: Sequence[str]
+    map_: Recorded, windows: dict[str, int], walks: Sequence[str], fidelities: Sequence[Fidelity]
 ) -> Iterator[tuple[Fidelity, np.ndarray, float]]:
     """Of each fidelity its measures over the walks (walk, measure) and seconds a walk.
 
@@ -199,7 +202,7 @@ def compared(
     for walk, motion in motions.items():
         if walk not in windows:
             windows[walk] = window_of(simulated(motion, SKIN)[0], map_.torso)
-    for fidelity in FIDELITIES:
+    for fidelity in fidelities:
         found, seconds = [], []
         for number, (walk, motion) in enumerate(motions.items()):
             cube, took = simulated(motion, fidelity)
@@ -212,6 +215,9 @@ def add_options(parser: ArgumentParser) -> None:
     """Options of the study."""
     parser.add_argument("maps", metavar="FILE:ANGLE", help="maps, separated by commas; the first one finds the window")
     parser.add_argument("walks", nargs="+", help="files of recorded walks that are simulated")
+    parser.add_argument(
+        "--only", action="append", choices=[each.name for each in FIDELITIES], help="a row, again for others"
+    )
     parser.add_argument("-o", "--output", required=True, type=Path, help="folder of the table")
 
 
@@ -219,9 +225,10 @@ def run(options: Namespace) -> str:
     """Writes walks.md; a line about it."""
     windows: dict[str, int] = {}
     texts = []
+    fidelities = [each for each in FIDELITIES if options.only is None or each.name in options.only]
     for map_ in map(read_map, options.maps.split(",")):
         rows: list[list[Any]] = [["**recorded**", *(f"**{x:.2f}**" for x in measures(map_.level_db)), ""]]
-        for fidelity, found, seconds in compared(map_, windows, options.walks):
+        for fidelity, found, seconds in compared(map_, windows, options.walks, fidelities):
             cells = [f"{x:.2f} +- {s:.2f}" for x, s in zip(found.mean(0), found.std(0, ddof=1), strict=True)]
             rows.append([fidelity.name, *cells, f"{seconds:.1f}"])
         texts.append(
