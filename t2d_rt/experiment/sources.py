@@ -26,7 +26,8 @@ from t2d_rt.core.errors import InputError, warn
 from t2d_rt.core.stored_arrays import Hash, Inputs, Store, named_arrays
 from t2d_rt.experiment.catalog import found_from, motion_path
 from t2d_rt.motion import aside, load_motion, place, trim
-from t2d_rt.motion.carry import Wish, carry
+from t2d_rt.motion.carriers import wishes_of
+from t2d_rt.motion.carry import carry
 from t2d_rt.motion.descriptions.slots import Step
 from t2d_rt.motion.generate import COMPOSED, LONGEST_S, motion_from_text, understood
 from t2d_rt.motion.vary import arc, hold, vary_gait
@@ -85,7 +86,7 @@ class _Placed(Plain):
     @classmethod
     def _known_things(cls, value: tuple[Any, ...]) -> tuple[Any, ...]:
         for each in value:
-            Wish.of(each)
+            wishes_of(each)
         return value
 
     def cut(self, motion: Motion) -> Motion:

@@ -300,7 +300,9 @@ def _thing(followed: Track, carried: Carried) -> list[MovingMesh]:
     times_s = followed.motion.times_s
     solids = [(carried.thing, surface(carried), Rigid(followed, carried))]
     for axle, radius_m, solid in wheels(carried):
-        here, there = np.moveaxis(Rigid(followed, carried, np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))(times_s), 1, 0)
+        here, there = np.moveaxis(
+            Rigid(followed, carried, axle + np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))(times_s), 1, 0
+        )
         ahead = there - here
         steps_m = (np.diff(here, axis=0) * 0.5 * (ahead[1:] + ahead[:-1])).sum(axis=1)
         rolled = spline(times_s, np.concatenate([[0.0], np.cumsum(steps_m)]) / radius_m)

@@ -19,7 +19,8 @@ CANE_HANDLE_M, CUFF_M = 0.06, 0.22
 TUBE_M, CASTOR_M = 0.0125, 0.0635
 """Radii of the tubes of frames, of 25 mm, and of a walking frame's wheels, of 5 inches."""
 SPOKES, SPOKE_M = 12, 0.0025
-"""Of a rear wheel of a wheelchair; wires of 2 mm would lie below what physical optics tells."""
+"""Spokes of a rear wheel, and their radius [m]. Real wheels have some 24 to 36 of 2 mm; fewer and thicker ones need fewer facets,
+and physical optics holds for neither: 5 mm is 0.4 wavelengths at 24 GHz and 1.3 at 77 GHz."""
 
 Solid = tuple[np.ndarray, np.ndarray]
 """Vertices (V, 3) [m] and faces (F, 3)."""
@@ -39,7 +40,7 @@ def surface(carried: Carried) -> Solid:
             [part for y in (-1, 1) for part in _walker_side(y * (size[0] / 2 - TUBE_M), size[1])] + _across(size)
         )
     if carried.thing == "wheelchair":
-        return together(_chair(size[0] / 2 - 0.09, size[1]))
+        return together(_chair(size[0] / 2 - 0.09, *size[1:]))
     if carried.thing == "bag":
         vertices, faces = block(size)
         return vertices - [0.0, 0.0, HANDLE_M + size[2] / 2], faces
@@ -57,20 +58,17 @@ def wheels(carried: Carried) -> list[tuple[np.ndarray, float, Solid]]:
     """Axles (3,) in the frame of a thing, radii [m] and surfaces about their axle, along y, of wheels that roll with it."""
     if carried.thing != "wheelchair":
         return []
-    out = carried.size_m[0] / 2
-    parts = [torus(WHEEL_M - TUBE_M, TUBE_M), torus(RIM_M, 0.009), tube([0, -0.04, 0], [0, 0.04, 0], 0.025)]
+    tyre, hub = torus(WHEEL_M - TUBE_M, TUBE_M), tube([0, -0.04, 0], [0, 0.04, 0], 0.025)
+    spokes = []
     for angle in 2 * math.pi * np.arange(SPOKES) / SPOKES:
         along = np.array([math.sin(angle), 0.0, math.cos(angle)])
-        parts.append(tube(list(0.026 * along), list((WHEEL_M - 2 * TUBE_M) * along), SPOKE_M))
-    vertices, faces = together(parts)
-    own = parts[0][0].shape[0]
+        spokes.append(tube(list(0.026 * along), list((WHEEL_M - 2 * TUBE_M) * along), SPOKE_M))
+    vertices, faces = together([tyre, hub, *spokes])
     found = []
     for side in (1.0, -1.0):
         # The hand rim lies outside the wheel.
-        shifted = vertices.copy()
-        shifted[:, 1] -= 0.04 * side
-        shifted[own : 2 * own, 1] += 0.04 * side
-        found.append((np.array([0.0, side * out, WHEEL_M]), WHEEL_M, (shifted, faces)))
+        solid = together([(vertices - [0.0, 0.04 * side, 0.0], faces), torus(RIM_M, 0.009)])
+        found.append((np.array([0.0, side * carried.size_m[0] / 2, WHEEL_M]), WHEEL_M, solid))
     return found
 
 
@@ -91,8 +89,8 @@ def _across(size_m: tuple[float, ...]) -> list[Solid]:
     return [tube([x, -y, z * height_m], [x, y, z * height_m], TUBE_M) for x, z in ((0.12, 0.8), (0.2, 0.45))]
 
 
-def _chair(y: float, seat_m: float) -> list[Solid]:
-    """Seat, back, tubes, footrests and casters of a wheelchair, as wide as twice y [m]."""
+def _chair(y: float, seat_m: float, rest_m: float, low_m: float) -> list[Solid]:
+    """Seat, back, tubes, casters and footrests, `rest_m` ahead and `low_m` high, of a wheelchair as wide as twice y [m]."""
     seat, back = block((0.42, 2 * y, 0.03)), block((0.03, 2 * y, 0.42))
     found = [
         (seat[0] + [0.12, 0.0, seat_m - 0.015], seat[1]),
@@ -103,18 +101,18 @@ def _chair(y: float, seat_m: float) -> list[Solid]:
         found += [
             tube([-0.18, side, 0.25], [-0.18, side, seat_m + 0.45], TUBE_M),
             tube([-0.18, side, seat_m - 0.05], [0.36, side, seat_m - 0.05], TUBE_M),
-            tube([0.36, side, seat_m - 0.05], [0.5, side, 0.14], TUBE_M),
+            tube([0.36, side, seat_m - 0.05], [rest_m - 0.02, side, low_m + 0.03], TUBE_M),
             tube([0.3, side, 0.2], [0.3, side, seat_m - 0.06], TUBE_M),
             tube([0.3, side - 0.015, 0.1], [0.3, side + 0.015, 0.1], 0.1),
         ]
         rest = block((0.16, 0.14, 0.02))
-        found.append((rest[0] + [0.52, 0.6 * side, 0.1], rest[1]))
+        found.append((rest[0] + [rest_m, 0.6 * side, low_m - 0.01], rest[1]))
     return found
 
 
 def torus(radius_m: float, tube_m: float) -> Solid:
-    """A torus about y."""
-    count = max(24, math.ceil(2 * math.pi * radius_m / STEP_M * 2))
+    """A torus about y, which a turn from spoke to spoke maps on itself."""
+    count = SPOKES * max(2, round(2 * math.pi * radius_m / STEP_M * 2 / SPOKES))
     angle, ring = 2 * math.pi * np.arange(count) / count, 2 * math.pi * np.arange(PER_RING) / PER_RING
     far = radius_m + tube_m * np.cos(ring)
     points = np.stack(

@@ -141,7 +141,7 @@ class Carried:
     rotation: tuple[float, float, float, float]
     """Its axes, x forward, y left and z up, in the joint's frame: a unit quaternion x, y, z, w."""
     size_m: tuple[float, ...]
-    """Its dimensions [m], of which `motion.carry` tells the meaning."""
+    """Its dimensions [m], of which `motion.carriers.SIZES_M` tells the meaning."""
     material: str | Material
 
     def __post_init__(self) -> None:

@@ -1,0 +1,211 @@
+"""What is asked for and who carries it: values that `carry` and `wheelchair` share."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.core.checks import array, names_advice, shown, unknown_name
+from t2d_rt.core.errors import InputError
+from t2d_rt.geometry.vectors import unit
+from t2d_rt.motion import quaternions
+from t2d_rt.motion.contacts import SIDES
+from t2d_rt.motion.interpolate import low_pass
+from t2d_rt.motion.kinematics import INDEX, Poses, facing, poses_of, stature_m
+from t2d_rt.types.material import Material, checked_material
+from t2d_rt.types.motion import Motion
+
+X, Y, Z = np.eye(3)
+SIGN = {"left": 1.0, "right": -1.0}
+OTHER = {"left": "right", "right": "left"}
+
+GRIP = 0.045
+"""From the wrist to the middle of the grip, over stature: half of the hand's bone, which ends at 0.09."""
+HEADING_HZ = 0.5
+"""Cut-off of the direction that a person walks in: the pelvis turns to and fro once a stride."""
+SHORT_M = 0.01
+"""How far a hand may stay from its grip, and a foot from its rest [m]."""
+HANGS_AHEAD = 0.05
+"""How far ahead of the shoulder the wrist of an arm hangs, over how far below."""
+OWN_SWING = 0.4
+"""Part of the swing of a free arm that one keeps which holds a bag or a cane."""
+
+SIZES_M: Mapping[str, tuple[str, tuple[float, ...]]] = {
+    "bag": ("length, width and height, below a handle of 12 cm", (0.35, 0.12, 0.30)),
+    "ball": ("radius", (0.11,)),
+    "box": ("length, width and height", (0.30, 0.40, 0.30)),
+    "backpack": ("length, width and height", (0.18, 0.30, 0.45)),
+    "cane": ("diameter, and length if it is not fitted to the arm", (0.019,)),
+    "crutch": ("diameter, and length below the grip if it is not fitted to the arm", (0.022,)),
+    "walker": ("width, and height if it is not fitted to the arms", (0.56,)),
+    "wheelchair": ("width, and height of the seat if it is not fitted to the arms", (0.62,)),
+}
+"""Dimensions of things: their meaning, and what they are by default [m]."""
+RANGES_M: Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
+    "cane": ((0.01, 0.3), (0.05, 1.5)),
+    "crutch": ((0.01, 0.3), (0.05, 1.5)),
+    "walker": ((0.4, 0.4), (0.9, 1.2)),
+    "wheelchair": ((0.5, 0.4), (0.8, 0.6)),
+}
+"""Least and greatest dimensions of what has a shape of its own [m]; those of others are 0.005 to 3."""
+MATERIALS = {"bag": "fabric", "ball": "plastic", "box": "wood", "backpack": "fabric"} | dict.fromkeys(
+    ("cane", "crutch", "walker", "wheelchair"), "metal"
+)
+"""What things are made of by default."""
+SAYING = re.compile(r"(?:an? )?(\w+)(?: in (?:the|a|his|her|their) (left|right) hand)?")
+ONE_HANDED = "bag", "ball", "cane", "crutch"
+FITTED = "cane", "crutch", "walker", "wheelchair"
+"""Things whose last dimension is fitted to the person unless it is given."""
+PAIRS = {"crutches": "crutch"}
+"""Things that come by two, one for each hand."""
+
+
+def fields_of(entry: Any) -> dict[str, Any]:
+    """Fields of a text such as "bag in the left hand", or of a mapping {thing: bag, hand: left, size_m: [...], material: ...}."""
+    if isinstance(entry, str):
+        found = SAYING.fullmatch(entry.strip())
+        if found is None:
+            raise InputError(f'a thing is written as "bag" or "bag in the left hand", got {shown(entry)}')
+        return {"thing": found[1]} | ({"hand": found[2]} if found[2] else {})
+    if not isinstance(entry, Mapping) or "thing" not in entry:
+        raise InputError(
+            f'a thing is a text as "bag in the left hand" or a mapping as {{thing: bag}}, got {shown(entry)}'
+        )
+    return dict(entry)
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """A thing as it is asked for."""
+
+    thing: str
+    side: str | None
+    """Of the hand that carries it; None where any does."""
+    size_m: tuple[float, ...]
+    material: str | Material
+    paired: bool = False
+    """Whether it is one of two of one size."""
+
+    @classmethod
+    def of(cls, fields: Mapping[str, Any]) -> Wish:
+        """From its fields: thing, hand, size_m and material."""
+        for name in fields:
+            if name not in (known := ("thing", "hand", "size_m", "material")):
+                raise InputError(f"unknown field {shown(name)} of a thing; {names_advice(name, known)}")
+        thing, side = fields["thing"], fields.get("hand")
+        if not isinstance(thing, str) or thing not in SIZES_M:
+            raise unknown_name("thing", thing, [*SIZES_M, *PAIRS])
+        if side is not None and (side not in SIDES or thing not in ONE_HANDED):
+            hands = "left or right" if thing in ONE_HANDED else "left out, as no single hand carries it"
+            raise InputError(f"hand of a {thing} must be {hands}, got {shown(side)}")
+        meaning, default = SIZES_M[thing]
+        sizes = array("size_m", fields.get("size_m", default), hint=f"of a {thing} {meaning} [m]")
+        most = len(default) + (thing in FITTED)
+        least_m, greatest_m = (np.array(each) for each in RANGES_M.get(thing, ((0.005,) * most, (3.0,) * most)))
+        count = sizes.size
+        if (
+            sizes.ndim != 1
+            or not len(default) <= count <= most
+            or not ((sizes >= least_m[:count]) & (sizes <= greatest_m[:count])).all()
+        ):
+            ranges = ", ".join(f"{low:g} to {high:g}" for low, high in zip(least_m, greatest_m, strict=True))
+            raise InputError(f"size_m of a {thing} is {meaning}, {ranges} m, got {shown(fields['size_m'])}")
+        material = checked_material(fields.get("material", MATERIALS[thing]))
+        return cls(thing, side, tuple(sizes.tolist()), material)
+
+
+def wishes_of(entry: Any) -> list[Wish]:
+    """The thing of an entry, or the two of a pair."""
+    fields = fields_of(entry)
+    thing = fields["thing"]
+    if not isinstance(thing, str) or thing not in PAIRS:
+        return [Wish.of(fields)]
+    if "hand" in fields:
+        raise InputError(f"hand of {thing} must be left out, as each hand has one, got {shown(fields['hand'])}")
+    return [replace(Wish.of({**fields, "hand": side, "thing": PAIRS[thing]}), paired=True) for side in SIDES]
+
+
+@dataclass(frozen=True, slots=True)
+class Person:
+    """Who carries: positions (T, 3) [m] by joint, and directions."""
+
+    poses: Poses
+    points: dict[str, np.ndarray]
+    stature_m: float
+    heading: np.ndarray
+    """Level direction of walking, quaternions (T, 4)."""
+    chest: np.ndarray
+    """Orientation of the upper spine, (T, 4), rigid in the motion's own."""
+
+    @classmethod
+    def of(cls, motion: Motion) -> Person:
+        """The person of a motion."""
+        points, poses = {name: motion.joints[:, k] for k, name in enumerate(motion.names)}, poses_of(motion)
+        ahead = facing(points)
+        angle = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
+        slow = low_pass(angle[:, None], HEADING_HZ, motion.rate_hz)[:, 0]
+        own, seen = motion.rotations[:, motion.index("spine3")], poses.world()[1][:, INDEX["spine3"]]
+        chest = quaternions.calibrated(own, seen)
+        return cls(poses, points, stature_m(points), quaternions.about_axis(Z, slow), chest)
+
+    def ahead(self, vector: Sequence[float] | np.ndarray) -> np.ndarray:
+        """A direction (3,) of the heading's frame at every instant, (T, 3)."""
+        return quaternions.rotate(self.heading, np.asarray(vector, float))
+
+    def arm_m(self, side: str) -> tuple[float, float]:
+        """Lengths of upper arm and forearm [m]."""
+        return self.poses.skeleton.bone_m(f"{side}_elbow"), self.poses.skeleton.bone_m(f"{side}_wrist")
+
+    def hanging(self, side: str, bend_rad: float, out_m: float) -> np.ndarray:
+        """Wrist (T, 3) [m] of an arm that hangs, its elbow bent, `out_m` outside the shoulder, and swings by `OWN_SWING` of what it
+        did."""
+        first, second = self.arm_m(side)
+        shoulder = self.points[f"{side}_shoulder"]
+        swing = unit(self.points[f"{side}_wrist"] - shoulder)
+        length = np.sqrt(first**2 + second**2 + 2 * first * second * np.cos(bend_rad))
+        down = unit(self.ahead([HANGS_AHEAD, SIGN[side] * out_m / length, -1.0]))
+        return shoulder + length * unit((1 - OWN_SWING) * down + OWN_SWING * swing)
+
+
+@dataclass(frozen=True, slots=True)
+class Grip:
+    """Where a hand holds a thing, in the thing's frame."""
+
+    at: np.ndarray
+    """Middle of the grip [m], (3,)."""
+    axes: np.ndarray
+    """The hand's orientation, (4,): fingers along y of a left and -y of a right one, back of the hand towards z."""
+    elbow: tuple[float, float, float]
+    """Where the elbow points: ahead, out to its own side and up, in the heading's frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a thing is."""
+
+    origin: np.ndarray
+    """Its origin [m], (T, 3)."""
+    axes: np.ndarray
+    """Its orientation, (T, 4)."""
+    joint: str
+    """Joint that it is rigid with, once the arms are posed."""
+    size_m: tuple[float, ...]
+    grips: Mapping[str, Grip]
+    """By the side of the hand."""
+    lowest_m: np.ndarray
+    """Height of its lowest point over the floor [m], (T,)."""
+
+
+def hanging_hand(side: str, raised_rad: float = 0.0) -> np.ndarray:
+    """Orientation (4,) of a hand whose back faces out and whose fingers point down, or forward by an angle."""
+    down = quaternions.about_axis(X, np.array(-SIGN[side] * np.pi / 2))
+    return quaternions.multiply(quaternions.about_axis(Y, np.array(-raised_rad)), down)
+
+
+def path_of(person: Person, cutoff_hz: float = HEADING_HZ) -> np.ndarray:
+    """Where what rolls on the floor is, below the pelvis, (T, 3) [m]: the pelvis's way without its sway."""
+    return low_pass(person.points["pelvis"], cutoff_hz, person.poses.rate_hz) * [1.0, 1.0, 0.0]
