@@ -175,7 +175,11 @@ def simulate_radars(
     _check_one_start(targets, some)
     if starts_s is not None and not interference:
         raise InputError("starts_s tells when radars hear one another; give interference=True as well, or leave it out")
-    began_s = None if starts_s is None else array("starts_s", starts_s, (len(some),), limit=LATEST_S, unit="s")
+    began_s = (
+        None
+        if starts_s is None
+        else array("starts_s", starts_s, (len(some),), limit=LATEST_S, unit="s", hint="give one instant for each radar")
+    )
     found = []
     for number, radar in enumerate(some):
         own = noise_named(noise, radar)

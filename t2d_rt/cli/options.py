@@ -88,7 +88,9 @@ class Command:
         more: Given = {"required": True} if default is inspect.Parameter.empty else {"default": default}
         more |= {"nargs": "?", "const": True} if hint is bool and default is False else {}
         names = [SHORT[name], f"--{name}"] if name in SHORT else [f"--{name}"]
-        (group or self.parser).add_argument(*names, type=hint, help=_one_line(told).replace("%", "%%"), **more)
+        told = _one_line(told).replace("%", "%%")
+        action = (group or self.parser).add_argument(*names, type=hint, help=told, **more)
+        action.option_strings = names  # without the parser's --name+ for lists, which `words` does not take
         self.hints[name] = hint
 
     def add_fields(

@@ -413,6 +413,8 @@ def test_a_new_field_is_an_option_stands_in_yaml_and_is_saved(run: Command, monk
                 monkeypatch.setattr(module, before.__name__, after)
     monkeypatch.setattr(t2d_rt.cli, "_command", inspect.unwrap(t2d_rt.cli._command))
     told = " ".join(run("simulate", "--help").out.split())
+    assert "--carries [" in told
+    assert "+ [" not in told
     assert "Speed of the wind [m/s]. (type: float, default: 0.0)" in told
     assert "Size of the grains [m]." in told
     given = ("--wind-mps", "3", "--accuracy.grain-m", "0.5")

@@ -179,6 +179,13 @@ def test_a_comma_is_part_of_a_number() -> None:
         assert "1" in parsed.ignored
 
 
+def test_quarters_are_no_slip_and_powers_of_ten_are_numbers() -> None:
+    assert parse_description("a person turns three quarters of a turn").read_as == ()
+    assert parse_description("a person turns by 1e2 degrees").description.steps[0].angle_deg == 100
+    with pytest.raises(InputError, match="got 1e9 degrees"):
+        parse_description("a person turns by 1e9 degrees")
+
+
 def test_whole_turns_stay_counts() -> None:
     (step,) = parse_description("a person makes two turns").description.steps
     assert (step.count, step.angle_deg) == (2, None)

@@ -102,7 +102,7 @@ def test_radars_that_begin_at_stated_instants_hear_one_another_at_that_delay() -
     assert np.abs(np.fft.fft(found[1].cube[:, 0], axis=1)).max() < 0.1 * spectrum.max()
     with pytest.raises(InputError, match="give interference=True as well"):
         t2d.simulate_radars(walk, [TABLE2, other], starts_s=[0.0, later_s], **options)
-    with pytest.raises(InputError, match=r"starts_s must .* shape"):
+    with pytest.raises(InputError, match=r"starts_s must .* shape .* one instant for each radar"):
         t2d.simulate_radars(walk, [TABLE2, other], interference=True, starts_s=[0.0], **options)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from t2d_rt.motion.descriptions.lexicon import Forms, Synonyms, inflected, lexicon, meaning
 
-WORD = re.compile(r"\d+(?:\.\d+)?|[^\W\d_]+(?:'[^\W\d_]+)?|n't|[^\w\s]")
+WORD = re.compile(r"\d+(?:\.\d+)?(?:e\d+(?!\w))?|[^\W\d_]+(?:'[^\W\d_]+)?|n't|[^\w\s]")
 COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![.,]?\d)")
 """Within a number; a list of three numbers and more has others."""
 GAP = "~"
@@ -388,7 +388,13 @@ def _turned(words: list[str], place: int) -> tuple[Token, int] | None:
 def _meant(word: str) -> str | None:
     """The one word of the lexicon that differs from a misspelt one by one letter; None where there is none, or several."""
     known = _vocabulary()
-    if word in known or len(word) < SHORTEST_SLIP or not word.isalpha() or word in lexicon().not_misspelt:
+    if (
+        word in known
+        or word.removesuffix("s") in PARTS
+        or len(word) < SHORTEST_SLIP
+        or not word.isalpha()
+        or word in lexicon().not_misspelt
+    ):
         return None
     letters = "abcdefghijklmnopqrstuvwxyz"
     places = range(len(word) + 1)

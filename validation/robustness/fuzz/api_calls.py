@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 import t2d_rt as t2d
+from validation.robustness.api_arguments import FACES, RADAR, TETRAHEDRON, TIMES_S
 from validation.robustness.api_calls import Call, arrays_of, calls
 from validation.robustness.fuzz.case import Attempt, chance, check_finite, no_raw_warnings, pick
 
@@ -61,11 +62,33 @@ ODD: tuple[Callable[[], Any], ...] = (
     *(functools.partial(eval, text, NAMES) for text in TEXTS),
 )
 """Makers of odd values."""
+TRACKS: dict[str, Callable[[np.ndarray], Any]] = {
+    "nan": lambda times: np.full((len(times), 4, 3), np.nan),
+    "another shape": lambda times: TETRAHEDRON,
+    "nothing": lambda times: None,
+    "jumps": lambda times: TETRAHEDRON + 1e3 * (np.asarray(times) > 0.1)[:, None, None],
+    "words": lambda times: "x",
+}
+"""Functions that should give vertices at times."""
+
+
+def broken_tracks() -> list[Call]:
+    """Meshes by what is no track, simulated: they are seen when the track is called."""
+    sound = {"faces": FACES, "times_s": TIMES_S, "material": "pec", "rest": TETRAHEDRON, "name": "ball"}
+    return [
+        Call(
+            f"a track of {kind}",
+            t2d.MovingMesh.from_track,
+            {"track": track, **sound},
+            lambda m: t2d.simulate(m, radar=RADAR).cube,
+        )
+        for kind, track in TRACKS.items()
+    ]
 
 
 def attempt(rng: np.random.Generator, folder: Path) -> Attempt:
     """One call."""
-    call = pick(rng, calls(folder))
+    call = pick(rng, calls(folder) + broken_tracks())
     odd = {}
     for _ in range(1 if chance(rng, 0.7) else 2):
         odd[pick(rng, sorted(call.arguments))] = pick(rng, ODD)()
