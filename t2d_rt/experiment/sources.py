@@ -35,8 +35,9 @@ from t2d_rt.pipeline.targets import TargetLike, segments, skin
 from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, OwnMover, Pet, TableFan, mover
 from t2d_rt.scene.movers import KINDS, kind_names
 from t2d_rt.types import ByPart, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
+from t2d_rt.types.carried import Carried
 from t2d_rt.types.fields import Count, Fields, Number
-from t2d_rt.types.motion import Breathing, Carried, Heartbeat
+from t2d_rt.types.motion import Breathing, Heartbeat
 
 Substance = str | Material
 Fraction = Annotated[Number, Field(ge=-1e6, le=1e6)]
@@ -56,9 +57,14 @@ class Plain(Fields):
         return {name: value for name, value in found.items() if value or name not in self._later}
 
 
-def _several(value: Any) -> Any:
-    """A list of what may be given alone."""
-    return (value,) if isinstance(value, (str, Mapping)) else value
+def _things(value: Any) -> Any:
+    """What a person carries, checked, as a list also where it is one thing."""
+    found = (value,) if isinstance(value, (str, Mapping)) else value
+    if not isinstance(found, (list, tuple)):
+        raise InputError(f'carries must be a text such as "bag", a mapping or a list of them, got {shown(value)}')
+    for each in found:
+        wishes_of(each)
+    return found
 
 
 class _Placed(Plain):
@@ -78,16 +84,9 @@ class _Placed(Plain):
     """Angle of the walk against the line to the radar [deg]."""
     aside_m: Fraction = 0.0
     """How far left of the line along the boresight the motion starts, as the radar sees it [m]."""
-    carries: Annotated[tuple[str | dict[str, Any], ...], BeforeValidator(_several)] = ()
+    carries: Annotated[tuple[str | dict[str, Any], ...], BeforeValidator(_things)] = ()
     """What the person carries: a text as "bag" or "cane in the left hand", or a mapping as {thing: box, size_m: [0.2, 0.3, 0.2]} in
     an experiment. The command line has the option once for each."""
-
-    @field_validator("carries")
-    @classmethod
-    def _known_things(cls, value: tuple[Any, ...]) -> tuple[Any, ...]:
-        for each in value:
-            wishes_of(each)
-        return value
 
     def cut(self, motion: Motion) -> Motion:
         """The piece of a motion that is used."""

@@ -46,12 +46,16 @@ SIZES_M: Mapping[str, tuple[str, tuple[float, ...]]] = {
 }
 """Dimensions of things: their meaning, and what they are by default [m]."""
 RANGES_M: Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
+    "bag": ((0.05, 0.02, 0.05), (0.8, 0.4, 1.0)),
+    "ball": ((0.02,), (0.3,)),
+    "box": ((0.05, 0.05, 0.05), (1.0, 1.5, 1.0)),
+    "backpack": ((0.05, 0.1, 0.1), (0.4, 0.6, 0.9)),
     "cane": ((0.01, 0.3), (0.05, 1.5)),
     "crutch": ((0.01, 0.3), (0.05, 1.5)),
     "walker": ((0.4, 0.4), (0.9, 1.2)),
     "wheelchair": ((0.5, 0.4), (0.8, 0.6)),
 }
-"""Least and greatest dimensions of what has a shape of its own [m]; those of others are 0.005 to 3."""
+"""Least and greatest dimensions of things, those that are fitted included [m]."""
 MATERIALS = {"bag": "fabric", "ball": "plastic", "box": "wood", "backpack": "fabric"} | dict.fromkeys(
     ("cane", "crutch", "walker", "wheelchair"), "metal"
 )
@@ -105,7 +109,7 @@ class Wish:
         meaning, default = SIZES_M[thing]
         sizes = array("size_m", fields.get("size_m", default), hint=f"of a {thing} {meaning} [m]")
         most = len(default) + (thing in FITTED)
-        least_m, greatest_m = (np.array(each) for each in RANGES_M.get(thing, ((0.005,) * most, (3.0,) * most)))
+        least_m, greatest_m = (np.array(each) for each in RANGES_M[thing])
         count = sizes.size
         if (
             sizes.ndim != 1

@@ -19,6 +19,7 @@ from t2d_rt.motion import quaternions
 from t2d_rt.motion.carriers import (
     GRIP,
     OTHER,
+    RANGES_M,
     SHORT_M,
     SIGN,
     Grip,
@@ -36,10 +37,13 @@ from t2d_rt.motion.contacts import SIDES, Limb, contacts, reach, runs, soles
 from t2d_rt.motion.interpolate import minimum_jerk
 from t2d_rt.motion.kinematics import INDEX, stature_m
 from t2d_rt.motion.wheelchair import seated, wheelchair
-from t2d_rt.types.motion import HANDLE_M, Carried, Motion, checked_motion
+from t2d_rt.types.carried import HANDLE_M, Carried
+from t2d_rt.types.motion import Motion, checked_motion
 
 PALM_M = 0.02
 """From the hand's bone to what its palm lies against [m]."""
+WALKING_MPS = 2.2
+"""Speed above which nobody walks with a cane, crutches or a walking frame [m/s]; people change from walking to running near 2."""
 SUNK_M = 0.02
 """How far the bottom of a thing may be below the floor [m]."""
 FLOOR_M = 0.1
@@ -245,17 +249,33 @@ def carry(motion: Motion, things: str | Mapping[str, Any] | Sequence[str | Mappi
     wishes = [wish for each in listed for wish in wishes_of(each)]
     if not wishes:
         return motion
+    named = [wish.thing for wish in wishes]
+    if named.count("backpack") > 1:
+        raise InputError("a back has room for one backpack, got several; leave one out, or give a bag")
     person, sides = Person.of(motion), _sides(wishes)
     lowest_m = float(soles(person.poses)[..., 2].min())
     if abs(lowest_m) > FLOOR_M:
         raise InputError(
             f"things stand on a floor at z = 0, and the lowest sole is at {lowest_m:.3g} m; move the motion there"
         )
+    speed_mps = float(norms(np.diff(path_of(person), axis=0)).mean() * motion.rate_hz)
     for wish in wishes:
+        if wish.thing in ("cane", "crutch", "walker") and speed_mps > WALKING_MPS:
+            raise InputError(
+                f"a {wish.thing} is for a walk, and the motion goes at {speed_mps:.2g} m/s; give a slower one"
+            )
         if wish.thing == "wheelchair":
             motion, person = seated(motion, person, wish)
     places = [PLACES[wish.thing](person, wish, side) for wish, side in zip(wishes, sides, strict=True)]
     for wish, place in zip(wishes, places, strict=True):
+        given, (least_m, greatest_m) = place.size_m, RANGES_M[wish.thing]
+        if not all(low <= size <= high for low, size, high in zip(least_m, given, greatest_m, strict=False)):
+            raise InputError(
+                f"a {wish.thing} that fits would have the dimensions {', '.join(f'{size:.2g}' for size in given)} m; "
+                "carry it in a walk"
+            )
+        if wish.thing == "box":
+            _refuse_legs_in(place, motion)
         lowest = place.lowest_m
         if lowest.min() < -SUNK_M:
             raise InputError(
@@ -270,7 +290,7 @@ def carry(motion: Motion, things: str | Mapping[str, Any] | Sequence[str | Mappi
     grips = {side: (place, grip) for place in places for side, grip in place.grips.items()}
     posed = _holding(motion, person, grips)
     found = tuple(_attached(posed, wish, place) for wish, place in zip(wishes, places, strict=True))
-    return replace(posed, carries=found).edited(f"carries {', '.join(wish.thing for wish in wishes)}")
+    return replace(posed, carries=found).edited(f"carries {', '.join(named)}")
 
 
 def _sides(wishes: Sequence[Wish]) -> list[str]:
@@ -288,6 +308,25 @@ def _sides(wishes: Sequence[Wish]) -> list[str]:
         free = [each for each in free if each not in taken]
         found.append((wish, side))
     return [next(side for other, side in found if other is wish) for wish in wishes]
+
+
+def _refuse_legs_in(place: Place, motion: Motion) -> None:
+    """Refuses a box that a thigh goes through, as of who sits or bends down."""
+    half_m, back = 0.5 * np.array(place.size_m), quaternions.conjugate(place.axes)
+    for side in SIDES:
+        hip, knee = (motion.joints[:, motion.index(f"{side}_{name}")] for name in ("hip", "knee"))
+        for along in np.linspace(0.0, 1.0, 9):
+            local = quaternions.rotate(back, hip + along * (knee - hip) - place.origin)
+            inside = (np.abs(local) < half_m + THIGH_M).all(axis=1)
+            if inside.any():
+                raise InputError(
+                    f"the {side} thigh would go through the box at {inside.argmax() / motion.rate_hz:.3g} s; carry it in a walk, "
+                    "or a smaller one"
+                )
+
+
+THIGH_M = 0.05
+"""From the axis of a thigh to its front, at least [m]."""
 
 
 def _holding(motion: Motion, person: Person, grips: Mapping[str, tuple[Place, Grip]]) -> Motion:

@@ -15,7 +15,8 @@ from t2d_rt.motion.contacts import SIDES, Limb, reach, runs
 from t2d_rt.motion.generate.made.hands import Anatomy
 from t2d_rt.motion.interpolate import minimum_jerk
 from t2d_rt.motion.kinematics import INDEX, LOWER_BACK, PARENT_NAMES, Poses, motion_of
-from t2d_rt.types.motion import RIM_M, WHEEL_M, Motion
+from t2d_rt.types.carried import RIM_M, WHEEL_M
+from t2d_rt.types.motion import Motion
 
 SEATED_TRUNK = 0.15
 """Part of the trunk's movement in the gait that is left of it in a wheelchair."""
@@ -83,7 +84,7 @@ def seated(motion: Motion, person: Person, wish: Wish) -> tuple[Motion, Person]:
     poses = replace(poses, root=path - quaternions.rotate(pelvis, anatomy.middle), local=local)
     rims = _Rims.of(poses, person, path, wish.size_m[0])
     seat_m = wish.size_m[1] if len(wish.size_m) > 1 else rims.fitting_seat_m()
-    poses = replace(poses, root=poses.root + seat_m * Z)
+    poses = replace(poses, root=poses.root + (seat_m + anatomy.seat_m) * Z)
     rolled = np.concatenate([[0.0], np.cumsum((np.diff(path, axis=0) * person.ahead(X)[1:]).sum(axis=1))]) / WHEEL_M
     angle = pushing(rolled, *rims.arc(seat_m))
     shank_m = 0.5 * sum(anatomy.bones_m(side, "knee", "ankle")[1] for side in SIDES)

@@ -18,8 +18,8 @@ from t2d_rt.motion import Track, place, quaternions, track
 from t2d_rt.scene import Mover
 from t2d_rt.scene.things import substance, surface, wheels
 from t2d_rt.types import ByPart, Ellipsoids, Material, Motion, MovingMesh, Radar
+from t2d_rt.types.carried import Carried
 from t2d_rt.types.mesh import Made
-from t2d_rt.types.motion import Carried
 from t2d_rt.types.splines import set_fields, spline
 from t2d_rt.types.target import Geometry, Method, Target
 

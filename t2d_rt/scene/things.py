@@ -8,7 +8,7 @@ import numpy as np
 
 from t2d_rt.scene.movers.solids import MATERIALS, ball, ring_of, skin_faces, together
 from t2d_rt.types import Material
-from t2d_rt.types.motion import HANDLE_M, RIM_M, WHEEL_M, Carried
+from t2d_rt.types.carried import HANDLE_M, RIM_M, WHEEL_M, Carried
 
 STEP_M = 0.1
 """Between vertices: visibility is sampled there."""

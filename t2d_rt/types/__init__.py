@@ -2,6 +2,7 @@
 
 from t2d_rt.core.calls import public
 from t2d_rt.types.accuracy import Accuracy, PathTier
+from t2d_rt.types.carried import Carried
 from t2d_rt.types.echoes import EchoArrays, Echoes
 from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.material import PEC, ByPart, Material
@@ -22,6 +23,7 @@ __all__ = [
     "Accuracy",
     "Breathing",
     "ByPart",
+    "Carried",
     "EchoArrays",
     "EchoStream",
     "Echoes",
@@ -46,6 +48,7 @@ __all__ = [
 for _each in (
     Accuracy,
     Breathing,
+    Carried,
     EchoStream,
     Echoes,
     Ellipsoids,

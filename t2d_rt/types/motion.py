@@ -11,7 +11,7 @@ import numpy as np
 from t2d_rt.core.checks import LARGEST_M, array, flag, instance, number, numeric, shown, text
 from t2d_rt.core.errors import InputError, html_table
 from t2d_rt.geometry.vectors import norms
-from t2d_rt.types.material import Material, checked_material
+from t2d_rt.types.carried import ROTATION_LIMIT, Carried
 from t2d_rt.types.splines import set_fields
 
 CANONICAL_JOINTS: tuple[str, ...] = (
@@ -34,8 +34,6 @@ OPTIONAL_JOINTS: dict[str, str] = {
 
 RATES_HZ = 1e-3, 1e5
 """Frame rates that are taken."""
-ROTATION_LIMIT = 1e3
-"""Components of quaternions that need no more than normalising."""
 
 
 _COORDINATES = {
@@ -120,41 +118,6 @@ class Heartbeat:
 def _advanced(cycle: Breathing | Heartbeat, start_s: float) -> float:
     """Its phase at an instant [rad]."""
     return float((cycle.phase_rad + 2 * np.pi * cycle.rate_hz * start_s) % (2 * np.pi))
-
-
-HANDLE_M = 0.12
-"""Of a bag that is carried, from its grip to its top [m]."""
-WHEEL_M, RIM_M = 0.305, 0.26
-"""Radii of a wheelchair's rear wheels, of 24 inches, and of their hand rims [m]."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Carried:
-    """A thing that a person carries, rigid in the frame of one joint; `carry` makes it, and poses the arms that hold it."""
-
-    thing: str
-    """What it is: bag, box, cane, ..."""
-    joint: str
-    """Joint of the motion whose orientation carries it."""
-    position_m: tuple[float, float, float]
-    """Its origin in the joint's frame [m]."""
-    rotation: tuple[float, float, float, float]
-    """Its axes, x forward, y left and z up, in the joint's frame: a unit quaternion x, y, z, w."""
-    size_m: tuple[float, ...]
-    """Its dimensions [m], of which `motion.carriers.SIZES_M` tells the meaning."""
-    material: str | Material
-
-    def __post_init__(self) -> None:
-        text("thing", self.thing), text("joint", self.joint), checked_material(self.material)
-        position = array("position_m", self.position_m, (3,), limit=LARGEST_M, unit="m")
-        rotation = array("rotation", self.rotation, (4,), limit=ROTATION_LIMIT)
-        sizes = array("size_m", self.size_m, hint="dimensions [m]", limit=LARGEST_M, unit="m")
-        if abs(np.linalg.norm(rotation) - 1) > 1e-6:
-            raise InputError(f"rotation must be a unit quaternion x, y, z, w, got {shown(self.rotation)}")
-        if sizes.ndim != 1 or not len(sizes) or not (sizes > 0).all():
-            raise InputError(f"size_m must be a list of positive dimensions [m], got {shown(self.size_m)}")
-        plain = {"position_m": position, "rotation": rotation, "size_m": sizes}
-        set_fields(self, **{name: tuple(each.tolist()) for name, each in plain.items()})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

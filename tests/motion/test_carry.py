@@ -20,7 +20,7 @@ from t2d_rt.motion.kinematics import poses_of, stature_m
 from t2d_rt.motion.vary import arc
 from t2d_rt.pipeline.targets import things
 from t2d_rt.scene.things import surface, wheels
-from t2d_rt.types import Motion, MovingMesh, Radar
+from t2d_rt.types import Carried, Motion, MovingMesh, Radar
 
 HELD = "bag", "ball", "box", "backpack", "cane", "crutches", "walker"
 THINGS = *HELD, "wheelchair"
@@ -206,7 +206,7 @@ def test_wheels_roll_and_hands_push_their_rims(name: str) -> None:
             assert ((speed * ahead).sum(axis=1) < 1.05 * bound).all()
             assert ((speed * ahead).sum(axis=1) > -0.75 * bound).all()
             change = np.linalg.norm(np.gradient(speed, times_s, axis=0), axis=1)
-            assert change.max() < 8 * (bound.max() / 2) ** 2 / 0.305  # of the order of v^2 / r
+            assert change.max() < 10 * (bound.max() / 2) ** 2 / 0.305  # of the order of v^2 / r
 
 
 def test_a_spoke_is_as_the_next_one() -> None:
@@ -226,7 +226,9 @@ def test_a_spoke_is_as_the_next_one() -> None:
 def test_who_sits_in_a_wheelchair_has_the_feet_on_its_footrest(name: str) -> None:
     found = t2d.carry(t2d.example(name), "wheelchair")
     origin, axes = frame(found)
-    _, _, rest_m, low_m = found.carries[0].size_m
+    _, seat_m, rest_m, low_m = found.carries[0].size_m
+    hips = 0.5 * (found.joints[:, found.index("left_hip")] + found.joints[:, found.index("right_hip")])
+    assert 0.05 < (hips[:, 2] - seat_m).min() <= (hips[:, 2] - seat_m).max() < 0.12  # joints over a seat
     for side in ("left", "right"):
         ball, ankle = (
             axes.inv().apply(found.joints[:, found.index(f"{side}_{end}")] - origin) for end in ("foot", "ankle")
@@ -236,6 +238,11 @@ def test_who_sits_in_a_wheelchair_has_the_feet_on_its_footrest(name: str) -> Non
         assert ankle[0, 0] - 0.01 < rest_m < ball[0, 0] + 0.01
         assert ankle[0, 2] > ball[0, 2]
     assert low_m > 0.04
+
+
+def test_a_seat_is_as_high_as_is_asked() -> None:
+    given = t2d.carry(walk(), {"thing": "wheelchair", "size_m": [0.7, 0.48]}).carries[0]
+    np.testing.assert_allclose(given.size_m[:2], [0.7, 0.48], atol=2e-3)
 
 
 def test_a_wheelchair_does_not_slide() -> None:
@@ -371,9 +378,11 @@ def test_the_command_line_names_them(tmp_path: Path, monkeypatch: pytest.MonkeyP
         ({"thing": "cane", "size_m": [0.02, 3.0]}, "size_m of a cane"),
         ({"thing": "cane", "size_m": [0.02, 0.3]}, "a cane of 0.3 m stays .* m over the floor"),
         ({}, "a thing is a text as"),
+        (["backpack", "backpack"], "a back has room for one backpack"),
+        ({"thing": "ball", "size_m": [0.7]}, "size_m of a ball is radius, 0.02 to 0.3 m"),
         ({"thing": [1]}, r"unknown thing \[1\]"),
-        ({"thing": "bag", "size_m": [0.3, 0.1, 2.0]}, "m below the floor at"),
-        ({"thing": "box", "size_m": [0.3, 1.9, 0.3]}, "the arms do not reach the box"),
+        ({"thing": "bag", "size_m": [0.3, 0.1, 0.9]}, "m below the floor at"),
+        ({"thing": "box", "size_m": [0.3, 1.5, 0.3]}, "the arms do not reach the box"),
     ],
 )
 def test_wrong_things_are_refused(wrong: Any, sentence: str) -> None:
@@ -394,6 +403,31 @@ def test_a_wheelchair_goes_the_way_of_walks_alone(sentence: str, told: str) -> N
         t2d.carry(t2d.motion_from_text(sentence, seed=1), "wheelchair")
     walks = t2d.carry(t2d.motion_from_text("a person walks forward", seed=1), "wheelchair")
     assert walks.activities == ()
+
+
+def test_things_of_no_motion_are_refused() -> None:
+    plain: dict[str, Any] = {"joint": "pelvis", "position_m": (0, 0, 0), "rotation": (0, 0, 0, 1), "material": "metal"}
+    with pytest.raises(InputError, match="unknown thing 'sofa'"):
+        Carried(thing="sofa", size_m=(1, 1, 1), **plain)
+    with pytest.raises(InputError, match="size_m of a bag must be 3 positive dimensions"):
+        Carried(thing="bag", size_m=(1,), **plain)
+    for given in (5, None):
+        with pytest.raises(InputError, match="carries must be a text such as"):
+            t2d.Experiment(targets=[{"kind": "file", "file": "walk", "carries": given}], radar="ci4r")
+    with pytest.raises(InputError, match="a thing is a text as"):
+        t2d.Experiment(targets=[{"kind": "file", "file": "walk", "carries": [5]}], radar="ci4r")
+
+
+def test_runners_and_who_bends_or_falls_carry_less() -> None:
+    for thing in ("cane", "walker"):
+        with pytest.raises(InputError, match=f"a {thing} is for a walk, and the motion goes at"):
+            t2d.carry(t2d.example("run"), thing)
+    with pytest.raises(InputError, match="thigh would go through the box at"):
+        t2d.carry(t2d.motion_from_text("a person sits down on a chair", seed=1), "box")
+    with pytest.raises(
+        InputError, match=r"m below the floor|that fits would have the dimensions|the arms do not reach"
+    ):
+        t2d.carry(t2d.motion_from_text("a person falls backward while walking", seed=1), "cane")
 
 
 def test_wrong_carriers_are_refused(tmp_path: Path) -> None:
