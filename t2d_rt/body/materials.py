@@ -8,7 +8,7 @@ from typing import cast
 from t2d_rt.core.constants import VACUUM_PERMITTIVITY
 from t2d_rt.core.errors import InputError
 from t2d_rt.types import PEC, Material
-from t2d_rt.types.material import checked_frequency, checked_material
+from t2d_rt.types.material import BODY_NAMES, checked_frequency, checked_material
 
 DRY_SKIN_POLES: tuple[tuple[float, float, float], ...] = ((32.0, 7.234e-12, 0.0), (1100.0, 32.481e-9, 0.2))
 """(delta eps, tau [s], alpha) of dry skin; the last two of the four terms have no strength (Gabriel 1996, part III)."""
@@ -26,9 +26,6 @@ goes with (ITU-R P.2040-3, vinyl tile; its values end at 40 GHz)."""
 SHOE_SCATTERING_COEFFICIENT = 0.1
 """S of what is moulded and nearly smooth, as of movers' plastic."""
 
-BODY_MATERIALS: tuple[str, ...] = ("pec", *SCATTERING_COEFFICIENTS, "shoe")
-"""Names that `resolve_material` knows."""
-
 
 def skin_permittivity(frequency_hz: float) -> complex:
     """Complex relative permittivity of dry skin, eps' - j eps'' (physics.md, eq. 10); 6.57 - j8.91 at 77 GHz."""
@@ -40,14 +37,14 @@ def skin_permittivity(frequency_hz: float) -> complex:
 
 
 def resolve_material(material: str | Material, frequency_hz: float) -> Material:
-    """The material of a name in `BODY_MATERIALS` at one frequency; a `Material` is taken as it is."""
+    """The material of a name in `BODY_NAMES` at one frequency; a `Material` is taken as it is."""
     checked_frequency(frequency_hz)
     if isinstance(checked_material(material), Material):
         return cast(Material, material)
     if material == "pec":
         return PEC
-    if material not in BODY_MATERIALS:
-        raise InputError(f"unknown body material {material!r}; use one of {', '.join(BODY_MATERIALS)}, or a Material")
+    if material not in BODY_NAMES:
+        raise InputError(f"unknown body material {material!r}; use one of {', '.join(BODY_NAMES)}, or a Material")
     if material == "shoe":
         return Material(
             name="shoe",

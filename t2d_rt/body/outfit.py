@@ -12,7 +12,7 @@ import numpy as np
 from t2d_rt.core.checks import number, shown, text
 from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import edge_cross, unit
-from t2d_rt.types.material import ByPart, Material, checked_material
+from t2d_rt.types.material import ByPart, Material, known_material
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
 BARE = "head", "neck", "left_hand", "right_hand"
@@ -52,8 +52,8 @@ class Outfit:
 
     def __post_init__(self) -> None:
         text("name of an outfit", self.name)
-        for each in (self.cloth, self.bare, self.shoes):
-            checked_material(each)
+        for field in ("cloth", "bare", "shoes"):
+            known_material(f"material of an outfit's {field}", getattr(self, field))
         number("cloth_m", self.cloth_m, 0, MOST_CLOTH_M, unit="m", hint="0.003 is a shirt, 0.012 a coat")
         number("sole_m", self.sole_m, 0, MOST_SOLE_M, unit="m", hint="0.025 is an ordinary shoe, 0 none")
 
@@ -85,7 +85,7 @@ def outfit_of(material: Any) -> Outfit | None:
         raise InputError(
             f"a body takes a material or an Outfit, got {shown(material)}; its parts are those of an Outfit"
         )
-    checked_material(material)
+    known_material("material", material, others=OUTFITS)
     return OUTFITS.get(material) if isinstance(material, str) else None
 
 

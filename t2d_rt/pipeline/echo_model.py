@@ -9,7 +9,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
+from t2d_rt.body.materials import resolve_material
 from t2d_rt.body.outfit import Outfit
 from t2d_rt.core.backend import Backend
 from t2d_rt.core.errors import InputError
@@ -37,6 +37,7 @@ from t2d_rt.types import (
     Radar,
     Scene,
 )
+from t2d_rt.types.material import BODY_NAMES
 from t2d_rt.types.scatterer import Scatterer
 from t2d_rt.types.target import Geometry, Method, Target
 
@@ -248,14 +249,14 @@ def resolved(material: str | Material | ByPart, radar: Radar) -> Material | ByPa
 
 def values(material: str | Material, radar: Radar) -> Material:
     """Values at mid-sweep: a body's material, or an ITU one by name."""
-    if isinstance(material, Material) or material in BODY_MATERIALS:
+    if isinstance(material, Material) or material in BODY_NAMES:
         return resolve_material(material, radar.mid_frequency_hz)
     if not isinstance(material, str):
         raise InputError(f"material must be a name or a Material, got {material!r}")
     try:
         return itu_material(material, radar.mid_frequency_hz)
     except InputError as error:
-        raise InputError(f"{error}; or one of {', '.join(BODY_MATERIALS)}") from None
+        raise InputError(f"{error}; or one of {', '.join(BODY_NAMES)}") from None
 
 
 def with_method(model: Model, method: Method) -> Model:

@@ -13,7 +13,7 @@ from t2d_rt.core.backend import select
 from t2d_rt.core.errors import InputError
 from t2d_rt.propagation.rays import imported
 from t2d_rt.types import Material
-from t2d_rt.types.material import known_itu
+from t2d_rt.types.material import known_itu, short_name
 
 
 def itu_material(name: str, frequency_hz: float) -> Material:
@@ -21,7 +21,7 @@ def itu_material(name: str, frequency_hz: float) -> Material:
     if not 0 < frequency_hz < math.inf:
         raise InputError(f"frequency_hz must be positive and finite, got {frequency_hz}")
     itu = _sionna_table()
-    short = known_itu(_short(name))
+    short = known_itu(short_name(name))
     try:
         permittivity, conductivity = itu.itu_material(short, frequency_hz)
     except ValueError:
@@ -35,14 +35,10 @@ def itu_material(name: str, frequency_hz: float) -> Material:
     )
 
 
-def _short(name: str) -> str:
-    return name.removeprefix("itu_").replace("-", "_")
-
-
 def check_values(materials: Iterable[str | Material], frequency_hz: float) -> None:
     """Refuses a scene's materials that have no values at a frequency, all at once."""
     valid = itu_names(frequency_hz)
-    named = {_short(each) for each in materials if isinstance(each, str)}
+    named = {short_name(each) for each in materials if isinstance(each, str)}
     missing = [known_itu(name) for name in sorted(named - set(valid))]
     if missing:
         # All others are mineral: brick, marble, ground.

@@ -8,7 +8,7 @@ import numpy as np
 
 from t2d_rt.core.checks import LARGEST_M, array, shown, text, unknown_name
 from t2d_rt.core.errors import InputError
-from t2d_rt.types.material import Material, checked_material
+from t2d_rt.types.material import THING_NAMES, Material, known_material
 from t2d_rt.types.splines import set_fields
 
 ROTATION_LIMIT = 1e3
@@ -39,7 +39,7 @@ class Carried:
     material: str | Material
 
     def __post_init__(self) -> None:
-        text("joint", self.joint), checked_material(self.material)
+        text("joint", self.joint), known_material(f"material of a {self.thing}", self.material, others=THING_NAMES)
         if not isinstance(self.thing, str) or self.thing not in SIZES:
             raise unknown_name("thing", self.thing, list(SIZES))
         position = array("position_m", self.position_m, (3,), limit=LARGEST_M, unit="m")

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from t2d_rt.core.checks import GREATEST, array, number, shown, text
+from t2d_rt.core.checks import GREATEST, array, number, shown, text, unknown_name
 from t2d_rt.core.constants import VACUUM_PERMITTIVITY
 from t2d_rt.core.errors import InputError
 
@@ -84,6 +84,8 @@ class ByPart:
         for each in self.materials:
             checked_material(each)
         part, count = array("part", self.part, ("face",)), len(self.materials)
+        if not len(part):
+            raise InputError("part must hold a number for each face or ellipsoid, got none; it numbers materials")
         if not np.array_equal(part, np.round(part)) or not 0 <= part.min() <= part.max() < count:
             raise InputError(
                 f"part must be whole numbers in 0..{count - 1}, one for each face, got {shown(self.part)}; it numbers materials"
@@ -114,13 +116,21 @@ def values_of(material: Material | ByPart, count: int, value: Callable[[Material
     """A value of the material of each of `count` faces or ellipsoids (count,); materials by part are resolved."""
     if isinstance(material, Material):
         return np.full(count, value(material))
-    return np.array([value(each) for each in material.materials if isinstance(each, Material)])[material.part]
+    return np.array([value(each) for each in _values(material)])[material.part]
 
 
 def is_rough(material: Material | ByPart) -> bool:
     """Whether any of it scatters diffusely; materials by part are resolved."""
+    return any(one.scattering_coefficient > 0 for one in _values(material))
+
+
+def _values(material: Material | ByPart) -> tuple[Material, ...]:
+    """The materials of a surface, resolved."""
     each = (material,) if isinstance(material, Material) else material.materials
-    return any(isinstance(one, Material) and one.scattering_coefficient > 0 for one in each)
+    names = [one for one in each if not isinstance(one, Material)]
+    if names:
+        raise InputError(f"materials by part must be Materials here, got the names {shown(names)}; resolve them first")
+    return cast(tuple[Material, ...], each)
 
 
 def checked_material(material: Any) -> str | Material:
@@ -132,6 +142,14 @@ def checked_material(material: Any) -> str | Material:
     return material
 
 
+def known_material(noun: str, material: Any, *, others: Collection[str] = ()) -> str | Material:
+    """The values of a material, or the name of a body's, of an ITU one or of `others`; refuses any other name of this noun."""
+    known = (*others, *BODY_NAMES, *ITU_NAMES)
+    if isinstance(checked_material(material), str) and material not in known and short_name(material) not in ITU_NAMES:
+        raise unknown_name(noun, material, known, hint=", or give a Material")
+    return cast(str | Material, material)
+
+
 def checked_materials(material: Any, count: int) -> str | Material | ByPart:
     """The material of a surface, or those of the parts that its `count` faces or ellipsoids belong to."""
     if not isinstance(material, ByPart):
@@ -139,6 +157,11 @@ def checked_materials(material: Any, count: int) -> str | Material | ByPart:
     if len(material.part) != count:
         raise InputError(f"part must hold a number for each of {count} faces or ellipsoids, got {len(material.part)}")
     return material
+
+
+def short_name(name: str) -> str:
+    """An ITU name as P.2040 has it: "itu_concrete" is "concrete"."""
+    return name.removeprefix("itu_").replace("-", "_")
 
 
 def known_itu(name: str) -> str:
@@ -169,6 +192,12 @@ PEC = Material(name="pec", relative_permittivity=math.inf)
 
 ABSORBER = Material(name="absorber", relative_permittivity=1.0, conductivity_s_per_m=0.25)
 """What blocks and does not reflect: a slab of 10 cm takes 40 dB, and paths end at it (`absorbs`)."""
+
+BODY_NAMES = "pec", "skin", "clothed", "shoe"
+"""Materials of bodies; `body.materials` has their values."""
+
+THING_NAMES = "plastic", "fabric"
+"""Further ones of movers and of what is carried; `scene.movers.solids` has their values."""
 
 ITU_NAMES = (
     "asphalt_concrete", "brick", "carpet_tile", "ceiling_board", "chipboard", "clear_acrylic", "concrete", "floorboard", "glass",

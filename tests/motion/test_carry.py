@@ -19,8 +19,10 @@ from t2d_rt.motion.contacts import contacts, runs
 from t2d_rt.motion.kinematics import poses_of, stature_m
 from t2d_rt.motion.vary import arc
 from t2d_rt.pipeline.targets import things
+from t2d_rt.scene.movers.solids import MATERIALS as MOULDED
 from t2d_rt.scene.things import surface, wheels
 from t2d_rt.types import Carried, Motion, MovingMesh, Radar
+from t2d_rt.types.material import THING_NAMES
 
 HELD = "bag", "ball", "box", "backpack", "cane", "crutches", "walker"
 THINGS = *HELD, "wheelchair"
@@ -442,3 +444,12 @@ def test_wrong_carriers_are_refused(tmp_path: Path) -> None:
         t2d.carry(short().edited("raised", joints=short().joints + [0, 0, 1.0]), "bag")
     with pytest.warns(T2DWarning, match="the bag is not among them"):
         t2d.save_motion(given, tmp_path / "w.bvh")
+
+
+def test_things_are_of_materials_that_are_known() -> None:
+    assert tuple(MOULDED) == THING_NAMES
+    for material in (*THING_NAMES, "itu_wood", "skin"):
+        t2d.carry(short(), {"thing": "bag", "material": material})
+    for material in ("gold", "dressed"):
+        with pytest.raises(InputError, match=f"unknown material of a bag '{material}'"):
+            t2d.carry(short(), {"thing": "bag", "material": material})

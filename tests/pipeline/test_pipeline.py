@@ -254,8 +254,8 @@ def test_no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
         (3, {}, "load_motion reads a file"),
         (ball(2.0), {"radar": 2}, "radar must be a Radar, got 2"),
         (ball(2.0), {"accuracy": {"surface_rate_hz": "fast"}}, "surface_rate_hz: got 'fast', should be a valid number"),
-        (ball(2.0), {"material": 3}, "material must be a name or a Material, got 3"),
-        (ball(2.0), {"material": "skinn"}, "or one of pec, skin, clothed"),
+        (ball(2.0), {"material": 3}, "material must be a name, a Material or an Outfit, got 3"),
+        (ball(2.0), {"material": "skinn"}, "unknown material .skinn.; did you mean skin"),
         (ball(2.0), {"phase_from": "foo"}, "phase_from must be 'specular' or 'centre'"),
     ],
 )

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from t2d_rt.body.materials import BODY_MATERIALS, resolve_material, skin_permittivity
+from t2d_rt.body.materials import resolve_material, skin_permittivity
 from t2d_rt.core.errors import InputError
 from t2d_rt.propagation.materials import _sionna_table, itu_material, itu_names
 from t2d_rt.types import PEC, Material
-from t2d_rt.types.material import ITU_NAMES
+from t2d_rt.types.material import BODY_NAMES, ITU_NAMES
 from t2d_rt.types.path_fields import reflection
 
 CARRIER_HZ = 77e9
@@ -59,7 +59,7 @@ def test_pec_and_materials_pass_through() -> None:
 def test_unknown_body_material_lists_the_names() -> None:
     with pytest.raises(InputError, match=r"unknown body material 'wool'; use one of pec, skin, clothed"):
         resolve_material("wool", CARRIER_HZ)
-    assert [resolve_material(name, CARRIER_HZ).name for name in BODY_MATERIALS] == list(BODY_MATERIALS)
+    assert [resolve_material(name, CARRIER_HZ).name for name in BODY_NAMES] == list(BODY_NAMES)
 
 
 @pytest.mark.parametrize("frequency_hz", [0.0, -1.0, math.nan, math.inf])

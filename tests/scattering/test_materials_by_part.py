@@ -16,6 +16,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.types import PEC, ByPart, Material, MovingMesh, Radar
+from t2d_rt.types.material import is_rough, values_of
 
 RADAR = Radar.preset("table2")
 RANGE_M = 30.0
@@ -164,6 +165,7 @@ def test_recordings_keep_materials_by_part(tmp_path, method) -> None:
         (("skin",), [1], r"0\.\.0"),
         (("skin", "pec"), [0.5], r"0\.\.1"),
         (("skin", "pec"), [[0, 1]], "shape"),
+        (("skin",), [], "got none"),
     ],
 )
 def test_wrong_parts_are_refused(materials, part, message) -> None:
@@ -176,3 +178,11 @@ def test_parts_must_fit_the_surface_and_nest_in_none() -> None:
         moving_ball(ByPart(("skin", "pec"), np.array([0, 1, 1])))
     with pytest.raises(InputError, match="name or a Material"):
         ByPart((ByPart(("skin",), np.array([0])),), np.array([0]))  # type: ignore[arg-type]
+
+
+def test_materials_by_name_have_no_values_until_they_are_resolved() -> None:
+    named = ByPart(("skin", GLASSY), np.array([0, 0]))
+    for ask in (lambda: is_rough(named), lambda: values_of(named, 2, lambda each: each.relative_permittivity)):
+        with pytest.raises(InputError, match="resolve them first"):
+            ask()
+    assert not is_rough(named.resolved(lambda each: PEC if isinstance(each, str) else each))

@@ -134,7 +134,11 @@ def _values(folder: Path) -> list[Call]:
     }  # fmt: skip
     whole = walk()
     skeleton = {each.name: getattr(whole, each.name) for each in fields(whole)}
+    parts = {"materials": ("skin", "pec"), "part": np.array([0, 1, 0, 1])}
+    outfit = {"name": "boots", "cloth": "clothed", "bare": "skin", "shoes": "shoe", "cloth_m": 0.003, "sole_m": 0.03}
     return [
+        Call("ByPart", t2d.ByPart, parts, lambda m: (MovingMesh(**{**mesh, "material": m}), m.name)),
+        Call("Outfit", t2d.Outfit, outfit, lambda each: body.segments(whole, material=each).at(here)),
         Call("MovingMesh", MovingMesh, mesh, lambda m: (m.at(here), repr(m))),
         Call("MovingMesh.from_track", MovingMesh.from_track, tracked, lambda m: (m.at(here), repr(m))),
         Call("MovingMesh.at", ball().at, {"times_s": here}),
