@@ -167,6 +167,22 @@ def test_angles_are_read_in_any_order(words: str, angle_deg: float) -> None:
     assert (step.angle_deg, step.count, parsed.ignored) == (pytest.approx(angle_deg), None, ())
 
 
+@pytest.mark.parametrize(
+    ("words", "seconds"),
+    [
+        ("3/4 seconds", 0.75),
+        ("1 1/2 seconds", 1.5),
+        ("one and a quarter seconds", 1.25),
+        ("two and a half minutes", 150.0),
+        ("three quarters of a minute", 45.0),
+        ("a couple of seconds", 2.0),
+    ],
+)
+def test_parts_of_seconds_are_read(words: str, seconds: float) -> None:
+    parsed = parse_description(f"a person walks for {words}")
+    assert (parsed.description.steps[0].duration_s, parsed.ignored) == (pytest.approx(seconds), ())
+
+
 def test_a_comma_is_part_of_a_number() -> None:
     """A decimal comma, or that of thousands; lists of numbers and commas before a space have others."""
     (step,) = parse_description("a person walks for 2,5 seconds").description.steps

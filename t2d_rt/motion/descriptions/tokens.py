@@ -305,19 +305,17 @@ def _times(words: list[str], place: int) -> tuple[Token, int] | None:
 
 
 def _lasting(words: list[str], place: int, *, alone: bool) -> tuple[Token, int] | None:
-    """How long: ten seconds, half a minute, a few seconds; where it stands `alone`, behind no "for", not a moment or a second."""
-    ahead = words[place : place + 3]
-    half = ahead[:2] in (["half", "a"], ["half", "an"])
-    found = (0.5, False, place + 2) if half else _number(words, place)
-    if found is None or found[2] >= len(words) or words[found[2]] not in lexicon().seconds:
+    """How long: ten seconds, 1 1/2 minutes, a few seconds; where it stands `alone`, behind no "for", not a moment or a second."""
+    found = _amount(words, place) if place < len(words) else None
+    if found is None or found[1] >= len(words) or words[found[1]] not in lexicon().seconds:
         return None
-    number, vague, after = found
+    number, after = found
     unit = words[after]
-    if alone and (ahead[0] in ("a", "an") or unit.startswith("moment")):
+    if alone and (words[place] in ("a", "an") or unit.startswith("moment")):
         return None
     said = " ".join(words[place : after + 1])
     seconds = float(number) * lexicon().seconds[unit]
-    vague = vague or unit.startswith("moment")
+    vague = (_number(words, place) or (0, False))[1] or unit.startswith("moment")
     note = said if vague else ""
     return Token("slot", f"{seconds:g} seconds" if vague else said, {"duration_s": seconds}, note=note), after + 1
 
@@ -333,8 +331,9 @@ def _amount(words: list[str], place: int) -> tuple[float, int] | None:
         more = _part(words, after + int(words[after : after + 1] == ["and"]))
         if more is not None and 0 < more[0] < 1 and amount == int(amount):
             amount, after = amount + more[0], more[1]
-    for between in ("*", "times", "of", "a"):
-        after += int(words[after : after + 1] == [between])
+    for between in (["of"], ["a"], ["an"]):
+        after += int(words[after : after + 1] == between)
+    after += int(words[after : after + 2] in (["*", "pi"], ["times", "pi"]))
     if words[after : after + 1] == ["pi"]:
         divisor, after = _divisor(words, after + 1)
         amount *= math.pi / divisor
