@@ -112,8 +112,8 @@ def simulate(
     noise: what the receiver adds to the samples, once their error is measured: "none"; "receiver", with typical values for the
         radar's band; a YAML file or a mapping of a `Receiver`'s fields, or a `Receiver`. `Recording.snr_db` tells the outcome.
     body: the body template that motions are skinned with.
-    material: material of everything but movers; by default a body is "skin" and a mesh keeps its own. Bodies may wear an `Outfit`:
-        "dressed" has shoes on the feet and cloth on all but head and hands, "coat" thicker cloth.
+    material: material of all but movers and what is carried; by default a body is "skin" and a mesh keeps its own. Bodies may
+        wear an `Outfit`: "dressed" has shoes on the feet and cloth on all but head and hands, "coat" thicker cloth.
     phase_from: point of an ellipsoid that its phase comes from: the "specular" point, or the "centre" as in the Text2Doppler paper.
     only_paths: names of the path pairs to the targets that have echoes, as `Recording.paths` lists them; all by default. In a name
         * stands for any characters: ["direct", "ceiling*"]. How finely a pair is modelled does not depend on which are on, so that

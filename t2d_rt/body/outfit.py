@@ -89,7 +89,7 @@ def outfit_of(material: Any) -> Outfit | None:
     return OUTFITS.get(material) if isinstance(material, str) else None
 
 
-def clad(material: str | Material | Outfit, of: Callable[[Outfit], ByPart]) -> str | Material | ByPart:
+def materials_of(material: str | Material | Outfit, of: Callable[[Outfit], ByPart]) -> str | Material | ByPart:
     """The materials of an outfit, by its name too, by part; one material of the whole body as it is."""
     outfit = outfit_of(material)
     return of(outfit) if outfit is not None else material  # type: ignore[return-value]

@@ -9,7 +9,7 @@ import numpy as np
 
 from t2d_rt.body.chest import lies_on_front
 from t2d_rt.body.fit import SIDES, Fitted, fit
-from t2d_rt.body.outfit import Outfit, clad, outfit_of
+from t2d_rt.body.outfit import Outfit, materials_of, outfit_of
 from t2d_rt.body.pose import BONES, Posing, posing
 from t2d_rt.body.skin import JointTrack, linear_track
 from t2d_rt.body.template import template
@@ -77,7 +77,7 @@ def segments(
     """Ellipsoids fitted to the surface that `skin` moves, moving rigidly with its bones; arguments as in `skin`."""
     checked_motion(motion)
     fitted = fit(template(body, outfit_of(material)), motion)
-    surface = clad(material, lambda outfit: outfit.of_segments(tuple(SEGMENTS)))
+    surface = materials_of(material, lambda outfit: outfit.of_segments(tuple(SEGMENTS)))
     pose = posing(fitted, motion)
     semi_axes, centres, axes = fit_ellipsoids(fitted)
     bones = [BONES.index(part.bone) for part in SEGMENTS.values()]

@@ -11,7 +11,7 @@ import numpy as np
 
 from t2d_rt.body.chest import ChestWall
 from t2d_rt.body.fit import Fitted, fit
-from t2d_rt.body.outfit import Outfit, clad, outfit_of
+from t2d_rt.body.outfit import Outfit, materials_of, outfit_of
 from t2d_rt.body.pose import BONES, Posing, posing
 from t2d_rt.body.template import template
 from t2d_rt.geometry import curvature
@@ -66,7 +66,7 @@ def skin(
     """
     checked_motion(motion)
     fitted = fit(template(body, outfit_of(material)), motion)
-    surface = clad(material, lambda outfit: outfit.of_faces(fitted.template.faces, fitted.template.weights))
+    surface = materials_of(material, lambda outfit: outfit.of_faces(fitted.template.faces, fitted.template.weights))
     pose = posing(fitted, motion)
     basis = blend_basis(fitted)
     track = track or linear_track(motion)

@@ -85,7 +85,7 @@ class Experiment(Plain):
     body: str = "adult"
     """Template of the bodies."""
     material: Substance | Outfit | None = None
-    """Material of everything but movers, or an outfit, which bodies wear; by default each target's own."""
+    """Material of all but movers and what is carried, or an outfit, which bodies wear; by default each target's own."""
     phase_from: Literal["specular", "centre"] = "specular"
     """Point of an ellipsoid that its phase comes from."""
     only_paths: Annotated[tuple[str, ...], Field(min_length=1)] | None = None

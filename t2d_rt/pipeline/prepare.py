@@ -262,7 +262,7 @@ def limbs(preparation: Preparation, number: int, times_s: np.ndarray) -> Iterato
         if not preparation.at_instants:
             samples_s, frames_s = np.append(samples_s[:-1:2], samples_s[-1]), model.decimated(times_s, tier)
         views = coarse_views(ellipsoids, pairs, samples_s, model.blockage, minor=True)
-        # Their materials, for an outfit's are by face or by segment.
+        # An outfit numbers faces on the mesh and segments here.
         own = _ellipsoids(preparation, number, ellipsoids, resolved(ellipsoids.material, model.radar), frames_s, views)
         yield own if preparation.at_instants else Resampled.of(own, times_s)
 

@@ -34,17 +34,17 @@ class Body:
 
     source: Motion
     template: str
-    outfit: str | Material | Outfit
+    worn: str | Material | Outfit
     """What it wears, or the one material of the whole body."""
     geometry: Geometry
     """The skin or the segments."""
     may_rotate_fast: bool = False
 
     @classmethod
-    def of(cls, motion: Motion, template: str, outfit: str | Material | Outfit, method: Method) -> Body:
+    def of(cls, motion: Motion, template: str, worn: str | Material | Outfit, method: Method) -> Body:
         """By skin or segments; the motion stands in its place before the radar."""
         make = skin if method == "mesh" else segments
-        return cls(motion, template, outfit, make(motion, template, material=outfit))
+        return cls(motion, template, worn, make(motion, template, material=worn))
 
     @property
     def material(self) -> str | Material | ByPart:
@@ -62,7 +62,7 @@ class Body:
 
     def by(self, method: Method) -> Body:
         """By skin or segments."""
-        return Body.of(self.source, self.template, self.outfit, method)
+        return Body.of(self.source, self.template, self.worn, method)
 
 
 @dataclass(frozen=True, slots=True)

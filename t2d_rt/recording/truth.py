@@ -66,7 +66,7 @@ class Person(NamedTuple):
     """Of the target."""
     motion: Motion
     body: str
-    outfit: str | Material | Outfit
+    worn: str | Material | Outfit
     """What is worn, or the one material of the whole body."""
 
 
@@ -155,13 +155,13 @@ def _of_persons(
     middles = Nearby(*(np.zeros((*shape, len(SEGMENTS), 3)) for _ in at))
     places, stands = np.zeros((*shape, len(joints), 3)), np.zeros((*shape, 2, 2), bool)
     cycles, does = {name: np.zeros(shape) for name in CYCLES}, list[np.ndarray]()
-    for row, (number, motion, body, outfit) in enumerate(people):
+    for row, (number, motion, body, worn) in enumerate(people):
         own = in_frame(model.radar, at.now, track(motion)(at.now)[0][:, [motion.index(name) for name in joints]])
         places[row] = (own - np.asarray(model.radar.position_m)) @ model.radar.axes.T
         own_limbs = model.geometries[number]
         limbs = own_limbs
         if not isinstance(limbs, Ellipsoids):
-            limbs = passing(segments(motion, body, material=outfit), model.radar)
+            limbs = passing(segments(motion, body, material=worn), model.radar)
         for each, some_s in zip(middles, at, strict=True):
             each[row] = limbs.at(some_s)[0]
         frames = np.clip(np.rint(at.now * motion.rate_hz).astype(int), 0, len(motion.joints) - 1)
@@ -242,7 +242,7 @@ def visible_fractions(model: Model, accuracy: Accuracy, people: Sequence[Person]
     fast = skinned.fast_rotating(accuracy)
     meshes = {k: mesh for k, mesh in enumerate(skinned.geometries) if isinstance(mesh, MovingMesh) and not fast[k]}
     meshes |= {
-        each.number: passing(skin(each.motion, each.body, material=each.outfit), model.radar)
+        each.number: passing(skin(each.motion, each.body, material=each.worn), model.radar)
         for each in people
         if each.number not in meshes
     }

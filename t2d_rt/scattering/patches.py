@@ -106,6 +106,7 @@ def patches(
         per_m = max(per_m, reach / range_m / radar.wavelength_m / APERTURE_CYCLES)
     _cut(first, rest[filled] * per_m)
     if part is not None:
+        # Twice the number: parts then differ by more than the spread of 1 that a patch may have.
         _cut(first, 2.0 * part[fine.base_face[filled], None])
     rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
     allowed_mps = radar.wavelength_m * rate_hz * cycles_per_step

@@ -20,7 +20,8 @@ from t2d_rt.types.scatterer import Fraction
 APART_M = 0.1
 """Facets of opposite directions are apart by twice that, for a point that looks for the nearest one."""
 FAR_M = 1e6
-"""Facets of different materials are apart by that: a point lies in one of its own material."""
+"""Facets of different materials are apart by that in the search's last coordinate, which is no place: a point finds one of its
+own."""
 VertexVisibility = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Visibility (K, Q) of vertices (K, Q, 3) of triangles (F, 3)."""
 

@@ -39,9 +39,10 @@ class Carried:
     material: str | Material
 
     def __post_init__(self) -> None:
-        text("joint", self.joint), known_material(f"material of a {self.thing}", self.material, others=THING_NAMES)
+        text("joint", self.joint)
         if not isinstance(self.thing, str) or self.thing not in SIZES:
             raise unknown_name("thing", self.thing, list(SIZES))
+        known_material(f"material of a {self.thing}", self.material, others=THING_NAMES)
         position = array("position_m", self.position_m, (3,), limit=LARGEST_M, unit="m")
         rotation = array("rotation", self.rotation, (4,), limit=ROTATION_LIMIT)
         sizes = array("size_m", self.size_m, hint="dimensions [m]", limit=LARGEST_M, unit="m")
