@@ -127,7 +127,7 @@ class _Rims:
     out_m: float
     """Half the distance between the rims."""
     shoulders: dict[str, np.ndarray]
-    """From the floor below the chair, for hips as high as the floor, in its frame [m], (T, 3) by side."""
+    """From the floor below the chair, for a seat as high as the floor, in its frame [m], (T, 3) by side."""
 
     @classmethod
     def of(cls, poses: Poses, person: Person, path: np.ndarray, width_m: float) -> _Rims:
@@ -155,7 +155,8 @@ class _Rims:
             span2 = first**2 + second**2 - 2 * first * second * np.cos(TOP_ELBOW_RAD)
             off = self.local(side, np.zeros(1)) - shoulder.mean(axis=0)
             found.append(off[0, 2] + np.sqrt(max(span2 - off[0, 0] ** 2 - off[0, 1] ** 2, 0.0)))
-        return float(np.clip(np.mean(found), *(each[1] for each in RANGES_M["wheelchair"])))
+        (_, least_m), (_, greatest_m) = RANGES_M["wheelchair"]
+        return float(np.clip(np.mean(found), least_m, greatest_m))
 
     def arc(self, seat_m: float) -> tuple[float, float]:
         """Angle at which hands grasp the rims and angle of a push [rad], the longest up to `PUSH_RAD` whose way arms reach bent."""

@@ -31,9 +31,9 @@ def save_motion(motion: Motion, path: str | Path, *, overwrite: bool = False) ->
     checked_motion(motion)
     target = check_target(path, overwrite=overwrite)
     if motion.carries:
-        warn(
-            f"a .bvh file holds joints alone, and the {motion.carries[0].thing} is not among them; carry it again once it is read"
-        )
+        named = " and ".join(f"the {each.thing}" for each in motion.carries)
+        verb, again = ("are", "them") if len(motion.carries) > 1 else ("is", "it")
+        warn(f"a .bvh file holds joints alone, and {named} {verb} not among them; carry {again} again once it is read")
     text = bvh_text(motion)
     with replacing(target, partial(check_taken, target, overwrite=overwrite)) as new:
         new.write_text(text, encoding="ascii")

@@ -73,7 +73,7 @@ def wheels(carried: Carried) -> list[tuple[np.ndarray, float, Solid]]:
 
 
 def _walker_side(y: float, height_m: float) -> list[Solid]:
-    """Grip, two legs, a rail and the front wheel of one side of a walking frame."""
+    """Grip, two legs, a rail and the front wheel of one side of a walking frame; dimensions by eye."""
     return [
         tube([-0.1, y, height_m], [0.1, y, height_m], TUBE_M),
         tube([-0.08, y, height_m - TUBE_M], [-0.14, y, 0.0], TUBE_M),
@@ -90,7 +90,10 @@ def _across(size_m: tuple[float, ...]) -> list[Solid]:
 
 
 def _chair(y: float, seat_m: float, rest_m: float, low_m: float) -> list[Solid]:
-    """Seat, back, tubes, casters and footrests, `rest_m` ahead and `low_m` high, of a wheelchair as wide as twice y [m]."""
+    """Seat, back, tubes, casters and footrests, `rest_m` ahead and `low_m` high, of a wheelchair as wide as twice y [m].
+
+    Dimensions are those of a folding chair for adults, by eye.
+    """
     seat, back = block((0.42, 2 * y, 0.03)), block((0.03, 2 * y, 0.42))
     found = [
         (seat[0] + [0.12, 0.0, seat_m - 0.015], seat[1]),

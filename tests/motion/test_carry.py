@@ -444,6 +444,8 @@ def test_wrong_carriers_are_refused(tmp_path: Path) -> None:
         t2d.carry(short().edited("raised", joints=short().joints + [0, 0, 1.0]), "bag")
     with pytest.warns(T2DWarning, match="the bag is not among them"):
         t2d.save_motion(given, tmp_path / "w.bvh")
+    with pytest.warns(T2DWarning, match="the bag and the cane are not among them; carry them again"):
+        t2d.save_motion(t2d.carry(short(), ["bag", "cane"]), tmp_path / "both.bvh")
 
 
 def test_things_are_of_materials_that_are_known() -> None:
