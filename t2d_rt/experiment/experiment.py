@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import fields as fields_of
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator
 
 from t2d_rt.body.outfit import Outfit
-from t2d_rt.core.checks import instance, integer
+from t2d_rt.core.checks import instance, integer, shown, unknown_name
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_yaml
 from t2d_rt.core.stored_arrays import Inputs, Store, named_arrays
@@ -35,7 +36,7 @@ from t2d_rt.pipeline.path_pairs import Clutter
 from t2d_rt.pipeline.targets import TargetLike
 from t2d_rt.propagation.collisions import Collisions
 from t2d_rt.propagation.scenes import load_scene
-from t2d_rt.types import Radar, Receiver, Scene, Surface
+from t2d_rt.types import Material, Radar, Receiver, Scene, Surface
 from t2d_rt.types.fields import Count
 from t2d_rt.types.radar_track import with_track_beside
 from t2d_rt.types.target import Method
@@ -106,6 +107,23 @@ class Experiment(Plain):
     @classmethod
     def _named_radar(cls, value: Any) -> Any:
         return radar_named(value) if isinstance(value, str) else value
+
+    @field_validator("material", mode="before")
+    @classmethod
+    def _told_material(cls, value: Any) -> Any:
+        if not isinstance(value, Mapping):
+            return value
+        own, worn = ([each.name for each in fields_of(kind)] for kind in (Material, Outfit))
+        unknown = [name for name in value if name not in (*own, *worn)]
+        if unknown:
+            raise unknown_name("field of a material or an outfit", unknown[0], list(dict.fromkeys((*own, *worn))))
+        if not set(value) - {"name"}:
+            raise InputError(
+                f"a material must tell its relative_permittivity, an outfit its cloth or shoes, got {shown(value)}"
+            )
+        if set(value) <= set(worn):  # which tells the field that is wrong
+            Outfit(**{name: each for name, each in value.items() if not isinstance(each, Mapping)})
+        return value
 
     @field_validator("noise", mode="before")
     @classmethod

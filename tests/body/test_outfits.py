@@ -161,8 +161,13 @@ def test_an_outfit_is_written_as_its_fields(walk) -> None:
     assert t2d.Experiment(**fields, material={"name": "x", "relative_permittivity": 2.0}).material == Material(
         name="x", relative_permittivity=2.0
     )
-    with pytest.raises(InputError, match="a name, a Material or an Outfit"):
-        t2d.Experiment(**fields, material={"cloth": "skin", "colour": "red"})
+    wrong = {
+        "unknown field .* 'colour'": {"cloth": "skin", "colour": "red"}, "did you mean sole_m": {"sole": 1}, "got {}": {},
+        "sole_m must": {"sole_m": math.nan}, "outfit's cloth 'gold'": {"cloth": "gold"},
+    }  # fmt: skip
+    for message, told in wrong.items():
+        with pytest.raises(InputError, match=message):
+            t2d.Experiment(**fields, material=told)
 
 
 def test_a_dressed_template_is_pickled_as_it_is() -> None:
