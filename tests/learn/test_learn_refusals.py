@@ -356,9 +356,3 @@ def test_splits_that_are_not_there_or_leave_a_side_empty(
     assert code == 2
     assert "the split leaves val empty" in err
     assert not (tmp_path / "out").exists()
-
-
-def test_studies_that_moved_tell_where() -> None:
-    assert not hasattr(t2d_rt.learn, "twins")
-    with pytest.raises(AttributeError, match=r"it is validation\.studies\.twins now"):
-        _ = t2d_rt.learn.twins

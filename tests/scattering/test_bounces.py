@@ -80,9 +80,10 @@ def echoes(
     times_s: np.ndarray | None = None, unblocked: float | None = None, spacing: float = 2.0,
 ) -> EchoStream:  # fmt: skip
     wavenumber = 2 * math.pi / radar.wavelength_m
+    facets = [refined(mesh, wavenumber, 10.0, [mesh.sagitta_rad], 10**6)[0] for mesh in meshes]
     reflectors = [
-        Reflector(surface=mesh, facets=refined(mesh, wavenumber, 10.0, [mesh.sagitta_rad], 10**6)[0], reflection=gamma)
-        for mesh in meshes
+        Reflector(surface=mesh, facets=each, reflection=np.full(len(each.faces), gamma, complex))
+        for mesh, each in zip(meshes, facets, strict=True)
     ]
     last = float(meshes[0].times_s[-1])
     setting = Setting(
