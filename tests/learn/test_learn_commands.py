@@ -79,8 +79,6 @@ def test_train_evaluate_and_refusals(tmp_path: Path, run: Command) -> None:
         ),
         (("evaluate", data), "evaluate needs --model"),
         (("predict", "walk.zarr", "--model", data), "holds no trained model"),
-        (("benchmark", "models", "-o", "x"), "run python -m validation study benchmark"),
-        (("gap", "--help"), "run python -m validation study gap in a clone"),
         (("train", str(tmp_path), "-o", "x"), "is no data set"),
     ):
         refused = run(*words)
