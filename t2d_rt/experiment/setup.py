@@ -108,6 +108,8 @@ def set_up(
     span_s = shared_time(geometries)
     sources = [each.source for each in modelled]
     _tell_of_cuts(sources, geometries, span_s[1])
+    if experiment.method == "ellipsoid" and any(isinstance(each, Motion) and each.carries for each in sources):
+        warn("by ellipsoids a body and what it carries do not hide each other; take method='mesh' where that matters")
     if radar.track is not None:
         _tell_of_track(sources, span_s)
     if scene is not None:
