@@ -1,13 +1,12 @@
-"""Chebyshev coefficients of echoes over the sweep, at any instants (docs/physics.md, eq. 16).
+"""Fields of echoes at nodes of the sweep, at any instants (docs/physics.md, eq. 16).
 
-One kernel does the sum: its lanes are (bucket, a few instants), its loop runs over the echoes of the bucket.
+One kernel does the sum: its lanes are (bucket, instant), its loop runs over the echoes of the bucket.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ import numpy as np
 from t2d_rt.core.backend import Backend, aligned_empty, one_thread_at_a_time
 from t2d_rt.radar.buckets import Buckets
 from t2d_rt.radar.interpolants import hermite
-from t2d_rt.radar.sweep import Instants, Sweep, chebyshev, cubic_at, moved, rotated, sin_cos, summed, times_phasor
+from t2d_rt.radar.sweep import Instants, Sweep, cubic_at, moved, rotated, sin_cos, summed, times_phasor
 from t2d_rt.radar.windows import Window
 
 
@@ -71,15 +70,8 @@ def _by_echo(values: np.ndarray, backend: Backend) -> Any:
     return backend.Float32(flat.view(np.float32))
 
 
-TERMS = 6
-"""Chebyshev orders of the sweep."""
-SLOPE_TERMS = 4
-"""Those of the amplitude's slope, itself a small part."""
-
 MOST_PARTS, ENOUGH_LANES = 16, 1 << 14
 """The echoes of a bin are divided among several lanes where there are fewer lanes than that."""
-UNROLLS, READ_WORK = (1, 2, 4, 8), 2
-"""Instants that a lane may hold in registers, and the cost of reading an echo, in instants."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,57 +152,6 @@ def _echo_interval(delay: np.ndarray, backend: Backend) -> tuple[Any, Any, Any]:
 
 
 @one_thread_at_a_time
-def chebyshev_coefficients(
-    buckets: Buckets, table: tuple[Any, Any], fields: AmplitudeFrames, instants: Instants, backend: Backend
-) -> np.ndarray:
-    """Chebyshev coefficients of every bucket over the sweep, complex64: part by part, (instant, bucket, TERMS) of each, flat.
-
-    `table` is that of `phases`, with the buckets' origin, `fields` the echoes' amplitudes.
-    """
-    import drjit as dr
-
-    slot = buckets.members.slot(instants.position)
-    batching = Batches.of(slot)
-    lanes = Lanes.of(buckets, table, instants, batching, backend)
-
-    def add(i: Any, sums: list[list[Any]]) -> tuple[Any, list[list[Any]]]:
-        echo, cubic, theta_start = lanes.read(i)
-        parts = fields.cubics(echo, lanes.interval)
-        new = []
-        for time, acc in zip(lanes.u, sums, strict=True):
-            travelled, rate = moved(cubic, time)
-            theta = theta_start + travelled * lanes.per_cycle + rate * lanes.per_rate
-            new.append(_added(acc, parts, time, cubic[0] + travelled, theta, lanes.eps_per_rate * rate))
-        return i + lanes.step, new
-
-    count = TERMS + SLOPE_TERMS if len(fields.parts) > 1 else TERMS
-    zeros = [[(dr.zeros(backend.Float32, dr.width(lanes.begin)),) * 2 for _ in range(count)] for _ in lanes.u]
-    _, sums = dr.while_loop(
-        state=(lanes.begin, zeros), cond=lambda i, sums: i < lanes.end, body=add, labels=("i", "sums"), mode="symbolic"
-    )
-    if lanes.parts > 1:
-        dr.eval(sums)  # all at once; else each part's sum would run the loop again
-        sums = [[tuple(dr.block_sum(part, lanes.parts) for part in pair) for pair in acc] for acc in sums]
-    values = [part for acc in sums for pair in _with_slope(acc) for part in pair]
-    within = np.arange(len(slot)) - batching.instant[batching.batch]
-    found = []
-    for results in np.split(lanes.scattered(values, backend), buckets.firsts[1:] * batching.batches):
-        by_batch = results.reshape(batching.batches, -1, batching.unroll, TERMS)
-        found.append(by_batch[batching.batch, :, within].ravel())
-    return np.concatenate(found) if len(found) > 1 else found[0]
-
-
-def terms_over(x: np.ndarray) -> np.ndarray:
-    """T_0 ... at places of the sweep, (TERMS, len(x)); the same array for the same places."""
-    return _terms_over(x.tobytes())
-
-
-@lru_cache(maxsize=16)
-def _terms_over(places: bytes) -> np.ndarray:
-    return chebyshev(TERMS, np.frombuffer(places))
-
-
-@one_thread_at_a_time
 def fields_at(
     buckets: Buckets,
     table: tuple[Any, Any],
@@ -222,12 +163,12 @@ def fields_at(
     """Fields of every bucket at `places` of the sweep, pairs +x, -x, complex64: part by part, (instant, bucket,
     place) of each, flat.
 
-    The same sum by another expansion: more work for each echo, less for what comes after where few echoes lie in wide buckets.
+    `table` is that of `phases`, with the buckets' origin, `fields` the echoes' amplitudes.
     """
     import drjit as dr
 
-    lanes = Lanes.of(buckets, table, instants, Batches.single(len(instants)), backend)
-    (u,), x = lanes.u, places[::2].tolist()
+    lanes = Lanes.of(buckets, table, instants, backend)
+    u, x = lanes.u, places[::2].tolist()
 
     def values_of(i: Any) -> list[Any]:
         echo, cubic, theta = lanes.read(i)
@@ -250,14 +191,14 @@ def fields_at(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lanes:
-    """Lanes of a kernel over buckets, on the device: one for each bucket and batch of instants at which the bucket holds any
-    member, an echo or a group; or several, which divide its members, where these are few for all the lanes of a device.
+    """Lanes of a kernel over buckets, on the device: one for each bucket and instant at which the bucket holds any member, an echo
+    or a group; or several, which divide its members, where these are few for all the lanes of a device.
 
     All that changes from window to window comes in as arrays: a number in the code would compile a new kernel.
     """
 
     parts: int
-    """Lanes of a bucket and batch."""
+    """Lanes of a bucket and instant."""
     begin: Any
     """First of a lane's members."""
     end: Any
@@ -271,13 +212,13 @@ class Lanes:
     packet: Any
     """Type of four numbers that are read together."""
     interval: Any
-    """Frame interval that the batch lies in."""
+    """Frame interval that the instant lies in."""
     intervals: Any
     """How many a member has in the table."""
     instant: Any
-    """First instant of the batch."""
-    u: list[Any]
-    """Where in the interval each instant of the batch lies, 0..1."""
+    """Number of the instant."""
+    u: Any
+    """Where in the interval it lies, 0..1."""
     centre: Any
     """theta of the bucket's middle."""
     place: Any
@@ -296,20 +237,17 @@ class Lanes:
         buckets: Buckets,
         table: tuple[Any, Any],
         instants: Instants,
-        batching: Batches,
         backend: Backend,
         most_parts: int = MOST_PARTS,
     ) -> Lanes:
-        """For the instants of some batches."""
+        """For some instants."""
         import drjit as dr
 
         Float32, UInt32, members = backend.Float32, backend.UInt32, buckets.members
         slot = members.slot(instants.position)
-        occupied = (np.diff(members.starts) > 0).reshape(-1, members.bins)
-        occupied = occupied.T[:, slot[batching.instant]]
-        bin_number, batch = np.nonzero(occupied)
-        missing_bin, missing_batch = np.nonzero(~occupied)
-        instant = batching.instant[batch]
+        occupied = (np.diff(members.starts) > 0).reshape(-1, members.bins).T[:, slot]
+        bin_number, instant = np.nonzero(occupied)
+        missing = np.nonzero(~occupied)
         row = slot[instant] * members.bins + bin_number
         parts = most_parts
         while parts > 1 and len(row) * parts > ENOUGH_LANES:
@@ -317,7 +255,7 @@ class Lanes:
         first = backend.lanes(np.repeat(instant, parts))
         interval = slot // members.slots_per_interval
         times = instants.position + 1 - interval
-        times = Float32(np.append(times, np.zeros(batching.unroll)).astype(np.float32))
+        times = Float32(times.astype(np.float32))
         per_cycle, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in instants.per_cycle)
         return cls(
             parts=parts,
@@ -330,11 +268,11 @@ class Lanes:
             interval=backend.lanes(np.repeat(interval[instant], parts)),
             intervals=dr.opaque(UInt32, (len(members.starts) - 1) // members.bins // members.slots_per_interval),
             instant=first,
-            u=[dr.gather(Float32, times, first + k) for k in range(batching.unroll)],
+            u=dr.gather(Float32, times, first),
             centre=backend.lanes(np.repeat(buckets.centres[bin_number], parts), Float32),
-            place=backend.lanes(buckets.place(bin_number, batch, batching.batches)),
-            empty=buckets.place(missing_bin, missing_batch, batching.batches),
-            results=members.bins * batching.batches,
+            place=backend.lanes(buckets.place(bin_number, instant, len(instants))),
+            empty=buckets.place(*missing, len(instants)),
+            results=members.bins * len(instants),
             per_cycle=per_cycle,
             per_rate=per_rate,
             eps_per_rate=eps_per_rate,
@@ -361,91 +299,3 @@ class Lanes:
         found = np.asarray(out.numpy()).view(np.complex64).reshape(self.results, -1)
         found[self.empty] = 0
         return found
-
-
-@dataclass(frozen=True, slots=True)
-class Batches:
-    """Batches of instants: each is `unroll` instants of one time slot, for which a lane reads an echo once."""
-
-    instant: np.ndarray
-    """First instant of each batch."""
-    unroll: int
-    batch: np.ndarray
-    """Batch of each instant."""
-
-    @property
-    def batches(self) -> int:
-        """How many there are."""
-        return len(self.instant)
-
-    @classmethod
-    def single(cls, count: int) -> Batches:
-        """Each of one instant."""
-        return cls(np.arange(count), 1, np.arange(count))
-
-    @classmethod
-    def of(cls, slot: np.ndarray) -> Batches:
-        """For the slot of each instant, ascending (instant,)."""
-        # A batch lies within one slot, at all instants of which the members are the same; a slot's last batch may not be full.
-        bounds = np.flatnonzero(np.diff(slot, prepend=-1, append=slot[-1] + 1))
-        sizes = np.diff(bounds)
-        unroll = min(UNROLLS, key=lambda unroll: np.sum(-(-sizes // unroll)) * (READ_WORK + unroll))
-        counts = -(-sizes // unroll)
-        within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-        instant = np.repeat(bounds[:-1], counts) + within * unroll
-        return cls(instant, unroll, np.searchsorted(instant, np.arange(len(slot)), side="right") - 1)
-
-
-def _added(acc: list[Any], parts: list[Any], u: Any, cycles: Any, theta: Any, eps: Any) -> list[Any]:
-    """Sums with one echo added: its amplitude's `parts` as cubics in u, its phase, theta, and eps."""
-    # eps x^2 = h (T_0 + T_2), h = eps/2
-    half_eps = 0.5 * eps
-    sin, cos = sin_cos(cycles + half_eps * (0.5 / math.pi))
-    weights = _jacobi_anger(theta)
-    real, imag = _times_phasor(parts[0], parts[1], u, sin, cos)
-    out = [(re + real * w, im + imag * w) for (re, im), w in zip(acc, weights, strict=False)]
-    bends = [half_eps * bend for bend in _bend(weights)]
-    out = [(re + imag * bend, im - real * bend) for (re, im), bend in zip(out, bends, strict=True)]
-    if len(parts) > 2:
-        real, imag = _times_phasor(parts[2], parts[3], u, sin, cos)
-        out += [(re + real * w, im + imag * w) for (re, im), w in zip(acc[TERMS:], weights, strict=False)]
-    return out
-
-
-def _times_phasor(real: Any, imag: Any, u: Any, sin: Any, cos: Any) -> tuple[Any, Any]:
-    """A complex cubic at u, times exp(j phase)."""
-    re, im = cubic_at(real, u), cubic_at(imag, u)
-    return re * cos - im * sin, re * sin + im * cos
-
-
-def _jacobi_anger(theta: Any) -> tuple[Any, ...]:
-    """J_0, 2 J_1 ... 2 J_5 of |theta| <= pi/4, each to 3e-6 (Abramowitz & Stegun 9.1.10)."""
-    t = theta * theta
-    return (
-        1 + t * (-1 / 4 + t * (1 / 64 - t * (1 / 2304))),
-        theta * (1 + t * (-1 / 8 + t * (1 / 192 - t * (1 / 9216)))),
-        t * (1 / 4 + t * (-1 / 48 + t * (1 / 1536))),
-        theta * t * (1 / 24 + t * (-1 / 384 + t * (1 / 15360))),
-        t * t * (1 / 192 - t * (1 / 3840)),
-        theta * t * t * (1 / 1920 - t * (1 / 46080)),
-    )
-
-
-def _bend(w: tuple[Any, ...]) -> tuple[Any, ...]:
-    """What exp(j h T_2), to first order in h, takes from each weight: w_m - j h b_m; from T_2 T_m = (T_{m+2} + T_{|m-2|})/2."""
-    return 0.5 * w[2], 0.5 * (w[3] - w[1]), w[0] + 0.5 * w[4], 0.5 * (w[1] + w[5]), 0.5 * w[2], 0.5 * w[3]
-
-
-def _with_slope(sums: list[Any]) -> list[Any]:
-    """Real and imaginary parts of TERMS sums with j^m put in and the part linear in x, x T_m = (T_{m-1} + T_{m+1})/2, added."""
-    out, slopes = ([_times_j(pair, m) for m, pair in enumerate(part)] for part in (sums[:TERMS], sums[TERMS:]))
-    for m, pair in enumerate(slopes):
-        for k in (abs(m - 1), m + 1):
-            out[k] = tuple(a + 0.5 * b for a, b in zip(out[k], pair, strict=True))
-    return out
-
-
-def _times_j(pair: Any, power: int) -> Any:
-    """(re, im) times j^power."""
-    real, imag = pair
-    return ((real, imag), (-imag, real), (-real, -imag), (imag, -real))[power % 4]

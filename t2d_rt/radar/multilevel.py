@@ -18,7 +18,7 @@ import numpy as np
 from t2d_rt.core.backend import Backend, one_thread_at_a_time
 from t2d_rt.radar.array_delays import ArrayDelays
 from t2d_rt.radar.buckets import Buckets
-from t2d_rt.radar.coefficients import Batches, Lanes
+from t2d_rt.radar.coefficients import Lanes
 from t2d_rt.radar.groups import Level
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.leaves import Factors, Leaves, smallest
@@ -137,12 +137,12 @@ def at_instants(
     import drjit as dr
 
     Packet, count, x = backend.arrays.Array4f, len(places), places[::2].tolist()
-    lanes = Lanes.of(buckets, phase, instants, Batches.single(len(instants)), backend, most_parts=1)
+    lanes = Lanes.of(buckets, phase, instants, backend, most_parts=1)
     sample, weights = _interpolation(inner, level, instants.position)
     of_lane = dr.gather(backend.UInt32, backend.lanes(sample - 1), lanes.instant)
     of_four = dr.gather(Packet, backend.lanes(weights, backend.Float32), lanes.instant)
     samples, skipped = dr.opaque(backend.UInt32, inner.samples), dr.opaque(backend.UInt32, first)
-    (u,), spread = lanes.u, spread_to(level.nodes, places)
+    u, spread = lanes.u, spread_to(level.nodes, places)
 
     def values_of(i: Any) -> list[Any]:
         group, cubic, theta = lanes.read(i)

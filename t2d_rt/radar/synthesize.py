@@ -6,7 +6,7 @@ Relative to mid-sweep, x in -1..1 over the sweep, an echo's phase is (docs/physi
 
 theta is the beat with its range-Doppler coupling. Where there are many echoes they are merged first, level by level, into a few
 groups (`multilevel`); what is left, echoes or groups, is sorted by theta into buckets of fixed delay and summed at every chirp, at
-a few nodes of the sweep or as a polynomial over it, and a small matrix product per chirp then gives the samples (`products`).
+a few nodes of the sweep, and a small matrix product per chirp then gives the samples (`products`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from t2d_rt.core.factored_cubes import PIECE_CHIRPS, Piece, Product, ProductRows
 from t2d_rt.core.memory import Budget, reused
 from t2d_rt.radar.array_delays import array_delays, ends
 from t2d_rt.radar.buckets import SLOT_BINS, Buckets, buckets
-from t2d_rt.radar.coefficients import TERMS, AmplitudeFrames, chebyshev_coefficients, fields_at, phases, terms_over
+from t2d_rt.radar.coefficients import AmplitudeFrames, fields_at, phases
 from t2d_rt.radar.groups import Level, bucket_bins, bucket_theta, by_part, levels
 from t2d_rt.radar.leaves import Factors, leaves
 from t2d_rt.radar.multilevel import at_antennas, at_instants, factors
@@ -40,13 +40,11 @@ from t2d_rt.radar.windows import Delay, Window, Windows, block_end, filtered
 from t2d_rt.types import EchoArrays, Echoes, Radar, stream
 from t2d_rt.types.scatterer import EchoParts, Scatterer
 
-ECHO_BUCKET_BINS = 0.25
-"""Width of a bucket of echoes, in range bins."""
-FEW_ECHOES, WIDE_BUCKET_BINS, WIDE_ERROR = 500, 9.0, 3e-6
-"""Up to so many echoes are summed in buckets that wide, at nodes of the sweep, and any number that bend more than `MOST_BEND_RAD`.
-The error is that of float32 itself."""
-MOST_BEND_RAD = 0.02
-"""Greatest eps that the polynomial over the sweep holds to -70 dB: targets move little during a chirp."""
+FEW_ECHOES, WIDE_BUCKET_BINS, BUCKET_BINS = 500, 9.0, 0.5
+"""Up to so many echoes are summed in buckets that wide, in range bins: nodes are more work for each echo and less for what comes
+after. More of them in narrower ones."""
+ECHO_ERROR = 3e-6
+"""Of the nodes of these buckets: that of float32 itself."""
 BUCKET_FRACTION = 0.25
 """Fraction of the tolerance that the nodes of a bucket may err by: the error changes as a target passes from bucket to bucket,
 which makes lines in its Doppler spectrum. Those of a moving sphere then lie at -101 dBc, and at -80 with the whole tolerance."""
@@ -367,24 +365,17 @@ def _sum_echoes(window: Window, instants: Instants, parts: int, backend: Backend
     inside = window.lit[0] > 0
     interval, echo = window.lit[0][inside], window.lit[1][inside]
     recorded = np.clip(np.floor(instants.position).astype(int) + 1, 0, len(window.delay) - 2)
+    width = WIDE_BUCKET_BINS if window.delay.shape[1] <= FEW_ECHOES else BUCKET_BINS
+    limit = math.pi * (width + min(width, SLOT_BINS)) / 2
+    nodes, weights = band_nodes(limit, ECHO_ERROR), band_weights(limit, ECHO_ERROR, sweep.x)
     if not np.isin(recorded, interval).any():
-        none = np.zeros((len(instants), 0, TERMS), np.complex64)
-        return [Product(none, terms_over(sweep.x), np.zeros(0), sweep.x, 0.0)] * parts
-    bend = sweep.mid_hz * float(np.abs(window.delay_slope).max()) * instants.per_cycle[2]
-    wide = window.delay.shape[1] <= FEW_ECHOES or bend > MOST_BEND_RAD
-    width = WIDE_BUCKET_BINS if wide else ECHO_BUCKET_BINS
+        none = np.zeros((len(instants), 0, len(nodes)), np.complex64)
+        return [Product(none, weights, np.zeros(0), sweep.x, 0.0)] * parts
     apart = None if parts == 1 or window.part is None else window.part[echo]
     found = buckets((window.delay, window.delay_slope), interval, echo, instants, width, apart=apart)
     table = phases(window.delay, window.delay_slope, sweep, None, found.origin_s, backend)
-    fields = AmplitudeFrames.of(window, sweep, backend)
-    if wide:
-        limit = math.pi * (WIDE_BUCKET_BINS + SLOT_BINS) / 2
-        weights = band_weights(limit, WIDE_ERROR, sweep.x)
-        terms = fields_at(found, table, fields, instants, band_nodes(limit, WIDE_ERROR), backend)
-    else:
-        limit, weights = math.pi / 4, terms_over(sweep.x)
-        terms = chebyshev_coefficients(found, table, fields, instants, backend)
-    return _apart(terms, found, parts, (weights, sweep, limit))
+    fields = fields_at(found, table, AmplitudeFrames.of(window, sweep, backend), instants, nodes, backend)
+    return _apart(fields, found, parts, (weights, sweep, limit))
 
 
 @dataclass(frozen=True, slots=True)
