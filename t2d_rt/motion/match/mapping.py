@@ -17,24 +17,11 @@ from t2d_rt.motion.match.skeleton_tree import PARTS_OF_ARM, PARTS_OF_LEG, Limb, 
 # --- the person in a skeleton: which limbs are legs, which are arms, where the head is, which side is left ---
 
 
-LEG_PER_ARM, LEG_PER_ARM_SPREAD = 1.5, 0.22
-"""Thigh and shank over upper arm and forearm, and the standard deviation of its logarithm: 1.41 to 1.91 in recorded skeletons of
-adults, about 1.2 at two years."""
-
-TRUNK_PER_LEG, TRUNK_PER_LEG_SPREAD = 0.58, 0.25
-"""Hips to shoulders over thigh and shank: 0.50 to 0.67 in recorded skeletons of adults, about 0.9 at two years."""
-
 FARTHEST = 3.5
 """Standard deviations beyond which nobody is built like that."""
 
-UPRIGHT = 0.5
-"""Cosine of the angle between trunk and legs above which somebody stands: no animal on four legs comes near."""
-
 OFTEN = 0.2
 """Share of poses that are to be upright: animals sit, too."""
-
-MOST_READINGS, MOST_TIPS = 8, 300
-"""Readings of the limbs for which a head is sought, and joints that may be its tip."""
 
 HEADS = frozenset({"neck", "head", "head_top"})
 STRANGE = frozenset({"face", "helper", "hip", "knee", "hand", "elbow"})
@@ -66,7 +53,7 @@ def find_person(tree: Tree, rest: np.ndarray | None) -> tuple[Person, float]:
             f"the skeleton of {len(tree.names)} joints has {what} where a person has two arms and two legs; {HELP}"
         )
     built = [reading for legs, arms in permutations(found, 2) if (reading := _person(tree, legs, arms)) is not None]
-    readings = [_with_head(tree, each) for each in sorted(built, key=attrgetter("score"), reverse=True)[:MOST_READINGS]]
+    readings = [_with_head(tree, each) for each in sorted(built, key=attrgetter("score"), reverse=True)[:8]]
     if not readings:
         raise InputError(
             f"the skeleton's limbs and trunk have no person's proportions (its largest pairs of limbs hang from "
@@ -101,9 +88,11 @@ def _person(tree: Tree, legs: Pair, arms: Pair) -> Person | None:
     trunk = float(np.median(np.linalg.norm(shoulders - hips, axis=-1)))
     if trunk < 0.05 * legs.length:
         return None
+    # Adults' legs are 1.41 to 1.91 arms long in recorded skeletons, at two years about 1.2, and trunks 0.50 to 0.67
+    # legs, at two years about 0.9: a mean and the standard deviation of the logarithm.
     build = (
-        np.log(legs.length / arms.length / LEG_PER_ARM) / LEG_PER_ARM_SPREAD,
-        np.log(trunk / legs.length / TRUNK_PER_LEG) / TRUNK_PER_LEG_SPREAD,
+        np.log(legs.length / arms.length / 1.5) / 0.22,
+        np.log(trunk / legs.length / 0.58) / 0.25,
     )
     if max(abs(each) for each in build) > FARTHEST:
         return None
@@ -153,7 +142,7 @@ def _head_of(tree: Tree, legs: Pair, arms: Pair) -> tuple[int, ...]:
         if stem not in taken
         for child in tree.below(stem, 12, 60)
     ]
-    stems = stems[:MOST_TIPS]
+    stems = stems[:300]
     offsets = tree.positions[:, [tip for _, tip in stems]] - shoulders[:, None]
     heights = np.median(np.sum(offsets * up[:, None], axis=-1), axis=0) / legs.length
     asides = np.median(np.linalg.norm(np.cross(offsets, up[:, None]), axis=-1), axis=0) / legs.length
@@ -192,7 +181,8 @@ def _upright(person: Person, poses: np.ndarray) -> float:
         for pair, place in ((person.legs, 0), (person.legs, 2), (person.arms, 0))
     )
     along = -np.sum(unit(ankles - hips) * unit(shoulders - hips), axis=-1)
-    return float(np.mean(along > UPRIGHT))
+    # No animal on four legs comes near that cosine.
+    return float(np.mean(along > 0.5))
 
 
 # --- left or right: from the way feet point, knees bend, elbows bend and the body moves, and from names ---
@@ -201,9 +191,8 @@ def _upright(person: Person, poses: np.ndarray) -> float:
 DECISIVE = 1.6
 """Sum of the signs of the body above which names do not count: more than feet or knees alone can give."""
 
-FOOT, KNEE, ELBOW, WALK, NAMES = 1.5, 1.5, 0.5, 0.6, 1.2
-"""Weights. Feet point and knees bend forward in nearly every frame; elbows bend backward, but not of arms that are held out; people
-walk forward as a rule."""
+NAMES = 1.2
+"""Weight of the votes of names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,11 +234,13 @@ def signs(points: dict[str, np.ndarray]) -> Signs:
     knees = _bends(points, ("hip", "knee", "ankle"))
     elbows = _bends(points, ("shoulder", "elbow", "wrist"))
     moved = hips[1:] - hips[:-1]
+    # Feet point and knees bend forward in nearly every frame; elbows bend backward, but not of arms that are held out;
+    # people walk forward as a rule.
     return Signs(
-        feet=FOOT * _vote(feet, forward, 0.05 * leg),
-        knees=KNEE * _vote(knees, forward, 0.02 * leg),
-        elbows=-ELBOW * _vote(elbows, forward, 0.02 * leg),
-        walk=WALK * _vote([moved], forward[1:], 0.02 * leg),
+        feet=1.5 * _vote(feet, forward, 0.05 * leg),
+        knees=1.5 * _vote(knees, forward, 0.02 * leg),
+        elbows=-0.5 * _vote(elbows, forward, 0.02 * leg),
+        walk=0.6 * _vote([moved], forward[1:], 0.02 * leg),
     )
 
 
@@ -281,9 +272,6 @@ HEAD_HEIGHT = 0.16
 
 HEAD_TOP = 0.06, 0.4
 """Vertex above the head joint, over thigh and shank."""
-
-COLLAR = 0.2
-"""Collar joint on the line from the thorax to the shoulder where the file puts it into the thorax."""
 
 Source = int | tuple[int, int, float]
 """A joint of the file, or a point on the line from one to another that turns with the first."""
@@ -363,7 +351,7 @@ def _collar(tree: Tree, person: Person, arm: Limb) -> Source | None:
     if not between:
         return None
     collar = next((joint for joint in between if "collar" in tree.labels[joint].parts), between[-1])
-    return (collar, arm.upper, COLLAR) if tree.together(person.arms.branch, collar) else collar
+    return (collar, arm.upper, 0.2) if tree.together(person.arms.branch, collar) else collar
 
 
 # --- pelvis, spine, neck and head ---

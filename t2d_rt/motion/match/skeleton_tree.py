@@ -23,14 +23,9 @@ from t2d_rt.motion.skeletons import shipped
 # between them.
 
 
-LONGEST_NAME = 80
-"""Characters of a name that are read."""
-
 PARTS_OF_LEG = frozenset({"hip", "knee", "ankle", "foot", "toe"})
 PARTS_OF_ARM = frozenset({"collar", "shoulder", "elbow", "wrist", "hand"})
 
-VERTEBRA = re.compile(r"[jJ]?[LTS]\d{1,2}([LTS]\d{1,2})?")
-CERVICAL = re.compile(r"[jJ]?C[1-7]([CT]\d)?(Head)?")
 RUN = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[^\W\d_a-zA-Z]+")
 
 
@@ -50,10 +45,10 @@ def label(name: str) -> Label:
     """Side and parts of a joint's name; end sites (`<parent>:end`) say nothing."""
     if name.endswith(":end"):
         return Label()
-    own = _plain(name[-LONGEST_NAME:].rpartition(":")[2])
-    if VERTEBRA.fullmatch(own):
+    own = _plain(name[-80:].rpartition(":")[2])
+    if re.fullmatch(r"[jJ]?[LTS]\d{1,2}([LTS]\d{1,2})?", own):  # a vertebra
         return Label(parts=frozenset({"spine"}))
-    if CERVICAL.fullmatch(own):
+    if re.fullmatch(r"[jJ]?C[1-7]([CT]\d)?(Head)?", own):
         return Label(parts=frozenset({"neck"}))
     kinds = [kind for run in RUN.findall(own) for kind in _kinds(run.casefold())]
     sides = {kind for kind in kinds if kind in ("left", "right")}
@@ -210,33 +205,12 @@ class Tree:
 # --- pairs of limbs: two joints of three, one on each side of the body, with bones of equal lengths ---
 
 
-DEPTH, MOST = 14, 90
-"""Generations and joints below a branching that are looked at: an arm with all fingers has 8 and 30."""
-
-MOST_STEMS = 12
-"""Children of one joint that are paired with one another, those with the largest limbs."""
-
-MOST_OF_BRANCH, MOST_PAIRS = 6, 24
-"""Pairs that are kept, of one branching and in all."""
-
 BEST = 40
 """Triples of each side that are compared with those of the other."""
 
 STRAIGHT, NEARLY_ALWAYS = 0.96, 5.0
 """A bone may be made of several joints (twist bones) if they lie on a line, but for some per cent of the frames: at the median
 of a walk a whole leg does."""
-
-UPPER_PER_LOWER, RATIO_LIMIT = 1.03, 2.2
-"""Thigh to shank is 0.74 to 1.05 and upper arm to forearm 0.87 to 1.23 in recorded skeletons."""
-
-SKIPPED = 0.2
-"""Loss of score for a joint inside a bone that is no twist bone by its name; twice that where others branch off."""
-
-UNEVEN = 0.1
-"""Loss of score where the two ends are not equally many joints from the root."""
-
-SIDES_ALIKE = 0.25
-"""Sum of the logarithms of the ratios of left to right lengths: converted skeletons differ by up to 25 % in one bone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,19 +259,20 @@ def limb_pairs(tree: Tree) -> list[Pair]:
             continue
         limbs = {stem: found for stem in stems if (found := _limbs(tree, stem, branch))}
         lengths = {stem: max(limb.length for limb in found) for stem, found in limbs.items()}
-        largest = sorted(limbs, key=lengths.__getitem__, reverse=True)[:MOST_STEMS]
+        largest = sorted(limbs, key=lengths.__getitem__, reverse=True)[:12]
         for first, second in combinations(largest, 2):
             pairs += _best(tree, branch, (first, second), (limbs[first], limbs[second]))
     best: list[Pair] = []
     for pair in sorted(pairs, key=attrgetter("score"), reverse=True):
-        if sum(other.branch == pair.branch for other in best) < MOST_OF_BRANCH:
+        if sum(other.branch == pair.branch for other in best) < 6:
             best.append(pair)
-    return best[:MOST_PAIRS]
+    return best[:24]
 
 
 def _limbs(tree: Tree, stem: int, branch: int) -> list[Limb]:
     """The BEST likely limbs below a child of a branching."""
-    below = [joint for joint in tree.below(stem, DEPTH, MOST) if "helper" not in tree.labels[joint].parts]
+    # An arm with all fingers has 8 generations and 30 joints.
+    below = [joint for joint in tree.below(stem, 14, 90) if "helper" not in tree.labels[joint].parts]
     bones = _bones(tree, below, branch)
     from_joint: dict[int, list[tuple[int, float, int]]] = {}
     for upper, lower, length, skipped in bones:
@@ -305,9 +280,10 @@ def _limbs(tree: Tree, stem: int, branch: int) -> list[Limb]:
     found = []
     for upper, middle, thigh, over in bones:
         for lower, shank, more in from_joint.get(middle, ()):
-            unequal = abs(np.log(thigh / shank / UPPER_PER_LOWER))
-            if unequal < np.log(RATIO_LIMIT):
-                score = float(np.log(thigh + shank) - unequal - SKIPPED * (over + more))
+            # Thigh to shank is 0.74 to 1.05 and upper arm to forearm 0.87 to 1.23 in recorded skeletons.
+            unequal = abs(np.log(thigh / shank / 1.03))
+            if unequal < np.log(2.2):
+                score = float(np.log(thigh + shank) - unequal - 0.2 * (over + more))
                 found.append(Limb(upper, middle, lower, (thigh, shank), score + _named(tree, (upper, middle, lower))))
     return sorted(found, key=attrgetter("score"), reverse=True)[:BEST]
 
@@ -357,9 +333,10 @@ def _best(tree: Tree, branch: int, stems: tuple[int, int], limbs: tuple[list[Lim
     one, two = (np.log([limb.lengths for limb in side]) for side in limbs)
     unlike = np.abs(one[:, None] - two[None]).sum(axis=-1)
     score = 0.5 * (np.array([a.score for a in limbs[0]])[:, None] + np.array([b.score for b in limbs[1]])) - unlike
-    score[unlike > SIDES_ALIKE] = -np.inf
+    # Converted skeletons differ by up to 25 % in one bone.
+    score[unlike > 0.25] = -np.inf
     deep, deeper = (np.array([len(list(tree.above(limb.lower))) for limb in side]) for side in limbs)
-    score -= UNEVEN * (deep[:, None] != deeper)
+    score -= 0.1 * (deep[:, None] != deeper)
     first, second = np.unravel_index(int(np.argmax(score)), score.shape)
     if not np.isfinite(score[first, second]):
         return []

@@ -24,10 +24,6 @@ from t2d_rt.types.motion import CANONICAL_JOINTS
 
 STATURE_M = 1.70
 
-USUAL_RATE_HZ = 60.0
-VIDEO_RATE_HZ = 30.0
-"""Of parameters of smplx that say none: they were fitted to a video."""
-
 MOVED = ("trans", "transl")
 ROOT = ("root_orient", "global_orient")
 BODY = ("pose_body", "body_pose")
@@ -52,16 +48,10 @@ LOW_M = 0.04
 """Height above its own lowest in which a foot counts as planted."""
 SLOW_MPS = 0.5
 """Its speed there, at most."""
-LEAST_TRAVEL_M = 0.8
-"""Travel over the floor from which the stature is found from planted feet."""
 SCALES = (0.8, 1.25)
 
 CALIBRATION_FRAMES = 5
 """At the start, which a calibration pose may take."""
-
-SURE = 0.01
-"""Of the stature, by which the lowest joint must keep its level better along another axis than along z for that axis to be
-upward: a lying body rests on a floor as well."""
 
 
 def read_amass(arrays: Arrays) -> Tracks:
@@ -80,13 +70,15 @@ def read_amass(arrays: Arrays) -> Tracks:
     stated_hz = stated_rate(arrays, len(poses))
     if "poses" in arrays and stated_hz is None and times_of(arrays, len(poses)) is None:
         raise InputError(f"{arrays.path} has no mocap_framerate; store it, or give rate_hz")
-    rate_hz = stated_hz or (USUAL_RATE_HZ if "poses" in arrays else VIDEO_RATE_HZ)
+    # Parameters of smplx that say none were fitted to a video.
+    rate_hz = stated_hz or (60.0 if "poses" in arrays else 30.0)
     rows, lost = filled(np.concatenate([moved, poses[:, :BODY_ANGLES]], axis=1), f"{arrays.path}", slice(3))
     moved = rows[:, :3]
     turned = _orientations(rows[:, 3:].reshape(len(poses), -1, 3))
     _tell_of_zeros(poses[:, 3:BODY_ANGLES])
     about = _forward(turned)
-    up = stance_axis({name: moved + STATURE_M * point for name, point in about.items()}, "z", margin=SURE)
+    # A lying body rests on a floor along z as well: another axis must keep the lowest joint's level better.
+    up = stance_axis({name: moved + STATURE_M * point for name, point in about.items()}, "z", margin=0.01)
     stature, told = _stature(about, moved, rate_hz, up)
     points = {name: moved + stature * point for name, point in about.items()}
     form = "parameters of smplx" if arrays.first("global_orient") else FORMS[poses.shape[1]]
@@ -162,7 +154,7 @@ def _stature(about: dict[str, np.ndarray], moved: np.ndarray, rate_hz: float, ax
     """
     up, sign = "xyz".index(axis[-1]), -1.0 if axis[0] == "-" else 1.0
     level = [each for each in range(3) if each != up]
-    if np.linalg.norm(np.ptp(moved[:, level], axis=0)) < LEAST_TRAVEL_M or len(moved) < 3:
+    if np.linalg.norm(np.ptp(moved[:, level], axis=0)) < 0.8 or len(moved) < 3:
         return STATURE_M, "assumed"
     root = np.diff(moved, axis=0)[:, level] * rate_hz
     rows, wanted = [], []

@@ -6,6 +6,7 @@ import io
 import math
 import zipfile
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,8 +29,8 @@ class Arrays:
     """Arrays of a file by name, decoded when asked for; that of a .npy has no name."""
 
     path: Path
-    texts: dict[str, bytes]
-    """Each array's .npy bytes."""
+    texts: Mapping[str, bytes | np.ndarray]
+    """Each array, or its .npy bytes."""
     given_hz: float | None = None
     """The rate that the user gives, whatever the file says."""
 
@@ -42,7 +43,8 @@ class Arrays:
 
     def get(self, name: str) -> np.ndarray:
         """An array; an InputError where it holds Python objects or is damaged."""
-        return _decoded(self.texts[name], f"{self.path}{f': {name}' if name else ''}")
+        found = self.texts[name]
+        return found if isinstance(found, np.ndarray) else _decoded(found, f"{self.path}{f': {name}' if name else ''}")
 
     def samples(self, name: str, dims: tuple[int, ...]) -> np.ndarray:
         """As `samples_of` has them."""

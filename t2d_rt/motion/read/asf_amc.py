@@ -25,12 +25,9 @@ from t2d_rt.motion.read.samples import filled, plausible
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.motion.skeletons import tables
 
-INCH_M = 0.0254
 RATE_HZ = 120.0
 
 MAX_BYTES = 150_000_000
-MAX_ASF_BYTES = 1_000_000
-MAX_BONES = 300
 
 ROOT = "root"
 
@@ -39,10 +36,6 @@ ENDS: Mapping[str, tuple[str, str]] = tables()["acclaim"]
 
 COLLAR = 0.2
 """Where along the clavicle the canonical collar lies: all clavicles start in the middle."""
-
-OPTIONAL_BONES = ("head", "toes", "fingers")
-
-HINT = "an .asf holds :units, :root, :bonedata and :hierarchy"
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +68,12 @@ def read_asf_amc(path: Path) -> Tracks:
     values, lost = _frames(path, skeleton)
     turned, ends, place = _forward(skeleton, values)
     missing = sorted(
-        {bone for each in ENDS.values() for bone in each if bone not in turned and not bone.endswith(OPTIONAL_BONES)}
+        {
+            bone
+            for each in ENDS.values()
+            for bone in each
+            if bone not in turned and not bone.endswith(("head", "toes", "fingers"))
+        }
     )
     if missing:
         raise InputError(
@@ -113,7 +111,7 @@ def _skeleton_beside(path: Path) -> Path:
 
 def read_asf(path: Path) -> Skeleton:
     """The skeleton of an .asf file."""
-    sections = _sections(_text(path, MAX_ASF_BYTES, "ASF file"))
+    sections = _sections(_text(path, 1_000_000, "ASF file"))
     try:
         units = {line[0].lower(): line[1] for line in sections["units"]}
         scale, degrees = float(units.get("length", "1.0")), _degrees(units.get("angle", "deg"))
@@ -123,11 +121,13 @@ def read_asf(path: Path) -> Skeleton:
         bones[ROOT] = _root(sections["root"], degrees)
         parents = _parents(sections["hierarchy"])
     except (KeyError, IndexError, ValueError):
-        raise InputError(f"{path} is not a whole ASF skeleton: {HINT}") from None
+        raise InputError(
+            f"{path} is not a whole ASF skeleton: an .asf holds :units, :root, :bonedata and :hierarchy"
+        ) from None
     unknown = sorted({*parents, *parents.values()} - set(bones))
-    if unknown or len(bones) > MAX_BONES or not 1e-6 < scale < 1e6 or len(parents) != len(bones) - 1:
+    if unknown or len(bones) > 300 or not 1e-6 < scale < 1e6 or len(parents) != len(bones) - 1:
         raise InputError(f"{path} is not a whole ASF skeleton: its hierarchy and its bones differ ({shown(unknown)})")
-    return Skeleton(bones=bones, parents=parents, unit_m=INCH_M / scale, degrees=degrees)
+    return Skeleton(bones=bones, parents=parents, unit_m=0.0254 / scale, degrees=degrees)
 
 
 def _text(path: Path, limit: int, noun: str) -> str:

@@ -29,10 +29,7 @@ from t2d_rt.motion.read.subjects import Labels, chosen, numbered, of_labels
 from t2d_rt.motion.read.tracks import Times, Tracks
 from t2d_rt.motion.skeletons import canonical, nearest_flavour
 
-MAX_BYTES, MAX_TABLE_BYTES = 250_000_000, 100_000_000
-
-LEAST_UNIT = 0.05
-"""Deviation of a quaternion's length from 1 from which it is none; files have four digits and more."""
+MAX_BYTES = 250_000_000
 
 Bones = Mapping[str, np.ndarray]
 """Place and turn of each bone, (T, 7): x, y, z and a quaternion x, y, z, w, or (T, 3) without turns."""
@@ -51,7 +48,8 @@ def of_bones(form: str, bones: Bones, rate_hz: float) -> Tracks:
     values = rows.reshape(len(rows), len(bones), -1)
     own = values.shape[2] == 7
     turned = values[..., 3:] if own else np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(rows), len(bones), 4))
-    if not np.abs(np.linalg.norm(turned, axis=-1) - 1).max() < LEAST_UNIT:
+    # Files have four digits and more.
+    if not np.abs(np.linalg.norm(turned, axis=-1) - 1).max() < 0.05:
         raise InputError(f"{form}: rotations must be unit quaternions; the file is of another kind or damaged")
     points, turns = canonical(list(bones), flavour, values[..., :3], normalise(turned))
     told = (f"bones named as {flavour.name}",)
@@ -126,16 +124,15 @@ def _of_subject(found: tuple[list[str], list[np.ndarray], list[float], float]) -
 
 UNITS_M = {"meters": 1.0, "centimeters": 0.01, "millimeters": 0.001, "inches": 0.0254, "feet": 0.3048}
 COLUMN = re.compile(r"(.+?)[ _.:-]*([xyz])(?:[ _]*[(\[]?(?:m|cm|mm)[)\]]?)?", re.IGNORECASE)
-MOST_COLUMNS = 10_000
 
 
 def read_csv(path: Path, subject: str | None = None) -> Tracks:
     """Bones or markers of a CSV file of Motive, or the points of a plain table."""
-    text = read_bytes(path, limit=MAX_TABLE_BYTES, noun="CSV file").decode("utf-8-sig", "replace")
+    text = read_bytes(path, limit=100_000_000, noun="CSV file").decode("utf-8-sig", "replace")
     first = text.partition("\n")[0]
     mark = max(",;\t", key=first.count)
     rows = [row for row in csv.reader(io.StringIO(text, newline=""), delimiter=mark) if any(map(str.strip, row))]
-    if len(rows) < 3 or not any(map(first.count, ",;\t")) or max(map(len, rows)) > MOST_COLUMNS:
+    if len(rows) < 3 or not any(map(first.count, ",;\t")) or max(map(len, rows)) > 10_000:
         raise InputError(f"{path} is no table of points; give Motive's export, or columns NAME_X, NAME_Y, NAME_Z")
     if first.lower().startswith("format version"):
         return _motive(rows, path, subject)

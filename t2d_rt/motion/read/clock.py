@@ -37,16 +37,6 @@ step of 1 counts frames."""
 SAME = 0.02
 """Relative difference up to which two rates are the same."""
 
-ROUNDED = 0.55
-"""Of the last digit of times, what an even clock may deviate by once it is rounded or cut there."""
-
-UNEVEN = 0.05
-"""Of a step, the deviation from an even clock from which frames are brought onto one: a walker's foot at 4 m/s is then 3 mm off at
-60 Hz."""
-
-OFF_GRID = 0.25
-"""Of a step, the greatest deviation from whole steps where frames between are lost."""
-
 LEAST_FRAMES = 3
 
 
@@ -185,12 +175,14 @@ def _grid(seconds: np.ndarray) -> tuple[float, np.ndarray | None]:
     frames, step_s = np.arange(len(seconds)), float(np.median(np.diff(seconds)))
     mean_s, start_s = np.polyfit(frames, seconds, 1).tolist()
     digit = next((10.0**-power for power in range(1, 10) if _whole(seconds * 10.0**power)), 0.0)
-    rounding = ROUNDED * digit if digit < 0.99 * mean_s else 0.0
-    if np.abs(seconds - start_s - mean_s * frames).max() <= max(UNEVEN * mean_s, rounding):
+    # Of the last digit, where times are rounded or cut.
+    rounding = 0.55 * digit if digit < 0.99 * mean_s else 0.0
+    # A walker's foot at 4 m/s is 3 mm off at 60 Hz by 0.05 steps.
+    if np.abs(seconds - start_s - mean_s * frames).max() <= max(0.05 * mean_s, rounding):
         return mean_s, frames
     places = np.concatenate([[0], np.cumsum(np.maximum(1, np.round(np.diff(seconds) / step_s)))]).astype(int)
     step_s, start_s = np.polyfit(places, seconds, 1).tolist()
-    even = np.abs(seconds - start_s - step_s * places).max() <= max(OFF_GRID * step_s, rounding)
+    even = np.abs(seconds - start_s - step_s * places).max() <= max(0.25 * step_s, rounding)
     if places[-1] > 100 * len(places):
         raise InputError(
             f"the times of the frames leap by {np.diff(seconds).max():.3g} s; repair them, or give rate_hz"

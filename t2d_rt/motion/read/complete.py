@@ -12,24 +12,13 @@ import numpy as np
 
 from t2d_rt.geometry.vectors import unit
 
-PELVIS_UP = 0.12
-"""Pelvis above the middle of the hips, in trunks: 6 cm, between iClone's 2 and CMU's 10."""
-NECK = np.array([-0.03, 0.0, 0.21])
-"""From the middle of the shoulders to the neck (ahead, left, up), in trunks."""
 HEAD = np.array([0.08, 0.0, 0.22])
 """From the neck to the head's joint at the base of the skull."""
-COLLAR_UP, COLLAR_OUT = 0.05, 0.13
-"""Collar above the middle of the shoulders in trunks, and how far out towards the shoulder."""
 SPINE = {"pelvis": 0.0, "spine1": 0.25, "spine2": 0.5, "spine3": 0.75, "neck": 1.0}
 """Heights of the spine's joints between pelvis and neck."""
 
-LOW_HEAD = 0.1
-"""A `head` less than this above the shoulders, in trunks, is the joint of head and trunk: the neck."""
-
 FOOT_AHEAD, FOOT_DOWN = 0.07, 0.035
 """Ball of the foot from the ankle, in statures."""
-LIFTED = 0.1
-"""Height of an ankle above its lowest, in statures, at which its foot follows the shank; on the ground it is level."""
 
 
 def complete(points: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
@@ -40,12 +29,14 @@ def complete(points: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list
     axes = trunk * _axes(at, shoulders - hips)
     told = []
     head = at.get("head")
-    if head is not None and ((head - shoulders) * axes[..., 2]).sum(axis=-1).mean() < LOW_HEAD * trunk**2:
+    # A head so low above the shoulders is the joint of head and trunk.
+    if head is not None and ((head - shoulders) * axes[..., 2]).sum(axis=-1).mean() < 0.1 * trunk**2:
         at["neck"] = at.pop("head")
         told.append("the head's joint taken as the neck")
     filled = [name for name in ("pelvis", "neck", "head", "spine1", "spine2", "spine3") if name not in at]
-    at.setdefault("pelvis", hips + PELVIS_UP * axes[..., 2])
-    at.setdefault("neck", shoulders + axes @ NECK)
+    # 6 cm, between iClone's 2 and CMU's 10.
+    at.setdefault("pelvis", hips + 0.12 * axes[..., 2])
+    at.setdefault("neck", shoulders + axes @ np.array([-0.03, 0.0, 0.21]))
     if "head" in at:
         # Sources mean the base, the middle or the top of the skull by it: its direction holds, its distance is the canonical one.
         up = at["head"] - at["neck"]
@@ -61,9 +52,7 @@ def complete(points: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list
     for side in ("left", "right"):
         if f"{side}_collar" not in at:
             filled.append(f"{side}_collar")
-            at[f"{side}_collar"] = (
-                shoulders + COLLAR_UP * axes[..., 2] + COLLAR_OUT * (at[f"{side}_shoulder"] - shoulders)
-            )
+            at[f"{side}_collar"] = shoulders + 0.05 * axes[..., 2] + 0.13 * (at[f"{side}_shoulder"] - shoulders)
     return at, [*([f"filled {', '.join(filled)}"] if filled else []), *told]
 
 
@@ -82,7 +71,7 @@ def add_level_feet(points: dict[str, np.ndarray], tall_m: float) -> list[str]:
     for name in filled:
         ankle = points[name.replace("foot", "ankle")]
         shank = unit(points[name.replace("foot", "knee")] - ankle)
-        lift = np.clip((ankle[:, 2:] - np.percentile(ankle[:, 2], 5)) / (LIFTED * tall_m), 0, 1)
+        lift = np.clip((ankle[:, 2:] - np.percentile(ankle[:, 2], 5)) / (0.1 * tall_m), 0, 1)
         flat = (1 - lift**2 * (3 - 2 * lift)) * np.clip(shank[:, 2:], 0, 1) ** 2
         up = unit(flat * np.array([0.0, 0.0, 1.0]) + (1 - flat) * shank)
         forward = unit(np.cross(left, up))

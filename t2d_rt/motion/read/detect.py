@@ -30,24 +30,12 @@ AUTO_STATURE_M = (0.6, 2.5)
 STATURE_M = (0.4, 3.0)
 """Statures accepted when the unit is given (a toddler ... a giant)."""
 
-TALL_M = 2.1
-"""Statures above which a wrong unit is likelier than a person."""
-
 AGES = ((0.455, 0.75), (0.485, 0.87), (0.51, 0.95), (0.535, 1.10), (0.558, 1.38), (0.57, 1.6))
 """Thigh and shank over thigh, shank, trunk and neck, and stature [m]: of adults as in six recorded skeletons (0.54 to 0.61), of
 children by the ratio of sitting height to stature at 1, 2, 3, 5 and 10 years (0.63, 0.60, 0.58, 0.55, 0.53; adults 0.52)."""
 
 PROPORTION_SPREAD = 0.03
 """Standard deviation of that fraction: persons, and where skeletons have hips and shoulders."""
-
-DOUBT = 0.02
-"""Probability of another unit above which it is said."""
-
-UPRIGHT = 0.8
-"""Of the distance from ankles to head, along an axis that is not the format's own, for that axis to be the upward one."""
-
-STANDS = 0.8
-"""Cosine of the angle between body and vertical of somebody who stands."""
 
 FLOOR_PERCENTILE = 2.0
 """The floor is where the lowest foot joint is in the lowest 2 % of frames: robust to a bad frame, right for jumps."""
@@ -83,7 +71,7 @@ def unit(points: dict[str, np.ndarray], units: float | str | None, *, cmu_units:
         raise InputError(
             f"the body is {tall:.3g} units tall, which no usual unit makes a person; give units=metres per unit"
         )
-    if tall * UNITS_M[name] > TALL_M:
+    if tall * UNITS_M[name] > 2.1:
         warn(
             f"the body is {tall * UNITS_M[name]:.2f} m tall if the file's unit is {name}; "
             "give units (--motion.units) if it is another"
@@ -115,7 +103,7 @@ def _likely_unit(points: dict[str, np.ndarray], tall: float) -> str | None:
     chances = {name: _chance(tall * UNITS_M[name], fraction) for name in names}
     best = max(chances, key=chances.__getitem__)
     stature = tall * UNITS_M[best]
-    others = [name for name in names if name != best and chances[name] > DOUBT * sum(chances.values())]
+    others = [name for name in names if name != best and chances[name] > 0.02 * sum(chances.values())]
     if others:
         other = others[0]
         warn(
@@ -180,7 +168,7 @@ def stance_axis(points: dict[str, np.ndarray], own: Up | None, *, margin: float 
         return found
     posture = ankles_to_head(points)
     along = abs(np.median(posture, axis=0)["xyz".index(found[-1])])
-    if not along > UPRIGHT * float(np.percentile(norms(posture), 90)):
+    if not along > 0.8 * float(np.percentile(norms(posture), 90)):
         return own
     better = floor_spread(points, own) - floor_spread(points, found)
     if better > margin * stature_m(points):
@@ -218,7 +206,7 @@ def _along(up: Up) -> np.ndarray:
 def _standing_fraction(postures: np.ndarray, up: Up) -> float:
     """Share of frames in which the body stands along an axis."""
     lengths = np.maximum(norms(postures), 1e-300)
-    return float(np.mean(postures @ _along(up) / lengths > STANDS))
+    return float(np.mean(postures @ _along(up) / lengths > 0.8))
 
 
 def floor_spread(points: dict[str, np.ndarray], up: Up) -> float:

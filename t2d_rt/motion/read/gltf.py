@@ -25,17 +25,12 @@ from t2d_rt.motion.read.subjects import numbered
 
 MAX_BYTES = 150_000_000
 MAX_NODES = 20_000
-MAX_TRANSFORMS = 4_000_000
-"""Frames times nodes, of 128 bytes each: ten minutes of 100 joints at 60 Hz."""
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 COMPONENTS: Mapping[int, tuple[str, float]] = {
     5120: ("<i1", 127.0), 5121: ("<u1", 255.0), 5122: ("<i2", 32767.0), 5123: ("<u2", 65535.0), 5126: ("<f4", 1.0),
 }  # fmt: skip
 """Types of numbers, and what whole ones are divided by (glTF 2.0, 3.11)."""
-WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
 DEFAULTS = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
-HIGHEST_HZ = 240.0
-"""Rate at which keys that lie nearer are read."""
 
 Curve = tuple[np.ndarray, np.ndarray, str]
 """Times [s] (K,), values (K, 3 or 4), or (3 K, ...) of splines, and how to go from one to the next."""
@@ -62,7 +57,7 @@ class _Gltf:
             entry = self.list("accessors")[accessor]
             view = self.list("bufferViews")[entry["bufferView"]]
             kind, whole = COMPONENTS[entry["componentType"]]
-            width, count = WIDTHS[entry["type"]], int(entry["count"])
+            width, count = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[entry["type"]], int(entry["count"])
             start = int(view.get("byteOffset", 0)) + int(entry.get("byteOffset", 0))
             row = width * np.dtype(kind).itemsize
             step = int(view.get("byteStride", row))
@@ -99,7 +94,8 @@ def read_gltf(path: Path) -> RawSkeleton:
     moved = _channels(file, animations[0], len(nodes))
     times, rate_hz = _clock(moved, path)
     joints = _joints(file, nodes, above, {node for node, _ in moved})
-    if len(times) * len(nodes) > MAX_TRANSFORMS:
+    # Of 128 bytes each: ten minutes of 100 joints at 60 Hz.
+    if len(times) * len(nodes) > 4_000_000:
         raise InputError(
             f"{path}: {len(times)} frames of {len(nodes)} nodes are too many; cut the motion, or export the bones alone"
         )
@@ -179,7 +175,7 @@ def _clock(moved: Mapping[tuple[int, str], Curve], path: Path) -> tuple[np.ndarr
     steps = np.concatenate([np.diff(keys) for keys, *_ in moved.values()])
     if not len(steps):
         raise InputError(f"{path}: its animation has a single instant; a motion needs at least 2 frames")
-    rate_hz = min(tidy(1.0 / float(np.percentile(steps, 5)), 5e-3), HIGHEST_HZ)
+    rate_hz = min(tidy(1.0 / float(np.percentile(steps, 5)), 5e-3), 240.0)
     count = round(float(every[-1] - every[0]) * rate_hz) + 1
     if not 2 <= count <= MAX_FRAMES:
         raise InputError(f"{path}: {count} frames at {rate_hz:g} Hz; expected 2 to {MAX_FRAMES}")

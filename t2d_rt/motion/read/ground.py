@@ -33,9 +33,6 @@ WEIGHTS = (
 shank (de Leva 1996)."""
 HEAD_FRACTION, TRUNK_FRACTION = 0.08, 1.0 - 0.08 - 2 * sum(part for *_, part in WEIGHTS)
 
-UNDER = 0.06
-"""Of the leg, by which the mean place of a foot's load lies ahead of its ankle: balance is upright within 3 degrees in 70 walks."""
-
 EXTENDED, NEAR = 0.85, 0.12
 """Over the leg's length: of hip to ankle, at least, of a leg that carries, and by which its foot may be higher than the other."""
 UPRIGHT_LEG, UPRIGHT_TRUNK = 0.6, 0.5
@@ -58,9 +55,6 @@ LEAST_LEAN_RAD, LEAST_STANCE_S, LEAST_STANCE, LEVEL_M = np.radians(6.0), 1.5, 0.
 on feet that lie on a plane up to a residual."""
 WALK_LEAN_RAD, WALK_M, WALK_STANCE, WALK_LEVEL_M = np.radians(3.0), 1.5, 0.6, 0.02
 """Likewise for a walk that goes so far: left and right stance make up for one another, to 1.3 degrees in 70 walks."""
-
-TILTS = np.log(2.0)
-"""Logarithm of how much more usual a tilted camera is than a floor of like incline."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,7 +133,8 @@ def ground(points: dict[str, np.ndarray], rate_hz: float) -> Ground | None:
     leans = steady and slope >= (WALK_LEAN_RAD if walks else LEAST_LEAN_RAD)
     if not inclined and not leans:
         return None
-    odds = TILTS + (np.sum((balance - z) ** 2) - np.sum((balance - vertical) ** 2)) / (2 * BALANCE_RAD**2)
+    # A tilted camera is twice as usual as a floor of like incline.
+    odds = np.log(2.0) + (np.sum((balance - z) ** 2) - np.sum((balance - vertical) ** 2)) / (2 * BALANCE_RAD**2)
     return Ground(vertical=vertical, tilted=bool(odds > 0), rise_m=rise, residual_m=residual)
 
 
@@ -197,7 +192,8 @@ def _balance(
         mass = mass + 0.25 * TRUNK_FRACTION * (points[f"{side}_hip"] + points[f"{side}_shoulder"])
     up = mass - middle(points, "ankle")
     ahead = unit(vector_product(points["left_hip"] - points["right_hip"], up))
-    left, right = (mass - points[f"{side}_ankle"] - UNDER * leg * ahead for side in ("left", "right"))
+    # A foot's load lies so far ahead of its ankle in the mean: balance is upright within 3 degrees in 70 walks.
+    left, right = (mass - points[f"{side}_ankle"] - 0.06 * leg * ahead for side in ("left", "right"))
     both = planted[0] & planted[1]
     one = [vectors[flags & ~both] for vectors, flags in zip((left, right), planted, strict=True)]
     total, frames = (0.5 * (left + right))[both].sum(axis=0), int(both.sum())
@@ -239,22 +235,12 @@ NEAR_M, FLIGHT_M = 0.005, 0.03
 """Height of a foot above the lower one up to which it may carry the body as well, and height of the lower one above its level from
 which on both are in flight."""
 
-LEAST_FOOT_STANCE = 0.25
-"""Part of the time that a foot must stand to tell the ground's speed in flight; a sprinter's feet do for half of it."""
-
 SWAY_S, GROUND_SMOOTH_S = 1.0, 0.1
 """Time of a stride, over which sway is averaged away, and the time over which the velocity of the ground is smoothed."""
 
 LEAST_WALK_M, LEAST_MPS, STILL = 0.8, 0.3, 0.2
 """Path and speed of the ground below planted feet from which on it is a walk, and the path of the hips over it up to which they
 stay; of 144 sound recordings one has hips that go less than 0.3 of it, a pirouette."""
-
-FEET = ("pelvis", "left_ankle", "right_ankle", "left_foot", "right_foot")
-STEADY = 0.985
-"""Least mean cosine of a walker's axis to its own mean: 4 to 7 degrees; a kick, whose mean axis is no vertical, has 20."""
-LEAN, UPRIGHT, LYING = np.tan(np.radians(5.0)), np.cos(np.radians(11.0)), np.cos(np.radians(40.0))
-"""How far a walker's hips are ahead of the ankles in the mean, and the cosines of a body's axis to the vertical, but for that,
-between which a camera may be tilted; runners lean by 10 degrees more than walkers."""
 
 FIXED_M, LEAST_FEET_RISE_M = 0.002, 0.1
 """Extent of hips that are fixed, and by how much feet below them rise and fall that carry a body in fact."""
@@ -271,7 +257,7 @@ def rooted(tracks: Tracks, root: Root | None) -> Tracks:
     hips = middle(points, "hip")
     turn = _upward(points, hips) if len(hips) >= 2 * SWAY_S * rate_hz else None
     ground, lowest = _ground_mps(
-        points if turn is None else {name: rotate(turn, points[name]) for name in FEET}, rate_hz
+        points if turn is None else {name: rotate(turn, track) for name, track in points.items()}, rate_hz
     )
     fixed = _fixed(points["pelvis"]) or _fixed(hips)
     if root == "feet":
@@ -303,11 +289,14 @@ def _upward(points: dict[str, np.ndarray], hips: np.ndarray) -> np.ndarray | Non
     """The turn (4,) that raises a body above its feet; None where it is upright already, or bends."""
     axes = unit(hips - middle(points, "ankle"))
     axis = unit(axes.mean(axis=0))
-    if (axes @ axis).mean() < STEADY:
+    # A walker's axis keeps within 4 to 7 degrees; a kick, whose mean axis is no vertical, has 20.
+    if (axes @ axis).mean() < 0.985:
         return None
     ahead = unit(np.cross(points["left_hip"] - points["right_hip"], axis).mean(axis=0))
-    axis = unit(axis - LEAN * ahead)
-    return between(axis, np.array([0.0, 0.0, 1.0])) if UPRIGHT > axis[2] > LYING else None
+    # Hips are 5 degrees ahead of a walker's ankles, 15 of a runner's; cameras are tilted by 11 to 40 degrees.
+    axis = unit(axis - np.tan(np.radians(5.0)) * ahead)
+    tilted = np.cos(np.radians(11.0)) > axis[2] > np.cos(np.radians(40.0))
+    return between(axis, np.array([0.0, 0.0, 1.0])) if tilted else None
 
 
 def _fixed(track: np.ndarray) -> bool:
@@ -333,7 +322,8 @@ def _ground_mps(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndarr
         ground = backward[frames, along.argmax(axis=1)]
         if np.ptp(points["pelvis"][:, 2]) > FIXED_M:
             stands = np.flatnonzero(lowest < np.percentile(lowest, 5) + FLIGHT_M)
-            if len(stands) > LEAST_FOOT_STANCE * len(frames):
+            # A sprinter's feet stand for half of the time.
+            if len(stands) > 0.25 * len(frames):
                 ground = np.stack([np.interp(frames, stands, column[stands]) for column in ground.T], axis=-1)
         steady = _path_m(ground, rate_hz) / max(float(norms(ground).sum()) / rate_hz, 1e-9)
         found.append((steady, ground, lowest))

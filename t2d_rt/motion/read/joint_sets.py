@@ -26,8 +26,6 @@ NEEDED = tuple(
 )
 """Joints that nothing can stand in for."""
 
-WORD = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+")
-
 ORDERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"HumanML3D": CANONICAL_JOINTS, "SMPL": (*CANONICAL_JOINTS, "left_hand", "right_hand")}
     | {order: tuple(names.split()) for order, names in tables()["orders"].items()}
@@ -35,9 +33,6 @@ ORDERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 """Orders of joints in arrays that come without names."""
 
 LIMBS = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
-
-LEGS_PER_ARMS = 1.5
-"""Thigh and shank over upper arm and forearm: 0.49 and 0.33 of the stature (Drillis and Contini 1966)."""
 
 LEAST_LIKELY = 0.25
 """Score from which on an array in some order is no person; recordings stay under 0.1 in their own order."""
@@ -68,7 +63,7 @@ def canonical_sources(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
 
 def side_and_part(name: str) -> tuple[str, str]:
     """Side, "left", "right" or none, and part of the body that a joint's name tells, in lower case."""
-    words = [word.lower() for word in WORD.findall(name)]
+    words = [word.lower() for word in re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+", name)]
     for side, rest in ((words[:1], words[1:]), (words[-1:], words[:-1])):
         if rest and side[0] in SIDES:
             return SIDES[side[0]], "".join(rest)
@@ -130,5 +125,6 @@ def unlikeness(points: Mapping[str, np.ndarray]) -> float:
     mean = lengths.mean(axis=-1)
     whole = max(float(mean.mean()), 1e-12)
     legs, arms = max(float(mean[:, :2].sum()), 1e-12), max(float(mean[:, 2:].sum()), 1e-12)
-    odd = abs(math.log(legs / arms / LEGS_PER_ARMS)) / 4
+    # 0.49 and 0.33 of the stature (Drillis and Contini 1966).
+    odd = abs(math.log(legs / arms / 1.5)) / 4
     return float(lengths.std(axis=-1).mean() / whole + np.abs(mean[0] - mean[1]).mean() / whole + odd)

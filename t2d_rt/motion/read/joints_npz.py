@@ -35,9 +35,6 @@ JOINTS = 30
 PLACES: Mapping[str, int] = tables()["kimodo"]
 """Canonical joint -> its place among those of the file."""
 
-LEAST_ORTHONORMAL = 1e-2
-"""Deviation of R R^T from the unit matrix from which matrices are no rotations."""
-
 
 def read_kimodo(arrays: Arrays) -> Tracks:
     """Positions and, where the file has them, rotations."""
@@ -58,7 +55,7 @@ def read_kimodo(arrays: Arrays) -> Tracks:
         rows, lost = filled(matrices.reshape(len(matrices), -1), f"{arrays.path}: global_rot_mats")
         matrices = rows.reshape(matrices.shape)
         deviation = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max()
-        if not (deviation < LEAST_ORTHONORMAL and (np.linalg.det(matrices) > 0).all()):
+        if not (deviation < 1e-2 and (np.linalg.det(matrices) > 0).all()):
             raise InputError(
                 f"{arrays.path}: global_rot_mats are no rotation matrices; they deviate by {deviation:.2g}"
             )
@@ -72,14 +69,10 @@ def read_kimodo(arrays: Arrays) -> Tracks:
 
 
 JOINT_FIELDS = ("joints", "positions", "joints3d", "keypoints", "keypoints3d", "motion", "poses3d", "arr_0", "")
-NAME_FIELDS = ("names", "joint_names", "joints_names")
 NAMED_RATE_HZ = 30.0
 """Of cameras, where a file does not say."""
 
 MOST_JOINTS = 200
-
-MOST_PERSONS = 30
-"""In one array."""
 
 SURE = 0.5
 """Confidence or visibility below which an estimator has guessed a point."""
@@ -108,7 +101,7 @@ def _persons(arrays: Arrays, key: str) -> dict[str, np.ndarray]:
     if found.ndim != 4 or found.shape[3] not in (3, 4, 5) or min(found.shape) < 2 or found.dtype.kind not in "fiu":
         return {"": found}
     people = np.moveaxis(found, int(found.shape[1] < found.shape[0]), 0)
-    if len(people) > MOST_PERSONS:
+    if len(people) > 30:
         return {"": found}
     there = {str(number): each for number, each in enumerate(people, 1) if np.nan_to_num(each).any()}
     return there if len(there) > 1 else {"": next(iter(there.values()), found)}
@@ -230,7 +223,7 @@ def _in_order(joints: np.ndarray, arrays: Arrays) -> Tracks:
 
 
 def _names(arrays: Arrays) -> tuple[str, ...] | None:
-    key = arrays.first(*NAME_FIELDS)
+    key = arrays.first("names", "joint_names", "joints_names")
     if key is None:
         return None
     found = arrays.get(key)

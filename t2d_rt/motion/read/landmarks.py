@@ -6,7 +6,6 @@ NTU RGB+D's `.skeleton` (Shahroudy et al. 2016): frames of bodies of 25 joints o
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -69,7 +68,7 @@ def read_ntu(path: Path) -> Arrays:
     joints = np.full((frames, len(bodies), KINECT_JOINTS, 4), np.nan)
     for place, body in enumerate(sorted(bodies.values(), key=len, reverse=True)):
         joints[list(body), place] = list(body.values())
-    return _arrays(path, joints=joints if len(bodies) > 1 else joints[:, 0], names=np.array(ORDERS["Kinect v2"]))
+    return Arrays(path, {"joints": joints if len(bodies) > 1 else joints[:, 0], "names": np.array(ORDERS["Kinect v2"])})
 
 
 def _count(word: bytes, most: int) -> int:
@@ -111,7 +110,7 @@ def read_json(tree: Any, path: Path) -> Arrays:
         isinstance(frame, dict) and isinstance(frame.get(stamps), int | float) for frame in frames
     ):
         found[stamps] = np.array([frame[stamps] for frame in frames], float)
-    return _arrays(path, **found)
+    return Arrays(path, found)
 
 
 def _fields(frame: Any) -> Sequence[str]:
@@ -179,15 +178,6 @@ def _followed(people: Sequence[Sequence[Person]], path: Path) -> np.ndarray:
         for who, place in zip(*linear_sum_assignment(away), strict=True):
             joints[frame, place], last[place] = here[who], middle[who]
     return joints
-
-
-def _arrays(path: Path, **found: np.ndarray) -> Arrays:
-    texts = {}
-    for name, each in found.items():
-        stream = io.BytesIO()
-        np.save(stream, each, allow_pickle=False)
-        texts[name] = stream.getvalue()
-    return Arrays(path, texts)
 
 
 def json_of(path: Path) -> Any:

@@ -197,11 +197,7 @@ def _square(vectors: np.ndarray, to: np.ndarray) -> np.ndarray:
 # --- c3D files of marker positions -> tracks, decoded by ezc3d (extra [c3d]) ---
 
 
-MAX_C3D_BYTES = 250_000_000
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-
-C3D_MARK = 0x50
-"""Second byte of every C3D file."""
 
 LONGEST_S = 120
 
@@ -221,8 +217,9 @@ np.savez(sys.argv[2], labels=np.array(labels, dtype=str), rate=point["RATE"]["va
 
 def read_c3d(path: Path, subject: str | None = None) -> Tracks:
     """Joints of the file's joint centres or markers."""
-    data = read_bytes(path, limit=MAX_C3D_BYTES, noun="C3D file")
-    if len(data) < 1024 or data[1] != C3D_MARK:
+    data = read_bytes(path, limit=250_000_000, noun="C3D file")
+    # Second byte of every C3D file.
+    if len(data) < 1024 or data[1] != 0x50:
         raise InputError(f"{path} is not a C3D file, or cut short")
     markers, rate_hz, unit = _markers(path)
     header_hz = _header_rate(data)
@@ -279,13 +276,12 @@ def _decoded(path: Path) -> tuple[list[str], float, str, np.ndarray]:
 # it too ---
 
 
-MAX_TRC_BYTES = 150_000_000
 MAX_MARKERS = 1000
 
 
 def read_trc(path: Path, subject: str | None = None) -> Tracks:
     """Joints of the file's joint centres or markers."""
-    data = read_bytes(path, limit=MAX_TRC_BYTES, noun="TRC file")
+    data = read_bytes(path, limit=150_000_000, noun="TRC file")
     try:
         lines = data.decode("utf-8-sig").splitlines()
     except UnicodeDecodeError:

@@ -31,15 +31,7 @@ from t2d_rt.types.motion import Motion
 NOISE_LIMIT_MPS = 0.03
 """Speed that noise may add before joints are filtered; `t2d_rt.motion.interpolate.JITTER_LIMIT_MPS` for files with rotations."""
 
-SPEED_ERROR_MPS = 0.1
-"""Remaining error of speed from which the user is warned: a little more than what a window of 25 ms resolves at 77 GHz, 0.078 m/s
-(lambda / 2 T)."""
-
-
 CUTOFFS_HZ = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.3, 16.0, 22.6, 32.0)
-
-HIGHEST_CUTOFF = 0.45
-"""Of the frame rate, for a cut-off; a filter at half of it has no transition."""
 
 ABOVE_NOISE = 1.6
 """Of the noise's spectral power, for a frequency to hold motion: means over 9 frequencies scatter by 27 % for 3 coordinates, by
@@ -53,9 +45,6 @@ RARE = 0.5
 
 SMOOTHING = 0.2
 """Of a frequency, by which spectra are averaged to either side: fast movement has broad spectra."""
-
-FEWEST_FRAMES = 12
-"""Frames below which a noise is not measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +77,8 @@ def told_noise(
 ) -> str:
     """A clause for the report on noise that was smoothed away, and a warning where too much remains."""
     told = f"joint speeds err by about {error_mps:.2f} m/s"
-    if error_mps > SPEED_ERROR_MPS:
+    # A little more than what a window of 25 ms resolves at 77 GHz, 0.078 m/s (lambda / 2 T).
+    if error_mps > 0.1:
         warn(
             f"the {whose} {noise} at {rate_hz:g} Hz leaves too much after smoothing: {told}; micro-Doppler finer "
             "than that is noise"
@@ -111,7 +101,7 @@ def _lengths(points: dict[str, np.ndarray]) -> np.ndarray:
 def noise_power(points: dict[str, np.ndarray]) -> np.ndarray:
     """Power of the noise of each coordinate [m^2], (T,), at frequencies from 0 to half the rate; its mean is the variance."""
     lengths = _lengths(points).T
-    if len(lengths) < FEWEST_FRAMES:
+    if len(lengths) < 12:
         return np.zeros(len(lengths))
     lengths = np.clip(lengths, *np.percentile(lengths, [RARE, 100.0 - RARE], axis=0))
     lengths = lengths - lengths.mean(axis=0)
@@ -159,7 +149,8 @@ def best_cutoff(track: np.ndarray, noise: np.ndarray, rate_hz: float) -> tuple[f
         if (power > SURELY * noise)[low:high].any():
             signal[low:high] = (power - noise)[low:high]
     errors: dict[float | None, float] = {None: float((omega**2 * noise).mean())}
-    for cutoff in (cutoff for cutoff in CUTOFFS_HZ if cutoff < HIGHEST_CUTOFF * rate_hz):
+    # A filter at half of the frame rate has no transition.
+    for cutoff in (cutoff for cutoff in CUTOFFS_HZ if cutoff < 0.45 * rate_hz):
         gain = low_pass_gain(len(power), cutoff, rate_hz)
         errors[cutoff] = float((omega**2 * ((1 - gain) ** 2 * signal + gain**2 * noise)).mean())
     best = min(errors, key=errors.__getitem__)
@@ -195,28 +186,13 @@ ORDER = 6
 WINDOW_S, FEWEST_AVERAGED = 0.4, 9
 """Time over which they are averaged."""
 
-CALM = 10.0
-"""Percent of these windows, and"""
-CALM_JOINTS = 25.0
-"""percent of the joints that turn at all, in which noise is what is there."""
-
-BIAS = 1.05
-"""Standard deviation of white noise over what the calmest tenth of windows of n frames says of it, less one, times sqrt(n): within
-5 % in records of 60 to 600 frames."""
-
 FOUND = 8.0
 """Speed that the usual smoothing would leave, times the frame rate [m/s Hz], from which rotations are noisy: recordings have up to
 5.4 at their own rates (7.4 decimated to 20 to 30 Hz, a roll), 1 degree and 3 mm have 23 at 30 Hz."""
 
-ROOT_M = 2e-3
-"""Noise of the root's coordinates from which it is noisy; recordings have up to 1.6 mm."""
-
 SHORT_S, SHORTEST_S, LOWEST_RATE_HZ = 2.0, 1.0, 18.0
 """Records shorter than the first hold few calm windows: twice the limit; none below the second, nor at lower rates, at which
 movement looks like noise."""
-
-MOST = 4.0
-"""Noise power of a joint over that of the calmer ones."""
 
 
 def without_rotation_noise(
@@ -238,9 +214,10 @@ def without_rotation_noise(
     calm = np.array([levels[0], *np.minimum(levels[1:], usual)])
     left = _speed_mps(calm * float((omega**2 * kept**2).mean()), reach)
     limit = FOUND / motion.rate_hz * (2.0 if motion.duration_s < SHORT_S else 1.0)
-    if left <= limit and levels[0] <= 3.0 * ROOT_M**2:
+    # Recordings have up to 1.6 mm of noise in the root.
+    if left <= limit and levels[0] <= 3.0 * 2e-3**2:
         return None
-    levels = np.array([levels[0], *np.minimum(levels[1:], MOST * usual)])
+    levels = np.array([levels[0], *np.minimum(levels[1:], 4.0 * usual)])
     tracks = [root[:, 0], *np.moveaxis(angles, 1, 0)]
     found = [
         best_cutoff(track, np.full(len(track), level), motion.rate_hz)
@@ -262,14 +239,16 @@ def _levels(tracks: np.ndarray, rate_hz: float) -> np.ndarray:
     square = inner(differences, differences) / comb(2 * ORDER, ORDER)
     frames = min(max(FEWEST_AVERAGED, round(WINDOW_S * rate_hz)), len(square))
     total = np.concatenate([np.zeros((1, square.shape[1])), np.cumsum(square, axis=0)])
-    calm = np.percentile((total[frames:] - total[:-frames]) / frames, CALM, axis=0)
-    return np.asarray((1.0 + BIAS / math.sqrt(frames)) ** 2 * calm)
+    calm = np.percentile((total[frames:] - total[:-frames]) / frames, 10.0, axis=0)
+    # Means of n white squares in the calmest tenth of windows are too small by 1.05 / sqrt(n) of the standard
+    # deviation, within 5 % in records of 60 to 600 frames.
+    return np.asarray((1.0 + 1.05 / math.sqrt(frames)) ** 2 * calm)
 
 
 def _usual(levels: np.ndarray) -> float:
     """Noise of the calmer joints among those that turn."""
     turning = levels[levels > 1e-12]
-    return float(np.percentile(turning, CALM_JOINTS)) if len(turning) else 0.0
+    return float(np.percentile(turning, 25.0)) if len(turning) else 0.0
 
 
 def _degrees(level: float) -> float:
@@ -304,9 +283,6 @@ LEAST_DEG = 90.0
 """Turns in one frame above which a joint flips: at 30 Hz 2700 degrees per second, faster than the elbow of a pitcher (2400; Fleisig
 et al. 1999), and here the joint is back in the next frame."""
 
-RETURN_DEG = 45.0
-"""How near a joint comes back to where it was."""
-
 LONGEST = 3
 """Frames that a flip lasts at most."""
 
@@ -336,7 +312,7 @@ def flips(local: np.ndarray, names: Sequence[str], rate_hz: float) -> list[Flip]
         turned, after = np.flatnonzero(step > LEAST_DEG).tolist(), -1
         for start in turned:
             stops = [stop for stop in turned if start < stop <= start + LONGEST]
-            back = next((stop for stop in stops if _angle(own[start], own[stop + 1]) < RETURN_DEG), None)
+            back = next((stop for stop in stops if _angle(own[start], own[stop + 1]) < 45.0), None)
             if start > after and back is not None:
                 found.append(Flip(name, (start + 1) / rate_hz, back - start, float(step[start])))
                 after = back

@@ -106,19 +106,6 @@ def file_origin(path: Path) -> str:
 # saw, adds feet, finds the root's way and the floor. What each of them did is a clause of the report, in this order.
 
 
-LOW_RATE_HZ = 15.0
-"""Below, frames alone leave errors of 0.1 m/s and more in the speed of a walker's joints, of 0.2 m/s in a runner's."""
-
-MISLABELLED = 2 * LEAST_LIKELY
-"""Score of limbs above which joints are not what they are called; noise of 3 cm adds 0.2."""
-
-WIDEST = 1.5
-"""Lengths of a leg from which a trunk is too long, or hips or shoulders too wide, for one person; trunks have 0.6."""
-
-BACKWARD = -0.3
-"""Mean forward component of feet and knees (-1 to 1) from which left and right must be swapped."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
     """How a file's coordinates become metres, z up."""
@@ -162,7 +149,8 @@ def _understood(tracks: Tracks, reading: Reading) -> tuple[Tracks, Frame]:
     if tracks.rate_assumed:
         assumed = f"{tracks.rate_hz:g} Hz assumed, the file does not say"
         tracks = replace(tracks, told=(assumed, *tracks.told))
-    if not tracks.turned and not unlikeness(tracks.points) <= MISLABELLED:
+    # Noise of 3 cm adds 0.2 to the score of limbs.
+    if not tracks.turned and not unlikeness(tracks.points) <= 2 * LEAST_LIKELY:
         raise InputError(
             f"{tracks.form}: limbs change their length by half, or differ as much left and right; the joints' names or their order "
             "are wrong, or the tracks are damaged"
@@ -211,7 +199,8 @@ def placed(tracks: Tracks, frame: Frame, reading: Reading) -> Found:
         warn(f"{told[-1]}; mend them in the file, for a radar sees them as fast movement")
     if smoothing is None:
         motion, smoothing = _smoothed(motion, reading.smooth_hz, local)
-    if motion.rate_hz < LOW_RATE_HZ:
+    # Frames alone then leave errors of 0.1 m/s and more in the speed of a walker's joints, of 0.2 m/s in a runner's.
+    if motion.rate_hz < 15.0:
         warn(
             f"{motion.rate_hz:g} frames a second hold movements up to {0.5 * motion.rate_hz:g} Hz only, a walker's feet and hands "
             "move faster: joint speeds err by 0.1 m/s and more; record at 20 Hz or above"
@@ -250,7 +239,8 @@ def _check_together(tracks: Tracks) -> None:
     apart = [middle(at, "hip") - middle(at, "shoulder"), *between]
     width = max(float(np.median(norms(each))) for each in apart)
     legs = width / max(leg_m(at), 1e-12)
-    if legs > WIDEST:
+    # Trunks have 0.6.
+    if legs > 1.5:
         raise InputError(
             f"{tracks.form}: hips and shoulders lie {legs:.1f} lengths of a leg apart, as of several persons; give each person's "
             "points names of their own"
@@ -309,7 +299,7 @@ def _check_sides(points: dict[str, np.ndarray]) -> None:
         if f"{side}_foot" in points:
             foot = points[f"{side}_foot"] - ankle
             signs.append(inner(foot, ahead).mean() / max(float(norms(foot).mean()), 1e-9))
-    if np.mean(signs) < BACKWARD:
+    if np.mean(signs) < -0.3:
         raise InputError(
             "knees and feet point backward: left and right are swapped, or the axes are left-handed; swap the names or "
             "reverse one axis"

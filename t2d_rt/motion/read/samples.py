@@ -26,9 +26,6 @@ LEAST_REPEATS = 6
 REPEATED = 0.1
 """Repeats of a frame in files of a slower source: most in a row, fewest in all, their least share."""
 
-DITHER = 0.1
-"""Of the largest step nearby, below which a frame counts as repeated."""
-
 
 def new_frames(joints: np.ndarray) -> tuple[np.ndarray, float] | None:
     """Frames that a slower source has made, evenly (3, 3, 3) or by turns (2, 1, 2, 1) in the file, and the file's frames per frame
@@ -38,7 +35,7 @@ def new_frames(joints: np.ndarray) -> tuple[np.ndarray, float] | None:
     if len(steps) < LEAST_REPEATS:
         return None
     nearby = np.lib.stride_tricks.sliding_window_view(np.pad(steps, MOST_REPEATS), 2 * MOST_REPEATS + 1).max(axis=1)
-    new = np.flatnonzero(steps > DITHER * nearby) + 1
+    new = np.flatnonzero(steps > 0.1 * nearby) + 1
     if len(steps) - len(new) < max(LEAST_REPEATS, REPEATED * len(steps)) or len(new) < 4:
         return None
     runs = np.split(new, np.flatnonzero(np.diff(new) > MOST_REPEATS) + 1)
@@ -99,28 +96,12 @@ LONGEST_GAP_S = 0.25
 SHORTEST_S = 0.5
 """Pieces between longer gaps that are shorter hold no step."""
 
-OFF_BODY = 0.05
-"""Of the body's extent, between a point's stand-in for "not seen" and where it was seen last and next."""
-
-OWN_STEPS = 3.0
-"""Steps of the point itself, its fast ones, that this may be more: a walk may begin at 0, 0, 0."""
-
 HELD = 1.5
 """Step out of a hold over those around it that tells a held sample from a person who stands still; a hold of one frame has 2."""
-
-LEAST_STEP = 0.003
-"""Of the body's extent, for that step."""
-
-EQUAL = 1e-9
-"""Of the body's extent, within which samples are the same: what rounding differs by."""
 
 RARE = 0.1
 """Part of the time that a joint which others stand in for may be lost in long gaps before it is filled as one that lacks, counted
 where those that nothing stands in for are seen."""
-
-RETURNS = 0.5
-"""Of a leap, by which the joints may miss their way when they come back."""
-
 
 # --- what is missing, as readers see it ---
 
@@ -161,7 +142,8 @@ def seen(positions: np.ndarray) -> np.ndarray:
         away = np.min([norms(found[stands, point] - true[near, point]) for near in nearest], axis=0)
         steps = rms_steps(true[:, point : point + 1])
         fast = float(np.nanpercentile(steps, 90)) if np.isfinite(steps).any() else 0.0
-        found[stands[away > OFF_BODY * extent + OWN_STEPS * fast], point] = np.nan
+        # A walk may begin at 0, 0, 0.
+        found[stands[away > 0.05 * extent + 3.0 * fast], point] = np.nan
     alone = np.isfinite(found[..., 0]).sum(axis=1) == 1  # the centre of a body that was not seen
     if found.shape[1] > 2:
         found[alone & same.any(axis=1)] = np.nan
@@ -281,8 +263,9 @@ def _warn_of_long(name: str, holds: Sequence[tuple[int, int]], rate_hz: float) -
 def _holds(points: np.ndarray, extent: float) -> list[tuple[int, int]]:
     """Runs of frames, from start to before stop, in which points (T, K, D) are held before they leap."""
     steps, found = rms_steps(points), []
-    for first, out in runs(steps <= EQUAL * extent):  # frames first ... out are equal
-        if first == 0 or out == len(steps) or steps[out] <= LEAST_STEP * extent:
+    # Equal but for what rounding differs by.
+    for first, out in runs(steps <= 1e-9 * extent):  # frames first ... out are equal
+        if first == 0 or out == len(steps) or steps[out] <= 0.003 * extent:
             continue
         ends = points[max(0, first - 3) : first + 1], points[out + 1 : out + 5]
         paces = [float(rms_steps(each[[0, -1]])[0]) / (len(each) - 1) for each in ends if len(each) > 1]
@@ -414,4 +397,4 @@ def _returns(samples: Tracks, first: Jump, last: Jump) -> bool:
     tracks = np.stack([samples.points[name] for name in first.joints], axis=1)
     led = 0.5 * (tracks[start] - tracks[start - 1] + tracks[stop + 1] - tracks[stop]) * (stop - start)
     missed = norms(tracks[stop] - tracks[start] - led)
-    return bool((missed < RETURNS * norms(tracks[start + 1] - tracks[start])).mean() > 0.8)
+    return bool((missed < 0.5 * norms(tracks[start + 1] - tracks[start])).mean() > 0.8)

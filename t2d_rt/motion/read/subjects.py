@@ -23,19 +23,11 @@ SIGNS = ":_.-|/# "
 SIGN = re.compile(rf"[{re.escape(SIGNS)}]+|(?<=[^\W\d])(?=\d+$)|(?<=\d)(?=[^\W\d])")
 """Between a subject's name and a point's: a sign, or a number's begin at the end (`LASI2`) or its end (`P2LASI`)."""
 
-MOST_SIGNS = 16
-"""Of a label that are looked at."""
-
 FEWEST_LABELS = 12
 """Of a person: hips, knees, ankles, shoulders, elbows and wrists."""
 
 ALIKE = 6
 """Labels that an incomplete subject has in common with another one: half of a person's."""
-
-UNNAMED = "unnamed"
-"""The subject whose labels have nothing before or after them, where those of others have."""
-
-LONGEST_NAME = 60
 
 Labels = dict[str, str]
 """A subject's labels, without its name -> as they stand in the file."""
@@ -137,7 +129,7 @@ def subjects(labels: Sequence[str], lacking: Callable[[Sequence[str]], Sequence[
     """Subjects by name, in the order of the file, the incomplete ones that are named alike too; empty where labels name none."""
     groups: dict[Affix, Labels] = {}
     for label in labels:
-        for sign in [*SIGN.finditer(label)][:MOST_SIGNS]:
+        for sign in [*SIGN.finditer(label)][:16]:
             head, tail, between = label[: sign.start()], label[sign.end() :], sign.group()
             if head and tail and (between or head[-1].isdigit()):
                 groups.setdefault(("before", head + between), {})[tail] = label
@@ -157,7 +149,7 @@ def subjects(labels: Sequence[str], lacking: Callable[[Sequence[str]], Sequence[
     place = {label: number for number, label in enumerate(labels)}
     first = {key: min(place[label] for label in own.values()) for key, own in found.items()}
     order = sorted(found, key=first.__getitem__)
-    return {printable(affix.strip(SIGNS))[:LONGEST_NAME] or UNNAMED: found[kind, affix] for kind, affix in order}
+    return {printable(affix.strip(SIGNS))[:60] or "unnamed": found[kind, affix] for kind, affix in order}
 
 
 def _manner(affix: Affix) -> Affix:
