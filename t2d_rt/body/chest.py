@@ -8,15 +8,13 @@ import numpy as np
 
 from t2d_rt.body.fit import Fitted
 from t2d_rt.body.pose import BONES
-from t2d_rt.geometry.vectors import edge_cross, unit
+from t2d_rt.geometry.vectors import vertex_normals
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 
 CARRIERS = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar")
 """Bones that carry chest and abdomen, up to the collarbones."""
 EDGE_M = 0.06
 """Height over which the movement fades, above the hips and about the shoulders."""
-FACING = 0.45
-"""Cosine against the trunk's own front from which the skin takes part in full; from 0 on a part of it."""
 PRONE, LOW_M = (0.3, 0.8), (0.3, 0.55)
 """Cosines of the chest's front against down, and heights of the chest over the floor, between which the floor comes to bear it."""
 
@@ -35,14 +33,12 @@ class ChestWall:
     def of(cls, body: Fitted, motion: Motion) -> ChestWall:
         """Of a fitted body: chest and abdomen from the hips to the shoulders."""
         faces, heights = body.template.faces, body.vertices[:, 2]
-        normals = np.zeros_like(body.vertices)
-        for corner in range(3):
-            np.add.at(normals, faces[:, corner], edge_cross(body.vertices[faces]))
-        normals = unit(normals)
+        normals = vertex_normals(body.vertices, faces)
         lowest, highest = body.joints["left_hip"][2], body.joints["left_shoulder"][2]
         within = smooth_step(heights, lowest, lowest + EDGE_M) * smooth_step(highest - heights, -EDGE_M / 2, EDGE_M / 2)
         carried = body.template.weights[:, [CANONICAL_JOINTS.index(name) for name in CARRIERS]]
-        front, back = (smooth_step(sign * normals[:, 0], 0.0, FACING) * within for sign in (1.0, -1.0))
+        # The skin takes part from 0 on, in full from where it looks less than 63 degrees aside.
+        front, back = (smooth_step(sign * normals[:, 0], 0.0, 0.45) * within for sign in (1.0, -1.0))
         outwards = carried[:, :, None] * normals[:, None]
         return cls(motion, front[:, None, None] * outwards, back[:, None, None] * outwards)
 

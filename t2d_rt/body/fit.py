@@ -17,11 +17,9 @@ from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 
 SIDES = ("left", "right")
 LIMBS = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
-GIRDLES = (("hips", "hip"), ("shoulders", "shoulder"))
 TORSO, NECK = ("hips", "shoulders"), ("shoulders", "head")
 """Bones whose length is the motion's; `hips` and `shoulders` are the middles of the pairs."""
 
-FEWEST_STANCE_FRAMES = 3
 ANKLE_HEIGHT_RANGE = (0.75, 1.6)
 """Ankle heights, relative to stature, that a foot is fitted to; beyond, the feet do not stand on the file's floor."""
 
@@ -77,7 +75,7 @@ def stance(motion: Motion, side: str) -> Stance | None:
         & (knee[:, 2] - ankle[:, 2] > UPRIGHT_SHANK * shank)
         & (hip[:, 2] - ankle[:, 2] > CARRIED_HIP * shank)
     )
-    if np.count_nonzero(level) < FEWEST_STANCE_FRAMES:
+    if np.count_nonzero(level) < 3:
         return None
     slow = level & (speed <= max(np.quantile(speed[level], 0.15), 0.05))
     return Stance(frames=np.flatnonzero(slow), ankle_height_m=float(np.median(ankle[slow, 2])))
@@ -115,7 +113,9 @@ def _lengths(motion: Motion) -> dict[tuple[str, str], float]:
     rotation = matrices(motion.rotations[:, motion.index("spine3")])
     at |= {"hips": _middle(at, "hips"), "shoulders": at["spine3"] + rotation @ shoulder_centre(motion)}
     bones = [TORSO, NECK, *((f"{side}_{a}", f"{side}_{b}") for side in SIDES for a, b in LIMBS)]
-    bones += [(pair, f"{side}_{joint}") for side in SIDES for pair, joint in GIRDLES]
+    bones += [
+        (pair, f"{side}_{joint}") for side in SIDES for pair, joint in (("hips", "hip"), ("shoulders", "shoulder"))
+    ]
     lengths = {bone: float(np.median(np.linalg.norm(at[bone[1]] - at[bone[0]], axis=1))) for bone in bones}
     zero = [f"{a} to {b}" for (a, b), length in lengths.items() if not 1e-3 < length < 10]
     if zero:

@@ -11,23 +11,16 @@ import numpy as np
 
 from t2d_rt.core.checks import number, shown, text
 from t2d_rt.core.errors import InputError
-from t2d_rt.geometry.vectors import edge_cross, unit
+from t2d_rt.geometry.vectors import unit, vertex_normals
 from t2d_rt.types.material import ByPart, Material, known_material
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
 BARE = "head", "neck", "left_hand", "right_hand"
-SHOD = "left_foot", "right_foot"
-"""Segments in shoes; all but these and the bare ones are in cloth."""
 BARE_JOINTS = "neck", "head", "left_wrist", "right_wrist"
 SHOD_JOINTS = "left_ankle", "left_foot", "right_ankle", "right_foot"
 """Those that move what is bare, and what is in shoes."""
 UPPER_M, TOE_M = 0.004, 0.012
 """Thickness of a shoe's upper, and the room before the toes, for which shoemakers allow 10 to 15 mm: choices."""
-FACING_DOWN, SOLE_TOP_M = (0.1, 0.4), (0.02, 0.04)
-"""What of a bare foot is its underside, and becomes that of the sole: from which to which downward part of the normal it fades in,
-and between which heights over the lowest [m] it fades out."""
-MOST_CLOTH_M, MOST_SOLE_M = 0.02, 0.06
-"""Thicker cloth would meet that of the other limb, thicker soles would not bend with the foot."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,8 +47,9 @@ class Outfit:
         text("name of an outfit", self.name)
         for field in ("cloth", "bare", "shoes"):
             known_material(f"material of an outfit's {field}", getattr(self, field))
-        number("cloth_m", self.cloth_m, 0, MOST_CLOTH_M, unit="m", hint="0.003 is a shirt, 0.012 a coat")
-        number("sole_m", self.sole_m, 0, MOST_SOLE_M, unit="m", hint="0.025 is an ordinary shoe, 0 none")
+        # Thicker cloth would meet that of the other limb, thicker soles would not bend with the foot.
+        number("cloth_m", self.cloth_m, 0, 0.02, unit="m", hint="0.003 is a shirt, 0.012 a coat")
+        number("sole_m", self.sole_m, 0, 0.06, unit="m", hint="0.025 is an ordinary shoe, 0 none")
 
     def of_faces(self, faces: np.ndarray, weights: np.ndarray) -> ByPart:
         """Materials of the faces (F, 3) of a body that moves with the joints by `weights` (V, 22): each is of the part that
@@ -65,7 +59,7 @@ class Outfit:
 
     def of_segments(self, names: Sequence[str]) -> ByPart:
         """Materials of a body's segments."""
-        return self._by_part(np.array([1 if name in BARE else 2 if name in SHOD else 0 for name in names]))
+        return self._by_part(np.array([1 if name in BARE else 2 if name.endswith("_foot") else 0 for name in names]))
 
     def _by_part(self, part: np.ndarray) -> ByPart:
         return ByPart((self.cloth, self.bare, self.shoes), part)
@@ -103,7 +97,7 @@ def put_on(
     The undersides of the feet and all joints stay where they are: feet are raised within their shoes by the soles' thickness, and
     shins are shorter by it. `weights` (V, 22) move the vertices with the joints.
     """
-    normals = unit(_vertex_normals(vertices, faces))
+    normals = vertex_normals(vertices, faces)
     bare, shod = _of_joints(weights, BARE_JOINTS), _of_joints(weights, SHOD_JOINTS)
     found = vertices + outfit.cloth_m * (1 - bare - shod)[:, None] * normals
     if not outfit.sole_m:
@@ -111,7 +105,7 @@ def put_on(
     for side, leftward in (("left", 1), ("right", -1)):
         foot, forward = _of_joints(weights, (f"{side}_ankle", f"{side}_foot")), _forward(side, joints)
         heights_m, along = vertices[:, 2] - vertices[foot > 0.5, 2].min(), vertices @ forward
-        under = foot * _ramp(-normals[:, 2], *FACING_DOWN) * (1 - _ramp(heights_m, *SOLE_TOP_M))
+        under = foot * _ramp(-normals[:, 2], 0.1, 0.4) * (1 - _ramp(heights_m, 0.02, 0.04))
         found += UPPER_M * (foot * (1 - under))[:, None] * normals
         toes = foot * _ramp(along, joints[f"{side}_foot"] @ forward, along[foot > 0.5].max())
         found += TOE_M * toes[:, None] * forward
@@ -135,11 +129,3 @@ def _ramp(values: np.ndarray, low: float, high: float) -> np.ndarray:
     """Smoothly from 0 at `low` to 1 at `high`."""
     fraction = np.clip((values - low) / (high - low), 0, 1)
     return np.asarray(fraction * fraction * (3 - 2 * fraction))
-
-
-def _vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Sum of the normals of the faces around each vertex, by their areas (V, 3)."""
-    across, found = edge_cross(vertices[faces]), np.zeros_like(vertices)
-    for corner in faces.T:
-        np.add.at(found, corner, across)
-    return found

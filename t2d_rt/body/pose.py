@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.body.fit import SIDES, Fitted, shoulder_centre, stance
+from t2d_rt.body.fit import LIMBS, SIDES, Fitted, shoulder_centre, stance
 from t2d_rt.body.rotations import between, frame, matrices, mean_rotation, quaternion, swing
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
@@ -22,20 +22,8 @@ UP = np.array([0.0, 0.0, 1.0])
 LEFT = np.array([0.0, 1.0, 0.0])
 FORWARD = np.array([1.0, 0.0, 0.0])
 
-TWIST_BONES = ("left_upper_arm", "right_upper_arm", "left_forearm", "right_forearm")
-BONES = CANONICAL_JOINTS + TWIST_BONES
+BONES = CANONICAL_JOINTS + ("left_upper_arm", "right_upper_arm", "left_forearm", "right_forearm")
 """The 22 canonical bones, then those that take half of a twist so that the skin does not wring."""
-
-ONE_HINGE = {"hip": "knee", "knee": "ankle", "shoulder": "elbow", "elbow": "wrist"}
-
-UPRIGHT = 0.7
-"""Cosine of the torso's least lean up to which somebody lies or crawls throughout: what is neutral shows less well then."""
-
-STRAIGHTEST = 60
-"""Power of the torso's length with which instants count then: those 2 % shorter than the longest by a third."""
-
-STRAIGHT_LIMB = 0.02
-"""Weight of `not twisted against its parent` beside the hinge: (sine of the bend)^2 at which both count alike."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +78,7 @@ class Posing:
         collar, shoulder, elbow, wrist = (f"{side}_{j}" for j in ("collar", "shoulder", "elbow", "wrist"))
         carried = rotation["spine3"] @ (rest[shoulder] - rest[collar])
         rotation[collar] = swing(carried, at[shoulder] - origin[collar]) @ rotation["spine3"]
-        for upper, lower in ((f"{side}_{a}", f"{side}_{b}") for a, b in ONE_HINGE.items()):
+        for upper, lower in ((f"{side}_{a}", f"{side}_{b}") for a, b in LIMBS):
             # The orientation carries the bone already; this takes up what a file's bones stretch.
             rotation[upper] = (
                 swing(rotation[upper] @ (rest[lower] - rest[upper]), at[lower] - at[upper]) @ rotation[upper]
@@ -140,10 +128,11 @@ def _trunk_offsets(
     torso = unit(at["spine3"] + source["spine3"] @ centre - hips)
     # Upright instants tell what an unbent back is.
     upright = np.clip(torso[:, 2], 0.02, 1) ** 4
-    lies = torso[:, 2].max() < UPRIGHT
+    lies = torso[:, 2].max() < 0.7  # or crawls throughout: what is neutral shows less well then
     if lies:  # and where there are none, those in which it is longest
         length = np.linalg.norm(at["spine3"] + source["spine3"] @ centre - hips, axis=1)
-        upright = (length / length.max()) ** STRAIGHTEST
+        # Instants 2 % shorter than the longest count by a third.
+        upright = (length / length.max()) ** 60
     upright /= upright.sum()
     rest_torso = sum(rest[f"{s}_shoulder"] - rest[f"{s}_hip"] for s in SIDES)
     offsets = {}
@@ -176,7 +165,8 @@ def _limb_offsets(
         parent = source[trunk] @ offsets[trunk]
         for name, rest_bone, bone in ((a, upper, at[b] - at[a]), (b, lower, at[c] - at[b])):
             untwisted = swing(parent @ rest_bone, bone) @ parent @ unit(rest_hinge)
-            own = frame(_local(source[name], unit(bone)), _local(source[name], bend + STRAIGHT_LIMB * untwisted))
+            # 0.02: (sine of the bend)^2 at which the hinge and no twist against the parent count alike.
+            own = frame(_local(source[name], unit(bone)), _local(source[name], bend + 0.02 * untwisted))
             offsets[name] = own @ frame(rest_bone, rest_hinge).T
             parent = source[name] @ offsets[name]
         if trunk == "spine3":

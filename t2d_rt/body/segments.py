@@ -32,8 +32,6 @@ class Segment:
 
 
 TRUNK = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar")
-TRUNK_CUTS = ("spine1", "spine2")
-"""Heights that part pelvis, abdomen and chest."""
 
 RAGGED = 0.02
 """Fraction of a segment's points left out at either end of the bone: its faces do not end in a plane."""
@@ -120,7 +118,9 @@ def segment_of_faces(body: Fitted) -> np.ndarray:
     faces = body.template.faces
     owner = membership[faces].sum(1).argmax(1)
     trunk = [i for i, part in enumerate(SEGMENTS.values()) if part.joints == TRUNK]
-    storey = np.searchsorted([body.joints[joint][2] for joint in TRUNK_CUTS], body.vertices[faces].mean(1)[:, 2])
+    storey = np.searchsorted(
+        [body.joints[joint][2] for joint in ("spine1", "spine2")], body.vertices[faces].mean(1)[:, 2]
+    )
     return np.where(np.isin(owner, trunk), np.array(trunk)[storey], owner)
 
 

@@ -22,10 +22,6 @@ from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
 JointTrack = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Positions (K, J, 3) [m] and orientations x, y, z, w (K, J, 4) of a motion's joints at times [s] (K,)."""
 
-FOREARM_RAMP = (0.1, 0.8)
-UPPER_ARM_RAMP = (0.0, 0.7)
-"""Where along the bone the half-twisted part takes over, as fractions of its length."""
-
 SAGITTA_RAD, SAGITTA_RADIUS_M, SAGITTA_POWER = 1.5, 0.1, 1 / 3
 """Phase sagitta of a body's facets where its radius is 0.1 m, and the power of the curvature that it goes with elsewhere: of 1/4,
 1/3, 1/2 and 0.6 this one errs least with a given number of facets. 25 000 facets give a field NMSE of -30 dB over fourteen
@@ -35,10 +31,6 @@ SIZE_STEP = 1.1
 """Bodies whose scale to the template rounds to the same power of it share their facets."""
 SOFT_M = 0.02
 """Depth in the floor that no vertex exceeds: flesh and soles give way; what is less deep than half of it stays where it is."""
-FLOOR_M = -0.05
-"""Height of its lowest joint from which a motion's floor is at z = 0; others stand on a floor of their own somewhere below."""
-ON_FLOOR = 0.55
-"""Least height of the hips over the leg's length of one who neither crouches, sits on the floor nor lies."""
 LOW_M, INSTANTS = 0.025, 40
 """Depth of the skin's lowest point from which somebody on the feet stands on a floor of the file's own, below z = 0 as it was
 put under the joints; the median of so many instants."""
@@ -105,11 +97,12 @@ def _vertices(
 
 def _on_floor(motion: Motion, basis: Csr, pose: Posing) -> bool:
     """Whether the floor at z = 0 is the person's, who stands, walks, sits, crouches or lies on it."""
-    if motion.joints[..., 2].min() <= FLOOR_M:
+    # Others stand on a floor of their own somewhere below.
+    if motion.joints[..., 2].min() <= -0.05:
         return False
     hip, knee, ankle = (motion.joints[:, motion.index(f"left_{joint}")] for joint in ("hip", "knee", "ankle"))
     leg_m = sum(float(np.median(np.linalg.norm(bone, axis=1))) for bone in (hip - knee, knee - ankle))
-    if hip[:, 2].min() < ON_FLOOR * leg_m:
+    if hip[:, 2].min() < 0.55 * leg_m:
         return True
     times_s = np.linspace(0.0, motion.duration_s, INSTANTS)
     lowest = blend(basis, *pose.bones(*linear_track(motion)(times_s)))[..., 2].min(axis=1)
@@ -154,7 +147,7 @@ def bone_weights(body: Fitted) -> np.ndarray:
         start, end = _carrier(bone), _carrier(bone).replace("elbow", "wrist").replace("shoulder", "elbow")
         axis = body.joints[end] - body.joints[start]
         along = (body.vertices - body.joints[start]) @ axis / (axis @ axis)
-        low, high = FOREARM_RAMP if "forearm" in bone else UPPER_ARM_RAMP
+        low, high = (0.1, 0.8) if "forearm" in bone else (0.0, 0.7)
         fraction = np.clip((along - low) / (high - low), 0, 1)
         fraction = fraction if "forearm" in bone else 1 - fraction
         carrier = BONES.index(start)

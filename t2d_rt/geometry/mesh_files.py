@@ -22,7 +22,6 @@ MAX_MESH_BYTES = 16_000_000
 MAX_ROWS = 500_000
 """Vertices, and faces, of a file: as many as a whole scene may have."""
 MAX_PROPERTIES = 20
-MAX_HEADER_BYTES = 64_000
 _NAMES = "char int8 uchar uint8 short int16 ushort uint16 int int32 uint uint32 float float32 double float64"
 TYPES = dict(zip(_NAMES.split(), "bbBBhhHHiiIIffdd", strict=True))
 """Scalar types of PLY, as codes of `struct`."""
@@ -121,7 +120,7 @@ def _ply(data: bytes) -> tuple[np.ndarray, list[list[int]]]:
 def _ply_header(data: bytes) -> tuple[str, list[_Element], int]:
     """Byte order (empty for ASCII), the elements vertex and face, and where their values begin."""
     # The lazy group takes the shortest header, for "end_header" may stand in the values, too.
-    header = re.match(rb"ply[ \t]*\r?\n(.*?\n)??end_header[ \t]*\r?\n", data[:MAX_HEADER_BYTES], re.DOTALL)
+    header = re.match(rb"ply[ \t]*\r?\n(.*?\n)??end_header[ \t]*\r?\n", data[:64_000], re.DOTALL)
     if header is None:
         raise InputError("is not a PLY file: it has no header from 'ply' to 'end_header'")
     order: str | None = None

@@ -22,13 +22,6 @@ Csr = Any
 
 
 _TERMS = 6
-_FIRST = np.eye(_TERMS)[0]
-_EVEN = 2e-3
-"""Defects of a stencil's quadratic precision below this move a midpoint by under 1 % of its offset from the chord."""
-_MAX_CHANGE = 1.0
-"""Largest sum of |dw|; the butterfly's own weights sum to 1.5 in magnitude."""
-_FAR = 0.25
-"""Largest offset of a midpoint in chord lengths; an arc reaches this where it turns by 106 degrees."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -246,8 +239,9 @@ def _quadratic_precision(matrix: Csr, mesh: Topology, rest: np.ndarray, half: np
             rows = smooth[pick]
             entry = matrix.indptr[rows, None] + np.arange(count)
             terms = _quadratic_terms(rest, mesh.edges[rows], normal[pick], matrix.indices[entry])
-            defect = _FIRST - (terms @ matrix.data[entry][..., None])[..., 0]
-            uneven = np.abs(defect).max(axis=1) > _EVEN
+            defect = np.eye(_TERMS)[0] - (terms @ matrix.data[entry][..., None])[..., 0]
+            # Below, a midpoint moves by under 1 % of its offset from the chord.
+            uneven = np.abs(defect).max(axis=1) > 2e-3
             matrix.data[entry[uneven]] += _least_change(terms[uneven], defect[uneven])
 
 
@@ -260,7 +254,8 @@ def _least_change(terms: np.ndarray, defect: np.ndarray) -> np.ndarray:
     change = (transposed @ np.linalg.solve(gram, defect[..., None]))[..., 0]
     # rows keep summing to 1 to rounding, and a stencil that would swing widely is left as it was
     change -= change.mean(axis=1, keepdims=True)
-    change[np.abs(change).sum(axis=1) > _MAX_CHANGE] = 0.0
+    # The butterfly's own weights sum to 1.5 in magnitude.
+    change[np.abs(change).sum(axis=1) > 1.0] = 0.0
     return change
 
 
@@ -268,7 +263,8 @@ def _tame(matrix: Csr, mesh: Topology, rest: np.ndarray, rows: np.ndarray) -> No
     """Take the chord's middle, in place, where a row's stencil (on slivers) throws the midpoint far off."""
     a, b = (rest.take(mesh.edges[rows, j], axis=0) for j in range(2))
     offset, length = lengths(matrix[rows] @ rest - (a + b) / 2), lengths(b - a)
-    for row in rows[offset > _FAR * length]:  # rare
+    # An arc reaches this where it turns by 106 degrees.
+    for row in rows[offset > 0.25 * length]:  # rare
         entry = slice(matrix.indptr[row], matrix.indptr[row + 1])
         matrix.data[entry] = np.where(np.isin(matrix.indices[entry], mesh.edges[row]), 0.5, 0.0)
 

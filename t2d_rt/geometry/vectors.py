@@ -68,6 +68,14 @@ def edge_cross(corners: np.ndarray) -> np.ndarray:
     return np.stack(cross(np.moveaxis(one, -1, 0), np.moveaxis(two, -1, 0)), axis=-1)
 
 
+def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Unit normals (V, 3) at vertices: of the sum of those of the faces (F, 3) around each, by their areas."""
+    across, found = edge_cross(vertices[faces]), np.zeros_like(vertices)
+    for corner in faces.T:
+        np.add.at(found, corner, across)
+    return unit(found)
+
+
 def winding(corners: np.ndarray) -> np.ndarray:
     """Winding numbers (...) of triangles (..., F, 3, 3) about the origin: 1 inside a closed mesh, 0 outside.
 

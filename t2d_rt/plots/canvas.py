@@ -24,9 +24,6 @@ COLUMNS = 2000
 MARGIN = 0.15
 """Of the occupied span of an axis, left free on both sides of it."""
 
-LONGEST_TITLE = 300
-"""Characters of a title that are drawn."""
-
 
 class StyleOptions(TypedDict, total=False):
     """Fields of a `Style`, as keywords of plot functions."""
@@ -188,7 +185,7 @@ def label_axes(axes: Axes, x: str, y: str, title: str | None) -> None:
 
 def drawable(name: str, value: Any) -> str:
     """A text that can be drawn: a file's name may hold bytes that are no characters."""
-    words = text(name, value)[:LONGEST_TITLE]
+    words = text(name, value)[:300]
     return "".join(each if each.isprintable() or each == "\n" else "\N{REPLACEMENT CHARACTER}" for each in words)
 
 

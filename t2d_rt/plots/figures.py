@@ -14,6 +14,7 @@ import numpy as np
 
 from t2d_rt.core.checks import LARGEST_M, array, instance, numeric, positive, shown, text
 from t2d_rt.core.errors import InputError, warn
+from t2d_rt.geometry.vectors import edge_cross, unit
 from t2d_rt.plots.canvas import (
     Style,
     StyleOptions,
@@ -332,10 +333,8 @@ def _checked_paths(paths_m: Any) -> list[tuple[str, np.ndarray]]:
 def outline(surface: Surface) -> np.ndarray:
     """Edges (E, 2, 3) on a surface's boundary and at its creases."""
     triangles = surface.vertices[surface.faces]
-    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     found: dict[tuple[tuple[float, ...], ...], list[np.ndarray]] = {}
-    for corners, across in zip(np.round(triangles, 6), normal, strict=True):
+    for corners, across in zip(np.round(triangles, 6), unit(edge_cross(triangles)), strict=True):
         for k in range(3):
             ends = tuple(sorted((tuple(corners[k].tolist()), tuple(corners[(k + 1) % 3].tolist()))))
             found.setdefault(ends, []).append(across)

@@ -9,9 +9,6 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-PAGE_DPI = 300
-"""Dots per inch of the images in a vector file."""
-
 
 class NotebookFigure(Figure):
     """A figure without pyplot, so that nothing global holds it, which notebooks show all the same."""
@@ -19,7 +16,7 @@ class NotebookFigure(Figure):
     def savefig(self, fname: Any, **options: Any) -> None:
         """Writes a picture; in a vector file texts stay texts, in fonts that publishers take, and only the maps are dots."""
         if isinstance(fname, (str, Path)) and str(fname).lower().endswith((".pdf", ".svg")):
-            options = {"dpi": PAGE_DPI, **options}
+            options = {"dpi": 300, **options}
         with rc_context({"pdf.fonttype": 42, "svg.fonttype": "none"}):
             super().savefig(fname, **options)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from t2d_rt.core.checks import numeric, shown
 from t2d_rt.core.errors import InputError
+from t2d_rt.geometry.vectors import edge_cross, unit
 from t2d_rt.plots.canvas import (
     Style,
     StyleOptions,
@@ -163,8 +164,7 @@ def draw_poses(axes: Axes, poses: Poses, hues: Mapping[str, str]) -> None:
     scale = Affine2D().scale(min(INCHES_PER_M * height_in / TALL_IN, room_in / max(widest_m, 1e-6)))
     colours = np.array([rgb(hues.get(name, OTHERS)) for name in poses.parts])
     for time_s, corners in zip(poses.times_s, poses.corners_m, strict=True):
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+        normal = unit(edge_cross(corners))
         seen = np.flatnonzero(normal[:, 1] > 0)
         seen = seen[np.argsort(corners[seen, :, 1].mean(axis=1), kind="stable")]
         lit = np.clip(normal[seen] @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)

@@ -13,6 +13,7 @@ import numpy as np
 
 from t2d_rt.core.backend import Backend, aligned_empty, one_thread_at_a_time
 from t2d_rt.radar.buckets import Buckets
+from t2d_rt.radar.groups import Level
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.sweep import Instants, Sweep, cubic_at, moved, rotated, sin_cos, summed, times_phasor
 from t2d_rt.radar.windows import Window
@@ -74,24 +75,12 @@ MOST_PARTS, ENOUGH_LANES = 16, 1 << 14
 """The echoes of a bin are divided among several lanes where there are fewer lanes than that."""
 
 
-@dataclass(frozen=True, slots=True)
-class References:
-    """Moving delays that echoes are taken relative to."""
-
-    of: np.ndarray
-    """Reference of each echo, (L,)."""
-    delay: np.ndarray
-    """[s], (n + 3, K)."""
-    delay_slope: np.ndarray
-    """[s per frame], (n + 3, K)."""
-
-
 @one_thread_at_a_time
 def phases(
     delay: np.ndarray,
     delay_slope: np.ndarray,
     sweep: Sweep,
-    references: References | None,
+    references: Level | None,
     origin_s: float,
     backend: Backend,
 ) -> tuple[Any, Any]:
@@ -99,8 +88,8 @@ def phases(
     cubics in the frame step u, four numbers each, and theta at u = 0. Neighbouring lanes are neighbouring intervals, mostly of one
     echo: they read neighbouring numbers.
 
-    Both are relative to the echo's reference; where there is none, phase comes without whole cycles and theta is that of the delay
-    after `origin_s`. Delays are float64, as needed for the fraction of thousands of cycles.
+    Both are relative to the echo's group among the `references`; where there are none, phase comes without whole cycles and theta is
+    that of the delay after `origin_s`. Delays are float64, as needed for the fraction of thousands of cycles.
     """
     import drjit as dr
 
@@ -117,7 +106,7 @@ def phases(
         first -= origin
     else:
         count = dr.opaque(UInt32, references.delay.shape[1])
-        place = dr.gather(UInt32, UInt32(references.of.astype(np.uint32)), echo) + interval * count
+        place = dr.gather(UInt32, UInt32(references.group.astype(np.uint32)), echo) + interval * count
         others, other = _cycles(references.delay, references.delay_slope, [place, place + count], mid, ramp, Real)
         cubic = hermite(*(end - other for end, other in zip(ends, others, strict=True)))
         first -= other

@@ -13,7 +13,7 @@ from t2d_rt.core.backend import Backend, one_thread_at_a_time
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.radar.array_delays import ArrayDelays, extra_length
 from t2d_rt.radar.buckets import Members
-from t2d_rt.radar.coefficients import AmplitudeFrames, References, phases
+from t2d_rt.radar.coefficients import AmplitudeFrames, phases
 from t2d_rt.radar.groups import Level
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.sweep import Sweep, cubic_at, moved, nodes, rotated, sin_cos, summed, times_phasor
@@ -49,8 +49,7 @@ def leaves(window: Window, level: Level, sweep: Sweep, backend: Backend) -> Leav
     intervals, count = window.delay.shape[0] - 1, window.delay.shape[1]
     interval, echo = window.lit
     members = Members.of(interval, level.group[echo], echo, shape=(intervals, len(level)), per=1, size=count)
-    references = References(level.group, level.delay, level.delay_slope)
-    phase = phases(window.delay, window.delay_slope, sweep, references, 0.0, backend)
+    phase = phases(window.delay, window.delay_slope, sweep, level, 0.0, backend)
     return Leaves(members, AmplitudeFrames.of(window, sweep, backend), phase)
 
 

@@ -14,8 +14,6 @@ from numpy.polynomial.legendre import legvander
 
 CHECKED = 128
 """Places of the sweep, and values of t, at which the error is checked."""
-PER_NODE = 32
-"""Places between two zeros; these are linear between them, and need not be exact."""
 TRIES = 12
 """How many even numbers of nodes are tried, from 2 theta/pi up: fewer cannot hold the band."""
 
@@ -27,7 +25,8 @@ def band_nodes(theta: float, tolerance: float) -> np.ndarray:
     least = 2 * max(1, math.ceil(theta / math.pi))
     series = _wave_functions(theta, least + 2 * TRIES)
     # Zeros lie closer near the ends, about as Chebyshev nodes do; of a symmetric set only the positive ones are looked for.
-    grid = np.cos(np.linspace(0, math.pi / 2, PER_NODE * series.shape[1]))
+    # Places between two zeros; the functions are linear between them, and need not be exact.
+    grid = np.cos(np.linspace(0, math.pi / 2, 32 * series.shape[1]))
     on_grid, at_x = (legvander(places, series.shape[0] - 1) @ series for places in (grid, x))
     for count in range(least, least + 2 * TRIES, 2):
         nodes = _pairs(_zeros(grid, on_grid[:, count]))

@@ -478,23 +478,9 @@ def checked_windows(
     radar: Radar, chirps: int, n_window: int | None, overlap: int | None, n_fft: int | None
 ) -> tuple[int, int, int]:
     """Window, overlap and FFT length of a spectrogram of so many chirps, which fit them and memory."""
-    n_window, overlap = _window_defaults(radar, chirps, n_window, overlap)
     burst = radar.loops_per_frame or chirps
-    n_fft = check_window(n_window, overlap, n_fft, burst)
-    columns = len(window_starts(chirps, burst, n_window, n_window - overlap))
-    # Powers, twice where they are put in order, and the spectra of each thread.
-    size = 16 * columns * n_fft + 24 * min(os.cpu_count() or 1, columns) * CELLS * n_fft
-    check_size(size, f"a spectrogram of {columns} columns of {n_fft} bins", "lower n_fft or overlap")
-    return n_window, overlap, n_fft
-
-
-def _window_defaults(radar: Radar, chirps: int, n_window: int | None, overlap: int | None) -> tuple[int, int]:
-    burst = radar.loops_per_frame
-    if n_window is not None:
-        n_window = integer("n_window", n_window, 2)
-    if n_window is None:
-        n_window = min(256, chirps if burst is None else burst)
-    if burst is not None and n_window > burst:
+    n_window = min(256, burst) if n_window is None else integer("n_window", n_window, 2)
+    if radar.loops_per_frame is not None and n_window > burst:
         raise InputError(
             f"an STFT window of {n_window} chirps does not fit into a burst of {burst}, and windows do not reach from burst to "
             f"burst; set n_window to {burst} or less, or use a radar with continuous chirps such as table2"
@@ -504,7 +490,13 @@ def _window_defaults(radar: Radar, chirps: int, n_window: int | None, overlap: i
             f"record of {chirps} chirps is shorter than the STFT window of {n_window}; record longer or set n_window "
             "lower"
         )
-    return n_window, n_window * 200 // 256 if overlap is None else integer("overlap", overlap)
+    overlap = n_window * 200 // 256 if overlap is None else integer("overlap", overlap)
+    n_fft = check_window(n_window, overlap, n_fft, burst)
+    columns = len(window_starts(chirps, burst, n_window, n_window - overlap))
+    # Powers, twice where they are put in order, and the spectra of each thread.
+    size = 16 * columns * n_fft + 24 * min(os.cpu_count() or 1, columns) * CELLS * n_fft
+    check_size(size, f"a spectrogram of {columns} columns of {n_fft} bins", "lower n_fft or overlap")
+    return n_window, overlap, n_fft
 
 
 def window_starts(chirps: int, burst: int, n_window: int, hop: int) -> np.ndarray:
@@ -516,7 +508,6 @@ def window_starts(chirps: int, burst: int, n_window: int, hop: int) -> np.ndarra
 
 def check_window(n_window: int, overlap: int, n_fft: int | None, chirps: int) -> int:
     """The FFT length, once window and overlap have been checked."""
-    integer("n_window", n_window), integer("overlap", overlap)
     if not 2 <= n_window <= chirps:
         raise InputError(f"n_window must lie in 2..{chirps} (the chirps there are), got {n_window}")
     if not 0 <= overlap < n_window:

@@ -13,8 +13,6 @@ from t2d_rt.types.fields import Count, Decibel, Fields, Number
 
 EVERY_PATH_DB = -200.0
 """A level below that of every path pair."""
-MOST_RANGE_DB = 200.0
-"""A dynamic range that leaves no path pair out."""
 Scale = Annotated[Number, Field(ge=0.01, le=100)]
 Rate = Annotated[Number, Field(ge=10, le=10_000)]
 
@@ -109,7 +107,7 @@ class Accuracy(Fields):
     repeats: bool = True
     """Whether targets that rotate fast and at a constant rate, a fan's blades, are computed for a few rotations only, from
     which the whole record is read."""
-    dynamic_range_db: Annotated[Number, Field(ge=0, le=MOST_RANGE_DB)] = 60.0
+    dynamic_range_db: Annotated[Number, Field(ge=0, le=200.0)] = 60.0
     """Path pairs weaker than the strongest one by more than that, at their best points, are left out [dB]."""
     least_level_db: Annotated[Number, Field(ge=-200, le=0)] = EVERY_PATH_DB
     """Path pairs below that level, relative to the strongest one in the mean over the targets, are left out [dB]."""

@@ -22,6 +22,12 @@ GHz that costs 0.01 rad within a patch of 2 cm at 0.3 m, and falls with the squa
 sampled are farther apart."""
 
 
+Azimuths = Annotated[tuple[Annotated[Number, Field(ge=-180, le=180)], ...], Field(min_length=2)]
+"""Ascending, positive to the left [deg]."""
+Elevations = Annotated[tuple[Annotated[Number, Field(ge=-90, le=90)], ...], Field(min_length=2)]
+"""Ascending, positive upwards [deg]."""
+
+
 class Isotropic(Fields):
     """The same gain in all directions, behind too."""
 
@@ -77,10 +83,8 @@ class Tabulated(Fields):
     noun: ClassVar[str] = "antenna pattern"
 
     kind: Literal["table"] = "table"
-    azimuth_deg: Annotated[tuple[Annotated[Number, Field(ge=-180, le=180)], ...], Field(min_length=2)]
-    """Ascending, positive to the left [deg]."""
-    elevation_deg: Annotated[tuple[Annotated[Number, Field(ge=-90, le=90)], ...], Field(min_length=2)]
-    """Ascending, positive upwards [deg]."""
+    azimuth_deg: Azimuths
+    elevation_deg: Elevations
     gain_db: tuple[tuple[Decibel, ...], ...]
     """Gain relative to its peak, 0 or less [dB]: a row for each azimuth, a column for each elevation."""
 
@@ -105,8 +109,7 @@ class Tabulated(Fields):
 
     def gain(self, directions: np.ndarray) -> np.ndarray:
         """Gain relative to its peak, a power ratio (...)."""
-        azimuth = np.degrees(np.arctan2(directions[..., 1], directions[..., 0]))
-        elevation = np.degrees(np.arcsin(np.clip(directions[..., 2], -1, 1)))
+        azimuth, elevation = _angles_deg(directions)
         column, across = _cell("azimuth", azimuth, self.azimuth_deg)
         row, up = _cell("elevation", elevation, self.elevation_deg)
         table = np.asarray(self.gain_db)
@@ -127,12 +130,10 @@ class Cuts(Fields):
     noun: ClassVar[str] = "antenna pattern"
 
     kind: Literal["cuts"] = "cuts"
-    azimuth_deg: Annotated[tuple[Annotated[Number, Field(ge=-180, le=180)], ...], Field(min_length=2)]
-    """Ascending, positive to the left [deg]."""
+    azimuth_deg: Azimuths
     azimuth_db: Levels
     """Gain relative to its peak at each azimuth, elevation 0 [dB]."""
-    elevation_deg: Annotated[tuple[Annotated[Number, Field(ge=-90, le=90)], ...], Field(min_length=2)]
-    """Ascending, positive upwards [deg]."""
+    elevation_deg: Elevations
     elevation_db: Levels
     """Gain relative to its peak at each elevation, azimuth 0 [dB]."""
 
@@ -155,8 +156,7 @@ class Cuts(Fields):
 
     def gain(self, directions: np.ndarray) -> np.ndarray:
         """Gain relative to its peak, a power ratio (...)."""
-        azimuth = np.degrees(np.arctan2(directions[..., 1], directions[..., 0]))
-        elevation = np.degrees(np.arcsin(np.clip(directions[..., 2], -1, 1)))
+        azimuth, elevation = _angles_deg(directions)
         level = np.interp(azimuth, self.azimuth_deg, self.azimuth_db) + np.interp(
             elevation, self.elevation_deg, self.elevation_db
         )
@@ -183,6 +183,15 @@ def polarization_product(departure: np.ndarray, arrival: np.ndarray, tx_rad: flo
         vector = vector - (ray @ vector)[..., None] * ray
         transverse.append(vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), 1e-12))
     return np.sum(transverse[0] * transverse[1], axis=-1)
+
+
+def _angles_deg(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Azimuth and elevation of unit vectors (..., 3) [deg]."""
+    azimuth, elevation = (
+        np.arctan2(directions[..., 1], directions[..., 0]),
+        np.arcsin(np.clip(directions[..., 2], -1, 1)),
+    )
+    return np.degrees(azimuth), np.degrees(elevation)
 
 
 def _cell(name: str, values_deg: np.ndarray, axis_deg: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:

@@ -12,8 +12,6 @@ from t2d_rt.core.checks import check_shape, numeric
 from t2d_rt.core.errors import InputError
 from t2d_rt.types.radar import Radar
 
-LARGEST = 1e30
-"""Larger numbers are refused as infinite: single precision ends at 3.4e38."""
 KINDS: dict[str, Any] = {
     "times_s": float,
     "delay_s": float,
@@ -79,7 +77,8 @@ def _checked(name: str, value: Any, dtype: Any) -> np.ndarray:
     found = numeric(name, value)
     if np.iscomplexobj(found) and dtype is not np.complex64:
         raise InputError(f"{name} must hold real numbers, got {found.dtype}")
-    if not np.isfinite(found).all() or not (found.size == 0 or np.abs(found).max() < LARGEST):
+    # Larger ones are refused as infinite: single precision ends at 3.4e38.
+    if not np.isfinite(found).all() or not (found.size == 0 or np.abs(found).max() < 1e30):
         raise InputError(f"{name} must be finite, got NaN or infinite values")
     return np.asarray(found, dtype)
 

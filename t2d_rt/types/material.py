@@ -15,8 +15,6 @@ from t2d_rt.core.checks import GREATEST, array, number, shown, text, unknown_nam
 from t2d_rt.core.constants import VACUUM_PERMITTIVITY
 from t2d_rt.core.errors import InputError
 
-LONGEST_NAME = 200
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
@@ -135,9 +133,7 @@ def _values(material: Material | ByPart) -> tuple[Material, ...]:
 
 def checked_material(material: Any) -> str | Material:
     """The name of a material, or its values."""
-    if not isinstance(material, (str, Material)) or (
-        isinstance(material, str) and not 0 < len(material) <= LONGEST_NAME
-    ):
+    if not isinstance(material, (str, Material)) or (isinstance(material, str) and not 0 < len(material) <= 200):
         raise InputError(f"material must be a name or a Material, got {shown(material)}; 'skin' is a body's")
     return material
 

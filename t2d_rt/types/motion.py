@@ -44,11 +44,6 @@ _COORDINATES = {
 """What a motion's `placed` says."""
 
 
-BREATHS_HZ, BREATH_DEPTH_M = (0.01, 5.0), (0.0, 0.1)
-"""Rates and depths of breathing that are taken."""
-BEATS_HZ, BEAT_DEPTH_M = (0.1, 10.0), (0.0, 0.01)
-"""Rates and depths of heartbeats that are taken."""
-
 INHALES = 0.35
 """How much earlier than half way a breath is fullest [rad]: breathing in takes 40 % of it, as at rest (1 : 1.5)."""
 
@@ -70,19 +65,16 @@ class Breathing:
     """Of the breath at the first frame: 0 before the person breathes in."""
 
     def __post_init__(self) -> None:
-        phase_rad = number("phase_rad", self.phase_rad, -1e6, 1e6, unit="rad")
-        rate_hz = number("rate_hz", self.rate_hz, *BREATHS_HZ, unit="Hz")
-        depth_m = number("depth_m", self.depth_m, *BREATH_DEPTH_M, unit="m")
-        set_fields(self, rate_hz=rate_hz, depth_m=depth_m, phase_rad=phase_rad)
+        _check_cycle(self, (0.01, 5.0), 0.1)
 
     def displacement_m(self, times_s: np.ndarray) -> np.ndarray:
         """How far the front of the trunk has come forward at times [s] (K,) of the motion [m], from 0 to the depth."""
-        cycle = 2 * np.pi * self.rate_hz * np.asarray(times_s, float) + self.phase_rad
+        cycle = _cycle_rad(self, times_s)
         return np.asarray(0.5 * self.depth_m * (1 - np.cos(cycle + INHALES * (1 - np.cos(cycle)))))
 
     def from_time(self, start_s: float) -> Breathing:
         """The same breaths where time begins at another instant [s]."""
-        return replace(self, phase_rad=_advanced(self, start_s))
+        return replace(self, phase_rad=float(_cycle_rad(self, start_s) % (2 * np.pi)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,26 +90,31 @@ class Heartbeat:
     """Of the beat at the first frame: 0 half way between two beats."""
 
     def __post_init__(self) -> None:
-        phase_rad = number("phase_rad", self.phase_rad, -1e6, 1e6, unit="rad")
-        rate_hz = number("rate_hz", self.rate_hz, *BEATS_HZ, unit="Hz")
-        depth_m = number("depth_m", self.depth_m, *BEAT_DEPTH_M, unit="m")
-        set_fields(self, rate_hz=rate_hz, depth_m=depth_m, phase_rad=phase_rad)
+        _check_cycle(self, (0.1, 10.0), 0.01)
 
     def displacement_m(self, times_s: np.ndarray) -> np.ndarray:
         """How far the front of the trunk has come forward at times [s] (K,) of the motion [m], from 0 to the depth."""
-        cycle = 2 * np.pi * self.rate_hz * np.asarray(times_s, float) + self.phase_rad
+        cycle = _cycle_rad(self, times_s)
         pulse = np.exp(-BEAT_NARROWNESS * (1 + np.cos(cycle)))
         least = np.exp(-2 * BEAT_NARROWNESS)
         return np.asarray(self.depth_m * (pulse - least) / (1 - least))
 
     def from_time(self, start_s: float) -> Heartbeat:
         """The same beats where time begins at another instant [s]."""
-        return replace(self, phase_rad=_advanced(self, start_s))
+        return replace(self, phase_rad=float(_cycle_rad(self, start_s) % (2 * np.pi)))
 
 
-def _advanced(cycle: Breathing | Heartbeat, start_s: float) -> float:
-    """Its phase at an instant [rad]."""
-    return float((cycle.phase_rad + 2 * np.pi * cycle.rate_hz * start_s) % (2 * np.pi))
+def _check_cycle(cycle: Breathing | Heartbeat, rates_hz: tuple[float, float], most_m: float) -> None:
+    phase_rad = number("phase_rad", cycle.phase_rad, -1e6, 1e6, unit="rad")
+    rate_hz = number("rate_hz", cycle.rate_hz, *rates_hz, unit="Hz")
+    set_fields(
+        cycle, rate_hz=rate_hz, depth_m=number("depth_m", cycle.depth_m, 0.0, most_m, unit="m"), phase_rad=phase_rad
+    )
+
+
+def _cycle_rad(cycle: Breathing | Heartbeat, times_s: np.ndarray | float) -> np.ndarray:
+    """Where in its cycles it is at times [s] (K,) of the motion [rad]."""
+    return 2 * np.pi * cycle.rate_hz * np.asarray(times_s, float) + cycle.phase_rad
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -27,10 +27,6 @@ MOST_BYTES = 100_000_000
 """Of a track's file."""
 COLUMNS = "t", "x", "y", "z", "yaw", "pitch", "roll"
 """Of a track's file: seconds, metres, degrees; the last three may be left out."""
-SAME_POSE = 1e-9
-"""By how much a pose that is given as well may differ from where the track begins, in metres or of a unit vector."""
-LEAST_LENGTH = 1e-6
-"""Of quaternions, which are normalised."""
 
 
 def _listed(value: Any) -> Any:
@@ -109,7 +105,7 @@ class RadarTrack(Fields):
                 )
         if self.orientations is not None:
             lengths = np.linalg.norm(self.orientations, axis=1)
-            if not lengths.min() > LEAST_LENGTH:
+            if not lengths.min() > 1e-6:
                 raise InputError(
                     "radar track: orientations must be quaternions x, y, z, w, got one of no length; 0, 0, 0, 1 is no rotation"
                 )
@@ -183,7 +179,7 @@ class RadarTrack(Fields):
                 continue
             other = array(name, given, (3,))
             length = max(float(np.linalg.norm(other)), 1e-12) if name == "boresight" else 1.0
-            if np.abs(other / length - found[name]).max() > SAME_POSE:
+            if np.abs(other / length - found[name]).max() > 1e-9:
                 raise InputError(
                     f"{name} of a radar that moves is where its track begins, {shown(found[name])}, got {shown(given)}; leave "
                     f"{name} out, or give another track"

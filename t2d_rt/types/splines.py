@@ -33,8 +33,6 @@ def _on_curve(curve: Callable[[np.ndarray], np.ndarray], times_s: np.ndarray) ->
     return np.asarray(curve(times_s))
 
 
-LATEST_S = 1e10
-"""Times count from anywhere, such as 1970, but not in nanoseconds."""
 LEAST_STEP_S = 1e-9
 
 
@@ -47,7 +45,8 @@ def checked_times(value: Any) -> np.ndarray:
         )
     if not np.isfinite(times_s).all():
         raise InputError("times_s must be finite and increasing, got NaN or infinite times")
-    times_s = array("times_s", times_s, limit=LATEST_S, unit="s").copy()
+    # Times count from anywhere, such as 1970, but not in nanoseconds.
+    times_s = array("times_s", times_s, limit=1e10, unit="s").copy()
     if not (np.diff(times_s) >= LEAST_STEP_S).all():
         raise InputError(
             f"times_s must be finite and increasing, by {LEAST_STEP_S:g} s at least, got a step of {np.diff(times_s).min():.4g} s"

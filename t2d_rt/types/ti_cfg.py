@@ -28,8 +28,6 @@ BOARDS = {
 """Presets of the evaluation boards that the visualizer's comment "Platform:..." means."""
 FULL_DBM = 12.0
 """Power of a transmitter without back-off [dBm], where no board is known."""
-NO_FRAMES = "advFrameCfg", "subFrameCfg", "contModeCfg", "chirpComnCfg", "chirpTimingCfg"
-"""Commands of other ways to send chirps: advanced frames, no frames, and the low-power devices'."""
 
 
 def read_lines(source: Source) -> list[str]:
@@ -88,7 +86,8 @@ def radar_fields(source: Source, board: Mapping[str, Any] | None = None) -> dict
     board: all fields of a preset whose antennas are in the device's order.
     """
     commands = read_commands(source)
-    for name in NO_FRAMES:
+    # Other ways to send chirps: advanced frames, no frames, and the low-power devices'.
+    for name in ("advFrameCfg", "subFrameCfg", "contModeCfg", "chirpComnCfg", "chirpTimingCfg"):
         if name in commands:
             raise InputError(
                 f"{name} cannot be represented: a Radar has like bursts of one profile; give a file of one frameCfg"

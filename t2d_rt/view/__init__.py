@@ -23,9 +23,7 @@ if TYPE_CHECKING:
     from t2d_rt.recording.recording import Recording
 
 PAGE = Path(__file__).resolve().parent
-SCRIPTS = "room.js", "maps.js", "parts.js", "page.js"
 KINDS = {"uint8": "u1", "uint16": "u2", "uint32": "u4", "float32": "f4"}
-NOTEBOOK_PX = 760
 MOST_RECORDINGS = 2
 
 
@@ -56,7 +54,7 @@ class Viewer:
         return f"Viewer({len(self.html) / 1e6:.1f} MB)"
 
     def _repr_html_(self) -> str:
-        style = f"width: 100%; height: {NOTEBOOK_PX}px; border: 0"
+        style = "width: 100%; height: 760px; border: 0"
         return f'<iframe style="{style}" srcdoc="{html.escape(self.html)}" allowfullscreen></iframe>'
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
@@ -106,7 +104,7 @@ def page(recordings: Sequence[Recording], titles: Sequence[str]) -> str:
         "STYLE": _text("page.css"),
         "META": json.dumps(meta, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
         "DATA": base64.b64encode(zlib.compress(b"".join(arrays.pieces), 6)).decode("ascii"),
-        "SCRIPT": "\n".join(map(_text, SCRIPTS)),
+        "SCRIPT": "\n".join(map(_text, ("room.js", "maps.js", "parts.js", "page.js"))),
     }
     return re.sub(r"/\*([A-Z]+)\*/", lambda place: parts[place[1]], _text("page.html"))
 

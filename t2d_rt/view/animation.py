@@ -19,11 +19,12 @@ from t2d_rt.core.atomic_write import check_file, writing
 from t2d_rt.core.checks import file_path, flag, instance, integer, number
 from t2d_rt.core.errors import InputError
 from t2d_rt.experiment.setup import set_up_again
+from t2d_rt.geometry.vectors import edge_cross, unit
 from t2d_rt.plots.canvas import Style, blank_figure
 from t2d_rt.plots.figures import VELOCITY_LABEL, draw_map, outline
 from t2d_rt.recording.path_table import STEP_S, mean_range_m
 from t2d_rt.recording.recording import Recording
-from t2d_rt.view.contact_sheet import OVERSAMPLING, drawn_into, samples_of, unit_normals
+from t2d_rt.view.contact_sheet import OVERSAMPLING, drawn_into, samples_of
 
 if TYPE_CHECKING:
     from t2d_rt.pipeline.echo_model import Model
@@ -241,7 +242,7 @@ def _pictures(
     origin = wide / 2 - middle[0] * scale, tall / 2 + middle[2] * scale
     for place, speed, time_s in zip(stage.places, stage.speeds_mps, times_s, strict=True):
         corners = place[stage.faces]
-        shade = 0.5 + 0.5 * np.abs(unit_normals(corners) @ (LIGHT / np.linalg.norm(LIGHT)))
+        shade = 0.5 + 0.5 * np.abs(unit(edge_cross(corners)) @ (LIGHT / np.linalg.norm(LIGHT)))
         mean_speed = speed[stage.faces].mean(axis=1)
         colours = colormaps[SPEEDS](0.5 + 0.5 * mean_speed / reach)[:, :3] * shade[:, None]
         points, owner = samples_of(corners, 1.0 / scale)

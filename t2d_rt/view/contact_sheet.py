@@ -15,6 +15,7 @@ import numpy as np
 from t2d_rt.body import template
 from t2d_rt.core.checks import instance, integer, number
 from t2d_rt.core.errors import InputError
+from t2d_rt.geometry.vectors import edge_cross, unit
 from t2d_rt.pipeline.targets import skin
 from t2d_rt.plots.canvas import blank_figure, drawable
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
@@ -43,8 +44,6 @@ PAPER, FLOOR, LINE = 1.0, 0.93, 0.55
 
 DPI, LABELS_IN, TITLE_IN = 160, 1.6, 0.35
 """Pixels an inch of a sheet, and room for labels and for the title [inch]."""
-LABEL_CHARACTERS, LABEL_LINES = 24, 5
-"""Longest line of a label, and how many of them a row has room for."""
 
 LIGHT = np.array([0.35, 0.80, 0.50])
 """Direction to the light in the picture's frame: right, toward the camera, up."""
@@ -123,17 +122,11 @@ def cell_image(vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray, siz
     image[floor : floor + OVERSAMPLING] = LINE
     middle = 0.5 * (vertices[:, 0].min() + vertices[:, 0].max())
     corners = vertices[faces]
-    normal = unit_normals(corners)
+    normal = unit(edge_cross(corners))
     seen = normal[:, 1] > 0
     shade = 0.45 + 0.55 * np.clip(normal[seen] @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)
     points, face = samples_of(corners[seen], 1.0 / scale)
     return drawn_into(image, points, (colours[seen] * shade[:, None])[face], scale, (width / 2 - middle * scale, floor))
-
-
-def unit_normals(corners: np.ndarray) -> np.ndarray:
-    """Of triangles (F, 3, 3), (F, 3); 0 of one without area."""
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
 
 
 def drawn_into(
@@ -186,7 +179,7 @@ def _figure(
             place = -4, floor - level * PIXELS_PER_M
             axes.plot([-3, 0], [place[1]] * 2, color="0.4", linewidth=0.6, clip_on=False)
             axes.text(*place, f"{level} m", fontsize=5, color="0.4", ha="right", va="center")
-        lines = textwrap.wrap(label, LABEL_CHARACTERS, max_lines=LABEL_LINES, placeholder=" ...")
+        lines = textwrap.wrap(label, 24, max_lines=5, placeholder=" ...")
         axes.text(-34, (row + 0.5) * height, "\n".join(lines), fontsize=7, ha="right", va="center", parse_math=False)
     axes.set_xlim(-0.5, image.shape[1] - 0.5)
     axes.set_ylim(image.shape[0] - 0.5, -0.5)

@@ -31,18 +31,10 @@ MOST_FRAMES, MOST_MAPS, MOST_PLACES = 1500, 750, 3_000_000
 """Of long recordings fewer a second, so that there are no more frames and maps; and no more places of one target's vertices."""
 LEVELS_DB = 80.0
 """Below the peak, as far as a map's levels are kept."""
-SILENCE_DB = -300.0
-"""What silence reads (`decibel`)."""
-PITCH_M = 2e-4
-"""Places of vertices are kept to that, or to 1/65535 of the space that a target takes."""
-MOST_ELLIPSOIDS = 60
-"""Ellipsoids of the user that are told apart by their speeds."""
 WEAKEST_DB, MOST_PATHS = 50.0, 150
 """Paths that are kept: those that come as near to the strongest one at any time, and so many at most."""
 AT_ONCE = 25
 """Frames whose vertices are worked out together."""
-SHELL_M = 0.05
-"""What lies as near to a side of the box around a scene as that is a wall, a floor or a ceiling."""
 
 
 def gathered(recording: Recording) -> dict[str, Any]:
@@ -149,7 +141,7 @@ def _moving(model: Model, number: int, person: Person | None, parts: int, frames
     frames_s = frames_s[::every]
     places = solid.vertices_at(np.clip(model.span_s[0] + frames_s, *model.span_s))
     low, high = places.min(axis=(0, 1)), places.max(axis=(0, 1))
-    pitch = np.maximum((high - low) / 65535, PITCH_M)
+    pitch = np.maximum((high - low) / 65535, 2e-4)
     owner = np.zeros(solid.vertices, np.uint8)
     if isinstance(geometry, Ellipsoids):
         if parts == len(geometry.names):
@@ -214,7 +206,7 @@ def _loose(model: Model, number: int, truth: xr.Dataset, frames_s: np.ndarray) -
     """What is no person: each of a few ellipsoids of its own, all else as one part."""
     geometry, name = model.geometries[number], str(truth.target.values[number])
     own = [(name, truth.speed_mps.values[number], truth.range_m.values[number])]
-    if isinstance(geometry, Ellipsoids) and 1 < len(geometry.names) <= MOST_ELLIPSOIDS:
+    if isinstance(geometry, Ellipsoids) and 1 < len(geometry.names) <= 60:
         end_s = model.span_s[1] - model.span_s[0]
         sides_s = [np.clip(frames_s + step, 0.0, end_s) for step in (-STEP_S, STEP_S)]
         before, after = (mean_range_m(model.radar, geometry.points_at(model.span_s[0] + each)) for each in sides_s)
@@ -245,7 +237,8 @@ def _surface(surface: Surface, low: np.ndarray, high: np.ndarray) -> dict[str, A
     inward, offset = [0.0, 0.0, 0.0], 0.0
     for axis in range(3):
         for side, place in ((1.0, low[axis]), (-1.0, high[axis])):
-            if np.abs(surface.vertices[:, axis] - place).max() < SHELL_M:
+            # A wall, a floor or a ceiling lies as near to a side of the box around a scene.
+            if np.abs(surface.vertices[:, axis] - place).max() < 0.05:
                 inward, offset = [side if k == axis else 0.0 for k in range(3)], side * float(place)
     return {
         "name": surface.name,
@@ -357,7 +350,8 @@ def evenly(time_s: np.ndarray, power_db: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def _map(power_db: np.ndarray, up: tuple[str, np.ndarray], across: tuple[str, np.ndarray]) -> dict[str, Any]:
     """Levels (frame, up, across) as 0..255 from `LEVELS_DB` below the peak, of the part that rises above 60 dB below it."""
-    peak = max(float(power_db.max()), SILENCE_DB + LEVELS_DB)
+    # -300 dB is what silence reads.
+    peak = max(float(power_db.max()), -300.0 + LEVELS_DB)
     axes: dict[str, Any] = {}
     kept = []
     for name, (of, axis), others in (("y", up, (0, 2)), ("x", across, (0, 1))):

@@ -31,8 +31,6 @@ Rpm = Annotated[Number, Field(ge=-12_000, le=12_000)]
 Blades = Annotated[Count, Field(ge=1, le=12)]
 Pitch = Annotated[Number, Field(ge=0, le=80)]
 
-HUB_RINGS, HUB_POINTS = 7, 24
-"""Of points around the hub, and points of each."""
 FACET_M = 0.008
 """About the size of a blade's triangles: their phases may not part by much from one surface frame to the next."""
 HUB, CHORD = 0.22, 0.55
@@ -153,7 +151,7 @@ def _rotor(
     blades: int, radius_m: float, chord_m: float, thickness_m: float, pitch_deg: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (V, 3) m and faces (F, 3) of hub and blades that rotate about +x, the direction in which they blow."""
-    hub_m, (hub, hub_faces) = HUB * radius_m, ball(HUB_RINGS, HUB_POINTS)
+    hub_m, (hub, hub_faces) = HUB * radius_m, ball(7, 24)
     parts = [(hub_m * (hub * [0.6, 1.0, 1.0]), hub_faces)]
     blade, faces = _blade(0.8 * hub_m, radius_m, chord_m, thickness_m, pitch_deg)
     parts += [(blade @ about_x(2 * math.pi * k / blades).T, faces) for k in range(blades)]

@@ -30,8 +30,6 @@ DUTY_FACTOR = 0.65
 """Fraction of a stride for which a paw stands on the floor; walks lie in 0.5..0.75 (Hildebrand, Am. Zool. 20, 1980)."""
 TOUCHDOWN = {"left hind": 0.0, "left fore": 0.25, "right hind": 0.5, "right fore": 0.75}
 """When each paw touches down, as a fraction of the stride: the lateral sequence, evenly spaced (Hildebrand)."""
-FASTEST_WALK = 0.5
-"""Froude number at which animals change to a trot (Alexander and Jayes, J. Zool. 201, 1983)."""
 SAGITTA_RAD = 0.3
 """Of its facets: fur scatters most of the echo."""
 RINGS, PER_RING = 9, 12
@@ -101,7 +99,8 @@ class Pet(Fields):
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
-        fastest = math.sqrt(FASTEST_WALK * STANDARD_GRAVITY * self.hip_m)
+        # 0.5: Froude number at which animals change to a trot (Alexander and Jayes, J. Zool. 201, 1983).
+        fastest = math.sqrt(0.5 * STANDARD_GRAVITY * self.hip_m)
         if self.speed_mps > fastest:
             raise InputError(
                 f"a {self.animal} with hips {self.hip_m:.2g} m high trots at {self.speed_mps:g} m/s; give a walk's speed_mps, "

@@ -34,8 +34,6 @@ MATERIALS = {
 
 MAX_VERTICES = 100_000
 """Of a mover; tracing the visibility of one that size takes some 300 MB."""
-SPEED_OF_SOUND = 340.0
-"""[m/s]."""
 
 
 def check_size(vertices: int, noun: str, remedy: str) -> None:
@@ -46,7 +44,7 @@ def check_size(vertices: int, noun: str, remedy: str) -> None:
 
 def check_speed(speed_mps: float, noun: str, remedy: str) -> None:
     """Refuses what would move faster than sound."""
-    if speed_mps > SPEED_OF_SOUND:
+    if speed_mps > 340.0:
         raise InputError(f"that {noun} would move at {speed_mps:.4g} m/s, faster than sound; {remedy}")
 
 
