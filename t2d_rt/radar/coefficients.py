@@ -88,7 +88,7 @@ def phases(
     cubics in the frame step u, four numbers each, and theta at u = 0. Neighbouring lanes are neighbouring intervals, mostly of one
     echo: they read neighbouring numbers.
 
-    Both are relative to the echo's group among the `references`; where there are none, phase comes without whole cycles and theta is
+    Both are relative to the echo's group among the `references`; without any, phase comes without whole cycles and theta is
     that of the delay after `origin_s`. Delays are float64, as needed for the fraction of thousands of cycles.
     """
     import drjit as dr
