@@ -450,14 +450,16 @@ def test_spans_join_and_leave_out() -> None:
 
 
 def limping() -> Motion:
-    """The walk with a trunk that leans by 25 degrees."""
+    """The walk with a trunk that sways by 15 degrees to either side once a second."""
     joints = walk().joints.copy()
     above = [
         walk().names.index(name) for name in walk().names if not name.endswith(("hip", "knee", "ankle", "foot", "toe"))
     ]
     ahead = joints[-1, 0] - joints[0, 0]
+    aside = np.array([-ahead[1], ahead[0], 0.0]) / np.linalg.norm(ahead)
+    angle = np.radians(15) * np.sin(2 * np.pi * walk().times_s)
     height = joints[:, above, 2] - joints[:, :1, 2]
-    joints[:, above] += np.tan(np.radians(25)) * height[..., None] * (ahead / np.linalg.norm(ahead))
+    joints[:, above] += (np.tan(angle)[:, None] * height)[..., None] * aside
     return replace(walk(), joints=joints)
 
 

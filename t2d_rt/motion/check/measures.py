@@ -448,8 +448,8 @@ def _distance(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.
 ANGLE_PERCENTILE = 99.0
 """Of a joint's angle in time that is held against its range: single frames are a matter of discontinuities."""
 
-LEAST_BONE_M = 0.05
-"""Shorter bones, which are points put between joints in some files, change in proportion to this."""
+LEAST_BONE = 0.1
+"""Length over stature in proportion to which shorter bones change: some are points put between joints, as from neck to head."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -470,7 +470,7 @@ class Measures:
     """Greatest difference of a joint's step from one frame to the next from the mean of the steps before and after it, in the
     motion's own frames."""
     bone_change: float
-    """Greatest relative change of a bone's length, own frames."""
+    """Greatest relative change of a bone's length, own frames; of short bones over a tenth of the stature."""
     foot_skate_m: float
     """Farthest that a planted foot slides in one contact."""
     sliding_s: float
@@ -511,7 +511,7 @@ def measures_of(motion: Motion, body: Tracks) -> Measures:
         acceleration_mps2=float(np.percentile(size[inner].max(axis=1), 99)),
         jerk_mps3=float(np.sqrt(np.mean(jerk**2))),
         jump_m=jump_m(motion.joints),
-        bone_change=bone_change(motion),
+        bone_change=bone_change(motion, body.stature_m),
         foot_skate_m=max((each.skate_m for each in planted), default=0.0),
         sliding_s=sliding_s(body),
         floating_s=floating_s(body),
@@ -532,8 +532,8 @@ def jump_m(joints: np.ndarray) -> float:
     return float(np.linalg.norm(step[1:-1] - 0.5 * (step[:-2] + step[2:]), axis=-1).max())
 
 
-def bone_change(motion: Motion) -> float:
-    """Greatest deviation of a bone's length from its median, over that."""
+def bone_change(motion: Motion, stature_m: float) -> float:
+    """Greatest deviation of a bone's length from its median, over that, or over `LEAST_BONE` of the stature where that is more."""
     length = np.linalg.norm(motion.joints[:, 1:] - motion.joints[:, list(motion.parents[1:])], axis=-1)
     usual = np.median(length, axis=0)
-    return float((np.abs(length - usual) / np.maximum(usual, LEAST_BONE_M)).max())
+    return float((np.abs(length - usual) / np.maximum(usual, LEAST_BONE * stature_m)).max())
