@@ -19,7 +19,9 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_yaml
 from t2d_rt.dataset.products import Products
 from t2d_rt.experiment.catalog import bodies
-from t2d_rt.experiment.experiment import FILES
+from t2d_rt.experiment.experiment import FILES, BodyMaterial
+from t2d_rt.experiment.sources import Plain, Things
+from t2d_rt.motion.carriers import wishes_of
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
 from t2d_rt.noise.masks import OcclusionMask
 from t2d_rt.pipeline.path_pairs import Clutter
@@ -56,10 +58,20 @@ Name = Annotated[str, AfterValidator(_plain_name)]
 Many = Annotated[Count, Field(ge=1, le=1_000_000)]
 
 
-class Condition(Fields):
-    """Under what a motion is recorded: scene, model, radar, and what moves beside the person."""
+WALKS: frozenset[Activity] = frozenset({"walking", "abnormal_walking"})
+CARRIED_IN: Mapping[str, frozenset[Activity]] = {
+    **dict.fromkeys(("ball", "backpack"), frozenset(ACTIVITIES) - {"falling"}),
+    **dict.fromkeys(("bag", "box"), frozenset(ACTIVITIES) - {"falling", "sitting"}),
+    **dict.fromkeys(("cane", "crutch", "walker", "wheelchair"), WALKS),
+}
+"""Classes whose people may carry a thing: what hangs or is held reaches the floor under those who fall or sit there."""
+
+
+class Condition(Plain):
+    """Under what a motion is recorded: scene, model, radar, what people wear and carry, and what moves beside the person."""
 
     noun: ClassVar[str] = "condition"
+    _later: ClassVar[tuple[str, ...]] = ("material", "carries")
     model_config = ConfigDict(use_attribute_docstrings=True)
 
     name: Name
@@ -72,6 +84,11 @@ class Condition(Fields):
     """Its fields or the name of a preset, in place of the recipe's radar."""
     beside: Beside = "none"
     """What moves beside the person: a "fan", a "curtain", a "pet" or a second "person", placed by chance, or "none"."""
+    material: BodyMaterial = None
+    """Material of people, or an outfit that they wear, as "dressed", as in an experiment; by default each one's own."""
+    carries: Things = ()
+    """What the person carries, as in an experiment: [bag, {thing: cane, hand: left}]. Motions that cannot are made anew; classes
+    that hardly ever can are refused."""
     reflections: Annotated[Count, Field(ge=0, le=4)] = 2
     """Greatest number of reflections on the paths out and back together."""
     clutter: Clutter = "specular"
@@ -82,6 +99,9 @@ class Condition(Fields):
     """How finely it is modelled; with a tolerance the fields that are set in it stay."""
     weight: Annotated[Number, Field(gt=0, le=1e6)] = 1.0
     """How often it is drawn, relative to the others."""
+
+    def __hash__(self) -> int:
+        return hash(self.name)  # mappings, as things may be, have none
 
 
 class Side(Fields):
@@ -202,6 +222,7 @@ class Recipe(Fields):
         ):
             raise InputError("recipe key radar has a track, and radars of data sets stand still; leave it out")
         self._check_sides()
+        self._check_things()
         gate = self.products.spectrogram.range_gate_m if self.products.spectrogram else None
         if isinstance(gate, tuple):
             for radar in {self.radar, *(each.radar for each in self.conditions if each.radar is not None)}:
@@ -212,6 +233,17 @@ class Recipe(Fields):
             elif each != OWN_BODY and each not in bodies():
                 raise unknown_name("body", each, (OWN_BODY, *bodies()))
         return self
+
+    def _check_things(self) -> None:
+        """Refuses things that people of a class cannot carry."""
+        for condition in self.conditions:
+            for wish in [wish for each in condition.carries for wish in wishes_of(each)]:
+                wrong = [name for name in self.classes if name not in CARRIED_IN[wish.thing]]
+                if wrong:
+                    raise InputError(
+                        f"condition {condition.name} has people carry a {wish.thing}, which {', '.join(wrong)} leave no room for; "
+                        f"give classes of {', '.join(name for name in ACTIVITIES if name in CARRIED_IN[wish.thing])}, or leave it out"
+                    )
 
     def _check_sides(self) -> None:
         """Refuses sides that cannot be held apart, or whose conditions there are not."""

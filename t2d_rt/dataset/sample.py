@@ -23,6 +23,7 @@ from t2d_rt.dataset.subjects import subject_of
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.sources import MotionText
 from t2d_rt.motion import place
+from t2d_rt.motion.carry import carry
 from t2d_rt.motion.check import check_motion, passes
 from t2d_rt.motion.descriptions.grammar import grammar_descriptions
 from t2d_rt.motion.descriptions.slots import Activity, Description
@@ -72,8 +73,11 @@ def descriptions(activity: Activity, count: int, seed: int) -> tuple[Description
 
 
 @functools.lru_cache(maxsize=16)
-def sample_motion(recipe: Recipe, activity: Activity, description: int, number: int) -> SampleMotion:
-    """The motion of a number: the first one that passes the filter within the recipe's attempts, or the first that can be made.
+def sample_motion(
+    recipe: Recipe, activity: Activity, description: int, number: int, conditions: tuple[Condition, ...] = ()
+) -> SampleMotion:
+    """The motion of a number: the first one that passes the filter within the recipe's attempts, or the first that can be made and
+    can carry what these conditions have people carry.
 
     Motions that do not pass are kept, with the verdict in their record: to drop them would leave out just what the filter does not
     know of. Raises T2DError where none of the attempts can be made.
@@ -85,6 +89,8 @@ def sample_motion(recipe: Recipe, activity: Activity, description: int, number: 
         source = _drawn(recipe, activity, wanted, number, attempt, recipe.side_at(description))
         try:
             found = _fitted(source, recipe, number, activity, attempt + 1)
+            for each in conditions:
+                carry(found.motion, each.carries)
         except T2DError as error:  # of falls, some do not come to one
             failure = failure or error
             continue
@@ -520,12 +526,18 @@ def sample(recipe: Recipe, index: int) -> Sample:
     Raises InputError for an index beyond the recipe, and T2DError where no motion of the description can be made.
     """
     cell = cell_of(recipe, index)
-    found = sample_motion(recipe, cell.activity, cell.description, cell.number)
+    recorded = recipe.conditions if recipe.each_condition else (cell.condition,)
+    found = sample_motion(recipe, cell.activity, cell.description, cell.number, recorded)
     condition, side = cell.condition, recipe.side_at(cell.description)
     place = placing(recipe, cell.number, condition.scene, found.motion, side)
     radar = _raised(recipe.radar if condition.radar is None else condition.radar, place.height_m)
     source = found.source.model_copy(
-        update={"distance_m": place.distance_m, "angle_deg": place.angle_deg, "aside_m": place.aside_m}
+        update={
+            "distance_m": place.distance_m,
+            "angle_deg": place.angle_deg,
+            "aside_m": place.aside_m,
+            "carries": condition.carries,
+        }
     )
     beside = interferer(condition.beside, recipe, cell.number)
     experiment = Experiment(
@@ -535,6 +547,7 @@ def sample(recipe: Recipe, index: int) -> Sample:
         reflections=condition.reflections,
         clutter=condition.clutter,
         method=condition.method,
+        material=condition.material,
         body=source.body or "adult",
         seed=integer_seed(recipe.seeds(index, "diffuse points and noise")),
         noise=recipe.noise,

@@ -9,7 +9,7 @@ from dataclasses import fields as fields_of
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 
 from t2d_rt.body.outfit import Outfit
 from t2d_rt.core.checks import instance, integer, shown, unknown_name
@@ -45,6 +45,27 @@ FILES = (".xml", *MESHES)
 """Endings of scenes that are found beside an experiment's file."""
 SETTINGS = ".yaml", ".yml", ".cfg"
 """Endings of radars and of noise that are found beside it."""
+
+
+def _told_material(value: Any) -> Any:
+    """A material or an outfit; a mapping with the fields of neither is refused."""
+    if not isinstance(value, Mapping):
+        return value
+    own, worn = ([each.name for each in fields_of(kind)] for kind in (Material, Outfit))
+    unknown = [name for name in value if name not in (*own, *worn)]
+    if unknown:
+        raise unknown_name("field of a material or an outfit", unknown[0], list(dict.fromkeys((*own, *worn))))
+    if not set(value) - {"name"}:
+        raise InputError(
+            f"a material must tell its relative_permittivity, an outfit its cloth or shoes, got {shown(value)}"
+        )
+    if set(value) <= set(worn):  # which tells the field that is wrong
+        Outfit(**{name: each for name, each in value.items() if not isinstance(each, Mapping)})
+    return value
+
+
+BodyMaterial = Annotated[Substance | Outfit | None, BeforeValidator(_told_material)]
+"""Of bodies: a material, or an outfit, which they wear; None is each one's own."""
 
 
 class Experiment(Plain):
@@ -85,7 +106,7 @@ class Experiment(Plain):
     """Scattering model: physical optics of a "mesh", or "ellipsoid"."""
     body: str = "adult"
     """Template of the bodies."""
-    material: Substance | Outfit | None = None
+    material: BodyMaterial = None
     """Material of all but movers and what is carried, or an outfit, which bodies wear; by default each target's own."""
     phase_from: Literal["specular", "centre"] = "specular"
     """Point of an ellipsoid that its phase comes from."""
@@ -107,23 +128,6 @@ class Experiment(Plain):
     @classmethod
     def _named_radar(cls, value: Any) -> Any:
         return radar_named(value) if isinstance(value, str) else value
-
-    @field_validator("material", mode="before")
-    @classmethod
-    def _told_material(cls, value: Any) -> Any:
-        if not isinstance(value, Mapping):
-            return value
-        own, worn = ([each.name for each in fields_of(kind)] for kind in (Material, Outfit))
-        unknown = [name for name in value if name not in (*own, *worn)]
-        if unknown:
-            raise unknown_name("field of a material or an outfit", unknown[0], list(dict.fromkeys((*own, *worn))))
-        if not set(value) - {"name"}:
-            raise InputError(
-                f"a material must tell its relative_permittivity, an outfit its cloth or shoes, got {shown(value)}"
-            )
-        if set(value) <= set(worn):  # which tells the field that is wrong
-            Outfit(**{name: each for name, each in value.items() if not isinstance(each, Mapping)})
-        return value
 
     @field_validator("noise", mode="before")
     @classmethod

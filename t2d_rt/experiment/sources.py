@@ -67,6 +67,10 @@ def _things(value: Any) -> Any:
     return found
 
 
+Things = Annotated[tuple[str | dict[str, Any], ...], BeforeValidator(_things)]
+"""What a person carries: texts as "bag" or "cane in the left hand", or mappings as {thing: box, size_m: [0.2, 0.3, 0.2]}."""
+
+
 class _Placed(Plain):
     """A motion that is cut and placed before the radar."""
 
@@ -84,7 +88,7 @@ class _Placed(Plain):
     """Angle of the walk against the line to the radar [deg]."""
     aside_m: Fraction = 0.0
     """How far left of the line along the boresight the motion starts, as the radar sees it [m]."""
-    carries: Annotated[tuple[str | dict[str, Any], ...], BeforeValidator(_things)] = ()
+    carries: Things = ()
     """What the person carries: a text as "bag" or "cane in the left hand", or a mapping as {thing: box, size_m: [0.2, 0.3, 0.2]} in
     an experiment. The command line has the option once for each."""
 

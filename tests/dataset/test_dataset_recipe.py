@@ -12,7 +12,8 @@ import pytest
 import t2d_rt as t2d
 from t2d_rt.core.errors import InputError
 from t2d_rt.dataset import Recipe, recipe_names
-from t2d_rt.dataset.sample import cell_of
+from t2d_rt.dataset.sample import cell_of, sample
+from t2d_rt.experiment.sources import MotionText
 
 CONDITIONS = [{"name": "ellipsoids", "method": "ellipsoid"}, {"name": "mesh", "weight": 3}]
 FIELDS: dict[str, Any] = {
@@ -95,6 +96,22 @@ def test_each_condition_records_the_same_motions() -> None:
     assert [cells[index].condition.name for index in (0, 3)] == ["ellipsoids", "mesh"]
 
 
+def test_people_wear_and_carry_what_a_condition_says_and_move_alike_without() -> None:
+    things = {"material": "dressed", "carries": ["bag in the left hand", {"thing": "ball", "size_m": [0.1]}]}
+    conditions = [{"name": "plain"}, {"name": "loaded"} | things]
+    whole = recipe(conditions=conditions, each_condition=True)
+    plain, loaded = (sample(whole, index) for index in (0, 3))
+    assert (plain.experiment.material, loaded.experiment.material) == (None, "dressed")
+    alone, carrying = (each.experiment.targets[0] for each in (plain, loaded))
+    assert isinstance(carrying, MotionText)
+    assert alone == carrying.model_copy(update={"carries": ()})
+    person = carrying.put(loaded.cut.motion, loaded.experiment.radar)
+    assert [each.thing for each in person.carries] == ["bag", "ball"]
+    again = Recipe.model_validate_json(whole.model_dump_json())
+    assert again == whole
+    assert again.hash == whole.hash != recipe(conditions=[{"name": "plain"}, {"name": "loaded"}], each_condition=True).hash
+
+
 def test_conditions_are_drawn_by_their_weights() -> None:
     many = recipe(samples_per_description=100)
     drawn = Counter(cell_of(many, index).condition.name for index in range(many.samples))
@@ -130,6 +147,12 @@ def test_seeds_differ_by_purpose_number_and_recipe() -> None:
         ({"samples": 3}, "unknown recipe key 'samples'"),
         ({"radar": "table9"}, "unknown radar preset"),
         ({"background_level_db": -140}, "background_level_db belongs to a background"),
+        (
+            {"conditions": [{"name": "loaded", "carries": "cane"}]},
+            "condition loaded has people carry a cane, which bending, jumping leave no room for; give classes of walking, abnormal_walk",
+        ),
+        ({"conditions": [{"name": "loaded", "carries": ["kite"]}]}, "unknown thing 'kite'"),
+        ({"conditions": [{"name": "worn", "material": {"colour": 1}}]}, "unknown field of a material or an outfit 'colour'"),
     ],
 )
 def test_a_wrong_recipe_is_refused(changes: dict[str, Any], match: str) -> None:
