@@ -238,11 +238,11 @@ class Recipe(Fields):
         """Refuses things that people of a class cannot carry."""
         for condition in self.conditions:
             for wish in [wish for each in condition.carries for wish in wishes_of(each)]:
-                wrong = [name for name in self.classes if name not in CARRIED_IN[wish.thing]]
-                if wrong:
+                known = [name for name in ACTIVITIES if name in CARRIED_IN[wish.thing]]
+                if wrong := [name for name in self.classes if name not in known]:
                     raise InputError(
-                        f"condition {condition.name} has people carry a {wish.thing}, which {', '.join(wrong)} leave no room for; "
-                        f"give classes of {', '.join(name for name in ACTIVITIES if name in CARRIED_IN[wish.thing])}, or leave it out"
+                        f"condition {condition.name} has people carry a {wish.thing}, which {wrong[0]} leaves no room for; "
+                        f"give classes of {', '.join(known)}, or leave it out"
                     )
 
     def _check_sides(self) -> None:

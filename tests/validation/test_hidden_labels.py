@@ -9,7 +9,7 @@ pytest.importorskip("torch", reason="PyTorch is not installed (extra [learn])")
 pytest.importorskip("sklearn", reason="scikit-learn is not installed (extra [learn])")
 
 from t2d_rt.learn.maps import LabelledMaps
-from validation.datasets.hidden_labels import accuracy, mirrored
+from validation.datasets.hidden_labels import accuracy, directionless, interval, mirrored
 
 
 def test_a_figure_that_tells_the_class_is_found_and_noise_is_not() -> None:
@@ -30,3 +30,17 @@ def test_mirrored_maps_have_the_same_speeds() -> None:
     found = mirrored(maps)
     assert found.velocity_mps.tolist() == maps.velocity_mps.tolist()
     assert found.levels[0, :, 0].tolist() == [-9.0, -6.0, -3.0, 0.0]
+
+
+def test_what_direction_tells_is_gone_without_it_and_what_travel_tells_stays() -> None:
+    labels = np.tile(np.arange(8), 40)
+    far = labels[:, None] + 1.0
+    assert directionless(far, 0.0, labels) > 0.7  # twelve leaves for sixteen values
+    assert directionless(np.where(labels < 4, 1.0, -1.0)[:, None], 0.0, labels) < 0.125 + 0.05
+
+
+def test_an_interval_is_of_groups() -> None:
+    lost = np.repeat(np.random.default_rng(0).standard_normal(100), 4)
+    low, high = interval(lost, np.repeat(np.arange(100), 4))
+    assert high - low == pytest.approx(4 * 0.98 / np.sqrt(100), rel=0.2)  # of 100 groups, not of 400 samples
+    assert low < lost.mean() < high

@@ -32,8 +32,9 @@ OPTIONS = TrainOptions(epochs=40, batch=16)
 def figures(dataset: Dataset) -> dict[str, np.ndarray]:
     """What each sample's record and map tell beside the motion, (sample, figure) by what they tell."""
     told = {
-        "SNR": ("snr_db",), "mean range": ("range_m",), "angle": ("angle_deg",), "moving time": ("moving",), "time held": ("held_s",),
-        "time made": ("made_s",), "share of approaching time": ("approaching",), "change of range": ("nearer_m",),
+        "SNR": ("snr_db",), "mean range": ("range_m",), "angle": ("angle_deg",), "moving time": ("moving",),
+        "time held": ("held_s",), "time made": ("made_s",), "share of approaching time": ("approaching",),
+        "change of range": ("nearer_m",),
     }  # fmt: skip
     found = {
         name: np.array([[each[key] for key in keys] for each in dataset.records], float) for name, keys in told.items()
@@ -60,7 +61,7 @@ def mirrored(maps: LabelledMaps) -> LabelledMaps:
 
 
 def right(dataset: Dataset, options: TrainOptions = OPTIONS, model: str = "vgg-7") -> np.ndarray:
-    """Whether a network puts each sample, of a description that it has not seen, into its class: as it is and mirrored, (seed, N, 2)."""
+    """Whether a network puts samples of descriptions that it has not seen into their class, and their mirrors, (seed, N, 2)."""
     # About zero, of an odd number of rows: the rows that are kept are not, and a shift by a part of one is another picture.
     fastest = min(map(abs, shared_speeds(dataset)))
     maps = maps_of(dataset, size=SIZE, speeds_mps=(-fastest, fastest))
@@ -110,25 +111,32 @@ def evaluated(dataset: Dataset) -> Section:
     ]
     both = right(dataset).mean(axis=0)
     plain, turned = both.mean(axis=0)
-    low, high = interval(both[:, 0] - both[:, 1], np.array([f"{each['class']} {each['description']}" for each in dataset.records]))
+    low, high = interval(
+        both[:, 0] - both[:, 1], np.array([f"{each['class']} {each['description']}" for each in dataset.records])
+    )
     checks = [
         Check(what=f"class told by {name} alone", measured=each, limit=chance + ABOVE_CHANCE, unit="")
         for name, each in told.items()
         if name not in (*TRAVEL, OF_THE_CLASS)
     ]
     checks += [
-        Check(what=f"what direction adds to the class told by {name}", measured=told[name] - each, limit=ABOVE_CHANCE, unit="")
+        Check(
+            what=f"what direction adds to the class told by {name}",
+            measured=told[name] - each,
+            limit=ABOVE_CHANCE,
+            unit="",
+        )
         for name, each in travel.items()
     ]
     lost = Check(what="what mirrored Doppler costs VGG-7", measured=plain - turned, limit=MIRRORED, unit="")
     return Section(
         title="Hidden labels of a data set", checks=[*checks, lost], table=rows,
         note=f"{len(dataset)} samples of {len(dataset.classes)} classes; by chance {chance:.1%} are right. Trees of twelve leaves "
-        f"of ten samples or more, {FOLDS} folds, {REPEATS} times. VGG-7 of {SIZE[0]} x {SIZE[1]} cells about zero puts {plain:.1%} of "
-        f"all samples into their class and {turned:.1%} of their mirror images, trained on other descriptions in {FOLDS} folds, "
-        f"{len(SEEDS)} times: {100 * (plain - turned):.1f} points are lost, {100 * low:.1f} to {100 * high:.1f} in 95 % of sets of as many "
-        "other descriptions. Angle, range, SNR, noise, and which way people go are places and can be balanced; how far somebody "
-        "travels, how steadily, and how long an action takes are parts of what they do.",
+        f"of ten samples or more, {FOLDS} folds, {REPEATS} times. VGG-7 of {SIZE[0]} x {SIZE[1]} cells about zero puts {plain:.1%} "
+        f"of all samples into their class and {turned:.1%} of their mirror images, trained on other descriptions in {FOLDS} folds, "
+        f"{len(SEEDS)} times: {100 * (plain - turned):.1f} points are lost, {100 * low:.1f} to {100 * high:.1f} in 95 % of sets of "
+        "as many other descriptions. Angle, range, SNR, noise, and which way people go are places and can be balanced; how far "
+        "somebody travels, how steadily, and how long an action takes are parts of what they do.",
     )  # fmt: skip
 
 

@@ -86,13 +86,13 @@ def shipped_limits() -> Limits:
 UP = np.array([0.0, 0.0, 1.0])
 
 FARTHEST, MOST_AWAY = 4, 1.85
-"""A gait's distance is the root mean square of so many departures, those of the figures farthest from the middle of normal walks, in
-halves of their range; and that of a normal walk at most. The recorded ones reach 1.64. Both were chosen on walks of the seeds from
-1000 on: none of 96 normal ones is beyond it, one of 96 with hardly anything of a gait, and 86 of 96 with gaits of patients."""
+"""A gait's distance is the root mean square of so many departures, those of the figures farthest from the middle of normal walks,
+in halves of their range; and that of a normal walk at most. The recorded ones reach 1.64. Both were chosen on walks of the seeds
+from 1000 on: none of 96 normal ones is beyond it, one of 96 with hardly anything of a gait, and 86 of 96 with gaits of patients."""
 
 ONE_S_OWN, MOST_ALONE = ("cadence_per_min", "step_length", "halted_s", "trunk_lean_deg"), 2.5
-"""Pace and carriage, and their greatest departure that counts: strollers take short steps at a low cadence, anyone may pause, and who
-stoops does so standing as well. One of them alone, however far, makes no gait abnormal, two may."""
+"""Pace and carriage, and their greatest departure that counts: strollers take short steps at a low cadence, anyone may pause, and
+who stoops does so standing as well. One of them alone, however far, makes no gait abnormal, two may."""
 
 LEAST_RANGE = 0.1
 """Of a figure that is 0 in normal walks, as halts are [s]."""
