@@ -81,7 +81,7 @@ class Augmenter:
     def __init__(
         self, augment: Augment, size: tuple[int, int], duration_s: float, floor_db: float, *, seed: int
     ) -> None:
-        self.augment, self._duration_s, self._floor_db = augment, duration_s, floor_db
+        self.augment, self._duration_s, self._floor_db, self._seed = augment, duration_s, floor_db, seed
         self._bank = None
         if augment.background_db is not None:
             model = load_background()
@@ -110,6 +110,14 @@ class Augmenter:
         if told.masks is not None:
             levels = self._masked(levels, background, told.masks, rng)
         return np.clip(levels, self._floor_db, 0.0).astype(np.float32)
+
+    def of_epoch(self, epoch: int, levels: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """The samples at these places of levels (N, speed, time) as that epoch sees them, each by draws of its own."""
+        variant = self.augment.variant(epoch)
+        if variant is None:
+            return levels[places]
+        draws = [np.random.default_rng([self._seed, variant, 1, int(place)]) for place in places]
+        return np.stack([self(levels[place], rng, levels) for place, rng in zip(places, draws, strict=True)])
 
     def _masked(
         self, levels: np.ndarray, background: np.ndarray | None, masks: OcclusionMask, rng: np.random.Generator

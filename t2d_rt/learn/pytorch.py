@@ -8,7 +8,7 @@ from importlib.util import find_spec
 
 from t2d_rt.core.errors import InputError, install
 
-NEEDED = "torch", "lightning", "torchmetrics", "monai", "sklearn", "safetensors"
+NEEDED = "torch", "monai", "sklearn", "safetensors"
 
 
 def require_learning() -> None:

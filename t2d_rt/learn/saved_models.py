@@ -21,7 +21,7 @@ from t2d_rt.learn.pytorch import require_learning
 from t2d_rt.types.fields import Count, Fields, Number
 
 if TYPE_CHECKING:
-    from torch import nn
+    from torch import Tensor, nn
 
 WEIGHTS, CARD, STATE = "weights.safetensors", "card.json", "state.ckpt"
 FORMAT = "t2d-rt model 1"
@@ -40,6 +40,13 @@ RANGE, CONTRAST_DB = (0.05, 0.95), 3.0
 def contrasts_db(levels: np.ndarray) -> np.ndarray:
     """How far the greatest cell of each map lies above the median of all of its cells, which is mostly noise [dB], (N,)."""
     return -np.median(levels, axis=(1, 2))
+
+
+def as_input(levels: np.ndarray, dynamic_range_db: float) -> Tensor:
+    """Maps (N, speed, time) [dB below the greatest cell] as (N, 1, speed, time), 1 at the greatest, 0 at the range's end."""
+    import torch
+
+    return torch.from_numpy(np.clip(1.0 + levels / np.float32(dynamic_range_db), 0.0, 1.0).astype(np.float32))[:, None]
 
 
 Seconds = Annotated[Number, Field(gt=0)]
@@ -165,8 +172,6 @@ class SavedModel:
         Raises InputError for maps of other cells than those of the training, for NaN, and where the weights give NaN.
         """
         import torch
-
-        from t2d_rt.learn.lightning_module import as_input
 
         if levels.ndim != 3 or levels.shape[1:] != self.card.size:
             wanted = " x ".join(map(str, self.card.size))
@@ -301,14 +306,12 @@ def read_state(path: Path, network: nn.Module) -> dict[str, Any]:
 
     try:
         found = torch.load(path, map_location="cpu", weights_only=True)
-        kept = found["t2d_rt"]
-        complete = isinstance(kept["history"], list) and {"best", "plateau"} <= kept.keys() and "state_dict" in found
-        if not complete or len(found["optimizer_states"]) != 1:
+        if found.keys() != {"history", "best", "network", "optimizer", "plateau"}:
             raise ValueError("it lacks a part")
-        if not all(np.isfinite([row[name] for name in ("val_loss", "train_loss")]).all() for row in kept["history"]):
+        if not all(np.isfinite([row[name] for name in ("val_loss", "train_loss")]).all() for row in found["history"]):
             raise ValueError("its losses are no numbers")
         due = {name: each.shape for name, each in network.state_dict().items()}
-        if {name: each.shape for name, each in kept["best"].items()} != due:
+        if {name: each.shape for name, each in found["best"].items()} != due:
             raise ValueError("it is of another network")
     except Exception as error:  # torch and zipfile raise what they like of a damaged file
         raise not_a_state(path, error) from None

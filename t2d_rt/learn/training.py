@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-import logging
 import math
-import signal
-import time
-import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
@@ -23,14 +19,8 @@ from t2d_rt.learn.augment import Augment
 from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, LabelledMaps, check_axes
 from t2d_rt.learn.models import build
 from t2d_rt.learn.pytorch import require_learning, torch_threads
-from t2d_rt.learn.saved_models import STATE, WEIGHTS, Card, SavedModel, not_a_state, read_state, write_model
+from t2d_rt.learn.saved_models import STATE, WEIGHTS, Card, SavedModel, write_model
 from t2d_rt.types.fields import Count, Fields, Number
-
-if TYPE_CHECKING:
-    from lightning import Trainer
-    from torch import nn
-
-    from t2d_rt.learn.lightning_module import Training
 
 
 class TrainOptions(Fields):
@@ -105,6 +95,8 @@ def train_model(
     require_learning()
     import torch
 
+    from t2d_rt.learn.epochs import fitted
+
     options = TrainOptions() if options is None else options
     train.checked_for_training()
     if val.classes != train.classes or val.size != train.size:
@@ -120,7 +112,8 @@ def train_model(
         told = {**(about or {}), "options": options.model_dump(mode="json")}
         card = Card.of(name, train, dynamic_range_db, seed=options.seed, about=told)
         with _begun(output, card, train, val) as folder:
-            history, seconds = _fitted(network, (train, val), options, dynamic_range_db, folder, progress)
+            keep_at = None if folder is None else folder / STATE
+            history, seconds = fitted(network, (train, val), options, dynamic_range_db, keep_at, progress)
             card = card.with_about(history=history, epochs=len(history), seconds_per_epoch=seconds)
             saved = SavedModel(card, network.eval())
             if folder is not None:
@@ -155,72 +148,3 @@ def _begun(output: str | Path | None, card: Card, train: LabelledMaps, val: Labe
         new.write_text(digest + "\n", "utf-8")
         new.replace(note)
         yield folder
-
-
-def _fitted(
-    network: nn.Module,
-    maps: tuple[LabelledMaps, LabelledMaps],
-    options: TrainOptions,
-    dynamic_range_db: float,
-    folder: Path | None,
-    progress: Progress | None,
-) -> tuple[list[dict[str, float]], float | None]:
-    """Trains it in place; what the epochs were like, and how long one took [s], None where all were done before."""
-    import torch
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of Lightning, on loggers and workers that are not used
-        from lightning import Trainer
-
-        from t2d_rt.learn.lightning_module import Training
-
-        for each in ("lightning.pytorch", "lightning.fabric"):  # their import sets a level of their own
-            logging.getLogger(each).setLevel(logging.ERROR)
-        keep_at = None if folder is None else folder / STATE
-        module = Training(network, maps, options, dynamic_range_db, keep_at=keep_at, progress=progress)
-        kept = None if keep_at is None or not keep_at.exists() else read_state(keep_at, network)
-        first = 0 if kept is None else len(kept["t2d_rt"]["history"])
-        half = options.precision == "bfloat16"
-        if half:  # whose convolutions are slower where channels come first
-            network.to(memory_format=torch.channels_last)
-        started = time.perf_counter()
-        if kept is not None:
-            module.on_load_checkpoint(kept)
-        if first < options.epochs and not module.stopped:
-            trainer = Trainer(
-                max_epochs=options.epochs,
-                precision="bf16-mixed" if half else "32-true",
-                accelerator=options.device,
-                devices=1,
-                logger=False,
-                enable_checkpointing=False,
-                enable_progress_bar=False,
-                enable_model_summary=False,
-                num_sanity_val_steps=0,
-                reload_dataloaders_every_n_epochs=1,
-                barebones=False,
-            )
-            try:
-                _run(trainer, module, None if kept is None else str(keep_at))
-            except Exception as error:  # Lightning raises what it likes of a state that another has written
-                if keep_at is None or kept is None or isinstance(error, InputError) or len(module.history) > first:
-                    raise
-                raise not_a_state(keep_at, error) from None
-    done = len(module.history) - first
-    seconds = round((time.perf_counter() - started) / done, 3) if done else None
-    network.load_state_dict(module.best)
-    network.to("cpu", memory_format=torch.contiguous_format)
-    return module.history, seconds
-
-
-def _run(trainer: Trainer, module: Training, kept: str | None) -> None:
-    """Runs it; Ctrl-C comes out as it went in, where Lightning would end the process without a word."""
-    before = signal.getsignal(signal.SIGINT)
-    try:
-        trainer.fit(module, ckpt_path=kept, weights_only=True)
-    except SystemExit as stopped:
-        if not isinstance(stopped.__context__, KeyboardInterrupt):
-            raise
-        with suppress(ValueError):  # only the main thread may set it
-            signal.signal(signal.SIGINT, before)
-        raise KeyboardInterrupt from None

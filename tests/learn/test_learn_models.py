@@ -95,7 +95,7 @@ def test_what_is_refused() -> None:
 def test_without_torch_a_sentence_names_the_extra() -> None:
     program = """
 import sys
-for name in ("torch", "lightning", "monai", "sklearn"):
+for name in ("torch", "monai", "sklearn"):
     sys.modules[name] = None
 from t2d_rt.cli import main
 sys.exit(main(["train", "somewhere", "-o", "out"]))

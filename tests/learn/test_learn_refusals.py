@@ -289,22 +289,22 @@ def test_broken_weights_are_not_scored(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "harm", ["another network", "no losses", "no optimizer", "no loops", "null", "another optimizer"]
+    "harm", ["another network", "no losses", "no optimizer", "null", "another optimizer", "no rate"]
 )
 def test_a_state_of_others_is_one_sentence(tmp_path: Path, harm: str) -> None:
     mine = tmp_path / "mine"
     trained(mine)
     state = torch.load(mine / STATE, weights_only=True)
     if harm == "another network":
-        state["t2d_rt"]["best"] = {"head.weight": torch.zeros(2)}
+        state["best"] = {"head.weight": torch.zeros(2)}
     elif harm == "no losses":
-        state["t2d_rt"]["history"] = [{"val_loss": float("nan"), "train_loss": 1.0}]
+        state["history"] = [{"val_loss": float("nan"), "train_loss": 1.0}]
     elif harm == "no optimizer":
-        state["optimizer_states"] = []
-    elif harm == "no loops":
-        state["loops"] = {"fit_loop": 3}
+        del state["optimizer"]
     elif harm == "another optimizer":
-        state["optimizer_states"][0]["param_groups"] = [{"lr": "x", "params": [0]}]
+        state["optimizer"]["param_groups"] = [{"lr": "x", "params": [0]}]
+    elif harm == "no rate":
+        state["optimizer"]["param_groups"][0]["lr"] = "x"
     other = tmp_path / "other"
     with pytest.raises(KeyboardInterrupt):  # the folder of a training that was stopped
         trained(other, progress=interrupt, epochs=2)

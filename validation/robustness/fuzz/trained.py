@@ -66,12 +66,12 @@ def _state(rng: np.random.Generator, place: Path, network: object) -> str:
     import torch
 
     state = {
-        "state_dict": {}, "optimizer_states": [{}],
-        "t2d_rt": {"history": [{"val_loss": 1.0, "train_loss": 1.0}], "best": network.state_dict(), "plateau": {}},  # type: ignore[attr-defined]
+        "history": [{"val_loss": 1.0, "train_loss": 1.0}], "best": network.state_dict(), "plateau": {}, "network": {},  # type: ignore[attr-defined]
+        "optimizer": {},
     }  # fmt: skip
     told, values = replaced(rng, state) if chance(rng, 0.7) else ("as written", state)
     if chance(rng, 0.1):
-        told, values = "a path", {"t2d_rt": Path("x")}
+        told, values = "a path", {"history": Path("x")}
     torch.save(values, place / STATE)
     if chance(rng, 0.4):
         how, data = corrupted(rng, (place / STATE).read_bytes())
