@@ -1,4 +1,4 @@
-"""The slow validation: `python -m validation` runs all sections, `python -m validation rcs moving` some of them, and
+"""The slow validation: `python -m validation` runs all sections, `python -m validation rcs bounces` some of them, and
 `python -m validation study NAME` a study of `validation/studies`."""
 
 from __future__ import annotations
@@ -13,15 +13,13 @@ from validation.report import record, summary, write_report
 
 SECTIONS = {
     "chart": "methods", "tolerance": "methods", "laws": "methods", "rcs": "physics", "canonical": "physics",
-    "bounces": "physics", "lambertian": "physics", "moving": "physics", "synthesis": "methods", "multilevel": "methods",
-    "accuracy": "methods", "accuracy_rooms": "methods", "limbs": "methods", "refinement": "methods", "rates": "methods",
-    "arrays": "physics", "body_fit": "physics",
+    "bounces": "physics", "lambertian": "physics", "multilevel": "methods",
+    "accuracy": "methods", "accuracy_rooms": "methods", "limbs": "methods", "arrays": "physics", "body_fit": "physics",
     "rooms": "physics", "edges": "physics", "ghosts": "physics", "movers": "physics", "ellipsoid_model": "physics",
     "human_rcs": "physics", "receiver": "physics", "background": "physics", "blockage": "physics", "stability": "methods",
-    "working_directories": "robustness", "results": "robustness", "memory": "robustness",
+    "results": "robustness", "memory": "robustness",
     "corruptions": "robustness", "fuzz": "robustness", "soak": "robustness",
-    "nearest_centroid": "datasets", "limb_labels": "datasets", "lost_worker": "datasets", "gated_cells": "datasets",
-    "hidden_labels": "datasets",
+    "nearest_centroid": "datasets", "limb_labels": "datasets", "lost_worker": "datasets", "hidden_labels": "datasets",
 }  # fmt: skip
 """Sections in the order of the report, each with the package that it lies in."""
 

@@ -23,7 +23,7 @@ from t2d_rt.signal import spectrogram
 from t2d_rt.signal.doppler import MOST_STEP, _step_of, weighed
 from t2d_rt.signal.range import taper
 from t2d_rt.types import Radar
-from validation.echoes import random_echoes
+from made_echoes import random_echoes
 
 RADARS = [
     Radar.preset("table2"),

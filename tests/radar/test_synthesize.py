@@ -33,7 +33,7 @@ from t2d_rt.scattering.refinement import facets
 from t2d_rt.scattering.streams import Resampled, joined
 from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, MovingMesh, Radar, stream
 from t2d_rt.types.radar import preset_names
-from validation.echoes import random_echoes as made_up
+from made_echoes import random_echoes as made_up
 
 TABLE2 = Radar.preset("table2")
 LARGE = {
