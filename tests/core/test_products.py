@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from builders import slow_after
+from made_echoes import random_echoes
 from t2d_rt.core import cubes
 from t2d_rt.core import factored_cubes as products
 from t2d_rt.core.cubes import Cube, CubeAdder, DiskCube
@@ -23,7 +24,6 @@ from t2d_rt.signal import spectrogram
 from t2d_rt.signal.doppler import MOST_STEP, _step_of, weighed
 from t2d_rt.signal.range import taper
 from t2d_rt.types import Radar
-from made_echoes import random_echoes
 
 RADARS = [
     Radar.preset("table2"),

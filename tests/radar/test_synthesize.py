@@ -12,6 +12,7 @@ import pytest
 import trimesh
 
 from builders import slow_after
+from made_echoes import random_echoes as made_up
 from measures import nmse_db
 from t2d_rt.core import cubes
 from t2d_rt.core.backend import Backend
@@ -33,7 +34,6 @@ from t2d_rt.scattering.refinement import facets
 from t2d_rt.scattering.streams import Resampled, joined
 from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, MovingMesh, Radar, stream
 from t2d_rt.types.radar import preset_names
-from made_echoes import random_echoes as made_up
 
 TABLE2 = Radar.preset("table2")
 LARGE = {
