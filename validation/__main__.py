@@ -13,8 +13,8 @@ from validation.report import record, summary, write_report
 
 SECTIONS = {
     "chart": "methods", "tolerance": "methods", "laws": "methods", "rcs": "physics", "canonical": "physics",
-    "bounces": "physics", "lambertian": "physics", "multilevel": "methods",
-    "accuracy": "methods", "accuracy_rooms": "methods", "limbs": "methods", "arrays": "physics", "body_fit": "physics",
+    "bounces": "physics", "multilevel": "methods",
+    "accuracy": "methods", "accuracy_rooms": "methods", "limbs": "methods", "arrays": "physics",
     "rooms": "physics", "edges": "physics", "ghosts": "physics", "movers": "physics", "ellipsoid_model": "physics",
     "human_rcs": "physics", "receiver": "physics", "background": "physics", "blockage": "physics", "stability": "methods",
     "results": "robustness", "memory": "robustness",

@@ -141,11 +141,11 @@ class Training:
         order = np.random.default_rng([options.seed, epoch, 0]).permutation(len(self._train))
         self._network.train()
         parts = batches(self._train, order, options.batch, self._range_db, augmenter=self._augmenter, epoch=epoch)
-        train = self._passed(parts, options.smoothing, step=True)
+        train = self._through(parts, options.smoothing, step=True)
         self._network.eval()
         with torch.no_grad():
             parts = batches(self._val, np.arange(len(self._val)), BATCH_OF_VALIDATION, self._range_db)
-            val = self._passed(parts)
+            val = self._through(parts)
         rate = float(group["lr"])
         if not (math.isfinite(train["loss"]) and math.isfinite(val["loss"])):
             raise InputError(
@@ -162,7 +162,7 @@ class Training:
         if options.schedule == "plateau":
             self._plateau.step(val["loss"])
 
-    def _passed(
+    def _through(
         self, parts: Iterator[tuple[Tensor, Tensor]], smoothing: float = 0.0, *, step: bool = False
     ) -> dict[str, float]:
         """Mean loss, accuracy and macro-F1 of batches, after each of which weights take a step where that is asked."""
