@@ -16,7 +16,7 @@ from t2d_rt.geometry.vectors import dot
 from t2d_rt.motion import quaternions
 from t2d_rt.types.motion import Motion, checked_motion, checked_rate
 
-# --- the smooth step that motions are eased and joined by ---
+# --- the smooth step that motions are eased and joined by, and the noise that bodies sway by ---
 
 
 def minimum_jerk(fraction: np.ndarray) -> np.ndarray:
@@ -26,6 +26,19 @@ def minimum_jerk(fraction: np.ndarray) -> np.ndarray:
     """
     x = np.clip(fraction, 0.0, 1.0)
     return np.asarray(x**3 * (10.0 + x * (6.0 * x - 15.0)))
+
+
+def wander(
+    rng: np.random.Generator, times_s: np.ndarray, count: int, band_hz: tuple[float, float], slope: float
+) -> np.ndarray:
+    """Smooth noise (T, count) of unit deviation: sines of random phase whose density falls with frequency to the power `slope`."""
+    octaves = np.log2(band_hz[1] / band_hz[0])
+    lines = max(8, round(6 * octaves))
+    frequency = band_hz[0] * 2 ** (octaves * (np.arange(lines) + rng.random((count, lines))) / lines)
+    amplitude = frequency ** (0.5 - slope)
+    amplitude *= np.sqrt(2 / (amplitude**2).sum(axis=1, keepdims=True))
+    phase = 2 * np.pi * (frequency[None] * times_s[:, None, None] + rng.random((count, lines)))
+    return (amplitude * np.sin(phase)).sum(axis=-1)
 
 
 # --- motion between its frames: C2 in time, because a radar sees the second derivative of every path ---

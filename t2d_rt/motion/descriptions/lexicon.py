@@ -90,6 +90,7 @@ class Lexicon(Fields):
     recovering: Phrases
     other_actions: Phrases
     stopping: Phrases
+    waiting: Phrases
     auxiliary: Phrases
     near_falls: Phrases
     irregular_verbs: dict[str, Words]

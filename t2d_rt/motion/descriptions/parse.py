@@ -28,6 +28,8 @@ LOWEST_FIRST = (
 RANK = {action: rank for rank, actions in enumerate(LOWEST_FIRST) for action in actions.split(", ")}
 """The action of highest rank is the main one, the first where there are several; a disturbed walk comes after a fall."""
 MOVING = "walk", "run", "climb"
+DOWN_S = 3.0
+"""Time in which somebody sits or lies down who then waits [s]."""
 
 UNDERSTOOD = (
     "walking, abnormal gaits, running, falling, sitting, lying down, standing up, bending, squatting, "
@@ -93,10 +95,11 @@ def _checked(sentence: str) -> str:
         )
     numbers = "|".join(each for each in lexicon().numbers if each not in ("a", "an"))
     below = rf"(?<!\S)(?:[-\u2212](?=[\d.])|(?:minus|negative)\s+(?=[\d.]|(?:a|{numbers}|half|pi|\u03c0)\b))\S+"
-    negative = re.search(below, sentence, re.IGNORECASE)
-    if negative is not None:
+    measures = "|".join(re.escape(each) for each in ("times", "turns", *lexicon().seconds, *lexicon().degrees))
+    wrong = re.search(rf"{below}|\b(?:nan|inf|infinite|infinity)\s*(?:{measures})\b", sentence, re.IGNORECASE)
+    if wrong is not None:
         raise InputError(
-            f"numbers of a description are above 0, got {negative[0]}; write how many times, how long, or to which side"
+            f"numbers of a description are above 0, got {wrong[0]}; write how many times, how long, or to which side"
         )
     letters = [char for char in sentence if char.isalpha()]
     if sum(char.isascii() for char in letters) < len(letters) / 2:
@@ -176,10 +179,13 @@ def _together(first: ParseStep, second: ParseStep) -> ParseStep | None:
         return merged(first, ParseStep("fall", {}, {**second.slots(), "type": first.get("type")})) or first
     if actions in (("lie_down", "stand_up"), ("sit", "stand_up")) and first.words in ("lying", "sitting", "seated"):
         return merged(second, ParseStep("stand_up", {}, {k: v for k, v in first.slots().items() if k == "object"}))
+    if first.action in ("sit", "lie_down") and second.action == "stand" and second.words in forms_of(lexicon().waiting):
+        lasting_s = float(str(second.get("duration_s") or 0)) + (0 if first.get("duration_s") else DOWN_S)
+        return merged(first, ParseStep(first.action, {}, {**second.slots(), "duration_s": lasting_s}))
     if second.action == "bend" and first.action in ("bend", "squat"):
         return merged(first, second)
     if second.action == "turn" and second.gerund and loose and first.action in ("dance", "jump", "walk", "run"):
-        return merged(first, ParseStep(first.action, {}, second.slots()))
+        return merged(first, ParseStep(first.action, {}, {"direction": "circle", **second.slots()}))
     if first.action != second.action:
         return None
     typed = first.get("type") is not None or second.get("type") is not None

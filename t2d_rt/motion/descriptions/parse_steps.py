@@ -22,6 +22,8 @@ IN_PLACE = {"jump": "up", "walk": "in_place", "run": "in_place"}
 """Direction of those that go on the spot."""
 LEADING = "forward", "straight", "back", "left", "right"
 """Directions of a jump that does not stay on the spot."""
+TREADS = "stairs", "treads"
+"""What who climbs counts."""
 OBJECTS_FIRST = "handrail", "ball", "chair", "stair", "floor"
 
 TWO_PEOPLE = {"man", "woman"}, {"man", "child"}, {"woman", "child"}, {"old_person", "child"}
@@ -245,17 +247,22 @@ class Reader:
             clause.pending.clear()
             return
         new = None
-        for token in clause.pending:
+        for token in sorted(clause.pending, key=lambda each: each.kind != "direction"):
             fresh = token.kind == "direction" and clause.join in ("then", "and") and new is None
+            again = fresh and clause.join == "then" and last.get("direction") is not None
+            if new is None and (clause.join == "then" or (clause.join == "and" and token.kind == "angle")):
+                other = {slot for slot in ("angle_deg", "side") if last.get(slot) not in (None, token.slots.get(slot))}
+                again = again or bool(other & {*token.slots})  # 90 degrees and 180 degrees
             try:
-                if fresh and clause.join == "then" and last.get("direction") is not None:
-                    raise Opposite
-                attach(new or last, token, self.ignored)
+                if not again:
+                    attach(new or last, token, self.ignored)
+                    continue
             except Opposite:
                 if not fresh:
                     raise
-                said = {**last.said, "direction": token.slots["direction"]}
-                new = ParseStep(last.action, dict(last.implied), said, joined="then", words=last.words)
+            told = {slot for each in clause.pending for slot in each.slots if slot != "direction"}
+            said = {slot: value for slot, value in last.said.items() if slot not in told} | {**token.slots}
+            new = ParseStep(last.action, dict(last.implied), said, joined="then", words=last.words)
         clause.pending.clear()
         if new is not None:
             clause.steps.append(new)
@@ -290,7 +297,10 @@ def attach(step: ParseStep, token: Token, ignored: list[str]) -> None:
     """Says of a step what an token says; raises where it says the contrary of what was said before."""
     if token.kind in ("cause", "gait"):
         step.cause = token.words
-    if token.kind == "angle" and step.action != "turn":
+    treads = token.words.endswith(TREADS)
+    if (token.kind == "angle" and step.action != "turn") or (
+        "count" in token.slots and step.action == "climb" and not treads
+    ):
         ignored.append(token.words)
         return
     low, high = TURNED_DEG
@@ -371,7 +381,10 @@ def merged(first: ParseStep, second: ParseStep) -> ParseStep | None:
     ignored: list[str] = []
     try:
         for slot, value in two.items():
-            if slot not in ("direction", "object") and result.get(slot) is not None:
+            before = result.get(slot)
+            if slot == "duration_s" and before is not None:  # sits down for 3 s, stays seated for 5
+                result.said[slot] = float(str(before)) + float(str(value))
+            if slot not in ("direction", "object") and before is not None:
                 continue
             attach(result, Token("slot", str(value), {slot: value}), ignored)
     except (Opposite, InputError):

@@ -19,6 +19,9 @@ GAP = "~"
 MOST_BETWEEN = 4
 """Words that `~` stands for at most: "picks the red ball up"."""
 
+BY, SETS = ("x", "\u00d7", "*"), (["sets", "of"], ["rounds", "of"], ["series", "of"])
+"""What stands between how many times and what is done: 2 x 90 degrees, 3 sets of 5 squats."""
+
 PARTS = {"half": 0.5, "third": 1 / 3, "quarter": 0.25}
 """Of a turn or of a unit of angles."""
 
@@ -167,7 +170,7 @@ def _vocabulary() -> frozenset[str]:
     """All words that are understood, which a misspelt one may mean."""
     known = lexicon()
     words = {word for entries in _index().values() for entry in entries for word in entry.words}
-    more = {*known.of_limbs, *known.numbers, *known.times, *known.seconds, "times"}
+    more = {*known.of_limbs, *known.numbers, *known.times, *known.seconds, *known.degrees, "times"}
     return frozenset(words | more | {*known.neutral}) - {GAP}
 
 
@@ -211,6 +214,7 @@ def _next(words: list[str], place: int) -> tuple[list[Token], int]:
         inner = tokens_of(" ".join(gap)) if gap else []
         numbers = {**lexicon().numbers, **{word: int(word) for word in gap if word.isdecimal()}} if gap else {}
         counted = [numbers[word] for word in gap if word in numbers and word not in ("a", "an")]
+        counted = [] if any("count" in each.slots for each in inner) else counted
         inner = [each for each in inner if not counted or each.words not in numbers]
         if counted and entry.words[-1] in ("step", "steps"):
             inner.append(Token("reported", next(word for word in gap if numbers.get(word) == counted[0])))
@@ -250,12 +254,12 @@ def _measure(words: list[str], place: int) -> tuple[Token, int] | None:
     if word in lexicon().times:
         conjunction = word == "once" and ((rest and rest[0] in lexicon().not_once) or words[max(place - 1, 0)] == "at")
         return None if conjunction else (Token("slot", word, {"count": lexicon().times[word]}), place + 1)
-    if word in ("for", "after") and rest:
+    if word in ("for", "after", "every") and rest:
         start = place + 1 + int(word == "for" and rest[0] in lexicon().roughly)
         inner = _lasting(words, start, alone=False)
         if inner is None or (word == "after" and inner[0].note.endswith("moment")):
             return None
-        return inner if word == "for" else (Token("reported", f"after {inner[0].words}"), inner[1])
+        return inner if word == "for" else (Token("reported", f"{word} {inner[0].words}"), inner[1])
     return _turned(words, place) or _times(words, place) or _lasting(words, place, alone=True)
 
 
@@ -287,17 +291,30 @@ def _number(words: list[str], place: int) -> tuple[float, bool, int] | None:
 def _times(words: list[str], place: int) -> tuple[Token, int] | None:
     """How many times: four times, a few times; and four hops."""
     found = _number(words, place)
+    if found is None and words[place] in BY:
+        found = _number(words, place + 1)
+        return found and (Token("slot", " ".join(words[place : found[2]]), {"count": int(found[0])}), found[2])
     if found is None or found[2] >= len(words):
         return None
     number, vague, after = found
     whole = int(number) if number == int(number) else number
     follows = words[after]
+    start = after + 1 if follows in BY else after + 2 if words[after : after + 2] in SETS else 0
+    if start:
+        more = _number(words, start)
+        if more is not None and _lasting(words, start, alone=True) is None and _turned(words, start) is None:
+            whole, start = whole * more[0], more[2] + int(words[more[2] : more[2] + 1] == ["times"])
+            whole = int(whole) if whole == int(whole) else whole
+        return Token("slot", " ".join(words[place:start]), {"count": whole}), start
     if follows == "times" or (follows == "time" and words[place] not in ("a", "an")):
         said = " ".join(words[place : after + 1])
         note = said if vague else ""
         return Token("slot", f"{whole} times" if vague else said, {"count": whole}, note=note), after + 1
     if words[after - 1] == "couple":  # who dances, not how often
         return None
+    angle = _turned(words, after)  # two 360 degree turns
+    if follows in ("stairs", "treads") or (angle is not None and words[angle[1] : angle[1] + 1] == ["turns"]):
+        return Token("slot", f"{number:g} {follows}", {"count": whole}), after
     deeds = any(entry.kind == "action" and entry.words == (follows,) for entry in _index().get(follows, ()))
     if deeds and follows.endswith("s") and follows != "steps" and number > 1:
         return Token("slot", words[place], {"count": whole}), after
@@ -313,8 +330,13 @@ def _lasting(words: list[str], place: int, *, alone: bool) -> tuple[Token, int] 
     unit = words[after]
     if alone and (words[place] in ("a", "an") or unit.startswith("moment")):
         return None
-    said = " ".join(words[place : after + 1])
     seconds = float(number) * lexicon().seconds[unit]
+    more = _lasting(words, after + 1 + int(words[after + 1 : after + 2] == ["and"]), alone=True)
+    if (
+        more is not None and float(str(more[0].slots["duration_s"])) < lexicon().seconds[unit]
+    ):  # a minute and ten seconds
+        seconds, after = seconds + float(str(more[0].slots["duration_s"])), more[1] - 1
+    said = " ".join(words[place : after + 1])
     vague = (_number(words, place) or (0, False))[1] or unit.startswith("moment")
     note = said if vague else ""
     return Token("slot", f"{seconds:g} seconds" if vague else said, {"duration_s": seconds}, note=note), after + 1

@@ -20,11 +20,10 @@ from t2d_rt.motion.generate.chain import SHORTEST_REST_S, Begins, Piece, best_se
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.edits import begun, halted
 from t2d_rt.motion.generate.library.individual import Individual, Maker, individual, lively, sole_m
-from t2d_rt.motion.generate.library.moves import ACTIONS, directed, made_of_clips, own_clips
+from t2d_rt.motion.generate.library.moves import ACTIONS, angle_deg, directed, made_of_clips, own_clips
 from t2d_rt.motion.generate.library.store import RATE_HZ, Store, shipped
 from t2d_rt.motion.generate.library.users import with_users
 from t2d_rt.motion.generate.made import RESTS, Posture, make
-from t2d_rt.motion.generate.made.standing import on_heels
 from t2d_rt.motion.interpolate import resample
 from t2d_rt.motion.kinematics import Poses, motion_of, poses_of
 from t2d_rt.motion.read.passes import file_origin
@@ -74,8 +73,6 @@ def not_made(step: Step, then: Sequence[Step] = ()) -> list[str]:
     objects = ["floor", *OBJECTS.get(step.action, "").split()]
     if step.action == "jump" and step.direction is not None:  # jumping jacks go nowhere
         parts = ["foot", "leg"]
-    if on_heels(step):  # hands rest on the knees
-        parts, objects = ["foot", "leg"], ["floor", "handrail"]
     if step.body_part is not None and step.body_part not in parts and step.type not in GAIT_TYPES:
         said.append(f"{step.side + ' ' if step.side else ''}{step.body_part}")
     if step.object is not None and step.object not in objects and not _used(step, then):
@@ -212,9 +209,9 @@ def _repeated(steps: Sequence[Step], rng: np.random.Generator) -> tuple[Step, ..
         if step.action not in BETWEEN or count == 1:
             found.append(step)
             continue
-        if step.action == "turn" and step.direction is None:  # all to one side, by the angle of a turn without one
-            side = "left" if rng.random() < 0.5 else "right"
-            step = step.model_copy(update={"direction": side})
+        if step.action == "turn":  # all to one side, each by the angle of one
+            side = step.direction or ("left" if rng.random() < 0.5 else "right")
+            step = step.model_copy(update={"direction": side, "angle_deg": angle_deg(step)})
         other = BETWEEN[step.action]
         each_s = None if step.duration_s is None else step.duration_s / (count if other is None else 2 * count - 1)
         once = step.model_copy(update={"count": None, "duration_s": each_s})

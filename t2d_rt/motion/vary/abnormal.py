@@ -457,7 +457,7 @@ SPREAD = 0.06
 """Standard deviation of the logarithm of each drawn value about its range: no two patients are alike."""
 
 TEMPO_SPREAD = 0.04
-"""That of stride and cadence, whose ranges are those of groups of patients."""
+"""That of stride, cadence and the haste of a stance, which change a walk by less than themselves."""
 
 SQUARED = frozenset({"freezes_s"})
 """Values that lie at the square of the severity: mild halts are rare. No source tells the power."""
@@ -496,7 +496,7 @@ def _drawn(name: str, mild: float, severe: float, severity: float, rng: np.rando
         mild, severe = math.pi / 180 * mild, math.pi / 180 * severe
     if name in SQUARED:
         severity **= 2
-    spread = TEMPO_SPREAD if name in ("stride", "cadence") else SPREAD
+    spread = TEMPO_SPREAD if name.split()[0] in ("stride", "cadence", "hurried_stance") else SPREAD
     return (mild + severity * (severe - mild)) * float(np.exp(spread * np.clip(rng.standard_normal(), -2, 2)))
 
 

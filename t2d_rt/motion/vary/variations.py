@@ -11,8 +11,7 @@ from t2d_rt.core.checks import instance, integer, number
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.check.measures import seated, tracks
 from t2d_rt.motion.edit import main_direction
-from t2d_rt.motion.generate.made.render import wander
-from t2d_rt.motion.interpolate import low_pass, minimum_jerk, sample
+from t2d_rt.motion.interpolate import low_pass, minimum_jerk, sample, wander
 from t2d_rt.types import Radar
 from t2d_rt.types.motion import Motion, checked_motion
 

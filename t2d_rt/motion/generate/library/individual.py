@@ -18,6 +18,7 @@ from t2d_rt.motion.descriptions.slots import Step, Subject
 from t2d_rt.motion.generate.chain import Piece, from_rotation_vector, swung
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.store import RATE_HZ, Segment, Store
+from t2d_rt.motion.interpolate import wander
 from t2d_rt.motion.kinematics import INDEX, NAMES, Skeleton, retargeted, skeleton_of
 from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS, Breathing
 
@@ -146,10 +147,7 @@ def lively(piece: Piece, person: Individual, rng: np.random.Generator, *, quiet:
         rotation = local[:, joint]
         if name.endswith(("shoulder", "elbow")):
             rotation = swung(rotation, 1 + quiet * (person.vigour - 1), poses.rate_hz)
-        wave = np.zeros((len(times), 3))
-        for _ in range(3):
-            frequency, phase = rng.uniform(*SLOW_HZ), rng.uniform(0, 2 * np.pi, 3)
-            wave += np.sin(2 * np.pi * frequency * times[:, None] + phase) * np.sqrt(2 / 3)
+        wave = wander(rng, times, 3, SLOW_HZ, 0.5)
         added = quiet * (person.habit[joint] + SWAY * np.array(spread) * wave)
         local[:, joint] = quaternions.multiply(rotation, from_rotation_vector(added))
     return piece.posed(local=quaternions.normalise(local))

@@ -376,11 +376,14 @@ def angle_deg(step: Step) -> float:
 
 def turn(maker: Maker, step: Step, _: float) -> Piece:
     """Turning on the spot in small steps, from standing to standing: a slow walk whose heading is carried round and whose steps are
-    so short that it goes round a circle of `ROUND_M`; how long that takes follows from the angle, where nothing else is said."""
-    angle = np.radians(angle_deg(step))
+    so short that it goes round a circle of `ROUND_M`; how long that takes follows from the angle, or, where only how long is said,
+    the angle from that."""
     sign = _sense(maker, step)
-    rate = {"slow": 55.0, "normal": 85.0, "fast": 120.0}[step.speed]
-    at_ease_s = float(np.degrees(angle)) / (rate * maker.person.tempo) + 0.9
+    rate = {"slow": 55.0, "normal": 85.0, "fast": 120.0}[step.speed] * maker.person.tempo
+    angle = np.radians(angle_deg(step))
+    if step.duration_s is not None and step.angle_deg is None and step.direction != "back":
+        angle = max(angle, np.radians(rate * (step.duration_s - 2 * QUIET_S - 0.9)))
+    at_ease_s = float(np.degrees(angle)) / rate + 0.9
     lasting = float(np.clip((step.duration_s or 0.0) - 2 * QUIET_S, at_ease_s, MOST_SLOWED * at_ease_s))
     quiet_s = QUIET_S if step.duration_s is None else max((step.duration_s - lasting) / 2, 0.3)
     walk = quickened(gait(maker, Step(action="walk", speed="slow"), MOST_QUICKENED * lasting), float(angle), lasting)
@@ -446,15 +449,15 @@ def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
 
 
 def _kinds(maker: Maker, step: Step) -> tuple[str, ...]:
-    """Which recorded jumps show what a step asks for."""
-    if step.direction is not None:
-        return ("forward",) if step.direction in ("forward", "straight") else ("up",)
-    if step.body_part in ("foot", "leg") and any(each.kind == "hop" for each in maker.store.segments):
-        return ("hop",)
-    if step.body_part in ("arm", "hand"):
+    """Which recorded jumps show what a step asks for; of these every recording has the same chance."""
+    ahead = step.direction in ("forward", "straight", None)
+    if step.body_part in ("foot", "leg") and ahead and any(each.kind == "hop" for each in maker.store.segments):
+        return ("hop",) if step.direction is None else ("hop", "forward")
+    if step.body_part in ("arm", "hand") and step.direction is None:
         return ("jacks",)
-    # Which way is left open: every recording has the same chance.
-    return (maker.draw(maker.segments("jump", "forward", "up")).kind,)
+    if step.direction in ("clockwise", "counterclockwise", None):  # which way is left open
+        return ("forward", "up")
+    return ("forward",) if ahead else ("up",)
 
 
 def _enough(step: Step, done: int, total_s: float, duration_s: float) -> bool:

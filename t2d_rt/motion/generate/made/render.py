@@ -11,7 +11,7 @@ from t2d_rt.geometry.vectors import unit, vector_product
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.generate.made.act import CHANNELS, DEG, INDEX, SIDES, SIGN, Act, progress
 from t2d_rt.motion.generate.made.hands import Anatomy, Figure, Goal, Hand, Hang
-from t2d_rt.motion.interpolate import decompose
+from t2d_rt.motion.interpolate import decompose, wander
 from t2d_rt.motion.kinematics import LOWER_BACK, NAMES, PARENTS, Poses, axes_along
 
 # --- what keeps a body from moving like a machine: sway, and noise of the muscles that grows with the
@@ -42,19 +42,6 @@ SWAY_SLOPE, MOTOR_SLOPE = 1.2, 1.83
 are those of recorded bends."""
 
 HAND_SWAY_M, HAND_MOTOR_M = 0.006, 0.0032
-
-
-def wander(
-    rng: np.random.Generator, times_s: np.ndarray, count: int, band_hz: tuple[float, float], slope: float
-) -> np.ndarray:
-    """Smooth noise (T, count) of unit deviation: sines of random phase whose density falls with frequency to the power `slope`."""
-    octaves = np.log2(band_hz[1] / band_hz[0])
-    lines = max(8, round(6 * octaves))
-    frequency = band_hz[0] * 2 ** (octaves * (np.arange(lines) + rng.random((count, lines))) / lines)
-    amplitude = frequency ** (0.5 - slope)
-    amplitude *= np.sqrt(2 / (amplitude**2).sum(axis=1, keepdims=True))
-    phase = 2 * np.pi * (frequency[None] * times_s[:, None, None] + rng.random((count, lines)))
-    return (amplitude * np.sin(phase)).sum(axis=-1)
 
 
 def activity(values: np.ndarray, rate_hz: float) -> np.ndarray:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from t2d_rt.motion.descriptions.slots import Step
+from t2d_rt.motion.descriptions.slots import Side, Step
 from t2d_rt.motion.generate.made.act import DEG, INDEX, OTHER, SIDES, SIGN, Act, middle, stand_tall
 from t2d_rt.motion.generate.made.hands import Goal, OnBone, OnChest, OnPelvis
 from t2d_rt.motion.generate.made.render import still
@@ -224,38 +224,42 @@ CROUCH_DEG = 140.0, 152.0
 (Hemmerich 2006, J. Orthop. Res. 24: 770); thighs lie on calves."""
 
 
-def on_heels(step: Step) -> bool:
-    """Whether a step is a squat that rests on the heels, the hands on the knees."""
-    once = step.action == "squat" and step.count in (None, 1)
-    return once and step.duration_s is not None and step.duration_s >= CROUCH_S
-
-
 def squat(act: Act, step: Step) -> None:
     """Down and up in 2 to 3 s, shanks and trunk leaning about alike so that the weight stays over the feet (Schoenfeld 2010); or,
-    for a long time, all the way down, where one rests.
+    once for a long time, all the way down, where one rests on the heels.
     """
-    if step.duration_s is not None and on_heels(step):
-        knees, heels = act.u(*CROUCH_DEG) * DEG, act.u(12, 24) * DEG if act.chance(0.3) else 0.0
-        _down_and_up(act, knees, act.u(34, 46), hold_s=step.duration_s - DOWN_AND_UP_S, arms="knees", heels=heels)
-        return
-    for number in range(step.count or 1):
+    count, lasting_s = step.count or 1, step.duration_s or 0.0
+    rests = count == 1 and lasting_s >= CROUCH_S
+    for number in range(count):
         deep = act.chance(0.3)
-        knees = act.u(112, 130) if deep else act.u(78, 110)
-        arms = str(act.rng.choice(["ahead", "knees", "clasped", "hang"], p=[0.4, 0.25, 0.25, 0.1]))
+        odds = [0.35, 0.65, 0.0, 0.0] if rests else [0.4, 0.25, 0.25, 0.1]
+        arms = str(act.rng.choice(["ahead", "knees", "clasped", "hang"], p=odds))
         if step.body_part in ("arm", "hand"):
             arms = "ahead"
         elif step.object == "ball":
             arms = "low"
-        lean, hold_s = act.u(30, 42) + (6 if deep or arms == "low" else 0), act.u(0.0, 0.6)
-        heels = act.u(12, 24) * DEG if deep and act.chance(0.6) else 0.0
-        last = number + 1 == (step.count or 1)
-        _down_and_up(act, knees * DEG, lean, hold_s=hold_s, arms=arms, heels=heels, last=last)
+        crouches = rests and arms != "low"
+        knees = act.u(*CROUCH_DEG) if crouches else act.u(112, 130) if deep or rests else act.u(78, 110)
+        lean, hold_s = act.u(30, 42) + (6 if (deep and not crouches) or arms == "low" else 0), act.u(0.0, 0.6)
+        heels = act.u(12, 24) * DEG if deep and (rests or act.chance(0.6)) else 0.0
+        last = number + 1 == count
+        hold_s = lasting_s - DOWN_AND_UP_S if rests else hold_s
+        _down_and_up(act, knees * DEG, lean, hold_s=hold_s, arms=arms, heels=heels, last=last, side=step.side)
 
 
 def _down_and_up(
-    act: Act, knees: float, lean: float, *, hold_s: float, arms: str = "hang", heels: float = 0.0, last: bool = True
+    act: Act,
+    knees: float,
+    lean: float,
+    *,
+    hold_s: float,
+    arms: str = "hang",
+    heels: float = 0.0,
+    last: bool = True,
+    side: Side | None = None,
 ) -> None:
-    """Into a squat and up again: knees bent and heels raised by angles [rad], the trunk leaning by `lean` [degrees]."""
+    """Into a squat and up again: knees bent and heels raised by angles [rad], the trunk leaning by `lean` [degrees];
+    of one `side`, the other hand is on the knee."""
     down_s, up_s = act.u(0.95, 1.3), act.u(0.85, 1.2)
     spine = act.u(0.3, 0.45) * lean
     z = act.place.floor_m + squat_m(act, knees) + 0.6 * np.sin(heels) * act.anatomy.foot_m
@@ -265,18 +269,18 @@ def _down_and_up(
     x, y = middle(act)
     act.put("com", 0.05, (0.6 if heels else 1.0) * down_s, (x + (0.78 if heels else 0.0) * act.anatomy.foot_m, y))
     splay = (act.u(14, 20) if arms == "low" else act.u(2, 14)) * DEG
-    for side in SIDES:
-        act.limb(side, 0.0, down_s, splay=splay * act.u(0.8, 1.2))
+    for each in SIDES:
+        act.limb(each, 0.0, down_s, splay=splay * act.u(0.8, 1.2))
         if heels:
-            act.limb(side, 0.42 * down_s, 0.6 * down_s, tip=heels * act.u(0.9, 1.1))
-        goal = _squat_hands(act, arms)
+            act.limb(each, 0.42 * down_s, 0.6 * down_s, tip=heels * act.u(0.9, 1.1))
+        goal = _squat_hands(act, arms if side in (None, each) else "knees")
         if goal is not None:
-            act.reach(side, goal, act.u(0, 0.06), down_s * act.u(0.82, 0.92), 0.03)
+            act.reach(each, goal, act.u(0, 0.06), down_s * act.u(0.82, 0.92), 0.03)
     act.wait(down_s * 1.02 + hold_s)
     stand_tall(act, 0.0, up_s, arms=last and arms != "hang")
-    for side in SIDES:
-        act.limb(side, 0.1, up_s, splay=0.0)
-        act.limb(side, 0.05, 0.55 * up_s, tip=0.0)
+    for each in SIDES:
+        act.limb(each, 0.1, up_s, splay=0.0)
+        act.limb(each, 0.05, 0.55 * up_s, tip=0.0)
     act.wait(up_s + (act.u(0.2, 0.4) if last else act.u(0.0, 0.2)))
 
 
@@ -466,7 +470,7 @@ def balance(act: Act, step: Step) -> None:
 
 def _hold_leg(act: Act, side: str, lift_s: float) -> None:
     """A leg is drawn up before the body, or its foot behind it: angles of thigh and shank from the vertical."""
-    thigh, shank = (act.u(35, 75), act.u(-10, 25)) if act.chance(0.5) else (act.u(-5, 15), act.u(55, 95))
+    thigh, shank = (act.u(48, 85), act.u(-10, 18)) if act.chance(0.5) else (act.u(-5, 15), act.u(58, 95))
     thigh_m, shank_m = (act.anatomy.skeleton.bone_m(f"{side}_{joint}") for joint in ("knee", "ankle"))
     hip_x, hip_y = middle(act, OTHER[side])[0], SIGN[side] * act.anatomy.hips_m
     ahead = thigh_m * np.sin(thigh * DEG) - shank_m * np.sin(shank * DEG)
