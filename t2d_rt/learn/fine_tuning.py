@@ -236,6 +236,12 @@ def fitted(
     return module.eval()
 
 
+def trained_on(net: EventNet, events: Events, schedule: Schedule, seed: int) -> nn.Module:
+    """A network all of whose weights have learned from augmented events."""
+    inputs, labels = torch.from_numpy(events.inputs), torch.from_numpy(events.labels)
+    return fitted(net, inputs, labels, schedule, seed, augment=True)
+
+
 def random_network(classes: int, seed: int) -> EventNet:
     """A network of random weights."""
     seeded(seed)
@@ -246,8 +252,7 @@ def pretrain(simulated: Events, *, seed: int = 0) -> EventNet:
     """A network that learned from simulated events alone; the same weights bit for bit for one seed on one machine."""
     with torch_threads(1):
         net = random_network(len(simulated.classes), seed)
-        inputs, labels = torch.from_numpy(simulated.inputs), torch.from_numpy(simulated.labels)
-        fitted(net, inputs, labels, PRETRAINING, seed, augment=True)
+        trained_on(net, simulated, PRETRAINING, seed)
     return net
 
 
@@ -317,7 +322,7 @@ def _skip_connection(net: EventNet, train: Events, seed: int) -> nn.Module:
 
 def _full(net: EventNet, train: Events, seed: int) -> nn.Module:
     """All weights go on learning."""
-    return fitted(net, torch.from_numpy(train.inputs), torch.from_numpy(train.labels), TUNING, seed, augment=True)
+    return trained_on(net, train, TUNING, seed)
 
 
 STRATEGIES: dict[str, Callable[[EventNet, Events, int], nn.Module]] = {

@@ -62,6 +62,19 @@ def read_cell(path: Path, sound: Callable[[Any], bool]) -> dict[str, Any]:
     return dict(told)
 
 
+def kept_cell(
+    path: Path, compute: Callable[[], Mapping[str, Any]], sound: Callable[[Any], bool], stamp: str = ""
+) -> dict[str, Any]:
+    """What a cell found: read from its file, or computed and written there. stamp: hash of what it follows from beside its name;
+    files of other data are refused."""
+    if not path.exists():
+        write_whole(path, json.dumps({"stamp": stamp, **compute()}) + "\n")
+    told = read_cell(path, sound)
+    if told.get("stamp") != stamp:
+        raise InputError(f"{path} is of other data or options; choose another folder")
+    return told
+
+
 def made_folder(folder: Path, recipe: Path, told: str, files: str, noun: str) -> Path:
     """The folder of simulated events, with their recipe's text beside them; one that holds events of another is refused."""
     try:

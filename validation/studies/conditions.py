@@ -8,6 +8,7 @@ from argparse import ArgumentParser, Namespace
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from t2d_rt.dataset.splits import KINDS, check_sides, traits
 from t2d_rt.learn import TrainOptions, scores_of, sides_of, train_model
 from t2d_rt.learn.maps import LabelledMaps, maps_of, shared_speeds
 from t2d_rt.learn.models import card
-from validation.studies.common import interval, read_cell, table, write_whole
+from validation.studies.common import interval, kept_cell, table
 
 SEEDS = 0, 1, 2, 3, 4, 5, 6, 7
 """Each with its own split, weights and order; more than elsewhere, as a side has few samples of each condition."""
@@ -110,10 +111,9 @@ def run_conditions(
     for number, (name, seed) in enumerate(every, 1):
         place = list(trainings(samples.conditions)).index(name)  # names of folders may be alike but for a space
         path = folder / "cells" / f"{place:02d}_{name.replace(' ', '-')}_{seed}.json"
-        if not path.exists():
-            told = _confusions(samples, trainings(samples.conditions)[name], seed)
-            write_whole(path, json.dumps({"stamp": stamp, "confusion": told}) + "\n")
-        cells[name, seed] = _read(path, stamp, samples.conditions)
+        compute = partial(_confusions, samples, trainings(samples.conditions)[name], seed)
+        told = kept_cell(path, compute, lambda told: set(samples.conditions) <= told["confusion"].keys(), stamp)
+        cells[name, seed] = {each: np.array(told["confusion"][each]) for each in samples.conditions}
         if progress is not None:
             progress(number / len(every))
     path = folder / FILE
@@ -121,7 +121,7 @@ def run_conditions(
     return path
 
 
-def _confusions(samples: _Samples, trained_on: Sequence[str], seed: int) -> dict[str, list[list[int]]]:
+def _confusions(samples: _Samples, trained_on: Sequence[str], seed: int) -> dict[str, dict[str, list[list[int]]]]:
     """Confusion (class, told) under each condition, of a network that was trained under some."""
     maps, of = samples.maps, samples.of
     sides = sides_of(samples.records, "description", seed=seed)
@@ -130,17 +130,11 @@ def _confusions(samples: _Samples, trained_on: Sequence[str], seed: int) -> dict
     tests = {str(each): sides["test"][of[sides["test"]] == each] for each in dict.fromkeys(of.tolist())}
     check_sides({"train": train, "val": val, **tests})
     net = train_model(MODEL, maps.take(train), maps.take(val), OPTIONS.model_copy(update={"seed": seed}))
-    return {
+    confusions = {
         each: scores_of(net.probabilities(maps.levels[places]), maps.labels[places]).confusion.tolist()
         for each, places in tests.items()
     }
-
-
-def _read(path: Path, stamp: str, conditions: Sequence[str]) -> dict[str, np.ndarray]:
-    told = read_cell(path, lambda told: "stamp" in told and set(conditions) <= told["confusion"].keys())
-    if told["stamp"] != stamp:
-        raise InputError(f"{path} is of other data; choose another folder")
-    return {each: np.array(told["confusion"][each]) for each in conditions}
+    return {"confusion": confusions}
 
 
 def _report(samples: _Samples, cells: Cells) -> str:

@@ -11,6 +11,7 @@ import warnings
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +31,7 @@ from t2d_rt.scattering.ellipsoid import PhaseFrom
 from t2d_rt.simulate import simulate
 from t2d_rt.types import Receiver
 from t2d_rt.types.target import Method
-from validation.studies.common import made_folder, read_cell, read_labelled, table, write_whole
+from validation.studies.common import kept_cell, made_folder, read_labelled, table
 from validation.studies.transfer import FINEST, extra_trees, gain, grouped_folds, with_interval
 from validation.studies.twins import MERGED, RECIPE, TwinRecipe, maps_of_events, noise_seed, range_mean_levels, staged
 
@@ -235,11 +236,8 @@ def run_study(
     every, told = cells(), {}
     for number, cell in enumerate(every, 1):
         path = folder / f"{cell.name}.json"
-        if not path.exists():
-            with torch_threads(1):
-                said = _said(cell, events, tested)
-            write_whole(path, json.dumps({"stamp": stamp, "cell": cell.name, **said}) + "\n")
-        told[cell] = _read_cell(path, cell, stamp, tested is not None)
+        with torch_threads(1):
+            told[cell] = kept_cell(path, partial(_said, cell, events, tested), partial(_sound, cell, tested), stamp)
         if progress is not None:
             progress(number / len(every))
     truth = events[HIGHEST].labels
@@ -271,21 +269,19 @@ def _said(cell: Cell, events: dict[str, Events], real: Events | None) -> dict[st
     asked = [highest.take(test), *([] if real is None else [real])]
     labels = _labels(cell, train, asked)
     return {
-        "test": test.tolist(), "simulated": labels[0].tolist(), "real": labels[1].tolist() if len(labels) > 1 else None,
+        "cell": cell.name, "test": test.tolist(), "simulated": labels[0].tolist(),
+        "real": labels[1].tolist() if len(labels) > 1 else None,
     }  # fmt: skip
 
 
 def _labels(cell: Cell, train: Events, asked: list[Events]) -> list[np.ndarray]:
     if cell.learner == TREES:
         return [extra_trees(train, each, cell.seed) for each in asked]
-    import torch
-
-    from t2d_rt.learn.fine_tuning import BATCH, PRETRAINING, fitted, labels_of, random_network
+    from t2d_rt.learn.fine_tuning import BATCH, PRETRAINING, labels_of, random_network, trained_on
 
     epochs = -(-TRAINING_STEPS // -(-len(train) // BATCH))
-    schedule = replace(PRETRAINING, epochs=epochs)
     net = random_network(len(train.classes), cell.seed)
-    fitted(net, torch.from_numpy(train.inputs), torch.from_numpy(train.labels), schedule, cell.seed, augment=True)
+    trained_on(net, train, replace(PRETRAINING, epochs=epochs), cell.seed)
     return [labels_of(net, each) for each in asked]
 
 
@@ -297,18 +293,9 @@ def _stamp(events: dict[str, Events], real: Events | None) -> str:
     return digest.hexdigest()[:16]
 
 
-def _read_cell(path: Path, cell: Cell, stamp: str, with_real: bool) -> dict[str, Any]:
-    told = read_cell(
-        path,
-        lambda told: (
-            told["cell"] == cell.name
-            and len(told["test"]) == len(told["simulated"])
-            and {"stamp", "real"} <= told.keys()
-        ),
-    )
-    if told["stamp"] != stamp or (told["real"] is not None) != with_real:
-        raise InputError(f"{path} is of other events; choose another folder")
-    return told
+def _sound(cell: Cell, real: Events | None, told: dict[str, Any]) -> bool:
+    same = told["cell"] == cell.name and (told["real"] is None) == (real is None)
+    return same and len(told["test"]) == len(told["simulated"])
 
 
 def _outcome(told: list[dict[str, Any]], count: int, real: Events | None) -> Outcome:

@@ -13,39 +13,43 @@ from collections.abc import Callable, Mapping
 from copy import deepcopy
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from t2d_rt.core.checks import integer
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.progress import ProgressBar
-from t2d_rt.learn.fine_tuning import EventNet, Events, Schedule, fine_tune, fitted, labels_of, pretrain, random_network
+from t2d_rt.learn.fine_tuning import (
+    EventNet,
+    Events,
+    Schedule,
+    fine_tune,
+    labels_of,
+    pretrain,
+    random_network,
+    trained_on,
+)
 from t2d_rt.learn.pytorch import torch_threads
 from t2d_rt.learn.scores import macro_f1
-from validation.studies.common import add_real_options, read_cell, real_and_twins, table, write_whole
-from validation.studies.transfer import TREES, at_most, bin_features, gain, grouped_folds, with_interval
+from validation.studies.common import add_real_options, kept_cell, real_and_twins, table, write_whole
+from validation.studies.transfer import at_most, extra_trees, gain, grouped_folds, with_interval
 
 FOLDS, INNER = 5, 3
 Told = Callable[[Events, Events, int, EventNet], np.ndarray]
 """Labels of test events (E,) by training ones, a seed, and a network that knows simulation."""
 
 
-def _trees(share: float | str, leaf: int, train: Events, test: Events, seed: int, _: EventNet) -> np.ndarray:
-    """Extra trees over levels of each bin; share: of the features that a branch is chosen from."""
-    from sklearn.ensemble import ExtraTreesClassifier
-
-    trees = ExtraTreesClassifier(TREES, max_features=share, min_samples_leaf=leaf, random_state=seed, n_jobs=1)
-    return np.asarray(trees.fit(bin_features(train), train.labels).predict(bin_features(test)), dtype=np.int64)
+def _trees(
+    share: float | Literal["sqrt"], leaf: int, train: Events, test: Events, seed: int, _: EventNet
+) -> np.ndarray:
+    return extra_trees(train, test, seed, share=share, leaf=leaf)
 
 
 def _tuned(schedule: Schedule, scratch: bool, train: Events, test: Events, seed: int, known: EventNet) -> np.ndarray:
     """All weights learn, from random ones or from those that know simulation."""
-    import torch
-
     net = random_network(len(train.classes), seed) if scratch else deepcopy(known)
-    inputs, labels = torch.from_numpy(train.inputs), torch.from_numpy(train.labels)
-    return labels_of(fitted(net, inputs, labels, schedule, seed, augment=True), test)
+    return labels_of(trained_on(net, train, schedule, seed), test)
 
 
 def _strategy(name: str, train: Events, test: Events, seed: int, known: EventNet) -> np.ndarray:
@@ -85,12 +89,12 @@ def told(ways: Mapping[str, Told], train: Events, test: Events, seed: int, known
     return ways[best](train, test, seed, known), best
 
 
-def repetition(method: str, real: Events, known: EventNet, seed: int, per_class: int | None) -> dict[str, Any]:
+def repetition(method: str, real: Events, twins: Events, seed: int, per_class: int | None) -> dict[str, Any]:
     """Labels that a method gives every event, each in the test of one fold, and what was chosen in the folds.
 
     per_class: at most so many training events of each class, the same for all methods; all by default.
     """
-    fold = grouped_folds(real.labels, FOLDS, seed)
+    fold, known = grouped_folds(real.labels, FOLDS, seed), pretrain(twins, seed=seed)
     found, chosen = np.zeros(len(real), dtype=np.int64), []
     for number in range(FOLDS):
         some = at_most(real.labels, np.flatnonzero(fold != number), per_class, 1000 * seed + number)
@@ -156,11 +160,8 @@ def run(options: Namespace) -> str:
     with ProgressBar("nested") as progress, torch_threads(1):
         for number, (seed, name) in enumerate(wanted, 1):
             path = folder / f"{name.replace(' ', '-')}_{seed}.json"
-            if not path.exists():
-                write_whole(
-                    path, json.dumps(repetition(name, real, pretrain(twins, seed=seed), seed, options.per_class))
-                )
-            cells.append(read_cell(path, lambda told: len(told["predicted"]) == len(real)))
+            compute = partial(repetition, name, real, twins, seed, options.per_class)
+            cells.append(kept_cell(path, compute, lambda told: len(told["predicted"]) == len(real)))
             progress(number / len(wanted))
     write_whole(folder / "report.md", report(real, cells, json.loads(about)))
     return f"wrote {folder / 'report.md'}"

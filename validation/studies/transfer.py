@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from t2d_rt.learn.maps import LabelledMaps
 from t2d_rt.learn.pytorch import torch_threads
 from t2d_rt.learn.scores import macro_f1
 from t2d_rt.radar.synthesize import Progress
-from validation.studies.common import add_real_options, read_cell, real_and_twins, table, write_whole
+from validation.studies.common import add_real_options, kept_cell, read_cell, real_and_twins, table, write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -92,11 +92,14 @@ def bin_features(events: Events) -> np.ndarray:
     return np.concatenate([above.mean(axis=3), above.max(axis=3)], axis=2).reshape(len(events), -1)
 
 
-def extra_trees(train: Events, test: Events, seed: int) -> np.ndarray:
-    """Labels of the test events, (E,), by trees that were grown on the others."""
+def extra_trees(
+    train: Events, test: Events, seed: int, *, share: float | Literal["sqrt"] = "sqrt", leaf: int = 1
+) -> np.ndarray:
+    """Labels of the test events, (E,), by trees that were grown on the others; share: of the features that a branch is chosen from;
+    leaf: least samples of one."""
     from sklearn.ensemble import ExtraTreesClassifier
 
-    trees = ExtraTreesClassifier(TREES, random_state=seed, n_jobs=1)
+    trees = ExtraTreesClassifier(TREES, max_features=share, min_samples_leaf=leaf, random_state=seed, n_jobs=1)
     return np.asarray(trees.fit(bin_features(train), train.labels).predict(bin_features(test)), dtype=np.int64)
 
 
@@ -204,13 +207,15 @@ class Study:
         every = list(cells(self.real.radars, self.options))
         for number, cell in enumerate(every, 1):
             path = self.folder / "cells" / f"{cell.name}.json"
-            if not path.exists():
-                with torch_threads(1):
-                    said = self.labels(cell).tolist()
-                found = {**asdict(cell), "truth": self.real.labels.tolist(), "predicted": said}
-                write_whole(path, json.dumps(found))
+            with torch_threads(1):
+                kept_cell(path, partial(self.found, cell), partial(_sound, path, len(self.real)))
             if progress is not None:
                 progress(number / len(every))
+
+    def found(self, cell: Cell) -> dict[str, Any]:
+        """What the file of a cell tells."""
+        told = {"truth": self.real.labels.tolist(), "predicted": self.labels(cell).tolist()}
+        return {**asdict(cell), **told}
 
     def labels(self, cell: Cell) -> np.ndarray:
         """The label that a cell gives each real event, (E,)."""
