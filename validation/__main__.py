@@ -16,7 +16,7 @@ SECTIONS = {
     "bounces": "physics", "multilevel": "methods",
     "accuracy": "methods", "accuracy_rooms": "methods", "limbs": "methods", "arrays": "physics",
     "rooms": "physics", "edges": "physics", "ghosts": "physics", "movers": "physics", "ellipsoid_model": "physics",
-    "human_rcs": "physics", "receiver": "physics", "background": "physics", "blockage": "physics", "stability": "methods",
+    "human_rcs": "physics", "background": "physics", "blockage": "physics", "stability": "methods",
     "results": "robustness", "memory": "robustness",
     "corruptions": "robustness", "fuzz": "robustness", "soak": "robustness",
     "nearest_centroid": "datasets", "limb_labels": "datasets", "lost_worker": "datasets", "hidden_labels": "datasets",
