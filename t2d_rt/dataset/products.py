@@ -11,9 +11,7 @@ import numpy as np
 from pydantic import (
     ConfigDict,
     Field,
-    SerializerFunctionWrapHandler,
     field_validator,
-    model_serializer,
     model_validator,
 )
 
@@ -25,7 +23,7 @@ from t2d_rt.recording.path_table import record_times
 from t2d_rt.recording.recording import Recording
 from t2d_rt.recording.truth import TRUTH_COLUMNS, person_rows
 from t2d_rt.signal.points import point_cloud
-from t2d_rt.types.fields import Count, Fields, Number
+from t2d_rt.types.fields import Count, Fields, Number, later
 
 FLOOR_DB = -200.0
 """Least level that is written, relative to the greatest one: a noise-free recording has cells of any smallness."""
@@ -127,17 +125,9 @@ class SpectrogramProduct(_Map):
 
     size: tuple[Size, Size] = (128, 128)
     """Cells of speed and of time; powers are averaged over what a cell covers."""
-    range_gate_m: RangeLimits | Literal["scene"] | None = None
+    range_gate_m: RangeLimits | Literal["scene"] | None = later(None)
     """Nearest and farthest range whose cells are added up [m]; "scene" is the depth of the room, or in free space the ranges that
     persons of the recipe reach; all ranges by default."""
-
-    @model_serializer(mode="wrap")
-    def _written(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Without a gate where there is none: so was the text of recipes before there were any, and with it their hash."""
-        found: dict[str, Any] = plain(self)
-        if self.range_gate_m is None:
-            del found["range_gate_m"]
-        return found
 
     @field_validator("range_gate_m", mode="before")
     @classmethod
@@ -273,16 +263,8 @@ class TruthProduct(_Product):
 
     rate_hz: Annotated[Number, Field(gt=0, le=1000)] = 25.0
     """Instants a second, from 0 on [Hz]."""
-    visible: bool = True
+    visible: bool = later(True)
     """Whether visible fractions are among it, which take most of the time."""
-
-    @model_serializer(mode="wrap")
-    def _written(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """As before there was a choice, where all of it is kept."""
-        found: dict[str, Any] = plain(self)
-        if self.visible:
-            del found["visible"]
-        return found
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -304,7 +286,7 @@ class Products(_Product):
 
     spectrogram: SpectrogramProduct | None = SpectrogramProduct()
     """Micro-Doppler spectrogram."""
-    parts: PartsProduct | None = None
+    parts: PartsProduct | None = later(None)
     """Power by limb, or by direct and reflected paths."""
     range_doppler: RangeDopplerProduct | None = None
     """Range-Doppler maps."""
@@ -332,14 +314,6 @@ class Products(_Product):
                     f"{list(self.parts.size)}; give its half or a quarter"
                 )
         return self
-
-    @model_serializer(mode="wrap")
-    def _written(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Without parts where there are none: recipes of before there were any keep their text, and with it their hash."""
-        found: dict[str, Any] = plain(self)
-        if self.parts is None:
-            del found["parts"]
-        return found
 
     @property
     def needs_samples(self) -> bool:

@@ -28,7 +28,7 @@ from t2d_rt.pipeline.path_pairs import Clutter
 from t2d_rt.propagation.scenes import SceneFile
 from t2d_rt.signal.range import RangeGate
 from t2d_rt.types import Accuracy, Radar, Receiver
-from t2d_rt.types.fields import Count, Decibel, Fields, Number
+from t2d_rt.types.fields import Count, Decibel, Fields, Number, later
 from t2d_rt.types.target import Method
 
 FOLDER = Path(__file__).resolve().parent / "recipes"
@@ -71,7 +71,6 @@ class Condition(Plain):
     """Under what a motion is recorded: scene, model, radar, what people wear and carry, and what moves beside the person."""
 
     noun: ClassVar[str] = "condition"
-    _later: ClassVar[tuple[str, ...]] = ("material", "carries")
     model_config = ConfigDict(use_attribute_docstrings=True)
 
     name: Name
@@ -84,9 +83,9 @@ class Condition(Plain):
     """Its fields or the name of a preset, in place of the recipe's radar."""
     beside: Beside = "none"
     """What moves beside the person: a "fan", a "curtain", a "pet" or a second "person", placed by chance, or "none"."""
-    material: BodyMaterial = None
+    material: BodyMaterial = later(None)
     """Material of people, or an outfit that they wear, as "dressed", as in an experiment; by default each one's own."""
-    carries: Things = ()
+    carries: Things = later(())
     """What the person carries, as in an experiment: [bag, {thing: cane, hand: left}]. Motions that cannot are made anew; classes
     that hardly ever can are refused."""
     reflections: Annotated[Count, Field(ge=0, le=4)] = 2

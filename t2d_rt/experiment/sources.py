@@ -15,9 +15,7 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
-    SerializerFunctionWrapHandler,
     field_validator,
-    model_serializer,
 )
 
 from t2d_rt.body.outfit import Outfit
@@ -36,7 +34,7 @@ from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, OwnMover, Pet, TableF
 from t2d_rt.scene.movers import KINDS, kind_names
 from t2d_rt.types import ByPart, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
 from t2d_rt.types.carried import Carried
-from t2d_rt.types.fields import Count, Fields, Number
+from t2d_rt.types.fields import Count, Fields, Number, later
 from t2d_rt.types.motion import Breathing, Heartbeat
 
 Substance = str | Material
@@ -47,14 +45,6 @@ class Plain(Fields):
     """Values that stand in YAML and JSON."""
 
     model_config = ConfigDict(ser_json_inf_nan="constants")
-    _later: ClassVar[tuple[str, ...]] = ()
-    """Fields of newer versions, which are not written where they are empty: the same text, and the same hash of an experiment, as
-    before there were any."""
-
-    @model_serializer(mode="wrap")
-    def _without_later(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        found: dict[str, Any] = plain(self)
-        return {name: value for name, value in found.items() if value or name not in self._later}
 
 
 def _things(value: Any) -> Any:
@@ -88,7 +78,7 @@ class _Placed(Plain):
     """Angle of the walk against the line to the radar [deg]."""
     aside_m: Fraction = 0.0
     """How far left of the line along the boresight the motion starts, as the radar sees it [m]."""
-    carries: Things = ()
+    carries: Things = later(())
     """What the person carries: a text as "bag" or "cane in the left hand", or a mapping as {thing: box, size_m: [0.2, 0.3, 0.2]} in
     an experiment. The command line has the option once for each."""
 
@@ -127,7 +117,6 @@ class _Placed(Plain):
 class MotionFile(_Placed):
     """A motion of a file."""
 
-    _later: ClassVar[tuple[str, ...]] = ("reading", "carries")
     if_missing: ClassVar[str] = "write file: walk.bvh, or person:walk.bvh on the command line"
 
     kind: Literal["file"] = "file"
@@ -135,7 +124,7 @@ class MotionFile(_Placed):
     """Path, in a YAML file relative to its folder; or the name of a bundled motion."""
     subject: str | None = None
     """Name of the person who is taken of a file that holds several; by default the first who is complete."""
-    reading: dict[str, Any] = Field(default_factory=dict)
+    reading: dict[str, Any] = later({})
     """Further options of `load_motion`, as {units: cm, up: z}; what is not given is detected."""
 
     @field_validator("reading")
@@ -163,8 +152,6 @@ WHOLE: Mapping[str, object] = {"start_s": 0.0, "stop_s": None, "radius_m": 0.0}
 class MotionText(_Placed):
     """A motion that is made from a sentence."""
 
-    _later: ClassVar[tuple[str, ...]] = ("person_seed", "stand_s", "radius_m", "carries")
-
     kind: Literal["text"] = "text"
     text: str
     """What a person does, as "a person walks slowly forward, slips and falls backward"."""
@@ -176,7 +163,7 @@ class MotionText(_Placed):
     """Body whose proportions are taken; by default one that suits the subject."""
     stature_m: Number | None = None
     """Stature of the person [m]; by default drawn for the subject."""
-    person_seed: Annotated[Count, Field(ge=0)] | None = None
+    person_seed: Annotated[Count, Field(ge=0)] | None = later(None)
     """Seed of the person alone, that is of proportions, handedness, posture, tempo and breathing; by default the other one."""
     duration_s: Number | None = None
     """Duration of the main action [s], where the sentence says nothing of it."""
@@ -186,9 +173,9 @@ class MotionText(_Placed):
     """Standard deviation of the logarithm of each step's own factor."""
     hold_s: Annotated[Number, Field(ge=0, le=LONGEST_S)] = 0.0
     """Time for which the last pose is held [s], before it is cut."""
-    stand_s: Annotated[Number, Field(ge=0, le=LONGEST_S)] = 0.0
+    stand_s: Annotated[Number, Field(ge=0, le=LONGEST_S)] = later(0.0)
     """Time for which the person stands when all that the text says is done [s]."""
-    radius_m: Fraction = 0.0
+    radius_m: Fraction = later(0.0)
     """Radius of the arc that the path of the piece is bent to [m], to the left where it is positive; 0 leaves it as it is."""
 
     def made(self) -> Motion:
@@ -251,7 +238,6 @@ def _piece(source: MotionText) -> Motion:
 class MotionArrays(Plain):
     """A motion whose joints are stored."""
 
-    _later: ClassVar[tuple[str, ...]] = ("activities", "breathing", "heartbeat", "carries")
     noun: ClassVar[str] = "motion"
 
     kind: Literal["motion"] = "motion"
@@ -265,13 +251,13 @@ class MotionArrays(Plain):
     """What the reader found in the file, and how the motion was placed."""
     origin: tuple[str, ...] = ()
     """The file's name and the SHA-256 of its content, then each edit since."""
-    activities: tuple[tuple[str, Number], ...] = ()
+    activities: tuple[tuple[str, Number], ...] = later(())
     """What the person does, and from when on [s]."""
-    breathing: Breathing | None = None
+    breathing: Breathing | None = later(None)
     """How the person breathes."""
-    heartbeat: Heartbeat | None = None
+    heartbeat: Heartbeat | None = later(None)
     """How the person's heart beats."""
-    carries: tuple[Carried, ...] = ()
+    carries: tuple[Carried, ...] = later(())
     """What the person carries."""
 
 
@@ -370,7 +356,6 @@ class StoredScene(Plain):
 class SceneFile(Plain):
     """A scene of a file with substitutes for its materials."""
 
-    _later: ClassVar[tuple[str, ...]] = ("units", "up")
     noun: ClassVar[str] = "scene"
 
     file: str
@@ -378,9 +363,9 @@ class SceneFile(Plain):
     materials: dict[str, Substance] = Field(default_factory=dict)
     """Substitutes by the names of what they stand for, as {brick: concrete}; of a mesh, materials of its objects, as
     {door: wood 0.04}."""
-    units: Number | str | None = None
+    units: Number | str | None = later(None)
     """Unit of a mesh, in metres or by name."""
-    up: str | None = None
+    up: str | None = later(None)
     """Upward axis of a mesh, y or z."""
 
 

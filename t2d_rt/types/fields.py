@@ -38,6 +38,11 @@ Vectors = Annotated[tuple[Vector, ...], BeforeValidator(_triples), Field(min_len
 Count = Annotated[int, BeforeValidator(_not_bool)]
 
 
+def later(default: Any) -> Any:
+    """Default of a field that earlier versions did not have. It is not written, so that texts and hashes are as they were."""
+    return Field(default, exclude_if=lambda value: value == default)
+
+
 @public
 class Fields(BaseModel):
     """A frozen model of named fields; what is wrong with them comes as an InputError of one sentence."""

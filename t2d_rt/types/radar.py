@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import BeforeValidator, ConfigDict, Field, model_serializer, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from t2d_rt.core.atomic_write import replacing
 from t2d_rt.core.checks import array, file_path, integer, number, positive, shown, unknown_name
@@ -25,7 +25,7 @@ from t2d_rt.core.files import read_yaml
 from t2d_rt.core.plugins import loaded, plugins
 from t2d_rt.types.antennas import Isotropic, Pattern, axes_along, one_view, polarization_product
 from t2d_rt.types.bandwidth import BANDWIDTHS, with_changes, with_slope
-from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
+from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors, later
 from t2d_rt.types.radar_track import RadarTrack, Rigid, track_named, with_track_beside
 from t2d_rt.types.ti_cfg import FULL_DBM, board_of, radar_fields, ti_lines
 
@@ -129,7 +129,7 @@ class Radar(Fields):
     """Position of the radar in the world, x, y and z (up) [m]."""
     boresight: Vector = (1.0, 0.0, 0.0)
     """Direction in the world in which the antennas point, x, y and z (up); a vector of any length."""
-    track: Annotated[RadarTrack | None, BeforeValidator(track_named)] = None
+    track: Annotated[RadarTrack | None, BeforeValidator(track_named)] = later(None)
     """Poses of a radar that moves: a `RadarTrack` or its file (.csv of t,x,y,z,yaw,pitch,roll, .npz, .yaml); left out, it stands
     still. `position_m` and `boresight` are then those where the track begins."""
     tx_offsets_m: Vectors = ((0.0, 0.0, 0.0),)
@@ -162,11 +162,6 @@ class Radar(Fields):
         track = track_named(values["track"])
         track = track if isinstance(track, RadarTrack) else RadarTrack.model_validate(track)
         return {**values, "track": track, **track.begins(values.get("position_m"), values.get("boresight"))}
-
-    @model_serializer(mode="wrap")
-    def _without_no_track(self, written: Any) -> Any:
-        """The fields; without a track of a radar that stands still, as versions had none."""
-        return {name: value for name, value in written(self).items() if name != "track" or value is not None}
 
     @model_validator(mode="before")
     @classmethod

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import ConfigDict, Discriminator, Field, field_validator, model_serializer, model_validator
+from pydantic import ConfigDict, Discriminator, Field, field_validator, model_validator
 
 from t2d_rt.core.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_yaml
-from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector
+from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, later
 from t2d_rt.types.radar import Radar
 
 Offset = Annotated[Number, Field(gt=0, le=1e11)]
@@ -143,15 +143,10 @@ class Interferer(_Part):
     """Start of one of its chirps to the start of the next [s]."""
     eirp_dbm: Decibel = 21.0
     """Transmitted power times antenna gain [dBm]."""
-    first_s: Annotated[Number, Field(ge=-1e3, le=1e3)] | None = None
+    first_s: Annotated[Number, Field(ge=-1e3, le=1e3)] | None = later(None)
     """When its first chirp arrives, on the clock of the radar that hears it [s].
 
     By default it chirps all the time, and when one of its chirps begins is drawn."""
-
-    @model_serializer(mode="wrap")
-    def _without_no_start(self, written: Any) -> Any:
-        """The fields; without a start that is drawn, as versions had none."""
-        return {name: value for name, value in written(self).items() if name != "first_s" or value is not None}
 
     @model_validator(mode="after")
     def _check_interval(self) -> Self:

@@ -111,6 +111,15 @@ def test_experiments_and_accuracies_go_to_yaml_and_json_and_back() -> None:
     assert experiment.hash != experiment.model_copy(update={"seed": 1}).hash
 
 
+@pytest.mark.parametrize("changes", [{}, {"person_seed": 0}, {"person_seed": 3, "stand_s": 1.0, "carries": "bag"}])
+def test_fields_of_newer_versions_are_written_where_they_differ_from_their_defaults(changes: dict[str, object]) -> None:
+    target = {"kind": "text", "text": "a person walks", "seed": 4, **changes}
+    made = t2d.Experiment(targets=[target], radar="table2")
+    written = made.model_dump(mode="json")["targets"][0]
+    assert {"person_seed", "stand_s", "radius_m", "carries"} & written.keys() == changes.keys()
+    assert t2d.Experiment.model_validate_json(made.model_dump_json()) == made
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [
