@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from t2d_rt.core.errors import T2DWarning
-from validation.bench import experiments, peers, sections
+from validation.bench import peers, sections
 from validation.bench.charts import stage_chart, sweep_chart
 from validation.bench.datasets import datasets
 from validation.bench.measure import Case, apart, measure
@@ -46,7 +46,7 @@ def main(*, quick: bool) -> int:
         swept.append((sweep, found))
         add(name, section)
     if not quick:
-        section, _ = experiments.experiments(run)
+        section, _ = sections.experiments(run)
         add("experiments", section)
         add("short", peers.short_records())
         add("peers", peers.peers())

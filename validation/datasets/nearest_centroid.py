@@ -12,9 +12,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from t2d_rt.dataset import Dataset, dataset_sheet, folds
+from t2d_rt.dataset.products import axis
 from t2d_rt.learn.baselines import SHRINKAGE, Centroids
+from t2d_rt.learn.features import features
 from validation.datasets import of_a_set_made
-from validation.datasets.features import features
 from validation.report import Check, Section, save_chart
 
 RECIPE = "small-hard"
@@ -22,6 +23,14 @@ LIMIT = 0.6
 BY_CHANCE = 0.2
 """Of 8 classes 1/8 are right by chance, in 320 samples with a standard deviation of 0.02."""
 FOLDS, REPEATS = 10, 5
+
+
+def features_of(dataset: Dataset, position: int) -> dict[str, float]:
+    """Features of a sample's spectrogram by name, at the size that the data set keeps."""
+    levels = dataset.values(position, "spectrogram")
+    told = dataset.records[position]["products"]["spectrogram"]
+    first, last = told["time_s"]
+    return features(levels, axis(told["velocity_mps"], levels.shape[0]), last - first)
 
 
 def confusion(dataset: Dataset, values: np.ndarray, labels: np.ndarray, *, shrinkage: float) -> np.ndarray:
@@ -41,7 +50,7 @@ def _sides(dataset: Dataset) -> Iterator[tuple[np.ndarray, np.ndarray]]:
 
 def evaluated(dataset: Dataset) -> Section:
     """The section for a data set."""
-    told = [features(dataset, place) for place in range(len(dataset))]
+    told = [features_of(dataset, place) for place in range(len(dataset))]
     values = np.array([[*each.values()] for each in told])
     labels = dataset.labels
     found = confusion(dataset, values, labels, shrinkage=SHRINKAGE)
