@@ -17,7 +17,6 @@ from t2d_rt.motion.match.mapping import (
     DECISIVE,
     NAMES,
     Person,
-    Signs,
     Source,
     canonical_sources,
     find_person,
@@ -27,12 +26,9 @@ from t2d_rt.motion.match.mapping import (
 from t2d_rt.motion.match.skeleton_tree import Limb, Tree
 from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS
 
-__all__ = ["DECISIVE", "MOST_FRAMES", "Match", "match", "signs"]
+__all__ = ["DECISIVE", "Match", "match", "signs"]
 
 Sureness = Literal["sure", "fairly sure", "unsure"]
-
-MOST_FRAMES = 64
-"""Frames that are looked at."""
 
 MARGINS = 0.7, 2.0
 """Differences of scores to the next reading of the skeleton, below which one is unsure and above which one is sure."""
@@ -40,11 +36,10 @@ MARGINS = 0.7, 2.0
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """What was matched to what, and how sure."""
+    """What was matched to what."""
 
     joints: dict[str, str | tuple[str, str, float]]
     """Canonical joint -> joint of the file, or a point between two, as a `Flavour` has them."""
-    sure: Sureness
     told: str
     """For the report."""
     doubts: tuple[str, ...]
@@ -60,28 +55,30 @@ def match(
     positions: (T, N, 3), in any unit, with any axis upward, right-handed.
     rest: (N, 3), the pose in which all rotations are zero, where there is one.
     """
-    frames = np.unique(np.linspace(0, len(positions) - 1, min(len(positions), MOST_FRAMES)).round().astype(int))
-    tree = Tree(names, parents, np.asarray(positions[frames], float))
+    tree = Tree(names, parents, np.asarray(positions, float))
     person, margin = find_person(tree, rest)
     legs, arms = person.legs.limbs, _alike(tree, person)
-    body, named = _votes(tree, person, legs, arms)
-    total = body.body if abs(body.body) >= DECISIVE else body.body + NAMES * named
+    votes, named = _votes(tree, person, legs, arms)
+    body = sum(votes.values())
+    total = body if abs(body) >= DECISIVE else body + NAMES * named
     if total < 0:
-        legs, arms, body, named = legs[::-1], arms[::-1], body.swapped(), -named
+        legs, arms, body, named = legs[::-1], arms[::-1], -body, -named
+        votes = {name: -vote for name, vote in votes.items()}
     sources = canonical_sources(tree, person, (legs, arms))
     made_up = [name for name in CANONICAL_JOINTS if name not in sources] + ["head"] * isinstance(sources["head"], tuple)
     agree = _agreement(tree, sources)
     sure = _sureness(margin, abs(total), agree, body, headless=isinstance(sources["head"], tuple))
     joints = {name: _by_name(names, sources[name]) for name in (*CANONICAL_JOINTS, *OPTIONAL_JOINTS) if name in sources}
     by = "names and form" if agree >= 0.5 else "form" if agree < 0.1 else "form, few by names"
-    signs_told = body.told() + (" and names" if named > 0.5 else "")
+    signs_told = ", ".join(name for name, vote in votes.items() if vote * body > 0.15) or "nothing in the pose"
+    signs_told += " and names" if named > 0.5 else ""
     told = [
         f"joints matched by {by} ({sure}; {round(agree * 100)} % are named as expected; sides from {signs_told}): "
         + ", ".join(f"{name} {_shown(source)}" for name, source in joints.items())
     ]
     if made_up:
         told.append(f"made up: {', '.join(made_up)}")
-    return Match(joints, sure, "; ".join(told), tuple(_doubts(sure, named)))
+    return Match(joints, "; ".join(told), tuple(_doubts(sure, named)))
 
 
 def _alike(tree: Tree, person: Person) -> tuple[Limb, Limb]:
@@ -92,7 +89,9 @@ def _alike(tree: Tree, person: Person) -> tuple[Limb, Limb]:
     return (first, second) if float(np.median(across.sum(axis=-1))) >= 0 else (second, first)
 
 
-def _votes(tree: Tree, person: Person, legs: tuple[Limb, Limb], arms: tuple[Limb, Limb]) -> tuple[Signs, float]:
+def _votes(
+    tree: Tree, person: Person, legs: tuple[Limb, Limb], arms: tuple[Limb, Limb]
+) -> tuple[dict[str, float], float]:
     """Votes of body and names (-1 to 1) for the first limbs being the left ones."""
     sources = canonical_sources(tree, person, (legs, arms))
     points = {name: tree.positions[:, source] for name, source in sources.items() if isinstance(source, int)}
@@ -113,11 +112,11 @@ def _agreement(tree: Tree, sources: dict[str, Source]) -> float:
     return float(np.mean(fits))
 
 
-def _sureness(margin: float, sided: float, agree: float, body: Signs, *, headless: bool) -> Sureness:
+def _sureness(margin: float, sided: float, agree: float, body: float, *, headless: bool) -> Sureness:
     if margin < MARGINS[0] or sided < 0.5 or headless:
         return "unsure"
     named = agree >= 0.8 and sided >= NAMES
-    return "sure" if named or (margin >= MARGINS[1] and body.body >= DECISIVE) else "fairly sure"
+    return "sure" if named or (margin >= MARGINS[1] and body >= DECISIVE) else "fairly sure"
 
 
 def _doubts(sure: Sureness, named: float) -> list[str]:

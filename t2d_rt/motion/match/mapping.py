@@ -195,32 +195,9 @@ NAMES = 1.2
 """Weight of the votes of names."""
 
 
-@dataclass(frozen=True, slots=True)
-class Signs:
-    """Votes, positive where what is called left lies on the left."""
-
-    feet: float
-    knees: float
-    elbows: float
-    walk: float
-
-    @property
-    def body(self) -> float:
-        """Sum of all votes about the body."""
-        return self.feet + self.knees + self.elbows + self.walk
-
-    def swapped(self) -> Signs:
-        """The votes if left is called right."""
-        return Signs(-self.feet, -self.knees, -self.elbows, -self.walk)
-
-    def told(self) -> str:
-        """The signs that say something, in words."""
-        votes = (("feet", self.feet), ("knees", self.knees), ("elbows", self.elbows), ("walk", self.walk))
-        return ", ".join(name for name, vote in votes if vote * self.body > 0.15) or "nothing in the pose"
-
-
-def signs(points: dict[str, np.ndarray]) -> Signs:
-    """Votes of the body for the sides that canonical points (T, 3) are named by; in any unit and axes, handed as BVH is."""
+def signs(points: dict[str, np.ndarray]) -> dict[str, float]:
+    """Votes of the body for the sides that canonical points (T, 3) are named by, positive where what is called left lies on the
+    left; in any unit and axes, handed as BVH is."""
     pairs = {
         joint: (points[f"left_{joint}"], points[f"right_{joint}"]) for joint in ("hip", "knee", "ankle", "shoulder")
     }
@@ -236,12 +213,12 @@ def signs(points: dict[str, np.ndarray]) -> Signs:
     moved = hips[1:] - hips[:-1]
     # Feet point and knees bend forward in nearly every frame; elbows bend backward, but not of arms that are held out;
     # people walk forward as a rule.
-    return Signs(
-        feet=1.5 * _vote(feet, forward, 0.05 * leg),
-        knees=1.5 * _vote(knees, forward, 0.02 * leg),
-        elbows=-0.5 * _vote(elbows, forward, 0.02 * leg),
-        walk=0.6 * _vote([moved], forward[1:], 0.02 * leg),
-    )
+    return {
+        "feet": 1.5 * _vote(feet, forward, 0.05 * leg),
+        "knees": 1.5 * _vote(knees, forward, 0.02 * leg),
+        "elbows": -0.5 * _vote(elbows, forward, 0.02 * leg),
+        "walk": 0.6 * _vote([moved], forward[1:], 0.02 * leg),
+    }
 
 
 def _bends(points: dict[str, np.ndarray], joints: tuple[str, str, str]) -> list[np.ndarray]:

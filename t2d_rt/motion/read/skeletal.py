@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from t2d_rt.core.errors import warn
-from t2d_rt.motion.match import DECISIVE, MOST_FRAMES, Match, match, signs
+from t2d_rt.motion.match import DECISIVE, Match, match, signs
 from t2d_rt.motion.read.bvh import RawSkeleton, forward_kinematics, read_bvh
 from t2d_rt.motion.read.detect import unit, up_axis
 from t2d_rt.motion.read.gltf import read_gltf
@@ -156,12 +156,16 @@ def _mapped(raw: RawSkeleton, wanted: str | None) -> tuple[RawSkeleton, Flavour,
     known = detect_flavour(plain, raw.parents)
     if known is not None:
         return raw, known, None
-    frames = np.unique(np.linspace(0, len(raw.values) - 1, min(len(raw.values), MOST_FRAMES)).round().astype(int))
-    some = forward_kinematics(replace(raw, values=raw.values[frames]))[0]
+    some = forward_kinematics(replace(raw, values=raw.values[_spread(len(raw.values))]))[0]
     matched = match(plain, raw.parents, some, forward_kinematics(_at_rest(raw))[0][0])
     for doubt in matched.doubts:
         warn(doubt)
     return raw, Flavour(name="matched", joints=matched.joints), matched
+
+
+def _spread(count: int) -> np.ndarray:
+    """At most 64 of the frames, spread over all."""
+    return np.unique(np.linspace(0, count - 1, 64).round().astype(int))
 
 
 def _at_rest(raw: RawSkeleton) -> RawSkeleton:
@@ -188,8 +192,8 @@ def _canonical(
 
 def _check_sides(points: dict[str, np.ndarray], kind: Flavour) -> None:
     """Names decide where a flavour is known; a person whose left is on the right is said."""
-    frames = np.unique(np.linspace(0, len(points["pelvis"]) - 1, MOST_FRAMES).round().astype(int))
-    if signs({name: track[frames] for name, track in points.items()}).body < -DECISIVE:
+    frames = _spread(len(points["pelvis"]))
+    if sum(signs({name: track[frames] for name, track in points.items()}).values()) < -DECISIVE:
         warn(
             f"the joints that flavour {kind.name!r:.60} calls left lie on the person's right by feet and knees, so the "
             "file seems to be mirrored; mirror it back"

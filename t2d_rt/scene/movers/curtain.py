@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
@@ -81,14 +82,15 @@ class Curtain(Fields):
         rng = np.random.default_rng(self.seed)
         phase, direction = rng.uniform(0, 2 * math.pi, MODES), rng.choice([-1, 1], MODES)
         wave = direction * 2 * math.pi * aside[:, None] / self.wavelength_m + phase
-        rotation = about_z(math.radians(self.heading_deg))
         half = np.array([THICKNESS_M / 2, 0, 0])
         front, faces = sheet(rest + half, rest - half)
-
-        def track(times_s: np.ndarray) -> np.ndarray:
-            swing = np.einsum("rm,kcm->krc", mode_shapes, np.sin(frequency * times_s[:, None, None] - wave))
-            moved = np.repeat(front[None], len(times_s), axis=0)
-            moved[..., 0] += np.concatenate([swing, swing[..., ::-1]], axis=2).reshape(len(times_s), -1)
-            return moved @ rotation.T + self.position_m
-
+        track = partial(self._swung, front, mode_shapes, frequency, wave)
         return moving(self, track, faces, (start_s, stop_s), sagitta_rad=SAGITTA_RAD, name=self.noun)
+
+    def _swung(
+        self, rest: np.ndarray, mode_shapes: np.ndarray, frequency: np.ndarray, wave: np.ndarray, times_s: np.ndarray
+    ) -> np.ndarray:
+        swing = np.einsum("rm,kcm->krc", mode_shapes, np.sin(frequency * times_s[:, None, None] - wave))
+        moved = np.repeat(rest[None], len(times_s), axis=0)
+        moved[..., 0] += np.concatenate([swing, swing[..., ::-1]], axis=2).reshape(len(times_s), -1)
+        return moved @ about_z(math.radians(self.heading_deg)).T + self.position_m

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
@@ -69,8 +70,8 @@ class Door(Fields):
         half = np.array([0, self.thickness_m / 2, 0])
         leaf, faces = sheet(middle - half, middle + half)
 
-        def track(times_s: np.ndarray) -> np.ndarray:
-            angle = np.radians(self.heading_deg + self.angle_deg * self.opening(times_s))
-            return np.einsum("kij,vj->kvi", about_z(angle), leaf) + self.position_m
+        return moving(self, partial(self._turned, leaf), faces, (start_s, stop_s), name=self.noun)
 
-        return moving(self, track, faces, (start_s, stop_s), name=self.noun)
+    def _turned(self, leaf: np.ndarray, times_s: np.ndarray) -> np.ndarray:
+        angle = np.radians(self.heading_deg + self.angle_deg * self.opening(times_s))
+        return np.einsum("kij,vj->kvi", about_z(angle), leaf) + self.position_m

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
@@ -77,15 +78,13 @@ class TableFan(Fields):
     def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
         """The blades and the hub between two times."""
         rotor, faces = _rotor(self.blades, self.radius_m, CHORD * self.radius_m, 0.003, self.pitch_deg)
+        return moving(self, partial(self._rotated, rotor), faces, (start_s, stop_s), name=self.noun)
+
+    def _rotated(self, rotor: np.ndarray, times_s: np.ndarray) -> np.ndarray:
         # From the rotor's own axis x: it spins, is tilted up, and swings about the vertical.
-        tilt = about_y(-math.radians(self.elevation_deg))
-
-        def track(times_s: np.ndarray) -> np.ndarray:
-            swing = self.swing_deg / 2 * np.sin(2 * math.pi * times_s / self.swing_period_s)
-            head = about_z(np.radians(self.heading_deg + swing)) @ tilt
-            return _rotated(rotor, head @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
-
-        return moving(self, track, faces, (start_s, stop_s), name=self.noun)
+        swing = self.swing_deg / 2 * np.sin(2 * math.pi * times_s / self.swing_period_s)
+        head = about_z(np.radians(self.heading_deg + swing)) @ about_y(-math.radians(self.elevation_deg))
+        return _spun(rotor, head, self.rpm, times_s) + self.position_m
 
 
 class CeilingFan(Fields):
@@ -122,12 +121,10 @@ class CeilingFan(Fields):
     def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
         """The blades and the hub between two times."""
         rotor, faces = _rotor(self.blades, self.radius_m, self.chord_m, 0.006, self.pitch_deg)
-        down = about_y(math.pi / 2)
+        return moving(self, partial(self._rotated, rotor), faces, (start_s, stop_s), name=self.noun)
 
-        def track(times_s: np.ndarray) -> np.ndarray:
-            return _rotated(rotor, down @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
-
-        return moving(self, track, faces, (start_s, stop_s), name=self.noun)
+    def _rotated(self, rotor: np.ndarray, times_s: np.ndarray) -> np.ndarray:
+        return _spun(rotor, about_y(math.pi / 2), self.rpm, times_s) + self.position_m
 
 
 def _period_s(rpm: float) -> float | None:
@@ -143,8 +140,8 @@ def _check_rotor(fan: TableFan | CeilingFan, chord_m: float) -> None:
     check_speed(speed_mps, f"{fan.noun}'s tips", "lower rpm or radius_m")
 
 
-def _rotated(rotor: np.ndarray, rotation: np.ndarray, position_m: Vector) -> np.ndarray:
-    return np.einsum("kij,vj->kvi", rotation, rotor) + position_m
+def _spun(rotor: np.ndarray, head: np.ndarray, rpm: float, times_s: np.ndarray) -> np.ndarray:
+    return np.einsum("kij,vj->kvi", head @ about_x(2 * math.pi * rpm / 60 * times_s), rotor)
 
 
 def _rotor(

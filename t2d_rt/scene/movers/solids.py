@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -60,7 +59,7 @@ def moving(
     substance = MATERIALS.get(material, material) if isinstance(material, str) else material
     start_s, stop_s = float(start_s), float(stop_s)
     return MovingMesh.from_track(
-        MoverTrack(mover, start_s, stop_s, track),
+        track,
         faces,
         np.array([start_s, stop_s]),
         material=substance,
@@ -69,31 +68,6 @@ def moving(
         made=Made("mover", {"mover": mover, "start_s": start_s, "stop_s": stop_s}),
         period_s=getattr(mover, "rotation_period_s", None),
     )
-
-
-@dataclass(frozen=True, slots=True)
-class MoverTrack:
-    """Vertices of a mover's mesh as a function of time, pickled as the mover that makes them.
-
-    The function itself is a closure, which cannot be pickled; the mover's fields are all that it follows from.
-    """
-
-    mover: Any
-    start_s: float
-    stop_s: float
-    vertices_at: Track
-
-    def __call__(self, times_s: np.ndarray) -> np.ndarray:
-        """Vertices (K, V, 3) [m] at times [s] (K,)."""
-        return self.vertices_at(times_s)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _track_of, (self.mover, self.start_s, self.stop_s)
-
-
-def _track_of(mover: Any, start_s: float, stop_s: float) -> Track:
-    """The track of a mover's mesh, made again."""
-    return cast(Track, mover.mesh(start_s, stop_s).track)
 
 
 def skin_faces(rings: int, per_ring: int) -> np.ndarray:
