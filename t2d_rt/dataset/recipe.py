@@ -333,11 +333,7 @@ class Recipe(Fields):
                 raise unknown_name("recipe", str(source), known, hint=", or give a YAML file")
             path = FOLDER / f"{wanted}.yaml"
         values = read_yaml(path, noun="recipe", example="classes, conditions and a radar")
-        try:
-            found = cls.model_validate({"name": path.stem.lower(), **values})
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
-        return found._beside(path.parent)
+        return cls.of_file(path, {"name": path.stem.lower(), **values})._beside(path.parent)
 
     def _beside(self, folder: Path) -> Recipe:
         """With whole paths of scenes and models that are files, which are found from the folder of the recipe."""

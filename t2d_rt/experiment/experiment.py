@@ -216,10 +216,7 @@ class Experiment(Plain):
         values = {**values, **{name: beside(value, folder, SETTINGS) for name, value in named.items()}}
         if isinstance(values.get("radar"), Mapping):
             values = {**values, "radar": with_track_beside(values["radar"], path)}
-        try:
-            found = cls.model_validate(values)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
+        found = cls.of_file(path, values)
         targets = tuple(found_beside(each, folder) for each in found.targets)
         scene = beside(found.scene, folder, FILES)
         if isinstance(scene, SceneFile):

@@ -200,15 +200,15 @@ def midpoints(
     smooth = _first_half_edges(mesh)[chosen & ~mesh.sharp]
     special = (mesh.valence != 6) & (mesh.sharp_valence == 0)
     ends = np.concatenate([smooth, mesh.twin[smooth]])
-    ring = _ring_stencils(mesh, ends[special[mesh.faces.ravel()[ends]]])
-    ringed = np.bincount(mesh.face_edges.ravel()[ring.start], minlength=len(mesh.edges))
+    start, (ring, ring_columns, ring_weights) = _ring_stencils(mesh, ends[special[mesh.faces.ravel()[ends]]])
+    ringed = np.bincount(mesh.face_edges.ravel()[start], minlength=len(mesh.edges))
     rows, columns, weights = _eight_point_stencils(mesh, smooth)
     parts = [
         _curve_stencils(mesh, corners, np.flatnonzero(chosen & mesh.sharp)),
         # beside a special vertex its ring decides; the eight points stay with weight 0, for the correction to use
         (rows, columns, np.where(ringed[rows] == 0, weights, 0.0)),
         # an edge between two special vertices takes the mean of their stencils
-        (ring.rows, ring.columns, ring.weights / ringed[ring.rows]),
+        (ring, ring_columns, ring_weights / ringed[ring]),
     ]
     rows, columns, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
     matrix = sparse.csr_matrix((weights, (rows, columns)), shape=(len(mesh.edges), mesh.vertex_count))
@@ -350,18 +350,9 @@ def _eight_point_stencils(mesh: Topology, half: np.ndarray) -> Entries:
     return np.concatenate([rows4, rows4[open_], np.tile(rows4[~open_], 3)]), columns, weights
 
 
-@dataclass(frozen=True, slots=True)
-class _Rings:
-    """Entries of the matrix of midpoints, and the half-edges (R,) that they are for."""
-
-    start: np.ndarray
-    rows: np.ndarray
-    columns: np.ndarray
-    weights: np.ndarray
-
-
-def _ring_stencils(mesh: Topology, start: np.ndarray) -> _Rings:
-    """Stencils of half-edges from a smooth vertex of valence K != 6: 3/4 there, s_j on its ring (Zorin et al. 1996)."""
+def _ring_stencils(mesh: Topology, start: np.ndarray) -> tuple[np.ndarray, Entries]:
+    """Stencils of half-edges from a smooth vertex of valence K != 6: 3/4 there, s_j on its ring (Zorin et al. 1996); and of which of
+    the half-edges, (R,)."""
     tail = mesh.faces.ravel()
     valence = mesh.valence[tail[start]]
     half, whole = start.copy(), np.ones(len(start), bool)
@@ -377,7 +368,7 @@ def _ring_stencils(mesh: Topology, start: np.ndarray) -> _Rings:
     picked = np.concatenate(picks)
     keep = whole[picked]
     rows = mesh.face_edges.ravel()[start[picked]]
-    return _Rings(start[whole], rows[keep], np.concatenate(columns)[keep], np.concatenate(weights)[keep])
+    return start[whole], (rows[keep], np.concatenate(columns)[keep], np.concatenate(weights)[keep])
 
 
 def _ring_weights(valence: np.ndarray, j: int) -> np.ndarray:

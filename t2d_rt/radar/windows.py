@@ -155,15 +155,15 @@ def _window(
             if each is not None:
                 each[:, part < 0] = 0
     lit = amplitude != 0
-    frames = _Frames(slice(max(0, start - 1) - low, min(total, stop + 2) - low), start == 0, stop == total - 1)
-    delay, delay_slope = frames.with_slopes(_taken(held, 0, live, low, high))
-    sample, apparent = held[0][1], None
-    if sample.departure_m is not None:
-        departure = frames.apparent(_taken(held, 3, live, low, high))
-        apparent = (
-            departure,
-            departure if sample.arrival_m is None else frames.apparent(_taken(held, 4, live, low, high)),
-        )
+    frames = slice(max(0, start - 1) - low, min(total, stop + 2) - low), start == 0, stop == total - 1
+    delay, delay_slope = _with_slopes(_taken(held, 0, live, low, high), *frames)
+    places = []
+    sample = held[0][1]
+    for field in (3, 4) if sample.departure_m is not None else ():
+        if sample[field] is not None:
+            points = _taken(held, field, live, low, high)
+            values, steps = zip(*(_with_slopes(points[..., axis], *frames) for axis in range(3)), strict=True)
+            places.append(ApparentPositions(np.stack(values), np.stack(steps)))
     return Window(
         start=start,
         stop=stop,
@@ -173,35 +173,21 @@ def _window(
         amplitude=amplitude,
         sweep=sweep,
         lit=np.nonzero(lit[:-3] | lit[1:-2] | lit[2:-1] | lit[3:]),  # type: ignore[arg-type]
-        apparent=apparent,
+        apparent=(places[0], places[-1]) if places else None,
         part=part,
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Frames:
-    """The frames of a window among those that are read for it."""
-
-    keep: slice
-    begins: bool
-    """Whether the record begins with the window, and whether it ends with it."""
-    ends: bool
-
-    def with_slopes(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values at the window's frames and their slopes there, one frame more beyond an end of the record, on a straight line."""
-        matrix = spline_slopes(len(values))[self.keep].astype(values.dtype)
-        slope = np.matmul(matrix, values, out=reused_empty((len(matrix), values.shape[1]), values.dtype))
-        values = values[self.keep]
-        if self.begins:
-            values, slope = np.concatenate([values[:1] - slope[:1], values]), np.concatenate([slope[:1], slope])
-        if self.ends:
-            values, slope = np.concatenate([values, values[-1:] + slope[-1:]]), np.concatenate([slope, slope[-1:]])
-        return values, slope
-
-    def apparent(self, points: np.ndarray) -> ApparentPositions:
-        """The same of points (T, N, 3)."""
-        values, steps = zip(*(self.with_slopes(points[..., axis]) for axis in range(3)), strict=True)
-        return ApparentPositions(np.stack(values), np.stack(steps))
+def _with_slopes(values: np.ndarray, keep: slice, begins: bool, ends: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Values at the frames `keep` and their slopes there, one frame more, on a straight line, where the record begins or ends."""
+    matrix = spline_slopes(len(values))[keep].astype(values.dtype)
+    slope = np.matmul(matrix, values, out=reused_empty((len(matrix), values.shape[1]), values.dtype))
+    values = values[keep]
+    if begins:
+        values, slope = np.concatenate([values[:1] - slope[:1], values]), np.concatenate([slope[:1], slope])
+    if ends:
+        values, slope = np.concatenate([values, values[-1:] + slope[-1:]]), np.concatenate([slope, slope[-1:]])
+    return values, slope
 
 
 def _taken(

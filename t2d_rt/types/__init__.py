@@ -45,22 +45,6 @@ __all__ = [
     "stream",
 ]
 
-for _each in (
-    Accuracy,
-    Breathing,
-    Carried,
-    EchoStream,
-    Echoes,
-    Ellipsoids,
-    Heartbeat,
-    Material,
-    Motion,
-    MovingMesh,
-    PathTier,
-    Radar,
-    RadarTrack,
-    Receiver,
-    Scene,
-):
-    public(_each)
-public(Surface)
+for _each in __all__:
+    if isinstance(globals()[_each], type):
+        public(globals()[_each])

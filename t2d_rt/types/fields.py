@@ -6,6 +6,7 @@ import difflib
 import json
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -71,6 +72,14 @@ class Fields(BaseModel):
             if not isinstance(error.__context__, ValidationError):
                 raise
             raise InputError(_sentence(error.__context__, cls, options=True)) from None
+
+    @classmethod
+    def of_file(cls, path: str | Path, values: Mapping[str, Any]) -> Self:
+        """A model of what a file holds; an InputError names the file."""
+        try:
+            return cls.model_validate(values)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
 
     @classmethod
     def model_validate(cls, obj: Any, **options: Any) -> Self:

@@ -67,6 +67,14 @@ def _check_no_folder(target: Path) -> None:
         raise InputError(f"cannot write {target}: it is a folder; choose the name of a file")
 
 
+def _write(path: str | Path, text: str) -> None:
+    """A file, written whole or not at all."""
+    target = file_path("path", path).resolve()
+    _check_no_folder(target)
+    with replacing(target, partial(_check_no_folder, target)) as new:
+        new.write_text(text, encoding="utf-8")
+
+
 def read_radar(path: str | Path) -> dict[str, Any]:
     """Field names and values of a radar's YAML file."""
     return read_yaml(path, noun="radar file", example="field names and values such as 'prf_hz: 10240'")
@@ -243,11 +251,7 @@ class Radar(Fields):
     @classmethod
     def from_yaml(cls, path: str | Path) -> Radar:
         """Read a radar from a YAML file of field names and values."""
-        values = with_track_beside(read_radar(path), path)
-        try:
-            return cls(**values)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
+        return cls.of_file(path, with_track_beside(read_radar(path), path))
 
     @classmethod
     def from_ti_cfg(cls, source: str | Path | Sequence[str], *, board: str | None = None, **changes: Any) -> Radar:
@@ -276,20 +280,14 @@ class Radar(Fields):
         """
         lines = ti_lines(self, board, FULL_DBM if board is None else type(self).preset(board).tx_power_dbm)
         if path is not None:
-            target = file_path("path", path).resolve()
-            _check_no_folder(target)
-            with replacing(target, partial(_check_no_folder, target)) as new:
-                new.write_text("\n".join([*lines, ""]), encoding="utf-8")
+            _write(path, "\n".join([*lines, ""]))
         return lines
 
     def to_yaml(self, path: str | Path) -> None:
         """Write all fields to a YAML file that `from_yaml` reads back exactly; it is written whole or not at all."""
         import yaml
 
-        target = file_path("path", path).resolve()
-        _check_no_folder(target)
-        with replacing(target, partial(_check_no_folder, target)) as new:
-            new.write_text(yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False), encoding="utf-8")
+        _write(path, yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False))
 
     def replace(self, **changes: Any) -> Radar:
         """A copy with some fields changed, checked like a new one."""

@@ -205,13 +205,8 @@ class Receiver(_Part):
     @classmethod
     def from_yaml(cls, path: str | Path) -> Receiver:
         """A receiver from a YAML file of field names and values."""
-        values = read_yaml(
-            path, noun="receiver file", example="field names and values such as 'flicker_corner_hz: 20e3'"
-        )
-        try:
-            return cls(**values)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
+        example = "field names and values such as 'flicker_corner_hz: 20e3'"
+        return cls.of_file(path, read_yaml(path, noun="receiver file", example=example))
 
     def to_yaml(self) -> str:
         """Text that `from_yaml` reads back as the same."""

@@ -8,7 +8,7 @@ next frame in the root's axes, and four flags of foot contact. The root's own ax
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,24 +31,9 @@ REFERENCE = np.array([_DIRECTIONS.get(each, np.zeros(3)) for each in _REST.split
 """Direction of the bone that ends at each joint, where its rotation is none."""
 
 
-@dataclass(frozen=True, slots=True)
-class Decoded:
-    """What a clip of vectors holds; y up, metres."""
-
-    joints: np.ndarray
-    """Positions (T, 22, 3), from root and joints about it."""
-    heading_rad: np.ndarray
-    """Angle about y (T,) by which the first frame's axes turn into each frame's."""
-    directions: np.ndarray
-    """Unit directions (T, 21, 3) of the bones that end at joints 1 to 21, from the 6D rotations, in the first frame's axes."""
-    steps: np.ndarray
-    """Joints' steps to the next frame (T, 22, 3) [m], in the first frame's axes."""
-    contacts: np.ndarray
-    """Whether left ankle, left foot, right ankle, right foot touch the ground, (T, 4)."""
-
-
-def decode(vectors: np.ndarray) -> Decoded:
-    """Joints and all else that vectors (T, 263) hold."""
+def decode(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Joints (T, 22, 3) of vectors (T, 263), unit directions (T, 21, 3) of the bones that end at joints 1 to 21, by the 6D
+    rotations, and the joints' steps to the next frame (T, 22, 3): in the first frame's axes, y up, metres."""
     turn, step, height = vectors[:, 0], vectors[:, 1:3], vectors[:, 3]
     heading = -2.0 * np.concatenate([[0.0], np.cumsum(turn[:-1])])  # the vectors turn the world into the root's axes
     # A step is written in the axes of the frame that it leads to.
@@ -58,8 +43,7 @@ def decode(vectors: np.ndarray) -> Decoded:
     about = _about_y(heading[:, None], vectors[:, 4:67].reshape(-1, 21, 3))
     joints = np.concatenate([root[:, None], about + root[:, None] * [1.0, 0.0, 1.0]], axis=1)
     directions = _directions(vectors[:, 67:193].reshape(-1, 21, 6), heading)
-    steps = _about_y(heading[:, None], vectors[:, 193:259].reshape(-1, 22, 3))
-    return Decoded(joints, heading, directions, steps, vectors[:, 259:] > 0.5)
+    return joints, directions, _about_y(heading[:, None], vectors[:, 193:259].reshape(-1, 22, 3))
 
 
 def read_vectors(vectors: np.ndarray) -> Tracks:
@@ -70,17 +54,16 @@ def read_vectors(vectors: np.ndarray) -> Tracks:
     rows, lost = filled(vectors, "the HumanML3D vectors (T, 263)")
     # Steps and turns add up: they are bridged before, however long, and long gaps are cut away afterwards.
     vectors = spline(rows, lost)
-    decoded = decode(vectors)
-    tracks = read_joints(decoded.joints)
+    joints, seen, steps = decode(vectors)
+    tracks = read_joints(joints)
     if not unlikeness(tracks.points) < LEAST_LIKELY:
         raise InputError(
             "the HumanML3D vectors (T, 263) make no person: they are probably normalised; multiply them by Std.npy and add Mean.npy"
         )
-    moved = np.linalg.norm(np.diff(decoded.joints, axis=0) - decoded.steps[:-1], axis=-1).mean()
+    moved = np.linalg.norm(np.diff(joints, axis=0) - steps[:-1], axis=-1).mean()
     parents = {joint: chain[i] for chain in CHAINS for i, joint in enumerate(chain[1:])}
-    bones = np.stack([decoded.joints[:, j] - decoded.joints[:, parents[j]] for j in range(1, 22)], axis=1)
+    bones = np.stack([joints[:, j] - joints[:, parents[j]] for j in range(1, 22)], axis=1)
     # Rotations count from the direction faced, smoothed in time, positions from the first frame's: one angle about y lies between.
-    seen = decoded.directions
     sine = (bones[..., 0] * seen[..., 2] - bones[..., 2] * seen[..., 0]).sum()
     between = np.arctan2(sine, (bones[..., [0, 2]] * seen[..., [0, 2]]).sum())
     cosine = (bones * _about_y(np.full(bones.shape[:2], between), seen)).sum(axis=-1)

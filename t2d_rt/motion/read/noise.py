@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import comb
-from operator import attrgetter
+from operator import itemgetter
 
 import numpy as np
 
@@ -286,26 +286,11 @@ et al. 1999), and here the joint is back in the next frame."""
 LONGEST = 3
 """Frames that a flip lasts at most."""
 
-SHOWN = 3
 
-
-@dataclass(frozen=True, slots=True)
-class Flip:
-    """One joint's turn and return."""
-
-    joint: str
-    time_s: float
-    frames: int
-    angle_deg: float
-
-    def __str__(self) -> str:
-        lasts = "one frame" if self.frames == 1 else f"{self.frames} frames"
-        return f"{self.joint} turns by {self.angle_deg:.0f} degrees for {lasts} at {self.time_s:.3f} s"
-
-
-def flips(local: np.ndarray, names: Sequence[str], rate_hz: float) -> list[Flip]:
-    """Flips of joints, the largest first, from their rotations (T, J, 4) against their parents."""
-    found: list[Flip] = []
+def told_flips(local: np.ndarray, names: Sequence[str], rate_hz: float) -> str:
+    """A clause for the report on flips of joints, from their rotations (T, J, 4) against their parents, the three largest by name;
+    empty where there is none."""
+    found: list[tuple[float, str]] = []
     steps = _angle(local[:-1], local[1:])
     for joint, name in enumerate(names):
         step, own = steps[:, joint], local[:, joint]
@@ -314,15 +299,15 @@ def flips(local: np.ndarray, names: Sequence[str], rate_hz: float) -> list[Flip]
             stops = [stop for stop in turned if start < stop <= start + LONGEST]
             back = next((stop for stop in stops if _angle(own[start], own[stop + 1]) < 45.0), None)
             if start > after and back is not None:
-                found.append(Flip(name, (start + 1) / rate_hz, back - start, float(step[start])))
+                lasts = "one frame" if back - start == 1 else f"{back - start} frames"
+                when = f"for {lasts} at {(start + 1) / rate_hz:.3f} s"
+                found.append((float(step[start]), f"{name} turns by {step[start]:.0f} degrees {when}"))
                 after = back
-    return sorted(found, key=attrgetter("angle_deg"), reverse=True)
-
-
-def told_flips(found: list[Flip]) -> str:
-    """A clause for the report; the largest flips by name."""
-    more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
-    return f"single-frame flips: {', '.join(map(str, found[:SHOWN]))}{more}"
+    if not found:
+        return ""
+    largest = [told for _, told in sorted(found, key=itemgetter(0), reverse=True)]
+    more = f" and {len(found) - 3} more" if len(found) > 3 else ""
+    return f"single-frame flips: {', '.join(largest[:3])}{more}"
 
 
 def _angle(one: np.ndarray, two: np.ndarray) -> np.ndarray:

@@ -32,7 +32,7 @@ from t2d_rt.motion.read.detect import (
 )
 from t2d_rt.motion.read.ground import Root, levelled, rooted
 from t2d_rt.motion.read.joint_sets import LEAST_LIKELY, unlikeness
-from t2d_rt.motion.read.noise import flips, told_flips, without_noise, without_rotation_noise
+from t2d_rt.motion.read.noise import told_flips, without_noise, without_rotation_noise
 from t2d_rt.motion.read.orientations import SHORTEST_M, assemble, orientations_from_positions
 from t2d_rt.motion.read.samples import whole, without_leaps
 from t2d_rt.motion.read.tracks import Tracks
@@ -194,8 +194,8 @@ def placed(tracks: Tracks, frame: Frame, reading: Reading) -> Found:
         told = (*told, f"begins at {start_s:.6g} s of the file")
     del tracks  # half of the memory that a long motion takes
     local = parts(motion) if own else None
-    if local is not None and (flipped := flips(local[1], motion.names, motion.rate_hz)):
-        told = (*told, told_flips(flipped))
+    if local is not None and (flipped := told_flips(local[1], motion.names, motion.rate_hz)):
+        told = (*told, flipped)
         warn(f"{told[-1]}; mend them in the file, for a radar sees them as fast movement")
     if smoothing is None:
         motion, smoothing = _smoothed(motion, reading.smooth_hz, local)
