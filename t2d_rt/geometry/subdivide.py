@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.core.errors import InputError
-from t2d_rt.geometry.vectors import edge_cross, lengths
+from t2d_rt.geometry.vectors import checked_faces, edge_cross, lengths
 
 Csr = Any
 """scipy.sparse.csr_matrix; scipy is loaded when first used."""
@@ -91,11 +91,7 @@ def topology(faces: np.ndarray, vertex_count: int, sharp: np.ndarray | None = No
     one edge are twins where they run in opposite directions; where they run alike, one of the faces is turned over, and the edge
     is sharp.
     """
-    faces = np.asarray(faces, dtype=np.int64)
-    if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
-        raise InputError(f"faces must have shape (face, 3) with at least one face, got {faces.shape}")
-    if faces.min() < 0 or faces.max() >= vertex_count:
-        raise InputError(f"faces must name vertices 0..{vertex_count - 1}, got {faces.min()}..{faces.max()}")
+    faces = checked_faces("faces", faces, vertex_count).astype(np.int64, copy=False)
     tail, head = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     keys = np.minimum(tail, head) * vertex_count + np.maximum(tail, head)
     unique, order, first, inverse = distinct(keys)
@@ -351,8 +347,8 @@ def _eight_point_stencils(mesh: Topology, half: np.ndarray) -> Entries:
 
 
 def _ring_stencils(mesh: Topology, start: np.ndarray) -> tuple[np.ndarray, Entries]:
-    """Stencils of half-edges from a smooth vertex of valence K != 6: 3/4 there, s_j on its ring (Zorin et al. 1996); and of which of
-    the half-edges, (R,)."""
+    """Stencils of half-edges from a smooth vertex of valence K != 6: 3/4 there, s_j on its ring (Zorin et al. 1996); and of
+    which half-edges, (R,)."""
     tail = mesh.faces.ravel()
     valence = mesh.valence[tail[start]]
     half, whole = start.copy(), np.ones(len(start), bool)

@@ -6,6 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.core.checks import numeric
+from t2d_rt.core.errors import InputError
+
 
 def dot(a: Any, b: Any) -> Any:
     """Scalar product of vectors whose components lie along the first axis: NumPy arrays, or tuples of Dr.Jit arrays."""
@@ -66,6 +69,18 @@ def edge_cross(corners: np.ndarray) -> np.ndarray:
     a = corners[..., 0, :]
     one, two = corners[..., 1, :] - a, corners[..., 2, :] - a
     return np.stack(cross(np.moveaxis(one, -1, 0), np.moveaxis(two, -1, 0)), axis=-1)
+
+
+def checked_faces(name: str, value: Any, vertex_count: int) -> np.ndarray:
+    """Integers (F, 3) that name vertices, at least one row; an InputError where they do not."""
+    faces = numeric(name, value)
+    if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
+        raise InputError(f"{name} must have shape (face, 3) with at least one face, got {faces.shape}")
+    if not np.issubdtype(faces.dtype, np.integer):
+        raise InputError(f"{name} must be integers, got {faces.dtype}")
+    if faces.min() < 0 or faces.max() >= vertex_count:
+        raise InputError(f"{name} must name vertices 0..{vertex_count - 1}, got {faces.min()}..{faces.max()}")
+    return faces
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

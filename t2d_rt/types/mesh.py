@@ -10,7 +10,7 @@ import numpy as np
 
 from t2d_rt.core.checks import LARGEST_M, array, call, check_shape, flag, number, numeric, shown, text
 from t2d_rt.core.errors import InputError, warn
-from t2d_rt.geometry.vectors import edge_cross
+from t2d_rt.geometry.vectors import checked_faces, edge_cross
 from t2d_rt.types.material import ByPart, Material, checked_materials
 from t2d_rt.types.splines import checked_times, set_fields, spline, within
 
@@ -152,7 +152,7 @@ class MovingMesh:
         curved: bool,
     ) -> None:
         """Checks and sets the fields that both ways of making a mesh have in common."""
-        faces = numeric(f"faces of {name}", faces)
+        faces = checked_faces(f"faces of {name}", faces, len(rest))
         _check_faces(faces, len(rest), name, curved)
         _check_side(rest[faces], name)
         hint = f"one number or one per vertex ({len(rest)},), {SAGITTA_RAD[0]:g}..{SAGITTA_RAD[1]:g} rad"
@@ -249,13 +249,7 @@ def _check_period(track: Track, times_s: np.ndarray, count: int, period_s: float
 
 
 def _check_faces(faces: np.ndarray, vertex_count: int, name: str, curved: bool) -> None:
-    """Refuses faces that do not fit the vertices; warns where they leave edges open or are turned either way."""
-    if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
-        raise InputError(f"faces of {name} must have shape (face, 3) with at least one face, got {faces.shape}")
-    if not np.issubdtype(faces.dtype, np.integer):
-        raise InputError(f"faces of {name} must be integers, got {faces.dtype}")
-    if faces.min() < 0 or faces.max() >= vertex_count:
-        raise InputError(f"faces of {name} must name vertices 0..{vertex_count - 1}, got {faces.min()}..{faces.max()}")
+    """Refuses vertices of no face; warns where faces leave edges open or are turned either way."""
     unused = np.count_nonzero(np.bincount(faces.ravel(), minlength=vertex_count) == 0)
     if unused:
         raise InputError(

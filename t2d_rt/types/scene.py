@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2d_rt.core.checks import numeric, shown
+from t2d_rt.core.checks import array, positive, shown
 from t2d_rt.core.errors import InputError, html_table
-from t2d_rt.geometry.vectors import edge_cross
+from t2d_rt.geometry.vectors import checked_faces, edge_cross
 from t2d_rt.types.material import Material
 from t2d_rt.types.splines import set_fields
 
@@ -40,34 +40,21 @@ class Surface:
 
     def __post_init__(self) -> None:
         _check_name(self.name, "surface")
-        vertices, faces = (numeric(f"{name} of {self.name}", getattr(self, name)) for name in ("vertices", "faces"))
-        expected = f"vertices of {self.name} must be finite and of shape (vertex, 3)"
-        if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "fiu":
-            raise InputError(f"{expected}, got {_form(vertices)}")
-        vertices = vertices.astype(np.float64)
-        if not np.isfinite(vertices).all():
-            raise InputError(f"{expected}, got {np.count_nonzero(~np.isfinite(vertices))} NaN or infinite values")
-        if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or faces.dtype.kind not in "iu":
-            raise InputError(f"faces of {self.name} must be integers of shape (face, 3), got {_form(faces)}")
-        if faces.min() < 0 or faces.max() >= len(vertices):
-            raise InputError(
-                f"faces of {self.name} must name vertices 0..{len(vertices) - 1}, got {faces.min()}..{faces.max()}"
-            )
+        # Copies: arrays of one's own.
+        vertices = array(f"vertices of {self.name}", self.vertices, ("vertex", 3), limit=np.inf).copy()
+        faces = checked_faces(f"faces of {self.name}", self.faces, len(vertices)).astype(np.int64)
         if len(faces) > MAX_TRIANGLES or len(vertices) > MAX_VERTICES:
             raise InputError(
                 f"{self.name} has {len(faces)} triangles and {len(vertices)} vertices, more than {MAX_TRIANGLES} and "
                 f"{MAX_VERTICES}; give it fewer vertices"
             )
-        faces = faces.astype(np.int64)
         if not (_twice_area(vertices, faces) > NO_AREA_M2).any():
             raise InputError(
                 f"{self.name} has no area: each of its triangles is a line or a point; check its vertices and scale"
             )
         if not isinstance(self.material, str | Material):
             raise InputError(f"material of {self.name} must be an ITU name or a Material, got {shown(self.material)}")
-        thickness = self.thickness_m
-        if isinstance(thickness, bool) or not isinstance(thickness, int | float | np.number) or not 0 < thickness <= 2:
-            raise InputError(f"thickness_m of {self.name} must lie in 0..2 m, got {shown(thickness)}")
+        positive(f"thickness_m of {self.name}", self.thickness_m, 2, unit="m")
         set_fields(self, vertices=vertices, faces=faces)
 
 
@@ -77,10 +64,6 @@ def _check_name(name: object, noun: str) -> None:
         raise InputError(
             f"the name of a {noun} must be a text of 1..{MAX_NAME} printable characters, got {shown(name)}; give another"
         )
-
-
-def _form(array: np.ndarray) -> str:
-    return f"{array.shape} of {array.dtype}"
 
 
 def _twice_area(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -272,7 +272,7 @@ def test_xml_that_is_no_scene(make: Make, text: str | bytes, message: str) -> No
         (shape(inside=PANE.replace("6.3", "0.3")), "relative_permittivity must be 1 or more"),
         (shape(inside=PANE.replace("6.3", "1_0")), "1 finite numbers were expected, got '1_0'"),
         (shape(inside=PANE.replace('value="1"', 'value="nan"')), "1 finite numbers were expected, got 'nan'"),
-        (shape(inside=PANE.replace('value="1"', 'value="1e39"')), "thickness_m of wall must lie in 0..2 m"),
+        (shape(inside=PANE.replace('value="1"', 'value="1e39"')), "thickness_m of wall must be"),
         (shape(inside=PANE.replace("</bsdf>", '<float name="foo" value="1"/></bsdf>')), "a <float> 'foo'"),
         (shape(inside=REF + '<string name="filename" value="b.ply"/>'), "a <string> 'filename', not one each of"),
         (shape(inside=REF + '<default name="filename" value="b.ply"/>'), "a <default> 'filename'"),

@@ -206,8 +206,11 @@ def test_a_mesh_gives_a_trimesh_and_says_what_it_is() -> None:
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"relative_permittivity": 0.5}, "material wax: relative_permittivity must be 1 or more, got 0.5"),
-        ({"relative_permittivity": math.nan}, "material wax: relative_permittivity must be 1 or more, got nan"),
+        ({"relative_permittivity": 0.5}, "material wax: relative_permittivity must be 1 or more and finite, got 0.5"),
+        (
+            {"relative_permittivity": math.nan},
+            "material wax: relative_permittivity must be 1 or more and finite, got nan",
+        ),
         ({"conductivity_s_per_m": -1.0}, "material wax: conductivity_s_per_m must be 0 or more and finite, got -1"),
         (
             {"conductivity_s_per_m": math.inf},
