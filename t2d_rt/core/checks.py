@@ -154,6 +154,13 @@ def instance(name: str, value: Any, kind: type | tuple[type, ...], expected: str
     return value
 
 
+def listed(name: str, value: Any, kind: type, expected: str) -> tuple[Any, ...]:
+    """The items of a list or tuple that are all of some type, which the sentence calls `expected`."""
+    if not isinstance(value, (list, tuple)) or not all(isinstance(each, kind) for each in value):
+        raise InputError(f"{name} must be {expected}, got {shown(value)}")
+    return tuple(value)
+
+
 def call(name: str, value: Any, expected: str) -> Any:
     """A function, which the sentence calls `expected`."""
     if not callable(value):

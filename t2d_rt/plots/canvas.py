@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import numpy as np
 
 from t2d_rt.core.calls import public
-from t2d_rt.core.checks import array, flag, instance, interval, number, numeric, positive, shown, text
+from t2d_rt.core.checks import array, flag, instance, interval, listed, number, numeric, positive, shown, text
 from t2d_rt.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -191,9 +191,9 @@ def drawable(name: str, value: Any) -> str:
 
 def checked_labels(labels: Any) -> tuple[str, str]:
     """Names of two things that are compared."""
-    if not isinstance(labels, (list, tuple)) or len(labels) != 2 or not all(isinstance(each, str) for each in labels):
+    if len(found := listed("labels", labels, str, "two texts")) != 2:
         raise InputError(f"labels must be two texts, got {shown(labels)}")
-    return labels[0], labels[1]
+    return found[0], found[1]
 
 
 def check_colours(cmap: Any) -> None:

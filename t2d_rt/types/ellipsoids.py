@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from t2d_rt.core.checks import LARGEST_M, array, call, shown
+from t2d_rt.core.checks import LARGEST_M, array, call, listed, shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.types.material import ByPart, Material, checked_materials
 from t2d_rt.types.mesh import Made, Solid, Track
@@ -105,12 +105,11 @@ class Ellipsoids:
                 f"{LEAST_SEMI_AXIS_M:g} or more"
             )
         names = tuple(f"ellipsoid{i}" for i in range(len(semi_axes_m))) if names is None else names
-        if not isinstance(names, (list, tuple)) or not all(isinstance(name, str) for name in names):
-            raise InputError(f"names must be a list of one text for each ellipsoid, got {shown(names)}")
+        names = listed("names", names, str, "a list of one text for each ellipsoid")
         if len(names) != len(semi_axes_m):
             raise InputError(f"{len(semi_axes_m)} ellipsoids need as many names, got {len(names)}")
         material = checked_materials(material, len(semi_axes_m))
-        set_fields(self, semi_axes_m=semi_axes_m, times_s=times_s, material=material, names=tuple(names))
+        set_fields(self, semi_axes_m=semi_axes_m, times_s=times_s, material=material, names=names)
 
     @property
     def duration_s(self) -> float:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
 
-from t2d_rt.core.checks import LARGEST_M, array, flag, instance, number, numeric, shown, text
+from t2d_rt.core.checks import LARGEST_M, array, flag, instance, listed, number, numeric, shown, text
 from t2d_rt.core.errors import InputError, html_table
 from t2d_rt.geometry.vectors import norms
 from t2d_rt.types.carried import ROTATION_LIMIT, Carried
@@ -149,7 +148,7 @@ class Motion:
     """Things that move with the person's joints, as `carry` adds them."""
 
     def __post_init__(self) -> None:
-        names, parents = _names(self.names), _parents(self.parents)
+        names, parents = listed("names", self.names, str, "a list of joint names"), _parents(self.parents)
         if names[:22] != CANONICAL_JOINTS:
             raise InputError("a motion's names must start with the 22 canonical joints; map the file's skeleton first")
         joints = array("joints", self.joints, ("time", len(names), 3), limit=LARGEST_M, unit="m")
@@ -168,12 +167,10 @@ class Motion:
             instance("breathing", self.breathing, Breathing, "a Breathing, as Breathing(rate_hz=0.25, depth_m=0.008)")
         if self.heartbeat is not None:
             instance("heartbeat", self.heartbeat, Heartbeat, "a Heartbeat, as Heartbeat(rate_hz=1.2, depth_m=0.0002)")
-        carries = instance("carries", self.carries, (list, tuple), "a list of Carried, as t2d_rt.carry makes it")
+        carries = listed("carries", self.carries, Carried, "a list of Carried, as t2d_rt.carry makes it")
         for each in carries:
-            instance("carries", each, Carried, "a list of Carried, as t2d_rt.carry makes it")
             if each.joint not in names:
                 raise InputError(f"the {each.thing} is carried by {shown(each.joint)}, which the motion does not have")
-        origin = cast(Sequence[Any], instance("origin", self.origin, (list, tuple), "a list of texts"))
         set_fields(
             self,
             joints=joints,
@@ -182,9 +179,9 @@ class Motion:
             parents=parents,
             rate_hz=checked_rate(self.rate_hz),
             report=text("report", self.report),
-            origin=tuple(text("origin", each) for each in origin),
+            origin=listed("origin", self.origin, str, "a list of texts"),
             activities=_activities(self.activities),
-            carries=tuple(carries),
+            carries=carries,
         )
 
     def __repr__(self) -> str:
@@ -264,12 +261,6 @@ def checked_motion(motion: Any) -> Motion:
 def checked_rate(rate_hz: Any) -> float:
     """A frame rate [Hz]."""
     return number("rate_hz", rate_hz, *RATES_HZ, unit="Hz", hint="frames per second, 20 to 240 in most files")
-
-
-def _names(value: Any) -> tuple[str, ...]:
-    if not isinstance(value, Sequence) or not all(isinstance(name, str) for name in value):
-        raise InputError(f"names must be a list of joint names, got {shown(value)}")
-    return tuple(value)
 
 
 def _parents(value: Any) -> tuple[int, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2d_rt.core.checks import array, positive, shown
+from t2d_rt.core.checks import array, listed, positive, shown
 from t2d_rt.core.errors import InputError, html_table
 from t2d_rt.geometry.vectors import checked_faces, edge_cross
 from t2d_rt.types.material import Material
@@ -83,9 +83,8 @@ class Scene:
 
     def __post_init__(self) -> None:
         _check_name(self.name, "scene")
-        if not isinstance(self.surfaces, tuple | list) or not all(isinstance(each, Surface) for each in self.surfaces):
-            raise InputError(f"surfaces of scene {self.name} must be Surface objects, got {shown(self.surfaces)}")
-        set_fields(self, surfaces=tuple(self.surfaces))
+        surfaces = listed(f"surfaces of scene {self.name}", self.surfaces, Surface, "Surface objects")
+        set_fields(self, surfaces=surfaces)
         twice = [name for name, count in Counter(surface.name for surface in self.surfaces).items() if count > 1]
         if twice:
             raise InputError(

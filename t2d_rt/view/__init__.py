@@ -15,7 +15,7 @@ import numpy as np
 
 from t2d_rt.core.atomic_write import check_file, writing
 from t2d_rt.core.calls import public
-from t2d_rt.core.checks import file_path, flag, shown
+from t2d_rt.core.checks import file_path, flag, listed
 from t2d_rt.core.errors import InputError, printable
 from t2d_rt.recording.recording import made_with
 
@@ -37,15 +37,12 @@ class Viewer:
         """
         from t2d_rt.recording.recording import Recording
 
-        some = [recordings] if isinstance(recordings, Recording) else recordings
-        if not isinstance(some, (list, tuple)) or not all(isinstance(each, Recording) for each in some):
-            raise InputError(f"recordings must be a Recording or a list of two, got {shown(recordings)}")
+        given = [recordings] if isinstance(recordings, Recording) else recordings
+        some = listed("recordings", given, Recording, "a Recording or a list of two")
         if not 1 <= len(some) <= MOST_RECORDINGS:
             raise InputError(f"a page shows one recording or two side by side, got {len(some)}; make several pages")
         names = [told(each) for each in some] if titles is None else titles
-        if not isinstance(names, (list, tuple)) or not all(isinstance(each, str) for each in names):
-            raise InputError(f"titles must be a list of texts, got {shown(titles)}")
-        if len(names) != len(some):
+        if len(listed("titles", names, str, "a list of texts")) != len(some):
             raise InputError(f"titles must be a text for each of {len(some)} recordings, got {len(names)}")
         self.html = page(some, [printable(each) for each in names])
         """The page."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from t2d_rt.core.checks import LARGEST_M, array, shown
+from t2d_rt.core.checks import LARGEST_M, array, listed
 from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import inner, norms, unit, vector_product
 from t2d_rt.motion import quaternions
@@ -221,8 +221,7 @@ def motion_from_joints(
     Orientations carry the bones; the twist about a bone, which positions do not show, comes from its neighbours: from the plane
     of a bent knee or elbow, from the foot, from the lines of hips and shoulders.
     """
-    if not isinstance(names, (list, tuple)) or not all(isinstance(name, str) for name in names):
-        raise InputError(f"names must be a list of joint names, got {shown(names)}")
+    names = listed("names", names, str, "a list of joint names")
     missing = [name for name in CANONICAL_JOINTS if name not in names]
     unknown = [name for name in names if name not in PARENT_OF]
     if missing or unknown or len(set(names)) != len(names):
@@ -231,7 +230,7 @@ def motion_from_joints(
     joints = array("joints", joints, ("time >= 2", len(names), 3), limit=LARGEST_M, unit="m", hint=hint)
     if len(joints) < 2:
         raise InputError(f"joints must have shape (time >= 2, {len(names)}, 3), got {joints.shape}")
-    points = {name: joints[:, list(names).index(name)] for name in PARENT_OF if name in names}
+    points = {name: joints[:, names.index(name)] for name in PARENT_OF if name in names}
     return replace(
         assemble(points, orientations_from_positions(points, checked_rate(rate_hz)), rate_hz, 0.0, report),
         placed=placed,
