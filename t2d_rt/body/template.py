@@ -16,7 +16,7 @@ from t2d_rt.core.checks import unknown_name
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.resources import listing, resource
 from t2d_rt.geometry.vectors import unit
-from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS
+from t2d_rt.types.motion import CANONICAL_JOINTS
 
 LIMB_GIRTHS = {"hip": 1.1, "knee": 0.8, "shoulder": 1.2, "elbow": 1.3}
 """Of `GIRTHS`, those of the limbs."""
@@ -186,8 +186,6 @@ def rest_joints(body: str = "adult") -> dict[str, np.ndarray]:
 def _read(name: str) -> Template:
     with np.load(resource("meshes", f"{name}.npz"), allow_pickle=False) as data:
         names = [str(joint) for joint in data["joint_names"]]
-        if names != [*CANONICAL_JOINTS, *OPTIONAL_JOINTS]:
-            raise InputError(f"body {name!r} has joints {names}; expected the 22 canonical joints and the five ends")
         weights = data["weights"].astype(np.float64)
         starts, indices, ring_weights = (data[f"ring_{part}"] for part in ("starts", "vertices", "weights"))
         rings = {

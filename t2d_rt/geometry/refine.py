@@ -26,7 +26,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import LastUsed
 from t2d_rt.geometry.levels import (
     Level,
@@ -302,13 +301,6 @@ def _curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float) -> np.nda
 
 def _scale(rest: np.ndarray, wavenumber: float, range_m: object, sagittas_rad: Sequence[object]) -> np.ndarray:
     """Columns 1/R and, for each limit, 2 k / (6 s) per vertex, (V, 1 + B)."""
-    if rest.ndim != 2 or rest.shape[1] != 3 or not np.isfinite(rest).all():
-        raise InputError(f"rest must hold finite positions of shape (vertex, 3), got shape {rest.shape}")
-    limits = [("sagitta_rad", limit) for limit in sagittas_rad]
-    for name, value in (("wavenumber", wavenumber), ("range_m", range_m), *limits):
-        array = np.asarray(value, dtype=np.float64)
-        if array.shape not in ((), (len(rest),)) or not (array > 0).all():
-            raise InputError(f"{name} must be positive, one number or one per vertex ({len(rest)},), got {value}")
     finenesses = [2 * wavenumber / (6 * np.asarray(limit, float)) for limit in sagittas_rad]
     columns = [1 / np.asarray(range_m, float), *finenesses]
     return np.stack([np.broadcast_to(column, (len(rest),)) for column in columns], axis=1)

@@ -48,10 +48,6 @@ def point_spacing(area_m2: float, count: int) -> float:
 def surface_points(rest: np.ndarray, faces: np.ndarray, *, seed: int, spacing_m: float) -> SurfacePoints:
     """Points on a mesh (V, 3), (F, 3) at rest, in cells of side `spacing_m`."""
     rest, faces = np.asarray(rest, dtype=np.float64), np.asarray(faces, dtype=np.int64)
-    if not 0 < spacing_m < np.inf:
-        raise InputError(f"spacing_m must be positive, got {spacing_m}")
-    if seed < 0:
-        raise InputError(f"seed must be 0 or more, got {seed}")
     hits = [_hits(rest, faces, axis, seed, spacing_m) for axis in range(3)]
     face, barycentric, phase = (np.concatenate(each) for each in zip(*hits, strict=True))
     normal = face_normals(rest, faces)[face]

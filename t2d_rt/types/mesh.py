@@ -94,8 +94,6 @@ class MovingMesh:
         times_s, name = checked_times(times_s), text("name", name)
         check_shape("vertices", numeric("vertices", vertices), (len(times_s), "vertex", 3))
         vertices = array(f"vertices of {name}", vertices, limit=LARGEST_M, unit="m").copy()
-        if not vertices.shape[1]:
-            raise InputError(f"vertices of {name} must hold at least 3 vertices, got none")
         made = Made("arrays", {"vertices": vertices})
         self._fill(name, vertices[0], faces, material, crease_deg, sagitta_rad, curved)
         set_fields(

@@ -141,10 +141,6 @@ class RadarTrack(Fields):
                 f"got {', '.join(found) or 'nothing'}"
             )
         values = np.stack([found[name] for name in names], axis=1)
-        if len(values) < 2:
-            raise InputError(f"{path}: a radar's track must have two poses or more, got {len(values)}")
-        if not np.isfinite(values).all():
-            raise InputError(f"{path}: a radar's track must hold finite numbers alone; repair or leave out such rows")
         if len(names) == 4:
             return cls(times_s=values[:, 0], positions_m=values[:, 1:])
         return cls.of_angles(values[:, 0], values[:, 1:4], values[:, 4:])

@@ -318,11 +318,7 @@ def test_linear_fields_and_base_faces_follow_the_coarse_faces() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"sagittas_rad": [0.0]}, "sagitta_rad must be positive"),
-        ({"range_m": np.ones(3)}, "range_m must be positive, one number or one per vertex"),
         ({"max_faces": 1000}, "more than .* faces, the limit is 1000; ask for a looser"),
-        ({"rest": SQUARE[:, :2]}, r"finite positions of shape \(vertex, 3\)"),
-        ({"rest": SQUARE * np.nan}, "finite positions"),
         ({"faces": np.zeros((0, 3), int)}, r"faces must have shape \(face, 3\)"),
         ({"faces": np.array([[0, 1, 9]])}, "faces must name vertices 0..3, got 0..9"),
     ],

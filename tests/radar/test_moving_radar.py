@@ -381,7 +381,7 @@ def test_tracks_are_kept_and_read(tmp_path: Path) -> None:
         ("t,x,y,z\n0,1,2,nan\n1,1,2,3", "finite"),
         ("", "needs t, x, y, z"),
         ("t,x,y,z,vx\n0,1,2,3,4\n1,1,2,3,4", "no others, got t, x, y, z, vx"),
-        ("t,x,y,z\n0,1,2,3", "track.csv: a radar's track must have two poses or more, got 1"),
+        ("t,x,y,z\n0,1,2,3", "radar track key times_s"),
         ("t,t,x,y,z\n0,0,1,2,3\n1,1,1,2,3", "each column once"),
     ],
 )
