@@ -70,8 +70,8 @@ class Door(Fields):
         half = np.array([0, self.thickness_m / 2, 0])
         leaf, faces = sheet(middle - half, middle + half)
 
-        return moving(self, partial(self._turned, leaf), faces, (start_s, stop_s), name=self.noun)
+        return moving(self, partial(self._opened, leaf), faces, (start_s, stop_s), name=self.noun)
 
-    def _turned(self, leaf: np.ndarray, times_s: np.ndarray) -> np.ndarray:
+    def _opened(self, leaf: np.ndarray, times_s: np.ndarray) -> np.ndarray:
         angle = np.radians(self.heading_deg + self.angle_deg * self.opening(times_s))
         return np.einsum("kij,vj->kvi", about_z(angle), leaf) + self.position_m
