@@ -336,7 +336,7 @@ def test_the_spectrum_of_coloured_noise_is_measured() -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [10.0, 30.0])
-@pytest.mark.parametrize("kind", ["white", "coloured", "bursts"])
+@pytest.mark.parametrize("kind", ["white", "coloured", "bursts", "uneven"])
 def test_smoothing_is_as_good_as_the_best_plain_low_pass(kind: str, rate_hz: float) -> None:
     """Whose cut-off nobody knows; depth cameras follow their last frames, and err in bursts when limbs hide one another."""
     motion = clip("walk", rate_hz)
@@ -344,6 +344,8 @@ def test_smoothing_is_as_good_as_the_best_plain_low_pass(kind: str, rate_hz: flo
     noise = 0.015 * coloured(clean.shape, 0.8 if kind == "coloured" else 0.0, rng)
     if kind == "bursts":
         noise *= np.repeat(rng.random(len(clean) // 5 + 1) < 0.3, 5)[: len(clean), None, None] * 1.8
+    if kind == "uneven":  # as of joints that no limb's length tells of
+        noise[:, [CANONICAL_JOINTS.index(name) for name in ("head", "left_foot", "right_foot")]] *= 3.0
     noisy = clean + noise
 
     def error_mps(joints: np.ndarray) -> float:
@@ -356,7 +358,7 @@ def test_smoothing_is_as_good_as_the_best_plain_low_pass(kind: str, rate_hz: flo
         if cutoff < 0.45 * rate_hz
     ]
     after = error_mps(np.stack(list(found.points.values()), axis=1))
-    assert after < 1.02 * min(plain)
+    assert after < (1.06 if kind == "uneven" else 1.02) * min(plain)  # noise of single joints is measured by few frames
     assert after < 0.97 * error_mps(noisy)
 
 

@@ -46,6 +46,10 @@ RARE = 0.5
 SMOOTHING = 0.2
 """Of a frequency, by which spectra are averaged to either side: fast movement has broad spectra."""
 
+TOP = 0.75
+"""Part of half the rate above which a joint holds next to no motion: what is there tells its own noise, where it is more than that
+of the limbs' bones, as hands' and feet's are."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Denoised:
@@ -126,7 +130,7 @@ def denoised(points: dict[str, np.ndarray], rate_hz: float) -> Denoised:
         return Denoised(points=points, noise_m=sigma, cutoffs_hz=(), speed_error_mps=speed)
     smooth, used, errors = {}, set(), []
     for name, track in points.items():
-        cutoff, error = best_cutoff(track, 3.0 * noise, rate_hz)
+        cutoff, error = best_cutoff(track, _own(track, 3.0 * noise), rate_hz)
         smooth[name] = track if cutoff is None else low_pass(track, cutoff, rate_hz)
         used |= set() if cutoff is None else {cutoff}
         errors.append(error)
@@ -139,10 +143,7 @@ def best_cutoff(track: np.ndarray, noise: np.ndarray, rate_hz: float) -> tuple[f
 
     track: values (T, N). noise: power of the noise in all columns together, (T,), as `noise_power` gives it for one.
     """
-    ramp = np.linspace(0.0, 1.0, len(track))[:, None]
-    centred = track - (1 - ramp) * track[0] - ramp * track[-1]
-    # Continued by point reflection, as the filter does, so that ends make no spectrum of their own.
-    power = _power(np.concatenate([centred, -centred[-2:0:-1]]))
+    power = _track_power(track)
     omega = _omega(len(power), rate_hz)
     signal = np.zeros_like(power)
     for low, high in runs(power > ABOVE_NOISE * noise):
@@ -155,6 +156,19 @@ def best_cutoff(track: np.ndarray, noise: np.ndarray, rate_hz: float) -> tuple[f
         errors[cutoff] = float((omega**2 * ((1 - gain) ** 2 * signal + gain**2 * noise)).mean())
     best = min(errors, key=errors.__getitem__)
     return best, errors[best]
+
+
+def _own(track: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """The noise of a track (T, N), which is that of bones (T,) or as many times as much as its highest frequencies have."""
+    top = slice(int(TOP * len(noise)), None)
+    return noise * max(1.0, float(np.median(_track_power(track)[top]) / max(np.median(noise[top]), 1e-300)))
+
+
+def _track_power(track: np.ndarray) -> np.ndarray:
+    """Spectral power (T,) of a track (T, N), continued by point reflection, as the filter does, so that its ends make none."""
+    ramp = np.linspace(0.0, 1.0, len(track))[:, None]
+    centred = track - (1 - ramp) * track[0] - ramp * track[-1]
+    return _power(np.concatenate([centred, -centred[-2:0:-1]]))
 
 
 def _power(periodic: np.ndarray) -> np.ndarray:
