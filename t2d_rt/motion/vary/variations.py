@@ -93,8 +93,8 @@ LONGEST_S = 600.0
 
 SWAY_RAD, SWAY_HZ, SWAY_SLOPE = (0.0042, 0.0027), (0.08, 5.0), 1.5
 """Standard deviations of the lean of who stands quietly, forward and sideways, its band and how its power falls in it: the centre
-of mass, some 0.95 m high, sways by 4 and 2.5 mm, most of it below 0.5 Hz (Winter 1995, Gait and Posture 3: 193). Up to 5 Hz, for
-the level of recorded people at rest changes from one 55 ms to the next (docs/decisions.md, A device's points)."""
+of mass, some 0.95 m high, sways by 4 and 2.5 mm, most of it below 0.5 Hz (Winter 1995, Gait and Posture 3: 193). It goes on
+to 5 Hz, as the echoes of recorded people at rest tell (docs/decisions.md, A device's points by the device's own chain)."""
 OFF_FEET_M = 0.1
 """From the middle of the feet to under the centre of mass [m], from which a seat carries somebody with level thighs: it is 0.17 to
 0.41 m in made sits and up to 0.03 m in squats, and feet reach some 0.13 m."""
