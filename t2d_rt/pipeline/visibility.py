@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
@@ -66,6 +66,11 @@ class Sampled:
         """Of a mesh over one pair."""
         return self._one_way.view(number, pair)
 
+    @property
+    def index(self) -> Mapping[int, int]:
+        """Number of each mesh among those that are traced."""
+        return self._one_way.index
+
 
 class Unoccluded:
     """Targets occlude nothing; the scene blocks paths, sampled at the vertices of meshes and faded."""
@@ -93,16 +98,24 @@ class ExactOverStrongest:
         if self._sight.fast_rotating[number]:
             return [self._others.view(number, pair) for pair in self._sight.pairs]
         strongest = [
-            replace(view, facet_visibility=self._facet_visibility(view.paths)) for view in self._strongest.views(number)
+            replace(view, facet_visibility=self._facet_visibility(number, view.paths))
+            for view in self._strongest.views(number)
         ]
         return strongest + self._others.views(number)
 
-    def _facet_visibility(self, pair: PathPair | None) -> FacetVisibility:
-        """Traced from every facet's vertices."""
+    def _facet_visibility(self, number: int, pair: PathPair | None) -> FacetVisibility:
+        """Of a mesh, traced from every facet's vertices."""
+        own = self._others.index[number]
         ends = viewpoints_at(self._sight.radar.views_m) if pair is None else [pair.out, pair.back]
         return _TracedFromFacets(
             tuple(
-                ExactVisibility(self._occluders, end, backend=self._sight.backend)
+                ExactVisibility(
+                    self._occluders,
+                    end,
+                    backend=self._sight.backend,
+                    own=own,
+                    wavelength_m=self._sight.radar.wavelength_m,
+                )
                 for end in {end.key: end for end in ends}.values()
             )
         )
@@ -115,7 +128,8 @@ class _TracedFromFacets:
     ends: tuple[ExactVisibility, ...]
 
     def __call__(self, *where: np.ndarray) -> np.ndarray:
-        return np.asarray(np.prod([end.fraction(*where) for end in self.ends], axis=0))
+        # One end where out and back are the same; both count.
+        return np.asarray(np.prod([end.fraction(*where) for end in self.ends], axis=0) ** (3 - len(self.ends)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,9 +154,11 @@ class _OneWayVisibility:
             for number, (geometry, rotates) in enumerate(zip(sight.geometries, sight.fast_rotating, strict=True))
             if isinstance(geometry, MovingMesh) and not rotates
         ]
-        self._index = {number: index for index, number in enumerate(traced)}
+        self.index = {number: index for index, number in enumerate(traced)}
         self._meshes = Occluders([sight.geometries[each] for each in traced], subdivision=subdivision)  # type: ignore[misc]
-        self._viewpoints = Viewpoints(self._meshes, sight.samples_s, sight.backend)
+        self._viewpoints = Viewpoints(
+            self._meshes, sight.samples_s, sight.backend, wavelength_m=sight.radar.wavelength_m
+        )
         self._known: dict[_Place, Occlusion] = {}
         self._mean: dict[int, MeanVisibility] = {}
 
@@ -152,7 +168,7 @@ class _OneWayVisibility:
 
     def view(self, number: int, pair: PathPair | None) -> View:
         """Of a mesh over a pair."""
-        # One sample serves where both ends have one visibility; the scene blocks both one-way paths, though.
+        # One sample serves where both ends have one visibility; it counts over both one-way paths, though.
         ends = {self.place(end, path): (end, path) for end, path in _ends(pair) if path or self._solid}
         fractions = tuple(self.fraction(number, *end, 3 - len(ends)) for end in ends.values())
         if self._sight.fast_rotating[number]:
@@ -160,7 +176,7 @@ class _OneWayVisibility:
         return View(paths=pair, visibility=fractions, subdivision=self.subdivision, points=self._meshes.point_count)
 
     def fraction(self, number: int, end: int, path: OneWayPath | None, path_count: int) -> Fraction:
-        """Visibility over the one-way path of an end, whose blockage `path_count` paths share."""
+        """Visibility over the one-way path of an end, which `path_count` paths share."""
         key, sight = self.place(end, path), self._sight
         viewpoint = viewpoints_at(sight.radar.views_m)[key[1]] if path is None else path
         unblocked = None if path is None else partial(sight.blockage.fraction, path)
@@ -174,7 +190,7 @@ class _OneWayVisibility:
             return self._mean[number].over(key, viewpoint, unblocked, path_count)
         if key not in self._known:
             self._known[key] = Occlusion(self._viewpoints, viewpoint, unblocked=unblocked, solid=self._solid)
-        return _Occluded(self._known[key], path_count, self._index[number])
+        return _Occluded(self._known[key], path_count, self.index[number])
 
 
 def coarse_views(

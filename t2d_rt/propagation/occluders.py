@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from t2d_rt.geometry import SubdividedMesh, topology
-from t2d_rt.geometry.vectors import cross, dot
+from t2d_rt.geometry.vectors import cross, dot, norms
 from t2d_rt.types import MovingMesh
 
 FACES_PER_SCENE, MOST_COPIES = 250_000, 64
@@ -54,6 +54,26 @@ class Posed:
             found |= dot(area, place[:, None, None] - corner) >= 0
         return found.T
 
+    @cached_property
+    def balls(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centres (K, M, 3) and radii (K, M) of balls around each of the meshes [m]."""
+        each = np.split(self.vertices, self.meshes.starts[1:-1], axis=1)
+        centres = np.stack([(mesh.min(axis=1) + mesh.max(axis=1)) / 2 for mesh in each], axis=1)
+        radii = [norms(mesh - centre[:, None]).max(axis=1) for mesh, centre in zip(each, centres.swapaxes(0, 1), strict=True)]
+        return centres, np.stack(radii, axis=1)
+
+    def folds(self, instant: int, mesh: int, place_m: np.ndarray) -> np.ndarray:
+        """Edges of a mesh at an instant between faces that face a place and others, or none: from and to where, (2, E, 3), around
+        the faces counter-clockwise as they are seen from there."""
+        half_edges, vertices = self.meshes.half_edges[mesh], self.vertices[instant]
+        corner, area = self._corner_and_area
+        facing = dot(area[:, :, instant], place_m[:, None] - corner[:, :, instant]) >= 0
+        near, far = facing[half_edges.face], facing[half_edges.twin_face]
+        some = half_edges.border | (near & ~far)
+        turned = ~near[some]
+        tail, head = half_edges.tail[some], half_edges.head[some]
+        return vertices[np.stack([np.where(turned, head, tail), np.where(turned, tail, head)])]
+
 
 class Occluders:
     """Meshes, and the points on them at which visibility is sampled: their vertices (a body's are 25 mm apart) and those that
@@ -68,6 +88,22 @@ class Occluders:
     def faces(self) -> np.ndarray:
         """Those of all meshes, as of one (F, 3)."""
         return _side_by_side([m.faces for m in self.meshes], [len(m.rest) for m in self.meshes])
+
+    @cached_property
+    def starts(self) -> np.ndarray:
+        """Number of the first vertex of each mesh, and of all (M + 1,)."""
+        return np.cumsum([0, *(len(m.rest) for m in self.meshes)])
+
+    @cached_property
+    def half_edges(self) -> list[_HalfEdges]:
+        """Those of each mesh."""
+        faces = np.cumsum([0, *(len(m.faces) for m in self.meshes)])
+        return [_HalfEdges.of(*each) for each in zip(self.meshes, self.starts, faces, strict=False)]
+
+    @cached_property
+    def owner(self) -> np.ndarray:
+        """Of which mesh each of the points is (V',)."""
+        return np.repeat(np.arange(len(self.meshes)), self._sizes)
 
     @cached_property
     def closed(self) -> np.ndarray:
@@ -197,6 +233,25 @@ class Occluders:
         return self._incidence @ csr_array(
             (np.ones(parts), (np.arange(parts), of_part)), shape=(parts, len(self.faces))
         )
+
+
+class _HalfEdges(NamedTuple):
+    """Edges of a mesh's faces, each as its face runs along it (H,), by the numbers among those of all meshes."""
+
+    tail: np.ndarray
+    head: np.ndarray
+    face: np.ndarray
+    twin_face: np.ndarray
+    """On the other side."""
+    border: np.ndarray
+    """Whether there is none."""
+
+    @classmethod
+    def of(cls, mesh: MovingMesh, first_vertex: int, first_face: int) -> _HalfEdges:
+        twin = topology(mesh.faces, len(mesh.rest)).twin
+        tail, head = (each.ravel() + first_vertex for each in (mesh.faces, mesh.faces[:, [1, 2, 0]]))
+        face = np.arange(len(twin)) // 3 + first_face
+        return cls(tail, head, face, face[twin], twin < 0)
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray, of_faces: Any) -> np.ndarray:

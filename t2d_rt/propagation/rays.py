@@ -9,6 +9,9 @@ import numpy as np
 
 from t2d_rt.core.backend import Backend, aligned
 
+LIFT_M = 2e-3
+"""Rays start this far off the surface, so that the triangles they start from do not stop them."""
+
 
 def imported() -> Any:
     """Mitsuba, looking for plugins and data in its own folder before all others.

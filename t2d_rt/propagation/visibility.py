@@ -18,13 +18,12 @@ import numpy as np
 
 from t2d_rt.core.backend import Backend, aligned, one_thread_at_a_time
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
+from t2d_rt.propagation.edge_waves import Points, past_others
 from t2d_rt.propagation.images import apparent_m, images, instants_of
 from t2d_rt.propagation.occluders import Occluders, Posed, incidence, vertex_normals
-from t2d_rt.propagation.rays import columns, mitsuba, side_by_side
+from t2d_rt.propagation.rays import LIFT_M, columns, mitsuba, side_by_side
 from t2d_rt.types import MovingMesh, OneWayPath
 
-LIFT_M = 2e-3
-"""Rays start this far off the surface, so that the triangles they start from do not stop them."""
 FEW_PLACES = 4
 """From more viewpoints than that, images in a room's walls, about all faces of a body are seen."""
 
@@ -62,19 +61,22 @@ class VisibilitySamples:
     front: np.ndarray | None
     """Which face it; None where meshes occlude nothing."""
     visible: np.ndarray | None
-    """Which of these no mesh occludes."""
+    """Fraction of the field at these that no mesh occludes."""
     unblocked: np.ndarray
     """Fraction of the field that the static scene does not block, float32."""
     fractions: dict[int, np.ndarray] = field(default_factory=dict)
-    """Visibility by the number of one-way paths that share the blockage."""
+    """Visibility by the number of one-way paths that share it."""
 
 
 class Viewpoints:
     """Places from which visibility of the same meshes is sampled at the same times, a chunk of these at once: to build a scene of
     the meshes costs more than to trace it."""
 
-    def __init__(self, meshes: Occluders, samples_s: np.ndarray, backend: Backend) -> None:
-        self.meshes, self.samples_s, self.backend = meshes, samples_s, backend
+    def __init__(
+        self, meshes: Occluders, samples_s: np.ndarray, backend: Backend, *, wavelength_m: float = 0.0
+    ) -> None:
+        """Of waves that long; at 0 meshes cast hard shadows on one another."""
+        self.meshes, self.samples_s, self.backend, self.wavelength_m = meshes, samples_s, backend, wavelength_m
         self._each: list[ref[Occlusion]] = []
 
     @property
@@ -149,15 +151,23 @@ class Occlusion:
         """Whether it was asked for before that, or has been since."""
 
     @classmethod
-    def alone(cls, meshes: Occluders, viewpoint: OneWayPath, *, samples_s: np.ndarray, backend: Backend) -> Occlusion:
+    def alone(
+        cls,
+        meshes: Occluders,
+        viewpoint: OneWayPath,
+        *,
+        samples_s: np.ndarray,
+        backend: Backend,
+        wavelength_m: float = 0.0,
+    ) -> Occlusion:
         """From the only viewpoint, sampled at these times [s]."""
-        return cls(Viewpoints(meshes, samples_s, backend), viewpoint)
+        return cls(Viewpoints(meshes, samples_s, backend, wavelength_m=wavelength_m), viewpoint)
 
     def visibility(self, times_s: np.ndarray, path_count: int = 1) -> list[np.ndarray]:
         """Fractions in 0..1 at times [s] (K,), one float32 array (K, V) for each mesh: its vertices, those of its subdivision
         too.
 
-        `path_count` one-way paths, 1 or 2, share the blockage by the static scene.
+        `path_count` one-way paths, 1 or 2, share what arrives: the fractions are those over all of them.
         """
         last = self._last.get(path_count)
         if last is None or not np.array_equal(last[0], times_s):
@@ -184,21 +194,31 @@ class Occlusion:
         unblocked = self._unblocked_at(at)
         if not self.solid or scene is None:
             return VisibilitySamples(None, None, unblocked)
-        place_m = apparent_m(self.viewpoint.seen_at(at.times_s))
-        front = np.einsum("kvi,kvi->kv", at.normals, place_m - at.points) > 0
-        return VisibilitySamples(front, self.visible(at, front, scene), unblocked)
+        seen = self.viewpoint.seen_at(at.times_s)
+        front = np.einsum("kvi,kvi->kv", at.normals, apparent_m(seen) - at.points) > 0
+        visible = self.visible(at, front, scene)
+        if self.viewpoints.wavelength_m and len(self._meshes.meshes) > 1:
+            visible = past_others(
+                at,
+                seen,
+                Points(at.points, at.normals, self._meshes.owner, front, visible),
+                wavelength_m=self.viewpoints.wavelength_m,
+                backend=self.viewpoints.backend,
+            )
+        return VisibilitySamples(front, visible, unblocked)
 
     def fractions(self, sampled: VisibilitySamples, path_count: int) -> np.ndarray:
-        """Visibility where so many one-way paths share the blockage, float32 (K, all vertices)."""
+        """Visibility where so many one-way paths share it, float32 (K, all vertices)."""
         if path_count not in sampled.fractions:
-            sampled.fractions[path_count] = self._beyond(sampled, sampled.unblocked**path_count)
+            sampled.fractions[path_count] = self._beyond(sampled, path_count)
         return sampled.fractions[path_count]
 
-    def _beyond(self, sampled: VisibilitySamples, unblocked: np.ndarray) -> np.ndarray:
-        """What is visible times what is unblocked, float32 (K, all vertices), with vertices beyond the horizon filled in."""
+    def _beyond(self, sampled: VisibilitySamples, path_count: int) -> np.ndarray:
+        """What is visible times what is unblocked, over so many paths, float32 (K, all vertices), with vertices beyond the horizon
+        filled in."""
         if sampled.front is None or sampled.visible is None:
-            return unblocked
-        front, visibility = sampled.front, sampled.visible * unblocked
+            return sampled.unblocked**path_count
+        front, visibility = sampled.front, (sampled.visible * sampled.unblocked) ** path_count
         # A vertex just beyond the horizon takes the mean of its neighbours this side of it: the horizon itself is the
         # facets' own cosine, not a shadow. (To go on from there over as much as a whole edge was tried and changes nothing.)
         count = (self._meshes.neighbours @ front.T.astype(np.float32)).T
@@ -237,33 +257,52 @@ class ExactVisibility:
 
     SAME_S = 1e-3
 
-    def __init__(self, occluders: Sequence[MovingMesh], viewpoint: OneWayPath, *, backend: Backend) -> None:
-        self._occluders = Occluders(occluders)
-        self._viewpoint = viewpoint
+    def __init__(
+        self,
+        occluders: Sequence[MovingMesh],
+        viewpoint: OneWayPath,
+        *,
+        backend: Backend,
+        own: int = 0,
+        wavelength_m: float = 0.0,
+    ) -> None:
+        """Of facets of the occluder of number `own`; at a wavelength of 0 the others cast hard shadows on these."""
+        self._occluders, self._own, self._wavelength_m = Occluders(occluders), own, wavelength_m
+        self._viewpoint, self._backend = viewpoint, backend
         self._mitsuba = mitsuba(backend)
-        self._last: tuple[bytes, list[_Obstacles]] = b"", []
+        self._last: tuple[bytes, Posed | None, list[_Obstacles]] = b"", None, []
 
     def fraction(self, times_s: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-        """1 where vertices (K, V, 3) m of triangles (F, 3) are visible at times [s] (K,), else 0: float32 (K, V)."""
+        """Of vertices (K, V, 3) m of triangles (F, 3) at times [s] (K,), float32 (K, V): 1 where they are visible, else 0, and near the
+        outlines of other meshes the field beside these."""
         fresh = np.zeros(len(times_s), bool)
         last = -np.inf
         for number, time_s in enumerate(times_s):
             if abs(time_s - last) > self.SAME_S:
                 fresh[number], last = True, time_s
         of_faces = incidence(faces, vertices.shape[1])
+        at, obstacles = self._obstacles(times_s[fresh])
+        here, owner = vertices[fresh], np.full(vertices.shape[1], self._own)
         found = []
-        for instant, obstacles in zip(np.flatnonzero(fresh), self._obstacles(times_s[fresh]), strict=True):
-            here = vertices[instant : instant + 1]
-            normal = vertex_normals(here, faces, of_faces)
-            front = np.einsum("vi,vi->v", normal[0], images(obstacles.viewpoint)[-1] - here[0]) > 0
-            seen = obstacles.leave_visible(here, normal, front[None])[0]
-            visibility = np.where(front, seen, np.float32(1))  # beyond the horizon facets show their back
-            found.append(visibility)
-        return np.stack(found)[np.cumsum(fresh) - 1]
+        for some, before in zip(here, obstacles, strict=True):
+            normal = vertex_normals(some[None], faces, of_faces)
+            front = np.einsum("vi,vi->v", normal[0], images(before.viewpoint)[-1] - some) > 0
+            found.append((normal[0], front, before.leave_visible(some[None], normal, front[None])[0]))
+        normals, front, seen = (np.stack(each) for each in zip(*found, strict=True))
+        if self._wavelength_m and len(self._occluders.meshes) > 1:
+            seen = past_others(
+                at,
+                self._viewpoint.seen_at(at.times_s),
+                Points(here, normals, owner, front, seen),
+                wavelength_m=self._wavelength_m,
+                backend=self._backend,
+            )
+        visibility = np.where(front, seen, np.float32(1))  # beyond the horizon facets show their back
+        return np.asarray(visibility[np.cumsum(fresh) - 1])
 
-    def _obstacles(self, times_s: np.ndarray) -> list[_Obstacles]:
-        """Occluders at each of these times: facets and diffuse points ask for the same ones."""
-        if self._last[0] != times_s.tobytes():
+    def _obstacles(self, times_s: np.ndarray) -> tuple[Posed, list[_Obstacles]]:
+        """Occluders at each of these times, and as rays meet them: facets and diffuse points ask for the same ones."""
+        if self._last[0] != times_s.tobytes() or self._last[1] is None:
             posed, found, seen = self._occluders.at(times_s), [], self._viewpoint.seen_at(times_s)
             every = [place for each in seen for place in images(each)]
             for number, (vertices, facing) in enumerate(zip(posed.vertices, posed.facing(every), strict=True)):
@@ -273,8 +312,9 @@ class ExactVisibility:
                 reach = 2.2 * max(float(np.abs(each).max()) for each in (from_here, places - places[-1]))
                 scene = side_by_side(self._mitsuba, from_here, self._occluders.faces[facing], reach)
                 found.append(_Obstacles(self._mitsuba, *scene, viewpoint))
-            self._last = times_s.tobytes(), found
-        return self._last[1]
+            self._last = times_s.tobytes(), posed, found
+            return posed, found
+        return self._last[1:]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,321 @@
+"""Shadows that targets cast on one another: the field beside the outline of a target as a wave from there (docs/physics.md, eq. 47).
+
+Meshes at a chunk of instants are worked on together: which points lie near the outline of another mesh, what of its edges is
+outline and which mesh hides what is asked of one ray tracer's scene, in which each mesh stands alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from t2d_rt.core.backend import Backend, one_thread_at_a_time
+from t2d_rt.geometry.vectors import inner, norms, unit, vector_product
+from t2d_rt.propagation.images import images, instants_of
+from t2d_rt.propagation.occluders import Posed
+from t2d_rt.propagation.rays import LIFT_M, mitsuba, mitsuba_mesh, rays, traceable
+from t2d_rt.types import OneWayPath
+
+WHOLE, NONE = 2.6, 4.0
+"""Clearances of an outline, as Fresnel's parameter, up to which its wave counts in full and from which it does not count."""
+PIECE, SHORTEST_M = 0.5, 3e-3
+"""Length of an outline's pieces, as Fresnel's parameter, and what they are not cut below."""
+ASIDE_M = 5e-4
+"""An edge is outline where nothing of its mesh lies so far beside it."""
+END_ON = 1e-3
+"""Edges that are seen so nearly from their end, as an angle, are a point of the outline."""
+NUDGE = 1e-7 * np.array([0.51, 0.67, 0.54])
+"""Rays are turned so far: none meets an outline where two of its pieces do."""
+AT_EDGE = 0.15
+"""Clearance below which the pieces of an outline tell on which side of it a point is, and no ray."""
+
+
+class Straight(NamedTuple):
+    """A straight part of a path, unfolded: as if it went on from the image of the antenna to that of the target."""
+
+    origin_m: np.ndarray
+    """(3,)."""
+    matrix: np.ndarray
+    shift_m: np.ndarray
+    """To where the target appears: `matrix @ x + shift_m`."""
+    begin: tuple[np.ndarray, float] | None
+    end: tuple[np.ndarray, float] | None
+    """Planes between which it runs; None where the antenna or the target is."""
+
+    def appear(self, points: np.ndarray) -> np.ndarray:
+        """Where points (..., 3) m appear."""
+        return points @ self.matrix.T + self.shift_m
+
+    def between(self, points: np.ndarray) -> np.ndarray:
+        """From and to which fraction of the way to apparent points (N, 3) m it runs, (2, N)."""
+        found = np.zeros((2, len(points)))
+        found[1] = 1
+        for row, plane in zip(found, (self.begin, self.end), strict=True):
+            if plane is not None:
+                height, towards = plane[1] - plane[0] @ self.origin_m, (points - self.origin_m) @ plane[0]
+                row[:] = np.clip(height / np.where(towards == 0, np.inf, towards), 0, 1)
+        return found
+
+    def segments(self, stops: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Its extent on the way to apparent points (N, 3): from where and to where, (N, 3) each."""
+        first, last = self.between(stops)[..., None]
+        way = stops - self.origin_m
+        return self.origin_m + first * way, self.origin_m + last * way
+
+
+def straight_parts(path: OneWayPath) -> list[Straight]:
+    """The parts of a path, from the target on."""
+    places, planes = images(path), path.planes
+    matrix, shift = np.eye(3), np.zeros(3)
+    found = []
+    for k in range(len(planes), -1, -1):
+        if k < len(planes) and not path.elements.through[k]:
+            normal, offset_m = planes[k]
+            turn = np.eye(3) - 2 * np.outer(normal, normal)
+            matrix, shift = turn @ matrix, turn @ shift + 2 * offset_m * normal
+        begin, end = (planes[at] if 0 <= at < len(planes) else None for at in (k - 1, k))
+        found.append(Straight(places[k], matrix, shift, begin, end))
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Beam:
+    """Points of one mesh, and around them edges of another, on one straight part."""
+
+    part: Straight
+    mesh: int
+    """The other."""
+    apparent_m: np.ndarray
+    """Where the points appear, (N, 3)."""
+    near: np.ndarray
+    """Which of them are near the edges, (N,)."""
+    ends_m: np.ndarray
+    """Of pieces of edges that may be outline, around the mesh as it is seen from the origin, (2, M, 3)."""
+
+    def of(self, some: np.ndarray) -> _Beam:
+        """Some of the points, bool (N,)."""
+        return replace(self, apparent_m=self.apparent_m[some], near=self.near[some])
+
+    def past_edges(self, far_m: float) -> tuple[np.ndarray, np.ndarray]:
+        """Segments just outside of each piece, to as `far_m` from the part's origin, (M, 3) each."""
+        middle = self.ends_m.mean(axis=0) - self.part.origin_m
+        aside = unit(vector_product(middle, self.ends_m[1] - self.ends_m[0]))
+        return self.part.segments(self.part.origin_m + far_m * unit(middle + ASIDE_M * aside))
+
+    def amplitude(self, hidden: np.ndarray, outline: np.ndarray, wavelength_m: float) -> np.ndarray:
+        """Of the field at the points, `hidden` by the mesh or not, from which of the pieces are `outline`, (M,): (N,)."""
+        found = np.where(hidden, 0.0, 1.0)
+        if self.near.any() and outline.any():
+            ends_m, apparent_m = self.ends_m[:, outline], self.apparent_m[self.near]
+            found[self.near] = _amplitude(self.part, ends_m, apparent_m, hidden[self.near], wavelength_m)
+        return found
+
+
+def _amplitude(
+    part: Straight, ends_m: np.ndarray, apparent_m: np.ndarray, hidden: np.ndarray, wavelength_m: float
+) -> np.ndarray:
+    """Of the field at apparent points (N, 3), hidden or not (N,), beside an outline of pieces (2, M, 3)."""
+    a, b = ends_m - part.origin_m
+    ahead, distance = apparent_m - part.origin_m, norms((a + b) / 2)
+    length = norms(ahead)[:, None]
+    ahead, a, b = unit(ahead / length + NUDGE), unit(a), unit(b)
+    # Directions lie so close that chords are angles: about the ray to a point, w is the place of a piece and s its extent.
+    middle, s = (a + b) / 2, b - a
+    w_squared = 1 + inner(middle, middle) - 2 * ahead @ middle.T
+    least_m = NONE**2 * wavelength_m / 4
+    reach = (least_m + 2 * (length.max() - distance)) * least_m / (distance * length.max())
+    first, last = part.between(apparent_m)[..., None] * length
+    point, piece = np.nonzero((w_squared < reach) & (distance > first) & (distance < last) & (distance < length))
+    length, distance, w_squared = length[point, 0], distance[piece], np.maximum(w_squared[point, piece], 0)
+    turned = np.arctan2(
+        -(ahead @ vector_product(middle, s).T)[point, piece], w_squared - inner(s, s)[piece] / 4
+    )
+    left, scaled = length - distance, length * distance
+    v = 2 * np.sqrt(scaled * w_squared / (np.sqrt(left**2 + scaled * w_squared) + left) / wavelength_m)
+    # The phase is about linear over a piece, and so its mean is that of the middle times a sinc.
+    slope = (inner(middle, s) - ahead @ s.T)[point, piece] * scaled / (wavelength_m * np.maximum(left, SHORTEST_M))
+    fade = np.clip((NONE - v) / (NONE - WHOLE), 0, 1)
+    wave = turned * fade**2 * (3 - 2 * fade) * np.sinc(slope) * np.exp(0.5j * np.pi * v**2)
+
+    def total(of: np.ndarray) -> np.ndarray:
+        return np.bincount(point, of, len(ahead))
+
+    # Where the outline runs through a point a ray may miss what the pieces turn about, or meet what they do not.
+    hidden = np.where(total(v < AT_EDGE) > 0, total(turned * (v < 1)) > 0, hidden)
+    return np.asarray(np.abs(1 - hidden + (total(wave.real) + 1j * total(wave.imag)) / (2 * np.pi)))
+
+
+class Points(NamedTuple):
+    """Points on meshes at some instants, seen along a path."""
+
+    places_m: np.ndarray
+    """(K, Q, 3)."""
+    normals: np.ndarray
+    """(K, Q, 3)."""
+    owner: np.ndarray
+    """Numbers of the meshes that they belong to, (Q,)."""
+    front: np.ndarray
+    """Which of them face the path, bool (K, Q)."""
+    visible: np.ndarray
+    """Which of these no mesh hides in straight lines, bool (K, Q)."""
+
+
+def past_others(
+    at: Posed, seen: Sequence[OneWayPath], of: Points, *, wavelength_m: float, backend: Backend
+) -> np.ndarray:
+    """Fraction of the field over the path at points that face it, float32 (K, Q): near the outline of a mesh that they do not
+    belong to the amplitude beside that, elsewhere whether they are visible, in which case that is what comes back."""
+    paths = [path for path, at_them in zip(seen, instants_of(seen), strict=True) for _ in range(len(of.visible))[at_them]]
+    parts = {id(path): straight_parts(path) for path in paths}
+    groups = []
+    for instant, path in enumerate(paths):
+        for mesh in np.unique(of.owner).tolist():
+            near = [
+                (part, other)
+                for part in parts[id(path)]
+                for other in range(len(at.meshes.meshes))
+                if other != mesh and _near(at, instant, part, mesh, other, wavelength_m)
+            ]
+            if near:
+                mine = np.flatnonzero(of.front[instant] & (of.owner == mesh))
+                here = of.places_m[instant, mine]
+                here = here + LIFT_M * (of.normals[instant, mine] + unit(images(path)[-1] - here))
+                beams = [_beam(at, instant, part, other, part.appear(here), wavelength_m) for part, other in near]
+                some = np.any([beam.near for beam in beams], axis=0)
+                if some.any():
+                    beams = [beam.of(some) for beam in beams]
+                    groups.append(_Group(instant, mesh, mine[some], here[some], parts[id(path)], beams))
+    return _summed(groups, at, of.visible, wavelength_m, backend) if groups else of.visible
+
+
+def _near(at: Posed, instant: int, part: Straight, mesh: int, other: int, wavelength_m: float) -> bool:
+    """Whether the ball around another mesh comes near the cone from the part's origin to that around a mesh."""
+    centres, radii = at.balls
+    way, there = part.appear(centres[instant, mesh]) - part.origin_m, centres[instant, other] - part.origin_m
+    length = float(np.sqrt(way @ way))
+    fraction = float(np.clip(way @ there / length**2, 0, 1))
+    wide = radii[instant, other] + fraction * radii[instant, mesh] + NONE * np.sqrt(wavelength_m * length / 8)
+    return bool(np.linalg.norm(there - fraction * way) < wide)
+
+
+def _beam(
+    at: Posed, instant: int, part: Straight, other: int, apparent_m: np.ndarray, wavelength_m: float
+) -> _Beam:
+    """Which apparent points (N, 3) m are near edges of the other mesh that may be its outline, and these."""
+    from scipy.spatial import cKDTree
+
+    towards = apparent_m - part.origin_m
+    length = norms(towards)
+    towards, farthest = towards / length[:, None], length.max()
+    low, high = towards.min(axis=0), towards.max(axis=0)
+
+    def close(ends_m: np.ndarray) -> np.ndarray:
+        """Angle from which each segment (2, M, 3) reaches a point, 0 where it reaches none."""
+        distance = np.maximum(norms(ends_m.mean(axis=0) - part.origin_m), SHORTEST_M)
+        reach = NONE * np.sqrt(wavelength_m * np.maximum(farthest - distance, 0) / (2 * distance * farthest))
+        seen = unit(ends_m - part.origin_m)
+        beside = (seen.min(axis=0) - reach[:, None] > high) | (seen.max(axis=0) + reach[:, None] < low)
+        return np.where(beside.any(axis=1), 0, reach)
+
+    near, ends_m = np.zeros(len(apparent_m), bool), at.folds(instant, other, part.origin_m)
+    across = norms(np.diff(unit(ends_m - part.origin_m), axis=0)[0]) * norms(ends_m[0] - part.origin_m)
+    ends_m = ends_m[:, (close(ends_m) > 0) & (across > END_ON * norms(ends_m[1] - ends_m[0]))]
+    distance = norms(ends_m.mean(axis=0) - part.origin_m)
+    left = np.maximum(length.min() - distance, 0)
+    ends_m = _cut(ends_m, np.maximum(PIECE * np.sqrt(wavelength_m * distance * left / (2 * length.min())), SHORTEST_M))
+    reach = close(ends_m)
+    ends_m, reach = ends_m[:, reach > 0], reach[reach > 0]
+    if len(reach):
+        seen = unit(ends_m - part.origin_m)
+        bound = reach.max() + norms(seen[1] - seen[0]).max() / 2
+        away, _ = cKDTree(seen.mean(axis=0)).query(towards, distance_upper_bound=bound)
+        near = np.isfinite(away)
+    return _Beam(part, other, apparent_m, near, ends_m)
+
+
+def _cut(ends_m: np.ndarray, longest_m: np.ndarray) -> np.ndarray:
+    """Segments (2, M, 3) in equal pieces that are no longer than (M,), one after another."""
+    count = np.ceil(norms(ends_m[1] - ends_m[0]) / longest_m).astype(int)
+    of = np.repeat(np.arange(len(count)), count)
+    step = np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
+    steps = np.stack([step, step + 1])[..., None] / count[of][:, None]
+    return np.asarray(ends_m[0, of] + steps * (ends_m[1] - ends_m[0])[of])
+
+
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """Points of one mesh at one instant near edges of others."""
+
+    instant: int
+    mesh: int
+    numbers: np.ndarray
+    """(N,)."""
+    here_m: np.ndarray
+    """Where rays from them start, (N, 3)."""
+    parts: list[Straight]
+    beams: list[_Beam]
+
+
+def _summed(
+    groups: list[_Group], at: Posed, visible: np.ndarray, wavelength_m: float, backend: Backend
+) -> np.ndarray:
+    """`past_others` of points near edges."""
+    asked: list[tuple[tuple[np.ndarray, np.ndarray], tuple[int, int]]] = []
+    centres, radii = at.balls
+    for group in groups:
+        dark = ~visible[group.instant, group.numbers]
+        for part in group.parts:
+            asked.append((part.segments(part.appear(group.here_m[dark])), (group.instant, group.mesh)))
+        for beam in group.beams:
+            where = group.instant, beam.mesh
+            far_m = float(norms(centres[where] - beam.part.origin_m) + radii[where])
+            asked.append((beam.part.segments(beam.apparent_m[dark]), where))
+            asked.append((beam.past_edges(far_m), where))
+    free = iter(_free(asked, at, backend))
+    found = visible.astype(np.float32)
+    for group in groups:
+        where = group.instant, group.numbers
+        dark = ~visible[where]
+        value = np.ones(len(dark))
+        for _ in group.parts:
+            value[dark] *= next(free)
+        open_ = value > 0  # not hidden by their own mesh
+        for beam in group.beams:
+            hidden = np.zeros(len(dark), bool)
+            hidden[dark] = ~next(free)
+            value[open_] *= beam.of(open_).amplitude(hidden[open_], next(free), wavelength_m)
+        found[where] = value
+    return found
+
+
+@one_thread_at_a_time
+def _free(
+    asked: list[tuple[tuple[np.ndarray, np.ndarray], tuple[int, int]]], at: Posed, backend: Backend
+) -> list[np.ndarray]:
+    """Which segments from (N, 3) to (N, 3) m a mesh leaves free at an instant, given with their numbers: bool (N,) of each."""
+    counts = np.array([len(starts) for (starts, _), _ in asked])
+    starts, stops = (np.concatenate([segments[end] for segments, _ in asked]) for end in (0, 1))
+    if not len(starts):
+        return [np.zeros(0, bool)] * len(counts)
+    alone = {where: number for number, where in enumerate(dict.fromkeys(where for _, where in asked))}
+    # In a scene of cells so large that nothing reaches from one to another.
+    middle = (starts.min(axis=0) + starts.max(axis=0)) / 2
+    across = int(np.ceil(len(alone) ** (1 / 3)))
+    cells = np.stack(np.unravel_index(np.arange(len(alone)), (across, across, across)), axis=1) - (across - 1) / 2
+    reach = 2.2 * max(float(np.abs(each - middle).max()) for each in (starts, stops, at.vertices))
+    vertices, faces, first = [], [], 0
+    for (instant, mesh), number in alone.items():
+        own = at.vertices[instant, slice(*at.meshes.starts[mesh : mesh + 2])]
+        vertices.append(own - middle + reach * cells[number])
+        faces.append(at.meshes.meshes[mesh].faces + first)
+        first += len(own)
+    mi = mitsuba(backend)
+    scene = traceable(mi, mitsuba_mesh(mi, np.concatenate(vertices), np.concatenate(faces)))
+    shift = reach * cells[np.repeat([alone[where] for _, where in asked], counts)] - middle
+    way = stops - starts
+    length = norms(way)
+    towards = rays(mi, starts + shift, way / np.maximum(length, 1e-12)[:, None], length)
+    return np.split(~scene.ray_test(towards).numpy(), np.cumsum(counts)[:-1])
