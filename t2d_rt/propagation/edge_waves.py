@@ -19,9 +19,9 @@ from t2d_rt.propagation.occluders import Posed
 from t2d_rt.propagation.rays import LIFT_M, mitsuba, mitsuba_mesh, rays, traceable
 from t2d_rt.types import OneWayPath
 
-WHOLE, NONE = 2.6, 4.0
+WHOLE, NONE = 2.2, 3.4
 """Clearances of an outline, as Fresnel's parameter, up to which its wave counts in full and from which it does not count."""
-PIECE, SHORTEST_M = 0.5, 3e-3
+PIECE, SHORTEST_M = 0.7, 3e-3
 """Length of an outline's pieces, as Fresnel's parameter, and what they are not cut below."""
 ASIDE_M = 5e-4
 """An edge is outline where nothing of its mesh lies so far beside it."""
@@ -29,6 +29,8 @@ END_ON = 1e-3
 """Edges that are seen so nearly from their end, as an angle, are a point of the outline."""
 NUDGE = 1e-7 * np.array([0.51, 0.67, 0.54])
 """Rays are turned so far: none meets an outline where two of its pieces do."""
+LEAST_RAD = 1e-9
+"""Pieces that turn less are seen as points."""
 AT_EDGE = 0.15
 """Clearance below which the pieces of an outline tell on which side of it a point is, and no ray."""
 
@@ -120,32 +122,39 @@ def _amplitude(
     """Of the field at apparent points (N, 3), hidden or not (N,), beside an outline of pieces (2, M, 3)."""
     a, b = ends_m - part.origin_m
     ahead, distance = apparent_m - part.origin_m, norms((a + b) / 2)
-    length = norms(ahead)[:, None]
-    ahead, a, b = unit(ahead / length + NUDGE), unit(a), unit(b)
-    # Directions lie so close that chords are angles: about the ray to a point, w is the place of a piece and s its extent.
+    length = norms(ahead)
+    ahead, a, b = unit(ahead / length[:, None] + NUDGE), unit(a), unit(b)
     middle, s = (a + b) / 2, b - a
-    w_squared = 1 + inner(middle, middle) - 2 * ahead @ middle.T
     least_m = NONE**2 * wavelength_m / 4
     reach = (least_m + 2 * (length.max() - distance)) * least_m / (distance * length.max())
-    first, last = part.between(apparent_m)[..., None] * length
-    point, piece = np.nonzero((w_squared < reach) & (distance > first) & (distance < last) & (distance < length))
-    length, distance, w_squared = length[point, 0], distance[piece], np.maximum(w_squared[point, piece], 0)
-    turned = np.arctan2(
-        -(ahead @ vector_product(middle, s).T)[point, piece], w_squared - inner(s, s)[piece] / 4
-    )
+    columns = zip(ahead.T.astype(np.float32), middle.T.astype(np.float32), strict=True)
+    point, piece = np.nonzero(sum((one[:, None] - other) ** 2 for one, other in columns) < reach.astype(np.float32))
+    first, last = part.between(apparent_m) * length
+    last = np.minimum(last, length)
+    counts = (distance[piece] > first[point]) & (distance[piece] < last[point])
+    point, piece = point[counts], piece[counts]
+    # Directions lie so close that chords are angles: about the ray to a point, w is the place of a piece and s its extent.
+    ahead, s, middle = ahead[point], s[piece], middle[piece]
+    w = middle - ahead
+    w_squared, across = inner(w, w), -inner(ahead, vector_product(w, s))
+    turned = np.arctan2(across, w_squared - inner(s, s) / 4)
+    # The mean of w squared over the angle that a piece turns about the ray, and the phase, which is about linear there.
+    w_squared = np.divide(across, turned, out=w_squared, where=np.abs(turned) > LEAST_RAD)
+    length, distance = length[point], distance[piece]
     left, scaled = length - distance, length * distance
-    v = 2 * np.sqrt(scaled * w_squared / (np.sqrt(left**2 + scaled * w_squared) + left) / wavelength_m)
-    # The phase is about linear over a piece, and so its mean is that of the middle times a sinc.
-    slope = (inner(middle, s) - ahead @ s.T)[point, piece] * scaled / (wavelength_m * np.maximum(left, SHORTEST_M))
-    fade = np.clip((NONE - v) / (NONE - WHOLE), 0, 1)
-    wave = turned * fade**2 * (3 - 2 * fade) * np.sinc(slope) * np.exp(0.5j * np.pi * v**2)
+    v_squared = 4 / wavelength_m * scaled * w_squared / (np.sqrt(left**2 + scaled * w_squared) + left)
+    slope = inner(w, s) * scaled / (wavelength_m * np.maximum(left, SHORTEST_M))
+    v_squared, slope, turned = (each.astype(np.float32) for each in (v_squared, slope, turned))
+    fade = np.clip((NONE - np.sqrt(v_squared)) / (NONE - WHOLE), 0, 1)
+    wave, phase = turned * fade**2 * (3 - 2 * fade) * np.sinc(slope), np.float32(np.pi / 2) * v_squared
 
     def total(of: np.ndarray) -> np.ndarray:
-        return np.bincount(point, of, len(ahead))
+        return np.bincount(point, of, len(apparent_m))
 
     # Where the outline runs through a point a ray may miss what the pieces turn about, or meet what they do not.
-    hidden = np.where(total(v < AT_EDGE) > 0, total(turned * (v < 1)) > 0, hidden)
-    return np.asarray(np.abs(1 - hidden + (total(wave.real) + 1j * total(wave.imag)) / (2 * np.pi)))
+    hidden = np.where(total(v_squared < AT_EDGE**2) > 0, total(turned * (v_squared < 1)) > 0, hidden)
+    in_phase, across = (total(wave * each(phase)) / (2 * np.pi) for each in (np.cos, np.sin))
+    return np.asarray(np.hypot(1 - hidden + in_phase, across))
 
 
 class Points(NamedTuple):

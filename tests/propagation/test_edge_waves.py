@@ -1,0 +1,167 @@
+"""The field beside the outlines of other meshes: Fresnel's integrals, quadrature of the disc, plain NumPy over a mirror."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import fresnel
+from trimesh.creation import box, cylinder
+
+import t2d_rt as t2d
+from builders import icosphere, plate, static_mesh
+from t2d_rt.core.backend import Backend, select
+from t2d_rt.propagation.images import vertices
+from t2d_rt.propagation.mirrors import Mirrors
+from t2d_rt.propagation.occluders import Occluders
+from t2d_rt.propagation.paths import find_paths
+from t2d_rt.propagation.visibility import ExactVisibility, Occlusion, viewpoints_at
+from t2d_rt.types import MovingMesh, OneWayPath, Radar, Scene
+
+HERE, UP = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0])
+WAVELENGTH_M = 299_792_458 / 77e9
+(SIGHT,) = viewpoints_at([HERE])
+POINT_M, HALF_M = 3.0, 1.5
+"""Range of a small target, and of what stands before it."""
+PER_M = np.sqrt(2 * POINT_M / (WAVELENGTH_M * HALF_M * (POINT_M - HALF_M)))
+"""Fresnel's parameter over the clearance half-way."""
+VERTICES, FACES = icosphere(4)
+
+
+def knife_edge(v: np.ndarray | float) -> np.ndarray:
+    """Field behind a half-plane that covers the ray by `v`, over that without."""
+    sine, cosine = fresnel(v)
+    return np.asarray((1 + 1j) / 2 * ((0.5 - cosine) - 1j * (0.5 - sine)))
+
+
+def behind_disc(radius_m: float, aside_m: float) -> complex:
+    """Field half-way behind a disc, over that without: Fresnel and Kirchhoff's integral over it, by quadrature."""
+    steps = 1000
+    y, z = np.meshgrid(*2 * [((np.arange(steps) + 0.5) / steps * 2 - 1) * radius_m])
+    zone = WAVELENGTH_M * HALF_M * (POINT_M - HALF_M) / POINT_M
+    inside = np.exp(1j * np.pi * ((y - aside_m) ** 2 + z**2) / zone)[y**2 + z**2 < radius_m**2]
+    return complex(1 + 1j / zone * inside.sum() * (2 * radius_m / steps) ** 2)
+
+
+def screen(edge_m: float, half_m: float = HALF_M) -> MovingMesh:
+    """A target's screen that covers y up to there."""
+    mesh = box(extents=[0.01, 2.0, 2.0]).subdivide()
+    return static_mesh(mesh.vertices + [half_m, edge_m - 1, 1], mesh.faces)
+
+
+def small(aside_m: float = 0.0) -> MovingMesh:
+    return static_mesh(0.005 * VERTICES + [POINT_M + 0.005, aside_m, 1], FACES)
+
+
+def one_way(
+    others: list[MovingMesh], backend: Backend, target: MovingMesh | None = None, path: OneWayPath = SIGHT
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the vertex of a small target is that is nearest to the antenna, and the field there from both kinds of tracing."""
+    target = small() if target is None else target
+    nearest = np.argmin(np.linalg.norm(target.rest - path.image_m, axis=1))
+    meshes = [*others, target]
+    options = {"backend": backend, "wavelength_m": WAVELENGTH_M}
+    view = Occlusion.alone(Occluders(meshes), path, samples_s=np.array([0.0, 1.0]), **options)
+    exact = ExactVisibility(meshes, path, own=len(others), **options)
+    at_facets = exact.fraction(np.zeros(1), target.rest[None], target.faces)[0]
+    found = view.visibility(np.zeros(1))[-1][0]
+    assert np.allclose(found[at_facets < 1][:1], at_facets[at_facets < 1][:1], atol=1e-6)
+    return target.rest[nearest], np.array([found[nearest], at_facets[nearest]])
+
+
+def decibel(ratio: np.ndarray | complex) -> np.ndarray:
+    return np.asarray(20 * np.log10(np.abs(ratio)))
+
+
+@pytest.mark.parametrize("covered_m", [-0.1, -0.05, -0.03, -0.01, 0.0, 0.01, 0.03, 0.06])
+def test_a_screen_is_a_knife_edge_on_its_lit_and_its_dark_side(covered_m: float, backend: Backend) -> None:
+    _, found = one_way([screen(covered_m)], backend)
+    np.testing.assert_allclose(decibel(found), decibel(knife_edge(covered_m * PER_M)), atol=0.25)
+
+
+@pytest.mark.parametrize("aside_m", [0.0, 0.02, 0.06, 0.1])
+@pytest.mark.parametrize("radius_m", [0.015, 0.03, 0.05])
+def test_a_ball_smaller_than_the_zone_is_a_disc_with_light_in_its_middle(
+    radius_m: float, aside_m: float, backend: Backend
+) -> None:
+    """The zone's radius is 54 mm. In the middle of the shadow the field is that without the ball."""
+    ball = static_mesh(radius_m * VERTICES + [HALF_M, 0, 1], FACES)
+    _, found = one_way([ball], backend, small(2 * aside_m))
+    np.testing.assert_allclose(decibel(found), decibel(behind_disc(radius_m, aside_m)), atol=0.2)
+
+
+def test_the_waves_of_both_sides_of_a_rod_interfere(backend: Backend) -> None:
+    rod = cylinder(0.03, 1.2, sections=64)
+    for aside_m in (0.0, 0.02, 0.05):
+        _, found = one_way([static_mesh(rod.vertices + [HALF_M, 0, 1], rod.faces)], backend, small(2 * aside_m))
+        expected = sum(knife_edge((0.03 + side * aside_m) * PER_M) for side in (1, -1))
+        np.testing.assert_allclose(decibel(found), decibel(expected), atol=0.5)
+
+
+def test_two_screens_count_both_and_what_only_one_mesh_has_counts_once(backend: Backend) -> None:
+    left = screen(-0.02)
+    right = static_mesh(left.rest * [1, -1, 1], left.faces[:, ::-1])
+    _, found = one_way([left, right], backend)
+    np.testing.assert_allclose(decibel(found), 2 * decibel(knife_edge(-0.02 * PER_M)), atol=0.5)
+    # A plate across a ball is no outline inside of the ball's, where a mesh is both.
+    ball = static_mesh(0.2 * VERTICES + [HALF_M, -0.2, 1], FACES)
+    across = box(extents=[0.3, 0.1, 0.1])
+    across.apply_translation([HALF_M, -0.1, 1])
+    both = static_mesh(
+        np.concatenate([ball.rest, across.vertices]), np.concatenate([ball.faces, across.faces + len(ball.rest)])
+    )
+    target = small(2 * -0.1)
+    assert one_way([ball], backend, target)[1].max() < 0.2
+    np.testing.assert_allclose(one_way([both], backend, target)[1], one_way([ball], backend, target)[1], atol=1e-6)
+
+
+@pytest.mark.parametrize("part", [0, 1])
+@pytest.mark.parametrize("clear_m", [-0.01, 0.0, 0.01])
+def test_a_ghost_past_a_rim_is_what_the_unfolded_path_passes(clear_m: float, part: int, backend: Backend) -> None:
+    """A screen beside either straight part of the path over a wall, its edge upright within a centimetre of the path."""
+    wall = plate("wall", [(-2, 2, -1), (12, 2, -1), (12, 2, 4), (-2, 2, 4)])
+    mirrors = Mirrors.of(Scene(name="wall", surfaces=(wall,)), select("cpu"))
+    target = static_mesh(0.005 * VERTICES + [4.0, 0.3, 1.0], FACES)
+    found = find_paths(mirrors, HERE, UP, 77e9, order=1, probes_m=np.array([[4.0, 0.3, 1.0]]))
+    (path,) = [each for each in found.paths if each.chain == ("wall",)]
+    nearest, _ = one_way([], backend, target, path)
+    lines = vertices(path, nearest)
+    ahead = lines[part + 1] - lines[part]
+    middle, ahead = lines[part] + 0.5 * ahead, ahead / np.linalg.norm(ahead)
+    aside = np.cross(UP, ahead)
+    frame = np.stack([ahead, aside, UP])
+    mesh = box(extents=[0.002, 0.6, 0.6]).subdivide()
+    upright = static_mesh((mesh.vertices - [0, 0.3 + clear_m, 0]) @ frame + middle, mesh.faces)
+    _, found_there = one_way([upright], backend, target, path)
+    before, after = (np.sum(np.linalg.norm(np.diff([*stops], axis=0), axis=1)) for stops in (
+        [*lines[: part + 1], middle], [middle, *lines[part + 1 :]])
+    )  # fmt: skip
+    v = -clear_m * np.sqrt(2 * (before + after) / (WAVELENGTH_M * before * after))
+    np.testing.assert_allclose(decibel(found_there), decibel(knife_edge(v)), atol=0.3)
+
+
+def test_nothing_changes_without_an_outline_near_the_path(backend: Backend) -> None:
+    ball, far = (static_mesh(0.2 * VERTICES + [3, y, 1], FACES) for y in (0.0, 1.5))
+    behind = static_mesh(0.05 * VERTICES + [3.4, 0, 1], FACES)  # deep in the ball's shadow
+    samples_s = np.array([0.0, 1.0])
+    for meshes, same in (([ball], 1), ([ball, far], 2), ([ball, screen(0.0, half_m=6.0)], 1)):
+        hard, soft = (
+            Occlusion.alone(Occluders(meshes), SIGHT, samples_s=samples_s, backend=backend, wavelength_m=each)
+            for each in (0.0, WAVELENGTH_M)
+        )
+        for one, two in list(zip(hard.visibility(samples_s), soft.visibility(samples_s), strict=True))[:same]:
+            assert np.array_equal(one, two)
+    options = {"samples_s": samples_s, "backend": backend, "wavelength_m": WAVELENGTH_M}
+    assert not Occlusion.alone(Occluders([ball, behind]), SIGHT, **options).visibility(samples_s)[1].any()
+
+
+@pytest.mark.parametrize("covered_m", [-0.05, 0.02])
+def test_an_echo_passes_the_edge_out_and_back(covered_m: float) -> None:
+    """Of a sphere of 10 cm radius half-way behind a screen's edge, beside its echo alone."""
+    radar = Radar.preset("table2", position_m=(0.0, 0.0, 1.0))
+    sphere = static_mesh(0.1 * VERTICES + [POINT_M + 0.1, 0, 1], FACES, name="sphere")
+    power = []
+    for others in ([], [screen(covered_m)]):
+        found = t2d.simulate([sphere, *others], radar=radar, split="target")
+        power.append(float(np.mean(np.abs(found.parts["sphere"].adc.values) ** 2)))
+    expected = 2 * decibel(knife_edge(covered_m * PER_M))
+    assert 10 * np.log10(power[1] / power[0]) == pytest.approx(float(expected), abs=0.6)
