@@ -1,4 +1,4 @@
-"""Shadows that targets cast on one another: the field beside the outline of a target as a wave from there (docs/physics.md, eq. 27).
+"""Shadows that targets cast on one another: beside the outline of one the field is a wave from there (docs/physics.md, eq. 27).
 
 Meshes at a chunk of instants are worked on together: which points lie near the outline of another mesh, what of its edges is
 outline and which mesh hides what is asked of one ray tracer's scene, in which each mesh stands alone.
@@ -28,7 +28,7 @@ ASIDE_M = 5e-4
 END_ON = 1e-3
 """Edges that are seen so nearly from their end, as an angle, are a point of the outline."""
 NUDGE = 1e-7 * np.array([0.51, 0.67, 0.54])
-"""Rays are turned so far: none meets an outline where two of its pieces do."""
+"""Rays are rotated so far: none meets an outline where two of its pieces do."""
 LEAST_RAD = 1e-9
 """Pieces that turn less are seen as points."""
 AT_EDGE = 0.15
@@ -64,8 +64,8 @@ class Straight(NamedTuple):
     def segments(self, stops: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Its extent on the way to apparent points (N, 3): from where and to where, (N, 3) each."""
         first, last = self.between(stops)[..., None]
-        way = stops - self.origin_m
-        return self.origin_m + first * way, self.origin_m + last * way
+        towards = stops - self.origin_m
+        return self.origin_m + first * towards, self.origin_m + last * towards
 
 
 def straight_parts(path: OneWayPath) -> list[Straight]:
@@ -76,8 +76,8 @@ def straight_parts(path: OneWayPath) -> list[Straight]:
     for k in range(len(planes), -1, -1):
         if k < len(planes) and not path.elements.through[k]:
             normal, offset_m = planes[k]
-            turn = np.eye(3) - 2 * np.outer(normal, normal)
-            matrix, shift = turn @ matrix, turn @ shift + 2 * offset_m * normal
+            reflection = np.eye(3) - 2 * np.outer(normal, normal)
+            matrix, shift = reflection @ matrix, reflection @ shift + 2 * offset_m * normal
         begin, end = (planes[at] if 0 <= at < len(planes) else None for at in (k - 1, k))
         found.append(Straight(places[k], matrix, shift, begin, end))
     return found
@@ -101,7 +101,7 @@ class _Beam:
         """Some of the points, bool (N,)."""
         return replace(self, apparent_m=self.apparent_m[some], near=self.near[some])
 
-    def past_edges(self, far_m: float) -> tuple[np.ndarray, np.ndarray]:
+    def beside_edges(self, far_m: float) -> tuple[np.ndarray, np.ndarray]:
         """Segments just outside of each piece, to as `far_m` from the part's origin, (M, 3) each."""
         middle = self.ends_m.mean(axis=0) - self.part.origin_m
         aside = unit(vector_product(middle, self.ends_m[1] - self.ends_m[0]))
@@ -137,22 +137,22 @@ def _amplitude(
     ahead, s, middle = ahead[point], s[piece], middle[piece]
     w = middle - ahead
     w_squared, across = inner(w, w), -inner(ahead, vector_product(w, s))
-    turned = np.arctan2(across, w_squared - inner(s, s) / 4)
+    angle = np.arctan2(across, w_squared - inner(s, s) / 4)
     # The mean of w squared over the angle that a piece turns about the ray, and the phase, which is about linear there.
-    w_squared = np.divide(across, turned, out=w_squared, where=np.abs(turned) > LEAST_RAD)
+    w_squared = np.divide(across, angle, out=w_squared, where=np.abs(angle) > LEAST_RAD)
     length, distance = length[point], distance[piece]
     left, scaled = length - distance, length * distance
     v_squared = 4 / wavelength_m * scaled * w_squared / (np.sqrt(left**2 + scaled * w_squared) + left)
     slope = inner(w, s) * scaled / (wavelength_m * np.maximum(left, SHORTEST_M))
-    v_squared, slope, turned = (each.astype(np.float32) for each in (v_squared, slope, turned))
+    v_squared, slope, angle = (each.astype(np.float32) for each in (v_squared, slope, angle))
     fade = np.clip((NONE - np.sqrt(v_squared)) / (NONE - WHOLE), 0, 1)
-    wave, phase = turned * fade**2 * (3 - 2 * fade) * np.sinc(slope), np.float32(np.pi / 2) * v_squared
+    wave, phase = angle * fade**2 * (3 - 2 * fade) * np.sinc(slope), np.float32(np.pi / 2) * v_squared
 
     def total(of: np.ndarray) -> np.ndarray:
         return np.bincount(point, of, len(apparent_m))
 
     # Where the outline runs through a point a ray may miss what the pieces turn about, or meet what they do not.
-    hidden = np.where(total(v_squared < AT_EDGE**2) > 0, total(turned * (v_squared < 1)) > 0, hidden)
+    hidden = np.where(total(v_squared < AT_EDGE**2) > 0, total(angle * (v_squared < 1)) > 0, hidden)
     in_phase, across = (total(wave * each(phase)) / (2 * np.pi) for each in (np.cos, np.sin))
     return np.asarray(np.hypot(1 - hidden + in_phase, across))
 
@@ -172,7 +172,7 @@ class Points(NamedTuple):
     """Which of these no mesh hides in straight lines, bool (K, Q)."""
 
 
-def past_others(
+def beside_others(
     at: Posed, seen: Sequence[OneWayPath], of: Points, *, wavelength_m: float, backend: Backend
 ) -> np.ndarray:
     """Fraction of the field over the path at points that face it, float32 (K, Q): near the outline of a mesh that they do not
@@ -205,11 +205,11 @@ def past_others(
 def _near(at: Posed, instant: int, part: Straight, mesh: int, other: int, wavelength_m: float) -> bool:
     """Whether the ball around another mesh comes near the cone from the part's origin to that around a mesh."""
     centres, radii = at.balls
-    way, there = part.appear(centres[instant, mesh]) - part.origin_m, centres[instant, other] - part.origin_m
-    length = float(np.sqrt(way @ way))
-    fraction = float(np.clip(way @ there / length**2, 0, 1))
+    towards, there = part.appear(centres[instant, mesh]) - part.origin_m, centres[instant, other] - part.origin_m
+    length = float(np.sqrt(towards @ towards))
+    fraction = float(np.clip(towards @ there / length**2, 0, 1))
     wide = radii[instant, other] + fraction * radii[instant, mesh] + NONE * np.sqrt(wavelength_m * length / 8)
-    return bool(np.linalg.norm(there - fraction * way) < wide)
+    return bool(np.linalg.norm(there - fraction * towards) < wide)
 
 
 def _beam(at: Posed, instant: int, part: Straight, other: int, apparent_m: np.ndarray, wavelength_m: float) -> _Beam:
@@ -269,7 +269,7 @@ class _Group:
 
 
 def _summed(groups: list[_Group], at: Posed, visible: np.ndarray, wavelength_m: float, backend: Backend) -> np.ndarray:
-    """`past_others` of points near edges."""
+    """`beside_others` of points near edges."""
     asked: list[tuple[tuple[np.ndarray, np.ndarray], tuple[int, int]]] = []
     centres, radii = at.balls
     for group in groups:
@@ -280,7 +280,7 @@ def _summed(groups: list[_Group], at: Posed, visible: np.ndarray, wavelength_m: 
             where = group.instant, beam.mesh
             far_m = float(norms(centres[where] - beam.part.origin_m) + radii[where])
             asked.append((beam.part.segments(beam.apparent_m[dark]), where))
-            asked.append((beam.past_edges(far_m), where))
+            asked.append((beam.beside_edges(far_m), where))
     free = iter(_free(asked, at, backend))
     found = visible.astype(np.float32)
     for group in groups:
@@ -321,7 +321,7 @@ def _free(
     mi = mitsuba(backend)
     scene = traceable(mi, mitsuba_mesh(mi, np.concatenate(vertices), np.concatenate(faces)))
     shift = reach * cells[np.repeat([alone[where] for _, where in asked], counts)] - middle
-    way = stops - starts
-    length = norms(way)
-    towards = rays(mi, starts + shift, way / np.maximum(length, 1e-12)[:, None], length)
+    ahead = stops - starts
+    length = norms(ahead)
+    towards = rays(mi, starts + shift, ahead / np.maximum(length, 1e-12)[:, None], length)
     return np.split(~scene.ray_test(towards).numpy(), np.cumsum(counts)[:-1])

@@ -72,9 +72,9 @@ class Posed:
         facing = dot(area[:, :, instant], place_m[:, None] - corner[:, :, instant]) >= 0
         near, far = facing[half_edges.face], facing[half_edges.twin_face]
         some = half_edges.border | (near & ~far)
-        turned = ~near[some]
+        inward = ~near[some]
         tail, head = half_edges.tail[some], half_edges.head[some]
-        return vertices[np.stack([np.where(turned, head, tail), np.where(turned, tail, head)])]
+        return vertices[np.stack([np.where(inward, head, tail), np.where(inward, tail, head)])]
 
 
 class Occluders:

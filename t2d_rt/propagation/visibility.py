@@ -18,7 +18,7 @@ import numpy as np
 
 from t2d_rt.core.backend import Backend, aligned, one_thread_at_a_time
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
-from t2d_rt.propagation.edge_waves import Points, past_others
+from t2d_rt.propagation.edge_waves import Points, beside_others
 from t2d_rt.propagation.images import apparent_m, images, instants_of
 from t2d_rt.propagation.occluders import Occluders, Posed, incidence, vertex_normals
 from t2d_rt.propagation.rays import LIFT_M, columns, mitsuba, side_by_side
@@ -198,7 +198,7 @@ class Occlusion:
         front = np.einsum("kvi,kvi->kv", at.normals, apparent_m(seen) - at.points) > 0
         visible = self.visible(at, front, scene)
         if self.viewpoints.wavelength_m and len(self._meshes.meshes) > 1:
-            visible = past_others(
+            visible = beside_others(
                 at,
                 seen,
                 Points(at.points, at.normals, self._meshes.owner, front, visible),
@@ -273,8 +273,8 @@ class ExactVisibility:
         self._last: tuple[bytes, tuple[Posed, list[_Obstacles]]] | None = None
 
     def fraction(self, times_s: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-        """Of vertices (K, V, 3) m of triangles (F, 3) at times [s] (K,), float32 (K, V): 1 where they are visible, else 0, and near the
-        outlines of other meshes the field beside these."""
+        """Of vertices (K, V, 3) m of triangles (F, 3) at times [s] (K,), float32 (K, V): 1 where they are visible, else 0, near
+        the outlines of other meshes the field beside these."""
         fresh = np.zeros(len(times_s), bool)
         last = -np.inf
         for number, time_s in enumerate(times_s):
@@ -290,7 +290,7 @@ class ExactVisibility:
             found.append((normal[0], front, before.leave_visible(some[None], normal, front[None])[0]))
         normals, front, seen = (np.stack(each) for each in zip(*found, strict=True))
         if self._wavelength_m and len(self._occluders.meshes) > 1:
-            seen = past_others(
+            seen = beside_others(
                 at,
                 self._viewpoint.seen_at(at.times_s),
                 Points(here, normals, owner, front, seen),
