@@ -72,7 +72,7 @@ def test_benchmark_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.
     path.write_text(stored)
     monkeypatch.setitem(benchmark.SCALES, "tiny", replace(small, epochs=2))
     assert study(*words) == 2
-    assert "of other data or of another scale" in capsys.readouterr().err
+    assert "of other data or options" in capsys.readouterr().err
 
 
 NAMES = ["walking", "abnormal_walking", "falling", "dancing"]
