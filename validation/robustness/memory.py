@@ -86,10 +86,12 @@ def main(case: str, memory_gb: float) -> None:
     import hashlib
     from resource import RUSAGE_SELF, getrusage
 
+    from t2d_rt.core.memory import resident_bytes
+
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         warnings.simplefilter("ignore", ResourceWarning)
-        begin = _held_gb()
+        begin = resident_bytes() / 1e9
         result = CASES[case](memory_gb)
     error_db = "not measured" if result.error_db is None else result.error_db
     print(
@@ -101,9 +103,3 @@ def main(case: str, memory_gb: float) -> None:
             }
         )
     )  # fmt: skip
-
-
-def _held_gb() -> float:
-    from t2d_rt.core.memory import resident_bytes
-
-    return resident_bytes() / 1e9

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -88,6 +87,7 @@ FRACTIONS = (0.12, 0.15, 0.1, 0.1, 0.06, 0.06, 0.08, 0.05, 0.08, 0.1, 0.1)
 def soaked(calls: int = CALLS) -> dict[str, Any]:
     """Resident memory [MB] after each call, and the calls."""
     from t2d_rt.core.errors import T2DWarning
+    from t2d_rt.core.memory import resident_bytes
 
     warnings.simplefilter("ignore", T2DWarning)
     rng = np.random.default_rng(0)
@@ -101,14 +101,9 @@ def soaked(calls: int = CALLS) -> dict[str, Any]:
             name = str(rng.choice(list(kinds), p=FRACTIONS))
             kinds[name](rng, Path(folder))
             gc.collect()
-            resident.append(_resident_mb())
+            resident.append(resident_bytes() / 2**20)
             names.append(name)
     return {"resident_mb": resident, "calls": names}
-
-
-def _resident_mb() -> float:
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def _walk(rng: np.random.Generator, longest_s: float = 0.5) -> Any:
