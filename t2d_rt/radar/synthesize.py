@@ -32,8 +32,7 @@ from t2d_rt.radar.array_delays import array_delays, ends
 from t2d_rt.radar.buckets import SLOT_BINS, Buckets, buckets
 from t2d_rt.radar.coefficients import AmplitudeFrames, fields_at, phases
 from t2d_rt.radar.groups import Level, bucket_bins, bucket_theta, by_part, levels
-from t2d_rt.radar.leaves import Factors, leaves
-from t2d_rt.radar.multilevel import at_antennas, at_instants, factors
+from t2d_rt.radar.multilevel import Factors, at_antennas, at_instants, factors, leaves
 from t2d_rt.radar.prolate import band_nodes, band_weights
 from t2d_rt.radar.sweep import Instants, Sweep
 from t2d_rt.radar.windows import Delay, Window, Windows, block_end, filtered

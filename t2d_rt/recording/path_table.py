@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -148,6 +148,16 @@ def mean_range_m(radar: Radar, points: np.ndarray) -> np.ndarray:
     return np.mean(
         [np.linalg.norm(points - place, axis=-1) for place in (radar.tx_position_m, radar.rx_position_m)], axis=0
     )
+
+
+def speeds_and_ranges(
+    model: Model, points_at: Callable[[np.ndarray], np.ndarray], times_s: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds, positive = approaching [m/s], and ranges [m] at instants of the record (K,) of points (K, N, 3) that are given at
+    times of the model's clock, (K, N) each."""
+    _, *sides_s = Nearby.instants(times_s, model.span_s)
+    before, after = (mean_range_m(model.radar, points_at(model.span_s[0] + each)) for each in sides_s)
+    return (before - after) / (sides_s[1] - sides_s[0])[:, None], (before + after) / 2
 
 
 def seen_from_radar(radar: Radar, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

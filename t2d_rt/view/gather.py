@@ -15,7 +15,7 @@ from t2d_rt.experiment.setup import set_up_again
 from t2d_rt.pipeline.echo_model import Model
 from t2d_rt.plots.canvas import COLUMNS, occupied, thinned
 from t2d_rt.plots.figures import outline
-from t2d_rt.recording.path_table import STEP_S, mean_range_m, pairs_of, path_table, record_times, target_names
+from t2d_rt.recording.path_table import pairs_of, path_table, record_times, speeds_and_ranges, target_names
 from t2d_rt.recording.truth import Person, persons, truth_table
 from t2d_rt.types import Accuracy, Ellipsoids, PathPair, Radar, Scene, Surface
 from t2d_rt.view.parts import coloured, parts_shown, tints
@@ -167,17 +167,13 @@ def _extents(
     model: Model, number: int, owner: np.ndarray, parts: int, frames_s: np.ndarray
 ) -> list[dict[str, np.ndarray]]:
     """Of each part of a target the speeds of its slowest and fastest vertex [m/s], the ranges of its nearest and farthest [m]."""
-    solid, end_s = model.geometries[number].solid(), model.span_s[1] - model.span_s[0]
+    solid = model.geometries[number].solid()
     order = np.argsort(owner, kind="stable")
     held, starts = np.unique(owner[order], return_index=True)
     found = np.full((4, parts, len(frames_s)), np.nan, np.float32)
     for first in range(0, len(frames_s), AT_ONCE):
         some = slice(first, first + AT_ONCE)
-        sides_s = [np.clip(frames_s[some] + step, 0.0, end_s) for step in (-STEP_S, STEP_S)]
-        before, after = (
-            mean_range_m(model.radar, solid.vertices_at(model.span_s[0] + each)[:, order]) for each in sides_s
-        )
-        values = (before - after) / np.diff(sides_s, axis=0)[0][:, None], (before + after) / 2
+        values = (each[:, order] for each in speeds_and_ranges(model, solid.vertices_at, frames_s[some]))
         for k, (value, pick) in enumerate((v, pick) for v in values for pick in (np.minimum, np.maximum)):
             found[k, held, some] = pick.reduceat(value, starts, axis=1).T
     return [dict(zip(("slow", "fast", "near", "far"), each, strict=True)) for each in found.swapaxes(0, 1)]
@@ -207,11 +203,8 @@ def _loose(model: Model, number: int, truth: xr.Dataset, frames_s: np.ndarray) -
     geometry, name = model.geometries[number], str(truth.target.values[number])
     own = [(name, truth.speed_mps.values[number], truth.range_m.values[number])]
     if isinstance(geometry, Ellipsoids) and 1 < len(geometry.names) <= 60:
-        end_s = model.span_s[1] - model.span_s[0]
-        sides_s = [np.clip(frames_s + step, 0.0, end_s) for step in (-STEP_S, STEP_S)]
-        before, after = (mean_range_m(model.radar, geometry.points_at(model.span_s[0] + each)) for each in sides_s)
-        speed_mps = (before - after) / np.diff(sides_s, axis=0)[0][:, None]
-        own = [(each, speed_mps[:, k], (before + after)[:, k] / 2) for k, each in enumerate(geometry.names)]
+        speeds, ranges = speeds_and_ranges(model, geometry.points_at, frames_s)
+        own = list(zip(geometry.names, speeds.T, ranges.T, strict=True))
     return [
         {
             "name": each,
