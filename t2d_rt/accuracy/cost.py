@@ -13,7 +13,7 @@ from t2d_rt.accuracy.laws import COARSER, Laws
 from t2d_rt.core.cubes import is_large
 from t2d_rt.core.memory import release
 from t2d_rt.geometry.refine import curvature
-from t2d_rt.geometry.vectors import lengths
+from t2d_rt.geometry.vectors import norms
 from t2d_rt.pipeline.echo_model import Model, resolved, sagitta_rad
 from t2d_rt.pipeline.path_pairs import Clutter
 from t2d_rt.pipeline.prepare import Prepared
@@ -87,7 +87,7 @@ class FacetCount:
         """For the least range in the record, from the curvature of the mesh at rest."""
         middle = np.array([np.mean(model.span_s)])
         places = np.array([model.radar.tx_position_m])
-        range_m = rounded_range_m(float(lengths(mesh.at(middle)[0][:, None] - places).min()))
+        range_m = rounded_range_m(float(norms(mesh.at(middle)[0][:, None] - places).min()))
         rest = mesh.refined_rest
         limit = np.broadcast_to(sagitta_rad(mesh, accuracy.replace(sagitta_scale=1.0)), (len(mesh.rest),))
         ends = np.stack([mesh.faces, np.roll(mesh.faces, -1, axis=1)], axis=2)

@@ -10,7 +10,7 @@ import numpy as np
 
 from t2d_rt.accuracy.estimate import Chirps
 from t2d_rt.core.backend import Backend
-from t2d_rt.geometry.vectors import edge_cross, lengths
+from t2d_rt.geometry.vectors import edge_cross, norms
 from t2d_rt.pipeline.echo_model import Model
 from t2d_rt.propagation.images import apparent_m
 from t2d_rt.propagation.occluders import Occluders
@@ -49,13 +49,13 @@ class _Faces:
         faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, first, strict=False)])
         corners = vertices[:, faces]
         across = edge_cross(corners)
-        twice = np.maximum(lengths(across), 1e-30)
+        twice = np.maximum(norms(across), 1e-30)
         return cls(corners.mean(axis=2), across / twice[..., None], twice / 2)
 
     def towards(self, place_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Unit vectors to a place, (3,) or (K, 1, 3), (K, F, 3) and the distances (K, F) [m]."""
         offset = place_m - self.middle
-        distance = lengths(offset)
+        distance = norms(offset)
         return offset / distance[..., None], distance
 
     def visible_through(
@@ -149,7 +149,7 @@ def _judged(model: Model, accuracy: Accuracy, *, by_fast: bool) -> tuple[np.ndar
         keys = [end.key for end in both]
         (there, to), (here, back) = (towards[key] for key in keys)
         middle = there + here
-        cosine = np.einsum("kfi,kfi->kf", faces.normal, middle) / np.maximum(lengths(middle), 1e-30)
+        cosine = np.einsum("kfi,kfi->kf", faces.normal, middle) / np.maximum(norms(middle), 1e-30)
         direct = np.exp(-((np.arccos(np.clip(cosine, -1, 1)) / GLINT_RAD) ** 2))
         direct[direct < LEAST_GLINT] = 0
         for key in keys:

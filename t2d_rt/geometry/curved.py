@@ -38,7 +38,7 @@ from t2d_rt.geometry.subdivide import (
     too_many_faces,
     topology,
 )
-from t2d_rt.geometry.vectors import edge_cross, lengths, unit
+from t2d_rt.geometry.vectors import edge_cross, norms, unit
 
 MOST_SUBDIVISIONS = 24
 """Of a face beside an irregular vertex; a point that close to it takes the vertex's own place."""
@@ -283,7 +283,7 @@ class _Surface:
             limit = (corners.mean(axis=1) / PARTS * limits[face]).sum(axis=1)
             wanted = _split(_edge_sagittas(nodes, known.places, wavenumber, range_m) / limit[:, None])
             longest = MOST_WAVELENGTHS * 2 * math.pi / wavenumber * np.sqrt(limit) if max_edge_m is None else max_edge_m
-            edge = lengths(places[:, :3] - np.roll(places[:, :3], -1, axis=1))
+            edge = norms(places[:, :3] - np.roll(places[:, :3], -1, axis=1))
             wanted |= edge > np.broadcast_to(longest, len(face))[:, None]
             flagged = np.zeros(len(known.places), bool)
             flagged[nodes[:, 3:][wanted]] = True
@@ -413,7 +413,7 @@ def _children(corners: np.ndarray, places: np.ndarray, split: np.ndarray) -> tup
     count, order = split_edges_first(split[parents])
     nodes = _with_middles(corners[parents[:, None], order])
     places = places[parents[:, None], np.concatenate([order, 3 + order], axis=1)]
-    from_2 = lengths(places[:, 3] - places[:, 2]) < lengths(places[:, 4] - places[:, 0])
+    from_2 = norms(places[:, 3] - places[:, 2]) < norms(places[:, 4] - places[:, 0])
     case = np.select([count < 2, count == 3, from_2], [count, 4, 3], 2)
     made = split_picks(case, SPLITS)
     return (

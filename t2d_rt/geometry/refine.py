@@ -49,7 +49,7 @@ from t2d_rt.geometry.subdivide import (
     split_picks,
     topology,
 )
-from t2d_rt.geometry.vectors import edge_cross, lengths, unit
+from t2d_rt.geometry.vectors import edge_cross, norms, unit
 
 
 def grade(levels: list[Level]) -> None:
@@ -212,7 +212,7 @@ class Refinement:
         thirds = np.repeat([1 / 3, -1 / 3], 3)
         offsets = np.concatenate([self.middles, self.faces], axis=1).ravel()
         depth = sparse.csr_matrix((np.tile(thirds, count), offsets, 6 * np.arange(count + 1)), shape=(count, nodes))
-        area = np.repeat(lengths(edge_cross(self.at(vertices)[self.faces])), 3)
+        area = np.repeat(norms(edge_cross(self.at(vertices)[self.faces])), 3)
         fraction = area / np.bincount(faces.ravel(), weights=area)[faces.ravel()]
         mean = sparse.csr_matrix((fraction, (faces.ravel(), np.repeat(np.arange(count), 3))), shape=(len(used), count))
         operator = self.operator[used] + mean @ (depth @ self.operator)

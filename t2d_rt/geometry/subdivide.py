@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.core.errors import InputError
-from t2d_rt.geometry.vectors import checked_faces, edge_cross, lengths
+from t2d_rt.geometry.vectors import checked_faces, edge_cross, norms
 
 Csr = Any
 """scipy.sparse.csr_matrix; scipy is loaded when first used."""
@@ -81,7 +81,7 @@ def crease_corners(vertices: np.ndarray, sharp: np.ndarray, crease_deg: float) -
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Unit normals (F, 3); zero for a face without area."""
     normal = edge_cross(vertices.take(faces, axis=0))
-    return normal / np.maximum(lengths(normal), 1e-300)[:, None]
+    return normal / np.maximum(norms(normal), 1e-300)[:, None]
 
 
 def topology(faces: np.ndarray, vertex_count: int, sharp: np.ndarray | None = None) -> Topology:
@@ -258,7 +258,7 @@ def _least_change(terms: np.ndarray, defect: np.ndarray) -> np.ndarray:
 def _tame(matrix: Csr, mesh: Topology, rest: np.ndarray, rows: np.ndarray) -> None:
     """Take the chord's middle, in place, where a row's stencil (on slivers) throws the midpoint far off."""
     a, b = (rest.take(mesh.edges[rows, j], axis=0) for j in range(2))
-    offset, length = lengths(matrix[rows] @ rest - (a + b) / 2), lengths(b - a)
+    offset, length = norms(matrix[rows] @ rest - (a + b) / 2), norms(b - a)
     # An arc reaches this where it turns by 106 degrees.
     for row in rows[offset > 0.25 * length]:  # rare
         entry = slice(matrix.indptr[row], matrix.indptr[row + 1])

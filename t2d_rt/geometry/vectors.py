@@ -56,19 +56,10 @@ def vector_product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return out
 
 
-def lengths(vectors: np.ndarray) -> np.ndarray:
-    """Lengths of vectors along the last axis.
-
-    `np.linalg.norm` takes several times as long.
-    """
-    return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
-
-
 def edge_cross(corners: np.ndarray) -> np.ndarray:
     """Cross product (..., 3) of two edges of triangles (..., 3, 3): along the normal, twice as long as the area is large."""
     a = corners[..., 0, :]
-    one, two = corners[..., 1, :] - a, corners[..., 2, :] - a
-    return np.stack(cross(np.moveaxis(one, -1, 0), np.moveaxis(two, -1, 0)), axis=-1)
+    return vector_product(corners[..., 1, :] - a, corners[..., 2, :] - a)
 
 
 def checked_faces(name: str, value: Any, vertex_count: int) -> np.ndarray:

@@ -14,7 +14,7 @@ from t2d_rt.body.outfit import Outfit
 from t2d_rt.core.backend import Backend
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import Budget, blocks
-from t2d_rt.geometry.vectors import lengths
+from t2d_rt.geometry.vectors import norms
 from t2d_rt.pipeline.path_pairs import ChosenPairs, Clutter, clutter_scatterers
 from t2d_rt.pipeline.targets import SeenFromMoving, TargetLike, passing
 from t2d_rt.propagation.edges import SceneBlockage
@@ -234,7 +234,7 @@ def farthest_and_fastest(geometry: Geometry, radar: Radar, span_s: tuple[float, 
     count = int(np.clip(math.ceil((stop - start) * SPEED_RATE_HZ), LEAST_SPEED_SAMPLES, SPEED_SAMPLES))
     for times in blocks(np.linspace(start, stop - step, count), geometry.point_count):
         points = [geometry.points_at(t) for t in (times, times + step)]
-        ranges = [np.mean([lengths(p - place) for place in places], axis=0) for p in points]
+        ranges = [np.mean([norms(p - place) for place in places], axis=0) for p in points]
         farthest = max(farthest, float(ranges[0].max()))
         fastest = max(fastest, float(np.abs(ranges[1] - ranges[0]).max() / step))
     return farthest, fastest

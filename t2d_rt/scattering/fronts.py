@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from t2d_rt.geometry.vectors import lengths, unit, vector_product
+from t2d_rt.geometry.vectors import norms, unit, vector_product
 from t2d_rt.scattering.reflectors import Lattice, Posed, Reflectors, dot
 
 LIFT_WAVELENGTHS = 0.1
@@ -123,7 +123,7 @@ def launched(instant: Instant, lattice: Lattice) -> Front:
     """On the first surface, where any corner of a part of the lattice is lit."""
     posed = instant.posed
     place, normal = posed.places(lattice.face, lattice.weights), posed.normals_at(lattice.face, lattice.weights)
-    range_m = lengths(place - instant.transmitter_m)
+    range_m = norms(place - instant.transmitter_m)
     incoming = (place - instant.transmitter_m) / range_m[:, None]
     lit = dot(incoming, normal) < 0
     number = np.flatnonzero(lit[lattice.parts].any(axis=1))
@@ -207,7 +207,7 @@ def reflected(instant: Instant, front: Front) -> Front:
         np.concatenate([front.faces, faces[:, None]], axis=1),
         np.concatenate([front.coordinates, coordinates[:, None]], axis=1),
         np.concatenate([front.sense, np.ones((len(faces), 1))], axis=1),
-        front.length_m + lengths(met.place - front.place),
+        front.length_m + norms(met.place - front.place),
         met.place,
         met.normal,
         met.direction,

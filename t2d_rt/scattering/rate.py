@@ -11,7 +11,7 @@ from scipy.signal.windows import blackmanharris
 
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.memory import blocks
-from t2d_rt.geometry.vectors import lengths
+from t2d_rt.geometry.vectors import norms
 from t2d_rt.types import Ellipsoids, MovingMesh, Radar
 from t2d_rt.types.mesh import Track
 from t2d_rt.types.splines import spline
@@ -382,7 +382,7 @@ def _spectra(phases: np.ndarray, rate_hz: float, window: np.ndarray) -> tuple[np
 
 def _paths(points: np.ndarray, radar: Radar) -> np.ndarray:
     """Lengths (K, V) [m] of the paths over points (K, V, 3)."""
-    return lengths(points - radar.tx_position_m) + lengths(points - radar.rx_position_m)
+    return norms(points - radar.tx_position_m) + norms(points - radar.rx_position_m)
 
 
 def _specular_paths(ellipsoids: Ellipsoids, times_s: np.ndarray, radar: Radar) -> np.ndarray:
@@ -392,9 +392,9 @@ def _specular_paths(ellipsoids: Ellipsoids, times_s: np.ndarray, radar: Radar) -
     """
     centres, axes = ellipsoids.at(times_s)
     towards = 0.5 * (radar.tx_position_m + radar.rx_position_m) - centres
-    far = np.maximum(lengths(towards), 1e-9)[..., None]  # one that lies about the antennas is refused later
+    far = np.maximum(norms(towards), 1e-9)[..., None]  # one that lies about the antennas is refused later
     along = np.einsum("kvi,kvij->kvj", towards / far, axes)
-    return _paths(centres, radar) - 2 * lengths(along * ellipsoids.semi_axes_m)
+    return _paths(centres, radar) - 2 * norms(along * ellipsoids.semi_axes_m)
 
 
 def _some(count: int, most: int) -> np.ndarray:

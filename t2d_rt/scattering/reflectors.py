@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from t2d_rt.geometry import Refinement
-from t2d_rt.geometry.vectors import lengths, unit, vector_product
+from t2d_rt.geometry.vectors import norms, unit, vector_product
 from t2d_rt.scattering.patches import Csr
 from t2d_rt.scattering.refinement import carried
 from t2d_rt.types import MovingMesh
@@ -67,7 +67,7 @@ class Reflectors:
     def edge_m(self) -> np.ndarray:
         """Longest edge of each facet at rest (F,)."""
         corners = self.rest[self.faces]
-        return np.asarray(lengths(corners - np.roll(corners, 1, axis=1)).max(axis=1))
+        return np.asarray(norms(corners - np.roll(corners, 1, axis=1)).max(axis=1))
 
     @cached_property
     def smooth(self) -> Csr:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2d_rt.geometry.vectors import lengths, vector_product
+from t2d_rt.geometry.vectors import norms, vector_product
 from t2d_rt.scattering.fronts import GRAZING, Front, Instant, launched, outgoing, reflected, seen_area, two_edges
 from t2d_rt.scattering.reflectors import Lattice, dot
 
@@ -101,7 +101,7 @@ def _received(instant: Instant, front: Front, target: np.ndarray, level: int) ->
     """By physical optics on the last surface, where the receiver sees it; and which parts of the lattice's triangles, which lie on
     the `target`s of these numbers (M,), are to be made finer."""
     towards = instant.receiver_m - front.place
-    range_m = lengths(towards)
+    range_m = norms(towards)
     cosines = dot(towards, front.normal) / range_m - dot(front.incoming, front.normal)
     seen = instant.visible(instant.receiver_m, front, np.ones(len(front.place), bool))
     corners = (seen * cosines / (2 * range_m))[front.triangles]
@@ -109,7 +109,7 @@ def _received(instant: Instant, front: Front, target: np.ndarray, level: int) ->
         front.lead < 0, corners.mean(axis=1), corners[np.arange(len(corners)), np.maximum(front.lead, 0)]
     )
     place = front.place[front.triangles]
-    area = lengths(vector_product(*two_edges(place)))
+    area = norms(vector_product(*two_edges(place)))
     section = np.abs(seen_area(place, front.incoming[front.triangles].mean(axis=1)))
     spread = area / np.sqrt(np.maximum(section, np.maximum(GRAZING * area, 1e-30)))
     amplitude = front.weight * obliquity * spread

@@ -11,7 +11,7 @@ import t2d_rt as t2d
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import set_up
-from t2d_rt.geometry.vectors import lengths
+from t2d_rt.geometry.vectors import norms
 from t2d_rt.pipeline.echo_model import Model
 from t2d_rt.types import Accuracy, MovingMesh
 from validation.bench.measure import Case, targets_of_case, timed
@@ -103,7 +103,7 @@ def _summed(points: np.ndarray, radar: t2d.Radar) -> np.ndarray:
     t = radar.sample_times_s
     out = np.empty((len(points), radar.samples), np.complex64)
     for chirp, each in enumerate(points):
-        tau = 2 * lengths(each - radar.tx_position_m) / SPEED_OF_LIGHT
+        tau = 2 * norms(each - radar.tx_position_m) / SPEED_OF_LIGHT
         cycles = radar.carrier_hz * tau[:, None] + radar.slope_hz_per_s * (tau[:, None] * t - 0.5 * tau[:, None] ** 2)
         out[chirp] = np.exp(2j * np.pi * (cycles % 1.0).astype(np.float32)).astype(np.complex64).sum(axis=0)
     return out

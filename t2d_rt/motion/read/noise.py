@@ -223,7 +223,7 @@ def without_rotation_noise(
     levels = np.concatenate([_levels(each, motion.rate_hz) for each in (root, angles)])
     usual = _usual(levels[1:])
     reach = _reach(motion)
-    omega = np.linspace(0.0, math.pi * motion.rate_hz, len(local))
+    omega = _omega(len(local), motion.rate_hz)
     kept = low_pass_gain(len(omega), min(JITTER_CUTOFF_HZ, 0.49 * motion.rate_hz), motion.rate_hz) if filtered else 1.0
     calm = np.array([levels[0], *np.minimum(levels[1:], usual)])
     left = _speed_mps(calm * float((omega**2 * kept**2).mean()), reach)
