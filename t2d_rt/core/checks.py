@@ -12,7 +12,8 @@ from __future__ import annotations
 import difflib
 import math
 import reprlib
-from collections.abc import Collection, Mapping
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping
 from numbers import Real
 from os import PathLike, fsdecode, fsencode
 from pathlib import Path
@@ -274,3 +275,16 @@ def _limit(value: float) -> str:
 
 def _then(hint: str) -> str:
     return f"; {hint}" if hint else ""
+
+
+def numbered(names: Iterable[str], sign: str = " ", taken: Iterable[str] = ()) -> list[str]:
+    """Names of which each occurs once, and none is `taken`: a number follows one that is there already, as in "adult 2"."""
+    given, counts, found = set(taken), Counter[str](), list[str]()
+    for name in names:
+        own = name
+        while own in given:
+            counts[name] += 1
+            own = f"{name}{sign}{counts[name] + 1}"
+        given.add(own)
+        found.append(own)
+    return found

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.core.checks import choice, file_path, names_advice, positive, shown
+from t2d_rt.core.checks import choice, file_path, names_advice, numbered, positive, shown
 from t2d_rt.core.errors import InputError, printable, warn
 from t2d_rt.core.files import read_bytes
 from t2d_rt.geometry.mesh_files import MAX_MESH_BYTES, obj_labels, parsed_mesh
@@ -227,7 +227,7 @@ def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, Given], told: str) -
     count, rest = sum(map(len, surfaces.values())), triangles[where[left]]
     if len(rest):
         surfaces["not plane", (ABSORBER, ABSORBER_M)] = [_halves(voxels(rest - shift)) + shift]
-    names = numbered_names([name for name, _ in surfaces])
+    names = numbered(name for name, _ in surfaces)  # an object of several materials is several surfaces
     found = [
         _surface(name, np.concatenate(group) - shift, slab)
         for name, ((_, slab), group) in zip(names, surfaces.items(), strict=True)
@@ -326,17 +326,6 @@ class _Naming:
             f"assumed {what} of {', '.join(list(names)[:6])}{' ...' if len(names) > 6 else ''}"
             for what, names in self.guessed.items()
         ]
-
-
-def numbered_names(names: list[str]) -> list[str]:
-    """Names of which each occurs once: an object of several materials is several surfaces."""
-    taken: set[str] = set()
-    for place, name in enumerate(names):
-        number = 2
-        while names[place] in taken:
-            names[place], number = f"{name} {number}", number + 1
-        taken.add(names[place])
-    return names
 
 
 def slab_of(given: str | Material) -> Given:

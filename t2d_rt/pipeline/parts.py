@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -12,7 +11,7 @@ import numpy as np
 from t2d_rt.body.fit import fit
 from t2d_rt.body.segments import SEGMENTS, segment_of_faces
 from t2d_rt.body.template import template
-from t2d_rt.core.checks import shown
+from t2d_rt.core.checks import numbered, shown
 from t2d_rt.core.cube_storage import ScratchFile
 from t2d_rt.core.cubes import Cube, DiskCube
 from t2d_rt.core.errors import InputError, warn
@@ -55,9 +54,9 @@ class PartNames:
             self._segments = [_Segments.of(model, number) for number in range(len(targets))]
             each = [(number, name) for number, own in enumerate(self._segments) for name in own.names if name]
             keys = each + keys  # what has no segment comes last
-        before = [f"{name}: " if len(targets) > 1 else "" for name in _distinct(targets)]
+        before = [f"{name}: " if len(targets) > 1 else "" for name in numbered(targets)]
         plain = [before[number] + name if name else targets[number] for number, name in keys]
-        distinct = _distinct(plain, (STATIC, UNLABELLED, BETWEEN))
+        distinct = numbered(plain, taken=(STATIC, UNLABELLED, BETWEEN))
         self._names = dict(zip(keys, distinct, strict=True))
         self.renamed = {name: other for name, other in zip(distinct, plain, strict=True) if name != other}
         """What parts would be called if no other one had that name, by what they are called."""
@@ -126,15 +125,6 @@ def target_names(model: Model) -> list[str]:
         name if names.count(name) == 1 else f"{name} {names[:number].count(name) + 1}"
         for number, name in enumerate(names)
     ]
-
-
-def _distinct(names: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
-    """The names, each with a number that makes it another one than those before it and those `taken`."""
-    found = list(taken)
-    for name in names:
-        numbered = (f"{name} {number}" for number in itertools.count(2))
-        found.append(next(each for each in itertools.chain([name], numbered) if each not in found))
-    return found[len(taken) :]
 
 
 def _pieces(mesh: MovingMesh) -> list[str]:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
-from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from t2d_rt.core.checks import array
+from t2d_rt.core.checks import array, numbered
 from t2d_rt.core.constants import SPEED_OF_LIGHT, unit_of
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion import track
@@ -120,13 +119,9 @@ def record_times(span_s: tuple[float, float], rate_hz: float) -> np.ndarray:
 
 def target_names(targets: Sequence[Target]) -> list[str]:
     """A name of each target, that of its body or mesh; "adult", "adult 2" where two have the same."""
-    plain = [each.mesh.name if each.mesh is not None else getattr(each, "template", "ellipsoids") for each in targets]
-    seen: Counter[str] = Counter()
-    found = []
-    for name in plain:
-        seen[name] += 1
-        found.append(name if seen[name] == 1 else f"{name} {seen[name]}")
-    return found
+    return numbered(
+        each.mesh.name if each.mesh is not None else getattr(each, "template", "ellipsoids") for each in targets
+    )
 
 
 def reference_points(model: Model, times_s: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ import t2d_rt as t2d
 from builders import JOINT_CENTRES, MOTIONS, WALK, joint_centres, slow_after, write_c3d
 from t2d_rt.cli import _command
 from t2d_rt.cli.experiments import target_of
+from t2d_rt.core.checks import numbered
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.experiment.sources import MotionFile, target_from
 from t2d_rt.motion import load_motion
@@ -20,7 +21,7 @@ from t2d_rt.motion.read.bvh import read_bvh
 from t2d_rt.motion.read.joint_sets import absent_joints
 from t2d_rt.motion.read.markers import MODELLED
 from t2d_rt.motion.read.skeletal import bodies
-from t2d_rt.motion.read.subjects import numbered, subjects
+from t2d_rt.motion.read.subjects import subjects
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 from validation.motions import independent
 
@@ -163,6 +164,11 @@ def test_the_command_line_takes_a_subject(tmp_path: Path, walk: Motion) -> None:
     assert "subject" in {action.dest.removeprefix("motion.") for action in _command("simulate").parser._actions}
 
 
+def test_numbers_make_each_name_another_one() -> None:
+    assert numbered(["a", "b", "a", "a"], "#") == ["a", "b", "a#2", "a#3"]
+    assert numbered(["a 2", "a", "a", "b"], taken=["b"]) == ["a 2", "a", "a 3", "b 2"]
+
+
 def test_sides_and_numbers_of_a_skeleton_name_no_subject() -> None:
     for names in (
         ["pelvis", "spine1", "spine2", *(f"{s}_{j}" for s in ("left", "right") for j in JOINT_CENTRES)],
@@ -170,13 +176,12 @@ def test_sides_and_numbers_of_a_skeleton_name_no_subject() -> None:
         list(MODELLED),
     ):
         assert subjects(names, absent_joints) == {}
-    assert numbered(["a", "b", "a", "a"]) == ["a", "b", "a#2", "a#3"]
     body = [f"{s}_{j}" for s in ("left", "right") for j in JOINT_CENTRES]
     three = [f"{who}.{name}" for name in body for who in ("C", "A", "B")]
     found = subjects(three, absent_joints)
     assert list(found) == ["C", "A", "B"]
     assert found["B"] == {name: f"B.{name}" for name in body}
-    found = subjects(numbered([*body, *body]), absent_joints)
+    found = subjects(numbered([*body, *body], "#"), absent_joints)
     assert list(found) == ["unnamed", "2"]
 
 

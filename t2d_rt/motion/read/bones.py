@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from t2d_rt.core.checks import shown
+from t2d_rt.core.checks import numbered, shown
 from t2d_rt.core.errors import InputError, printable
 from t2d_rt.core.files import read_bytes
 from t2d_rt.motion.quaternions import normalise
@@ -25,7 +25,7 @@ from t2d_rt.motion.read.bvh import MAX_FRAMES
 from t2d_rt.motion.read.clock import TIME_FIELD, UNITS_S
 from t2d_rt.motion.read.markers import MAX_MARKERS, joints_from
 from t2d_rt.motion.read.samples import filled, plausible
-from t2d_rt.motion.read.subjects import Labels, chosen, numbered, of_labels
+from t2d_rt.motion.read.subjects import Labels, chosen, of_labels
 from t2d_rt.motion.read.tracks import Times, Tracks
 from t2d_rt.motion.skeletons import canonical, nearest_flavour
 
@@ -231,7 +231,7 @@ def _of_motive(
         def read(own: Labels) -> Tracks:
             return of_bones("Motive", {name: tracks[label] for name, label in own.items()}, 120.0)
 
-        found, who = of_labels(numbered(tracks), lambda names: nearest_flavour(names)[1], subject, read)
+        found, who = of_labels(numbered(tracks, "#"), lambda names: nearest_flavour(names)[1], subject, read)
         euler = any("RX" in at for at in bones.values()) and not turned
         return found.saying(
             *who, *(["its Euler angles are left out; export quaternions to keep rotations"] if euler else [])

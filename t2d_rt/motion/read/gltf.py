@@ -15,13 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.core.checks import shown
+from t2d_rt.core.checks import numbered, shown
 from t2d_rt.core.errors import InputError, printable, warn
 from t2d_rt.core.files import read_bytes
 from t2d_rt.motion.quaternions import conjugate, from_matrix, multiply, normalise, rotate
 from t2d_rt.motion.read.bvh import MAX_FRAMES, MAX_JOINTS, RawSkeleton, of_poses
 from t2d_rt.motion.read.clock import tidy
-from t2d_rt.motion.read.subjects import numbered
 
 MAX_BYTES = 150_000_000
 MAX_NODES = 20_000
@@ -106,7 +105,7 @@ def read_gltf(path: Path) -> RawSkeleton:
     for number, node in enumerate(joints):
         placed[:, number] = matrices[node][:, :3, 3]
         turned[:, number] = multiply(_turn(matrices[node][:, :3, :3]), conjugate(_turn(rest[node][:, :3, :3])))
-    names = tuple(numbered(printable(str(nodes[node].get("name", f"node {node}"))) for node in joints))
+    names = tuple(numbered((printable(str(nodes[node].get("name", f"node {node}"))) for node in joints), "#"))
     place = {node: number for number, node in enumerate(joints)}
     return of_poses(names, tuple(place.get(above[node], -1) for node in joints), placed, turned, rate_hz)
 

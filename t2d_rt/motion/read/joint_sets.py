@@ -32,8 +32,6 @@ ORDERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 """Orders of joints in arrays that come without names."""
 
-LIMBS = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
-
 LEAST_LIKELY = 0.25
 """Score from which on an array in some order is no person; recordings stay under 0.1 in their own order."""
 
@@ -111,14 +109,16 @@ def likeliest_order(joints: np.ndarray) -> tuple[str | None, float]:
     return best, scores[best]
 
 
+def limb_lengths(points: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Lengths of thighs, shanks, upper arms and forearms, (2, 4, T): left and right."""
+    bones = ("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist")
+    sides = ("left", "right")
+    return np.array([[norms(points[f"{s}_{a}"] - points[f"{s}_{b}"]) for a, b in bones] for s in sides])
+
+
 def unlikeness(points: Mapping[str, np.ndarray]) -> float:
     """How much limbs of points (T, 3) vary in length, differ left and right, and miss the ratio of legs to arms; 0 is best."""
-    lengths = np.array(
-        [
-            [norms(points[f"{side}_{upper}"] - points[f"{side}_{lower}"]) for upper, lower in LIMBS]
-            for side in ("left", "right")
-        ]
-    )  # (2, 4, T)
+    lengths = limb_lengths(points)
     lengths = lengths[..., np.isfinite(lengths).all(axis=(0, 1))]  # frames in which all are seen
     if not lengths.shape[-1]:
         return math.inf

@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from t2d_rt.core.checks import shown
+from t2d_rt.core.checks import numbered, shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.quaternions import from_matrix
 from t2d_rt.motion.read.arrays import Arrays, samples_of
@@ -20,7 +20,7 @@ from t2d_rt.motion.read.detect import Up
 from t2d_rt.motion.read.humanml3d import WIDTH, read_joints, read_vectors
 from t2d_rt.motion.read.joint_sets import ORDERS, absent_joints, likeliest_order, named_points, unlikeness
 from t2d_rt.motion.read.samples import filled, seen
-from t2d_rt.motion.read.subjects import Labels, check_only, chosen, numbered, of_labels, subjects
+from t2d_rt.motion.read.subjects import Labels, check_only, chosen, of_labels, subjects
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.motion.skeletons import tables
 from t2d_rt.types.motion import CANONICAL_JOINTS
@@ -117,7 +117,7 @@ def _of_one(values: np.ndarray, arrays: Arrays, subject: str | None) -> Tracks:
             return _at_rate(read_vectors(values), arrays)
         joints, told = _joints(values, arrays, names)
         return _at_rate(_in_order(joints, arrays), arrays).saying(*told)
-    (joints, laid), labels = _joints(values, arrays, names), numbered(names)
+    (joints, laid), labels = _joints(values, arrays, names), numbered(names, "#")
     if len(set(names)) < len(names) and not subjects(labels, absent_joints):
         named_points(joints, names)  # refuses names that are repeated by mistake
     place = {label: number for number, label in enumerate(labels)}

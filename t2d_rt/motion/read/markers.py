@@ -16,7 +16,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from t2d_rt.core.checks import shown
+from t2d_rt.core.checks import numbered, shown
 from t2d_rt.core.errors import InputError, install
 from t2d_rt.core.files import read_bytes
 from t2d_rt.core.processes import run_guarded
@@ -26,7 +26,7 @@ from t2d_rt.motion.read.bvh import MAX_FRAMES
 from t2d_rt.motion.read.clock import same_rate, warn_of_contradiction
 from t2d_rt.motion.read.joint_sets import NEEDED, absent_joints, canonical_sources, named_points
 from t2d_rt.motion.read.samples import LARGEST, plausible, seen
-from t2d_rt.motion.read.subjects import Labels, numbered, of_labels
+from t2d_rt.motion.read.subjects import Labels, of_labels
 from t2d_rt.motion.read.tracks import Times, Tracks
 from t2d_rt.motion.skeletons import sided, tables
 from t2d_rt.types.motion import RATES_HZ
@@ -249,7 +249,7 @@ def _markers(path: Path) -> tuple[dict[str, np.ndarray], float, str]:
             f"{path} holds points of shape {table.shape} at {rate_hz:g} Hz; expected 2 to {MAX_FRAMES} frames"
         )
     positions = plausible(np.moveaxis(table[:3], 0, -1))  # (markers, frames, 3)
-    markers = {label: positions[place] for place, label in enumerate(numbered(labels[: len(positions)]))}
+    markers = {label: positions[place] for place, label in enumerate(numbered(labels[: len(positions)], "#"))}
     return markers, rate_hz, unit.lower()
 
 
@@ -299,7 +299,7 @@ def read_trc(path: Path, subject: str | None = None) -> Tracks:
         raise InputError(f"{path}: DataRate must be frames per second, got {shown(header['DataRate'])}")
     labels = [label.strip() for label in lines[3].split("\t")[2:]]
     places = [place for place, label in enumerate(labels) if label]
-    columns = dict(zip(numbered(labels[place] for place in places), places, strict=True))
+    columns = dict(zip(numbered((labels[place] for place in places), "#"), places, strict=True))
     if not columns or len(columns) > MAX_MARKERS:
         raise InputError(f"{path}: its fourth line must name 1 to {MAX_MARKERS} markers, got {len(columns)}")
     times_s, table = _table(lines[5:], len(labels), path)

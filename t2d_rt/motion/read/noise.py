@@ -11,11 +11,11 @@ from operator import itemgetter
 import numpy as np
 
 from t2d_rt.core.errors import warn
-from t2d_rt.geometry.vectors import dot, inner, norms
+from t2d_rt.geometry.vectors import dot, inner
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, compose, low_pass, low_pass_gain
-from t2d_rt.motion.read.joint_sets import LIMBS
+from t2d_rt.motion.read.joint_sets import limb_lengths
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.types.motion import Motion
 
@@ -91,20 +91,9 @@ def told_noise(
     return f"{noise} ({seen}) smoothed at {span} Hz{', joint by joint' if len(cutoffs_hz) > 1 else ''} ({told})"
 
 
-def _lengths(points: dict[str, np.ndarray]) -> np.ndarray:
-    """Lengths of the limbs' bones, (8, T)."""
-    return np.array(
-        [
-            norms(points[f"{side}_{lower}"] - points[f"{side}_{upper}"])
-            for side in ("left", "right")
-            for upper, lower in LIMBS
-        ]
-    )
-
-
 def noise_power(points: dict[str, np.ndarray]) -> np.ndarray:
     """Power of the noise of each coordinate [m^2], (T,), at frequencies from 0 to half the rate; its mean is the variance."""
-    lengths = _lengths(points).T
+    lengths = limb_lengths(points).reshape(8, -1).T
     if len(lengths) < 12:
         return np.zeros(len(lengths))
     lengths = np.clip(lengths, *np.percentile(lengths, [RARE, 100.0 - RARE], axis=0))

@@ -44,16 +44,6 @@ class UnknownSubject(InputError):
         self.names = tuple(names)
 
 
-def numbered(labels: Iterable[str]) -> list[str]:
-    """Labels of which each occurs once: a repeated one is followed by #2, #3."""
-    count: dict[str, int] = {}
-    found = []
-    for label in labels:
-        count[label] = count.get(label, 0) + 1
-        found.append(label if count[label] == 1 else f"{label}#{count[label]}")
-    return found
-
-
 def of_labels(
     labels: Sequence[str],
     lacking: Callable[[Sequence[str]], Sequence[str]],
