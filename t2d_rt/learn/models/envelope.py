@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+from functools import partial
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
 from t2d_rt.core.errors import InputError
+from t2d_rt.core.memory import LastUsed
 from t2d_rt.learn.features import band_features, check_steps, features
 from t2d_rt.learn.models import ModelCard, Network
 
@@ -20,7 +22,7 @@ RANGE_DB = 60.0
 """What an input of 0 stands for, below the greatest cell; of a training with another range levels are stretched alike in use."""
 HELD = 50_000
 """Maps whose features are kept: in training the same ones come again in each epoch, and with the next seed."""
-_kept: dict[bytes, np.ndarray] = {}
+_kept = LastUsed[np.ndarray](HELD)
 """Features by a hash of the map and its axes."""
 CELLS = 1.5
 """Cells by which the fastest speeds of both signs may differ: an even number of Doppler bins has one more of one sign."""
@@ -78,13 +80,7 @@ class Envelope(nn.Module):
         """Features of a map, which are kept by a hash of the map and its axes: in training each map comes in every epoch."""
         axes = self.velocity_mps.cpu().numpy().tobytes() + self.duration_s.cpu().numpy().tobytes()
         key = hashlib.blake2b(axes + levels.tobytes(), digest_size=16).digest()
-        found = _kept.get(key)
-        if found is None:
-            found = self._features(levels)
-            if len(_kept) >= HELD:
-                _kept.clear()
-            _kept[key] = found
-        return found
+        return _kept.get(key, partial(self._features, levels))
 
     def _features(self, levels: np.ndarray) -> np.ndarray:
         """Features of a map [dB], float32, finite."""
