@@ -257,6 +257,17 @@ those of a dance are raised; and how fast its wrists then move against the shoul
 112 motions of sentences that are no dances none has both."""
 
 
+DANCING_FEET_MPS = 0.12
+"""Least mean speed of the ankles of one who dances; who stretches on the spot raises the arms, too."""
+
+
+def feet_mps(body: Tracks) -> float:
+    """Mean speed of both ankles [m/s]."""
+    return float(
+        np.mean([np.linalg.norm(rate_of(body[f"{side}_ankle"]), axis=-1).mean() for side in ("left", "right")])
+    )
+
+
 def _arms_are_busy(body: Tracks) -> list[str]:
     """Why arms that are raised and busy all along make a motion a dance, whatever its legs do in a piece of it."""
     up, busy = [], []
@@ -264,7 +275,7 @@ def _arms_are_busy(body: Tracks) -> list[str]:
         up.append((body[f"{side}_elbow"] - body["shoulders"])[:, 2] > -RAISED * body.stature_m)
         busy.append(np.linalg.norm(rate_of(body[f"{side}_wrist"] - body["shoulders"]), axis=-1))
     fraction, speed = float(np.mean(up)), float(np.mean(busy))
-    if fraction < RAISED_FRACTION or speed < BUSY_MPS:
+    if fraction < RAISED_FRACTION or speed < BUSY_MPS or feet_mps(body) < DANCING_FEET_MPS:
         return []
     return [
         f"the elbows are raised for {fraction:.0%} of the time and the wrists move at {speed:.1f} m/s, as in a dance"
@@ -390,15 +401,14 @@ def _dancing(seen: Evidence) -> list[str]:
         [np.linalg.norm(rate_of(body[f"{side}_wrist"] - body["shoulders"]), axis=-1).mean() for side in sides]
     )
     heights = wrists_rise(body)
-    legs = np.mean([np.linalg.norm(rate_of(body[f"{side}_ankle"]), axis=-1).mean() for side in sides])
     angle = np.unwrap(np.arctan2(body.facing[:, 1], body.facing[:, 0]))
     neither_jump_nor_walk = bool(_jumping(seen) and _walking(seen))
     if heights < (0.03 if arms > 0.3 and neither_jump_nor_walk else DANCES) and np.ptp(angle) < math.pi:
         faults.append(f"the wrists rise and fall by {heights:.3f} of the stature only and the body does not turn")
     if not _jumping(seen) and feet_together(body) > TOGETHER:
         faults.append("both feet go up and down together: jumps")
-    if legs < 0.12:
-        faults.append(f"the feet move at {legs:.2f} m/s only")
+    if feet_mps(body) < DANCING_FEET_MPS:
+        faults.append(f"the feet move at {feet_mps(body):.2f} m/s only")
     if heights < 0.03 and seen.gait.net_mps > 0.8 * seen.gait.speed_mps > 0.3:
         faults.append(f"it goes straight on at {seen.gait.net_mps:.2f} m/s with hanging arms: a walk")
     if seen.gait.speed_mps > RUNS_MPS:
