@@ -318,9 +318,7 @@ class Recipe(Fields):
 
     def to_yaml(self) -> str:
         """Text that `read` takes for the same recipe."""
-        import yaml
-
-        return str(yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False))
+        return self.yaml_text()
 
     @classmethod
     def read(cls, source: str | Path) -> Recipe:

@@ -225,6 +225,4 @@ class Experiment(Plain):
 
     def to_yaml(self) -> str:
         """Text that `from_yaml` reads back as the same."""
-        import yaml
-
-        return str(yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False))
+        return self.yaml_text()

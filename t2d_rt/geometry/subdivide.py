@@ -231,7 +231,9 @@ def _quadratic_precision(matrix: Csr, mesh: Topology, rest: np.ndarray, half: np
     size = np.diff(matrix.indptr)[smooth]
     # fewer points than conditions: the stencil beside a corner keeps its plain weights
     for count in np.unique(size[size > _TERMS]):
-        for pick in _chunks(np.flatnonzero(size == count)):
+        alike = np.flatnonzero(size == count)
+        for start in range(0, len(alike), 16_384):  # pieces, so that the working memory stays bounded
+            pick = alike[start : start + 16_384]
             rows = smooth[pick]
             entry = matrix.indptr[rows, None] + np.arange(count)
             terms = _quadratic_terms(rest, mesh.edges[rows], normal[pick], matrix.indices[entry])
@@ -263,11 +265,6 @@ def _tame(matrix: Csr, mesh: Topology, rest: np.ndarray, rows: np.ndarray) -> No
     for row in rows[offset > 0.25 * length]:  # rare
         entry = slice(matrix.indptr[row], matrix.indptr[row + 1])
         matrix.data[entry] = np.where(np.isin(matrix.indices[entry], mesh.edges[row]), 0.5, 0.0)
-
-
-def _chunks(rows: np.ndarray, length: int = 16_384) -> list[np.ndarray]:
-    """Pieces of at most `length` edges, so that the working memory stays bounded."""
-    return [rows[i : i + length] for i in range(0, len(rows), length)]
 
 
 def _quadratic_terms(rest: np.ndarray, edges: np.ndarray, normal: np.ndarray, vertices: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.resources import listing, resource
 from t2d_rt.geometry.mesh_files import read_mesh
 from t2d_rt.geometry.scan import scene_from_mesh
+from t2d_rt.scene.movers.solids import about_z
 from t2d_rt.types import Scene, Surface
 from t2d_rt.types.fields import Coordinate, Fields, Number
 from t2d_rt.types.material import THICKNESS_M, Material
@@ -185,9 +186,7 @@ class Room(Fields):
     def _placed(self, piece: Piece, low: np.ndarray, high: np.ndarray) -> list[Surface]:
         """The surfaces of a piece of furniture in its place, one for each material."""
         name = piece.name or piece.kind
-        angle = math.radians(piece.heading_deg)
-        rotation = np.array([[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]])
-        parts = furniture(piece.kind)
+        rotation, parts = about_z(math.radians(piece.heading_deg)), furniture(piece.kind)
         found = []
         for material, (vertices, faces) in parts.items():
             there = vertices @ rotation.T + [piece.x_m, piece.y_m, piece.z_m]

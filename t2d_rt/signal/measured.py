@@ -370,21 +370,19 @@ def load_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str = "IQ", 
     return cube_of(replace(raw, decode=decode))
 
 
-def _complex(pairs: np.ndarray) -> np.ndarray:
-    """I + jQ of an axis 1 of the two, one after the other."""
+def _values(codes: np.ndarray, together: int) -> np.ndarray:
+    """I + jQ of codes (word,) that bring so many I `together` and then as many Q; where that is 0, real samples as they are."""
+    if not together:
+        return codes
+    pairs = codes.reshape(-1, 2, together)
     return (pairs[:, 0] + np.complex64(1j) * pairs[:, 1]).ravel()
 
 
-def _receivers(values: np.ndarray, samples: int) -> np.ndarray:
-    """Chirps (chirp of a receiver, sample) of values of 4 receivers at one sample after the other."""
-    return values.reshape(-1, samples, 4).swapaxes(1, 2).reshape(-1, samples)
-
-
 def _ordered(codes: np.ndarray, samples: int, *, together: int, by_sample: bool = False) -> np.ndarray:
-    """Chirps (chirp of a receiver, sample) of codes (word,) that bring so many I `together` and then as many Q, or real samples
-    where that is 0; `by_sample` of 4 receivers at one sample after the other, and else of one receiver after the other."""
-    values = _complex(codes.reshape(-1, 2, together)) if together else codes
-    return _receivers(values, samples) if by_sample else values.reshape(-1, samples)
+    """Chirps (chirp of a receiver, sample) of codes as in `_values`; `by_sample` of 4 receivers at one sample after the other, and
+    else of one receiver after the other."""
+    values = _values(codes, together)
+    return (values.reshape(-1, samples, 4).swapaxes(1, 2) if by_sample else values).reshape(-1, samples)
 
 
 LAYOUTS: dict[str, tuple[dict[str, Any], str]] = {
@@ -424,7 +422,7 @@ def _check_period(codes: np.ndarray, together: int, row: int, senders: int, path
     """
     from scipy import fft
 
-    values = _complex(codes.reshape(-1, 2, together)) if together else codes
+    values = _values(codes, together)
     row = row // 2 if together else row
     size = fft.next_fast_len(2 * len(values))
     power = np.abs(fft.fft(values - values.mean(), size)) ** 2

@@ -81,6 +81,12 @@ class Fields(BaseModel):
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 
+    def yaml_text(self) -> str:
+        """All fields as YAML, which reads back as the same."""
+        import yaml
+
+        return str(yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False))
+
     @classmethod
     def model_validate(cls, obj: Any, **options: Any) -> Self:
         """A model from a mapping of field names and values; an InputError where it is wrong."""

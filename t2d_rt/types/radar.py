@@ -285,9 +285,7 @@ class Radar(Fields):
 
     def to_yaml(self, path: str | Path) -> None:
         """Write all fields to a YAML file that `from_yaml` reads back exactly; it is written whole or not at all."""
-        import yaml
-
-        _write(path, yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False))
+        _write(path, self.yaml_text())
 
     def replace(self, **changes: Any) -> Radar:
         """A copy with some fields changed, checked like a new one."""

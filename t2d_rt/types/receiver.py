@@ -210,9 +210,7 @@ class Receiver(_Part):
 
     def to_yaml(self) -> str:
         """Text that `from_yaml` reads back as the same."""
-        import yaml
-
-        return str(yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False))
+        return self.yaml_text()
 
     def replace(self, **changes: Any) -> Self:
         """A copy with some fields changed, checked like a new one."""
