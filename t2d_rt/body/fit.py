@@ -12,7 +12,7 @@ from t2d_rt.body.rotations import matrices
 from t2d_rt.body.template import Template
 from t2d_rt.body.template import template as body_template
 from t2d_rt.core.errors import InputError
-from t2d_rt.geometry.vectors import unit
+from t2d_rt.geometry.vectors import median_length, unit
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 
 SIDES = ("left", "right")
@@ -67,7 +67,7 @@ def stance(motion: Motion, side: str) -> Stance | None:
     )
     speed = sum(np.linalg.norm(np.gradient(p, 1 / motion.rate_hz, axis=0), axis=1) for p in (ankle, foot))
     direction = unit(foot - ankle)
-    shank = float(np.median(np.linalg.norm(ankle - knee, axis=1)))
+    shank = median_length(ankle - knee)
     level = (
         (np.abs(direction[:, 2]) < 0.75)
         & (ankle[:, 2] < 0.5 * shank)
@@ -116,7 +116,7 @@ def _lengths(motion: Motion) -> dict[tuple[str, str], float]:
     bones += [
         (pair, f"{side}_{joint}") for side in SIDES for pair, joint in (("hips", "hip"), ("shoulders", "shoulder"))
     ]
-    lengths = {bone: float(np.median(np.linalg.norm(at[bone[1]] - at[bone[0]], axis=1))) for bone in bones}
+    lengths = {bone: median_length(at[bone[1]] - at[bone[0]]) for bone in bones}
     zero = [f"{a} to {b}" for (a, b), length in lengths.items() if not 1e-3 < length < 10]
     if zero:
         raise InputError(

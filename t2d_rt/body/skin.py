@@ -15,6 +15,7 @@ from t2d_rt.body.outfit import Outfit, materials_of, outfit_of
 from t2d_rt.body.pose import BONES, Posing, posing
 from t2d_rt.body.template import template
 from t2d_rt.geometry import curvature
+from t2d_rt.geometry.vectors import median_length
 from t2d_rt.types.material import Material
 from t2d_rt.types.mesh import Made, MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
@@ -101,7 +102,7 @@ def _on_floor(motion: Motion, basis: Csr, pose: Posing) -> bool:
     if motion.joints[..., 2].min() <= -0.05:
         return False
     hip, knee, ankle = (motion.joints[:, motion.index(f"left_{joint}")] for joint in ("hip", "knee", "ankle"))
-    leg_m = sum(float(np.median(np.linalg.norm(bone, axis=1))) for bone in (hip - knee, knee - ankle))
+    leg_m = sum(median_length(bone) for bone in (hip - knee, knee - ankle))
     if hip[:, 2].min() < 0.55 * leg_m:
         return True
     times_s = np.linspace(0.0, motion.duration_s, INSTANTS)

@@ -35,6 +35,11 @@ def norms(vectors: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(inner(vectors, vectors)))
 
 
+def median_length(vectors: np.ndarray) -> float:
+    """Median length of vectors along the last axis, as a bone has one in time."""
+    return float(np.median(norms(vectors)))
+
+
 def inner(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Scalar products along the last axis, of few components: `(first * second).sum(axis=-1)`, bit for bit, as fast."""
     found = first[..., 0] * second[..., 0]

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from t2d_rt.geometry.vectors import norms, unit, vector_product
+from t2d_rt.geometry.vectors import median_length, norms, unit, vector_product
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.interpolate import compose, decompose
 from t2d_rt.motion.skeletons import PARENT_OF
@@ -30,14 +30,14 @@ def stature_m(points: dict[str, np.ndarray]) -> float:
     spine has, and how it winds through them, differs. A sum over them is too long by 4 to 9 % in files with full spines.
     """
     shoulders = middle(points, "shoulder")
-    trunk = _length(middle(points, "hip"), shoulders) + _length(shoulders, points["head"])
+    trunk = median_length(middle(points, "hip") - shoulders) + median_length(shoulders - points["head"])
     return STATURE_PER_CHAIN * (leg_m(points) + trunk)
 
 
 def leg_m(points: Mapping[str, np.ndarray]) -> float:
     """Length of thigh and shank, median in time and mean of both sides, in the unit of the points."""
     bones = [
-        _length(points[f"{side}_{lower}"], points[f"{side}_{upper}"])
+        median_length(points[f"{side}_{lower}"] - points[f"{side}_{upper}"])
         for side in ("left", "right")
         for lower, upper in (("hip", "knee"), ("knee", "ankle"))
     ]
@@ -47,10 +47,6 @@ def leg_m(points: Mapping[str, np.ndarray]) -> float:
 def middle(points: Mapping[str, np.ndarray], joint: str) -> np.ndarray:
     """Track (T, 3) between the left and the right one of a joint."""
     return np.asarray(0.5 * (points[f"left_{joint}"] + points[f"right_{joint}"]))
-
-
-def _length(lower: np.ndarray, upper: np.ndarray) -> float:
-    return float(np.median(norms(lower - upper)))
 
 
 def facing(points: dict[str, np.ndarray]) -> np.ndarray:

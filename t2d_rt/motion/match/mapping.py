@@ -11,7 +11,7 @@ from operator import attrgetter, itemgetter
 import numpy as np
 
 from t2d_rt.core.errors import InputError
-from t2d_rt.geometry.vectors import unit
+from t2d_rt.geometry.vectors import median_length, unit
 from t2d_rt.motion.match.skeleton_tree import PARTS_OF_ARM, PARTS_OF_LEG, Limb, Pair, Tree, limb_pairs
 
 # --- the person in a skeleton: which limbs are legs, which are arms, where the head is, which side is left ---
@@ -85,7 +85,7 @@ def _person(tree: Tree, legs: Pair, arms: Pair) -> Person | None:
     ):
         return None
     hips, shoulders = tree.middle(joints_of(legs, 0)), tree.middle(joints_of(arms, 0))
-    trunk = float(np.median(np.linalg.norm(shoulders - hips, axis=-1)))
+    trunk = median_length(shoulders - hips)
     if trunk < 0.05 * legs.length:
         return None
     # Adults' legs are 1.41 to 1.91 arms long in recorded skeletons, at two years about 1.2, and trunks 0.50 to 0.67
@@ -205,7 +205,7 @@ def signs(points: dict[str, np.ndarray]) -> dict[str, float]:
     up = unit(shoulders - hips)
     across = sum(pairs[joint][0] - pairs[joint][1] for joint in ("hip", "shoulder"))
     forward = unit(np.cross(across, up))
-    leg = float(np.median(np.linalg.norm(pairs["hip"][0] - pairs["knee"][0], axis=-1))) * 2.0
+    leg = median_length(pairs["hip"][0] - pairs["knee"][0]) * 2.0
 
     feet = [points[f"{side}_foot"] - points[f"{side}_ankle"] for side in ("left", "right") if f"{side}_foot" in points]
     knees = _bends(points, ("hip", "knee", "ankle"))
@@ -289,8 +289,8 @@ def _feet(tree: Tree, leg: Limb) -> dict[str, Source]:
     best: tuple[float, list[int]] = (0.0, [])
     for tip in tree.below(leg.lower, 5, 40)[1:]:
         reach = tree.positions[:, tip] - ankle
-        length = float(np.median(np.linalg.norm(reach, axis=-1))) / leg.length
-        bent = float(np.median(np.linalg.norm(np.cross(unit(reach), shank), axis=-1)))
+        length = median_length(reach) / leg.length
+        bent = median_length(np.cross(unit(reach), shank))
         chain = [joint for joint in tree.path(leg.lower, tip)[1:] if not tree.together(leg.lower, joint)]
         named = any("foot" in tree.labels[joint].parts or "toe" in tree.labels[joint].parts for joint in chain)
         # The foot stands square to the shank: what goes on along it is a heel, or the end of a bone.
@@ -314,7 +314,7 @@ def _hand(tree: Tree, arm: Limb) -> dict[str, Source]:
     best: tuple[float, int] = (0.0, -1)
     for tip in tree.below(arm.lower, 7, 60)[1:]:
         reach = tree.positions[:, tip] - wrist
-        length = float(np.median(np.linalg.norm(reach, axis=-1))) / arm.length
+        length = median_length(reach) / arm.length
         along = float(np.median(np.sum(unit(reach) * forearm, axis=-1)))
         middle = any(tree.labels[joint].middle for joint in tree.path(arm.lower, tip))
         if 0.04 < length < 0.5 and along > 0.3 and "helper" not in tree.labels[tip].parts:
@@ -337,7 +337,7 @@ def _collar(tree: Tree, person: Person, arm: Limb) -> Source | None:
 def _trunk(tree: Tree, person: Person) -> dict[str, Source]:
     hips, shoulders = (tree.middle(joints_of(pair, 0)) for pair in (person.legs, person.arms))
     up, leg = unit(shoulders - hips), person.legs.length
-    trunk = float(np.median(np.linalg.norm(shoulders - hips, axis=-1)))
+    trunk = median_length(shoulders - hips)
     height = partial(_height, tree, shoulders, up, leg)
     pelvis = _pelvis(tree, person, hips)
     found: dict[str, Source] = {"pelvis": pelvis}
@@ -374,10 +374,7 @@ def _pelvis(tree: Tree, person: Person, hips: np.ndarray) -> int:
     """The joint that the legs hang from, or one above it that is named so or much nearer to the hips (3ds Max hangs them from the
     spine)."""
     branch = person.legs.branch
-    away = {
-        joint: float(np.median(np.linalg.norm(tree.positions[:, joint] - hips, axis=-1)))
-        for joint in tree.above(branch)
-    }
+    away = {joint: median_length(tree.positions[:, joint] - hips) for joint in tree.above(branch)}
     near = [joint for joint in away if away[joint] < 0.3 * person.legs.length]
     named = [joint for joint in near if "pelvis" in tree.labels[joint].parts]
     nearer = [joint for joint in near if away[joint] < 0.7 * away[branch]]

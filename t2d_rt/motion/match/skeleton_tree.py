@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from t2d_rt.geometry.vectors import median_length
 from t2d_rt.motion.skeletons import shipped
 
 # --- what a joint's name says: its side and the parts of the body that it may stand for ---
@@ -169,7 +170,7 @@ class Tree:
 
     def distance(self, first: int, second: int) -> float:
         """Median distance of two joints."""
-        return float(np.median(np.linalg.norm(self.positions[:, first] - self.positions[:, second], axis=-1)))
+        return median_length(self.positions[:, first] - self.positions[:, second])
 
     def together(self, first: int, second: int) -> bool:
         """Are two joints one point?"""

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from t2d_rt.geometry.vectors import unit
+from t2d_rt.geometry.vectors import median_length, unit
 
 HEAD = np.array([0.08, 0.0, 0.22])
 """From the neck to the head's joint at the base of the skull."""
@@ -25,7 +25,7 @@ def complete(points: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list
     """Points (T, 3) of all canonical joints but the feet, in any unit and axes, and what was filled or moved to its place."""
     at = dict(points)
     hips, shoulders = (0.5 * (at[f"left_{joint}"] + at[f"right_{joint}"]) for joint in ("hip", "shoulder"))
-    trunk = float(np.median(np.linalg.norm(shoulders - hips, axis=-1)))
+    trunk = median_length(shoulders - hips)
     axes = trunk * _axes(at, shoulders - hips)
     told = []
     head = at.get("head")

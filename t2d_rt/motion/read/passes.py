@@ -11,7 +11,7 @@ import numpy as np
 
 from t2d_rt.core.checks import LARGEST_M, array, choice, flag, number, positive, text
 from t2d_rt.core.errors import InputError, printable, warn
-from t2d_rt.geometry.vectors import inner, norms
+from t2d_rt.geometry.vectors import inner, median_length, norms
 from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, JITTER_LIMIT_MPS, jitter_mps, parts, smooth, smoothed
 from t2d_rt.motion.kinematics import facing, leg_m, middle, stature_m
 from t2d_rt.motion.read.bvh import MAX_FRAMES
@@ -237,7 +237,7 @@ def _check_together(tracks: Tracks) -> None:
     at = tracks.points
     between = [at[f"left_{joint}"] - at[f"right_{joint}"] for joint in ("hip", "shoulder")]
     apart = [middle(at, "hip") - middle(at, "shoulder"), *between]
-    width = max(float(np.median(norms(each))) for each in apart)
+    width = max(median_length(each) for each in apart)
     legs = width / max(leg_m(at), 1e-12)
     # Trunks have 0.6.
     if legs > 1.5:
