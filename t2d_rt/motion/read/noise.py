@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import comb
 from operator import itemgetter
 
@@ -51,29 +51,17 @@ TOP = 0.75
 of the limbs' bones, as hands' and feet's are."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Denoised:
-    """Joints after filtering, and what was measured."""
-
-    points: dict[str, np.ndarray]
-    noise_m: float
-    """Standard deviation of each coordinate."""
-    cutoffs_hz: tuple[float, ...]
-    """Cut-offs used, ascending; empty where nothing was filtered."""
-    speed_error_mps: float
-    """RMS error of the joints' speed that remains, by estimate."""
-
-
 def without_noise(tracks: Tracks) -> tuple[Tracks, str | None]:
     """Tracks [m] freed of measured noise and a clause for the report; None where the usual smoothing is to decide."""
-    found = denoised(tracks.points, tracks.rate_hz)
-    if not found.cutoffs_hz:
+    noise, rate_hz = noise_power(tracks.points), tracks.rate_hz
+    if noise_speed_mps(noise, rate_hz) <= NOISE_LIMIT_MPS:
         return tracks, None
-    noise = f"noise of {1e3 * found.noise_m:.1f} mm"
-    told = told_noise(
-        "joints'", noise, "from bone lengths", found.cutoffs_hz, found.speed_error_mps, rate_hz=tracks.rate_hz
-    )
-    return replace(tracks, points=found.points), told
+    points, cutoffs_hz, error_mps = denoised(tracks.points, noise, rate_hz)
+    if not cutoffs_hz:
+        return tracks, None
+    told = f"noise of {1e3 * math.sqrt(float(noise.mean())):.1f} mm"
+    told = told_noise("joints'", told, "from bone lengths", cutoffs_hz, error_mps, rate_hz=rate_hz)
+    return replace(tracks, points=points), told
 
 
 def told_noise(
@@ -111,20 +99,18 @@ def _omega(count: int, rate_hz: float) -> np.ndarray:
     return np.linspace(0.0, math.pi * rate_hz, count)
 
 
-def denoised(points: dict[str, np.ndarray], rate_hz: float) -> Denoised:
-    """Points (T, 3) [m] of joints, each low-passed as its own spectrum and the measured noise ask for."""
-    noise = noise_power(points)
-    sigma, speed = math.sqrt(float(noise.mean())), noise_speed_mps(noise, rate_hz)
-    if speed <= NOISE_LIMIT_MPS:
-        return Denoised(points=points, noise_m=sigma, cutoffs_hz=(), speed_error_mps=speed)
+def denoised(
+    points: dict[str, np.ndarray], noise: np.ndarray, rate_hz: float
+) -> tuple[dict[str, np.ndarray], tuple[float, ...], float]:
+    """Points (T, 3) [m] of joints, each low-passed as its own spectrum and the noise's (T,) ask for; the cut-offs used, ascending;
+    and the RMS error of the joints' speed that remains, by estimate."""
     smooth, used, errors = {}, set(), []
     for name, track in points.items():
         cutoff, error = best_cutoff(track, _own(track, 3.0 * noise), rate_hz)
         smooth[name] = track if cutoff is None else low_pass(track, cutoff, rate_hz)
         used |= set() if cutoff is None else {cutoff}
         errors.append(error)
-    remaining = math.sqrt(float(np.mean(errors)))
-    return Denoised(points=smooth, noise_m=sigma, cutoffs_hz=tuple(sorted(used)), speed_error_mps=remaining)
+    return smooth, tuple(sorted(used)), math.sqrt(float(np.mean(errors)))
 
 
 def best_cutoff(track: np.ndarray, noise: np.ndarray, rate_hz: float) -> tuple[float | None, float]:
