@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.body.chest import lies_on_front
+from t2d_rt.body.chest import CARRIERS, lies_on_front
 from t2d_rt.body.fit import SIDES, Fitted, fit
 from t2d_rt.body.outfit import Outfit, materials_of, outfit_of
 from t2d_rt.body.pose import BONES, Posing, posing
@@ -31,8 +31,6 @@ class Segment:
     """Its long axis in the rest pose."""
 
 
-TRUNK = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar")
-
 RAGGED = 0.02
 """Fraction of a segment's points left out at either end of the bone: its faces do not end in a plane."""
 
@@ -41,9 +39,9 @@ def _segments() -> dict[str, Segment]:
     parts = {
         "head": Segment("head", ("head",), ("head", "head_top")),
         "neck": Segment("neck", ("neck",), ("neck", "head")),
-        "pelvis": Segment("pelvis", TRUNK, ("pelvis", "neck")),
-        "abdomen": Segment("spine1", TRUNK, ("pelvis", "neck")),
-        "chest": Segment("spine3", TRUNK, ("pelvis", "neck")),
+        "pelvis": Segment("pelvis", CARRIERS, ("pelvis", "neck")),
+        "abdomen": Segment("spine1", CARRIERS, ("pelvis", "neck")),
+        "chest": Segment("spine3", CARRIERS, ("pelvis", "neck")),
     }
     for s in SIDES:
         parts |= {
@@ -117,7 +115,7 @@ def segment_of_faces(body: Fitted) -> np.ndarray:
     membership = np.stack([body.template.weights[:, group].sum(1) for group in columns], axis=1)
     faces = body.template.faces
     owner = membership[faces].sum(1).argmax(1)
-    trunk = [i for i, part in enumerate(SEGMENTS.values()) if part.joints == TRUNK]
+    trunk = [i for i, part in enumerate(SEGMENTS.values()) if part.joints == CARRIERS]
     storey = np.searchsorted(
         [body.joints[joint][2] for joint in ("spine1", "spine2")], body.vertices[faces].mean(1)[:, 2]
     )
