@@ -42,7 +42,7 @@ class GaitChange:
     shorter_step_m: tuple[float, float] = (0.0, 0.0)
     """What the feet land short of their place [m]."""
     hurried_stance: tuple[float, float] = (1.0, 1.0)
-    """Factors of the tempo while the foot bears the weight alone: above 1 its stance is short."""
+    """Factors of the tempo from when the foot lands until the other one does: above 1 its stance is short."""
     lean_rad: float = 0.0
     """Forward lean of the trunk [rad]."""
     trunk_roll_rad: tuple[float, float] = (0.0, 0.0)
@@ -364,14 +364,10 @@ def new_times(
     """Fractional frames (K,) of the walk that the new frames show."""
     rate = poses.rate_hz
     x = np.clip(poses.root[:, 0] / max(float(poses.root[-1, 0]), 1e-9), 0, 1)
-    steps = np.sort(np.concatenate([[start for start, _ in runs(stands[:, side])] for side in range(2)])).astype(int)
-    number = np.searchsorted(steps, np.arange(len(poses)), side="right")
+    steps = sorted((start, side) for side in range(2) for start, _ in runs(stands[:, side]))
+    number = np.searchsorted([start for start, _ in steps], np.arange(len(poses)), side="right")
     tempo = np.exp(change.step_time_spread * evened(rng.standard_normal(len(steps) + 1)))[number]
-    tempo = (
-        tempo
-        * np.where(weight > 0.3, change.hurried_stance[0], 1.0)
-        * np.where(weight < -0.3, change.hurried_stance[1], 1.0)
-    )
+    tempo *= np.array([1.0, *(change.hurried_stance[side] for _, side in steps)])[number]
     tempo = change.cadence * tempo / _mean_tempo(tempo)
     slowness = 1.0 / (tempo * np.exp(change.hurry * x))
     slowness = low_pass(slowness[:, None], min(4.0, 0.4 * rate), rate)[:, 0]
@@ -457,7 +453,7 @@ SPREAD = 0.06
 """Standard deviation of the logarithm of each drawn value about its range: no two patients are alike."""
 
 TEMPO_SPREAD = 0.04
-"""That of stride, cadence and the haste of a stance, which change a walk by less than themselves."""
+"""That of stride and cadence, whose ranges are those of groups of patients."""
 
 SQUARED = frozenset({"freezes_s"})
 """Values that lie at the square of the severity: mild halts are rare. No source tells the power."""
@@ -496,8 +492,12 @@ def _drawn(name: str, mild: float, severe: float, severity: float, rng: np.rando
         mild, severe = math.pi / 180 * mild, math.pi / 180 * severe
     if name in SQUARED:
         severity **= 2
-    spread = TEMPO_SPREAD if name.split()[0] in ("stride", "cadence", "hurried_stance") else SPREAD
-    return (mild + severity * (severe - mild)) * float(np.exp(spread * np.clip(rng.standard_normal(), -2, 2)))
+    spread = TEMPO_SPREAD if name in ("stride", "cadence") else SPREAD
+    none = (
+        1.0 if name.startswith("hurried_stance") else 0.0
+    )  # of haste what is beyond 1 differs, else that drowns the severity
+    own = float(np.exp(spread * np.clip(rng.standard_normal(), -2, 2)))
+    return none + (mild + severity * (severe - mild) - none) * own
 
 
 def _change(drawn: dict[str, float], side: int, both: bool, rng: np.random.Generator) -> GaitChange:

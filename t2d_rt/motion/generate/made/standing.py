@@ -23,9 +23,9 @@ BEND_LOG_S = (0.14, 0.18), (0.2, 0.17), (-0.6, 1.0)
 """Means and deviations of the logarithms of the times [s] of going down, of coming up and of what is between. Hips of six recorded
 bends go down by 94 % of their way in 0.65 to 0.82 s and up in 0.80 to 0.87 s, at up to 0.7 to 0.9 m/s."""
 
-STOOPS, SCOOP_KNEES_DEG = 0.15, (92.0, 124.0)
-"""Chance that the knees stay nearly straight where nothing is said of them, and how far they bend else: the hips get as fast as
-recorded ones."""
+STOOPS, SCOOP_KNEES_DEG = 0.25, (68.0, 124.0)
+"""Chance that the knees stay nearly straight where nothing is said of them, and how far they bend else: people lift in between
+a stoop and a squat, most with the knees half bent (Burgess-Limerick 1997)."""
 
 STOOP, SCOOP = 105 * DEG, 84 * DEG
 """Greatest lean with the knees nearly straight, and with them bent."""
@@ -64,9 +64,9 @@ def bend_down(act: Act, step: Step) -> None:
     both = (touch and act.chance(0.5)) or (not picks and act.chance(0.5))
     goals = _low_goals(act, step, side, both=both, picks=picks)
     free = OTHER[side]
-    fraction, twist = act.u(0.40, 0.50), 0.0 if both else -SIGN[side] * act.u(2, 9) * DEG
+    fraction, twist = act.u(0.32, 0.58), 0.0 if both else -SIGN[side] * act.u(2, 14) * DEG
     shape = _leaned(act, goals, knees, fraction=fraction, twist=twist, most_rad=STOOP if stoops else SCOOP)
-    act.move(0.0, 0.8 * down_s, flex=0.55 * shape["flex"], gaze=act.about(45, 8) * DEG)
+    act.move(0.0, 0.8 * down_s, flex=0.55 * shape["flex"], gaze=act.about(45, 12) * DEG)
     act.move(0.18 * down_s, 0.85 * down_s, **{**shape, "z": act.values["z"]})
     act.move(0.08 * down_s, 0.92 * down_s, z=shape["z"])
     forward = act.u(0.0, 0.25) * act.anatomy.foot_m
@@ -75,7 +75,7 @@ def bend_down(act: Act, step: Step) -> None:
     for each, goal in goals.items():
         act.reach(each, goal, act.u(0.05, 0.15) * down_s, down_s * act.u(0.88, 0.96), 0.02)
     if not both:
-        rest = OnBone(along=act.u(0.72, 0.9)) if act.chance(0.55) else act.hang()
+        rest = OnBone(along=act.u(0.55, 0.9)) if act.chance(0.55) else act.hang()
         act.reach(free, rest, 0.15 * down_s, 0.8 * down_s, 0.05)
     act.wait(1.03 * down_s + rest_s)
     if picks:
