@@ -25,6 +25,8 @@ PIECE, SHORTEST_M = 0.7, 3e-3
 """Length of an outline's pieces, as Fresnel's parameter, and what they are not cut below."""
 ASIDE_M = 5e-4
 """An edge is outline where nothing of its mesh lies so far beside it."""
+LEAST_M = 0.05
+"""Boxes nearer to an antenna's plane are not told apart by their corners."""
 END_ON = 1e-3
 """Edges that are seen so nearly from their end, as an angle, are a point of the outline."""
 NUDGE = 1e-7 * np.array([0.51, 0.67, 0.54])
@@ -203,13 +205,20 @@ def beside_others(
 
 
 def _near(at: Posed, instant: int, part: Straight, mesh: int, other: int, wavelength_m: float) -> bool:
-    """Whether the ball around another mesh comes near the cone from the part's origin to that around a mesh."""
-    centres, radii = at.balls
-    towards, there = part.appear(centres[instant, mesh]) - part.origin_m, centres[instant, other] - part.origin_m
-    length = float(np.sqrt(towards @ towards))
-    fraction = float(np.clip(towards @ there / length**2, 0, 1))
-    wide = radii[instant, other] + fraction * radii[instant, mesh] + NONE * np.sqrt(wavelength_m * length / 8)
-    return bool(np.linalg.norm(there - fraction * towards) < wide)
+    """Whether the box around another mesh comes near the lines from the part's origin to that around a mesh."""
+    mine = part.appear(at.boxes[instant, mesh]) - part.origin_m
+    others = at.boxes[instant, other] - part.origin_m
+    ahead = unit(mine.mean(axis=0))
+    mine_m, others_m = mine @ ahead, others @ ahead
+    if others_m.min() > mine_m.max() or others_m.max() < 0:
+        return False
+    if min(mine_m.min(), others_m.min()) < LEAST_M:
+        return True
+    # Seen in perspective a box lies within its corners, and angles are larger by as much as the square of distance over depth.
+    across = unit(others.mean(axis=0) - (others.mean(axis=0) @ ahead) * ahead)
+    stretch = max((inner(each, each) / depth**2).max() for each, depth in ((mine, mine_m), (others, others_m)))
+    reach = stretch * NONE * np.sqrt(wavelength_m / (2 * others_m.min()))
+    return bool((others @ across / others_m).min() - (mine @ across / mine_m).max() < reach)
 
 
 def _beam(at: Posed, instant: int, part: Straight, other: int, apparent_m: np.ndarray, wavelength_m: float) -> _Beam:
@@ -271,14 +280,13 @@ class _Group:
 def _summed(groups: list[_Group], at: Posed, visible: np.ndarray, wavelength_m: float, backend: Backend) -> np.ndarray:
     """`beside_others` of points near edges."""
     asked: list[tuple[tuple[np.ndarray, np.ndarray], tuple[int, int]]] = []
-    centres, radii = at.balls
     for group in groups:
         dark = ~visible[group.instant, group.numbers]
         for part in group.parts:
             asked.append((part.segments(part.appear(group.here_m[dark])), (group.instant, group.mesh)))
         for beam in group.beams:
             where = group.instant, beam.mesh
-            far_m = float(norms(centres[where] - beam.part.origin_m) + radii[where])
+            far_m = float(norms(at.boxes[where] - beam.part.origin_m).max())
             asked.append((beam.part.segments(beam.apparent_m[dark]), where))
             asked.append((beam.beside_edges(far_m), where))
     free = iter(_free(asked, at, backend))

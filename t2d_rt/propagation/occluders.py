@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from t2d_rt.geometry import SubdividedMesh, topology
-from t2d_rt.geometry.vectors import cross, dot, norms
+from t2d_rt.geometry.vectors import cross, dot
 from t2d_rt.types import MovingMesh
 
 FACES_PER_SCENE, MOST_COPIES = 250_000, 64
@@ -38,6 +38,11 @@ class Posed:
         return a, np.stack(cross(b - a, c - a))
 
     @cached_property
+    def _at_instants(self) -> list[np.ndarray]:
+        """The same instant by instant, (K, 3, F) each."""
+        return [np.ascontiguousarray(np.moveaxis(each, -1, 0)) for each in self._corner_and_area]
+
+    @cached_property
     def normals(self) -> np.ndarray:
         """Unit normals at these points, weighted with the areas of the faces they belong to (K, V', 3)."""
         return point_normals(self._corner_and_area[1], self.meshes.faces_of_points)
@@ -55,21 +60,18 @@ class Posed:
         return found.T
 
     @cached_property
-    def balls(self) -> tuple[np.ndarray, np.ndarray]:
-        """Centres (K, M, 3) and radii (K, M) of balls around each of the meshes [m]."""
+    def boxes(self) -> np.ndarray:
+        """Corners of boxes around each of the meshes [m], (K, M, 8, 3)."""
         each = np.split(self.vertices, self.meshes.starts[1:-1], axis=1)
-        centres = np.stack([(mesh.min(axis=1) + mesh.max(axis=1)) / 2 for mesh in each], axis=1)
-        radii = [
-            norms(mesh - centre[:, None]).max(axis=1) for mesh, centre in zip(each, centres.swapaxes(0, 1), strict=True)
-        ]
-        return centres, np.stack(radii, axis=1)
+        ends = np.stack([[mesh.min(axis=1), mesh.max(axis=1)] for mesh in each], axis=2)
+        return np.stack([ends[corner, ..., range(3)].transpose(1, 2, 0) for corner in np.ndindex(2, 2, 2)], axis=2)
 
     def folds(self, instant: int, mesh: int, place_m: np.ndarray) -> np.ndarray:
         """Edges of a mesh at an instant between faces that face a place and others, or none: from and to where, (2, E, 3), around
         the faces counter-clockwise as they are seen from there."""
         half_edges, vertices = self.meshes.half_edges[mesh], self.vertices[instant]
-        corner, area = self._corner_and_area
-        facing = dot(area[:, :, instant], place_m[:, None] - corner[:, :, instant]) >= 0
+        corner, area = self._at_instants
+        facing = dot(area[instant], place_m[:, None] - corner[instant]) >= 0
         near, far = facing[half_edges.face], facing[half_edges.twin_face]
         some = half_edges.border | (near & ~far)
         inward = ~near[some]
