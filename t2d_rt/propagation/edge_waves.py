@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,8 @@ PIECE, SHORTEST_M = 0.7, 3e-3
 """Length of an outline's pieces, as Fresnel's parameter, and what they are not cut below."""
 ASIDE_M = 5e-4
 """An edge is outline where nothing of its mesh lies so far beside it."""
+ROOMY = 1.5
+"""Cells of a scene are so much larger than they need be, for the segments from other viewpoints."""
 LEAST_M = 0.05
 """Boxes nearer to an antenna's plane are not told apart by their corners."""
 END_ON = 1e-3
@@ -314,22 +316,41 @@ def _free(
     starts, stops = (np.concatenate([segments[end] for segments, _ in asked]) for end in (0, 1))
     if not len(starts):
         return [np.zeros(0, bool)] * len(counts)
-    alone = {where: number for number, where in enumerate(dict.fromkeys(where for _, where in asked))}
-    # In a scene of cells so large that nothing reaches from one to another.
-    middle = (starts.min(axis=0) + starts.max(axis=0)) / 2
-    across = int(np.ceil(len(alone) ** (1 / 3)))
-    cells = np.stack(np.unravel_index(np.arange(len(alone)), (across, across, across)), axis=1) - (across - 1) / 2
-    reach = 2.2 * max(float(np.abs(each - middle).max()) for each in (starts, stops, at.vertices))
-    vertices, faces, first = [], [], 0
-    for (instant, mesh), number in alone.items():
-        own = at.vertices[instant, slice(*at.meshes.starts[mesh : mesh + 2])]
-        vertices.append(own - middle + reach * cells[number])
-        faces.append(at.meshes.meshes[mesh].faces + first)
-        first += len(own)
-    mi = mitsuba(backend)
-    scene = traceable(mi, mitsuba_mesh(mi, np.concatenate(vertices), np.concatenate(faces)))
-    shift = reach * cells[np.repeat([alone[where] for _, where in asked], counts)] - middle
+    alone = _alone(at, {where for _, where in asked}, np.concatenate([starts, stops]), backend)
+    shift = np.repeat([alone.shift_m[where] for _, where in asked], counts, axis=0)
     ahead = stops - starts
     length = norms(ahead)
-    towards = rays(mi, starts + shift, ahead / np.maximum(length, 1e-12)[:, None], length)
-    return np.split(~scene.ray_test(towards).numpy(), np.cumsum(counts)[:-1])
+    towards = rays(mitsuba(backend), starts + shift, ahead / np.maximum(length, 1e-12)[:, None], length)
+    return np.split(~alone.scene.ray_test(towards).numpy(), np.cumsum(counts)[:-1])
+
+
+class _Alone(NamedTuple):
+    """Meshes at instants, each alone in a cell of one scene."""
+
+    scene: Any
+    shift_m: dict[tuple[int, int], np.ndarray]
+    """To the cell of an instant and a mesh, (3,)."""
+    extent_m: float
+    """How far from the middle of the meshes a cell extends."""
+
+
+def _alone(at: Posed, wanted: set[tuple[int, int]], ends_m: np.ndarray, backend: Backend) -> _Alone:
+    """A scene of these meshes at these instants for segments with these ends: an earlier one, where it has them."""
+    middle = at.boxes.mean(axis=(0, 1, 2))
+    extent_m = max(float(np.abs(each - middle).max()) for each in (ends_m, at.boxes))
+    if at.alone:
+        if wanted <= at.alone[0].shift_m.keys() and extent_m <= at.alone[0].extent_m:
+            return at.alone[0]
+        wanted = wanted | at.alone[0].shift_m.keys()
+    places, extent_m = sorted(wanted), ROOMY * extent_m
+    across = int(np.ceil(len(places) ** (1 / 3)))
+    cells = np.stack(np.unravel_index(np.arange(len(places)), (across, across, across)), axis=1) - (across - 1) / 2
+    vertices, faces, shift_m, first = [], [], 2.1 * extent_m * cells - middle, 0
+    for (instant, mesh), shift in zip(places, shift_m, strict=True):
+        vertices.append(at.vertices[instant, slice(*at.meshes.starts[mesh : mesh + 2])] + shift)
+        faces.append(at.meshes.meshes[mesh].faces + first)
+        first += len(vertices[-1])
+    mi = mitsuba(backend)
+    scene = traceable(mi, mitsuba_mesh(mi, np.concatenate(vertices), np.concatenate(faces)))
+    at.alone[:] = [_Alone(scene, dict(zip(places, shift_m, strict=True)), extent_m)]
+    return at.alone[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -30,6 +30,8 @@ class Posed:
     """(K, V, 3) m."""
     points: np.ndarray
     """Where visibility is sampled: the vertices, and those that the subdivision adds, mesh by mesh (K, V', 3) m."""
+    alone: list[Any] = field(default_factory=list)
+    """A scene of some of the meshes, each alone, where one was made (`edge_waves`)."""
 
     @cached_property
     def _corner_and_area(self) -> tuple[np.ndarray, np.ndarray]:
