@@ -42,9 +42,9 @@ from t2d_rt.scattering.ellipsoid import PhaseFrom
 from t2d_rt.scene import Mover, Room
 from t2d_rt.signal.range import RangeGate
 from t2d_rt.types import Accuracy, EchoArrays, Material, Radar, Receiver, Scene
+from t2d_rt.types.ellipsoids import Method
 from t2d_rt.types.radar_pairs import heard
 from t2d_rt.types.scatterer import FrameBlock, Scatterer, pose, visibility
-from t2d_rt.types.target import Method
 
 MOST_AGAIN = 2
 """So often a small body or mesh that misses its tolerance is simulated again."""

@@ -28,8 +28,8 @@ from t2d_rt.pipeline.path_pairs import Clutter
 from t2d_rt.propagation.scenes import SceneFile
 from t2d_rt.signal.range import RangeGate
 from t2d_rt.types import Accuracy, Radar, Receiver
+from t2d_rt.types.ellipsoids import Method
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, later
-from t2d_rt.types.target import Method
 
 FOLDER = Path(__file__).resolve().parent / "recipes"
 

@@ -37,9 +37,9 @@ from t2d_rt.pipeline.targets import TargetLike
 from t2d_rt.propagation.collisions import Collisions
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.types import Material, Radar, Receiver, Scene, Surface
+from t2d_rt.types.ellipsoids import Method
 from t2d_rt.types.fields import Count
 from t2d_rt.types.radar_track import with_track_beside
-from t2d_rt.types.target import Method
 
 FILES = (".xml", *MESHES)
 """Endings of scenes that are found beside an experiment's file."""

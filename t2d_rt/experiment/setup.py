@@ -25,7 +25,7 @@ from t2d_rt.motion.jumps import jumps, told, told_before
 from t2d_rt.noise.receiver import check_receiver
 from t2d_rt.pipeline.echo_model import Model, farthest_and_fastest
 from t2d_rt.pipeline.path_pairs import find_path_pairs, switched_on, within_reach
-from t2d_rt.pipeline.targets import TargetLike, in_world, placed, shared_time, targets_of
+from t2d_rt.pipeline.targets import TargetLike, placed, shared_time, targets_of
 from t2d_rt.propagation.collisions import checked_time
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.materials import check_values
@@ -37,8 +37,8 @@ from t2d_rt.scattering.refinement import REFINING_BYTES
 from t2d_rt.scene import Mover, Room
 from t2d_rt.types import Accuracy, Ellipsoids, Motion, MovingMesh, Radar, Scene
 from t2d_rt.types.antennas import ONE_VIEW_M
+from t2d_rt.types.ellipsoids import Geometry
 from t2d_rt.types.receiver import Receiver
-from t2d_rt.types.target import Geometry
 
 JUMP_MPS = 300.0
 """Greatest speed of a joint between two frames; a jump of 2.5 m in a file of 120 frames a second is faster."""
@@ -114,8 +114,7 @@ def set_up(
         _tell_of_track(sources, span_s)
     if scene is not None:
         moving = [
-            source if isinstance(source, Motion) else in_world(each).geometry
-            for source, each in zip(sources, modelled, strict=True)
+            source if isinstance(source, Motion) else each.world for source, each in zip(sources, modelled, strict=True)
         ]
         span_s = checked_time(
             experiment.collisions,

@@ -16,7 +16,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import Budget, blocks
 from t2d_rt.geometry.vectors import norms
 from t2d_rt.pipeline.path_pairs import ChosenPairs, Clutter, clutter_scatterers
-from t2d_rt.pipeline.targets import SeenFromMoving, TargetLike, passing
+from t2d_rt.pipeline.targets import Target, TargetLike, passing
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.materials import itu_material
 from t2d_rt.propagation.visibility import sample_times
@@ -31,15 +31,14 @@ from t2d_rt.types import (
     ByPart,
     Ellipsoids,
     Material,
-    Motion,
     MovingMesh,
     PathTier,
     Radar,
     Scene,
 )
+from t2d_rt.types.ellipsoids import Geometry, Method
 from t2d_rt.types.material import BODY_NAMES
 from t2d_rt.types.scatterer import Scatterer
-from t2d_rt.types.target import Geometry, Method, Target
 
 SPLINE_ERROR_DB = Accuracy().spline_error_db
 LEAST_SPEED_SAMPLES, SPEED_SAMPLES = 50, 200
@@ -131,11 +130,10 @@ class Model:
 
     def own_rate(self, number: int) -> SurfaceRate:
         """The same, where a radar that moves does not count: what turns with all of the world keeps its visibility."""
-        target = self.modelled[number]
-        if not isinstance(target, SeenFromMoving):
+        if self.radar.track is None:
             return self.rate(number)
         if number not in self.own_rates:
-            self.own_rates[number] = SurfaceRate(target.target.geometry, self.radar, self.span_s)
+            self.own_rates[number] = SurfaceRate(self.modelled[number].world, self.radar, self.span_s)
         return self.own_rates[number]
 
     def frame_times(self, accuracy: Accuracy) -> list[np.ndarray]:
@@ -261,5 +259,5 @@ def values(material: str | Material, radar: Radar) -> Material:
 
 def with_method(model: Model, method: Method) -> Model:
     """The same targets, bodies by another echo model."""
-    modelled = [target.by(method) if isinstance(target.source, Motion) else target for target in model.modelled]
+    modelled = [target.by(method) for target in model.modelled]
     return replace(model, modelled=modelled, method=method, surface_rates={}, own_rates={})

@@ -38,9 +38,9 @@ from t2d_rt.types import (
     Scene,
     StaticPath,
 )
+from t2d_rt.types.ellipsoids import Geometry
 from t2d_rt.types.scatterer import Fraction, Scatterer
 from t2d_rt.types.scene import ROOM_SURFACES, ROOM_TRIANGLES
-from t2d_rt.types.target import Geometry
 
 Clutter = Literal["specular", "diffuse", "none"]
 """Static clutter: specular paths, these and the scatter of rough walls, or none."""

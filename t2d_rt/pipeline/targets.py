@@ -1,4 +1,4 @@
-"""Targets as the model asks for them (`types.Target`): bodies, meshes and ellipsoids of the user, movers."""
+"""Targets as the model asks for them: bodies, meshes and ellipsoids of the user, movers."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from t2d_rt.scene import Mover
 from t2d_rt.scene.things import substance, surface, wheels
 from t2d_rt.types import ByPart, Ellipsoids, Material, Motion, MovingMesh, Radar
 from t2d_rt.types.carried import Carried
+from t2d_rt.types.ellipsoids import Geometry, Method
 from t2d_rt.types.mesh import Made
 from t2d_rt.types.splines import set_fields, spline
-from t2d_rt.types.target import Geometry, Method, Target
 
 TargetLike = Motion | MovingMesh | Ellipsoids | Mover
 """What may be handed to `simulate`."""
@@ -29,168 +29,59 @@ AnyGeometry = TypeVar("AnyGeometry", bound=Geometry)
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
-    """A motion and the template that it moves."""
+class Target:
+    """A body, a mesh or ellipsoids of the user, a mover, or what a person carries, made ready for one way of modelling it."""
 
-    source: Motion
-    template: str
-    worn: str | Material | Outfit
-    """What it wears, or the one material of the whole body."""
+    source: Any
+    """What was handed to `simulate`, a motion in its place before the radar."""
+    world: Geometry
+    """Its points in motion, in the world."""
     geometry: Geometry
-    """The skin or the segments."""
-    may_rotate_fast: bool = False
-
-    @classmethod
-    def of(cls, motion: Motion, template: str, worn: str | Material | Outfit, method: Method) -> Body:
-        """By skin or segments; the motion stands in its place before the radar."""
-        make = skin if method == "mesh" else segments
-        return cls(motion, template, worn, make(motion, template, material=worn))
-
-    @property
-    def material(self) -> str | Material | ByPart:
-        """What its surface is made of."""
-        return self.geometry.material
-
-    @property
-    def mesh(self) -> MovingMesh | None:
-        """The skin, where that is what scatters."""
-        return self.geometry if isinstance(self.geometry, MovingMesh) else None
-
-    def ellipsoids(self) -> Ellipsoids:
-        """One ellipsoid for each segment of the body."""
-        return self.geometry if isinstance(self.geometry, Ellipsoids) else self.by("ellipsoid").ellipsoids()
-
-    def by(self, method: Method) -> Body:
-        """By skin or segments."""
-        return Body.of(self.source, self.template, self.worn, method)
-
-
-@dataclass(frozen=True, slots=True)
-class UserMesh:
-    """A mesh of the user."""
-
-    source: MovingMesh
+    """The same in the frame in which a radar that moves stands still."""
     material: str | Material | ByPart
-    may_rotate_fast: bool = True
-
-    @property
-    def geometry(self) -> MovingMesh:
-        """The mesh that the user gave."""
-        return self.source
-
-    @property
-    def mesh(self) -> MovingMesh:
-        """The mesh that the user gave."""
-        return self.source
-
-    def ellipsoids(self) -> None:
-        """A mesh has no coarse form."""
-
-    def by(self, method: Method) -> UserMesh:
-        """By its facets alone."""
-        if method == "ellipsoid":
-            raise InputError(
-                f"method 'ellipsoid' needs a Motion or Ellipsoids, got the mesh {self.source.name}; use method 'mesh'"
-            )
-        return self
-
-
-@dataclass(frozen=True, slots=True)
-class UserEllipsoids:
-    """Ellipsoids of the user."""
-
-    source: Ellipsoids
-    material: str | Material | ByPart
-    mesh: None = None
-    may_rotate_fast: bool = True
-
-    @property
-    def geometry(self) -> Ellipsoids:
-        """The ellipsoids that the user gave."""
-        return self.source
-
-    def ellipsoids(self) -> Ellipsoids:
-        """The ellipsoids that the user gave."""
-        return self.source
-
-    def by(self, method: Method) -> UserEllipsoids:
-        """By these, whatever the method of bodies."""
-        return self
-
-
-@dataclass(frozen=True, slots=True)
-class MovingPart:
-    """A mover over the time that it is needed, or what a person carries, by its facets whatever the method of bodies."""
-
-    source: Mover | MovingMesh
-    mesh: MovingMesh
-    may_rotate_fast: bool = True
-
-    @property
-    def geometry(self) -> MovingMesh:
-        """The mesh of the mover."""
-        return self.mesh
-
-    @property
-    def material(self) -> str | Material | ByPart:
-        """The mover's own material."""
-        return self.mesh.material
-
-    def ellipsoids(self) -> None:
-        """A mesh has no coarse form."""
-
-    def by(self, method: Method) -> MovingPart:
-        """The same facets, whatever the method of bodies."""
-        return self
-
-
-@dataclass(frozen=True, slots=True)
-class SeenFromMoving:
-    """A target as it passes a radar that moves, in the frame in which that stands still (`Radar.passing`)."""
-
-    target: Target
+    """What its surface is made of."""
     radar: Radar
-    geometry: Geometry
-    template: str
+    template: str = "ellipsoids"
+    """Of a body."""
+    worn: str | Material | Outfit = "skin"
+    """What a body wears, or its one material."""
 
     @classmethod
-    def of(cls, target: Target, radar: Radar) -> SeenFromMoving:
-        """The target, whose own place is in the world."""
-        return cls(target, radar, passing(target.geometry, radar), getattr(target, "template", "ellipsoids"))
+    def of(
+        cls, source: Any, world: Geometry, radar: Radar, material: str | Material | ByPart | None = None, **body: Any
+    ) -> Target:
+        """What moves so in the world; its own material by default."""
+        own = world.material if material is None else material
+        return cls(source, world, passing(world, radar), own, radar, **body)
 
-    @property
-    def source(self) -> Any:
-        """What was handed to `simulate`, in the world."""
-        return self.target.source
+    @classmethod
+    def of_body(
+        cls, motion: Motion, template: str, worn: str | Material | Outfit, method: Method, radar: Radar
+    ) -> Target:
+        """A body by its skin or its segments; the motion stands in its place before the radar."""
+        make = skin if method == "mesh" else segments
+        return cls.of(motion, make(motion, template, material=worn), radar, template=template, worn=worn)
 
     @property
     def mesh(self) -> MovingMesh | None:
-        """The skin or mesh, where that is what scatters."""
+        """The surface whose facets scatter; None where ellipsoids do."""
         return self.geometry if isinstance(self.geometry, MovingMesh) else None
-
-    @property
-    def material(self) -> str | Material | ByPart:
-        """The target's own material."""
-        return self.target.material
 
     @property
     def may_rotate_fast(self) -> bool:
-        """As the target in the world."""
-        return self.target.may_rotate_fast
+        """Whether it may rotate too fast for its visibility to be sampled point by point."""
+        return not isinstance(self.source, Motion)
 
     def ellipsoids(self) -> Ellipsoids | None:
-        """The target's coarse form, if any."""
-        found = self.target.ellipsoids()
-        return None if found is None else passing(found, self.radar)
+        """Its coarse form, of a body one ellipsoid for each segment; None where it has none."""
+        coarse = self.by("ellipsoid").geometry if self.mesh is not None else self.geometry
+        return coarse if isinstance(coarse, Ellipsoids) else None
 
-    def by(self, method: Method) -> SeenFromMoving:
-        """The same, modelled by another method."""
-        return SeenFromMoving.of(self.target.by(method), self.radar)
-
-
-def in_world(target: Target) -> Target:
-    """The target in the coordinates of the world."""
-    return target.target if isinstance(target, SeenFromMoving) else target
+    def by(self, method: Method) -> Target:
+        """The same, a body modelled by another method."""
+        if not isinstance(self.source, Motion):
+            return self
+        return Target.of_body(self.source, self.template, self.worn, method, self.radar)
 
 
 def passing(geometry: AnyGeometry, radar: Radar) -> AnyGeometry:
@@ -249,13 +140,13 @@ def targets_of(
         raise InputError(
             f"movers alone have no end, got {given!r:.60}; give one of them as its mesh, mover.mesh(0, 5) for 5 s"
         )
-    time_s = shared_time([each.geometry for each in lasting.values()])
+    time_s = shared_time([each.world for each in lasting.values()])
     found: list[Target] = []
     for number, each in enumerate(given):
-        found.append(MovingPart(each, each.mesh(*time_s)) if isinstance(each, Mover) else lasting[number])
+        found.append(Target.of(each, each.mesh(*time_s), radar) if isinstance(each, Mover) else lasting[number])
         if isinstance(each, Motion):
-            found += [MovingPart(thing, thing) for thing in things(lasting[number].source)]
-    return found if radar.track is None else [SeenFromMoving.of(each, radar) for each in found]
+            found += [Target.of(thing, thing, radar) for thing in things(lasting[number].source)]
+    return found
 
 
 def _lasting(
@@ -266,11 +157,13 @@ def _lasting(
     radar: Radar,
 ) -> Target:
     if isinstance(given, Motion):
-        return Body.of(placed(given, radar), body, "skin" if material is None else material, method)
-    own: str | Material | ByPart = given.material
-    if isinstance(material, str | Material) and outfit_of(material) is None:
-        own = material
-    return UserMesh(given, own).by(method) if isinstance(given, MovingMesh) else UserEllipsoids(given, own)
+        return Target.of_body(placed(given, radar), body, "skin" if material is None else material, method, radar)
+    if isinstance(given, MovingMesh) and method == "ellipsoid":
+        raise InputError(
+            f"method 'ellipsoid' needs a Motion or Ellipsoids, got the mesh {given.name}; use method 'mesh'"
+        )
+    own = material if isinstance(material, str | Material) and outfit_of(material) is None else None
+    return Target.of(given, given, radar, own)
 
 
 def shared_time(geometries: Sequence[Geometry]) -> tuple[float, float]:

@@ -17,9 +17,9 @@ from t2d_rt.propagation.surroundings import Blockage
 from t2d_rt.propagation.visibility import ExactVisibility, Occlusion, Viewpoints, viewpoints_at
 from t2d_rt.scattering.paths import FacetVisibility, View, anchor_vertices
 from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, PathPair, Radar
+from t2d_rt.types.ellipsoids import Geometry
 from t2d_rt.types.paths import PathKey
 from t2d_rt.types.scatterer import Fraction
-from t2d_rt.types.target import Geometry
 
 _Place = tuple[tuple[str, ...], int]
 """A chain of mirrors, and from which end."""

@@ -14,13 +14,12 @@ from t2d_rt.core.constants import SPEED_OF_LIGHT, unit_of
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion import track
 from t2d_rt.pipeline.echo_model import Model
-from t2d_rt.pipeline.targets import in_frame
+from t2d_rt.pipeline.targets import Target, in_frame
 from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.surroundings import polarization
 from t2d_rt.scattering.paths import Arrivals
 from t2d_rt.types import Accuracy, Motion, OneWayPath, PathPair, Radar
 from t2d_rt.types.paths import points_in_scene
-from t2d_rt.types.target import Target
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -119,9 +118,7 @@ def record_times(span_s: tuple[float, float], rate_hz: float) -> np.ndarray:
 
 def target_names(targets: Sequence[Target]) -> list[str]:
     """A name of each target, that of its body or mesh; "adult", "adult 2" where two have the same."""
-    return numbered(
-        each.mesh.name if each.mesh is not None else getattr(each, "template", "ellipsoids") for each in targets
-    )
+    return numbered(each.template if each.mesh is None else each.mesh.name for each in targets)
 
 
 def reference_points(model: Model, times_s: np.ndarray) -> np.ndarray:

@@ -5,19 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from t2d_rt.core.checks import LARGEST_M, array, call, listed, shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.types.material import ByPart, Material, checked_materials
-from t2d_rt.types.mesh import Made, Solid, Track
+from t2d_rt.types.mesh import Made, MovingMesh, Solid, Track
 from t2d_rt.types.splines import checked_times, set_fields, spline, within
 
 PoseTrack = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Centres [m] (K, N, 3) and unit axes (K, N, 3, 3), in columns, at times [s] (K,)."""
 
+Method = Literal["mesh", "ellipsoid"]
+"""How bodies are modelled."""
 LEAST_SEMI_AXIS_M, LARGEST_SEMI_AXIS_M = 1e-6, 1e3
 """What lies beyond was meant in another unit."""
 
@@ -151,6 +153,9 @@ class Ellipsoids:
     def __repr__(self) -> str:
         material = self.material if isinstance(self.material, str) else self.material.name
         return f"Ellipsoids({len(self.names)}: {', '.join(self.names[:3])} ..., {self.duration_s:.3g} s, {material})"
+
+
+Geometry = MovingMesh | Ellipsoids
 
 
 def _interpolated(times_s: np.ndarray, centres: np.ndarray, axes: np.ndarray) -> PoseTrack:

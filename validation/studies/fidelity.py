@@ -30,7 +30,7 @@ from t2d_rt.recording.remake import add_noise
 from t2d_rt.scattering.ellipsoid import PhaseFrom
 from t2d_rt.simulate import simulate
 from t2d_rt.types import Receiver
-from t2d_rt.types.target import Method
+from t2d_rt.types.ellipsoids import Method
 from validation.studies.common import kept_cell, made_folder, read_labelled, table
 from validation.studies.transfer import FINEST, extra_trees, gain, grouped_folds, with_interval
 from validation.studies.twins import MERGED, RECIPE, TwinRecipe, maps_of_events, noise_seed, range_mean_levels, staged

@@ -31,7 +31,7 @@ from t2d_rt.motion.vary import hold
 from t2d_rt.radar.synthesize import Progress
 from t2d_rt.simulate import simulate
 from t2d_rt.types import Motion, Radar, Receiver
-from t2d_rt.types.target import Method
+from t2d_rt.types.ellipsoids import Method
 from validation.studies.common import made_folder
 
 SENTENCES: Mapping[str, tuple[str, ...]] = {
