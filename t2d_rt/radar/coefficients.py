@@ -236,7 +236,7 @@ class Lanes:
         slot = members.slot(instants.position)
         occupied = (np.diff(members.starts) > 0).reshape(-1, members.bins).T[:, slot]
         bin_number, instant = np.nonzero(occupied)
-        missing = np.nonzero(~occupied)
+        empty_bin, empty_at = np.nonzero(~occupied)
         row = slot[instant] * members.bins + bin_number
         parts = most_parts
         while parts > 1 and len(row) * parts > ENOUGH_LANES:
@@ -260,7 +260,7 @@ class Lanes:
             u=dr.gather(Float32, times, first),
             centre=backend.lanes(np.repeat(buckets.centres[bin_number], parts), Float32),
             place=backend.lanes(buckets.place(bin_number, instant, len(instants))),
-            empty=buckets.place(*missing, len(instants)),
+            empty=buckets.place(empty_bin, empty_at, len(instants)),
             results=members.bins * len(instants),
             per_cycle=per_cycle,
             per_rate=per_rate,

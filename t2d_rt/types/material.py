@@ -6,7 +6,6 @@ import cmath
 import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
-from numbers import Real
 from typing import Any, cast
 
 import numpy as np
@@ -31,7 +30,7 @@ class Material:
     def __post_init__(self) -> None:
         text("name of a material", self.name)
         told, permittivity = f"material {self.name}", self.relative_permittivity
-        if not (isinstance(permittivity, Real) and permittivity == math.inf):
+        if not (isinstance(permittivity, (float, np.floating)) and permittivity == math.inf):
             number(f"{told}: relative_permittivity", permittivity, 1, hint="math.inf for a perfect conductor")
         number(f"{told}: conductivity_s_per_m", self.conductivity_s_per_m, 0, hint="0 has no losses")
         number(f"{told}: scattering_coefficient", self.scattering_coefficient, 0, 1, hint="0 is smooth")
