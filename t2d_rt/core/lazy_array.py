@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 from xarray.backends import BackendArray
@@ -16,7 +18,8 @@ def lazy_variable(cube: DiskCube) -> xr.Variable:
 
     Assignments go to memory.
     """
-    return xr.Variable(DIMENSIONS, indexing.CopyOnWriteArray(indexing.LazilyIndexedArray(_CubeArray(cube))))
+    read_when_used: Any = indexing.LazilyIndexedArray(_CubeArray(cube))
+    return xr.Variable(DIMENSIONS, indexing.CopyOnWriteArray(read_when_used))
 
 
 class _CubeArray(BackendArray):
