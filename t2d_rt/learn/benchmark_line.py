@@ -91,7 +91,7 @@ def sides_of_recipe(dataset: Dataset) -> dict[str, np.ndarray]:
     found = dataset.sides
     if not found:
         raise InputError(
-            f"recipe {dataset.recipe.name} has no sides, so nothing says what is the test; take the recipe benchmark-1"
+            f"recipe {dataset.recipe.name} has no sides, so nothing says what is the test; take the recipe benchmark-2"
         )
     empty = [name for name, places in found.items() if not len(places)]
     if empty:

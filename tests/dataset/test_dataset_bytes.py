@@ -78,8 +78,8 @@ def test_a_data_set_is_the_same_bytes_whatever_kernels_a_process_has(
 @pytest.mark.slow
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="frozen on x86-64")
 def test_the_benchmark_is_the_one_that_is_frozen(tmp_path: Path) -> None:
-    (quick, due), *_ = Recipe.read("benchmark-1").frozen
-    command = "-m", "t2d_rt", "dataset", "benchmark-1", "-o", "out", "--limit", str(quick)
+    (quick, due), *_ = Recipe.read("benchmark-2").frozen
+    command = "-m", "t2d_rt", "dataset", "benchmark-2", "-o", "out", "--limit", str(quick)
     folder = made_by(tmp_path / "benchmark", ALL_BITS, *command) / "out"
     assert content_hash(folder, recipe_of(folder), quick) == (due, quick)
 

@@ -94,14 +94,17 @@ def test_targets_add_up() -> None:
 
 
 def test_what_stands_in_front_hides_what_is_behind() -> None:
-    front, behind = ball(2.0), ball(4.0)
+    # Aside and large: right behind its middle the waves of a ball's outline meet in phase (Poisson's spot), and past one of 10 cm
+    # the field is 21 dB down, out and back.
+    front = builders.ball((2.0, 0.1, 1.0), radius_m=0.4, level=2, frames=3)
+    behind = ball(4.0)
 
     def peak_db(targets: list[MovingMesh], range_m: float) -> float:
         profile = np.abs(t2d.simulate(targets, radar=RADAR).range_profile[0, 0])
         return float(20 * np.log10(profile.sel(range_m=slice(range_m - 0.3, range_m + 0.3)).max()))
 
     assert peak_db([front, behind], 3.9) < peak_db([front, ball(4.0, y_m=1.0)], 3.9) - 30
-    assert peak_db([front, behind], 1.9) == pytest.approx(peak_db([front], 1.9), abs=0.01)
+    assert peak_db([front, behind], 1.6) == pytest.approx(peak_db([front], 1.6), abs=0.01)
 
 
 def test_a_placed_motion_stays_where_it_is(walk: Motion) -> None:
