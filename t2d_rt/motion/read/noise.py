@@ -136,7 +136,8 @@ def best_cutoff(track: np.ndarray, noise: np.ndarray, rate_hz: float) -> tuple[f
 def _own(track: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """The noise of a track (T, N), which is that of bones (T,) or as many times as much as its highest frequencies have."""
     top = slice(int(TOP * len(noise)), None)
-    return noise * max(1.0, float(np.median(_track_power(track)[top]) / max(np.median(noise[top]), 1e-300)))
+    more = float(np.median(_track_power(track)[top])) / max(float(np.median(noise[top])), 1e-300)
+    return np.asarray(noise * max(1.0, more))
 
 
 def _track_power(track: np.ndarray) -> np.ndarray:
