@@ -133,8 +133,8 @@ def _check(folder: str) -> int:
     from t2d_rt.dataset.shards import content_hash, dataset_folder, frozen_differences, mixed_kernels, recipe_of
 
     faults = check_dataset(folder)
-    for each in faults:
-        say(each)
+    for fault in faults:
+        say(fault)
     if faults:
         return UNSOUND
     place = dataset_folder(folder)
@@ -213,7 +213,7 @@ def _export(folder: str, options: Given) -> None:
     given = {} if span_db is None else {"dynamic_range_db": span_db}
     products, overwrite = _listed(options["products"]), options["overwrite"]
     target = export_dataset(dataset, output, to, products=products, split=chosen, overwrite=overwrite, **given)
-    count = len(dataset) if chosen is None else sum(len(each) for each in chosen.sides.values())
+    count = len(dataset) if chosen is None else sum(len(side) for side in chosen.sides.values())
     say(f"wrote {count} samples to {target}")
 
 

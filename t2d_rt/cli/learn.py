@@ -138,7 +138,7 @@ def _about(dataset: Dataset, parts: Mapping[str, np.ndarray], by: str) -> dict[s
     from t2d_rt.signal.doppler import checked_windows
 
     recipe, known = dataset.recipe, np.concatenate([parts["train"], parts["val"]])
-    radars = [recipe.radar if each.radar is None else each.radar for each in recipe.conditions]
+    radars = [recipe.radar if condition.radar is None else condition.radar for condition in recipe.conditions]
     cells = {
         float(
             np.diff(
@@ -198,7 +198,7 @@ def evaluate(
         maps, what = _labelled(source, known, model)
         probabilities, labels = known.probabilities(maps.levels), maps.labels
         apart = {kind: maps.groups[kind] for kind in ("description", "subject", "event") if kind in maps.groups}
-    scores, title = scores_of(probabilities, labels), ", ".join(each.card.model for each in known.members)
+    scores, title = scores_of(probabilities, labels), ", ".join(member.card.model for member in known.members)
     say(f"{title} on {what}: {_told(scores)}")
     if apart:
         told = probabilities.argmax(axis=1)
@@ -221,7 +221,7 @@ def _networks(model: str) -> Ensemble:
     from t2d_rt.learn import Ensemble, load_model
 
     folders = [model] if Path(model).is_dir() else [each.strip() for each in model.split(",")]
-    return Ensemble(tuple(load_model(each) for each in folders))
+    return Ensemble(tuple(load_model(folder) for folder in folders))
 
 
 def _windows_and_events(source: str, known: Ensemble) -> tuple[str, np.ndarray, np.ndarray]:
@@ -413,7 +413,7 @@ def predict(
     say(f"likeliest course, {lasting}:")
     for begin, end, number in found.pieces():
         say(f"{begin:7.2f} to {end:6.2f} s  {found.classes[number]}")
-    title = f"{source.name}, {', '.join(each.card.model for each in networks.members)}"
+    title = f"{source.name}, {', '.join(member.card.model for member in networks.members)}"
     write_picture(prediction_figure(recording, found, title=title), picture, overwrite=overwrite)
     say(f"wrote {picture}")
 

@@ -357,12 +357,14 @@ def _list_clips(library: str | None) -> None:
 
     index = library or registry()
     store = with_users(shipped(), index) if library or Path(index).is_file() else shipped()
-    ship = [each for each in store.segments if each.clip not in store.own]
+    ship = [segment for segment in store.segments if segment.clip not in store.own]
     say(f"{len(ship)} clips ship: {_counted(each.action for each in ship)}")
-    for each in store.segments:
-        if each.clip in store.own:
-            times = f"{each.start / RATE_HZ:.2f} to {(each.stop - 1) / RATE_HZ:.2f} s, {each.speed_mps:.2f} m/s"
-            say(f"{store.own[each.clip]}: {each.action}, {times}")
+    for segment in store.segments:
+        if segment.clip in store.own:
+            times = (
+                f"{segment.start / RATE_HZ:.2f} to {(segment.stop - 1) / RATE_HZ:.2f} s, {segment.speed_mps:.2f} m/s"
+            )
+            say(f"{store.own[segment.clip]}: {segment.action}, {times}")
 
 
 def _counted(actions: Iterable[str]) -> str:

@@ -74,14 +74,14 @@ class Command:
         self.groups: dict[str, list[str]] = {}
         """Names of the options of each parameter that is a group."""
         help_texts, hints = COMMON | parameter_help(function), get_type_hints(function, include_extras=True)
-        for each in inspect.signature(function).parameters.values():
-            if get_origin(hints[each.name]) is Annotated:
+        for parameter in inspect.signature(function).parameters.values():
+            if get_origin(hints[parameter.name]) is Annotated:
                 before = set(self.hints)
-                hints[each.name].__metadata__[0](self)
-                self.groups[each.name] = [option for option in self.hints if option not in before]
-            elif each.name not in NO_OPTIONS:
-                option = "file" if each.name == "files" else each.name.rstrip("_")
-                self.add(option, hints[each.name], each.default, help_texts[each.name])
+                hints[parameter.name].__metadata__[0](self)
+                self.groups[parameter.name] = [option for option in self.hints if option not in before]
+            elif parameter.name not in NO_OPTIONS:
+                option = "file" if parameter.name == "files" else parameter.name.rstrip("_")
+                self.add(option, hints[parameter.name], parameter.default, help_texts[parameter.name])
 
     def add(self, name: str, hint: Any, default: Any, told: str, group: Any = None) -> None:
         """One option; it is required where its default is empty, and needs no value where it is a bool that is False."""

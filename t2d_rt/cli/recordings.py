@@ -61,21 +61,21 @@ def compare(
     from t2d_rt.recording.compare import compare as compared
 
     sources = [Path(each) for each in files or ()]
-    two = len(sources) == 2 and all(each.suffix.lower() in RECORDINGS for each in sources)
+    two = len(sources) == 2 and all(source.suffix.lower() in RECORDINGS for source in sources)
     if not two and (len(sources) != 1 or sources[0].suffix.lower() in RECORDINGS):
         named = ", ".join(map(str, sources)) or "none"
         raise InputError(f"compare takes one motion file, or two recordings ({', '.join(RECORDINGS)}), got {named}")
-    stem = "_".join(stem_of(each.with_suffix("") if two else each) for each in sources)
+    stem = "_".join(stem_of(source.with_suffix("") if two else source) for source in sources)
     picture = Path(output or f"{stem}_compare.png")
     check_picture(picture, overwrite=overwrite)
     labels = ["ellipsoid", "mesh"]
     if two:
         recordings = _both(sources, given, capture, signal, radar_is_named)
-        names = [each.stem for each in sources]
-        labels = names if names[0] != names[1] else [str(each) for each in sources]
+        names = [source.stem for source in sources]
+        labels = names if names[0] != names[1] else [str(source) for source in sources]
     else:
         refuse(capture, f"measured samples, and {sources[0]} is a motion file")
-        recordings = [recorded(Job.of(str(sources[0]), {**given, "method": each}), signal) for each in labels]
+        recordings = [recorded(Job.of(str(sources[0]), {**given, "method": label}), signal) for label in labels]
     found = compared(*recordings, align=align, relative=relative, labels=labels)
     write_picture(found.plot(None if two else sources[0].name), picture, overwrite=overwrite)
     say(found)
@@ -124,7 +124,7 @@ def process(
     figures = {"range_time": drawn.plot_range_time(sources[0].name), "spectrogram": drawn.plot(sources[0].name)}
     if len(sources) == 2:
         beside = _one_of_each_burst(load_recording(sources[1])).processed(**signal)
-        found = compared(drawn, beside, align=True, relative=True, labels=[each.name for each in sources])
+        found = compared(drawn, beside, align=True, relative=True, labels=[source.name for source in sources])
         say(found)
         figures["compare"] = found.plot(sources[0].name)
     if vital_signs:
@@ -164,7 +164,7 @@ def _both(files: list[Path], given: Given, capture: Given, signal: Given, radar_
     """Two recordings, measured ones with the radar that is given, and spectrograms by the options that are."""
     from t2d_rt.recording.read import load_recording
 
-    measured = [each for each in files if each.suffix.lower() != ".zarr"]
+    measured = [file for file in files if file.suffix.lower() != ".zarr"]
     if measured and not radar_is_named:
         raise InputError(
             f"{measured[0]} holds samples only; give its radar, --radar with a preset's name, a .yaml or a .cfg file"
@@ -174,11 +174,11 @@ def _both(files: list[Path], given: Given, capture: Given, signal: Given, radar_
     others = [name for name in given if not (measured and name == "radar")]
     refuse(others, f"a simulation, and {files[0]} and {files[1]} are recordings")
     found = []
-    for each in files:
-        read = {"radar": radar_of(given), **capture} if each in measured else {}
-        if each.suffix.lower() != ".bin":
+    for file in files:
+        read = {"radar": radar_of(given), **capture} if file in measured else {}
+        if file.suffix.lower() != ".bin":
             read.pop("lanes", None)
-        found.append(load_recording(each, **read).processed(**signal))
+        found.append(load_recording(file, **read).processed(**signal))
     return found
 
 
@@ -287,9 +287,9 @@ def view(
         output or (sources[0].with_suffix(".html") if recorded_before else f"{stem_of(sources[0])}.html"),
         overwrite=overwrite,
     )
-    measured = [each for each in sources if each.suffix.lower() in RECORDINGS[1:]]
-    simulated = [each for each in sources if each.suffix.lower() not in RECORDINGS]
-    first = next((each for each in sources if each not in simulated), sources[0])
+    measured = [source for source in sources if source.suffix.lower() in RECORDINGS[1:]]
+    simulated = [source for source in sources if source.suffix.lower() not in RECORDINGS]
+    first = next((source for source in sources if source not in simulated), sources[0])
     if not measured:
         refuse(capture, f"measured samples, and {first} is {'a motion' if simulated else 'a result'}")
     if not simulated:
@@ -298,12 +298,12 @@ def view(
             refuse(["radar"], f"measured samples, and {first} is a result, which holds its own radar")
     known = {**capture, **({"radar": radar_of(given)} if radar_is_named else {})}
     recordings = [
-        recorded(Job.of(str(each), given), signal)
-        if each in simulated
-        else load_recording(each, **(known if each in measured else {})).processed(**signal)
-        for each in sources
+        recorded(Job.of(str(source), given), signal)
+        if source in simulated
+        else load_recording(source, **(known if source in measured else {})).processed(**signal)
+        for source in sources
     ]
-    titles = [f"{each.stem}: {told(found)}" for each, found in zip(sources, recordings, strict=True)]
+    titles = [f"{source.stem}: {told(found)}" for source, found in zip(sources, recordings, strict=True)]
     viewer = Viewer(recordings, titles)
     viewer.save(target, overwrite=overwrite)
     say(f"wrote {target} ({len(viewer.html) / 1e6:.1f} MB)")
@@ -431,9 +431,9 @@ def _yaml_rows(source: Path) -> Given:
     made = Job.of(str(source), {}).experiment
     assert isinstance(made, Experiment)
     rows: Given = {}
-    for number, each in enumerate(made.targets):
-        fields = each.model_dump(mode="json", exclude_defaults=True, exclude={"kind"})
-        rows[f"target {number}"] = ", ".join([each.kind, *(f"{name} {value}" for name, value in fields.items())])
+    for number, target in enumerate(made.targets):
+        fields = target.model_dump(mode="json", exclude_defaults=True, exclude={"kind"})
+        rows[f"target {number}"] = ", ".join([target.kind, *(f"{name} {value}" for name, value in fields.items())])
     return rows | {"scene": made.scene} | made.physics | _radar_rows(made.radar)
 
 

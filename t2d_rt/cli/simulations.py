@@ -131,7 +131,7 @@ def several(source: Path, values: Given, given: Given, signal: Given, target: Pa
     radars, interference = values.pop("radars"), values.pop("interference", False)
     if not isinstance(radars, list) or not radars or "radar" in values:
         raise InputError(f"{source}: radars must be a list of radars in place of radar, as in [table2, my_radar.yaml]")
-    jobs = [Job.of_values({**values, "radar": each}, source, given) for each in radars]
+    jobs = [Job.of_values({**values, "radar": radar}, source, given) for radar in radars]
     targets = [target.with_name(f"{target.stem}-{number}{target.suffix}") for number in range(1, len(jobs) + 1)]
     for each in targets:
         check_free(each, overwrite=overwrite)
@@ -163,8 +163,8 @@ def recorded(job: Job, signal: Given) -> Recording:
         result = run(made, job.accuracy or None, progress=progress, **job.run)
     if not isinstance(made, Experiment):
         return result.processed(**{**made.processing, **signal})
-    files = [each.model_dump() for each in made.targets]  # of a file its name, not the folders of this machine
-    files = [{**each, "file": Path(each["file"]).name} if "file" in each else each for each in files]
+    files = [target.model_dump() for target in made.targets]  # of a file its name, not the folders of this machine
+    files = [{**file, "file": Path(file["file"]).name} if "file" in file else file for file in files]
     result.settings["motion"], result.settings["added"] = files[0], files[1:]
     return result.processed(**signal)
 

@@ -82,7 +82,7 @@ def _values(varied: dict[str, list[str]], vary: list[str], given: dict[str, Any]
     for name, texts in varied.items():
         if name.startswith("add "):
             targets = (target_of(each) for each in texts)
-            found[f"targets.{int(name[4:]) + 1}"] = [each and each.model_dump(mode="json") for each in targets]
+            found[f"targets.{int(name[4:]) + 1}"] = [target and target.model_dump(mode="json") for target in targets]
         elif name in MotionFile.model_fields or name == "motion.subject":
             plain = name in ("file", "motion.subject")
             found[f"targets.0.{name.rpartition('.')[2]}"] = texts if plain else [load_yaml(each) for each in texts]
@@ -99,7 +99,7 @@ def _values(varied: dict[str, list[str]], vary: list[str], given: dict[str, Any]
         name, equals, text = entry.partition("=")
         if not equals:
             raise InputError(f"option vary takes a field and its values, as seed=0:9:1, got {entry!r:.60}")
-        found[name.strip()] = [load_yaml(each) for each in alternatives(text)]
+        found[name.strip()] = [load_yaml(alternative) for alternative in alternatives(text)]
     if not found:
         raise InputError(
             "nothing is varied; give a range or alternatives, as --seed 0:9:1, --method 'ellipsoid|mesh' or --vary seed=0:9:1"
@@ -166,6 +166,6 @@ def entries(text: str) -> list[str]:
         choices = []
         for word in rest.split(","):
             key, equals, value = word.rpartition("=")
-            choices.append([f"{key}{equals}{each}" for each in alternatives(value)])
+            choices.append([f"{key}{equals}{alternative}" for alternative in alternatives(value)])
         found += [f"{kind}{colon}{','.join(words)}" for words in itertools.product(*choices)]
     return found

@@ -49,7 +49,7 @@ def background_records(
     files = sorted(each for each in place.iterdir() if each.suffix.lower() in ENDINGS and each.name[0] != ".")
     if not files:
         raise InputError(f"{place} holds no recording; it must have files that end in {', '.join(ENDINGS)}")
-    return [_record(each, dict(processing or {}), lanes, iq, conjugate) for each in files]
+    return [_record(file, dict(processing or {}), lanes, iq, conjugate) for file in files]
 
 
 def record_of(recording: Recording, name: str, processing: Mapping[str, Any], *, calibrated: bool) -> BackgroundRecord:
@@ -103,7 +103,7 @@ def empty_room(seed: int, *, duration_s: float = 5.0, radar: Radar | None = None
     radar = Radar.preset("table2") if radar is None else radar
     scene = load_scene(ROOMS[rng.integers(len(ROOMS))])
     movers = movers_of(scene, rng)
-    targets = [each.mesh(0, duration_s) for each in movers] or [_static(duration_s)]
+    targets = [mover.mesh(0, duration_s) for mover in movers] or [_static(duration_s)]
     found = simulate(
         targets,
         radar=radar,
@@ -115,7 +115,7 @@ def empty_room(seed: int, *, duration_s: float = 5.0, radar: Radar | None = None
         measure_error=False,
     )
     cube = np.asarray(found.cube) + receiver_noise(found.cube.shape, radar, rng)
-    settings = {**found.settings, "movers": [each.model_dump(mode="json") for each in movers]}
+    settings = {**found.settings, "movers": [mover.model_dump(mode="json") for mover in movers]}
     return Recording(cube, radar, settings=settings, versions=found.versions)
 
 

@@ -74,7 +74,7 @@ class ShardReader:
             shard = Shard.of(folder, number, recipe)
             records += shard.good
             shards += [shard] * len(shard.good)
-            failed += [each for each in shard.records if each["row"] is None]
+            failed += [record for record in shard.records if record["row"] is None]
         self.records, self.failed = tuple(records), tuple(failed)
         self._shards = tuple(shards)
         self._kept = LastUsed[np.ndarray](most_bytes, array_bytes)
@@ -150,17 +150,17 @@ class Dataset:
     @property
     def labels(self) -> np.ndarray:
         """Number of each sample's class, (N,)."""
-        return np.array([self.classes.index(each["class"]) for each in self.records], dtype=np.int64)
+        return np.array([self.classes.index(record["class"]) for record in self.records], dtype=np.int64)
 
     @property
     def indices(self) -> np.ndarray:
         """Index of each sample in its recipe, (N,); samples that failed leave gaps."""
-        return np.array([each["index"] for each in self.records], dtype=np.int64)
+        return np.array([record["index"] for record in self.records], dtype=np.int64)
 
     @property
     def sides(self) -> dict[str, np.ndarray]:
         """Positions of the samples of each side, (M,), where the recipe makes sides."""
-        at = [self.recipe.side_at(each["description"]) for each in self.records]
+        at = [self.recipe.side_at(record["description"]) for record in self.records]
         return {side.name: np.flatnonzero([each == side for each in at]) for side in self.recipe.sides}
 
     @property

@@ -185,7 +185,7 @@ def _write_npz(dataset: Dataset, path: Path, positions: np.ndarray, products: Se
         "label": dataset.labels[positions],
         "classes": np.array(dataset.classes),
         "index": dataset.indices[positions],
-        "sentence": np.array([each["sentence"] for each in records]),
+        "sentence": np.array([record["sentence"] for record in records]),
     }
     if "truth" in products:
         small["truth_columns"] = np.array(dataset.recipe.products.kept["truth"].columns)
@@ -193,7 +193,7 @@ def _write_npz(dataset: Dataset, path: Path, positions: np.ndarray, products: Se
         small["part_names"] = np.array(dataset.parts)
     for product in products:
         for name in ("velocity_mps", "time_s", "range_m"):
-            edges = [each["products"][product].get(name) for each in records]
+            edges = [record["products"][product].get(name) for record in records]
             if None not in edges:
                 small[f"{product}_{name}"] = np.array(edges)
     with zipfile.ZipFile(path.with_name(f"{path.name}.npz"), "w", zipfile.ZIP_DEFLATED, allowZip64=True) as archive:
@@ -201,7 +201,7 @@ def _write_npz(dataset: Dataset, path: Path, positions: np.ndarray, products: Se
             _write_array(archive, name, array)
         for product in products:
             _write_product(archive, dataset, positions, product)
-    lines = "".join(f"{json.dumps(each)}\n" for each in records)
+    lines = "".join(f"{json.dumps(record)}\n" for record in records)
     path.with_name(f"{path.name}.jsonl").write_text(lines, encoding="utf-8")
 
 
@@ -258,7 +258,7 @@ def data_card(
         counts=_counts(dataset, sides),
         splitting=_splitting(split),
         radars=_radars(dataset.recipe),
-        arrays="\n".join(_array_line(dataset, each) for each in products),
+        arrays="\n".join(_array_line(dataset, product) for product in products),
         quality=_quality(dataset),
         side=next(iter(sides)),
         product=products[0],
@@ -277,7 +277,7 @@ def _counts(dataset: Dataset, sides: Mapping[str, np.ndarray]) -> str:
     """A table of the samples of each class on each side."""
     rows = [["label", "class", *sides], ["---"] * (2 + len(sides))]
     for number, name in enumerate(dataset.classes):
-        rows.append([str(number), name, *(f"{np.sum(dataset.labels[each] == number)}" for each in sides.values())])
+        rows.append([str(number), name, *(f"{np.sum(dataset.labels[side] == number)}" for side in sides.values())])
     return _table(rows)
 
 
@@ -303,14 +303,16 @@ def _radars(recipe: Recipe) -> str:
         ["condition", "scene", "model", "carrier [GHz]", "bandwidth [GHz]", "speeds [m/s]", "range bin [cm]"],
         ["---"] * 7,
     ]
-    for each in recipe.conditions:
-        radar = each.radar or recipe.radar
+    for condition in recipe.conditions:
+        radar = condition.radar or recipe.radar
         figures = (
             f"{radar.mid_frequency_hz / 1e9:.2f}",
             f"{radar.bandwidth_hz / 1e9:.2f}",
             f"+-{radar.max_speed_mps:.2f}",
         )
-        rows.append([each.name, each.scene, each.method, *figures, f"{100 * radar.range_resolution_m:.2f}"])
+        rows.append(
+            [condition.name, condition.scene, condition.method, *figures, f"{100 * radar.range_resolution_m:.2f}"]
+        )
     return _table(rows)
 
 
@@ -355,9 +357,9 @@ def _meaning(dataset: Dataset, product: Product) -> str:
 
 def _quality(dataset: Dataset) -> str:
     """Verdicts of the filter, SNR and field errors over all samples, as a list in Markdown."""
-    snr = np.array([each["snr_db"] for each in dataset.records if each["snr_db"] is not None])
-    errors = np.array([each["error_db"] for each in dataset.records if each["error_db"] is not None])
-    passed = np.mean([each["passed"] for each in dataset.records])
+    snr = np.array([record["snr_db"] for record in dataset.records if record["snr_db"] is not None])
+    errors = np.array([record["error_db"] for record in dataset.records if record["error_db"] is not None])
+    passed = np.mean([record["passed"] for record in dataset.records])
     lines = [
         f"- {passed:.0%} of the motions pass the filter; samples that failed and are not here: {len(dataset.failed)}"
     ]

@@ -311,7 +311,7 @@ def _check_background(recipe: Recipe) -> None:
     """Refuses a background model that a radar of the recipe cannot have, and warns of another band, before anything is made."""
     if recipe.background is None or recipe.products.spectrogram is None:
         return
-    for radar in dict.fromkeys(each.radar or recipe.radar for each in recipe.conditions):
+    for radar in dict.fromkeys(condition.radar or recipe.radar for condition in recipe.conditions):
         background_settings(recipe.background, level_db=recipe.background_level_db, carrier_hz=radar.carrier_hz)
         check_axes(recipe.background, radar, {})
 
@@ -358,8 +358,8 @@ class _Run:
         found = set()
         for number in numbers(self._folder):
             name = shard_name(number)
-            for each in shard_faults(self._folder, number, self._recipe):
-                raise InputError(each)
+            for shard_fault in shard_faults(self._folder, number, self._recipe):
+                raise InputError(shard_fault)
             for kind in ("npz", "jsonl"):
                 path = self._folder / SHARDS / f"{name}.{kind}"
                 checksum = file_sha256(path)
@@ -373,7 +373,7 @@ class _Run:
             if len(records) >= len(self._indices(number)):  # one of an earlier limit may lack samples
                 found.add(number)
                 # Of a larger run there may be more, whose failures count for that one.
-                asked = [Made(each) for each in records if each["index"] < self._count]
+                asked = [Made(record) for record in records if record["index"] < self._count]
                 self.done += len(asked)
                 self._note_failures(asked)
         return found
@@ -395,7 +395,7 @@ class _Run:
 
     def _count_records(self, number: int, records: Sequence[dict[str, Any]]) -> None:
         """Notes how many samples a shard has, and how many of them failed, for the manifest."""
-        self._counts[number] = len(records), sum(each["failure"] is not None for each in records)
+        self._counts[number] = len(records), sum(record["failure"] is not None for record in records)
 
     def add(self, made: Sequence[Made]) -> None:
         """Takes what a worker has made, keeps it, and writes the shard that it completes."""
@@ -453,7 +453,7 @@ class _Run:
     def write_manifest(self) -> None:
         """Writes which files there are: the same bytes for the same recipe and the same samples."""
         names = [f"{shard_name(number)}.{kind}" for number in sorted(self._counts) for kind in ("npz", "jsonl")]
-        samples, failed = (sum(each[place] for each in self._counts.values()) for place in (0, 1))
+        samples, failed = (sum(count[place] for count in self._counts.values()) for place in (0, 1))
         found = {
             "recipe": self._recipe.name,
             "recipe_hash": self._recipe.hash,

@@ -118,7 +118,7 @@ def _read_arrays(path: Path, group: int, product: str) -> list[np.ndarray]:
     with _opened(pq, path) as file:
         feature = json.loads(file.schema_arrow.metadata[b"huggingface"])["info"]["features"][product]
         column = file.read_row_group(group, columns=[product]).column(product).combine_chunks()
-        return [_complex(each, product) for each in _rows(getattr(column, "storage", column), feature)]
+        return [_complex(row, product) for row in _rows(getattr(column, "storage", column), feature)]
 
 
 def pyarrow() -> tuple[Any, Any]:
@@ -165,22 +165,22 @@ def _table(pa: Any, dataset: Dataset, positions: np.ndarray, products: Sequence[
     records = [dataset.records[place] for place in positions]
     columns: dict[str, Any] = {}
     for name in COLUMNS:
-        values = dataset.labels[positions].tolist() if name == "label" else [each[name] for each in records]
+        values = dataset.labels[positions].tolist() if name == "label" else [record[name] for record in records]
         columns[name] = pa.array(values, type=schema.field(name).type)
     for product in products:
         arrays = [_real(dataset.array(int(place), product)) for place in positions]
         columns[product] = _lists(pa, arrays)
-    columns[RECORD] = pa.array([json.dumps(each) for each in records], type=pa.string())
+    columns[RECORD] = pa.array([json.dumps(record) for record in records], type=pa.string())
     return pa.table(columns, schema=schema)
 
 
 def _lists(pa: Any, arrays: Sequence[np.ndarray]) -> Any:
     """Arrays that differ in their first dimension at most as lists of lists."""
     inner = arrays[0].shape[1:]
-    found = pa.array(np.concatenate([each.ravel() for each in arrays]))
+    found = pa.array(np.concatenate([array.ravel() for array in arrays]))
     for length in inner[::-1]:
         found = pa.ListArray.from_arrays(pa.array(np.arange(0, len(found) + 1, length), type=pa.int32()), found)
-    ends = np.cumsum([0, *(len(each) for each in arrays)])
+    ends = np.cumsum([0, *(len(array) for array in arrays)])
     return pa.ListArray.from_arrays(pa.array(ends, type=pa.int32()), found)
 
 

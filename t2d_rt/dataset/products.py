@@ -184,14 +184,14 @@ def parts_of(recording: Recording, split: Split) -> dict[str, np.ndarray]:
     elif far := [name for name in parts if name not in ("direct", STATIC)]:
         parts = parts.grouped({"reflected": far})
     found: dict[str, np.ndarray] = {}
-    for each in parts.contributions:
-        name = str(each.part.values)
+    for contribution in parts.contributions:
+        name = str(contribution.part.values)
         whose, _, own = name.rpartition(": ")
         # Where something moves beside, the labelled person is the first target.
         if split == "segment" and whose not in ("", "person", "person 1"):
             own = "beside"
         own = own if own in PARTS[split] else "other"
-        found[own] = found.get(own, 0.0) + each.values
+        found[own] = found.get(own, 0.0) + contribution.values
     return found
 
 
@@ -277,7 +277,7 @@ class TruthProduct(_Product):
         truth = recording.truth_at(times_s, visible=self.visible)
         does = truth.activity.values[0]
         begins = np.flatnonzero(np.append(True, does[1:] != does[:-1]))
-        activities = [[str(does[each]), round(float(times_s[each]), 9)] for each in begins]
+        activities = [[str(does[begin]), round(float(times_s[begin]), 9)] for begin in begins]
         return person_rows(truth), {"rate_hz": self.rate_hz, "activities": activities}
 
 

@@ -211,7 +211,10 @@ class Recipe(Fields):
             )
         if self.background_level_db is not None and self.background is None:
             raise InputError("recipe key background_level_db belongs to a background; give background, too")
-        for what, names in (("classes", self.classes), ("conditions", [each.name for each in self.conditions])):
+        for what, names in (
+            ("classes", self.classes),
+            ("conditions", [condition.name for condition in self.conditions]),
+        ):
             if len(set(names)) < len(names):
                 raise InputError(f"recipe key {what} names one of them twice; give each once")
         if self.subjects is not None and self.bodies != (OWN_BODY,):
@@ -224,19 +227,22 @@ class Recipe(Fields):
         self._check_things()
         gate = self.products.spectrogram.range_gate_m if self.products.spectrogram else None
         if isinstance(gate, tuple):
-            for radar in {self.radar, *(each.radar for each in self.conditions if each.radar is not None)}:
+            for radar in {
+                self.radar,
+                *(condition.radar for condition in self.conditions if condition.radar is not None),
+            }:
                 RangeGate.of(radar, gate)  # refuses a gate without a cell
-        for each in self.bodies:
-            if each != OWN_BODY and "@" in each:
-                template(each)  # refuses what is none
-            elif each != OWN_BODY and each not in bodies():
-                raise unknown_name("body", each, (OWN_BODY, *bodies()))
+        for body in self.bodies:
+            if body != OWN_BODY and "@" in body:
+                template(body)  # refuses what is none
+            elif body != OWN_BODY and body not in bodies():
+                raise unknown_name("body", body, (OWN_BODY, *bodies()))
         return self
 
     def _check_things(self) -> None:
         """Refuses things that people of a class cannot carry."""
         for condition in self.conditions:
-            for wish in [wish for each in condition.carries for wish in wishes_of(each)]:
+            for wish in [wish for carried in condition.carries for wish in wishes_of(carried)]:
                 known = [name for name in ACTIVITIES if name in CARRIED_IN[wish.thing]]
                 if wrong := [name for name in self.classes if name not in known]:
                     raise InputError(
@@ -246,12 +252,12 @@ class Recipe(Fields):
 
     def _check_sides(self) -> None:
         """Refuses sides that cannot be held apart, or whose conditions there are not."""
-        known = [each.name for each in self.conditions]
+        known = [condition.name for condition in self.conditions]
         names = [each.name for each in self.sides]
         for side in self.sides:
-            for each in side.conditions:
-                if each not in known:
-                    raise unknown_name(f"condition of side {side.name}", each, known)
+            for condition in side.conditions:
+                if condition not in known:
+                    raise unknown_name(f"condition of side {side.name}", condition, known)
         if names and ("train" not in names or "test" not in names or len(set(names)) < len(names)):
             raise InputError(f"recipe key sides needs train and test, each side once, got {', '.join(names)}")
         if names and (self.subjects is None or self.each_condition):
@@ -270,7 +276,7 @@ class Recipe(Fields):
 
     def files(self) -> dict[str, str | None]:
         """Checksums of the files that samples follow from beside the recipe; None of one that is not there."""
-        names = {each.scene for each in self.conditions if each.scene.lower().endswith(FILES)}
+        names = {condition.scene for condition in self.conditions if condition.scene.lower().endswith(FILES)}
         names |= {str(mesh) for scene in names if scene.lower().endswith(".xml") for mesh in _meshes(Path(scene))}
         if self.background is not None and self.background.lower().endswith(".safetensors"):
             names.add(self.background)
@@ -335,9 +341,10 @@ class Recipe(Fields):
 
     def _beside(self, folder: Path) -> Recipe:
         """With whole paths of scenes and models that are files, which are found from the folder of the recipe."""
-        scenes = [_whole(folder, each.scene, FILES) for each in self.conditions]
+        scenes = [_whole(folder, condition.scene, FILES) for condition in self.conditions]
         conditions = tuple(
-            each.model_copy(update={"scene": scene}) for each, scene in zip(self.conditions, scenes, strict=True)
+            condition.model_copy(update={"scene": scene})
+            for condition, scene in zip(self.conditions, scenes, strict=True)
         )
         background = None if self.background is None else _whole(folder, self.background, ".safetensors")
         return self.model_copy(update={"conditions": conditions, "background": background})

@@ -89,8 +89,8 @@ def sample_motion(
         source = _drawn(recipe, activity, wanted, number, attempt, recipe.side_at(description))
         try:
             found = _fitted(source, recipe, number, activity, attempt + 1)
-            for each in conditions:
-                carry(found.motion, each.carries)
+            for condition in conditions:
+                carry(found.motion, condition.carries)
         except T2DError as error:  # of falls, some do not come to one
             failure = failure or error
             continue
@@ -370,7 +370,7 @@ def surroundings(scene: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if scene == "free_space":
         return np.full(3, -np.inf), np.full(3, np.inf), np.zeros((0, 2, 3))
     surfaces = load_scene(scene).surfaces
-    corners = np.array([(each.vertices.min(axis=0), each.vertices.max(axis=0)) for each in surfaces])
+    corners = np.array([(surface.vertices.min(axis=0), surface.vertices.max(axis=0)) for surface in surfaces])
     low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
     # The boxes are those of the walls' axes: furniture that stands askew takes more room here than it does.
     # A wall, a door or a window is flat and lies in the shell of the room; all that stands within it is furniture.
@@ -396,9 +396,9 @@ def reserved_walks(recipe: Recipe) -> tuple[Description, ...]:
     They are on all sides of every split, and no class can be told by them.
     """
     used = {
-        each.sentence
+        description.sentence
         for name in recipe.classes
-        for each in descriptions(name, recipe.descriptions_per_class, recipe.seed)
+        for description in descriptions(name, recipe.descriptions_per_class, recipe.seed)
     }
     count = WALKS
     while True:
@@ -499,8 +499,8 @@ def cell_of(recipe: Recipe, index: int) -> Cell:
     number = rest * len(recipe.classes) + class_number
     if not recipe.each_condition:
         side = recipe.side_at(description)
-        own = [side is None or each.name in side.conditions for each in recipe.conditions]
-        weights = np.array([each.weight for each in recipe.conditions]) * own
+        own = [side is None or condition.name in side.conditions for condition in recipe.conditions]
+        weights = np.array([condition.weight for condition in recipe.conditions]) * own
         rng = np.random.default_rng(recipe.seeds(number, "condition"))
         chosen = int(rng.choice(len(weights), p=weights / weights.sum()))
     return Cell(

@@ -226,7 +226,7 @@ def read_record(recipe: Recipe, line: str | bytes) -> dict[str, Any]:
         raise InputError(f"a record must be an object of JSON, got {shown(found)}")
     index = integer("index", found.get("index"), 0, recipe.samples - 1)
     _check_text(found, "class", recipe.classes[index % len(recipe.classes)])
-    _check_text(found, "condition", *(each.name for each in recipe.conditions))
+    _check_text(found, "condition", *(condition.name for condition in recipe.conditions))
     integer("description", found.get("description"), 0, recipe.descriptions_per_class - 1)
     _check_text(found, "sentence")
     if found.get("row") is None:
@@ -372,7 +372,7 @@ class Shard:
     @property
     def good(self) -> list[dict[str, Any]]:
         """Records of the samples that did not fail."""
-        return [each for each in self.records if each["row"] is not None]
+        return [record for record in self.records if record["row"] is not None]
 
     @classmethod
     def of(cls, folder: Path, number: int, recipe: Recipe) -> Shard:
@@ -383,7 +383,7 @@ class Shard:
             records = tuple(read_record(recipe, line) for line in lines)
             found = cls(path.with_suffix(".npz"), records, recipe)
             rows = [each["row"] for each in found.good]
-            if rows != [*range(len(rows))] or len({each["index"] for each in records}) < len(records):
+            if rows != [*range(len(rows))] or len({record["index"] for record in records}) < len(records):
                 raise InputError("a sample is there twice, or a row is missing")
         except (InputError, KeyError) as error:
             raise damaged(path, error) from None
@@ -584,7 +584,9 @@ def check_dataset(path: str | Path) -> list[str]:
     if manifest.get("recipe_hash") != recipe.hash:
         found.insert(0, f"{folder / MANIFEST} is of another recipe than {RECIPE}, or missing")
     if not found:
-        failures = [each["failure"] for number in numbers(folder) for each in Shard.of(folder, number, recipe).records]
+        failures = [
+            record["failure"] for number in numbers(folder) for record in Shard.of(folder, number, recipe).records
+        ]
         for name, count in (("samples", len(failures)), ("failed", len(failures) - failures.count(None))):
             if (told := manifest.get(name, count)) != count:
                 found.append(

@@ -76,7 +76,7 @@ class Split:
         """Text that `read_split` takes."""
         values = {
             "apart": list(self.apart),
-            "sides": {name: list(each) for name, each in self.sides.items()},
+            "sides": {name: list(side) for name, side in self.sides.items()},
             "left_out": list(self.left_out),
             "shared": dict(self.shared),
         }
@@ -88,7 +88,7 @@ def read_split(path: str | Path, records: Records) -> Split:
     stored = read_bytes(path, limit=MOST_BYTES, noun="split file")
     try:
         values = json.loads(stored)
-        sides = {str(name): tuple(int(each) for each in indices) for name, indices in values["sides"].items()}
+        sides = {str(name): tuple(int(index) for index in indices) for name, indices in values["sides"].items()}
         found = Split(
             MappingProxyType(sides),
             _kinds(values["apart"]),
@@ -105,7 +105,7 @@ def source_clips(record: Mapping[str, Any]) -> frozenset[str]:
     """The recordings that a sample's motions were made of, that of a second person with them; none of one that was composed by
     rules or by physics."""
     sources = [*record["sources"], *((record.get("second_person") or {}).get("sources", ()))]
-    found = (CLIP.match(each) or FILE.match(each) for each in sources)
+    found = (CLIP.match(source) or FILE.match(source) for source in sources)
     return frozenset(each["file"] for each in found if each is not None)
 
 
@@ -172,7 +172,7 @@ def _checked_split(
     records: Records, sides: Mapping[str, np.ndarray], kinds: tuple[Kind, ...], left: np.ndarray
 ) -> Split:
     """A split of these masks (N,) by side, searched for leaks before it is given; left: what was left out, (N,)."""
-    indices = np.array([int(each["index"]) for each in records])
+    indices = np.array([int(record["index"]) for record in records])
     found = {name: tuple(sorted(indices[mask].tolist())) for name, mask in sides.items()}
     check_split(records, found, apart=kinds)
     shared = Counter(str(kind) for kind, _, _ in leaks(records, found, [kind for kind in KINDS if kind not in kinds]))
@@ -183,12 +183,12 @@ def leaks(
     records: Records, sides: Mapping[str, Iterable[int]], apart: Collection[Kind] = APART
 ) -> list[tuple[Kind, str, tuple[str, ...]]]:
     """What is on more than one side: its kind, its name, and the sides."""
-    known = {int(each["index"]): each for each in records}
+    known = {int(record["index"]): record for record in records}
     where: dict[tuple[Kind, str], set[str]] = defaultdict(set)
     for name, indices in sides.items():
         for index in indices:
-            for each in traits(known[int(index)], apart):
-                where[each].add(name)
+            for trait in traits(known[int(index)], apart):
+                where[trait].add(name)
     return [
         (kind, value, tuple(name for name in sides if name in names))
         for (kind, value), names in sorted(where.items())
@@ -199,7 +199,7 @@ def leaks(
 def check_split(records: Records, sides: Mapping[str, Iterable[int]], *, apart: Collection[str] = APART) -> None:
     """Raises an InputError that names the leak, if a sample or something that is held apart is on two sides."""
     kinds = _kinds(apart)
-    known = {int(each["index"]) for each in records}
+    known = {int(record["index"]) for record in records}
     seen: dict[int, str] = {}
     listed = {name: [int(each) for each in indices] for name, indices in sides.items()}
     for name, indices in listed.items():
@@ -258,7 +258,7 @@ def _sides(
     if not records:
         raise InputError("there are no samples to split; give the records of finished ones")
     flag("leave_out", leave_out)
-    if "subject" in kinds and any(each.get("subject") is None for each in records):
+    if "subject" in kinds and any(record.get("subject") is None for record in records):
         raise InputError(
             "some samples name no subject to hold apart; give the recipe subjects, or leave subject out of apart"
         )
@@ -267,7 +267,7 @@ def _sides(
     groups = grouped(records, [kind for kind in kinds if not (divided and kind == "clip")])
     labels, fractions = _labels(records), np.array(list(wanted.values()))
     if divided:
-        return clip_sides(labels, [source_clips(each) for each in records], groups, fractions, rng)
+        return clip_sides(labels, [source_clips(record) for record in records], groups, fractions, rng)
     counts = np.array([np.bincount(labels[group], minlength=labels.max() + 1) for group in groups], dtype=np.float64)
     options = np.repeat(counts[:, None], len(fractions), axis=1)
     found = np.zeros((len(records), len(fractions)), dtype=bool)
@@ -278,16 +278,16 @@ def _sides(
 
 def _labels(records: Records) -> np.ndarray:
     """Number of the class of each record, in the order of their names, (N,)."""
-    return np.unique([str(each["class"]) for each in records], return_inverse=True)[1]
+    return np.unique([str(record["class"]) for record in records], return_inverse=True)[1]
 
 
 def grouped(records: Records, kinds: Collection[Kind]) -> list[list[int]]:
     """Positions of the samples of each group: those that share a trait, directly or by way of others."""
     number: dict[tuple[Kind, str], int] = {}
     links = [
-        (place, len(records) + number.setdefault(each, len(number)))
+        (place, len(records) + number.setdefault(trait, len(number)))
         for place, record in enumerate(records)
-        for each in traits(record, kinds)
+        for trait in traits(record, kinds)
     ]
     # A graph of samples and traits, which its edges join; its components are found in the order of their first samples.
     count = len(records) + len(number)
@@ -309,7 +309,7 @@ def _check_sizes(
 ) -> None:
     """Refuses a split of which a side lacks a class, or, where nothing is left out, is far from its fraction."""
     labels = _labels(records)
-    names = sorted({str(each["class"]) for each in records})
+    names = sorted({str(record["class"]) for record in records})
     lacking = [
         (name, names[label])
         for name, mask in sides.items()
@@ -348,7 +348,7 @@ def sides_of(
         apart = ("description", "seed") if by == "description" else ("description", "clip", "seed")
         found = split(records, fractions, apart=apart, leave_out=by == "clip", seed=seed)
         place = {int(record["index"]): number for number, record in enumerate(records)}
-        return {name: np.array([place[each] for each in indices]) for name, indices in found.sides.items()}
+        return {name: np.array([place[index] for index in indices]) for name, indices in found.sides.items()}
     rng = np.random.default_rng(integer("seed", seed))
     classes = np.array([str(each["class"]) for each in records])
     sides: dict[str, list[int]] = {name: [] for name in NAMES}
@@ -427,7 +427,7 @@ def clip_sides(
     of_samples = [tuple(sorted(number[each] for each in clip)) for clip in clips]
     patterns = sorted(set(of_samples))
     place = {pattern: row for row, pattern in enumerate(patterns)}
-    rows = np.array([place[each] for each in of_samples])
+    rows = np.array([place[of_sample] for of_sample in of_samples])
     sums = np.zeros((len(patterns), labels.max() + 1))
     np.add.at(sums, (rows, labels), 1)
     holds = np.zeros((len(patterns), len(names)), dtype=np.int64)

@@ -136,10 +136,10 @@ def summarise(dataset: Dataset | str | Path) -> Summary:
         wanted=source.recipe.samples,
         failures=tuple(str(each["failure"]) for each in source.failed),
         classes=tuple(_class(source, number) for number in range(len(source.classes))),
-        conditions=dict(Counter(str(each["condition"]) for each in records)),
+        conditions=dict(Counter(str(record["condition"]) for record in records)),
         parts=_parts(source),
         errors_db=_known(records, "error_db"),
-        clips=len(frozenset[str]().union(*(source_clips(each) for each in records))),
+        clips=len(frozenset[str]().union(*(source_clips(record) for record in records))),
         groups=tuple(sorted(map(len, grouped(records, APART)), reverse=True)),
         seconds_left=_seconds_left(source),
     )
@@ -151,7 +151,7 @@ def _parts(dataset: Dataset) -> dict[str, float]:
         return {}
     powers = [dataset.values(place, "parts").sum(axis=(1, 2)) for place in range(min(MEASURED, len(dataset)))]
     return dict(
-        zip(dataset.parts, np.mean([each / max(each.sum(), 1e-30) for each in powers], axis=0).tolist(), strict=True)
+        zip(dataset.parts, np.mean([power / max(power.sum(), 1e-30) for power in powers], axis=0).tolist(), strict=True)
     )
 
 
@@ -159,7 +159,7 @@ def _class(dataset: Dataset, number: int) -> ClassSummary:
     """What there is of the class of a number."""
     positions = np.flatnonzero(dataset.labels == number)
     records = [dataset.records[place] for place in positions]
-    reasons = Counter(each["reasons"][0] for each in records if each["reasons"])
+    reasons = Counter(record["reasons"][0] for record in records if record["reasons"])
     extents = (
         np.array([extent(dataset, int(place)) for place in positions[:MEASURED]])
         if "spectrogram" in dataset.products
@@ -168,8 +168,8 @@ def _class(dataset: Dataset, number: int) -> ClassSummary:
     return ClassSummary(
         name=dataset.classes[number],
         samples=len(records),
-        descriptions=len({each["sentence"] for each in records}),
-        passed=sum(bool(each["passed"]) for each in records),
+        descriptions=len({record["sentence"] for record in records}),
+        passed=sum(bool(record["passed"]) for record in records),
         reason=reasons.most_common(1)[0][0] if reasons else None,
         made_s=_known(records, "made_s"),
         snr_db=_known(records, "snr_db"),
@@ -191,7 +191,7 @@ def extent(dataset: Dataset, position: int) -> tuple[float, float]:
 
 def _known(records: Sequence[dict[str, Any]], name: str) -> np.ndarray:
     """A figure of the records that have it."""
-    return np.array([each[name] for each in records if each.get(name) is not None], dtype=np.float64)
+    return np.array([record[name] for record in records if record.get(name) is not None], dtype=np.float64)
 
 
 def _seconds_left(dataset: Dataset) -> float | None:
@@ -271,8 +271,8 @@ def dataset_sheet(dataset: Dataset, *, columns: int = 8, dynamic_range_db: float
     extents = np.array([extent(dataset, place) for row in chosen for place in row])
     speeds = -_greatest(-extents[:, 0]), _greatest(extents[:, 1])
     levels = {place: _levels(dataset, place) for row in chosen for place in row}
-    top_db = float(np.percentile([each.max() for each in levels.values()], BRIGHT))
-    noise_db = float(np.median([np.median(each) for each in levels.values()]))
+    top_db = float(np.percentile([level.max() for level in levels.values()], BRIGHT))
+    noise_db = float(np.median([np.median(level) for level in levels.values()]))
     limits = max(noise_db, top_db - dynamic_range_db), top_db
     columns = min(columns, max(map(len, chosen)))
     figure, grid, scale_axes = _sheet(len(chosen), columns)

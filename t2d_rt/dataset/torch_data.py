@@ -51,7 +51,9 @@ class TorchDataset(MapDataset):  # type: ignore[misc, type-arg]
         self.dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
         self.product = self.dataset.checked(product)
         self.positions = (
-            np.arange(len(self.dataset)) if indices is None else self.dataset.positions([int(each) for each in indices])
+            np.arange(len(self.dataset))
+            if indices is None
+            else self.dataset.positions([int(index) for index in indices])
         )
         self.classes = self.dataset.classes
         self.labels = torch.from_numpy(self.dataset.labels[self.positions])

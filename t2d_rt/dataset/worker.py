@@ -82,8 +82,8 @@ def view(
             )
         power = occluded.power
         parts = {
-            name: each if name == "background" else np.where(occluded.columns, 0.0, each)
-            for name, each in parts.items()
+            name: part if name == "background" else np.where(occluded.columns, 0.0, part)
+            for name, part in parts.items()
         }
         details["masks_s"] = np.round(occluded.windows_s, 6).tolist()
     return View(power, velocity, time_s, parts, details)
@@ -216,7 +216,7 @@ def _described(found: Sample) -> dict[str, Any]:
 
 def _second_person(found: Sample) -> dict[str, Any] | None:
     """What a record tells of a person beside the one who is labelled: sentence, seed, and clips."""
-    others = [each for each in found.experiment.targets[1:] if isinstance(each, MotionText)]
+    others = [target for target in found.experiment.targets[1:] if isinstance(target, MotionText)]
     if not others:
         return None
     return {"sentence": others[0].text, "seed": others[0].seed, "sources": list(others[0].made().origin)}

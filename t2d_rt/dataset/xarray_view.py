@@ -36,7 +36,7 @@ class _Levels(BackendArray):
         places = np.arange(len(self._dataset))[key[0]]
         if np.ndim(places) == 0:
             return np.asarray(self._dataset.values(int(places), self._product)[key[1:]])
-        rows = [self._dataset.values(int(each), self._product) for each in places]
+        rows = [self._dataset.values(int(place), self._product) for place in places]
         whole = np.stack(rows) if rows else np.zeros((0, *self.shape[1:]), self.dtype)
         return np.asarray(whole[(slice(None), *key[1:])])
 
@@ -50,10 +50,10 @@ def xarray_view(dataset: Dataset, product: Product) -> xr.Dataset:
         )
     levels = _Levels(dataset, product)
     dims = DIMENSIONS[product]
-    told = [each["products"][product] for each in dataset.records]
+    told = [record["products"][product] for record in dataset.records]
     coordinates: dict[str, Any] = {"index": ("sample", dataset.indices), "label": ("sample", dataset.labels)}
     for name in OF_RECORDS:
-        coordinates[name] = "sample", np.array([_plain(each[name]) for each in dataset.records])
+        coordinates[name] = "sample", np.array([_plain(record[name]) for record in dataset.records])
     coordinates["peak_db"] = (
         "sample",
         np.array([each["peak_db"] for each in told]),

@@ -66,7 +66,7 @@ BASELINES = "gradient-boosting", "nearest-centroid"
 def feature_table(maps: LabelledMaps) -> np.ndarray:
     """Features of each map, (N, F)."""
     check_steps("baselines", maps.size[1], maps.duration_s)
-    rows = [[*features(each, maps.velocity_mps, maps.duration_s).values()] for each in maps.levels]
+    rows = [[*features(level, maps.velocity_mps, maps.duration_s).values()] for level in maps.levels]
     return np.array(rows)
 
 

@@ -38,7 +38,7 @@ class Line:
     """Accuracy and samples of each condition of the test."""
 
     def __str__(self) -> str:
-        sides = " / ".join(str(each) for each in self.samples.values())
+        sides = " / ".join(str(sample) for sample in self.samples.values())
         parts = ", ".join(f"{name} {right:.2f}" for name, (right, _) in self.by_condition.items())
         return f"| {self.name} | {sides} | {self.accuracy} | {self.macro_f1} | {parts} |"
 
@@ -52,8 +52,8 @@ def line(name: str, dataset: Dataset, told: np.ndarray) -> Line:
         raise InputError(
             f"a model must tell {len(labels)} numbers of classes, got {told.dtype} of shape {told.shape}; return whole numbers"
         )
-    conditions = np.array([each["condition"] for each in records])
-    apart = [[str(each["sentence"]) for each in records], [str(each["subject"]) for each in records]]
+    conditions = np.array([record["condition"] for record in records])
+    apart = [[str(record["sentence"]) for record in records], [str(record["subject"]) for record in records]]
     accuracy, f1 = interval_of(labels, told, len(dataset.classes), apart)
     return Line(
         name=name,

@@ -349,7 +349,7 @@ def band_features(levels_db: np.ndarray, velocity_mps: np.ndarray, duration_s: f
     half = len(velocity_mps) // 2
     sides = above[-half:], above[:half][::-1]
     speed = velocity_mps[-half:]
-    coming, going = (_bands(each, speed, EDGES_MPS) for each in sides)
+    coming, going = (_bands(side, speed, EDGES_MPS) for side in sides)
     both = decibel(10.0 ** (coming / 10.0) + 10.0 ** (going / 10.0))
     return {
         **_levels("both sides", both),
@@ -418,7 +418,7 @@ def _spectrum(lines: np.ndarray, step_s: float) -> np.ndarray:
 
 def _band_modulation(sides: tuple[np.ndarray, np.ndarray], speed: np.ndarray, step_s: float) -> dict[str, float]:
     """Modulation of the mean of both sides, in wide bands of speed: which side it is does not matter."""
-    bands = np.mean([_bands(each, speed, WIDE_MPS) for each in sides], axis=0)
+    bands = np.mean([_bands(side, speed, WIDE_MPS) for side in sides], axis=0)
     return _numbered("modulation", np.log(_spectrum(bands, step_s) + 0.05))
 
 

@@ -63,10 +63,10 @@ class LabelledMaps:
         velocity = array("velocity_mps", self.velocity_mps, (speeds,), unit="m/s")
         if np.any(np.diff(velocity) <= 0):
             raise InputError("velocity_mps must ascend; reverse the axis and the maps")
-        groups = {name: np.asarray(each).astype(str) for name, each in self.groups.items()}
-        for name, each in groups.items():
-            if each.shape != (count,):
-                raise InputError(f"group {shown(name)} must name each of {count} samples, got {each.shape}")
+        groups = {name: np.asarray(group).astype(str) for name, group in self.groups.items()}
+        for name, group in groups.items():
+            if group.shape != (count,):
+                raise InputError(f"group {shown(name)} must name each of {count} samples, got {group.shape}")
         if len(self.names) != count:
             raise InputError(f"names must be {count}, one for each map, got {len(self.names)}")
         positive("duration_s", self.duration_s, unit="s")
@@ -118,7 +118,7 @@ class LabelledMaps:
             self,
             levels=self.levels[chosen],
             labels=self.labels[chosen],
-            groups={name: each[chosen] for name, each in self.groups.items()},
+            groups={name: group[chosen] for name, group in self.groups.items()},
             names=tuple(self.names[place] for place in chosen),
         )
 
@@ -133,7 +133,7 @@ class LabelledMaps:
             return self
         floor_db = float(self.levels.min())
         rows = (first - low) / (high - low), (last - low) / (high - low)
-        levels = np.stack([relative_levels(10.0 ** (each / 10.0), wanted, -floor_db, rows) for each in self.levels])
+        levels = np.stack([relative_levels(10.0 ** (level / 10.0), wanted, -floor_db, rows) for level in self.levels])
         return replace(self, levels=levels, velocity_mps=axis((first, last), wanted[0]))
 
     def relabelled(self, classes: Sequence[str], of: Mapping[str, str] | None = None) -> LabelledMaps:
@@ -215,7 +215,7 @@ def maps_of(
         groups=groups_of(dataset.records),
         velocity_mps=axis((lowest, highest), wanted[0]),
         duration_s=float(durations[0]),
-        names=tuple(str(each) for each in dataset.indices),
+        names=tuple(str(index) for index in dataset.indices),
     ).checked_for_training()
 
 
@@ -225,11 +225,13 @@ def shared_speeds(*datasets: Dataset) -> tuple[float, float]:
     Raises InputError where they share less than 95 % of the span from the lowest to the highest speed that any of them shows.
     """
     spans = [
-        record["products"][each.checked("spectrogram")]["velocity_mps"] for each in datasets for record in each.records
+        record["products"][dataset.checked("spectrogram")]["velocity_mps"]
+        for dataset in datasets
+        for record in dataset.records
     ]
     first, last = np.array(spans).T
     if last.min() - first.max() < LEAST_SHARED * (last.max() - first.min()):
-        names = ", ".join(str(each.path) for each in datasets)
+        names = ", ".join(str(dataset.path) for dataset in datasets)
         raise InputError(f"the samples of {names} have different axes of speed; give the recipe one speed_mps")
     return float(first.max()), float(last.min())
 
@@ -237,15 +239,15 @@ def shared_speeds(*datasets: Dataset) -> tuple[float, float]:
 def groups_of(records: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
     """What samples share: sentence, seed of the motion, subject where all have one, and recordings that it was made of, those
     joined by a sample as one."""
-    told = all(each.get("subject") is not None for each in records)
+    told = all(record.get("subject") is not None for record in records)
     clips = np.empty(len(records), dtype="U24")
     for number, members in enumerate(grouped(records, ["clip"])):
         clips[members] = f"clips {number}"
     return {
-        "description": np.array([str(each["sentence"]) for each in records]),
-        "seed": np.array([str(each["seed"]) for each in records]),
+        "description": np.array([str(record["sentence"]) for record in records]),
+        "seed": np.array([str(record["seed"]) for record in records]),
         "clip": clips,
-        **({"subject": np.array([str(each["subject"]) for each in records])} if told else {}),
+        **({"subject": np.array([str(record["subject"]) for record in records])} if told else {}),
     }
 
 

@@ -118,7 +118,7 @@ def predict(
     step_s = duration_s / STEPS if step_s is None else number("step_s", step_s, duration_s / MOST_STEPS, 1e4, unit="s")
     least_s = LEAST * duration_s if least_s is None else number("least_s", least_s, 0.0, 1e4, unit="s")
     whole = model if isinstance(model, Ensemble) else Ensemble((model,))
-    starts_s, maps = windows_of([each.card for each in whole.members], recording, step_s)
+    starts_s, maps = windows_of([member.card for member in whole.members], recording, step_s)
     length_s = float(starts_s[-1] - starts_s[0]) + duration_s
     if least_s > length_s * (1 + APART):
         raise InputError(

@@ -116,8 +116,8 @@ class Card(Fields):
         """
         found = []
         carriers = [float(each) for each in self.about.get("carriers_hz", [])]
-        if carrier_hz is not None and carriers and min(abs(carrier_hz / each - 1) for each in carriers) > BAND:
-            known = ", ".join(f"{each / 1e9:g}" for each in carriers)
+        if carrier_hz is not None and carriers and min(abs(carrier_hz / carrier - 1) for carrier in carriers) > BAND:
+            known = ", ".join(f"{carrier / 1e9:g}" for carrier in carriers)
             found.append(
                 f"{what} is of {carrier_hz / 1e9:g} GHz, the model was trained on {known} GHz; its maps differ in Doppler "
                 "resolution, so do not trust the classes before a test at this carrier"
@@ -205,8 +205,8 @@ class Ensemble:
         if not self.members:
             raise InputError("an ensemble needs a trained network or more; give their folders")
         first = self.members[0].card
-        for each in self.members[1:]:
-            card = each.card
+        for member in self.members[1:]:
+            card = member.card
             treatment = first.about.get("mti", "mean"), card.about.get("mti", "mean")
             for what, one, other in (
                 ("classes", first.classes, card.classes),

@@ -33,7 +33,7 @@ def read_dataset(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, lis
     if options.classes is not None:
         names = class_names(list(maps.classes), options, path)
         maps = maps.relabelled(names, options.classes)
-    events = {"event": np.array([f"sample {each}" for each in maps.names])}
+    events = {"event": np.array([f"sample {name}" for name in maps.names])}
     return replace(maps, groups={**events, **maps.groups}), sorted((path / SHARDS).glob("*"))
 
 
@@ -43,13 +43,15 @@ def of_recipe(data: Dataset, options: AdapterOptions) -> AdapterOptions:
     Raises InputError where a card tells another, or tells axes: a data set has its own.
     """
     card, recipe = card_path(data.path), data.recipe
-    carriers = sorted({(each.radar or recipe.radar).carrier_hz for each in recipe.conditions})
+    carriers = sorted({(condition.radar or recipe.radar).carrier_hz for condition in recipe.conditions})
     mti = None if recipe.products.spectrogram is None else recipe.products.spectrogram.mti
     axes = sorted(options.told - {"adapter", "classes", "carrier_hz", "mti"})
     if axes:
         raise InputError(f"{card} tells {', '.join(axes)}, which a data set tells itself; leave them out")
-    if "carrier_hz" in options.told and all(abs(each - (options.carrier_hz or 0.0)) > 1e-3 * each for each in carriers):
-        told = ", ".join(f"{each / 1e9:g}" for each in carriers)
+    if "carrier_hz" in options.told and all(
+        abs(carrier - (options.carrier_hz or 0.0)) > 1e-3 * carrier for carrier in carriers
+    ):
+        told = ", ".join(f"{carrier / 1e9:g}" for carrier in carriers)
         raise InputError(
             f"{card} tells a carrier of {(options.carrier_hz or 0.0) / 1e9:g} GHz, the recipe {told} GHz; correct the card"
         )

@@ -80,9 +80,9 @@ def _maps(path: Path, found: dict[str, np.ndarray], options: AdapterOptions) -> 
         _agrees(path, "duration", duration_s, card.duration_s, options, "s")
         options = replace(options, rate_hz=None, duration_s=duration_s)
     groups = {name[len(GROUP) :]: each for name, each in found.items() if name.startswith(GROUP)}
-    for name, each in groups.items():
-        if each.shape != (len(levels),):
-            raise InputError(f"{path}: {GROUP}{name} must name each of {len(levels)} samples, got shape {each.shape}")
+    for name, group in groups.items():
+        if group.shape != (len(levels),):
+            raise InputError(f"{path}: {GROUP}{name} must name each of {len(levels)} samples, got shape {group.shape}")
     return maps_from(_pieces(path, levels, labels, groups, options), options, path, labels)
 
 
@@ -118,7 +118,7 @@ def _pieces(
     for place, label in enumerate(labels):
         if class_of(label, options) is not None:
             name = f"{path.name} {place}"
-            told = {kind: str(each[place]) for kind, each in groups.items()}
+            told = {kind: str(group[place]) for kind, group in groups.items()}
             yield Piece(10.0 ** (levels[place] / 10.0), label, name, {"event": name} | told)
 
 

@@ -31,10 +31,10 @@ COLOURED, MOST_COLOURED = 32.0, 1e-3
 def read_pictures(path: Path, options: AdapterOptions, *, colours: str) -> tuple[LabelledMaps, list[Path]]:
     """A map for every picture; rows are speeds from the greatest down, columns times. The class is the file's folder."""
     files = files_below(path, ENDINGS, "pictures")
-    labels = [each.parent.name for each in files]
+    labels = [file.parent.name for file in files]
     pieces = (
-        _picture(each, each.relative_to(path).as_posix(), options, colours)
-        for each, label in zip(files, labels, strict=True)
+        _picture(file, file.relative_to(path).as_posix(), options, colours)
+        for file, label in zip(files, labels, strict=True)
         if class_of(label, options) is not None
     )
     return maps_from(pieces, options, path, labels), files
@@ -131,7 +131,7 @@ def read_point_clouds(path: Path, options: AdapterOptions) -> tuple[LabelledMaps
     for all speeds of the device's Doppler cell. Single points beyond `speed_mps` are counted and left out.
     """
     files = files_below(path, (".txt",), "point clouds")
-    clouds = {each: _points(each) for each in files if class_of(each.parent.name, options) is not None}
+    clouds = {file: _points(file) for file in files if class_of(file.parent.name, options) is not None}
     rows = _Rows.of([speed for _, speed, _ in clouds.values()], options, path)
     short = sum(time_s[-1] - time_s[0] < options.duration_s for time_s, *_ in clouds.values())
     if short:
@@ -141,7 +141,7 @@ def read_point_clouds(path: Path, options: AdapterOptions) -> tuple[LabelledMaps
         )
     options = replace(options, cell_mps=None, rate_hz=None)  # points have no cells but those of the maps
     pieces = _windows(clouds, rows, options, path)
-    return maps_from(pieces, options, path, [each.parent.name for each in files], receding=True), files
+    return maps_from(pieces, options, path, [file.parent.name for file in files], receding=True), files
 
 
 Cloud = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -176,7 +176,7 @@ class _Rows:
         """For points of these speeds [m/s]; refuses those of which too many lie beyond the axis."""
         every = np.concatenate([*speeds, [0.0]])
         beyond = np.abs(every) > options.speed_mps
-        worst = max((float((np.abs(each) > options.speed_mps).mean()) for each in speeds), default=0.0)
+        worst = max((float((np.abs(speed) > options.speed_mps).mean()) for speed in speeds), default=0.0)
         if beyond.mean() > MOST_OUTLIERS or worst > MOST_OF_FILE:
             raise InputError(
                 f"{path} has points of up to {np.abs(every).max():.3g} m/s, {100 * beyond.mean():.2g} % of them beyond the axis of "
@@ -217,12 +217,12 @@ def _points(path: Path) -> Cloud:
             raise
         raise InputError(f"{path} holds a field that is no number ({error}); repair the file") from None
     count = len(columns["point_id"])
-    if count < 2 or any(len(each) != count for each in columns.values()):
+    if count < 2 or any(len(column) != count for column in columns.values()):
         raise InputError(
             f"{path} must hold records of stamp (secs, nsecs), point_id, velocity and intensity, "
             f"got {count} points and {len(columns['velocity'])} velocities"
         )
-    values = {name: np.frombuffer(each) for name, each in columns.items()}
+    values = {name: np.frombuffer(column) for name, column in columns.items()}
     if not all(np.isfinite(each).all() for each in values.values()):
         raise InputError(f"{path} has NaN or infinite fields; repair the file")
     time_s = values["secs"] + 1e-9 * values["nsecs"]

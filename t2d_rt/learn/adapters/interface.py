@@ -199,27 +199,27 @@ def maps_from(
     axes: AdapterOptions | None = None
     # A day of point clouds makes maps of gigabytes: they go into a file without a name, which the system frees with them.
     with tempfile.TemporaryFile(prefix="t2d-rt-") as kept:
-        for each in pieces:
-            if each.power.ndim != 2 or min(each.power.shape) < 2:
+        for piece in pieces:
+            if piece.power.ndim != 2 or min(piece.power.shape) < 2:
                 raise InputError(
-                    f"{path}: map {each.name} must be an array of speeds and times, got shape {each.power.shape}"
+                    f"{path}: map {piece.name} must be an array of speeds and times, got shape {piece.power.shape}"
                 )
-            if not np.isfinite(each.power).all():
-                raise InputError(f"{path}: map {each.name} has NaN or infinite cells; leave it out or repair it")
-            own = options.of_cells(*each.power.shape)
+            if not np.isfinite(piece.power).all():
+                raise InputError(f"{path}: map {piece.name} has NaN or infinite cells; leave it out or repair it")
+            own = options.of_cells(*piece.power.shape)
             axes = own if axes is None else axes
             if own != axes:
                 raise InputError(
-                    f"{path}: map {each.name} has {each.power.shape} cells and so other axes than those before it"
+                    f"{path}: map {piece.name} has {piece.power.shape} cells and so other axes than those before it"
                 )
             levels = relative_levels(
-                each.power[::-1] if mirrored else each.power, own.size, own.dynamic_range_db, _rows(own, path)
+                piece.power[::-1] if mirrored else piece.power, own.size, own.dynamic_range_db, _rows(own, path)
             )
-            check_varied(levels, f"{path}: map {each.name}")
+            check_varied(levels, f"{path}: map {piece.name}")
             kept.write(levels.tobytes())
-            numbers.append(classes.index(str(class_of(each.label, options))))
-            names.append(each.name)
-            for kind, value in each.groups.items():
+            numbers.append(classes.index(str(class_of(piece.label, options))))
+            names.append(piece.name)
+            for kind, value in piece.groups.items():
                 groups.setdefault(kind, []).append(value)
         if axes is None:
             raise InputError(f"{path} holds no map of the classes {', '.join(classes)}; check the path and the classes")

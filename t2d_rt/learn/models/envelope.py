@@ -71,7 +71,7 @@ class Envelope(nn.Module):
     def forward(self, maps: Tensor) -> Tensor:
         """Scores (N, classes) of maps (N, channels, speed, time)."""
         levels = (maps.detach().cpu().numpy() - 1.0) * RANGE_DB
-        rows = [np.concatenate([self._known(channel) for channel in each]) for each in levels]
+        rows = [np.concatenate([self._known(channel) for channel in level]) for level in levels]
         table = torch.from_numpy(np.stack(rows)).to(maps.device)
         scores: Tensor = self.layers(self.scaled(table).clamp(-FARTHEST, FARTHEST))
         return scores
