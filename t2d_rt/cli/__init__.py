@@ -117,7 +117,7 @@ def _command(name: str) -> Command:
 
 
 def _overview() -> str:
-    lines = (f"  t2d-rt {f'{name} {noun}':23}{told}" for name, (_, noun, told) in COMMANDS.items())
+    lines = (f"  t2d-rt {f'{name} {noun}':23}{summary}" for name, (_, noun, summary) in COMMANDS.items())
     return (
         "t2d-rt: ray-traced human micro-Doppler; skeleton motion in, coherent FMCW radar data out\n\n"
         + "\n".join(lines)

@@ -69,16 +69,16 @@ def background(
         raise InputError(f"background {verb} needs --output")
     if output is not None and verb == "evaluate":
         raise InputError(f"background {verb} writes nothing; leave out --output")
-    read: Given = {"processing": signal, **capture}
+    reading_options: Given = {"processing": signal, **capture}
     if verb == "simulate":
         _simulate(str(output), overwrite, seed, count, duration_s)
     elif verb == "sample":
         _sample(names[0], str(output), overwrite, seed, count, duration_s)
     elif verb == "evaluate":
-        _evaluate(names[0], names[1], read, seed)
+        _evaluate(names[0], names[1], reading_options, seed)
     else:
         steps = {"codes": codes, "codec_steps": codec_steps, "prior_steps": prior_steps, "seed": seed}
-        _train(names[0], Path(str(output)), overwrite, duration_s, read, steps)
+        _train(names[0], Path(str(output)), overwrite, duration_s, reading_options, steps)
 
 
 def _simulate(output: str, overwrite: bool, seed: int, count: int, duration_s: float) -> None:
@@ -92,14 +92,16 @@ def _simulate(output: str, overwrite: bool, seed: int, count: int, duration_s: f
 def _rooms(first: int, count: int, duration_s: float, progress: Callable[[float], None]) -> list[BackgroundRecord]:
     from t2d_rt.dataset.background_records import empty_room_record
 
-    found = []
+    rooms = []
     for number in range(integer("count", count, 1)):
-        found.append(empty_room_record(first + number, duration_s=duration_s))
+        rooms.append(empty_room_record(first + number, duration_s=duration_s))
         progress((number + 1) / count)
-    return found
+    return rooms
 
 
-def _train(source: str, target: Path, overwrite: bool, duration_s: float, read: Given, steps: dict[str, int]) -> None:
+def _train(
+    source: str, target: Path, overwrite: bool, duration_s: float, reading_options: Given, steps: dict[str, int]
+) -> None:
     from t2d_rt.dataset.background_records import background_records
     from t2d_rt.noise.background.model import DEFAULT
     from t2d_rt.noise.background.training import learn_background, require_torch
@@ -110,7 +112,7 @@ def _train(source: str, target: Path, overwrite: bool, duration_s: float, read: 
         with ProgressBar("empty rooms") as progress:
             records = _rooms(0, ROOMS, duration_s, progress)
     else:
-        records = background_records(source, **read)
+        records = background_records(source, **reading_options)
     started = time.monotonic()
     with ProgressBar("training") as progress:
         model = learn_background(records, **steps, progress=progress)
@@ -128,30 +130,38 @@ def _sample(source: str, output: str, overwrite: bool, seed: int, count: int, du
     integer("count", count, 1)
     folder = made_folder(output)
     names = [f"background_{number:04d}" for number in range(count)]
-    older = sorted(each.name for each in folder.glob("background_*.npz") if each.stem not in names)
+    older = sorted(file.name for file in folder.glob("background_*.npz") if file.stem not in names)
     if older:
-        told = "of an earlier call, which would be mixed with these; remove it or choose another folder"
-        raise InputError(f"{folder} holds {older[0]} {told}")
+        advice = "of an earlier call, which would be mixed with these; remove it or choose another folder"
+        raise InputError(f"{folder} holds {older[0]} {advice}")
     for number, name in enumerate(names):
-        found = model.sample(duration_s, seed=seed + number)
-        known = {"carrier_hz": model.carrier_hz, "calibrated": model.calibrated}
-        record = BackgroundRecord.of(name, found.power * 10 ** (found.level_db / 10), found.grid, **known)
+        sample = model.sample(duration_s, seed=seed + number)
+        calibration = {"carrier_hz": model.carrier_hz, "calibrated": model.calibrated}
+        record = BackgroundRecord.of(name, sample.power * 10 ** (sample.level_db / 10), sample.grid, **calibration)
         _write(record, folder, overwrite)
     say(f"wrote {count} backgrounds of {duration_s:g} s to {folder}")
 
 
-def _evaluate(source: str, folder: str, read: Given, seed: int) -> None:
+def _evaluate(source: str, folder: str, reading_options: Given, seed: int) -> None:
     from t2d_rt.dataset.background_records import background_records
     from t2d_rt.noise.background import load_background
     from t2d_rt.noise.background.evaluate import evaluation
 
-    found = evaluation(load_background(source), background_records(folder, **read), seed=seed)
+    comparisons = evaluation(load_background(source), background_records(folder, **reading_options), seed=seed)
     rows: list[tuple[str, ...]] = [
         ("", "profile dB", "profiles dB", "levels dB", "autocorr.", "classifier", "perplexity")
     ]
-    for name, (far, used) in found.items():
-        plain = far.profile_db, far.profiles_db, far.levels_db, far.autocorrelation, far.classifier
-        rows.append((name, *(f"{each:.3f}" for each in plain), "" if used is None else f"{used:.1f}"))
+    for name, (distances, perplexity) in comparisons.items():
+        columns = (
+            distances.profile_db,
+            distances.profiles_db,
+            distances.levels_db,
+            distances.autocorrelation,
+            distances.classifier,
+        )
+        rows.append(
+            (name, *(f"{distance:.3f}" for distance in columns), "" if perplexity is None else f"{perplexity:.1f}")
+        )
     say("\n".join("".join(f"{cell:>14}" if k else f"{cell:16}" for k, cell in enumerate(row)) for row in rows))
     say("Distances from the recordings: 0 is best, of the classifier's accuracy 0.5.")
 

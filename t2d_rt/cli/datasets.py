@@ -141,8 +141,8 @@ def _check(folder: str) -> int:
     recipe = recipe_of(place)
     content, samples = content_hash(place, recipe, recipe.samples)
     say(f"{folder}: {samples} samples of {recipe.name}, content {content}")
-    for each in (f"{folder}: all shards are as they were written", *frozen_differences(place, recipe)):
-        say(each)
+    for line in (f"{folder}: all shards are as they were written", *frozen_differences(place, recipe)):
+        say(line)
     if (mixed := mixed_kernels(place)) is not None:
         say(f"{folder}: {mixed}")
     return 0
@@ -162,8 +162,8 @@ def _summary(folder: str, options: Given) -> None:
 
     overwrite, picture = options["overwrite"], Path(options["output"] or "")
     sheet = picture.with_name(f"{picture.stem}_classes{picture.suffix}") if options["output"] else picture
-    for each in (picture, sheet) if options["output"] else ():
-        check_picture(each, overwrite=overwrite)
+    for path in (picture, sheet) if options["output"] else ():
+        check_picture(path, overwrite=overwrite)
     dataset = Dataset(folder)
     summary = summarise(dataset)
     say(summary)
@@ -184,17 +184,17 @@ def _split(folder: str, options: Given) -> None:
         raise InputError("dataset split takes --folds or --fractions; leave one of them out")
     target, records = Path(options["output"] or "split.json"), Dataset(folder).records
     apart = APART if options["apart"] is None else tuple(_listed(options["apart"]) or ())
-    how: Given = {"apart": apart, "leave_out": options["leave_out"], "seed": options["seed"] or 0}
+    settings: Given = {"apart": apart, "leave_out": options["leave_out"], "seed": options["seed"] or 0}
     if options["folds"] is None:
-        found = {target: split(records, _fractions(options["fractions"]) or FRACTIONS, **how)}
+        splits = {target: split(records, _fractions(options["fractions"]) or FRACTIONS, **settings)}
     else:
-        made = folds(records, options["folds"], **how)
-        found = {target.with_stem(f"{target.stem}_{number}"): each for number, each in enumerate(made, 1)}
-    for path in found:
+        of_folds = folds(records, options["folds"], **settings)
+        splits = {target.with_stem(f"{target.stem}_{number}"): fold for number, fold in enumerate(of_folds, 1)}
+    for path in splits:
         check_place(path, overwrite=options["overwrite"])
-    for path, each in found.items():
-        write_text(each.to_json(), path, overwrite=options["overwrite"])
-        say(f"{path}: {each}")
+    for path, content in splits.items():
+        write_text(content.to_json(), path, overwrite=options["overwrite"])
+        say(f"{path}: {content}")
 
 
 def _export(folder: str, options: Given) -> None:
@@ -210,19 +210,19 @@ def _export(folder: str, options: Given) -> None:
     span_db = options["dynamic_range_db"]
     if span_db is not None and to != "png":
         raise InputError(f"--dynamic-range-db is of pictures, and --to is {to}; leave it out")
-    given = {} if span_db is None else {"dynamic_range_db": span_db}
+    scale = {} if span_db is None else {"dynamic_range_db": span_db}
     products, overwrite = _listed(options["products"]), options["overwrite"]
-    target = export_dataset(dataset, output, to, products=products, split=chosen, overwrite=overwrite, **given)
+    target = export_dataset(dataset, output, to, products=products, split=chosen, overwrite=overwrite, **scale)
     count = len(dataset) if chosen is None else sum(len(side) for side in chosen.sides.values())
     say(f"wrote {count} samples to {target}")
 
 
 def _listed(text: str | None) -> list[str] | None:
-    return None if text is None else [each.strip() for each in text.split(",") if each.strip()]
+    return None if text is None else [item.strip() for item in text.split(",") if item.strip()]
 
 
 def _fractions(text: str | None) -> list[float] | None:
     try:
-        return None if text is None else [float(each) for each in text.split(",")]
+        return None if text is None else [float(fraction) for fraction in text.split(",")]
     except ValueError:
         raise InputError(f"--fractions are two or three numbers, as 0.7,0.15,0.15, got {text}") from None

@@ -49,41 +49,45 @@ def experiment(command: Command, *, skip: tuple[str, ...] = ()) -> None:
     from t2d_rt.simulate import run, simulate
     from t2d_rt.types import Accuracy
 
-    listed = list[str | dict[str, Any]]
+    entries_type = list[str | dict[str, Any]]
     _fields(
         command,
         MotionFile,
         skip=("kind", "file", "subject", "reading"),
-        hints={"carries": listed},
+        hints={"carries": entries_type},
         defaults={"carries": []},
     )
-    told = (
+    help_text = (
         "A further target, such as fan:X,Y,Z,rpm=900, pet:X,Y,Z,animal=cat or person:FILE,distance_m=3; there are also "
         "ceiling_fan, curtain and door (t2d-rt list movers). The option is given once for each; in a config file it is a list."
     )
-    command.add("add", listed, [], told)
+    command.add("add", entries_type, [], help_text)
     group = command.parser.add_argument_group("model")
-    better = parameter_help(simulate) | {
+    help_texts = parameter_help(simulate) | {
         "scene": f"Scene: free_space, {', '.join(scene_names())}, a Mitsuba/Sionna XML file, or a room's mesh (.obj, .ply, .glb).",
         "material": "Material of the body (skin, clothed, pec or an ITU name), or what it wears (dressed, coat); skin by default.",
     }
-    better |= {name: f"{better[name]} The option is given once for each." for name in ("only_paths", "without_paths")}
-    known: Given = {"better": better, "hints": SIMPLER, "defaults": {"without_paths": None}, "group": group}
-    _fields(command, Experiment, skip=("targets", "radar", *skip), **known)
+    help_texts |= {
+        name: f"{help_texts[name]} The option is given once for each." for name in ("only_paths", "without_paths")
+    }
+    of_experiment: Given = {"better": help_texts, "hints": SIMPLER, "defaults": {"without_paths": None}, "group": group}
+    _fields(command, Experiment, skip=("targets", "radar", *skip), **of_experiment)
     of_scene(command, group)
-    command.add_fields(better, get_type_hints(run), defaults_of(run, skip={"accuracy", "progress", *skip}), group=group)
-    told = "accuracy (a tolerance chooses the fields that are not given)"
-    group = command.parser.add_argument_group(told)
+    command.add_fields(
+        help_texts, get_type_hints(run), defaults_of(run, skip={"accuracy", "progress", *skip}), group=group
+    )
+    title = "accuracy (a tolerance chooses the fields that are not given)"
+    group = command.parser.add_argument_group(title)
     # Tiers check themselves. What is not given is no value at all, as a tolerance chooses it.
-    usual = {name: field.default for name, field in Accuracy.model_fields.items()}
-    better = {
+    defaults = {name: field.default for name, field in Accuracy.model_fields.items()}
+    help_texts = {
         name: f"{Accuracy.model_fields[name].description} By default it is {json.dumps(value)}."
-        for name, value in usual.items()
+        for name, value in defaults.items()
         if isinstance(value, (bool, int, float, str))
     }
     kinds = {"tiers": list[dict[str, Any]]}
-    absent = dict.fromkeys(usual, SUPPRESS)
-    _fields(command, Accuracy, better=better, hints=kinds, defaults=absent, prefix="accuracy.", group=group)
+    absent = dict.fromkeys(defaults, SUPPRESS)
+    _fields(command, Accuracy, help_texts=help_texts, hints=kinds, defaults=absent, prefix="accuracy.", group=group)
     radar(command)
     reading(command)
 
@@ -93,11 +97,11 @@ def radar(command: Command) -> None:
     from t2d_rt.types import Radar
     from t2d_rt.types.radar import preset_names
 
-    told = (
+    description = (
         f"--radar NAME takes a preset ({', '.join(preset_names())}), --radar FILE.yaml takes your own, --radar FILE.cfg "
         "that of a TI device. These options override its fields."
     )
-    group, default = command.parser.add_argument_group("radar", told), Radar.preset("table2").model_dump()
+    group, default = command.parser.add_argument_group("radar", description), Radar.preset("table2").model_dump()
     # A pattern is several fields, which the radar itself checks.
     patterns: Given = {name: dict[str, Any] for name, value in default.items() if isinstance(value, dict)}
     patterns["track"] = str | dict[str, Any] | None
@@ -107,11 +111,11 @@ def radar(command: Command) -> None:
 
 def of_scene(command: Command, group: Any = None) -> None:
     """Substitutes for materials of the scene, and how a mesh lies."""
-    told = (
+    help_text = (
         "Substitutes for materials of the scene that have no values at the radar's frequency or are not known, as brick=concrete, "
         "or materials of a mesh's objects, as 'door=wood 0.04'; several with commas between them."
     )
-    command.add("scene_material", list[str] | None, None, told, group)
+    command.add("scene_material", list[str] | None, None, help_text, group)
     command.add(
         "scene_units", float | str | None, None, "Unit of a scene's mesh: m, cm, mm, inch or ft, or in metres.", group
     )
@@ -123,7 +127,7 @@ def _fields(
     model: type[BaseModel],
     *,
     skip: tuple[str, ...] = (),
-    better: Mapping[str, str] | None = None,
+    help_texts: Mapping[str, str] | None = None,
     hints: Mapping[str, Any] | None = None,
     defaults: Mapping[str, Any] | None = None,
     prefix: str = "",
@@ -135,8 +139,8 @@ def _fields(
         if name in skip:
             continue
         value = (defaults or {}).get(name, field.get_default(call_default_factory=True))
-        told = (better or {}).get(name) or field.description or f"The field {name} of {model.__name__}."
-        command.add(f"{prefix}{name}", kinds[name], value, told, group)
+        help_text = (help_texts or {}).get(name) or field.description or f"The field {name} of {model.__name__}."
+        command.add(f"{prefix}{name}", kinds[name], value, help_text, group)
 
 
 def _listed(kind: Any) -> Any:
@@ -202,8 +206,8 @@ def _check_no_more(path: Path, given: Given) -> None:
     for name, value in _beside_run(given).items():
         option = f"{name}.{next(iter(value))}" if isinstance(value, dict) else name
         if path.suffix.lower() == ".zarr":
-            told = f"is part of the recording {path.name}, which is simulated again as it was"
-            raise InputError(f"option {option} {told}; simulate its motion file with it, or see t2d-rt sweep --vary")
+            reason = f"is part of the recording {path.name}, which is simulated again as it was"
+            raise InputError(f"option {option} {reason}; simulate its motion file with it, or see t2d-rt sweep --vary")
         raise InputError(f"option {option} is part of the experiment {path.name}; change it there")
 
 
@@ -211,9 +215,9 @@ def experiment_values(path: Path) -> Given:
     """What the file of an experiment holds."""
     values = read_yaml(path, noun="experiment", example="targets, radar and scene")
     if (kind := yaml_kind(values)) in ("radar", "options"):
-        what = "the fields of a radar" if kind == "radar" else "options of the command line"
+        content = "the fields of a radar" if kind == "radar" else "options of the command line"
         option = "radar" if kind == "radar" else "config"
-        raise InputError(f"{path} holds {what} and is no experiment; give it as --{option} {path}")
+        raise InputError(f"{path} holds {content} and is no experiment; give it as --{option} {path}")
     return values
 
 
@@ -227,9 +231,14 @@ def fields_of(source: str, given: Given) -> Given:
     from t2d_rt.experiment.sources import MotionFile
 
     given = dict(given)
-    read = given.pop("motion", {})
-    first = {"kind": "file", "file": source, "subject": read.pop("subject", None), "reading": read}
-    first |= {name: given.pop(name) for name in MotionFile.model_fields if name in given}
+    reading_options = given.pop("motion", {})
+    first_target = {
+        "kind": "file",
+        "file": source,
+        "subject": reading_options.pop("subject", None),
+        "reading": reading_options,
+    }
+    first_target |= {name: given.pop(name) for name in MotionFile.model_fields if name in given}
     for option in [name for name in OF_SCENE if name in given]:
         if "scene" not in given:
             raise InputError(
@@ -239,7 +248,7 @@ def fields_of(source: str, given: Given) -> Given:
     given = {name: value for name, value in given.items() if name not in OF_SCENE}
     if options:
         given["scene"] = {"file": given["scene"], **options}
-    targets = [first, *map(target_of, given.pop("add", ()))]
+    targets = [first_target, *map(target_of, given.pop("add", ()))]
     return {**given, "targets": targets, "radar": radar_of(given)}
 
 
@@ -273,12 +282,12 @@ def target_of(entry: str | Mapping[str, Any]) -> Mover | MotionFile | None:
 
 def scene_options(given: Given) -> Given:
     """What is given of a scene beside its file, by the names of `load_scene`."""
-    found: dict[str, str] = {}
-    for each in (word for text in given.get("scene_material") or () for word in text.split(",")):
-        name, _, other = (part.strip() for part in each.partition("="))
-        if not name or not other:
-            told = f"must name a material and its substitute, as brick=concrete, got {shown(each)}"
-            raise InputError(f"option scene-material {told}")
-        found[name] = other
+    materials: dict[str, str] = {}
+    for substitution in (word for text in given.get("scene_material") or () for word in text.split(",")):
+        name, _, substitute = (part.strip() for part in substitution.partition("="))
+        if not name or not substitute:
+            advice = f"must name a material and its substitute, as brick=concrete, got {shown(substitution)}"
+            raise InputError(f"option scene-material {advice}")
+        materials[name] = substitute
     mesh = {name: given[f"scene_{name}"] for name in ("units", "up") if given.get(f"scene_{name}") is not None}
-    return ({"materials": found} if found else {}) | mesh
+    return ({"materials": materials} if materials else {}) | mesh

@@ -27,10 +27,10 @@ def training(command: Command) -> None:
     """An option for each field of `TrainOptions` but the changes of samples, which have names of their own."""
     from t2d_rt.learn import TrainOptions
 
-    told = {name: field.description or "" for name, field in TrainOptions.model_fields.items()}
-    told["seed"] = "Seed of the split, the weights, the order and the changes of samples."
+    help_texts = {name: field.description or "" for name, field in TrainOptions.model_fields.items()}
+    help_texts["seed"] = "Seed of the split, the weights, the order and the changes of samples."
     defaults = {name: field.default for name, field in TrainOptions.model_fields.items() if name != "augment"}
-    command.add_fields(told, get_type_hints(TrainOptions), defaults)
+    command.add_fields(help_texts, get_type_hints(TrainOptions), defaults)
 
 
 Training = Annotated[Given, training]
@@ -88,10 +88,10 @@ def train(
     if augment and sliding:
         raise InputError("--augment and --sliding are two ways to change samples; give one of them")
     changes = Augment.usual() if augment else Augment.sliding() if sliding else Augment()
-    chosen, size = TrainOptions(augment=changes, **options), usual if size is None else size
+    train_options, size = TrainOptions(augment=changes, **options), usual if size is None else size
     data = Dataset(source)
     maps = maps_of(data, size=(size, size), dynamic_range_db=dynamic_range_db)
-    parts = _sides(data, by, split, chosen.seed)
+    parts = _sides(data, by, split, train_options.seed)
     check_sides(parts)
     by = Path(split).name if split else by or ("recipe" if data.sides else "description")
     folder = Path(output)
@@ -100,7 +100,7 @@ def train(
             model,
             maps.take(parts["train"]),
             maps.take(parts["val"]),
-            chosen,
+            train_options,
             output=folder,
             dynamic_range_db=dynamic_range_db,
             about=_about(data, parts, by),
@@ -126,18 +126,18 @@ def _sides(dataset: Dataset, by: str | None, split: str | None, seed: int) -> di
         return dataset.sides
     if split is None:
         return sides_of(dataset.records, by or "description", seed=seed)
-    found = read_split(split, dataset.records)
-    lacking = [name for name in NAMES if name not in found.sides]
+    stored = read_split(split, dataset.records)
+    lacking = [name for name in NAMES if name not in stored.sides]
     if lacking:
         raise InputError(f"{split} has no side {lacking[0]}; make a split with train, val and test")
-    return {name: dataset.positions(indices) for name, indices in found.sides.items()}
+    return {name: dataset.positions(indices) for name, indices in stored.sides.items()}
 
 
 def _about(dataset: Dataset, parts: Mapping[str, np.ndarray], by: str) -> dict[str, Any]:
     """What the card tells of the data, for evaluation and prediction to compare with."""
     from t2d_rt.signal.doppler import checked_windows
 
-    recipe, known = dataset.recipe, np.concatenate([parts["train"], parts["val"]])
+    recipe, seen = dataset.recipe, np.concatenate([parts["train"], parts["val"]])
     radars = [recipe.radar if condition.radar is None else condition.radar for condition in recipe.conditions]
     cells = {
         float(
@@ -147,7 +147,7 @@ def _about(dataset: Dataset, parts: Mapping[str, np.ndarray], by: str) -> dict[s
                 )[:2]
             )[0]
         )
-        for radar in (each.separated for each in radars)
+        for radar in (condition_radar.separated for condition_radar in radars)
     }
     return {
         "recipe": recipe.name,
@@ -155,9 +155,9 @@ def _about(dataset: Dataset, parts: Mapping[str, np.ndarray], by: str) -> dict[s
         "split": by,
         "mti": _mti_of(dataset),
         "cells_mps": sorted(cells),
-        "carriers_hz": sorted({each.carrier_hz for each in radars}),
+        "carriers_hz": sorted({radar.carrier_hz for radar in radars}),
         "indices": {name: dataset.indices[places].tolist() for name, places in parts.items()},
-        "descriptions": sorted({str(dataset.records[place]["sentence"]) for place in known}),
+        "descriptions": sorted({str(dataset.records[place]["sentence"]) for place in seen}),
     }
 
 
@@ -190,29 +190,31 @@ def evaluate(
     if pictures is not None and pictures.is_dir():
         for name in PICTURES:
             check_picture(pictures / name, overwrite=overwrite)
-    known = _networks(model)
+    networks = _networks(model)
     if Path(source).suffix.lower() == ".zarr":
-        what, probabilities, labels = _windows_and_events(source, known)
-        apart: dict[str, np.ndarray] = {}
+        what, probabilities, labels = _windows_and_events(source, networks)
+        groups: dict[str, np.ndarray] = {}
     else:
-        maps, what = _labelled(source, known, model)
-        probabilities, labels = known.probabilities(maps.levels), maps.labels
-        apart = {kind: maps.groups[kind] for kind in ("description", "subject", "event") if kind in maps.groups}
-    scores, title = scores_of(probabilities, labels), ", ".join(member.card.model for member in known.members)
+        maps, what = _labelled(source, networks, model)
+        probabilities, labels = networks.probabilities(maps.levels), maps.labels
+        groups = {kind: maps.groups[kind] for kind in ("description", "subject", "event") if kind in maps.groups}
+    scores, title = scores_of(probabilities, labels), ", ".join(member.card.model for member in networks.members)
     say(f"{title} on {what}: {_told(scores)}")
-    if apart:
-        told = probabilities.argmax(axis=1)
-        accuracy, f1 = interval_of(labels, told, probabilities.shape[1], [each.tolist() for each in apart.values()])
-        say(
-            f"  with 95 % intervals over other {' and '.join(f'{kind}s' for kind in apart)}: accuracy {accuracy}, macro-F1 {f1}"
+    if groups:
+        predicted = probabilities.argmax(axis=1)
+        accuracy, f1 = interval_of(
+            labels, predicted, probabilities.shape[1], [group.tolist() for group in groups.values()]
         )
-    for number, name in enumerate(known.card.classes):
+        say(
+            f"  with 95 % intervals over other {' and '.join(f'{kind}s' for kind in groups)}: accuracy {accuracy}, macro-F1 {f1}"
+        )
+    for number, name in enumerate(networks.card.classes):
         row = scores.confusion[number]
         if row.sum():
             say(f"  {name:18}{100 * row[number] / row.sum():4.0f} % of {row.sum()}")
     if pictures is not None:
         title = f"{title} on {Path(source).name}"
-        _write_scores(made_folder(pictures), scores, known.card.classes, title, overwrite=overwrite)
+        _write_scores(made_folder(pictures), scores, networks.card.classes, title, overwrite=overwrite)
         say(f"wrote {pictures}")
 
 
@@ -220,40 +222,40 @@ def _networks(model: str) -> Ensemble:
     """Networks by their folders; a folder that has a comma in its name is one."""
     from t2d_rt.learn import Ensemble, load_model
 
-    folders = [model] if Path(model).is_dir() else [each.strip() for each in model.split(",")]
+    folders = [model] if Path(model).is_dir() else [folder.strip() for folder in model.split(",")]
     return Ensemble(tuple(load_model(folder) for folder in folders))
 
 
-def _windows_and_events(source: str, known: Ensemble) -> tuple[str, np.ndarray, np.ndarray]:
+def _windows_and_events(source: str, networks: Ensemble) -> tuple[str, np.ndarray, np.ndarray]:
     """What is tested, and probabilities and labels of the windows of a recording; tells of its events."""
     from t2d_rt.learn.prediction import events_of, labels_of_windows
     from t2d_rt.learn.prediction import predict as predicted
     from t2d_rt.learn.scores import event_scores
     from t2d_rt.recording.read import load_recording
 
-    recording, classes = load_recording(source), known.card.classes
+    recording, classes = load_recording(source), networks.card.classes
     events = events_of(recording, classes)
     if not events:
         raise InputError(
             f"nothing tells when a person of {source} does one of {', '.join(classes)}; simulate motions of sentences"
         )
-    found = predicted(known, recording)
-    duration_s = float(found.starts_s[-1]) + found.duration_s
-    scores = event_scores([(events, found.pieces())], len(classes), duration_s)
+    prediction = predicted(networks, recording)
+    duration_s = float(prediction.starts_s[-1]) + prediction.duration_s
+    scores = event_scores([(events, prediction.pieces())], len(classes), duration_s)
     say(
         f"events: F1 {scores.f1:.2f} (overlap of a half), "
         f"{scores.found.sum()} of {scores.true.sum()} found, {scores.told.sum()} told"
     )
     if len(scores.delays_s):
         say(f"  told to begin {np.median(scores.delays_s):.2f} s later than they do, in the median")
-    for name, each in zip(classes, scores.false_alarms_per_hour, strict=True):
-        if each:
-            say(f"  {name:18}{each:6.0f} times an hour where there is none")
-    labels = labels_of_windows(events, found.starts_s, found.duration_s, len(classes))
-    return "windows", found.probabilities[labels >= 0], labels[labels >= 0]
+    for name, alarms_per_hour in zip(classes, scores.false_alarms_per_hour, strict=True):
+        if alarms_per_hour:
+            say(f"  {name:18}{alarms_per_hour:6.0f} times an hour where there is none")
+    labels = labels_of_windows(events, prediction.starts_s, prediction.duration_s, len(classes))
+    return "windows", prediction.probabilities[labels >= 0], labels[labels >= 0]
 
 
-def _labelled(source: str, known: Ensemble, model: str) -> tuple[LabelledMaps, str]:
+def _labelled(source: str, networks: Ensemble, model: str) -> tuple[LabelledMaps, str]:
     """Maps on the axes of networks with labels of their classes, and what they are: of a data set that they were trained on, the
     samples that all of them kept apart."""
     from t2d_rt.dataset import Dataset
@@ -262,7 +264,7 @@ def _labelled(source: str, known: Ensemble, model: str) -> tuple[LabelledMaps, s
     from t2d_rt.learn.adapters import AdapterOptions, of_recipe, read_real
     from t2d_rt.learn.adapters.interface import class_names
 
-    card = known.card
+    card = networks.card
     if not (Path(source) / RECIPE).is_file():
         low, high = card.speeds_mps
         axes = AdapterOptions(
@@ -278,8 +280,8 @@ def _labelled(source: str, known: Ensemble, model: str) -> tuple[LabelledMaps, s
                 f"{high:.3g} m/s over {card.duration_s:.3g} s; say yours on a card beside it (speed_mps or cell_mps, duration_s or "
                 "rate_hz)"
             )
-        for each in card.unfamiliar(source, carrier_hz=real.carrier_hz, levels=maps.levels):
-            warn(each)
+        for warning in card.unfamiliar(source, carrier_hz=real.carrier_hz, levels=maps.levels):
+            warn(warning)
         return maps.relabelled(card.classes), f"{len(maps)} maps by the adapter {real.adapter}"
     data = Dataset(source)
     options = of_recipe(data, AdapterOptions().with_card(data.path))
@@ -287,38 +289,42 @@ def _labelled(source: str, known: Ensemble, model: str) -> tuple[LabelledMaps, s
     if options.classes is not None:
         maps = maps.relabelled(class_names(list(maps.classes), options, data.path), options.classes)
     _check_like(source, maps, options.mti, card)
-    cards = [each.card for each in known.members]
-    trained_on = [each.about.get("recipe_hash") == data.recipe.hash for each in cards]
-    for member, own in zip(cards, trained_on, strict=True):
-        if not own:
-            _warn_of_seen(source, maps, member)
+    cards = [member.card for member in networks.members]
+    trained_on = [member_card.about.get("recipe_hash") == data.recipe.hash for member_card in cards]
+    for member_card, same_recipe in zip(cards, trained_on, strict=True):
+        if not same_recipe:
+            _warn_of_seen(source, maps, member_card)
     if any(trained_on):
-        apart = [set(_kept_apart(member, model)) for member, own in zip(cards, trained_on, strict=True) if own]
-        both = sorted(set.intersection(*apart))
-        if not both:
+        kept_apart = [
+            set(_kept_apart(member_card, model))
+            for member_card, same_recipe in zip(cards, trained_on, strict=True)
+            if same_recipe
+        ]
+        common = sorted(set.intersection(*kept_apart))
+        if not common:
             raise InputError(
                 f"no sample of {source} was kept apart by all of {model}; train them with one seed of the split, or evaluate them "
                 "one by one"
             )
-        kept = maps.take([place for place, name in enumerate(maps.names) if int(name) in both])
+        kept = maps.take([place for place, name in enumerate(maps.names) if int(name) in common])
         return kept.relabelled(card.classes), f"the test of the split by {card.about.get('split', 'unknown')}"
-    for each in card.unfamiliar(source, carrier_hz=options.carrier_hz, levels=maps.levels):
-        warn(each)
+    for warning in card.unfamiliar(source, carrier_hz=options.carrier_hz, levels=maps.levels):
+        warn(warning)
     return maps.relabelled(card.classes), "all samples, of another recipe than it was trained on"
 
 
 def _kept_apart(card: Card, folder: str) -> list[int]:
     """Indices of the samples that were kept apart for the test."""
     try:
-        found = [int(each) for each in card.about["indices"]["test"]]
+        indices = [int(index) for index in card.about["indices"]["test"]]
     except (KeyError, TypeError, ValueError):
-        found = []
-    if not found:
+        indices = []
+    if not indices:
         raise InputError(
             f"the card of {folder} does not tell which samples of this recipe it was trained on; train it with t2d-rt train, "
             "or evaluate it on a data set of another recipe"
         )
-    return found
+    return indices
 
 
 def _speeds_of(dataset: Dataset, card: Card) -> tuple[float, float]:
@@ -353,10 +359,10 @@ def _check_like(source: str, maps: LabelledMaps, mti: str | None, card: Card) ->
             f"the maps of {source} cover {maps.duration_s:.3g} s, those of the training {card.duration_s:.3g} s; "
             "make it with the same duration_s"
         )
-    known = card.about.get("mti")
-    if known is not None and mti is not None and mti != known:
+    trained_mti = card.about.get("mti")
+    if trained_mti is not None and mti is not None and mti != trained_mti:
         raise InputError(
-            f"{source} was made with mti {mti}, the model was trained with {known}; make it with the same mti"
+            f"{source} was made with mti {mti}, the model was trained with {trained_mti}; make it with the same mti"
         )
 
 
@@ -405,16 +411,22 @@ def predict(
     from t2d_rt.learn.figures import prediction_figure
 
     recording = load_recording(source, **capture)
-    found = predicted(networks, recording, step_s=step_s, least_s=least_s)
-    for start, row in zip(found.starts_s, found.probabilities, strict=True):
+    prediction = predicted(networks, recording, step_s=step_s, least_s=least_s)
+    for start, row in zip(prediction.starts_s, prediction.probabilities, strict=True):
         best = int(row.argmax())
-        say(f"{start:7.2f} to {start + found.duration_s:6.2f} s  {found.classes[best]:18}{100 * row[best]:4.0f} %")
-    lasting = f"where each activity lasts {found.least_s:.3g} s or more" if found.least_s else "each window for itself"
+        say(
+            f"{start:7.2f} to {start + prediction.duration_s:6.2f} s  {prediction.classes[best]:18}{100 * row[best]:4.0f} %"
+        )
+    lasting = (
+        f"where each activity lasts {prediction.least_s:.3g} s or more"
+        if prediction.least_s
+        else "each window for itself"
+    )
     say(f"likeliest course, {lasting}:")
-    for begin, end, number in found.pieces():
-        say(f"{begin:7.2f} to {end:6.2f} s  {found.classes[number]}")
+    for begin, end, number in prediction.pieces():
+        say(f"{begin:7.2f} to {end:6.2f} s  {prediction.classes[number]}")
     title = f"{source.name}, {', '.join(member.card.model for member in networks.members)}"
-    write_picture(prediction_figure(recording, found, title=title), picture, overwrite=overwrite)
+    write_picture(prediction_figure(recording, prediction, title=title), picture, overwrite=overwrite)
     say(f"wrote {picture}")
 
 
@@ -428,8 +440,8 @@ def _one(words: list[str] | None, command: str, what: str) -> str:
 
 def _mti_of(dataset: Dataset) -> str | None:
     """How static echoes were taken away from the spectrograms of a data set."""
-    kept = dataset.recipe.products.spectrogram
-    return None if kept is None else kept.mti
+    spectrogram = dataset.recipe.products.spectrogram
+    return None if spectrogram is None else spectrogram.mti
 
 
 def _write_scores(folder: Path, scores: Scores, classes: tuple[str, ...], title: str, *, overwrite: bool) -> None:

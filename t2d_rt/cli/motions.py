@@ -88,17 +88,17 @@ def motion(
     target = Path(output or f"{_stem(file)}.bvh")
     check_target(target, overwrite=overwrite)
     index = registry() if library is None and provider in COMPOSED and registry().is_file() else library
-    made = motion_from_text(
+    new_motion = motion_from_text(
         description, provider=provider, seed=seed, body=body, stature_m=stature_m, duration_s=duration_s, library=index
     )
-    save_motion(made, target, overwrite=overwrite)
+    save_motion(new_motion, target, overwrite=overwrite)
     steps = "; then ".join(map(_words, description.steps))
     say(f"class {description.activity}, {description.subject.replace('_', ' ')}: {steps}")
     if left_out:
         say(left_out)
-    for line in made.origin[1:]:
+    for line in new_motion.origin[1:]:
         say(f"  {line}")
-    say(f"wrote {target}: {made.duration_s:.2f} s at {made.rate_hz:g} Hz")
+    say(f"wrote {target}: {new_motion.duration_s:.2f} s at {new_motion.rate_hz:g} Hz")
 
 
 def _words(step: Step) -> str:
@@ -166,32 +166,34 @@ def describe(
         raise InputError(f"no class given; name one with --class ({', '.join(ACTIVITIES)} or all), or give a sentence")
     activities = activities_of(",".join(class_))
     integer("count", count, 1, MOST_DESCRIPTIONS)
-    asked = {"model": model, "base_url": base_url, "budget": budget, "budget_tokens": budget_tokens}
-    if source == "grammar" and any(each is not None for each in asked.values()):
-        option = next(name.replace("_", "-") for name, each in asked.items() if each is not None)
+    model_options = {"model": model, "base_url": base_url, "budget": budget, "budget_tokens": budget_tokens}
+    if source == "grammar" and any(value is not None for value in model_options.values()):
+        option = next(name.replace("_", "-") for name, value in model_options.items() if value is not None)
         raise InputError(f"--{option} is for a language model; add --source openai, or leave it out")
     if source == "openai" and model is None:
         raise InputError("no model given; name one with --model, as the endpoint knows it")
     if output is not None:
         check_file(Path(output), "a file of descriptions", ".jsonl", overwrite=overwrite)
-    made: list[Description] = []
-    short: list[str] = []
+    written: list[Description] = []
+    shortages: list[str] = []
     for activity in activities:
         if source == "openai":
-            found, reason = _by_model(activity, count, seed, str(model), base_url, timeout_s, budget, budget_tokens)
-            short += [reason] if reason else []
+            of_activity, reason = _by_model(
+                activity, count, seed, str(model), base_url, timeout_s, budget, budget_tokens
+            )
+            shortages += [reason] if reason else []
         else:
-            found = grammar_descriptions(activity, count, seed=seed)
-        say(f"{activity}: {diversity(found)}", file=sys.stderr)
-        made += found
+            of_activity = grammar_descriptions(activity, count, seed=seed)
+        say(f"{activity}: {diversity(of_activity)}", file=sys.stderr)
+        written += of_activity
     if output is None:
-        say(json_lines(made).rstrip("\n"))
+        say(json_lines(written).rstrip("\n"))
     else:
-        write_descriptions(Path(output), made, overwrite=overwrite)
-        say(f"{output}: {len(made)} descriptions, no two of a class {NEAREST:.0%} alike in their words or more")
-    for reason in short:
+        write_descriptions(Path(output), written, overwrite=overwrite)
+        say(f"{output}: {len(written)} descriptions, no two of a class {NEAREST:.0%} alike in their words or more")
+    for reason in shortages:
         say(f"t2d-rt: {reason}", file=sys.stderr)
-    return FEWER if short else 0
+    return FEWER if shortages else 0
 
 
 def activities_of(names: str) -> list[Activity]:
@@ -200,15 +202,15 @@ def activities_of(names: str) -> list[Activity]:
     >>> activities_of("Normal walking, abnormal-walking")
     ['walking', 'abnormal_walking']
     """
-    known: dict[str, Sequence[Activity]] = {each: (each,) for each in ACTIVITIES}
-    known |= {"all": ACTIVITIES, "normal_walking": ("walking",), "abnormal_gait": ("abnormal_walking",)}
-    found: list[Activity] = []
+    activities_by_name: dict[str, Sequence[Activity]] = {activity: (activity,) for activity in ACTIVITIES}
+    activities_by_name |= {"all": ACTIVITIES, "normal_walking": ("walking",), "abnormal_gait": ("abnormal_walking",)}
+    activities: list[Activity] = []
     for name in names.strip().strip("[]").split(","):
-        plain = re.sub(r"[\s_-]+", "_", name.strip().strip("'\"").lower())
-        if plain not in known:
-            raise InputError(f"unknown class {shown(name.strip())}; {names_advice(plain, (*ACTIVITIES, 'all'))}")
-        found += [each for each in known[plain] if each not in found]
-    return found
+        key = re.sub(r"[\s_-]+", "_", name.strip().strip("'\"").lower())
+        if key not in activities_by_name:
+            raise InputError(f"unknown class {shown(name.strip())}; {names_advice(key, (*ACTIVITIES, 'all'))}")
+        activities += [activity for activity in activities_by_name[key] if activity not in activities]
+    return activities
 
 
 def _by_model(
@@ -230,8 +232,8 @@ def _by_model(
     with ProgressBar(f"{activity} by {name}") as bar:
         written = model_descriptions(activity, count, model=model, seed=seed, budget=budget, progress=bar)
     say(f"{activity}: {written}", file=sys.stderr)
-    made = f"only {len(written.descriptions)} of {written.wanted} descriptions of {activity} were made"
-    return list(written.descriptions), f"{made}: {written.stopped}" if written.stopped else ""
+    shortage = f"only {len(written.descriptions)} of {written.wanted} descriptions of {activity} were made"
+    return list(written.descriptions), f"{shortage}: {written.stopped}" if written.stopped else ""
 
 
 # --- check-motion ---------------------------------------------------------------------------------------------------
@@ -271,31 +273,35 @@ def check_motion(
     if sheet is not None:
         check_picture(Path(sheet), overwrite=overwrite)
         if len(files) > MOST_ROWS:
-            most = f"a sheet has {MOST_ROWS} motions at most"
-            raise InputError(f"{most}, got {len(files)}; give fewer, or leave out --sheet")
-    read: list[tuple[Path, Motion, Verdict]] = []
+            limit = f"a sheet has {MOST_ROWS} motions at most"
+            raise InputError(f"{limit}, got {len(files)}; give fewer, or leave out --sheet")
+    judged: list[tuple[Path, Motion, Verdict]] = []
     for path in map(Path, files):
         try:
-            found = load_motion(path, **motion)
+            loaded = load_motion(path, **motion)
         except InputError as error:  # of one file, whose line says why; the others are judged
             say(f"t2d-rt: {' '.join(str(error).split())}", file=sys.stderr)
         else:
-            read.append((path, found, checked(found, expected=class_)))
-    if sheet is not None and read:
+            judged.append((path, loaded, checked(loaded, expected=class_)))
+    if sheet is not None and judged:
         from t2d_rt.view.contact_sheet import contact_sheet
 
-        labels = [f"{path.name}\n{'passed' if verdict.passed else 'refused'}" for path, _, verdict in read]
-        figure = contact_sheet([each for _, each, _ in read], labels=labels, body=body)
+        labels = [f"{path.name}\n{'passed' if verdict.passed else 'refused'}" for path, _, verdict in judged]
+        figure = contact_sheet([loaded for _, loaded, _ in judged], labels=labels, body=body)
         write_picture(figure, Path(sheet), overwrite=overwrite)
-    again = {second: first for first, second in reversed(copies([found for _, found, _ in read]))}
-    for number, (path, found, verdict) in enumerate(read):
-        say(_verdict(path, verdict, found, body, repeats=read[again[number]][0] if number in again else None))
-    passed = sum(verdict.passed and number not in again for number, (*_, verdict) in enumerate(read))
-    if len(read) > 1:
-        say(f"{passed} of {len(read)} pass")
-    if sheet is not None and read:
+    copied_from = {second: first for first, second in reversed(copies([loaded for _, loaded, _ in judged]))}
+    for number, (path, loaded, verdict) in enumerate(judged):
+        say(
+            _verdict(
+                path, verdict, loaded, body, repeats=judged[copied_from[number]][0] if number in copied_from else None
+            )
+        )
+    passed = sum(verdict.passed and number not in copied_from for number, (*_, verdict) in enumerate(judged))
+    if len(judged) > 1:
+        say(f"{passed} of {len(judged)} pass")
+    if sheet is not None and judged:
         say(f"wrote {sheet}")
-    return 2 if len(read) < len(files) else int(strict and passed < len(read))
+    return 2 if len(judged) < len(files) else int(strict and passed < len(judged))
 
 
 def _verdict(path: Path, verdict: Verdict, motion: Motion, body: str, *, repeats: Path | None) -> str:
@@ -346,9 +352,9 @@ def library(files: list[str] | None = None, index: str | None = None, library: s
     elif verb == "remove":
         say(f"removed {remove(paths[0], library=library)} clips from {place}; their files stay")
     else:
-        found, replaced = add(paths[0], str(index), library=library)
+        rows, replaced = add(paths[0], str(index), library=library)
         instead = f", in place of {replaced} that it had of the same files" if replaced else ""
-        say(f"added {len(found)} clips ({_counted(row['action'] for row in found)}) to {place}{instead}")
+        say(f"added {len(rows)} clips ({_counted(row['action'] for row in rows)}) to {place}{instead}")
 
 
 def _list_clips(library: str | None) -> None:
@@ -357,8 +363,8 @@ def _list_clips(library: str | None) -> None:
 
     index = library or registry()
     store = with_users(shipped(), index) if library or Path(index).is_file() else shipped()
-    ship = [segment for segment in store.segments if segment.clip not in store.own]
-    say(f"{len(ship)} clips ship: {_counted(each.action for each in ship)}")
+    shipped_segments = [segment for segment in store.segments if segment.clip not in store.own]
+    say(f"{len(shipped_segments)} clips ship: {_counted(segment.action for segment in shipped_segments)}")
     for segment in store.segments:
         if segment.clip in store.own:
             times = (

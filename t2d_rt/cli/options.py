@@ -57,13 +57,13 @@ class Command:
             pass
 
         set_loader("bounded yaml", bounded_yaml, (yaml.YAMLError,))
-        told, _, examples = _docstring(function).partition("\nexamples:\n")
+        description, _, examples = _docstring(function).partition("\nexamples:\n")
         self.name, self.function = name, function
         self.parser = ArgumentParser(
             parser_mode="bounded yaml",
             prog=f"t2d-rt {name}",
             usage=f"t2d-rt {name} {noun} [options]",
-            description=told.partition("\n\n")[0].strip(),
+            description=description.partition("\n\n")[0].strip(),
             epilog=f"examples:\n{examples}" if examples else None,
             formatter_class=Formatter,
             exit_on_error=False,
@@ -102,8 +102,8 @@ class Command:
 
     def add_config(self) -> None:
         """--config, and with it --print_config, which the parser adds by itself."""
-        told = "YAML file of options; options on the command line override those in the file."
-        self.parser.add_argument("--config", action="config", help=told)
+        help_text = "YAML file of options; options on the command line override those in the file."
+        self.parser.add_argument("--config", action="config", help=help_text)
         for action in self.parser._actions:
             if action.dest == "print_config":
                 action.help = "Prints all options with their values as a config file; skip_default leaves out defaults."
@@ -124,23 +124,23 @@ class Command:
         except ArgumentError as error:
             raise InputError(one_sentence(str(error), self.name, self.parser._option_string_actions)) from None
         except OverflowError:  # of an integer that no float holds
-            told = f"an option of {self.name} got a number of more than 300 digits; give it in SI units, as in 77e9"
-            raise InputError(told) from None
+            advice = f"an option of {self.name} got a number of more than 300 digits; give it in SI units, as in 77e9"
+            raise InputError(advice) from None
         for name, value in options.items():  # the parser takes null in a config file for no value
             if value is None and self.default.get(name) is not None and type(None) not in get_args(self.hints[name]):
                 raise InputError(f"option {name} cannot be null; leave it out to have its default")
         named = any(re.search(r"^(--config=)?radar:", word, re.MULTILINE) for word in words)
-        passed: Given = {"varied": varied, "radar_is_named": named, "files": options.get("file") or []}
+        beside_options: Given = {"varied": varied, "radar_is_named": named, "files": options.get("file") or []}
         given = {name: value for name, value in options.items() if value != self.default.get(name)}
         values: Given = {}
         for name in inspect.signature(self.function).parameters:
             if name in self.groups:
-                group = _nested({each: given[each] for each in self.groups[name] if each in given})
+                group = _nested({option: given[option] for option in self.groups[name] if option in given})
                 values[name] = (
-                    group.get(name, {}) if all(each.startswith(f"{name}.") for each in self.groups[name]) else group
+                    group.get(name, {}) if all(option.startswith(f"{name}.") for option in self.groups[name]) else group
                 )
             else:
-                values[name] = passed[name] if name in passed else options[name.rstrip("_")]
+                values[name] = beside_options[name] if name in beside_options else options[name.rstrip("_")]
         return self.function(**values)
 
     def words(self, arguments: Sequence[str], varied: dict[str, list[str]] | None = None) -> list[str]:
@@ -199,18 +199,18 @@ class Command:
                 raise InputError(f"expected one file, got {len(files)} ({', '.join(files[:9])}); run once for each")
             rest.insert(0, f"--file={lists.pop('file')[0]}")
         for name, values in lists.items():
-            if any(each != each.encode(errors="ignore").decode() for each in values):
+            if any(text != text.encode(errors="ignore").decode() for text in values):
                 raise InputError(f"option --{name} takes texts in UTF-8, got {shown(values)}; rename the file")
         return [*configs, *radars, *(f"--{name}={_yaml(values)}" for name, values in lists.items() if values), *rest]
 
 
 def _nested(values: Given) -> Given:
     """Values by dotted names as mappings in mappings."""
-    found: Given = {}
+    nested: Given = {}
     for name, value in values.items():
         *outer, last = name.split(".", 1)
-        (found.setdefault(outer[0], {}) if outer else found)[last] = value
-    return found
+        (nested.setdefault(outer[0], {}) if outer else nested)[last] = value
+    return nested
 
 
 def parameter_help(function: Callable[..., Any]) -> dict[str, str]:
@@ -238,8 +238,12 @@ def _docstring(function: Callable[..., Any]) -> str:
 
 def defaults_of(function: Callable[..., Any], skip: Collection[str] = ()) -> Given:
     """Parameters that may be left out, with their defaults."""
-    found = inspect.signature(function).parameters.values()
-    return {each.name: each.default for each in found if each.name not in skip and each.default is not each.empty}
+    parameters = inspect.signature(function).parameters.values()
+    return {
+        parameter.name: parameter.default
+        for parameter in parameters
+        if parameter.name not in skip and parameter.default is not parameter.empty
+    }
 
 
 def _one_line(text: str, width: int | None = None) -> str:
@@ -269,8 +273,8 @@ def _config_text(path: str) -> str:
         values["radar"] = _radar_fields(values["radar"])
     for section in ("radar", "motion", "signal", "accuracy"):
         if section in values and not isinstance(values[section], dict):
-            told = f"'{section}' in config file {path} must hold options and values, got {shown(values[section])}"
-            raise InputError(told)
+            message = f"'{section}' in config file {path} must hold options and values, got {shown(values[section])}"
+            raise InputError(message)
     return _yaml(values)
 
 
@@ -331,11 +335,17 @@ def capture(command: Command, *, radar: bool = True) -> None:
     """Options of measured samples as `load_recording` takes them; their radar, unless there is one already."""
     from t2d_rt.recording.read import load_recording
 
-    hints, defaults, told = get_type_hints(load_recording), defaults_of(load_recording), parameter_help(load_recording)
-    told["radar"] = "Radar of measured samples: a preset's name, a .yaml file or a .cfg file; --radar_file is the same."
+    hints, defaults, help_texts = (
+        get_type_hints(load_recording),
+        defaults_of(load_recording),
+        parameter_help(load_recording),
+    )
+    help_texts["radar"] = (
+        "Radar of measured samples: a preset's name, a .yaml file or a .cfg file; --radar_file is the same."
+    )
     if not radar:
         del defaults["radar"]
-    command.add_fields(told, hints | {"radar": str | None}, defaults)
+    command.add_fields(help_texts, hints | {"radar": str | None}, defaults)
 
 
 def reading(command: Command) -> None:
@@ -355,8 +365,8 @@ def signal(command: Command) -> None:
 def _of_function(command: Command, function: Callable[..., Any], prefix: str, title: str) -> None:
     """A group of options, one for each parameter of a function that has a default."""
     group = command.parser.add_argument_group(title)
-    hints, told = get_type_hints(function), parameter_help(function)
-    command.add_fields(told, hints, defaults_of(function), prefix=prefix, group=group)
+    hints, help_texts = get_type_hints(function), parameter_help(function)
+    command.add_fields(help_texts, hints, defaults_of(function), prefix=prefix, group=group)
 
 
 Capture = Annotated[Given, capture]

@@ -60,7 +60,7 @@ def compare(
     from t2d_rt.cli.simulations import recorded
     from t2d_rt.recording.compare import compare as compared
 
-    sources = [Path(each) for each in files or ()]
+    sources = [Path(file) for file in files or ()]
     two = len(sources) == 2 and all(source.suffix.lower() in RECORDINGS for source in sources)
     if not two and (len(sources) != 1 or sources[0].suffix.lower() in RECORDINGS):
         named = ", ".join(map(str, sources)) or "none"
@@ -76,9 +76,9 @@ def compare(
     else:
         refuse(capture, f"measured samples, and {sources[0]} is a motion file")
         recordings = [recorded(Job.of(str(sources[0]), {**given, "method": label}), signal) for label in labels]
-    found = compared(*recordings, align=align, relative=relative, labels=labels)
-    write_picture(found.plot(None if two else sources[0].name), picture, overwrite=overwrite)
-    say(found)
+    comparison = compared(*recordings, align=align, relative=relative, labels=labels)
+    write_picture(comparison.plot(None if two else sources[0].name), picture, overwrite=overwrite)
+    say(comparison)
     say(f"wrote {picture}")
 
 
@@ -103,7 +103,7 @@ def process(
     from t2d_rt.recording.compare import compare as compared
     from t2d_rt.recording.read import load_recording
 
-    sources = [Path(each) for each in files or ()]
+    sources = [Path(file) for file in files or ()]
     if not 1 <= len(sources) <= 2 or sources[0].suffix.lower() not in RECORDINGS[1:]:
         named = ", ".join(map(str, sources)) or "none"
         raise InputError(f"process takes one capture (.bin, .npy), and a result (.zarr) beside it, got {named}")
@@ -120,18 +120,18 @@ def process(
         check_picture(picture, overwrite=overwrite)
     recording = load_recording(sources[0], **capture)
     say(f"{sources[0].name}: {recording}")
-    drawn = _one_of_each_burst(recording).processed(**signal)
-    figures = {"range_time": drawn.plot_range_time(sources[0].name), "spectrogram": drawn.plot(sources[0].name)}
+    processed = _one_of_each_burst(recording).processed(**signal)
+    figures = {"range_time": processed.plot_range_time(sources[0].name), "spectrogram": processed.plot(sources[0].name)}
     if len(sources) == 2:
         beside = _one_of_each_burst(load_recording(sources[1])).processed(**signal)
-        found = compared(drawn, beside, align=True, relative=True, labels=[source.name for source in sources])
-        say(found)
-        figures["compare"] = found.plot(sources[0].name)
+        comparison = compared(processed, beside, align=True, relative=True, labels=[source.name for source in sources])
+        say(comparison)
+        figures["compare"] = comparison.plot(sources[0].name)
     if vital_signs:
         from t2d_rt.plots.figures import plot_displacement
-        from t2d_rt.signal import vital_signs as told_by
+        from t2d_rt.signal import vital_signs as vital_signs_of
 
-        signs = told_by(recording.cube, recording.radar, range_gate_m=signal.get("range_gate_m"))
+        signs = vital_signs_of(recording.cube, recording.radar, range_gate_m=signal.get("range_gate_m"))
         say(signs)
         figures["displacement"] = plot_displacement(signs.time_s, signs.displacement_m, sources[0].name)
     for name, picture in pictures.items():
@@ -173,13 +173,13 @@ def _both(files: list[Path], given: Given, capture: Given, signal: Given, radar_
         refuse(capture, f"measured samples, and {files[0]} and {files[1]} are results")
     others = [name for name in given if not (measured and name == "radar")]
     refuse(others, f"a simulation, and {files[0]} and {files[1]} are recordings")
-    found = []
+    recordings = []
     for file in files:
-        read = {"radar": radar_of(given), **capture} if file in measured else {}
+        reading_options = {"radar": radar_of(given), **capture} if file in measured else {}
         if file.suffix.lower() != ".bin":
-            read.pop("lanes", None)
-        found.append(load_recording(file, **read).processed(**signal))
-    return found
+            reading_options.pop("lanes", None)
+        recordings.append(load_recording(file, **reading_options).processed(**signal))
+    return recordings
 
 
 def plot(
@@ -279,7 +279,7 @@ def view(
     from t2d_rt.recording.read import load_recording
     from t2d_rt.view import MOST_RECORDINGS, Viewer, check_page, told
 
-    sources = [Path(each) for each in files or ()]
+    sources = [Path(file) for file in files or ()]
     if not 1 <= len(sources) <= MOST_RECORDINGS:
         raise InputError(f"view takes one recording, or two to show side by side, got {len(sources)} names")
     recorded_before = sources[0].suffix.lower() in RECORDINGS
@@ -296,14 +296,14 @@ def view(
         refuse([name for name in given if name != "radar"], f"a simulation, and {first} is a recording")
         if radar_is_named and not measured:
             refuse(["radar"], f"measured samples, and {first} is a result, which holds its own radar")
-    known = {**capture, **({"radar": radar_of(given)} if radar_is_named else {})}
+    capture_options = {**capture, **({"radar": radar_of(given)} if radar_is_named else {})}
     recordings = [
         recorded(Job.of(str(source), given), signal)
         if source in simulated
-        else load_recording(source, **(known if source in measured else {})).processed(**signal)
+        else load_recording(source, **(capture_options if source in measured else {})).processed(**signal)
         for source in sources
     ]
-    titles = [f"{source.stem}: {told(found)}" for source, found in zip(sources, recordings, strict=True)]
+    titles = [f"{source.stem}: {told(recording)}" for source, recording in zip(sources, recordings, strict=True)]
     viewer = Viewer(recordings, titles)
     viewer.save(target, overwrite=overwrite)
     say(f"wrote {target} ({len(viewer.html) / 1e6:.1f} MB)")
@@ -371,7 +371,7 @@ def scene(
     paths = [] if near is None else paths_to(near, radar, target, reflections=reflections)
     figure = plot_scene(drawn, radar.tx_position_m, paths_m=paths, track_m=track, title=drawn.name)
     write_picture(figure, picture, overwrite=overwrite)
-    where, names = ", ".join(f"{x:.2f}" for x in target), ", ".join(name for name, _ in paths)
+    where, names = ", ".join(f"{coordinate:.2f}" for coordinate in target), ", ".join(name for name, _ in paths)
     say(f"{len(drawn.surfaces)} objects{cut}, {len(paths)} paths to ({where}) m: {names}")
     say(f"wrote {picture}")
 
@@ -399,7 +399,7 @@ def info(file: str, *, motion: Reading) -> None:
         from t2d_rt.recording.recording import Recording
 
         result = Recording.load(source)
-        shape = " x ".join(str(n) for n in result.cube.shape)
+        shape = " x ".join(str(count) for count in result.cube.shape)
         rows = {"adc": f"{shape} (chirp, antenna, sample)", **result.settings}
         rows["versions"] = ", ".join(f"{name} {value}" for name, value in result.versions.items())
         say(_rows(_radar_rows(result.radar) | rows))
@@ -412,9 +412,9 @@ def info(file: str, *, motion: Reading) -> None:
     else:
         from t2d_rt.motion import describe, load_motion
 
-        read = load_motion(source, **motion)
-        say(read.report)
-        say(describe(read))
+        loaded = load_motion(source, **motion)
+        say(loaded.report)
+        say(describe(loaded))
 
 
 def _yaml_rows(source: Path) -> Given:
@@ -428,13 +428,13 @@ def _yaml_rows(source: Path) -> Given:
         raise InputError(f"{source} holds options of the command line; t2d-rt simulate --config {source} takes them")
     if kind != "experiment":
         return _radar_rows(Radar.from_yaml(source))
-    made = Job.of(str(source), {}).experiment
-    assert isinstance(made, Experiment)
+    experiment = Job.of(str(source), {}).experiment
+    assert isinstance(experiment, Experiment)
     rows: Given = {}
-    for number, target in enumerate(made.targets):
+    for number, target in enumerate(experiment.targets):
         fields = target.model_dump(mode="json", exclude_defaults=True, exclude={"kind"})
         rows[f"target {number}"] = ", ".join([target.kind, *(f"{name} {value}" for name, value in fields.items())])
-    return rows | {"scene": made.scene} | made.physics | _radar_rows(made.radar)
+    return rows | {"scene": experiment.scene} | experiment.physics | _radar_rows(experiment.radar)
 
 
 def _rows(rows: Given) -> str:
@@ -478,7 +478,7 @@ def names(file: str | None = None) -> None:
     for kind in KINDS if file is None else (file,):
         rows = list(listed[kind]())
         width = max(len(name) for name, _ in rows) + 2
-        say("\n".join([f"{kind}:", *(f"  {name:{width}}{told}" for name, told in rows)]))
+        say("\n".join([f"{kind}:", *(f"  {name:{width}}{about}" for name, about in rows)]))
 
 
 def _presets() -> Iterator[tuple[str, str]]:
@@ -487,12 +487,12 @@ def _presets() -> Iterator[tuple[str, str]]:
 
     for name in presets():
         radar = Radar.preset(name)
-        told = (
+        about = (
             f"{radar.carrier_hz / 1e9:.4g} GHz, sweep {radar.bandwidth_hz / 1e9:.3g} GHz, PRF {radar.prf_hz / 1e3:.4g} kHz, "
             f"{len(radar.tx_offsets_m)} x {len(radar.rx_offsets_m)} antennas, bin {100 * radar.range_resolution_m:.3g} cm, "
             f"up to {radar.max_range_m:.3g} m, +-{radar.max_speed_mps:.3g} m/s"
         )
-        yield name, told
+        yield name, about
 
 
 def _scenes() -> Iterator[tuple[str, str]]:
@@ -525,13 +525,13 @@ def _movers() -> Iterator[tuple[str, str]]:
         except InputError as error:  # of one package, which hides no other
             yield name, str(error)
             continue
-        told = " ".join((kind.__doc__ or "").split("\n\n")[0].split())
+        about = " ".join((kind.__doc__ or "").split("\n\n")[0].split())
         fields = [field for field in kind.model_fields if field not in ("kind", "position_m")]
-        yield name, f"{told} Options: {', '.join(fields)}."
+        yield name, f"{about} Options: {', '.join(fields)}."
 
 
 def _motions() -> Iterator[tuple[str, str]]:
     from t2d_rt.experiment.catalog import EXAMPLES
 
-    for name, (file, told) in EXAMPLES.items():
-        yield name, f"{told}; {file}"
+    for name, (file, about) in EXAMPLES.items():
+        yield name, f"{about}; {file}"

@@ -45,7 +45,7 @@ class _Said(logging.Handler):
 @contextmanager
 def reports_said() -> Iterator[None]:
     """Reports of motion files and of rooms' meshes are printed as they are read."""
-    logs, said = [logging.getLogger(f"t2d_rt.{each}") for each in ("motion", "scene")], _Said()
+    logs, said = [logging.getLogger(f"t2d_rt.{package}") for package in ("motion", "scene")], _Said()
     levels = [log.level for log in logs]
     for log in logs:
         log.addHandler(said)
@@ -104,10 +104,10 @@ def simulate(
     picture = target.with_suffix(".png")
     check_free(target, overwrite=overwrite)
     check_picture(picture, overwrite=overwrite)
-    known = None if is_experiment(source) else radar_of(given)
-    of_it: Given = {"seed": background_seed, "level_db": background_level_db}
-    added = {name: each for name, each in of_it.items() if each is not None}
-    _check_background(background, added, known, signal)
+    radar = None if is_experiment(source) else radar_of(given)
+    background_options: Given = {"seed": background_seed, "level_db": background_level_db}
+    added = {name: value for name, value in background_options.items() if value is not None}
+    _check_background(background, added, radar, signal)
     result = recorded(Job.of(file, given), signal)
     if background is not None:
         result = result.with_background(background, **added)
@@ -133,23 +133,23 @@ def several(source: Path, values: Given, given: Given, signal: Given, target: Pa
         raise InputError(f"{source}: radars must be a list of radars in place of radar, as in [table2, my_radar.yaml]")
     jobs = [Job.of_values({**values, "radar": radar}, source, given) for radar in radars]
     targets = [target.with_name(f"{target.stem}-{number}{target.suffix}") for number in range(1, len(jobs) + 1)]
-    for each in targets:
-        check_free(each, overwrite=overwrite)
-        check_picture(each.with_suffix(".png"), overwrite=overwrite)
+    for path in targets:
+        check_free(path, overwrite=overwrite)
+        check_picture(path.with_suffix(".png"), overwrite=overwrite)
     first, noise = jobs[0].experiment, beside(values.get("noise", "none"), source.parent, SETTINGS)
     assert isinstance(first, Experiment)
     for job in jobs:
         _check_processing(signal, job.experiment)
     with reports_said():
-        found = simulate_radars(
+        recordings = simulate_radars(
             first.targets_from({}), [job.experiment.radar for job in jobs], interference=interference,
             scene=first.scene_from({}), accuracy=jobs[0].accuracy or None, **first.physics | {"noise": noise},
             **jobs[0].run,
         )  # fmt: skip
-    for each, result in zip(targets, found, strict=True):
+    for path, result in zip(targets, recordings, strict=True):
         result = result.processed(**signal)
-        result.save(each, overwrite=overwrite, figure=_drawn(result, f"{each.stem}, {result.settings['method']}"))
-        say(f"wrote {each} and {each.with_suffix('.png')}")
+        result.save(path, overwrite=overwrite, figure=_drawn(result, f"{path.stem}, {result.settings['method']}"))
+        say(f"wrote {path} and {path.with_suffix('.png')}")
 
 
 def recorded(job: Job, signal: Given) -> Recording:
@@ -157,19 +157,19 @@ def recorded(job: Job, signal: Given) -> Recording:
     from t2d_rt.experiment.experiment import Experiment
     from t2d_rt.simulate import run
 
-    made = job.experiment
-    _check_processing(signal, made)
-    with reports_said(), ProgressBar("again" if not isinstance(made, Experiment) else made.method) as progress:
-        result = run(made, job.accuracy or None, progress=progress, **job.run)
-    if not isinstance(made, Experiment):
-        return result.processed(**{**made.processing, **signal})
-    files = [target.model_dump() for target in made.targets]  # of a file its name, not the folders of this machine
+    source = job.experiment
+    _check_processing(signal, source)
+    with reports_said(), ProgressBar("again" if not isinstance(source, Experiment) else source.method) as progress:
+        result = run(source, job.accuracy or None, progress=progress, **job.run)
+    if not isinstance(source, Experiment):
+        return result.processed(**{**source.processing, **signal})
+    files = [target.model_dump() for target in source.targets]  # of a file its name, not the folders of this machine
     files = [{**file, "file": Path(file["file"]).name} if "file" in file else file for file in files]
     result.settings["motion"], result.settings["added"] = files[0], files[1:]
     return result.processed(**signal)
 
 
-def _check_processing(processing: Given, made: Experiment | Recording) -> None:
+def _check_processing(processing: Given, source: Experiment | Recording) -> None:
     """Tries the options of the spectrogram on a short silence, so that a wrong one does not show after a long run."""
     import numpy as np
 
@@ -178,12 +178,12 @@ def _check_processing(processing: Given, made: Experiment | Recording) -> None:
     from t2d_rt.signal.doppler import check_processing
     from t2d_rt.types import Motion
 
-    radar, chirps = made.radar, max(256, processing.get("n_window") or 0, made.radar.separated.loops_per_frame or 0)
+    radar, chirps = source.radar, max(256, processing.get("n_window") or 0, source.radar.separated.loops_per_frame or 0)
     check_processing(radar, chirps, processing)
-    if "n_window" in processing and isinstance(made, Experiment):  # files are read once more, which tells nothing new
+    if "n_window" in processing and isinstance(source, Experiment):  # files are read once more, which tells nothing new
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", T2DWarning)
-            durations_s = [each.duration_s for each in made.targets_from({}) if isinstance(each, Motion)]
+            durations_s = [target.duration_s for target in source.targets_from({}) if isinstance(target, Motion)]
         if durations_s:
             check_processing(radar, len(radar.chirp_times_s(min(durations_s))), processing)
     silence = np.zeros((min(chirps, CHECKED_CHIRPS), 1, radar.samples), np.complex64)
@@ -196,8 +196,8 @@ def _check_background(background: str | None, added: Given, radar: Radar | None,
 
     if background is None:
         for name in added:
-            told = "is of a background and there is none; give --background, or leave it out"
-            raise InputError(f"--background-{name.replace('_', '-')} {told}")
+            advice = "is of a background and there is none; give --background, or leave it out"
+            raise InputError(f"--background-{name.replace('_', '-')} {advice}")
         return
     background_settings(background, **{"seed": 0, "level_db": None, **added})
     if radar is not None:
@@ -213,8 +213,8 @@ def _drawn(result: Recording, title: str) -> Figure | None:
         raise
     except Exception as error:  # whatever a drawing library may raise
         reason = " ".join(str(error).split()) or type(error).__name__
-        told = f"the picture cannot be drawn ({reason}); the result is written without it"
-        warn(told)
+        message = f"the picture cannot be drawn ({reason}); the result is written without it"
+        warn(message)
         return None
     return figure
 
@@ -232,11 +232,11 @@ def plan(file: str, *, given: OfPlan) -> None:
 
     job = Job.of(file, given)
     if not isinstance(job.experiment, Experiment):
-        told = "is a result, which is simulated already; give plan a motion file or an experiment (.yaml)"
-        raise InputError(f"{file} {told}")
+        reason = "is a result, which is simulated already; give plan a motion file or an experiment (.yaml)"
+        raise InputError(f"{file} {reason}")
     with reports_said():
-        found = planned(job.experiment, accuracy=job.accuracy, **job.run)
-    say(found)
+        chosen_plan = planned(job.experiment, accuracy=job.accuracy, **job.run)
+    say(chosen_plan)
 
 
 def paths(
@@ -288,15 +288,15 @@ def _model_of(job: Job) -> tuple[Model, Accuracy]:
     from t2d_rt.experiment.setup import set_up_again, set_up_stored
 
     machine: Any = dict(job.run)
-    tolerance_db, made, given = machine.pop("tolerance_db", None), job.experiment, job.accuracy
-    if isinstance(made, Experiment):
+    tolerance_db, source, given = machine.pop("tolerance_db", None), job.experiment, job.accuracy
+    if isinstance(source, Experiment):
         wanted = Wanted.of(given, tolerance_db)
         with reports_said():
-            setup = set_up_stored(made, {}, **machine)
+            setup = set_up_stored(source, {}, **machine)
     else:
-        kept = made.accuracy if tolerance_db is None else None
-        wanted = Wanted.of(kept.replace(**given) if kept else given, tolerance_db)
-        setup = set_up_again(made.experiment, made.inputs, **machine)
+        stored = source.accuracy if tolerance_db is None else None
+        wanted = Wanted.of(stored.replace(**given) if stored else given, tolerance_db)
+        setup = set_up_again(source.experiment, source.inputs, **machine)
     plan = chosen(setup.model, wanted)
     warn_out_of_reach(plan)
     return replace(plan.model, ranked=setup.model.ranked), plan.accuracy

@@ -50,27 +50,29 @@ def sweep(
       t2d-rt sweep room.yaml --vary targets.1.rpm=0:900:300 --vary seed=0:2:1 -o seeds  # fields of an experiment in YAML
     """
     from t2d_rt.sweeps import PARTS_PICTURES, PARTS_TABLE, PICTURES, TABLE
-    from t2d_rt.sweeps import sweep as made
+    from t2d_rt.sweeps import sweep as run_sweep
 
     source = Path(file)
     folder = Path(output or f"{source.name.partition('.')[0]}_sweep")
     if is_experiment(source) and set(varied) - {"file"}:
-        told = f"option {next(iter(varied))} is part of {source.name}"
-        raise InputError(f"{told}; vary the field of that name, as --vary {next(iter(varied))}=VALUES")
+        reason = f"option {next(iter(varied))} is part of {source.name}"
+        raise InputError(f"{reason}; vary the field of that name, as --vary {next(iter(varied))}=VALUES")
     values = _values(varied, vary or [], given)
     job = Job.of(file, given)
     processing = {**getattr(job.experiment, "processing", {}), **signal}
-    found = made(job.experiment, values, folder, accuracy=job.accuracy, processing=processing, progress=True, **job.run)
-    drawn = {PICTURES: found.plot(source.name)}
-    if found.parts is not None:
-        drawn[PARTS_PICTURES] = found.plot_parts(source.name)
-    for names, figure in drawn.items():
+    result = run_sweep(
+        job.experiment, values, folder, accuracy=job.accuracy, processing=processing, progress=True, **job.run
+    )
+    figures = {PICTURES: result.plot(source.name)}
+    if result.parts is not None:
+        figures[PARTS_PICTURES] = result.plot_parts(source.name)
+    for names, figure in figures.items():
         for picture in names:
             write_picture(figure, folder / picture, overwrite=True)
-    tables = [TABLE] if found.parts is None else [TABLE, PARTS_TABLE]
-    say(found)
-    files = [*tables, *itertools.chain(*drawn)]
-    say(f"wrote {', '.join(files[:-1])} and {files[-1]} beside {len(found.points)} recordings in {folder}")
+    tables = [TABLE] if result.parts is None else [TABLE, PARTS_TABLE]
+    say(result)
+    files = [*tables, *itertools.chain(*figures)]
+    say(f"wrote {', '.join(files[:-1])} and {files[-1]} beside {len(result.points)} recordings in {folder}")
 
 
 def _values(varied: dict[str, list[str]], vary: list[str], given: dict[str, Any]) -> dict[str, list[Any]]:
@@ -78,29 +80,29 @@ def _values(varied: dict[str, list[str]], vary: list[str], given: dict[str, Any]
     from t2d_rt.experiment.experiment import Experiment
     from t2d_rt.experiment.sources import MotionFile
 
-    found: dict[str, list[Any]] = {}
+    values: dict[str, list[Any]] = {}
     for name, texts in varied.items():
         if name.startswith("add "):
-            targets = (target_of(each) for each in texts)
-            found[f"targets.{int(name[4:]) + 1}"] = [target and target.model_dump(mode="json") for target in targets]
+            targets = (target_of(entry) for entry in texts)
+            values[f"targets.{int(name[4:]) + 1}"] = [target and target.model_dump(mode="json") for target in targets]
         elif name in MotionFile.model_fields or name == "motion.subject":
-            plain = name in ("file", "motion.subject")
-            found[f"targets.0.{name.rpartition('.')[2]}"] = texts if plain else [load_yaml(each) for each in texts]
+            is_text = name in ("file", "motion.subject")
+            values[f"targets.0.{name.rpartition('.')[2]}"] = texts if is_text else [load_yaml(text) for text in texts]
         elif name == "scene" and any(map(given.get, OF_SCENE)):
-            found["scene.file"] = texts
+            values["scene.file"] = texts
         elif name in ("only_paths", "without_paths"):
-            found[name] = [[each] for each in texts]
+            values[name] = [[path] for path in texts]
         elif name in (*Experiment.model_fields, "tolerance_db") or name.startswith(("radar.", "accuracy.", "signal.")):
-            found[name] = [load_yaml(each) for each in texts]
+            values[name] = [load_yaml(value) for value in texts]
         else:
-            told = "those of motion, model, radar, accuracy and spectrogram can, and fields by --vary"
-            raise InputError(f"option {name} cannot be varied; {told}")
+            advice = "those of motion, model, radar, accuracy and spectrogram can, and fields by --vary"
+            raise InputError(f"option {name} cannot be varied; {advice}")
     for entry in vary:
         name, equals, text = entry.partition("=")
         if not equals:
             raise InputError(f"option vary takes a field and its values, as seed=0:9:1, got {entry!r:.60}")
-        found[name.strip()] = [load_yaml(alternative) for alternative in alternatives(text)]
-    if not found:
+        values[name.strip()] = [load_yaml(alternative) for alternative in alternatives(text)]
+    if not values:
         raise InputError(
             "nothing is varied; give a range or alternatives, as --seed 0:9:1, --method 'ellipsoid|mesh' or --vary seed=0:9:1"
         )
@@ -109,17 +111,17 @@ def _values(varied: dict[str, list[str]], vary: list[str], given: dict[str, Any]
         from t2d_rt.experiment.catalog import radar_named
 
         if radar_of(given) != radar_named(varied["radar"][0]):
-            told = "a sweep takes several radars or changes fields of one; leave --radar.FIELD out, or give one radar"
-            raise InputError(told)
-    return found
+            advice = "a sweep takes several radars or changes fields of one; leave --radar.FIELD out, or give one radar"
+            raise InputError(advice)
+    return values
 
 
 def first_of(name: str, text: str, varied: dict[str, list[str]]) -> str:
     """The value that stands for an option whose values may be several, which are noted in `varied`."""
-    found = entries(text) if name.startswith("add ") else alternatives(text)
-    if len(found) > 1:
-        varied[name] = found
-    return next((each for each in found if each != "none"), found[0])
+    values = entries(text) if name.startswith("add ") else alternatives(text)
+    if len(values) > 1:
+        varied[name] = values
+    return next((value for value in values if value != "none"), values[0])
 
 
 def alternatives(text: str) -> list[str]:
@@ -129,14 +131,14 @@ def alternatives(text: str) -> list[str]:
     (['0', '300', '600', '900'], ['mesh', 'ellipsoid'], ['0.1', '0.2', '0.3', '1'])
     """
     parts = text.split("|")
-    return [each for part in parts for each in _range(part.strip() if len(parts) > 1 else part)]
+    return [value for part in parts for value in _range(part.strip() if len(parts) > 1 else part)]
 
 
 def _range(part: str) -> list[str]:
-    found = RANGE.fullmatch(part)
-    if found is None:
+    match = RANGE.fullmatch(part)
+    if match is None:
         return [part]
-    first, last, step = (Decimal(each) for each in found.groups())
+    first, last, step = (Decimal(bound) for bound in match.groups())
     if not step or (last - first) / step < 0:
         raise InputError(f"the range {part.strip()} never arrives; write first:last:step, as 0:900:300")
     count = int((last - first) / step) + 1
@@ -160,12 +162,12 @@ def entries(text: str) -> list[str]:
             whole[-1] += f"|{part}"  # one more value of the entry's last field
         else:
             whole.append(part)
-    found = []
+    combinations = []
     for entry in whole:
         kind, colon, rest = entry.partition(":")
         choices = []
         for word in rest.split(","):
             key, equals, value = word.rpartition("=")
             choices.append([f"{key}{equals}{alternative}" for alternative in alternatives(value)])
-        found += [f"{kind}{colon}{','.join(words)}" for words in itertools.product(*choices)]
-    return found
+        combinations += [f"{kind}{colon}{','.join(words)}" for words in itertools.product(*choices)]
+    return combinations
