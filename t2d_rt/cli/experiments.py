@@ -70,7 +70,7 @@ def experiment(command: Command, *, skip: tuple[str, ...] = ()) -> None:
     help_texts |= {
         name: f"{help_texts[name]} The option is given once for each." for name in ("only_paths", "without_paths")
     }
-    of_experiment: Given = {"better": help_texts, "hints": SIMPLER, "defaults": {"without_paths": None}, "group": group}
+    of_experiment: Given = {"help_texts": help_texts, "hints": SIMPLER, "defaults": {"without_paths": None}, "group": group}
     _fields(command, Experiment, skip=("targets", "radar", *skip), **of_experiment)
     of_scene(command, group)
     command.add_fields(
