@@ -99,20 +99,20 @@ def put_on(
     """
     normals = vertex_normals(vertices, faces)
     bare, shod = _of_joints(weights, BARE_JOINTS), _of_joints(weights, SHOD_JOINTS)
-    found = vertices + outfit.cloth_m * (1 - bare - shod)[:, None] * normals
+    dressed = vertices + outfit.cloth_m * (1 - bare - shod)[:, None] * normals
     if not outfit.sole_m:
-        return found
+        return dressed
     for side, leftward in (("left", 1), ("right", -1)):
         foot, forward = _of_joints(weights, (f"{side}_ankle", f"{side}_foot")), _forward(side, joints)
         heights_m, along = vertices[:, 2] - vertices[foot > 0.5, 2].min(), vertices @ forward
         under = foot * _ramp(-normals[:, 2], 0.1, 0.4) * (1 - _ramp(heights_m, 0.02, 0.04))
-        found += UPPER_M * (foot * (1 - under))[:, None] * normals
+        dressed += UPPER_M * (foot * (1 - under))[:, None] * normals
         toes = foot * _ramp(along, joints[f"{side}_foot"] @ forward, along[foot > 0.5].max())
-        found += TOE_M * toes[:, None] * forward
+        dressed += TOE_M * toes[:, None] * forward
         ankle_m, knee_m = (joints[f"{side}_{name}"][2] for name in ("ankle", "knee"))
         raised = np.clip((knee_m - vertices[:, 2]) / (knee_m - ankle_m), 0, 1) * (vertices[:, 1] * leftward > 0)
-        found[:, 2] += outfit.sole_m * raised * (1 - under)
-    return found
+        dressed[:, 2] += outfit.sole_m * raised * (1 - under)
+    return dressed
 
 
 def _of_joints(weights: np.ndarray, names: Sequence[str]) -> np.ndarray:

@@ -42,8 +42,10 @@ class Posing:
         """Rotations (K, 26, 3, 3) from the rest pose, and where the bones' rest joints go (K, 26, 3), of `BONES`."""
         at = {name: joints[:, i] for i, name in enumerate(self.names)}
         source = matrices(rotations)
-        own = source[:, [self.names.index(name) for name in self.offsets]] @ np.stack(list(self.offsets.values()))
-        rotation = {name: own[:, i] for i, name in enumerate(self.offsets)}
+        bone_rotations = source[:, [self.names.index(name) for name in self.offsets]] @ np.stack(
+            list(self.offsets.values())
+        )
+        rotation = {name: bone_rotations[:, i] for i, name in enumerate(self.offsets)}
         origin = {name: at[name] for name in CANONICAL_JOINTS}
         self._trunk(at, source[:, self.names.index("spine3")], rotation, origin)
         for side in SIDES:
@@ -116,8 +118,8 @@ def posing(body: Fitted, motion: Motion) -> Posing:
 
 def _local(rotation: np.ndarray, vectors: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
     """Mean of vectors (T, 3) in a bone's own frame, (3,)."""
-    own = np.einsum("tji,tj->ti", rotation, vectors)
-    return own.mean(0) if weights is None else weights @ own
+    local = np.einsum("tji,tj->ti", rotation, vectors)
+    return local.mean(0) if weights is None else weights @ local
 
 
 def _trunk_offsets(
@@ -138,8 +140,8 @@ def _trunk_offsets(
     offsets = {}
     for bone, pair in (("pelvis", "hip"), ("spine3", "shoulder")):
         across = unit(at[f"left_{pair}"] - at[f"right_{pair}"])
-        own = frame(_local(source[bone], across, upright), _local(source[bone], torso, upright))
-        offsets[bone] = own @ frame(LEFT, rest_torso).T
+        axes = frame(_local(source[bone], across, upright), _local(source[bone], torso, upright))
+        offsets[bone] = axes @ frame(LEFT, rest_torso).T
     chest = source["spine3"] @ offsets["spine3"]
     ahead = chest @ FORWARD
     gaze = frame(
@@ -148,8 +150,8 @@ def _trunk_offsets(
     facing = gaze @ frame(FORWARD, UP).T
     offsets["head"] = mean_rotation(np.swapaxes(source["head"], -1, -2) @ facing, upright)
     if lies and "head_top" in at:  # its bone tells more
-        own = _local(source["head"], unit(at["head_top"] - at["head"]))
-        offsets["head"] = swing(offsets["head"] @ (rest["head_top"] - rest["head"]), own) @ offsets["head"]
+        to_head_top = _local(source["head"], unit(at["head_top"] - at["head"]))
+        offsets["head"] = swing(offsets["head"] @ (rest["head_top"] - rest["head"]), to_head_top) @ offsets["head"]
     return offsets
 
 
@@ -166,8 +168,8 @@ def _limb_offsets(
         for name, rest_bone, bone in ((a, upper, at[b] - at[a]), (b, lower, at[c] - at[b])):
             untwisted = swing(parent @ rest_bone, bone) @ parent @ unit(rest_hinge)
             # 0.02: (sine of the bend)^2 at which the hinge and no twist against the parent count alike.
-            own = frame(_local(source[name], unit(bone)), _local(source[name], bend + 0.02 * untwisted))
-            offsets[name] = own @ frame(rest_bone, rest_hinge).T
+            axes = frame(_local(source[name], unit(bone)), _local(source[name], bend + 0.02 * untwisted))
+            offsets[name] = axes @ frame(rest_bone, rest_hinge).T
             parent = source[name] @ offsets[name]
         if trunk == "spine3":
             offsets[c] = _hand_offset(side, body, at, source, parent)
@@ -181,8 +183,8 @@ def _hand_offset(
     if hand not in at:
         return straight
     rest_bone = body.joints[hand] - body.joints[wrist]
-    own = _local(source[wrist], unit(at[hand] - at[wrist]))
-    return swing(straight @ rest_bone, own) @ straight
+    to_hand = _local(source[wrist], unit(at[hand] - at[wrist]))
+    return swing(straight @ rest_bone, to_hand) @ straight
 
 
 def _foot_offsets(

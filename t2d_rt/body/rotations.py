@@ -15,11 +15,11 @@ def matrices(quaternions: np.ndarray) -> np.ndarray:
         (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
         (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
     )
-    found = np.empty((*x.shape, 3, 3), x.dtype)
+    rotation = np.empty((*x.shape, 3, 3), x.dtype)
     for i, row in enumerate(rows):
-        for k, each in enumerate(row):
-            found[..., i, k] = each
-    return found
+        for k, entry in enumerate(row):
+            rotation[..., i, k] = entry
+    return rotation
 
 
 def frame(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -152,12 +152,12 @@ def _ellipsoid(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Semi-axes, centre and axes for the faces (F, 3, 3) of a segment."""
     axes = np.stack([first, second, third], -1)
-    own = corners @ axes
-    low, high = own.min((0, 1)), own.max((0, 1))
-    low[2], high[2] = np.quantile(own[..., 2], (RAGGED, 1 - RAGGED))
+    local = corners @ axes
+    low, high = local.min((0, 1)), local.max((0, 1))
+    low[2], high[2] = np.quantile(local[..., 2], (RAGGED, 1 - RAGGED))
     half = (high - low) / 2
     # Volume by the flux of x e_x: the first axis is the one to which no cut through joints or armpits faces.
-    area = edge_cross(own) / 2
-    volume = abs(float(((own.mean(1) - (low + high) / 2)[:, 0] * area[:, 0]).sum()))
+    area = edge_cross(local) / 2
+    volume = abs(float(((local.mean(1) - (low + high) / 2)[:, 0] * area[:, 0]).sum()))
     filling = volume / (4 / 3 * np.pi * half.prod())
     return half * [filling**0.25, filling**0.25, 1], axes @ ((low + high) / 2), axes

@@ -113,15 +113,15 @@ def template(name: str = "adult", outfit: Outfit | None = None) -> Template:
     if not at:
         return _read(base)
     try:
-        wanted = float(bmi)
+        bmi_value = float(bmi)
     except ValueError:
-        wanted = math.nan
+        bmi_value = math.nan
     low, high = BMI[base]
-    if not low <= wanted <= high:
+    if not low <= bmi_value <= high:
         raise InputError(
             f"the body mass index of {base} must be {low:g} to {high:g} kg/m^2, got {bmi!r} in body {name!r}"
         )
-    return _of_girth(name, base, wanted)
+    return _of_girth(name, base, bmi_value)
 
 
 @lru_cache(maxsize=64)
@@ -148,18 +148,18 @@ def _of_girth(name: str, base: str, bmi: float) -> Template:
 @lru_cache(maxsize=8)
 def _growth(base: str) -> tuple[np.ndarray, np.ndarray]:
     """Powers of the girth (P,), and how far each moves the vertices (P, V, 3) [m] where it doubles what it scales."""
-    body, found = _read(base), dict[float, np.ndarray]()
+    body, growth = _read(base), dict[float, np.ndarray]()
     depth, breadth = np.diag([1.0, 0.0, 0.0]), np.diag([0.0, 1.0, 0.0])
-    for joint, given in GIRTHS.items():
+    for joint, powers in GIRTHS.items():
         scaled = body.weights[:, [CANONICAL_JOINTS.index(joint)]] * (body.vertices - body.joints[joint])
-        if isinstance(given, tuple):
-            parts = {given[0]: depth, given[1]: breadth}
+        if isinstance(powers, tuple):
+            parts = {powers[0]: depth, powers[1]: breadth}
         else:
             along = unit(body.joints[_end(joint)] - body.joints[joint])
-            parts = {given: np.eye(3) - np.outer(along, along)}
+            parts = {powers: np.eye(3) - np.outer(along, along)}
         for power, across in parts.items():
-            found[power] = found.get(power, np.zeros_like(scaled)) + scaled @ across
-    return np.array(list(found)), np.array(list(found.values()))
+            growth[power] = growth.get(power, np.zeros_like(scaled)) + scaled @ across
+    return np.array(list(growth)), np.array(list(growth.values()))
 
 
 def _end(joint: str) -> str:

@@ -75,9 +75,9 @@ def surface_rows(faces: np.ndarray, vertex_count: int, face: np.ndarray, weights
     """
     from scipy import sparse
 
-    kept = _levels(np.ascontiguousarray(faces, np.int64).tobytes(), vertex_count)
-    found: list[tuple[np.ndarray, Csr]] = []
-    number, level = np.arange(len(face)), kept[0]
+    levels = _levels(np.ascontiguousarray(faces, np.int64).tobytes(), vertex_count)
+    blocks: list[tuple[np.ndarray, Csr]] = []
+    number, level = np.arange(len(face)), levels[0]
     for depth in range(MOST_SUBDIVISIONS + 1):
         mesh, valence, operator = level.mesh, level.valence, level.operator
         corner, greatest = greatest_of_three(weights)
@@ -85,17 +85,17 @@ def surface_rows(faces: np.ndarray, vertex_count: int, face: np.ndarray, weights
         regular = level.regular[face] & ~at_corner
         if at_corner.any():
             vertex, which = np.unique(mesh.faces[face[at_corner], corner[at_corner]], return_inverse=True)
-            found.append((number[at_corner], (_limit_rows(mesh, valence, vertex) @ operator)[which]))
+            blocks.append((number[at_corner], (_limit_rows(mesh, valence, vertex) @ operator)[which]))
         if regular.any():
-            found.append((number[regular], _box_spline(mesh, face[regular], weights[regular]) @ operator))
+            blocks.append((number[regular], _box_spline(mesh, face[regular], weights[regular]) @ operator))
         left = ~(at_corner | regular)
         if not left.any():
             break
         number, face, weights = number[left], face[left], weights[left]
-        level = kept[depth + 1] if depth + 1 < len(kept) else level.next_about(face)
+        level = levels[depth + 1] if depth + 1 < len(levels) else level.next_about(face)
         face, weights = in_children(np.searchsorted(level.parents, face), weights)
-    order = np.argsort(np.concatenate([numbers for numbers, _ in found]))
-    return sparse.csr_matrix(sparse.vstack([rows for _, rows in found], format="csr")[order])
+    order = np.argsort(np.concatenate([numbers for numbers, _ in blocks]))
+    return sparse.csr_matrix(sparse.vstack([rows for _, rows in blocks], format="csr")[order])
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,16 +125,16 @@ class _Level:
         touched = np.zeros(mesh.vertex_count, bool)
         touched[mesh.faces[face]] = True
         here = np.flatnonzero(any_of_three(touched[mesh.faces]))
-        kept = np.unique(mesh.faces[here])
-        part, valence = topology(np.searchsorted(kept, mesh.faces[here]), len(kept)), self.valence[kept]
-        count, edges, half = len(kept), len(part.edges), np.arange(part.faces.size)
+        vertices = np.unique(mesh.faces[here])
+        part, valence = topology(np.searchsorted(vertices, mesh.faces[here]), len(vertices)), self.valence[vertices]
+        count, edges, half = len(vertices), len(part.edges), np.arange(part.faces.size)
         ring = _next_weight(valence)
         old = sparse.diags_array(1 - valence * ring) + sparse.diags_array(ring) @ _neighbours(part)
         weights = np.concatenate([np.full(2 * edges, 3 / 8), np.full(len(half), 1 / 8)])
         rows = np.concatenate([np.repeat(np.arange(edges), 2), part.face_edges.ravel()])
         columns = np.concatenate([part.edges.ravel(), part.faces.ravel()[previous_half(half)]])
         new = sparse.csr_array((weights, (rows, columns)), shape=(edges, count))
-        chosen = sparse.csr_array((np.ones(count), (np.arange(count), kept)), shape=(count, mesh.vertex_count))
+        chosen = sparse.csr_array((np.ones(count), (np.arange(count), vertices)), shape=(count, mesh.vertex_count))
         step = sparse.vstack([old, new], format="csr") @ chosen
         children = topology(split_in_four(part.faces, count + part.face_edges), count + edges)
         return _Level(children, np.concatenate([valence, np.full(edges, 6)]), step @ self.operator, here)
@@ -193,8 +193,8 @@ def _limit_rows(mesh: Topology, valence: np.ndarray, vertex: np.ndarray) -> Csr:
     from scipy import sparse
 
     centre, ring = _limit_weights(valence[vertex])
-    own = sparse.csr_array((centre, (np.arange(len(vertex)), vertex)), shape=(len(vertex), mesh.vertex_count))
-    return own + sparse.diags_array(ring) @ _neighbours(mesh)[vertex]
+    at_centre = sparse.csr_array((centre, (np.arange(len(vertex)), vertex)), shape=(len(vertex), mesh.vertex_count))
+    return at_centre + sparse.diags_array(ring) @ _neighbours(mesh)[vertex]
 
 
 def _ring(mesh: Topology, face: np.ndarray) -> np.ndarray:
@@ -276,17 +276,17 @@ class _Surface:
         count = len(self.mesh.faces)
         limits = np.broadcast_to(limit_rad, (len(self.points),))[self.mesh.faces]
         face, corners = np.arange(count), np.tile(PARTS * np.eye(3, dtype=np.int64), (count, 1, 1))
-        known = _Nodes(self)
-        nodes = known.numbers(face, corners)
+        node_table = _Nodes(self)
+        nodes = node_table.numbers(face, corners)
         for _ in range(MOST_LEVELS):
-            places = known.places[nodes]
+            places = node_table.places[nodes]
             limit = (corners.mean(axis=1) / PARTS * limits[face]).sum(axis=1)
-            wanted = _split(_edge_sagittas(nodes, known.places, wavenumber, range_m) / limit[:, None])
+            too_curved = _split(_edge_sagittas(nodes, node_table.places, wavenumber, range_m) / limit[:, None])
             longest = MOST_WAVELENGTHS * 2 * math.pi / wavenumber * np.sqrt(limit) if max_edge_m is None else max_edge_m
             edge = norms(places[:, :3] - np.roll(places[:, :3], -1, axis=1))
-            wanted |= edge > np.broadcast_to(longest, len(face))[:, None]
-            flagged = np.zeros(len(known.places), bool)
-            flagged[nodes[:, 3:][wanted]] = True
+            too_curved |= edge > np.broadcast_to(longest, len(face))[:, None]
+            flagged = np.zeros(len(node_table.places), bool)
+            flagged[nodes[:, 3:][too_curved]] = True
             split = flagged[nodes[:, 3:]]
             if not split.any():
                 break
@@ -295,10 +295,10 @@ class _Surface:
             if len(face) > max_faces:
                 raise too_many_faces(len(face), max_faces)
             # Facets that stay have numbers for all of their nodes.
-            nodes = np.concatenate([nodes[parent[:same]], known.numbers(face[same:], corners[same:])])
+            nodes = np.concatenate([nodes[parent[:same]], node_table.numbers(face[same:], corners[same:])])
         used, nodes = np.unique(nodes, return_inverse=True)
         nodes = nodes.reshape(-1, 6).astype(np.int32)
-        operator, linear = known.rows(used)
+        operator, linear = node_table.rows(used)
         return Refinement(
             operator=operator,
             faces=nodes[:, :3],
@@ -356,7 +356,9 @@ class _Nodes:
         """Rows of some nodes on the control points, and rows that are linear within the faces."""
         from scipy import sparse
 
-        operator, linear = (sparse.vstack(each, format="csr")[numbers] for each in zip(*self._rows, strict=True))
+        operator, linear = (
+            sparse.vstack(matrices, format="csr")[numbers] for matrices in zip(*self._rows, strict=True)
+        )
         return operator, linear
 
     def _add(self, ids: np.ndarray, face: np.ndarray, place: np.ndarray) -> None:
@@ -391,7 +393,7 @@ def _edge_sagittas(nodes: np.ndarray, places: np.ndarray, wavenumber: float, ran
     corners, middles = places[nodes[:, :3]], places[nodes[:, 3:]]
     ends = np.roll(corners, -1, axis=1)
     across = np.repeat(edge_cross(corners), 3, axis=0)
-    sums = np.stack([np.bincount(nodes[:, :3].ravel(), each, len(places)) for each in across.T], axis=1)
+    sums = np.stack([np.bincount(nodes[:, :3].ravel(), component, len(places)) for component in across.T], axis=1)
     at_corners = unit(sums)[nodes[:, :3]]
     normal = unit(at_corners + np.roll(at_corners, -1, axis=1))
     depth = np.abs(np.einsum("nij,nij->ni", middles - (corners + ends) / 2, normal))
@@ -415,9 +417,9 @@ def _children(corners: np.ndarray, places: np.ndarray, split: np.ndarray) -> tup
     places = places[parents[:, None], np.concatenate([order, 3 + order], axis=1)]
     from_2 = norms(places[:, 3] - places[:, 2]) < norms(places[:, 4] - places[:, 0])
     case = np.select([count < 2, count == 3, from_2], [count, 4, 3], 2)
-    made = split_picks(case, SPLITS)
+    picks = split_picks(case, SPLITS)
     return (
         len(same),
-        np.concatenate([same, *(parents[pick] for pick, _ in made)]),
-        np.concatenate([corners[same], *(nodes[pick][:, codes] for pick, codes in made)]),
+        np.concatenate([same, *(parents[pick] for pick, _ in picks)]),
+        np.concatenate([corners[same], *(nodes[pick][:, codes] for pick, codes in picks)]),
     )

@@ -77,12 +77,12 @@ def build_levels(
     while level.split.any():
         # Midpoints within the halo are made although nothing of it is split: stencils of the next level reach into it.
         inside = _grow(level.topology, np.any(level.red, axis=0), HALO_RINGS)
-        made = np.any(level.split, axis=0) | _edges_of(level.topology, inside)
-        complete(level, made)
-        level.middle_ids = np.where(made, count + np.cumsum(made) - 1, -1)
-        steps.append(renamed_columns(level.middle[made], level.ids, count))
-        linear_steps.append(renamed_columns(chords(level.topology)[made], level.ids, count))
-        count += int(np.count_nonzero(made))
+        halved_edges = np.any(level.split, axis=0) | _edges_of(level.topology, inside)
+        complete(level, halved_edges)
+        level.middle_ids = np.where(halved_edges, count + np.cumsum(halved_edges) - 1, -1)
+        steps.append(renamed_columns(level.middle[halved_edges], level.ids, count))
+        linear_steps.append(renamed_columns(chords(level.topology)[halved_edges], level.ids, count))
+        count += int(np.count_nonzero(halved_edges))
         if not level.red.any():
             break
         needed = 4 * int(level.red.sum(axis=1).max())
@@ -93,27 +93,27 @@ def build_levels(
     return levels, steps, linear_steps
 
 
-def _mark(level: Level, wanted: np.ndarray) -> None:
-    """Finds the midpoints of the faces `wanted` for any limit, (B, F), and the edges and faces that these split."""
+def _mark(level: Level, chosen: np.ndarray) -> None:
+    """Finds the midpoints of the faces `chosen` for any limit, (B, F), and the edges and faces that these split."""
     topology, points = level.topology, level.points
-    asked = np.any(wanted, axis=0)
-    level.middle = midpoints(topology, level.corners, points, _edges_of(topology, asked))
+    any_chosen = np.any(chosen, axis=0)
+    level.middle = midpoints(topology, level.corners, points, _edges_of(topology, any_chosen))
     a, b = (points.take(topology.edges[:, j], axis=0) for j in range(2))
-    depth = edge_depths(topology, level.middle @ points - (a + b) / 2, points, asked)
+    depth = edge_depths(topology, level.middle @ points - (a + b) / 2, points, any_chosen)
     length2 = ((b - a) ** 2).sum(axis=1)
     # q = 2 k / 6 (8 d + L^2 / R), as `refine` has it with kappa L^2 = 8 d.
     nearness, *limits = level.scale[topology.edges].mean(axis=1).T
     curved = 8 * depth + length2 * nearness
-    marks = [_split(topology, limit * curved, faces) for limit, faces in zip(limits, wanted, strict=True)]
-    level.split, level.red = (np.stack(each) for each in zip(*marks, strict=True))
+    marks = [_split(topology, limit * curved, faces) for limit, faces in zip(limits, chosen, strict=True)]
+    level.split, level.red = (np.stack(masks) for masks in zip(*marks, strict=True))
 
 
-def _split(mesh: Topology, sagitta: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Edges to be split (E,) and faces to be quartered (F,) for what is `wanted`; `sagitta` in units of the limit."""
+def _split(mesh: Topology, sagitta: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Edges to be split (E,) and faces to be quartered (F,) for what is `chosen`; `sagitta` in units of the limit."""
     # Halving the edges of a face divides its sagitta by 4: at more than 4 a face needs another level whatever its edges do.
     facet = sagitta[mesh.face_edges].mean(axis=1)
-    split = _edges_of(mesh, wanted & (facet > 1)) & (sagitta > 1)
-    red = (wanted & (facet > 4)) | all_of_three(split[mesh.face_edges])
+    split = _edges_of(mesh, chosen & (facet > 1)) & (sagitta > 1)
+    red = (chosen & (facet > 4)) | all_of_three(split[mesh.face_edges])
     return split, red
 
 
@@ -124,12 +124,12 @@ def complete(level: Level, needed: np.ndarray) -> None:
         level.middle = level.middle + midpoints(level.topology, level.corners, level.points, missing)
 
 
-def edge_depths(mesh: Topology, offset: np.ndarray, points: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def edge_depths(mesh: Topology, offset: np.ndarray, points: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     """Depth (E,) of offsets (E, 3) along the normals of the faces beside each edge: drift within the surface is no curvature.
 
-    Only edges of `wanted` faces are evaluated, the others' depth is 0.
+    Only edges of `chosen` faces are evaluated, the others' depth is 0.
     """
-    edges = _edges_of(mesh, wanted)
+    edges = _edges_of(mesh, chosen)
     faces = any_of_three(edges[mesh.face_edges])
     normal = face_normals(points, mesh.faces[faces])
     depth = np.zeros(len(mesh.edges))
@@ -149,28 +149,28 @@ def _next_level(level: Level, inside: np.ndarray) -> Level:
     """The children of the faces `inside`."""
     mesh = level.topology
     here = np.flatnonzero(inside)
-    kept = np.flatnonzero(np.bincount(mesh.faces[here].ravel()))
+    old_vertices = np.flatnonzero(np.bincount(mesh.faces[here].ravel()))
     cut = np.flatnonzero(_edges_of(mesh, inside))
     vertex = np.full(mesh.vertex_count, -1)
-    vertex[kept] = np.arange(len(kept))
+    vertex[old_vertices] = np.arange(len(old_vertices))
     middle = np.full(len(mesh.edges), -1)
-    middle[cut] = len(kept) + np.arange(len(cut))
+    middle[cut] = len(old_vertices) + np.arange(len(cut))
     creased = cut[level.crease[cut]]
     ends, mid = vertex[mesh.edges[creased]], middle[creased]
     sharp = np.concatenate([np.stack([ends[:, 0], mid], axis=1), np.stack([mid, ends[:, 1]], axis=1)])
-    count = len(kept) + len(cut)
+    count = len(old_vertices) + len(cut)
     child = topology(split_in_four(vertex[mesh.faces[here]], middle[mesh.face_edges[here]]), count, sharp)
     edges = child.edges[:, 0] * count + child.edges[:, 1]
     low, high = sharp.min(axis=1), sharp.max(axis=1)
     children = Level(
         topology=child,
-        corners=np.concatenate([level.corners[kept], np.zeros(len(cut), bool)]),
-        ids=np.concatenate([level.ids[kept], level.middle_ids[cut]]),
+        corners=np.concatenate([level.corners[old_vertices], np.zeros(len(cut), bool)]),
+        ids=np.concatenate([level.ids[old_vertices], level.middle_ids[cut]]),
         crease=np.isin(edges, low * count + high),
         parent=np.repeat(here, 4),
         base=np.repeat(level.base[here], 4),
-        points=np.concatenate([level.points[kept], level.middle[cut] @ level.points]),
-        scale=np.concatenate([level.scale[kept], level.scale[mesh.edges[cut]].mean(axis=1)]),
+        points=np.concatenate([level.points[old_vertices], level.middle[cut] @ level.points]),
+        scale=np.concatenate([level.scale[old_vertices], level.scale[mesh.edges[cut]].mean(axis=1)]),
     )
     _mark(children, np.repeat(level.red[:, here], 4, axis=1))
     return children

@@ -93,19 +93,19 @@ class _Element:
     @property
     def names(self) -> list[str]:
         """Names of its properties, in their order."""
-        return [each.name for each in self.properties]
+        return [column.name for column in self.properties]
 
 
 def _ply(data: bytes) -> tuple[np.ndarray, list[list[int]]]:
     """Coordinates (V, 3) and polygons of a PLY file."""
     order, (vertex, face), start = _ply_header(data)
     values = _Binary(data, start, order) if order else _Ascii(data[start:].split())
-    corners = next(place for place, each in enumerate(face.properties) if each.name in CORNERS)
+    corners = next(place for place, column in enumerate(face.properties) if column.name in CORNERS)
     polygons = []
     try:
         points = values.table(vertex)
         for _ in range(face.count):
-            row = [values.take(each.kind, _count(values, each)) for each in face.properties]
+            row = [values.take(column.kind, _count(values, column)) for column in face.properties]
             polygons.append(row[corners])
     except (struct.error, ValueError):
         raise InputError(
@@ -157,19 +157,19 @@ def _check_elements(elements: list[_Element]) -> None:
         if len(set(element.names)) < len(element.names) or len(element.names) > MAX_PROPERTIES:
             twice = f"twice, or more than {MAX_PROPERTIES} of them"
             raise InputError(f"has a PLY header that gives a property of element {element.name} {twice}")
-    kinds = {each.name: each.kind for each in vertex.properties}
+    kinds = {column.name: column.kind for column in vertex.properties}
     if not {"x", "y", "z"} <= kinds.keys() or any(kinds[axis] not in FLOATS for axis in "xyz"):
         raise InputError("has a PLY header without x, y and z of type float or double")
-    if any(each.count_kind for each in vertex.properties):
+    if any(column.count_kind for column in vertex.properties):
         raise InputError("has a PLY header with lists in element vertex")
-    corners = [each for each in face.properties if each.name in CORNERS]
+    corners = [column for column in face.properties if column.name in CORNERS]
     if len(corners) != 1 or not corners[0].count_kind or corners[0].kind in FLOATS:
         raise InputError("has a PLY header without a list vertex_indices of whole numbers")
 
 
-def _count(values: _Binary | _Ascii, each: _Property) -> int:
+def _count(values: _Binary | _Ascii, column: _Property) -> int:
     """How many values of a property come next: as the number before a list says."""
-    return int(values.take(each.count_kind, 1)[0]) if each.count_kind else 1
+    return int(values.take(column.count_kind, 1)[0]) if column.count_kind else 1
 
 
 class _Binary:
@@ -189,7 +189,7 @@ class _Binary:
 
     def table(self, element: _Element) -> np.ndarray:
         """The rows (R, P) of an element without lists, float64."""
-        row = np.dtype([(str(place), self._order + each.kind) for place, each in enumerate(element.properties)])
+        row = np.dtype([(str(place), self._order + column.kind) for place, column in enumerate(element.properties)])
         if element.count * row.itemsize > len(self._data) - self._at:
             raise struct.error
         rows = np.frombuffer(self._data, row, element.count, self._at)
@@ -258,7 +258,7 @@ def _obj(data: bytes) -> tuple[list[list[float]], list[list[int]]]:
 
 def obj_labels(data: bytes) -> list[tuple[str, str]]:
     """The object or group and the material of each triangle of an OBJ file that `parsed_mesh` has read; empty where it has none."""
-    found: list[tuple[str, str]] = []
+    labels: list[tuple[str, str]] = []
     name = material = ""
     for line in data.splitlines():
         match line.split(maxsplit=1):
@@ -267,8 +267,8 @@ def obj_labels(data: bytes) -> list[tuple[str, str]]:
             case [b"usemtl", *rest]:
                 material = b" ".join(rest).decode("utf-8", "replace").strip()
             case [b"f", corners]:
-                found += [(name, material)] * (len(corners.split()) - 2)
-    return found
+                labels += [(name, material)] * (len(corners.split()) - 2)
+    return labels
 
 
 def _corner(word: bytes, vertices: int) -> int:

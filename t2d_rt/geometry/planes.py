@@ -66,35 +66,35 @@ def planes_of_scan(triangles: np.ndarray, rng: np.random.Generator) -> tuple[lis
     spread, axes = np.linalg.eigh(np.einsum("fki,fkj->fij", near, near) / NEIGHBOURS)
     smooth = axes[:, :, 0]
     away_m = float(np.clip(SIGMAS * np.sqrt(np.median(np.maximum(spread[:, 0], 0))), LEAST_AWAY_M, MOST_AWAY_M))
-    found: list[Plane] = []
+    planes: list[Plane] = []
     misses = 0
-    while len(found) < MOST_PLANES and misses < MISSES:
-        some = np.flatnonzero(left)
-        if area[some].sum() < LEAST_PLANE_M2:
+    while len(planes) < MOST_PLANES and misses < MISSES:
+        free = np.flatnonzero(left)
+        if area[free].sum() < LEAST_PLANE_M2:
             break
-        seeds = rng.choice(some, SEEDS, p=area[some] / area[some].sum())
-        aside = np.abs(centre[some] @ smooth[seeds].T - (smooth[seeds] * middle[seeds]).sum(axis=1))
-        along = (aside < away_m) & (np.abs(smooth[some] @ smooth[seeds].T) > ALIKE)
-        best = int(np.argmax(area[some] @ along))
-        members = some[along[:, best]]
+        seeds = rng.choice(free, SEEDS, p=area[free] / area[free].sum())
+        aside = np.abs(centre[free] @ smooth[seeds].T - (smooth[seeds] * middle[seeds]).sum(axis=1))
+        along = (aside < away_m) & (np.abs(smooth[free] @ smooth[seeds].T) > ALIKE)
+        best = int(np.argmax(area[free] @ along))
+        members = free[along[:, best]]
         for _ in range(REFINED):
             if len(members) < 3:
                 break
             normal, offset = _least_squares(centre[members], area[members])
-            aside = np.abs(centre[some] @ normal - offset)
-            members = some[(aside < away_m) & (np.abs(smooth[some] @ normal) > ALIKE)]
+            aside = np.abs(centre[free] @ normal - offset)
+            members = free[(aside < away_m) & (np.abs(smooth[free] @ normal) > ALIKE)]
         if len(members) < 3 or area[members].sum() < LEAST_PLANE_M2:
             misses += 1
             continue
         misses = 0
         # What the noise has put a little farther off is of the plane, too, but moves it no more. So is what lies beside it along
         # its edges, where smoothed normals turn and would make a plane across the edge.
-        some = some[np.abs(centre[some] @ normal - offset) < 1.5 * away_m]
-        beside = cKDTree(centre[members]).query(centre[some])[0] < BESIDE_M
-        some = some[beside | (np.abs(smooth[some] @ normal) > ALIKE)]
-        left[some] = False
-        found.append(Plane(normal, offset, some))
-    return found, left
+        free = free[np.abs(centre[free] @ normal - offset) < 1.5 * away_m]
+        beside = cKDTree(centre[members]).query(centre[free])[0] < BESIDE_M
+        free = free[beside | (np.abs(smooth[free] @ normal) > ALIKE)]
+        left[free] = False
+        planes.append(Plane(normal, offset, free))
+    return planes, left
 
 
 def _least_squares(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, float]:
@@ -109,13 +109,13 @@ def _samples(triangles: np.ndarray, step_m: float) -> np.ndarray:
     """Points on triangles (F, 3, 3), at most so far apart."""
     longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
     parts = np.exp2(np.ceil(np.log2(np.maximum(longest / step_m, 1)))).astype(int)
-    found = []
+    points = []
     for count in np.unique(parts).tolist():
-        u, v = (each.ravel() for each in np.meshgrid(*[(np.arange(count) + 1 / 3) / count] * 2, indexing="ij"))
+        u, v = (grid.ravel() for grid in np.meshgrid(*[(np.arange(count) + 1 / 3) / count] * 2, indexing="ij"))
         inside = u + v < 1
         weights = np.column_stack([u, v, 1 - u - v])[inside]
-        found.append(np.einsum("ck,fki->fci", weights, triangles[parts == count]).reshape(-1, 3))
-    return np.concatenate(found)
+        points.append(np.einsum("ck,fki->fci", weights, triangles[parts == count]).reshape(-1, 3))
+    return np.concatenate(points)
 
 
 def rectangles(triangles: np.ndarray, plane: Plane, upward: np.ndarray) -> np.ndarray:
@@ -133,16 +133,16 @@ def rectangles(triangles: np.ndarray, plane: Plane, upward: np.ndarray) -> np.nd
     grid = np.zeros(cells.max(axis=0) + 5, bool)
     grid[cells[:, 0] + 2, cells[:, 1] + 2] = True
     grid = binary_closing(grid, np.ones((3, 3), bool), iterations=2)[2:-2, 2:-2]
-    found: list[tuple[int, int, int, int]] = []
+    bounds: list[tuple[int, int, int, int]] = []
     running: dict[tuple[int, int], int] = {}
     for column in range(len(grid) + 1):
         line = grid[column] if column < len(grid) else np.zeros(grid.shape[1], bool)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], line.astype(np.int8), [0]])))
         runs = set(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
-        for run in [each for each in running if each not in runs]:
-            found.append((running.pop(run), column, *run))
+        for run in [open_run for open_run in running if open_run not in runs]:
+            bounds.append((running.pop(run), column, *run))
         running |= {run: column for run in runs if run not in running}
-    spans = low[[0, 0, 1, 1]] + CELL_M * np.array(found, float)
+    spans = low[[0, 0, 1, 1]] + CELL_M * np.array(bounds, float)
     corners = np.stack([spans[:, [0, 2]], spans[:, [1, 2]], spans[:, [1, 3]], spans[:, [0, 3]]], axis=1)
     return corners @ axes + plane.offset_m * plane.normal
 

@@ -132,8 +132,8 @@ def displacement(
     for level in levels:
         crease[level.ids[level.topology.edges[level.crease]]] = True
         if len(level.middle_ids):
-            made = level.middle_ids[level.crease]
-            crease[made[made >= 0]] = True
+            middle_ids = level.middle_ids[level.crease]
+            crease[middle_ids[middle_ids >= 0]] = True
     area = np.linalg.norm(edge_cross(points[fine]), axis=1)
     area_of_vertex = np.bincount(fine.ravel(), weights=np.repeat(area, 3), minlength=len(used))
     weight = np.where(crease[used], 0.0, 1 / np.maximum(area_of_vertex, 1e-300))
@@ -224,8 +224,8 @@ class Refinement:
         if self.control is None:
             return vertices
         columns = np.moveaxis(vertices, -2, 0)
-        found = self.control @ np.ascontiguousarray(columns).reshape(len(columns), -1)
-        return np.moveaxis(found.reshape(columns.shape), 0, -2)
+        control_points = self.control @ np.ascontiguousarray(columns).reshape(len(columns), -1)
+        return np.moveaxis(control_points.reshape(columns.shape), 0, -2)
 
     def at(self, vertices: np.ndarray) -> np.ndarray:
         """Fine vertices (Vf, 3) of the coarse mesh's (V, 3)."""
@@ -255,8 +255,10 @@ def refinements(
     scale = _scale(rest, wavenumber, range_m, sagittas_rad)
     levels, steps, linear_steps = build_levels(rest, faces, scale, crease_deg, max_faces)
     operator, linear = _stack(steps, len(rest)), _stack(linear_steps, len(rest))
-    alone = ([replace(each, split=each.split[i], red=each.red[i]) for each in levels] for i in range(len(sagittas_rad)))
-    return [_refined(own, rest, operator, linear, displace) for own in alone]
+    levels_of_limits = (
+        [replace(level, split=level.split[i], red=level.red[i]) for level in levels] for i in range(len(sagittas_rad))
+    )
+    return [_refined(limit_levels, rest, operator, linear, displace) for limit_levels in levels_of_limits]
 
 
 def _refined(levels: list[Level], rest: np.ndarray, operator: Csr, linear: Csr, displace: bool) -> Refinement:
@@ -294,9 +296,9 @@ def _curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float) -> np.nda
     offset = midpoints(mesh, crease_corners(rest, sharp, crease_deg), rest) @ rest - ends.mean(axis=1)
     depth = edge_depths(mesh, offset, rest, np.ones(len(mesh.faces), bool))
     bend = 8 * depth / ((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)
-    found = np.bincount(mesh.edges.ravel(), weights=np.repeat(bend, 2), minlength=len(rest)) / mesh.valence
-    found.setflags(write=False)
-    return np.asarray(found)
+    vertex_curvature = np.bincount(mesh.edges.ravel(), weights=np.repeat(bend, 2), minlength=len(rest)) / mesh.valence
+    vertex_curvature.setflags(write=False)
+    return np.asarray(vertex_curvature)
 
 
 def _scale(rest: np.ndarray, wavenumber: float, range_m: object, sagittas_rad: Sequence[object]) -> np.ndarray:

@@ -84,7 +84,7 @@ def scene_from_mesh(
     up: "y" or "z"; by default y of a .glb, else the axis along which the mesh is as high as a room.
     """
     path = file_path("mesh", path)
-    given = {name: slab_of(each) for name, each in materials_by_name(materials).items()}
+    slabs = {name: slab_of(material) for name, material in materials_by_name(materials).items()}
     if path.suffix.lower() not in MESHES:
         raise InputError(f"cannot read {shown(str(path))} as a room: meshes come as {', '.join(MESHES)}")
     unit_m = UNITS_M[choice("units", units, tuple(UNITS_M))] if isinstance(units, str) else 1.0
@@ -93,13 +93,13 @@ def scene_from_mesh(
     mesh = _read(path)
     triangles = mesh.triangles * unit_m
     area = np.linalg.norm(edge_cross(triangles), axis=1)
-    kept = area > NO_AREA_M2
-    double = np.count_nonzero(kept) - np.count_nonzero(kept := kept & _firsts(triangles))
-    axis = _upward(triangles[kept], path, unit_m, up)
-    triangles = triangles[kept] @ {"y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), "z": np.eye(3)}[axis].T
-    mesh = _Mesh(triangles, mesh.part[kept], mesh.names)
-    told = f"up {axis}, 1 unit = {unit_m:g} m" + (f"; {double} triangles were there twice" if double else "")
-    scene = _scene(mesh, path, given, told)
+    usable = area > NO_AREA_M2
+    double = np.count_nonzero(usable) - np.count_nonzero(usable := usable & _firsts(triangles))
+    axis = _upward(triangles[usable], path, unit_m, up)
+    triangles = triangles[usable] @ {"y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), "z": np.eye(3)}[axis].T
+    mesh = _Mesh(triangles, mesh.part[usable], mesh.names)
+    conventions = f"up {axis}, 1 unit = {unit_m:g} m" + (f"; {double} triangles were there twice" if double else "")
+    scene = _scene(mesh, path, slabs, conventions)
     logging.getLogger("t2d_rt.scene").info(scene.report)
     return scene
 
@@ -107,9 +107,9 @@ def scene_from_mesh(
 def _firsts(triangles: np.ndarray) -> np.ndarray:
     """Which triangles (F, 3, 3) have corners that none before has: files of drawings often have both sides of a face."""
     corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 3)
-    found = np.zeros(len(triangles), bool)
-    found[np.unique(np.sort(corner, axis=1), axis=0, return_index=True)[1]] = True
-    return found
+    is_first = np.zeros(len(triangles), bool)
+    is_first[np.unique(np.sort(corner, axis=1), axis=0, return_index=True)[1]] = True
+    return is_first
 
 
 def _read(path: Path) -> _Mesh:
@@ -122,7 +122,7 @@ def _read(path: Path) -> _Mesh:
     labels = obj_labels(data)
     names = list(dict.fromkeys(labels))
     number = {name: place for place, name in enumerate(names)}
-    return _Mesh(vertices[faces], np.array([number[each] for each in labels]), names)
+    return _Mesh(vertices[faces], np.array([number[label] for label in labels]), names)
 
 
 def _glb(data: bytes, path: Path) -> _Mesh:
@@ -135,9 +135,12 @@ def _glb(data: bytes, path: Path) -> _Mesh:
             for node in scene.graph.nodes_geometry
             if isinstance(geometry := scene.geometry[scene.graph.get(node)[1]], trimesh.Trimesh)
         ]
-        parts = [trimesh.transform_points(each.vertices, matrix)[each.faces] for _, each, matrix in meshes]
+        parts = [
+            trimesh.transform_points(node_mesh.vertices, matrix)[node_mesh.faces] for _, node_mesh, matrix in meshes
+        ]
         named = [
-            (node, str(getattr(getattr(each.visual, "material", None), "name", "") or "")) for node, each, _ in meshes
+            (node, str(getattr(getattr(node_mesh.visual, "material", None), "name", "") or ""))
+            for node, node_mesh, _ in meshes
         ]
     except Exception:  # whatever a damaged file makes the decoder raise
         raise InputError(f"mesh {path} is not a .glb file with triangles, or damaged; export it again") from None
@@ -159,8 +162,10 @@ def _upward(triangles: np.ndarray, path: Path, unit_m: float, up: str | None) ->
     axis = min(low, key=high.__getitem__) if len(low) > 1 else low[0]
     size = " x ".join(f"{length:.3g}" for length in extent)
     if not HEIGHT_M[0] <= high[axis] <= HEIGHT_M[1] or not ACROSS_M[0] <= extent.max() <= ACROSS_M[1]:
-        hints = [f"units={name!r}" for name, each in UNITS_M.items() if 2.0 <= high[axis] / unit_m * each <= LOW_M]
-        hints += [f"up={each!r}" for each in fitting if each != axis]
+        hints = [
+            f"units={name!r}" for name, length_m in UNITS_M.items() if 2.0 <= high[axis] / unit_m * length_m <= LOW_M
+        ]
+        hints += [f"up={other!r}" for other in fitting if other != axis]
         raise InputError(
             f"mesh {path} measures {size} m and is {high[axis]:.3g} m high along {axis}, which is no room of {HEIGHT_M[0]:g} to "
             f"{HEIGHT_M[1]:g} m; give {' or '.join(hints) or 'its units and up, or cut out the room'}"
@@ -173,7 +178,7 @@ def _upward(triangles: np.ndarray, path: Path, unit_m: float, up: str | None) ->
     return axis
 
 
-def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, Given], told: str) -> Scene:
+def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, Given], conventions: str) -> Scene:
     triangles = mesh.triangles
     normal = edge_cross(triangles)
     twice = np.linalg.norm(normal, axis=1)
@@ -184,7 +189,7 @@ def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, Given], told: str) -
     rough &= np.unique(exact[rough]).size > MOST_SMALL
     where = np.flatnonzero(rough)
     planes, left = planes_of_scan(triangles[where], np.random.default_rng(0))
-    flats = [(float(0.5 * twice[where[each.members]].sum()), each.normal, each.offset_m) for each in planes]
+    flats = [(float(0.5 * twice[where[plane.members]].sum()), plane.normal, plane.offset_m) for plane in planes]
     firsts = np.unique(exact, return_index=True)[1]
     flats += [
         (float(area), normal[k], float(normal[k] @ triangles[k, 0]))
@@ -194,11 +199,13 @@ def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, Given], told: str) -
     level, lean = _levelling(flats)
     triangles = triangles @ level.T
     quads = [
-        rectangles(triangles[where[each.members]], replace(each, normal=level @ each.normal), np.array([0.0, 0.0, 1.0]))
-        for each in planes
+        rectangles(
+            triangles[where[plane.members]], replace(plane, normal=level @ plane.normal), np.array([0.0, 0.0, 1.0])
+        )
+        for plane in planes
     ]
-    plain = [triangles[~rough], *(_halves(each) for each in quads)]
-    points = (np.concatenate(plain) if sum(map(len, plain)) else triangles).reshape(-1, 3)
+    flat_triangles = [triangles[~rough], *(_halves(quad) for quad in quads)]
+    points = (np.concatenate(flat_triangles) if sum(map(len, flat_triangles)) else triangles).reshape(-1, 3)
     first, last = points.min(axis=0).tolist(), points.max(axis=0).tolist()
     low, high = first[2], last[2]
     grounds = [
@@ -206,35 +213,37 @@ def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, Given], told: str) -
         for area, normal, offset in flats
         if area > FLOOR_PART * (last[0] - first[0]) * (last[1] - first[1]) and abs((level @ normal)[2]) > FLAT
     ]
-    floors = [each for each in grounds if abs(each - low) < NEAR_M]
+    floors = [ground for ground in grounds if abs(ground - low) < NEAR_M]
     low = min(floors, default=low)
     naming = _Naming(mesh.names, materials, (low, high))
     surfaces: dict[tuple[str, Slab], list[np.ndarray]] = {}
     order = np.argsort(exact, kind="stable")
-    for some in np.split(order, np.flatnonzero(np.diff(exact[order])) + 1):
-        if rough[some[0]]:
+    for members in np.split(order, np.flatnonzero(np.diff(exact[order])) + 1):
+        if rough[members[0]]:
             continue
-        key = naming.of(int(mesh.part[some[0]]), triangles[some], normal[some[0]] @ level.T)
-        surfaces.setdefault(key, []).append(triangles[some])
-    for each, sides in zip(planes, quads, strict=True):
-        part = int(np.bincount(mesh.part[where[each.members]], twice[where[each.members]]).argmax())
-        surfaces.setdefault(naming.of(part, _halves(sides), each.normal @ level.T), []).append(_halves(sides))
+        key = naming.of(int(mesh.part[members[0]]), triangles[members], normal[members[0]] @ level.T)
+        surfaces.setdefault(key, []).append(triangles[members])
+    for plane, sides in zip(planes, quads, strict=True):
+        part = int(np.bincount(mesh.part[where[plane.members]], twice[where[plane.members]]).argmax())
+        surfaces.setdefault(naming.of(part, _halves(sides), plane.normal @ level.T), []).append(_halves(sides))
     naming.check_all_used(path)
     reflecting = sum(
-        0.5 * np.linalg.norm(edge_cross(each), axis=1).sum() for group in surfaces.values() for each in group
+        0.5 * np.linalg.norm(edge_cross(part_triangles), axis=1).sum()
+        for group in surfaces.values()
+        for part_triangles in group
     )
     shift = np.array([0.0, 0.0, low])
     count, rest = sum(map(len, surfaces.values())), triangles[where[left]]
     if len(rest):
         surfaces["not plane", (ABSORBER, ABSORBER_M)] = [_halves(voxels(rest - shift)) + shift]
     names = numbered(name for name, _ in surfaces)  # an object of several materials is several surfaces
-    found = [
+    scene_surfaces = [
         _surface(name, np.concatenate(group) - shift, slab)
         for name, ((_, slab), group) in zip(names, surfaces.items(), strict=True)
     ]
     absorbing = 0.5 * float(twice[where[left]].sum())
     clauses = [
-        told,
+        conventions,
         *([f"turned level by {lean:.2f} degrees"] if lean else []),
         *(
             [f"{'floor' if floors else 'no floor, lowest place'} at {low:.3f} m put at 0"]
@@ -246,16 +255,16 @@ def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, Given], told: str) -
         f"{absorbing:.1f} m^2 that is not plane blocks and does not reflect",
         *naming.assumed(),
     ]
-    return Scene(name=path.stem, surfaces=tuple(found), report="; ".join(clauses))
+    return Scene(name=path.stem, surfaces=tuple(scene_surfaces), report="; ".join(clauses))
 
 
 def _levelling(flats: list[tuple[float, np.ndarray, float]]) -> tuple[np.ndarray, float]:
     """The rotation (3, 3) that turns the floor level, the lowest of large planes, and by how many degrees; none for almost none."""
-    level = [each for each in flats if abs(each[1][2]) > LEVEL]
+    level = [flat for flat in flats if abs(flat[1][2]) > LEVEL]
     if not level:
         return np.eye(3), 0.0
     most = max(area for area, *_ in level)
-    _, normal, _ = min((each for each in level if each[0] > most / 2), key=lambda each: each[2] / each[1][2])
+    _, normal, _ = min((flat for flat in level if flat[0] > most / 2), key=lambda flat: flat[2] / flat[1][2])
     normal = normal * np.sign(normal[2])
     axis = np.cross(normal, [0.0, 0.0, 1.0])
     sine = float(np.linalg.norm(axis))
@@ -290,16 +299,18 @@ class _Naming:
 
     def of(self, part: int, triangles: np.ndarray, normal: np.ndarray) -> tuple[str, Slab]:
         """The name and the slab of a plane part (F, 3, 3) of a part of the file."""
-        own, made_of = self.names[part]
+        object_name, made_of = self.names[part]
         role = self._role(triangles, normal)
-        name = printable(own or made_of or role)[: MAX_NAME - len(f" {MAX_SURFACES}")]
-        words = re.findall(r"[a-z]+", f"{made_of} {own}".lower().replace("_board", "board"))
+        name = printable(object_name or made_of or role)[: MAX_NAME - len(f" {MAX_SURFACES}")]
+        words = re.findall(r"[a-z]+", f"{made_of} {object_name}".lower().replace("_board", "board"))
         usual = next((WORDS[word] for word in words if word in WORDS), ROLES[role])
-        for key in (own, made_of, role):
-            given = next((each for each in self.materials if each.casefold() == key.casefold() and key), None)
-            if given is not None:
-                self.used.add(given)
-                material, thickness_m = self.materials[given]
+        for key in (object_name, made_of, role):
+            material_key = next(
+                (candidate for candidate in self.materials if candidate.casefold() == key.casefold() and key), None
+            )
+            if material_key is not None:
+                self.used.add(material_key)
+                material, thickness_m = self.materials[material_key]
                 if thickness_m is None:
                     self.guessed.setdefault(f"{usual[1]:g} m", {})[name] = None
                 return name, (material, thickness_m or usual[1])
@@ -317,7 +328,7 @@ class _Naming:
         """Refuses a material for what the mesh does not have."""
         there = sorted({name for pair in self.names for name in pair if name} | set(ROLES))
         for name in self.materials:
-            if name not in self.used and name.casefold() not in {each.casefold() for each in there}:
+            if name not in self.used and name.casefold() not in {present.casefold() for present in there}:
                 raise InputError(f"mesh {path} has nothing called {shown(name)}; {names_advice(name, there)}")
 
     def assumed(self) -> list[str]:

@@ -98,8 +98,8 @@ def topology(faces: np.ndarray, vertex_count: int, sharp: np.ndarray | None = No
     one, two = order[first], order[np.minimum(first + 1, len(order) - 1)]
     joined = (np.diff(first, append=len(keys)) == 2) & (tail[one] == head[two])
     if sharp is not None and len(sharp):
-        given = np.sort(np.asarray(sharp, dtype=np.int64), axis=1)
-        joined &= ~np.isin(unique, given[:, 0] * vertex_count + given[:, 1])
+        sharp_ends = np.sort(np.asarray(sharp, dtype=np.int64), axis=1)
+        joined &= ~np.isin(unique, sharp_ends[:, 0] * vertex_count + sharp_ends[:, 1])
     twin = np.full(len(keys), -1)
     twin[one[joined]], twin[two[joined]] = two[joined], one[joined]
     return Topology(
@@ -206,7 +206,7 @@ def midpoints(
         # an edge between two special vertices takes the mean of their stencils
         (ring, ring_columns, ring_weights / ringed[ring]),
     ]
-    rows, columns, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
+    rows, columns, weights = (np.concatenate(column_parts) for column_parts in zip(*parts, strict=True))
     matrix = sparse.csr_matrix((weights, (rows, columns)), shape=(len(mesh.edges), mesh.vertex_count))
     if rest is not None:
         _quadratic_precision(matrix, mesh, rest, smooth)

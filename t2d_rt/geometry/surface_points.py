@@ -49,7 +49,7 @@ def surface_points(rest: np.ndarray, faces: np.ndarray, *, seed: int, spacing_m:
     """Points on a mesh (V, 3), (F, 3) at rest, in cells of side `spacing_m`."""
     rest, faces = np.asarray(rest, dtype=np.float64), np.asarray(faces, dtype=np.int64)
     hits = [_hits(rest, faces, axis, seed, spacing_m) for axis in range(3)]
-    face, barycentric, phase = (np.concatenate(each) for each in zip(*hits, strict=True))
+    face, barycentric, phase = (np.concatenate(columns) for columns in zip(*hits, strict=True))
     normal = face_normals(rest, faces)[face]
     return SurfacePoints(
         face=face.astype(np.int32),

@@ -42,16 +42,16 @@ def median_length(vectors: np.ndarray) -> float:
 
 def inner(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Scalar products along the last axis, of few components: `(first * second).sum(axis=-1)`, bit for bit, as fast."""
-    found = first[..., 0] * second[..., 0]
+    product = first[..., 0] * second[..., 0]
     for k in range(1, first.shape[-1]):
-        found += first[..., k] * second[..., k]
-    return np.asarray(found)
+        product += first[..., k] * second[..., k]
+    return np.asarray(product)
 
 
 def vector_product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Vector products (..., 3): np.cross, bit for bit, in a fifth of the time that it takes for small arrays."""
     out = np.empty(np.broadcast_shapes(first.shape, second.shape), np.result_type(first, second))
-    (a, b, c), (d, e, f) = ((each[..., 0], each[..., 1], each[..., 2]) for each in (first, second))
+    (a, b, c), (d, e, f) = ((vector[..., 0], vector[..., 1], vector[..., 2]) for vector in (first, second))
     np.multiply(b, f, out=out[..., 0])
     np.multiply(c, d, out=out[..., 1])
     np.multiply(a, e, out=out[..., 2])
@@ -81,10 +81,10 @@ def checked_faces(name: str, value: Any, vertex_count: int) -> np.ndarray:
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Unit normals (V, 3) at vertices: of the sum of those of the faces (F, 3) around each, by their areas."""
-    across, found = edge_cross(vertices[faces]), np.zeros_like(vertices)
+    across, normals = edge_cross(vertices[faces]), np.zeros_like(vertices)
     for corner in faces.T:
-        np.add.at(found, corner, across)
-    return unit(found)
+        np.add.at(normals, corner, across)
+    return unit(normals)
 
 
 def winding(corners: np.ndarray) -> np.ndarray:

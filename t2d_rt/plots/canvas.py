@@ -125,15 +125,15 @@ def checked_axes(axes: Any) -> Axes:
         from matplotlib.axes import Axes
 
     hint = "matplotlib.pyplot.subplots() makes some"
-    found: Axes = instance("ax", axes, Axes, "axes of a figure of Matplotlib", hint=hint)
-    if found.name == "3d":
+    flat_axes: Axes = instance("ax", axes, Axes, "axes of a figure of Matplotlib", hint=hint)
+    if flat_axes.name == "3d":
         raise InputError("ax must be flat, got axes in three dimensions; make others")
-    figure = found.get_figure(root=True)
+    figure = flat_axes.get_figure(root=True)
     if figure is not None and figure.get_layout_engine() is None and len(figure.axes) > 1:
         # In a grid labels and colour bars would lie over one another; who has placed a colour bar has arranged the figure.
         with suppress(RuntimeError):
             figure.set_layout_engine("constrained")
-    return found
+    return flat_axes
 
 
 def scaled_image(axes: Axes, x: np.ndarray, y: np.ndarray, power_db: np.ndarray, style: Style) -> tuple[float, float]:
@@ -185,15 +185,15 @@ def label_axes(axes: Axes, x: str, y: str, title: str | None) -> None:
 
 def drawable(name: str, value: Any) -> str:
     """A text that can be drawn: a file's name may hold bytes that are no characters."""
-    words = text(name, value)[:300]
-    return "".join(each if each.isprintable() or each == "\n" else "\N{REPLACEMENT CHARACTER}" for each in words)
+    signs = text(name, value)[:300]
+    return "".join(sign if sign.isprintable() or sign == "\n" else "\N{REPLACEMENT CHARACTER}" for sign in signs)
 
 
 def checked_labels(labels: Any) -> tuple[str, str]:
     """Names of two things that are compared."""
-    if len(found := listed("labels", labels, str, "two texts")) != 2:
+    if len(texts := listed("labels", labels, str, "two texts")) != 2:
         raise InputError(f"labels must be two texts, got {shown(labels)}")
-    return found[0], found[1]
+    return texts[0], texts[1]
 
 
 def check_colours(cmap: Any) -> None:

@@ -277,8 +277,8 @@ def plot_scene(
     plan.autoscale_view()
     label_axes(plan, "x [m]", "y [m]", title)
     legend = plan.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=7, frameon=False)
-    for each in legend.get_texts():
-        each.set_parse_math(False)
+    for entry in legend.get_texts():
+        entry.set_parse_math(False)
     if figure is None:
         return plan
     view: Any = figure.add_subplot(1, 2, 2, projection="3d")
@@ -320,7 +320,7 @@ def _draw_scene(
 
 def _checked_paths(paths_m: Any) -> list[tuple[str, np.ndarray]]:
     if not isinstance(paths_m, (list, tuple)) or not all(
-        isinstance(each, (list, tuple)) and len(each) == 2 for each in paths_m
+        isinstance(path_m, (list, tuple)) and len(path_m) == 2 for path_m in paths_m
     ):
         raise InputError(f"paths_m must be a list of names and points (P, 3), got {shown(paths_m)}")
     hint = "the points of a path"
@@ -333,13 +333,13 @@ def _checked_paths(paths_m: Any) -> list[tuple[str, np.ndarray]]:
 def outline(surface: Surface) -> np.ndarray:
     """Edges (E, 2, 3) on a surface's boundary and at its creases."""
     triangles = surface.vertices[surface.faces]
-    found: dict[tuple[tuple[float, ...], ...], list[np.ndarray]] = {}
+    sides_of_edges: dict[tuple[tuple[float, ...], ...], list[np.ndarray]] = {}
     for corners, across in zip(np.round(triangles, 6), unit(edge_cross(triangles)), strict=True):
         for k in range(3):
             ends = tuple(sorted((tuple(corners[k].tolist()), tuple(corners[(k + 1) % 3].tolist()))))
-            found.setdefault(ends, []).append(across)
-    kept = [ends for ends, sides in found.items() if len(sides) == 1 or np.ptp(sides, axis=0).max() > 1e-3]
-    return np.array(kept).reshape(-1, 2, 3)
+            sides_of_edges.setdefault(ends, []).append(across)
+    edges = [ends for ends, sides in sides_of_edges.items() if len(sides) == 1 or np.ptp(sides, axis=0).max() > 1e-3]
+    return np.array(edges).reshape(-1, 2, 3)
 
 
 def plot_comparison(

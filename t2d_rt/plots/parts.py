@@ -84,7 +84,7 @@ def plot_parts(
     levels = checked_parts(parts_db, names, whole.shape)
     drawing = Style(**style)
     x, whole = thinned(x, whole)
-    levels = np.stack([thinned(np.asarray(time_s), each)[1] for each in levels])
+    levels = np.stack([thinned(np.asarray(time_s), level)[1] for level in levels])
     hues = part_hues(names, levels)
     low, high = drawing.bounds_db(whole)
     light = np.clip((whole - low) / (high - low), 0, 1) ** GAMMA
@@ -100,9 +100,9 @@ def plot_parts(
         label_axes(axes, LABELS[x_name], LABELS[y_name], None)
         label_axes(strip, "", "", title)
         draw_poses(strip, poses, hues)
-        for each in poses.times_s:
-            axes.axvline(each, color="white", linewidth=0.5, linestyle=(0, (1, 3)), alpha=0.6)
-    half_y, half_x = (float(each[-1] - each[0]) / max(1, len(each) - 1) / 2 for each in (y, x))
+        for time_s in poses.times_s:
+            axes.axvline(time_s, color="white", linewidth=0.5, linestyle=(0, (1, 3)), alpha=0.6)
+    half_y, half_x = (float(axis[-1] - axis[0]) / max(1, len(axis) - 1) / 2 for axis in (y, x))
     extent = (x[0] - half_x, x[-1] + half_x, y[0] - half_y, y[-1] + half_y)
     axes.imshow(picture, extent=extent, origin="lower", aspect="auto", interpolation="nearest")
     axes.set_ylim(occupied(y, whole.max(axis=1), low))
@@ -123,7 +123,7 @@ def plot_stacked_parts(
     strongest part's peak; options as of `plot_parts`."""
     speeds, times = np.asarray(velocity_mps), np.asarray(time_s)
     levels = checked_parts(parts_db, names, (len(speeds), len(times)))
-    images = [(speeds, times, each) for each in levels]
+    images = [(speeds, times, level) for level in levels]
     return panels(images, [name.replace("_", " ") for name in names], style=Style(**style), title=title)
 
 
@@ -144,7 +144,7 @@ def part_hues(names: Sequence[str], levels_db: np.ndarray) -> dict[str, str]:
     limbs = {
         name: LIMBS[word] for name, word in zip(names, words, strict=True) if word in LIMBS and words.count(word) == 1
     }
-    rest = [names[each] for each in order if names[each] not in limbs]
+    rest = [names[place] for place in order if names[place] not in limbs]
     free = [hue for hue in HUES if hue not in limbs.values()]
     hues = free + [OTHERS] * (len(rest) - len(free))
     from_head = sorted(limbs, key=lambda name: list(LIMBS).index(name.rpartition(": ")[2]))
@@ -165,12 +165,12 @@ def draw_poses(axes: Axes, poses: Poses, hues: Mapping[str, str]) -> None:
     colours = np.array([rgb(hues.get(name, OTHERS)) for name in poses.parts])
     for time_s, corners in zip(poses.times_s, poses.corners_m, strict=True):
         normal = unit(edge_cross(corners))
-        seen = np.flatnonzero(normal[:, 1] > 0)
-        seen = seen[np.argsort(corners[seen, :, 1].mean(axis=1), kind="stable")]
-        lit = np.clip(normal[seen] @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)
-        shade = colours[seen] * (SHADE + (1 - SHADE) * lit[:, None])
+        in_view = np.flatnonzero(normal[:, 1] > 0)
+        in_view = in_view[np.argsort(corners[in_view, :, 1].mean(axis=1), kind="stable")]
+        lit = np.clip(normal[in_view] @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)
+        shade = colours[in_view] * (SHADE + (1 - SHADE) * lit[:, None])
         body = PolyCollection(
-            corners[seen][..., [0, 2]].tolist(), facecolors=shade, edgecolors=shade, linewidths=0.2, rasterized=True,
+            corners[in_view][..., [0, 2]].tolist(), facecolors=shade, edgecolors=shade, linewidths=0.2, rasterized=True,
             clip_on=False, offsets=[(time_s, 0.0)], offset_transform=axes.transData,
         )  # fmt: skip
         body.set_transform(scale + figure.dpi_scale_trans)
@@ -185,7 +185,7 @@ def rgb(hue: str) -> list[float]:
     return [int(hue[k : k + 2], 16) / 255 for k in (1, 3, 5)]
 
 
-def _legend(axes: Axes, hues: Mapping[str, str], told: str) -> None:
+def _legend(axes: Axes, hues: Mapping[str, str], heading: str) -> None:
     from matplotlib.patches import Patch
 
     others = [name for name, hue in hues.items() if hue == OTHERS]
@@ -193,6 +193,6 @@ def _legend(axes: Axes, hues: Mapping[str, str], told: str) -> None:
     labels = {drawable("names", name.replace("_", " ")): hue for name, hue in shown.items()}
     labels |= {f"{len(others)} others": OTHERS} if len(others) > 1 else {}
     axes.legend(
-        handles=[Patch(color=hue, label=name) for name, hue in labels.items()], title=told, title_fontsize=7, fontsize=7,
+        handles=[Patch(color=hue, label=name) for name, hue in labels.items()], title=heading, title_fontsize=7, fontsize=7,
         loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, handlelength=1.0,
     )  # fmt: skip

@@ -187,7 +187,7 @@ class Room(Fields):
         """The surfaces of a piece of furniture in its place, one for each material."""
         name = piece.name or piece.kind
         rotation, parts = about_z(math.radians(piece.heading_deg)), furniture(piece.kind)
-        found = []
+        surfaces = []
         for material, (vertices, faces) in parts.items():
             there = vertices @ rotation.T + [piece.x_m, piece.y_m, piece.z_m]
             if (there < low - _FREE_M).any() or (there > high + _FREE_M).any():
@@ -196,10 +196,10 @@ class Room(Fields):
                     f"({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) m and {high[2]:g} m high; move it inside"
                 )
             part = name if len(parts) == 1 else f"{name} {material}"
-            found.append(
+            surfaces.append(
                 Surface(name=part, vertices=there, faces=faces, material=material, thickness_m=THICKNESS_M[material])
             )
-        return found
+        return surfaces
 
 
 def furniture_kinds() -> list[str]:
@@ -211,12 +211,12 @@ def furniture(kind: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Vertices (V, 3) m and faces (F, 3) of each material of a piece, which stands on z = 0 and faces +x."""
     if kind not in furniture_kinds():
         raise InputError(f"unknown furniture {shown(kind)}; choose one of {', '.join(furniture_kinds())}")
-    found = {}
+    parts = {}
     for name in listing("meshes/furniture", ".ply"):
         if name.split(".")[0] == kind:
             vertices, faces = read_mesh(resource("meshes/furniture", name))
-            found[name.split(".")[1]] = vertices.round(9), faces
-    return found
+            parts[name.split(".")[1]] = vertices.round(9), faces
+    return parts
 
 
 def _upright(axis: int, place: float, span: tuple[float, ...]) -> list[tuple[float, float, float]]:

@@ -64,12 +64,12 @@ def wheels(carried: Carried) -> list[tuple[np.ndarray, float, Solid]]:
         along = np.array([math.sin(angle), 0.0, math.cos(angle)])
         spokes.append(tube(list(0.026 * along), list((WHEEL_M - 2 * TUBE_M) * along), SPOKE_M))
     vertices, faces = together([tyre, hub, *spokes])
-    found = []
+    wheels_of_thing = []
     for side in (1.0, -1.0):
         # The hand rim lies outside the wheel.
         solid = together([(vertices - [0.0, 0.04 * side, 0.0], faces), torus(RIM_M, 0.009)])
-        found.append((np.array([0.0, side * carried.size_m[0] / 2, WHEEL_M]), WHEEL_M, solid))
-    return found
+        wheels_of_thing.append((np.array([0.0, side * carried.size_m[0] / 2, WHEEL_M]), WHEEL_M, solid))
+    return wheels_of_thing
 
 
 def _walker_side(y: float, height_m: float) -> list[Solid]:
@@ -95,13 +95,13 @@ def _chair(y: float, seat_m: float, rest_m: float, low_m: float) -> list[Solid]:
     Dimensions are those of a folding chair for adults, by eye.
     """
     seat, back = block((0.42, 2 * y, 0.03)), block((0.03, 2 * y, 0.42))
-    found = [
+    solids = [
         (seat[0] + [0.12, 0.0, seat_m - 0.015], seat[1]),
         (back[0] + [-0.15, 0.0, seat_m + 0.25], back[1]),
         tube([0, -y, WHEEL_M], [0, y, WHEEL_M], TUBE_M),
     ]
     for side in (-y, y):
-        found += [
+        solids += [
             tube([-0.18, side, 0.25], [-0.18, side, seat_m + 0.45], TUBE_M),
             tube([-0.18, side, seat_m - 0.05], [0.36, side, seat_m - 0.05], TUBE_M),
             tube([0.36, side, seat_m - 0.05], [rest_m - 0.02, side, low_m + 0.03], TUBE_M),
@@ -109,8 +109,8 @@ def _chair(y: float, seat_m: float, rest_m: float, low_m: float) -> list[Solid]:
             tube([0.3, side - 0.015, 0.1], [0.3, side + 0.015, 0.1], 0.1),
         ]
         rest = block((0.16, 0.14, 0.02))
-        found.append((rest[0] + [rest_m, 0.6 * side, low_m - 0.01], rest[1]))
-    return found
+        solids.append((rest[0] + [rest_m, 0.6 * side, low_m - 0.01], rest[1]))
+    return solids
 
 
 def torus(radius_m: float, tube_m: float) -> Solid:
@@ -136,7 +136,7 @@ def substance(carried: Carried) -> str | Material:
 
 def block(size_m: tuple[float, ...]) -> Solid:
     """A box about the origin with sides along the axes, its faces cut into rectangles of `STEP_M` at most."""
-    counts = np.array([math.ceil(each / STEP_M) for each in size_m])
+    counts = np.array([math.ceil(side_m / STEP_M) for side_m in size_m])
     cells, first = [], 0
     for axis in range(3):
         across, up = (axis + 1) % 3, (axis + 2) % 3

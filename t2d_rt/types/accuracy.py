@@ -154,5 +154,5 @@ class Accuracy(Fields):
 
     def replace(self, **changes: object) -> Accuracy:
         """A copy with some fields changed, checked like a new one; the others are set in it if they were set before."""
-        given = {name: getattr(self, name) for name in self.model_fields_set}
-        return type(self)(**{**given, **changes})
+        set_values = {name: getattr(self, name) for name in self.model_fields_set}
+        return type(self)(**{**set_values, **changes})

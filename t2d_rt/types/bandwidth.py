@@ -22,27 +22,27 @@ def with_changes(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[st
 
 def with_slope(values: dict[str, Any]) -> dict[str, Any]:
     """Fields with the slope in place of bandwidths; what contradicts itself is refused."""
-    given = {name: positive(name, values.pop(name)) for name in sorted(BANDWIDTHS & values.keys())}
+    sweeps = {name: positive(name, values.pop(name)) for name in sorted(BANDWIDTHS & values.keys())}
     slopes = {"slope_hz_per_s": values["slope_hz_per_s"]} if "slope_hz_per_s" in values else {}
     window_s = None
     if {"sample_rate_hz", "samples"} <= values.keys():
         rate_hz = positive("sample_rate_hz", values["sample_rate_hz"], unit="Hz")
         window_s = positive("samples", values["samples"]) / rate_hz
-    if "bandwidth_hz" in given:
+    if "bandwidth_hz" in sweeps:
         if window_s is None:
             raise InputError(
                 "bandwidth_hz is swept while sampling, so that it needs sample_rate_hz and samples; give both"
             )
-        slopes["bandwidth_hz"] = given["bandwidth_hz"] / window_s
-    if window_s is not None and window_s > given.get("ramp_time_s", math.inf) * (1 + 1e-9):
+        slopes["bandwidth_hz"] = sweeps["bandwidth_hz"] / window_s
+    if window_s is not None and window_s > sweeps.get("ramp_time_s", math.inf) * (1 + 1e-9):
         raise InputError(
-            f"ramp_time_s of {1e6 * given['ramp_time_s']:.6g} us is shorter than the sampling window of {1e6 * window_s:.6g} us; "
+            f"ramp_time_s of {1e6 * sweeps['ramp_time_s']:.6g} us is shorter than the sampling window of {1e6 * window_s:.6g} us; "
             "take fewer samples"
         )
-    if "ramp_bandwidth_hz" in given or "ramp_time_s" in given:
-        if not {"ramp_bandwidth_hz", "ramp_time_s"} <= given.keys():
+    if "ramp_bandwidth_hz" in sweeps or "ramp_time_s" in sweeps:
+        if not {"ramp_bandwidth_hz", "ramp_time_s"} <= sweeps.keys():
             raise InputError("ramp_bandwidth_hz and ramp_time_s tell the slope together; give both, or bandwidth_hz")
-        slopes["ramp_bandwidth_hz"] = given["ramp_bandwidth_hz"] / given["ramp_time_s"]
+        slopes["ramp_bandwidth_hz"] = sweeps["ramp_bandwidth_hz"] / sweeps["ramp_time_s"]
     (first, slope), *others = slopes.items()
     slope = positive(first, slope)
     for name, other in others:

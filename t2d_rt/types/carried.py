@@ -52,5 +52,5 @@ class Carried:
             raise InputError(
                 f"size_m of a {self.thing} must be {SIZES[self.thing]} positive dimensions [m], got {shown(self.size_m)}; use carry"
             )
-        plain = {"position_m": position, "rotation": rotation, "size_m": sizes}
-        set_fields(self, **{name: tuple(each.tolist()) for name, each in plain.items()})
+        arrays = {"position_m": position, "rotation": rotation, "size_m": sizes}
+        set_fields(self, **{name: tuple(values.tolist()) for name, values in arrays.items()})

@@ -74,13 +74,13 @@ class Echoes:
 
 def _checked(name: str, value: Any, dtype: Any) -> np.ndarray:
     """Finite numbers as `dtype`; complex ones only where that is complex."""
-    found = numeric(name, value)
-    if np.iscomplexobj(found) and dtype is not np.complex64:
-        raise InputError(f"{name} must hold real numbers, got {found.dtype}")
+    numbers = numeric(name, value)
+    if np.iscomplexobj(numbers) and dtype is not np.complex64:
+        raise InputError(f"{name} must hold real numbers, got {numbers.dtype}")
     # Larger ones are refused as infinite: single precision ends at 3.4e38.
-    if not np.isfinite(found).all() or not (found.size == 0 or np.abs(found).max() < 1e30):
+    if not np.isfinite(numbers).all() or not (numbers.size == 0 or np.abs(numbers).max() < 1e30):
         raise InputError(f"{name} must be finite, got NaN or infinite values")
-    return np.asarray(found, dtype)
+    return np.asarray(numbers, dtype)
 
 
 class EchoArrays(NamedTuple):

@@ -121,11 +121,11 @@ class Ellipsoids:
     def at(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Centres [m] (K, N, 3) and unit axes in columns (K, N, 3, 3), float64, at any times within the own ones."""
         times_s = within(times_s, self.times_s, self.name)
-        found = self.track(times_s)
-        if not isinstance(found, tuple) or len(found) != 2:
-            raise InputError(f"the track of {self.name} must give centres and axes, got {shown(found)}")
+        pose = self.track(times_s)
+        if not isinstance(pose, tuple) or len(pose) != 2:
+            raise InputError(f"the track of {self.name} must give centres and axes, got {shown(pose)}")
         shape = len(times_s), len(self.semi_axes_m), 3
-        return array("centres of the track", found[0], shape), array("axes of the track", found[1], (*shape, 3))
+        return array("centres of the track", pose[0], shape), array("axes of the track", pose[1], (*shape, 3))
 
     @property
     def faces(self) -> np.ndarray:

@@ -112,11 +112,11 @@ class Fields(BaseModel):
 
 def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """A JSON object's members as a dictionary; a ValueError where a key comes twice, of which `json` would keep the last."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    members = dict(pairs)
+    if len(members) < len(pairs):
         twice = next(key for number, (key, _) in enumerate(pairs) if key in dict(pairs[:number]))
         raise ValueError(f"key {shown(twice)} is given twice")
-    return found
+    return members
 
 
 def _article(model: type[Fields]) -> str:
@@ -127,23 +127,23 @@ def _sentence(error: ValidationError, model: type[Fields], *, options: bool = Fa
     """One sentence for the first thing that pydantic found wrong."""
     # A key that there is none of is misspelt more often than another one is missing.
     errors = error.errors(include_url=False)
-    first = next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
-    others = {each["loc"][:1] for each in errors} - {first["loc"][:1]}
+    first = next((fault for fault in errors if fault["type"] == "extra_forbidden"), errors[0])
+    others = {fault["loc"][:1] for fault in errors} - {first["loc"][:1]}
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
         return str(cause)
     key = str(first["loc"][0]) if first["loc"] else ""
     more = f" ({len(others)} more {'fields are' if len(others) > 1 else 'field is'} wrong)" if others else ""
-    given = shown(first["input"])
+    value = shown(first["input"])
     if not key:
-        return f"{_article(model)} must be a mapping of field names and values, got {given}"
+        return f"{_article(model)} must be a mapping of field names and values, got {value}"
     if first["type"] == "union_tag_invalid":
         return f"{model.noun} key {key}: {_unknown_kind(first['ctx'])}{more}"
     name = key if options else f"{model.noun} key {key}"
     if key in model.written and first["type"].endswith(("_type", "union_tag_not_found")):
         if options:
-            return f"{key} must be {model.written[key]}, got {given}{more}"
-        return f"{model.noun} key {key}: got {given}, write it as {model.written[key]}{more}"
+            return f"{key} must be {model.written[key]}, got {value}{more}"
+        return f"{model.noun} key {key}: got {value}, write it as {model.written[key]}{more}"
     if first["type"] == "too_short" and not first["ctx"]["actual_length"]:
         return f"{name} is empty; give at least one{more}"
     if first["type"] == "extra_forbidden":
@@ -154,16 +154,16 @@ def _sentence(error: ValidationError, model: type[Fields], *, options: bool = Fa
         return f"{model.noun} key {key} is missing; {model.if_missing}{more}"
     if first["type"] in ("missing", "too_long", "tuple_type") and not key.endswith(("_deg", "_db")):
         several = ", or a list of such" if key.endswith("offsets_m") else ""
-        return f"{model.noun} key {key} must be three numbers x, y, z{several}, got {given}{more}"
+        return f"{model.noun} key {key} must be three numbers x, y, z{several}, got {value}{more}"
     expected = first["msg"].removeprefix("Value error, ").removeprefix("Input ")
     if options and expected.startswith("should "):
         what = re.split(", (?:got|unable) ", expected.removeprefix("should "))[0]
-        return f"{key} must {what}, got {given}{more}"
+        return f"{key} must {what}, got {value}{more}"
     units = ", in SI units" if key.endswith(("_m", "_s", "_hz", "_mps", "_w")) else ""
-    return f"{name}: got {given}, {expected}; correct it{units}{more}"
+    return f"{name}: got {value}, {expected}; correct it{units}{more}"
 
 
 def _unknown_kind(context: Mapping[str, Any]) -> str:
     """That there is no such kind, which the key `kind` names, with the one that it is close to."""
-    kinds = [each.strip().strip("'") for each in context["expected_tags"].split(",")]
+    kinds = [tag.strip().strip("'") for tag in context["expected_tags"].split(",")]
     return f"unknown kind {shown(context['tag'])}; {names_advice(context['tag'], kinds)}"

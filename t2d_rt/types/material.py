@@ -29,11 +29,11 @@ class Material:
 
     def __post_init__(self) -> None:
         text("name of a material", self.name)
-        told, permittivity = f"material {self.name}", self.relative_permittivity
+        noun, permittivity = f"material {self.name}", self.relative_permittivity
         if not (isinstance(permittivity, (float, np.floating)) and permittivity == math.inf):
-            number(f"{told}: relative_permittivity", permittivity, 1, hint="math.inf for a perfect conductor")
-        number(f"{told}: conductivity_s_per_m", self.conductivity_s_per_m, 0, hint="0 has no losses")
-        number(f"{told}: scattering_coefficient", self.scattering_coefficient, 0, 1, hint="0 is smooth")
+            number(f"{noun}: relative_permittivity", permittivity, 1, hint="math.inf for a perfect conductor")
+        number(f"{noun}: conductivity_s_per_m", self.conductivity_s_per_m, 0, hint="0 has no losses")
+        number(f"{noun}: scattering_coefficient", self.scattering_coefficient, 0, 1, hint="0 is smooth")
 
     def permittivity(self, frequency_hz: float) -> complex:
         """Complex relative permittivity eps' - j sigma/(omega eps0), e^{+j omega t} convention."""
@@ -67,8 +67,8 @@ class ByPart:
             raise InputError(
                 f"materials by part must be a tuple of at least one, got {shown(self.materials)}; give names or Materials"
             )
-        for each in self.materials:
-            checked_material(each)
+        for material in self.materials:
+            checked_material(material)
         part, count = array("part", self.part, ("face",)), len(self.materials)
         if not len(part):
             raise InputError("part must hold a number for each face or ellipsoid, got none; it numbers materials")
@@ -82,15 +82,15 @@ class ByPart:
     @property
     def name(self) -> str:
         """Names of the materials."""
-        return ", ".join(each if isinstance(each, str) else each.name for each in self.materials)
+        return ", ".join(material if isinstance(material, str) else material.name for material in self.materials)
 
     def resolved(self, resolve: Callable[[str | Material], Material]) -> Material | ByPart:
         """The same of values: one material where all faces have it."""
-        each = [resolve(material) for material in self.materials]
-        used = list(dict.fromkeys(each[number] for number in np.unique(self.part)))
+        resolved_materials = [resolve(material) for material in self.materials]
+        used = list(dict.fromkeys(resolved_materials[number] for number in np.unique(self.part)))
         if len(used) == 1:
             return used[0]
-        numbers = [used.index(material) if material in used else -1 for material in each]
+        numbers = [used.index(material) if material in used else -1 for material in resolved_materials]
         return ByPart(tuple(used), np.array(numbers)[self.part])
 
     def of_faces(self, faces: np.ndarray) -> ByPart:
@@ -102,7 +102,7 @@ def values_of(material: Material | ByPart, count: int, value: Callable[[Material
     """A value of the material of each of `count` faces or ellipsoids (count,); materials by part are resolved."""
     if isinstance(material, Material):
         return np.full(count, value(material))
-    return np.array([value(each) for each in _values(material)])[material.part]
+    return np.array([value(resolved) for resolved in _values(material)])[material.part]
 
 
 def is_rough(material: Material | ByPart) -> bool:
@@ -112,11 +112,11 @@ def is_rough(material: Material | ByPart) -> bool:
 
 def _values(material: Material | ByPart) -> tuple[Material, ...]:
     """The materials of a surface, resolved."""
-    each = (material,) if isinstance(material, Material) else material.materials
-    names = [one for one in each if not isinstance(one, Material)]
+    materials = (material,) if isinstance(material, Material) else material.materials
+    names = [name for name in materials if not isinstance(name, Material)]
     if names:
         raise InputError(f"materials by part must be Materials here, got the names {shown(names)}; resolve them first")
-    return cast(tuple[Material, ...], each)
+    return cast(tuple[Material, ...], materials)
 
 
 def checked_material(material: Any) -> str | Material:
@@ -157,12 +157,12 @@ def known_itu(name: str) -> str:
 
 def materials_by_name(materials: Any) -> Mapping[str, str | Material]:
     """What a user gives in place of a scene's materials: names or values by name; None is nothing."""
-    given = {} if materials is None else materials
-    if not isinstance(given, Mapping) or not all(
-        isinstance(name, str) and isinstance(each, str | Material) for name, each in given.items()
+    by_name = {} if materials is None else materials
+    if not isinstance(by_name, Mapping) or not all(
+        isinstance(name, str) and isinstance(material, str | Material) for name, material in by_name.items()
     ):
         raise InputError(f'materials must be a mapping like {{"brick": "concrete"}}, got {shown(materials)}')
-    return given
+    return by_name
 
 
 def checked_frequency(frequency_hz: Any) -> float:

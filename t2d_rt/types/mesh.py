@@ -217,15 +217,19 @@ class MovingMesh:
 
 def _positions(track: Track, times_s: np.ndarray, count: int | None, name: str) -> np.ndarray:
     """What a track gives at these times (K, count, 3), checked: a user's may give anything."""
-    found = track(times_s)
-    if not isinstance(found, np.ndarray) or not np.issubdtype(found.dtype, np.floating) or np.ma.isMaskedArray(found):
-        found = array(f"the track of {name}", found)
-    check_shape(f"the track of {name}", found, (len(times_s), "vertex" if count is None else count, 3))
+    vertices = track(times_s)
+    if (
+        not isinstance(vertices, np.ndarray)
+        or not np.issubdtype(vertices.dtype, np.floating)
+        or np.ma.isMaskedArray(vertices)
+    ):
+        vertices = array(f"the track of {name}", vertices)
+    check_shape(f"the track of {name}", vertices, (len(times_s), "vertex" if count is None else count, 3))
     # A sum is finite where all of it is, and takes no array of its own.
-    if not np.isfinite(found.sum()):
-        at = times_s[~np.isfinite(found).all(axis=(1, 2))]
+    if not np.isfinite(vertices.sum()):
+        at = times_s[~np.isfinite(vertices).all(axis=(1, 2))]
         raise InputError(f"the track of {name} must be finite, got NaN or infinite vertices at {at[0]:.6g} s")
-    return found
+    return vertices
 
 
 def _check_period(track: Track, times_s: np.ndarray, count: int, period_s: float, name: str) -> None:
@@ -237,8 +241,10 @@ def _check_period(track: Track, times_s: np.ndarray, count: int, period_s: float
     if parts[-1] < period_s:
         return  # less than a period: nothing is read from it
     apart_m = 0.0
-    for some in np.array_split(since, 10):
-        here, first = (_positions(track, times_s[0] + each, count, name) for each in (some, some % period_s))
+    for instants_s in np.array_split(since, 10):
+        here, first = (
+            _positions(track, times_s[0] + instant_s, count, name) for instant_s in (instants_s, instants_s % period_s)
+        )
         apart_m = max(apart_m, float(np.abs(here - first).max(initial=0.0)))
     if apart_m > PERIOD_M:
         raise InputError(

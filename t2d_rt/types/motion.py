@@ -168,9 +168,11 @@ class Motion:
         if self.heartbeat is not None:
             instance("heartbeat", self.heartbeat, Heartbeat, "a Heartbeat, as Heartbeat(rate_hz=1.2, depth_m=0.0002)")
         carries = listed("carries", self.carries, Carried, "a list of Carried, as t2d_rt.carry makes it")
-        for each in carries:
-            if each.joint not in names:
-                raise InputError(f"the {each.thing} is carried by {shown(each.joint)}, which the motion does not have")
+        for carried in carries:
+            if carried.joint not in names:
+                raise InputError(
+                    f"the {carried.thing} is carried by {shown(carried.joint)}, which the motion does not have"
+                )
         set_fields(
             self,
             joints=joints,
@@ -219,7 +221,7 @@ class Motion:
 
     def chest_m(self, times_s: np.ndarray) -> np.ndarray:
         """How far breath and heart have brought the front of the trunk forward at times [s] (K,) [m], (K,)."""
-        cycles = [each.displacement_m(times_s) for each in (self.breathing, self.heartbeat) if each is not None]
+        cycles = [cycle.displacement_m(times_s) for cycle in (self.breathing, self.heartbeat) if cycle is not None]
         return np.asarray(sum(cycles, np.zeros(len(times_s))))
 
     @property
@@ -243,13 +245,15 @@ def _activities(given: Any) -> tuple[tuple[str, float], ...]:
     """Names and the times at which they begin, checked."""
     hint = "such as [('walk', 0.0), ('sit', 2.5)], each later than the one before"
     listed = instance("activities", given, (list, tuple), f"a list of names and times, {hint}")
-    if not all(isinstance(each, (list, tuple)) and len(each) == 2 for each in listed):
+    if not all(isinstance(item, (list, tuple)) and len(item) == 2 for item in listed):
         raise InputError(f"activities must be names and times, {hint}, got {shown(given)}")
-    found = tuple((text("activities", name), number("activities", begin_s, 0.0, unit="s")) for name, begin_s in listed)
-    begins_s = [begin_s for _, begin_s in found]
+    activities = tuple(
+        (text("activities", name), number("activities", begin_s, 0.0, unit="s")) for name, begin_s in listed
+    )
+    begins_s = [begin_s for _, begin_s in activities]
     if begins_s != sorted(set(begins_s)):
         raise InputError(f"activities must begin one after the other, {hint}, got {shown(given)}")
-    return found
+    return activities
 
 
 def checked_motion(motion: Any) -> Motion:
@@ -265,9 +269,13 @@ def checked_rate(rate_hz: Any) -> float:
 
 def _parents(value: Any) -> tuple[int, ...]:
     """Parents of joints, checked: each one's comes before it, so that a chain can be followed in one pass."""
-    found = numeric("parents", value)
-    if found.ndim != 1 or not np.issubdtype(found.dtype, np.integer):
+    parents = numeric("parents", value)
+    if parents.ndim != 1 or not np.issubdtype(parents.dtype, np.integer):
         raise InputError(f"parents must be a list of joint numbers, got {shown(value)}")
-    if not len(found) or found[0] != -1 or not all(0 <= parent < joint for joint, parent in enumerate(found[1:], 1)):
+    if (
+        not len(parents)
+        or parents[0] != -1
+        or not all(0 <= parent < joint for joint, parent in enumerate(parents[1:], 1))
+    ):
         raise InputError("parents must begin with -1, the root's, and then name joints that come before their own")
-    return tuple(found.tolist())
+    return tuple(parents.tolist())

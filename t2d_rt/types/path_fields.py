@@ -96,7 +96,7 @@ class SweepNodes:
         """Mean power over the sweep of a spectrum (F, ...), and of what that line leaves out of it, (...)."""
         value, slope = self.line(spectrum)
         rest = spectrum - value - np.multiply.outer(self.places * self.half_band_hz, slope)
-        whole, left_out = (np.tensordot(self.fractions, np.abs(each) ** 2, 1) for each in (spectrum, rest))
+        whole, left_out = (np.tensordot(self.fractions, np.abs(part) ** 2, 1) for part in (spectrum, rest))
         return whole, left_out
 
 
@@ -124,10 +124,12 @@ def fields_over(
     lengths = np.array([len(path.chain) for path in paths])
     for length in np.unique(lengths).tolist():
         rows = np.flatnonzero(lengths == length)
-        some = [paths[row] for row in rows.tolist()]
-        there = [path.in_scene(times_s, len(shape)) for path in some]
+        row_paths = [paths[row] for row in rows.tolist()]
+        there = [path.in_scene(times_s, len(shape)) for path in row_paths]
         antenna, polarization = (
-            np.stack([_of_points(getattr(path, name), shape).T for path in there], axis=1).reshape(3, len(some), -1)
+            np.stack([_of_points(getattr(path, name), shape).T for path in there], axis=1).reshape(
+                3, len(row_paths), -1
+            )
             for name in ("antenna_m", "polarization")
         )
         # The straight path from the image, folded back mirror by mirror, begins at the antenna.
@@ -136,14 +138,14 @@ def fields_over(
         departure[:, rows] = ahead
         wave = polarization - dot(polarization, ahead) * ahead
         wave = (wave / np.maximum(np.sqrt(dot(wave, wave)), 1e-12))[:, None]
-        elements = Elements.stacked([path.elements for path in some])
+        elements = Elements.stacked([path.elements for path in row_paths])
         for number in range(length):
             wave, ahead = _after(wave, ahead, elements.taken((slice(None), number)), frequencies_hz)
         arrival[:, rows], field[:, :, rows] = ahead, wave
     if passing is not None:
         ahead = departure.reshape(3, len(paths), len(points), -1).transpose(2, 1, 3, 0)
         departure = passed(passing, times_s).directions(ahead).transpose(3, 1, 0, 2).reshape(arrival.shape)
-    return PathFields(*(each.reshape(*each.shape[:-1], *shape[:-1]) for each in (departure, arrival, field)))
+    return PathFields(*(values.reshape(*values.shape[:-1], *shape[:-1]) for values in (departure, arrival, field)))
 
 
 def _of_points(vectors: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -184,7 +186,7 @@ def _after(
     helper /= np.sqrt(dot(helper, helper))
     across = np.where(length > 1e-9, across / np.maximum(length, 1e-12), helper)
     te, tm = _coefficients(element, np.abs(cosine), frequencies_hz)
-    before, after = (np.stack(cross(across, each))[:, None] for each in (ahead, onward))
+    before, after = (np.stack(cross(across, direction))[:, None] for direction in (ahead, onward))
     across = across[:, None]
     te *= dot(wave, across)
     tm *= dot(wave, before)
@@ -198,13 +200,13 @@ def _coefficients(element: Elements, cosine: np.ndarray, frequencies_hz: np.ndar
     te, tm = np.empty((2, len(frequencies_hz), *cosine.shape), complex)
     # What a rough surface scatters is missing from what it reflects (docs/physics.md, eq. 9), not from what it transmits.
     passing = np.exp(2j * math.pi * frequencies_hz[:, None] * element.delay_s)
-    for of, some, factor in (
+    for of, members, factor in (
         (_reflection, ~element.through, np.broadcast_to(element.specular, passing.shape)),
         (_transmission, element.through, passing),
     ):
-        if some.any():
-            lost = loss(element.conductivity_s_per_m[some], frequencies_hz[:, None])
-            eta = (element.relative_permittivity[some] - 1j * lost)[..., None]
-            found = of(eta, element.thickness_m[some, None], cosine[some], frequency_hz)
-            te[:, some], tm[:, some] = (factor[:, some, None] * each for each in found)
+        if members.any():
+            lost = loss(element.conductivity_s_per_m[members], frequencies_hz[:, None])
+            eta = (element.relative_permittivity[members] - 1j * lost)[..., None]
+            coefficients = of(eta, element.thickness_m[members, None], cosine[members], frequency_hz)
+            te[:, members], tm[:, members] = (factor[:, members, None] * coefficient for coefficient in coefficients)
     return te, tm

@@ -36,7 +36,7 @@ class _Compared:
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
             return False
-        pairs = ((getattr(self, each.name), getattr(other, each.name)) for each in fields(self))  # type: ignore[arg-type]
+        pairs = ((getattr(self, field.name), getattr(other, field.name)) for field in fields(self))  # type: ignore[arg-type]
         return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b for a, b in pairs)
 
 
@@ -66,17 +66,22 @@ class Elements(_Compared):
         """Of the line of sight."""
         shapes: dict[str, Any] = {"normal": (0, 3)}
         kinds: dict[str, Any] = {"mirror": np.int64, "through": bool}
-        names = [each.name for each in fields(cls)]
+        names = [field.name for field in fields(cls)]
         return cls(**{name: np.zeros(shapes.get(name, 0), kinds.get(name, np.float64)) for name in names})
 
     @classmethod
-    def stacked(cls, each: Sequence[Elements]) -> Elements:
+    def stacked(cls, path_elements: Sequence[Elements]) -> Elements:
         """Those of P paths of as many elements each, (P, n)."""
-        return cls(**{field.name: np.array([getattr(one, field.name) for one in each]) for field in fields(cls)})
+        return cls(
+            **{
+                field.name: np.array([getattr(elements, field.name) for elements in path_elements])
+                for field in fields(cls)
+            }
+        )
 
     def taken(self, index: Any) -> Elements:
         """Those at an index of the arrays' leading axes."""
-        return Elements(**{each.name: getattr(self, each.name)[index] for each in fields(self)})
+        return Elements(**{field.name: getattr(self, field.name)[index] for field in fields(self)})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -170,17 +175,17 @@ class OneWayPath(_Compared):
             return [self]
         if not self.chain:
             return [replace(self, passing=None)]
-        passing, elements, found = passed(self.passing, times_s), self.elements, []
+        passing, elements, paths = passed(self.passing, times_s), self.elements, []
         for rotation, shift_m, image_m in zip(
             *passing, np.broadcast_to(self.place_m(times_s), (len(times_s), 3)), strict=True
         ):
             normal, matrix = elements.normal @ rotation.T, rotation @ self.mirror_matrix @ rotation.T
             there = replace(elements, normal=normal, offset_m=elements.offset_m + normal @ shift_m)
             shift_m = shift_m + rotation @ self.shift_m - matrix @ shift_m
-            found.append(
+            paths.append(
                 replace(self, elements=there, image_m=image_m, mirror_matrix=matrix, shift_m=shift_m, passing=None)
             )
-        return found
+        return paths
 
     def in_scene(self, times_s: np.ndarray | None, axes: int = 2) -> OneWayPath:
         """The same path in the coordinates of the scene at times (K,). Places have shape (K, 1, ..., 1, 3), of `axes` axes, to

@@ -32,23 +32,23 @@ from t2d_rt.types.ti_cfg import FULL_DBM, board_of, radar_fields, ti_lines
 
 def preset_names() -> list[str]:
     """Names that `Radar.preset` knows, those of other packages included."""
-    own = _packaged()
-    return sorted([*own, *plugins("radars", own)])
+    packaged = _packaged()
+    return sorted([*packaged, *plugins("radars", packaged)])
 
 
 def preset_fields(name: str) -> dict[str, Any]:
     """Field names and values of a preset, from its packaged YAML file or from another package."""
-    own, wanted = _packaged(), str(name).lower().replace("_", "-")
-    if wanted in own:
-        return read_radar(_preset_folder() / f"{wanted}.yaml")
-    others = plugins("radars", own)
-    if wanted not in others:
-        raise unknown_name("radar preset", name, sorted([*own, *others]), hint=", or give a YAML file")
-    found = loaded(others[wanted])
-    values = found.model_dump() if hasattr(found, "model_dump") else found
+    packaged, key = _packaged(), str(name).lower().replace("_", "-")
+    if key in packaged:
+        return read_radar(_preset_folder() / f"{key}.yaml")
+    others = plugins("radars", packaged)
+    if key not in others:
+        raise unknown_name("radar preset", name, sorted([*packaged, *others]), hint=", or give a YAML file")
+    preset = loaded(others[key])
+    values = preset.model_dump() if hasattr(preset, "model_dump") else preset
     if not isinstance(values, Mapping):
         raise InputError(
-            f"the radar {wanted} of another package must be a Radar or a mapping of its fields, got {shown(found)}"
+            f"the radar {key} of another package must be a Radar or a mapping of its fields, got {shown(preset)}"
         )
     return dict(values)
 
@@ -435,9 +435,9 @@ class Radar(Fields):
         """Power at the ADC [W] by the radar equation (Skolnik); `rx_range_m` where the receiver is elsewhere."""
         rx_range_m = range_m if rx_range_m is None else rx_range_m
         there, back = array("range_m", range_m, unit="m"), array("rx_range_m", rx_range_m, unit="m")
-        for name, found, given in (("range_m", there, range_m), ("rx_range_m", back, rx_range_m)):
-            if not (found > 0).all():
-                raise InputError(f"{name} must be positive, got {shown(given)}")
+        for name, distance_m, argument in (("range_m", there, range_m), ("rx_range_m", back, rx_range_m)):
+            if not (distance_m > 0).all():
+                raise InputError(f"{name} must be positive, got {shown(argument)}")
         area = array("rcs_m2", rcs_m2, unit="m2")
         if (area < 0).any():
             raise InputError(f"rcs_m2 must not be negative, got {shown(rcs_m2)}")
@@ -460,10 +460,10 @@ class Radar(Fields):
         """How the world stands at times [s] (K,) to a radar that moves, in the frame in which that keeps its place and axes."""
         if self.track is None:
             raise ValueError("the radar stands still")
-        own, axes = np.array(self.position_m), self.track.axes(times_s)
+        position_m, axes = np.array(self.position_m), self.track.axes(times_s)
         places = self.track.places_m(times_s)
         rotation = np.broadcast_to(np.eye(3), (len(places), 3, 3)) if axes is None else self.axes.T @ axes
-        return Rigid(rotation, own - np.einsum("kij,kj->ki", rotation, places))
+        return Rigid(rotation, position_m - np.einsum("kij,kj->ki", rotation, places))
 
     @property
     def tx_positions_m(self) -> np.ndarray:

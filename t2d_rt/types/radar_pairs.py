@@ -24,13 +24,13 @@ def bistatic(transmitter: Radar, receiver: Radar) -> Radar:
     Its place and axes are the receiver's. What cannot be told in these axes is refused: directional transmitters that look
     elsewhere, and radars that move.
     """
-    for name, each in (("transmitter", transmitter), ("receiver", receiver)):
-        instance(name, each, Radar, "a Radar", hint="Radar.preset gives one by its name")
+    for name, radar in (("transmitter", transmitter), ("receiver", receiver)):
+        instance(name, radar, Radar, "a Radar", hint="Radar.preset gives one by its name")
     for name in WAVEFORM:
-        sent, taken = getattr(transmitter, name), getattr(receiver, name)
-        if sent != taken:
+        sent, received = getattr(transmitter, name), getattr(receiver, name)
+        if sent != received:
             raise InputError(
-                f"a receiver mixes echoes with its own chirp: {name} of the transmitter is {sent} and of the receiver {taken}; "
+                f"a receiver mixes echoes with its own chirp: {name} of the transmitter is {sent} and of the receiver {received}; "
                 "give both the same"
             )
     if transmitter.track is not None or receiver.track is not None:

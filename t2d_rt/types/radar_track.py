@@ -116,8 +116,8 @@ class RadarTrack(Fields):
         """From angles [deg], (T, 3): azimuth of the boresight (left > 0), its elevation (up > 0), roll (left side up > 0)."""
         from scipy.spatial.transform import Rotation
 
-        asked = "give yaw, pitch and roll of each pose"
-        angles = array("yaw_pitch_roll_deg", yaw_pitch_roll_deg, ("T", 3), hint=asked) * [1, -1, 1]
+        hint = "give yaw, pitch and roll of each pose"
+        angles = array("yaw_pitch_roll_deg", yaw_pitch_roll_deg, ("T", 3), hint=hint) * [1, -1, 1]
         return cls(
             times_s=times_s, positions_m=positions_m, orientations=Rotation.from_euler("ZYX", angles, True).as_quat()
         )
@@ -133,14 +133,14 @@ class RadarTrack(Fields):
         columns = {".csv": _of_csv, ".npz": _of_npz}.get(kind)
         if columns is None:
             raise InputError(f"{path}: a radar's track must be a .csv, .npz or .yaml file, got {shown(path.name)}")
-        found = columns(path)
-        names = COLUMNS[: len(found)]
-        if len(names) not in (4, len(COLUMNS)) or set(names) != set(found):
+        column_values = columns(path)
+        names = COLUMNS[: len(column_values)]
+        if len(names) not in (4, len(COLUMNS)) or set(names) != set(column_values):
             raise InputError(
                 f"{path}: a radar's track needs {', '.join(COLUMNS[:4])}, or these and {', '.join(COLUMNS[4:])}, and no others, "
-                f"got {', '.join(found) or 'nothing'}"
+                f"got {', '.join(column_values) or 'nothing'}"
             )
-        values = np.stack([found[name] for name in names], axis=1)
+        values = np.stack([column_values[name] for name in names], axis=1)
         if len(names) == 4:
             return cls(times_s=values[:, 0], positions_m=values[:, 1:])
         return cls.of_angles(values[:, 0], values[:, 1:4], values[:, 4:])
@@ -166,21 +166,21 @@ class RadarTrack(Fields):
 
     def begins(self, position_m: Any = None, boresight: Any = None) -> dict[str, tuple[float, ...]]:
         """The radar's `position_m` at the first time, and its `boresight` where the track tells it; given ones must be the same."""
-        found: dict[str, tuple[float, ...]] = {"position_m": self.positions_m[0]}
+        begin: dict[str, tuple[float, ...]] = {"position_m": self.positions_m[0]}
         axes = self.axes(np.array(self.times_s[:1]))
         if axes is not None:
-            found["boresight"] = tuple(axes[0, 0].tolist())
-        for name, given in (("position_m", position_m), ("boresight", boresight)):
-            if given is None or name not in found:
+            begin["boresight"] = tuple(axes[0, 0].tolist())
+        for name, argument in (("position_m", position_m), ("boresight", boresight)):
+            if argument is None or name not in begin:
                 continue
-            other = array(name, given, (3,))
+            other = array(name, argument, (3,))
             length = max(float(np.linalg.norm(other)), 1e-12) if name == "boresight" else 1.0
-            if np.abs(other / length - found[name]).max() > 1e-9:
+            if np.abs(other / length - begin[name]).max() > 1e-9:
                 raise InputError(
-                    f"{name} of a radar that moves is where its track begins, {shown(found[name])}, got {shown(given)}; leave "
+                    f"{name} of a radar that moves is where its track begins, {shown(begin[name])}, got {shown(argument)}; leave "
                     f"{name} out, or give another track"
                 )
-        return found
+        return begin
 
     @cached_property
     def _known_s(self) -> np.ndarray:
@@ -223,13 +223,13 @@ class RadarTrack(Fields):
 def _of_csv(path: Path) -> dict[str, np.ndarray]:
     """Columns of a table by the names of its first line."""
     lines = [
-        each
-        for each in read_bytes(path, limit=MOST_BYTES, noun="radar track").decode("utf-8-sig", "replace").splitlines()
-        if each.strip(" \t,;")
+        line
+        for line in read_bytes(path, limit=MOST_BYTES, noun="radar track").decode("utf-8-sig", "replace").splitlines()
+        if line.strip(" \t,;")
     ]
     if len(lines) < 2:
         return {}
-    comma = next((each for each in ";\t" if each in lines[0]), ",")
+    comma = next((separator for separator in ";\t" if separator in lines[0]), ",")
     if comma != ",":  # of spreadsheets whose decimal sign is the comma
         lines[1:] = [line.replace(",", ".") for line in lines[1:]]
     rows = [[word.strip(' "') for word in line.rstrip(f"{comma} ").split(comma)] for line in lines]
@@ -258,11 +258,11 @@ def _of_npz(path: Path) -> dict[str, np.ndarray]:
         raise InputError(
             f"{path} is cut short, damaged or no .npz file of plain arrays; write it with numpy.savez"
         ) from None
-    found = {name: array(f"{path}: {name}", each) for name, each in arrays.items()}
-    shapes = {each.shape for each in found.values()}
+    columns = {name: array(f"{path}: {name}", values) for name, values in arrays.items()}
+    shapes = {values.shape for values in columns.values()}
     if len(shapes) != 1 or len(next(iter(shapes))) != 1:
         raise InputError(f"{path}: arrays of a radar's track must be of one length (T,), got {sorted(shapes)}")
-    return found
+    return columns
 
 
 def track_named(value: Any) -> Any:
@@ -272,7 +272,7 @@ def track_named(value: Any) -> Any:
 
 def with_track_beside(fields: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
     """Fields of a radar from a file, where that of its track lies beside it."""
-    found = dict(fields)
-    if isinstance(found.get("track"), str):
-        found["track"] = Path(path).parent / found["track"]
-    return found
+    track_fields = dict(fields)
+    if isinstance(track_fields.get("track"), str):
+        track_fields["track"] = Path(path).parent / track_fields["track"]
+    return track_fields

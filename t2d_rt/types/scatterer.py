@@ -68,15 +68,17 @@ class EchoLabels:
         bounces: Any = 1,
     ) -> EchoLabels:
         """For so many echoes; each value is one for all of them or (N,)."""
-        given = {"target": target, "face": face, "ellipsoid": ellipsoid, "bounces": bounces}
-        numbers = {name: np.broadcast_to(each, count).astype(np.int32) for name, each in given.items()}
+        values = {"target": target, "face": face, "ellipsoid": ellipsoid, "bounces": bounces}
+        numbers = {name: np.broadcast_to(value, count).astype(np.int32) for name, value in values.items()}
         return cls(path=np.broadcast_to(np.asarray(path, object), count), **numbers)
 
     @classmethod
-    def joined(cls, each: Iterable[EchoLabels]) -> EchoLabels:
+    def joined(cls, labels: Iterable[EchoLabels]) -> EchoLabels:
         """Those of different echoes, one after the other."""
-        some = list(each)
-        return cls(**{each.name: np.concatenate([getattr(one, each.name) for one in some]) for each in fields(cls)})
+        parts = list(labels)
+        return cls(
+            **{field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)}
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,20 +187,20 @@ def stream(echoes: Echoes | Scatterer) -> Scatterer:
 def _frames_of(echoes: Echoes, start: int, stop: int) -> EchoArrays:
     """Echoes at frames start..stop - 1."""
     values = (getattr(echoes, name) for name in EchoArrays._fields)
-    return EchoArrays(*(None if each is None else each[start:stop] for each in values))  # type: ignore[arg-type]
+    return EchoArrays(*(None if value is None else value[start:stop] for value in values))  # type: ignore[arg-type]
 
 
 def pose(scatterers: Iterable[Scatterer], block: FrameBlock) -> Poses:
     """All targets that the scatterers need, each posed once."""
-    targets = {number: target for each in scatterers for number, target in each.targets.items()}
+    targets = {number: target for scatterer in scatterers for number, target in scatterer.targets.items()}
     return {number: target.at(block.times_s) for number, target in targets.items()}
 
 
 def visibility(scatterers: Iterable[Scatterer], block: FrameBlock) -> Visibility:
     """All fractions that the scatterers need, each found once."""
     reach: dict[Fraction, int] = {}
-    for each in scatterers:
-        for fraction in each.fractions:
-            if reach.setdefault(fraction, each.reach) != each.reach:
+    for scatterer in scatterers:
+        for fraction in scatterer.fractions:
+            if reach.setdefault(fraction, scatterer.reach) != scatterer.reach:
                 raise ValueError("scatterers of different reach need fractions of their own")
     return {fraction: fraction(block.wider(frames)) for fraction, frames in reach.items()}

@@ -111,8 +111,11 @@ class Scene:
 
     def _repr_html_(self) -> str:
         low, high = (", ".join(f"{x:.4g}" for x in corner) for corner in self.bounds_m)
-        names = (each.material if isinstance(each.material, str) else each.material.name for each in self.surfaces)
-        materials, listed = Counter(names), ", ".join(each.name for each in self.surfaces)
+        names = (
+            surface.material if isinstance(surface.material, str) else surface.material.name
+            for surface in self.surfaces
+        )
+        materials, listed = Counter(names), ", ".join(surface.name for surface in self.surfaces)
         rows = [
             ("size", self._extent),
             ("corners", f"({low}) to ({high}) m"),
@@ -134,8 +137,8 @@ class Scene:
     def content(self) -> tuple[object, ...]:
         """All that is reflected from, hashable: equal for equal scenes of any name."""
         return tuple(
-            (each.name, each.vertices.tobytes(), each.faces.tobytes(), each.material, each.thickness_m)
-            for each in self.surfaces
+            (surface.name, surface.vertices.tobytes(), surface.faces.tobytes(), surface.material, surface.thickness_m)
+            for surface in self.surfaces
         )
 
     @property
@@ -147,15 +150,15 @@ class Scene:
 
     def near(self, place_m: np.ndarray, reach_m: float) -> Scene | None:
         """The triangles that come as near to a place (3,) as `reach_m`, by the boxes around them; None where none does."""
-        found = []
-        for each in self.surfaces:
-            corners = each.vertices[each.faces]
+        near_surfaces = []
+        for surface in self.surfaces:
+            corners = surface.vertices[surface.faces]
             outside = np.maximum(corners.min(axis=1) - place_m, place_m - corners.max(axis=1)).clip(0)
-            kept = np.linalg.norm(outside, axis=1) <= reach_m
-            if (_twice_area(each.vertices, each.faces[kept]) > NO_AREA_M2).any():
-                used, faces = np.unique(each.faces[kept], return_inverse=True)
-                found.append(replace(each, vertices=each.vertices[used], faces=faces.reshape(-1, 3)))
-        return Scene(name=self.name, surfaces=tuple(found)) if found else None
+            is_near = np.linalg.norm(outside, axis=1) <= reach_m
+            if (_twice_area(surface.vertices, surface.faces[is_near]) > NO_AREA_M2).any():
+                used, faces = np.unique(surface.faces[is_near], return_inverse=True)
+                near_surfaces.append(replace(surface, vertices=surface.vertices[used], faces=faces.reshape(-1, 3)))
+        return Scene(name=self.name, surfaces=tuple(near_surfaces)) if near_surfaces else None
 
     @property
     def bounds_m(self) -> tuple[np.ndarray, np.ndarray]:

@@ -70,5 +70,5 @@ def within(asked_s: np.ndarray, known_s: np.ndarray, name: str) -> np.ndarray:
 
 def set_fields(value: Any, **fields: Any) -> None:
     """Sets fields of a frozen value while it is made."""
-    for name, each in fields.items():
-        object.__setattr__(value, name, each)
+    for name, field in fields.items():
+        object.__setattr__(value, name, field)

@@ -43,7 +43,7 @@ def read_lines(source: Source) -> list[str]:
 
 def read_commands(source: Source) -> Commands:
     """The numbers of every line of a .cfg file, or of its lines, by the name of the command; none of a line with words."""
-    found: Commands = {}
+    commands: Commands = {}
     for line in read_lines(source):
         words = line.split("%")[0].split()
         if words:
@@ -54,8 +54,8 @@ def read_commands(source: Source) -> Commands:
             of_numbers = words[0].endswith(("Cfg", "Geometry0", "Geometry1")) and not words[0].startswith("set")
             if of_numbers and not all(map(math.isfinite, numbers)):
                 raise InputError(f"a .cfg line must be a command and its numbers, got {line:.80}; correct it")
-            found.setdefault(words[0], []).append(numbers)
-    return found
+            commands.setdefault(words[0], []).append(numbers)
+    return commands
 
 
 def board_of(source: Source) -> str | None:
@@ -69,13 +69,13 @@ def board_of(source: Source) -> str | None:
 
 def numbers(commands: Commands, name: str, least: int) -> list[float]:
     """Numbers of a command that the file must have once."""
-    given = commands.get(name, [])
-    if len(given) != 1 or len(given[0]) < least:
+    rows = commands.get(name, [])
+    if len(rows) != 1 or len(rows[0]) < least:
         raise InputError(
             f"the .cfg file must hold one line {name} with {least} or more numbers, got lines of "
-            f"{[len(each) for each in given]} numbers; give a file of one profile and one frame"
+            f"{[len(row) for row in rows]} numbers; give a file of one profile and one frame"
         )
-    return given[0]
+    return rows[0]
 
 
 def radar_fields(source: Source, board: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -124,9 +124,9 @@ def radar_fields(source: Source, board: Mapping[str, Any] | None = None) -> dict
     middle = carrier + slope * (samples - 1) / 2 / (rate_khz * 1e3)
     backoffs = [int(backoff) >> 8 * bit & 0xFF for bit in order]
     _warn_of_rest(commands, backoffs, int(phases))
-    known = {} if board is None else {name: value for name, value in board.items() if name in OF_BOARD}
+    of_board = {} if board is None else {name: value for name, value in board.items() if name in OF_BOARD}
     return {
-        **known, "carrier_hz": carrier, "slope_hz_per_s": slope, "sample_rate_hz": rate_khz * 1e3, "samples": int(samples),
+        **of_board, "carrier_hz": carrier, "slope_hz_per_s": slope, "sample_rate_hz": rate_khz * 1e3, "samples": int(samples),
         "prf_hz": 1e6 / (idle_us + ramp_us), "chirps_per_frame": int(loops) * len(chirps), "frame_interval_s": period_ms * 1e-3,
         "tx_power_dbm": (board or {}).get("tx_power_dbm", FULL_DBM) - backoffs[0],
         "multiplexing": "tdm" if len(order) > 1 else "simultaneous",
@@ -180,8 +180,8 @@ def _chirps(commands: Commands, frame: list[float]) -> list[list[float]]:
 
 def _profile(commands: Commands, chirp: list[float]) -> list[float]:
     """Numbers of the profile of a chirp, what the chirp adds to it added: Hz, kHz/us, us and us."""
-    found = [profile for profile in commands.get("profileCfg", []) if profile and profile[0] == chirp[2]]
-    profile = list(numbers({"profileCfg": found}, "profileCfg", 11))
+    profiles = [profile for profile in commands.get("profileCfg", []) if profile and profile[0] == chirp[2]]
+    profile = list(numbers({"profileCfg": profiles}, "profileCfg", 11))
     for place, change in ((1, chirp[3] * 1e-9), (7, chirp[4] * 1e-3), (2, chirp[5]), (3, chirp[6])):
         profile[place] += change
     return profile
@@ -200,17 +200,17 @@ def _order(masks: list[int]) -> list[int]:
 
 def _warn_of_rest(commands: Commands, backoffs: list[int], phases: int) -> None:
     """Tells of what the file has and a Radar has not."""
-    told = []
+    differences = []
     if len(set(backoffs)) > 1:
-        told.append(f"back-offs of {backoffs} dB, of which the first is taken for all transmitters")
+        differences.append(f"back-offs of {backoffs} dB, of which the first is taken for all transmitters")
     if phases:
-        told.append("phase shifters of transmitters, which are taken for zero")
+        differences.append("phase shifters of transmitters, which are taken for zero")
     if any(len(line) > 1 and line[1] == 0 for line in commands.get("adcCfg", [])):
-        told.append("real samples: read captures with iq='I', and of the ranges only the nearer half is real")
+        differences.append("real samples: read captures with iq='I', and of the ranges only the nearer half is real")
     if any(len(line) > 2 and line[2] for line in commands.get("channelCfg", [])):
-        told.append("chips in cascade, of which it tells one")
-    if told:
-        warn(f"the .cfg file has what a Radar has not: {'; '.join(told)}")
+        differences.append("chips in cascade, of which it tells one")
+    if differences:
+        warn(f"the .cfg file has what a Radar has not: {'; '.join(differences)}")
 
 
 def _bits(mask: float) -> list[int]:
@@ -291,9 +291,9 @@ def ti_lines(radar: Any, board: str | None, full_dbm: float) -> list[str]:
             idle_s < LEAST_IDLE_S
         ),
     }
-    for told, wrong in refused.items():
+    for refusal, wrong in refused.items():
         if wrong:
-            raise InputError(told)
+            raise InputError(refusal)
     _warn_of_unwritten(radar)
     before_s, after_s = min(6e-6, idle_s / 3), min(1e-6, idle_s / 6)
     backoff = max(0, round(full_dbm - radar.tx_power_dbm))
@@ -304,7 +304,7 @@ def ti_lines(radar: Any, board: str | None, full_dbm: float) -> list[str]:
         )
     profile = (
         0, (radar.carrier_hz - radar.slope_hz_per_s * before_s) * 1e-9, (idle_s - before_s - after_s) * 1e6, before_s * 1e6,
-        (before_s + radar.sweep_time_s + after_s) * 1e6, sum(backoff << 8 * each for each in range(transmitters)), 0,
+        (before_s + radar.sweep_time_s + after_s) * 1e6, sum(backoff << 8 * transmitter for transmitter in range(transmitters)), 0,
         radar.slope_hz_per_s * 1e-12, 1, radar.samples, radar.sample_rate_hz * 1e-3, 0, 0, 30,
     )  # fmt: skip
     platform = [f"% Platform:{name}" for name, preset in BOARDS.items() if preset == board][:1]
@@ -312,7 +312,7 @@ def ti_lines(radar: Any, board: str | None, full_dbm: float) -> list[str]:
         *platform, "sensorStop", "flushCfg", "dfeDataOutputMode 1",
         f"channelCfg {2**receivers - 1} {2**transmitters - 1} 0", "adcCfg 2 1",
         "adcbufCfg -1 0 1 1 1", f"profileCfg {' '.join(f'{number:.12g}' for number in profile)}",
-        *(f"chirpCfg {each} {each} 0 0 0 0 0 {1 << each}" for each in range(transmitters)),
+        *(f"chirpCfg {transmitter} {transmitter} 0 0 0 0 0 {1 << transmitter}" for transmitter in range(transmitters)),
         f"frameCfg 0 {transmitters - 1} {radar.loops_per_frame} 0 {radar.frame_interval_s * 1e3:.12g} 1 0",
         *_geometry_lines(radar), "sensorStart",
     ]  # fmt: skip

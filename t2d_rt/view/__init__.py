@@ -37,14 +37,14 @@ class Viewer:
         """
         from t2d_rt.recording.recording import Recording
 
-        given = [recordings] if isinstance(recordings, Recording) else recordings
-        some = listed("recordings", given, Recording, "a Recording or a list of two")
-        if not 1 <= len(some) <= MOST_RECORDINGS:
-            raise InputError(f"a page shows one recording or two side by side, got {len(some)}; make several pages")
-        names = [told(each) for each in some] if titles is None else titles
-        if len(listed("titles", names, str, "a list of texts")) != len(some):
-            raise InputError(f"titles must be a text for each of {len(some)} recordings, got {len(names)}")
-        self.html = page(some, [printable(each) for each in names])
+        candidates = [recordings] if isinstance(recordings, Recording) else recordings
+        shown = listed("recordings", candidates, Recording, "a Recording or a list of two")
+        if not 1 <= len(shown) <= MOST_RECORDINGS:
+            raise InputError(f"a page shows one recording or two side by side, got {len(shown)}; make several pages")
+        names = [told(recording) for recording in shown] if titles is None else titles
+        if len(listed("titles", names, str, "a list of texts")) != len(shown):
+            raise InputError(f"titles must be a text for each of {len(shown)} recordings, got {len(names)}")
+        self.html = page(shown, [printable(name) for name in names])
         """The page."""
 
     def __repr__(self) -> str:
@@ -70,8 +70,8 @@ def check_page(path: str | Path, *, overwrite: bool) -> Path:
 
 def told(recording: Recording) -> str:
     """What a recording was made with, in a few words."""
-    made = made_with(recording.settings, measured=recording.experiment is None)
-    return f"{made}, {recording.radar.carrier_hz / 1e9:.4g} GHz"
+    method = made_with(recording.settings, measured=recording.experiment is None)
+    return f"{method}, {recording.radar.carrier_hz / 1e9:.4g} GHz"
 
 
 def page(recordings: Sequence[Recording], titles: Sequence[str]) -> str:
@@ -80,11 +80,12 @@ def page(recordings: Sequence[Recording], titles: Sequence[str]) -> str:
 
     from t2d_rt.view.gather import FRAMES_HZ, gathered, on_one_scale
 
-    found = [{"title": title, **gathered(each)} for each, title in zip(recordings, titles, strict=True)]
-    on_one_scale(found)
+    contents = [{"title": title, **gathered(recording)} for recording, title in zip(recordings, titles, strict=True)]
+    on_one_scale(contents)
     colours = np.round(255 * colormaps["viridis"](np.arange(256))[:, :3]).astype(np.uint8)
     duration_s = max(
-        float(each.radar.chirp_starts_s(len(each.cube))[-1]) + each.radar.loop_interval_s for each in recordings
+        float(recording.radar.chirp_starts_s(len(recording.cube))[-1]) + recording.radar.loop_interval_s
+        for recording in recordings
     )
     arrays = _Arrays()
     meta = arrays.placed(
@@ -93,7 +94,7 @@ def page(recordings: Sequence[Recording], titles: Sequence[str]) -> str:
             "duration_s": duration_s,
             "frames_hz": FRAMES_HZ,
             "colours": colours,
-            "recordings": found,
+            "recordings": contents,
         }
     )
     parts = {
@@ -120,9 +121,9 @@ class _Arrays:
     def placed(self, value: Any) -> Any:
         """Plain values, in which arrays of `KINDS` are stored here and others have become lists."""
         if isinstance(value, dict):
-            return {name: self.placed(each) for name, each in value.items()}
+            return {name: self.placed(item) for name, item in value.items()}
         if isinstance(value, (list, tuple)):
-            return [self.placed(each) for each in value]
+            return [self.placed(item) for item in value]
         if not isinstance(value, np.ndarray) or value.dtype.name not in KINDS:
             return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
         header: dict[str, Any] = {"at": self.end, "kind": KINDS[value.dtype.name], "count": value.size}

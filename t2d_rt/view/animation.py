@@ -153,8 +153,8 @@ def _stage(model: Model, times_s: np.ndarray) -> _Stage:
     for geometry in model.geometries:
         solid = geometry.solid()
         clock = [np.clip(model.span_s[0] + times_s + step, *model.span_s) for step in (-STEP_S, STEP_S)]
-        before, after = (solid.vertices_at(each) for each in clock)
-        ranges = [mean_range_m(radar, each) for each in (before, after)]
+        before, after = (solid.vertices_at(at_s) for at_s in clock)
+        ranges = [mean_range_m(radar, vertices) for vertices in (before, after)]
         faces.append(solid.faces + count)
         places.append((before + after) / 2)
         speeds.append((ranges[0] - ranges[1]) / (clock[1] - clock[0])[:, None])
@@ -189,8 +189,10 @@ def _lines(model: Model, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     low, high = (edge(np.concatenate([places.reshape(-1, 3), radar[None]]), axis=0) for edge in (np.min, np.max))
     if model.scene is not None:
         top = model.scene.bounds_m[1][2]
-        edges = [outline(each) for each in model.scene.surfaces if not (each.vertices[:, 2] > top - 1e-3).all()]
-        segments = np.concatenate([each for each in edges if len(each)])
+        edges = [
+            outline(surface) for surface in model.scene.surfaces if not (surface.vertices[:, 2] > top - 1e-3).all()
+        ]
+        segments = np.concatenate([surface_edges for surface_edges in edges if len(surface_edges)])
     else:
         x, y = (np.arange(math.floor(low[k] - 0.5), math.ceil(high[k] + 0.5) + 1) for k in (0, 1))
         ground = min(float(low[2]), 0.0)
@@ -206,10 +208,10 @@ def _lines(model: Model, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         radar - axes[1] + axes[2],
     ]
     tip = radar + 2.5 * axes[0]
-    device = [(corners[k], corners[(k + 1) % 4]) for k in range(4)] + [(each, tip) for each in corners]
+    device = [(corners[k], corners[(k + 1) % 4]) for k in range(4)] + [(corner, tip) for corner in corners]
     foot = [(radar * [1, 1, 0] + [0, 0, min(float(low[2]), 0.0)], radar)]
-    points = [_along(np.asarray(some)) for some in (segments, device + foot)]
-    shades = [np.broadcast_to(colour, each.shape) for colour, each in zip((colours, RADAR), points, strict=True)]
+    points = [_along(np.asarray(ends)) for ends in (segments, device + foot)]
+    shades = [np.broadcast_to(colour, point.shape) for colour, point in zip((colours, RADAR), points, strict=True)]
     return np.concatenate(points), np.concatenate(shades)
 
 
@@ -267,16 +269,16 @@ def _with_cursor(picture: np.ndarray, chart: tuple[float, ...], time_s: float) -
 def _write_gif(pictures: Iterator[np.ndarray], path: Path, step_s: float) -> None:
     from PIL import Image
 
-    frames = [Image.fromarray(each) for each in pictures]
+    frames = [Image.fromarray(picture) for picture in pictures]
     sample = Image.fromarray(np.concatenate([np.asarray(frames[len(frames) * k // 3]) for k in range(3)]))
     palette = sample.quantize(256, method=Image.Quantize.MEDIANCUT)
-    plain = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in frames]
+    paletted = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     step_ms = round(1000 * step_s)
-    plain[0].save(
+    paletted[0].save(
         path,
         save_all=True,
-        append_images=plain[1:],
-        duration=[step_ms] * (len(plain) - 1) + [1200],
+        append_images=paletted[1:],
+        duration=[step_ms] * (len(paletted) - 1) + [1200],
         loop=0,
         optimize=False,
         format="GIF",
@@ -290,15 +292,15 @@ def _write_mp4(pictures: Iterator[np.ndarray], path: Path, rate_hz: float) -> No
         "-r", f"{rate_hz:g}", "-i", "-", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "20", str(path),
     ]  # fmt: skip
     whole = False
-    with tempfile.TemporaryFile() as told:  # not a pipe, which a talkative ffmpeg would fill
-        with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=told) as process, suppress(BrokenPipeError):
+    with tempfile.TemporaryFile() as log:  # not a pipe, which a talkative ffmpeg would fill
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=log) as process, suppress(BrokenPipeError):
             assert process.stdin is not None
             with process.stdin as entry:
-                for each in itertools.chain([first], pictures):
-                    entry.write(each.tobytes())
+                for picture in itertools.chain([first], pictures):
+                    entry.write(picture.tobytes())
             whole = True
-        told.seek(0)
-        words = told.read().decode(errors="replace")
+        log.seek(0)
+        words = log.read().decode(errors="replace")
     if process.returncode or not whole:
         reason = words.strip().splitlines() or ["no reason given"]
         raise InputError(f"ffmpeg cannot write {path.name} ({reason[-1]}); write a .gif")

@@ -74,12 +74,12 @@ def contact_sheet(
         raise InputError(f"labels must be as many as the {len(rows)} motions, got {len(names)}")
     projected = [_projected(motion, body, columns, view_deg) for motion in rows]
     faces = template(body).faces
-    high = max(LEAST_HEIGHT_M, max(float(each[..., 2].max()) for each in projected) + HEADROOM_M)
-    spans = [float(np.ptp(cell[:, 0])) for each in projected for cell in each]
+    high = max(LEAST_HEIGHT_M, max(float(bodies[..., 2].max()) for bodies in projected) + HEADROOM_M)
+    spans = [float(np.ptp(cell[:, 0])) for bodies in projected for cell in bodies]
     size = max(LEAST_WIDTH_M, max(spans) + MARGIN_M), high
     colour = face_colours(body)
     image = np.concatenate(
-        [np.concatenate([cell_image(cell, faces, colour, size) for cell in each], axis=1) for each in projected]
+        [np.concatenate([cell_image(cell, faces, colour, size) for cell in bodies], axis=1) for bodies in projected]
     )
     times = [np.linspace(0, motion.duration_s, columns) for motion in rows]
     return _figure(image, [drawable("labels", name) for name in names], times, size, title)
@@ -115,7 +115,7 @@ def face_colours(body: str) -> np.ndarray:
 def cell_image(vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray, size_m: tuple[float, float]) -> np.ndarray:
     """One body as seen from the camera, (height, width, 3) in 0..1: `vertices` (V, 3) right, toward the camera, up."""
     scale = PIXELS_PER_M * OVERSAMPLING
-    width, height = (OVERSAMPLING * math.ceil(PIXELS_PER_M * each) for each in (size_m[0], size_m[1] + BELOW_M))
+    width, height = (OVERSAMPLING * math.ceil(PIXELS_PER_M * length_m) for length_m in (size_m[0], size_m[1] + BELOW_M))
     image = np.full((height, width, 3), PAPER)
     floor = height - round(BELOW_M * scale)
     image[floor:] = FLOOR
@@ -123,10 +123,12 @@ def cell_image(vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray, siz
     middle = 0.5 * (vertices[:, 0].min() + vertices[:, 0].max())
     corners = vertices[faces]
     normal = unit(edge_cross(corners))
-    seen = normal[:, 1] > 0
-    shade = 0.45 + 0.55 * np.clip(normal[seen] @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)
-    points, face = samples_of(corners[seen], 1.0 / scale)
-    return drawn_into(image, points, (colours[seen] * shade[:, None])[face], scale, (width / 2 - middle * scale, floor))
+    in_view = normal[:, 1] > 0
+    shade = 0.45 + 0.55 * np.clip(normal[in_view] @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)
+    points, face = samples_of(corners[in_view], 1.0 / scale)
+    return drawn_into(
+        image, points, (colours[in_view] * shade[:, None])[face], scale, (width / 2 - middle * scale, floor)
+    )
 
 
 def drawn_into(
@@ -149,13 +151,13 @@ def samples_of(corners: np.ndarray, spacing_m: float) -> tuple[np.ndarray, np.nd
     counts = np.maximum(np.ceil(longest / spacing_m), 1).astype(int)
     points, owners = [np.zeros((0, 3))], [np.zeros(0, int)]
     for count in np.unique(counts):
-        own = np.flatnonzero(counts == count)
+        members = np.flatnonzero(counts == count)
         i, j = np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij")
-        kept = i + j <= count
-        first, second = i[kept] / count, j[kept] / count
+        within = i + j <= count
+        first, second = i[within] / count, j[within] / count
         weights = np.stack([1 - first - second, first, second], axis=1)
-        points.append((weights @ corners[own]).reshape(-1, 3))
-        owners.append(np.repeat(own, len(weights)))
+        points.append((weights @ corners[members]).reshape(-1, 3))
+        owners.append(np.repeat(members, len(weights)))
     return np.concatenate(points), np.concatenate(owners)
 
 

@@ -39,7 +39,7 @@ AT_ONCE = 25
 
 def gathered(recording: Recording) -> dict[str, Any]:
     """All of one recording; where there is nothing to show in three dimensions, `why_no_room` says why in a sentence."""
-    found: dict[str, Any] = {
+    contents: dict[str, Any] = {
         "radar": _radar(recording.radar),
         "caption": _caption(recording),
         "maps": maps(recording),
@@ -49,14 +49,14 @@ def gathered(recording: Recording) -> dict[str, Any]:
         "standing": None,
         **{name: [] for name in ("targets", "parts", "surfaces", "walls", "paths")},
     }
-    split = parts_shown(recording, found["maps"]["spectrogram"])
-    if found["why_no_room"] is None:
+    split = parts_shown(recording, contents["maps"]["spectrogram"])
+    if contents["why_no_room"] is None:
         model = set_up_again(recording.experiment, recording.inputs).model
-        found |= room(model, recording.accuracy or Accuracy())
+        contents |= room(model, recording.accuracy or Accuracy())
         if split is not None:
-            for number, target in enumerate(found["targets"]):
+            for number, target in enumerate(contents["targets"]):
                 target["tint"] = tints(model, number, split.get("names", ()))
-    return found if split is None else {**found, "split": split}
+    return contents if split is None else {**contents, "split": split}
 
 
 def _caption(recording: Recording) -> str:
@@ -95,20 +95,20 @@ def room(model: Model, accuracy: Accuracy) -> dict[str, Any]:
     targets: list[dict[str, Any]] = []
     parts: list[dict[str, Any]] = []
     for number, name in enumerate(names):
-        person = next((row for row, each in enumerate(people) if each.number == number), None)
-        own = (
+        person = next((row for row, candidate in enumerate(people) if candidate.number == number), None)
+        own_parts = (
             _loose(model, number, truth, frames_s)
             if person is None
             else _segments(truth.isel(person=person), person == 0)
         )
         several = len(people) > 1 and person is not None
-        body = _moving(model, number, None if person is None else people[person], len(own), frames_s)
-        extents = _extents(model, number, body["owner"], len(own), frames_s)
+        body = _moving(model, number, None if person is None else people[person], len(own_parts), frames_s)
+        extents = _extents(model, number, body["owner"], len(own_parts), frames_s)
         parts += [
-            {**each, "name": f"{name}: {each['name']}" if several else each["name"], "target": number, **extent}
-            for each, extent in zip(own, extents, strict=True)
+            {**part, "name": f"{name}: {part['name']}" if several else part["name"], "target": number, **extent}
+            for part, extent in zip(own_parts, extents, strict=True)
         ]
-        targets.append({"name": name, "first": len(parts) - len(own), "parts": len(own), **body})
+        targets.append({"name": name, "first": len(parts) - len(own_parts), "parts": len(own_parts), **body})
     contact = truth.contact.values.any(axis=-1)  # heel or ball
     feet = (
         {side: contact[0, :, k].astype(np.uint8) for k, side in enumerate(truth.foot.values.tolist())}
@@ -125,7 +125,7 @@ def room(model: Model, accuracy: Accuracy) -> dict[str, Any]:
         "surfaces": surfaces,
         "bounds": bounds,
         "floor_m": float(bounds["low"][2]),
-        "walls": [each["name"] for each in surfaces if each["shell"] and not abs(each["inward"][2]) > 0.5],
+        "walls": [surface["name"] for surface in surfaces if surface["shell"] and not abs(surface["inward"][2]) > 0.5],
         "paths": _paths(path_table(model, accuracy, frames_s), pairs_of(model, accuracy)),
     }
 
@@ -169,23 +169,26 @@ def _extents(
     """Of each part of a target the speeds of its slowest and fastest vertex [m/s], the ranges of its nearest and farthest [m]."""
     solid = model.geometries[number].solid()
     order = np.argsort(owner, kind="stable")
-    held, starts = np.unique(owner[order], return_index=True)
-    found = np.full((4, parts, len(frames_s)), np.nan, np.float32)
+    present, starts = np.unique(owner[order], return_index=True)
+    extents = np.full((4, parts, len(frames_s)), np.nan, np.float32)
     for first in range(0, len(frames_s), AT_ONCE):
-        some = slice(first, first + AT_ONCE)
-        values = (each[:, order] for each in speeds_and_ranges(model, solid.vertices_at, frames_s[some]))
+        block = slice(first, first + AT_ONCE)
+        values = (
+            values_of_vertices[:, order]
+            for values_of_vertices in speeds_and_ranges(model, solid.vertices_at, frames_s[block])
+        )
         for k, (value, pick) in enumerate((v, pick) for v in values for pick in (np.minimum, np.maximum)):
-            found[k, held, some] = pick.reduceat(value, starts, axis=1).T
-    return [dict(zip(("slow", "fast", "near", "far"), each, strict=True)) for each in found.swapaxes(0, 1)]
+            extents[k, present, block] = pick.reduceat(value, starts, axis=1).T
+    return [dict(zip(("slow", "fast", "near", "far"), curves, strict=True)) for curves in extents.swapaxes(0, 1)]
 
 
 def _segments(truth: xr.Dataset, first: bool) -> list[dict[str, Any]]:
     """The segments of a person; the feet of the first one are those whose speeds are drawn."""
-    found = []
+    parts = []
     for number, name in enumerate(SEGMENTS):
         side, _, part = name.rpartition("_")
         side = name.partition("_")[0] if name.startswith(("left", "right")) else "middle"
-        found.append(
+        parts.append(
             {
                 "name": name.replace("_", " "),
                 "side": side,
@@ -195,26 +198,26 @@ def _segments(truth: xr.Dataset, first: bool) -> list[dict[str, Any]]:
                 "visible": truth.segment_visible.values[:, number].astype(np.float32),
             }
         )
-    return found
+    return parts
 
 
 def _loose(model: Model, number: int, truth: xr.Dataset, frames_s: np.ndarray) -> list[dict[str, Any]]:
     """What is no person: each of a few ellipsoids of its own, all else as one part."""
     geometry, name = model.geometries[number], str(truth.target.values[number])
-    own = [(name, truth.speed_mps.values[number], truth.range_m.values[number])]
+    curves = [(name, truth.speed_mps.values[number], truth.range_m.values[number])]
     if isinstance(geometry, Ellipsoids) and 1 < len(geometry.names) <= 60:
         speeds, ranges = speeds_and_ranges(model, geometry.points_at, frames_s)
-        own = list(zip(geometry.names, speeds.T, ranges.T, strict=True))
+        curves = list(zip(geometry.names, speeds.T, ranges.T, strict=True))
     return [
         {
-            "name": each,
+            "name": part,
             "side": "",
             "foot": "",
             "speed": speed.astype(np.float32),
             "range": distance.astype(np.float32),
             "visible": None,
         }
-        for each, speed, distance in own
+        for part, speed, distance in curves
     ]
 
 
@@ -222,7 +225,7 @@ def _loose(model: Model, number: int, truth: xr.Dataset, frames_s: np.ndarray) -
 
 
 def _surfaces(scene: Scene | None) -> list[dict[str, Any]]:
-    return [] if scene is None else [_surface(each, *scene.bounds_m) for each in scene.surfaces]
+    return [] if scene is None else [_surface(surface, *scene.bounds_m) for surface in scene.surfaces]
 
 
 def _surface(surface: Surface, low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
@@ -247,9 +250,9 @@ def _surface(surface: Surface, low: np.ndarray, high: np.ndarray) -> dict[str, A
 def _bounds(model: Model, targets: list[dict[str, Any]]) -> dict[str, Any]:
     """Corners of what is looked at: targets and radar with a metre around them, in a room of up to 15 m all of it."""
     radar = np.asarray(model.radar.position_m)
-    low = np.min([radar, *(each["low"] for each in targets)], axis=0)
+    low = np.min([radar, *(target["low"] for target in targets)], axis=0)
     high = np.max(
-        [radar, *(each["low"] + each["pitch"] * each["vertices"].max(axis=(0, 1)) for each in targets)], axis=0
+        [radar, *(target["low"] + target["pitch"] * target["vertices"].max(axis=(0, 1)) for target in targets)], axis=0
     )
     ground = min(low[2], 0.0)
     low, high = low - [1, 1, 0], high + [1, 1, 0.5]
@@ -265,12 +268,12 @@ def _paths(table: xr.Dataset, pairs: list[PathPair]) -> list[dict[str, Any]]:
     each follow, and the range that slabs add."""
     levels = table.level_dbm.values
     best = levels.max(axis=2)
-    found: list[dict[str, Any]] = []
+    paths: list[dict[str, Any]] = []
     for target, pair in zip(*np.unravel_index(np.argsort(-best, axis=None), best.shape), strict=True):
-        if not best[target, pair] > best[target].max() - WEAKEST_DB or len(found) >= MOST_PATHS * len(levels):
+        if not best[target, pair] > best[target].max() - WEAKEST_DB or len(paths) >= MOST_PATHS * len(levels):
             continue
         meets = [name for name in table.meets.values[pair].tolist() if name]
-        found.append({
+        paths.append({
             "name": str(table.pair.values[pair]), "target": int(target), "order": int(table.reflections.values[pair]),
             "meets": meets, "level": np.where(np.isfinite(levels[target, pair]), levels[target, pair], np.nan).astype(np.float32),
             "range": (0.5 * SPEED_OF_LIGHT * table.delay_s.values[target, pair]).astype(np.float32),
@@ -280,7 +283,7 @@ def _paths(table: xr.Dataset, pairs: list[PathPair]) -> list[dict[str, Any]]:
             "added": 0.5 * SPEED_OF_LIGHT * float(pairs[pair].delay_s),
             "points": table.points_m.values[target, pair, :, : len(meets)].astype(np.float32),
         })  # fmt: skip
-    return found
+    return paths
 
 
 def _radar(radar: Radar) -> dict[str, Any]:
@@ -320,16 +323,16 @@ def maps(recording: Recording) -> dict[str, Any]:
     start_s, end_s = (float(spectrogram.time_s[place]) for place in (0, -1))
     times_s = np.arange(start_s, end_s + 1e-9, max(1 / MAPS_HZ, (end_s - start_s) / MOST_MAPS))
     middles_s, doppler = recording._maps.range_doppler_over(times_s)
-    found = {}
+    images = {}
     for name, image in (("spectrogram", spectrogram), ("range_time", range_time)):
         time_s, power_db = evenly(*thinned(image.time_s.values, image.values))
         axis = image[image.dims[0]].values
-        found[name] = _map(power_db[None], ("speed" if name == "spectrogram" else "range", axis), ("time", time_s))
-    found["range_doppler"] = {
+        images[name] = _map(power_db[None], ("speed" if name == "spectrogram" else "range", axis), ("time", time_s))
+    images["range_doppler"] = {
         **_map(decibel(doppler.power), ("speed", doppler.velocity_mps), ("range", doppler.range_m)),
         "times": middles_s.astype(np.float32),
     }
-    return found
+    return images
 
 
 def evenly(time_s: np.ndarray, power_db: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -346,7 +349,7 @@ def _map(power_db: np.ndarray, up: tuple[str, np.ndarray], across: tuple[str, np
     # -300 dB is what silence reads.
     peak = max(float(power_db.max()), -300.0 + LEVELS_DB)
     axes: dict[str, Any] = {}
-    kept = []
+    windows = []
     for name, (of, axis), others in (("y", up, (0, 2)), ("x", across, (0, 1))):
         low, high = (
             (axis[0], axis[-1])
@@ -354,7 +357,7 @@ def _map(power_db: np.ndarray, up: tuple[str, np.ndarray], across: tuple[str, np
             else occupied(axis, power_db.max(axis=others), peak - 45, zero=of != "range" or name == "y")
         )
         inside = np.flatnonzero((axis >= low) & (axis <= high))
-        kept.append(slice(inside[0], inside[-1] + 1))
+        windows.append(slice(inside[0], inside[-1] + 1))
         axes[name] = {
             "of": of,
             "first": float(axis[inside[0]]),
@@ -362,7 +365,7 @@ def _map(power_db: np.ndarray, up: tuple[str, np.ndarray], across: tuple[str, np
             "count": len(inside),
             "half": float(axis[1] - axis[0]) / 2 if len(axis) > 1 else 0.05,
         }
-    part = power_db[:, kept[0], kept[1]]
+    part = power_db[:, windows[0], windows[1]]
     levels = np.clip((np.maximum(part, peak - LEVELS_DB) - peak + LEVELS_DB) * (255 / LEVELS_DB), 0, 255)
     return {"values": np.round(levels).astype(np.uint8), "low_db": peak - LEVELS_DB, "high_db": peak, **axes}
 
@@ -370,11 +373,13 @@ def _map(power_db: np.ndarray, up: tuple[str, np.ndarray], across: tuple[str, np
 def on_one_scale(recordings: list[dict[str, Any]]) -> None:
     """Brings the maps of several recordings to the levels of the strongest of each kind, so that colours compare; parts of one name
     get one colour."""
-    coloured([each["split"] for each in recordings if "names" in each.get("split", ())])
-    for kind in {name for each in recordings for name in each["maps"]}:
-        some: list[dict[str, Any]] = [each["maps"][kind] for each in recordings if kind in each["maps"]]
-        peak = max(each["high_db"] for each in some)
-        for each in some:
-            fall = round((peak - each["high_db"]) * 255 / LEVELS_DB)
-            each["values"][:] = np.maximum(each["values"].astype(int) - fall, 0)
-            each["low_db"], each["high_db"] = peak - LEVELS_DB, peak
+    coloured([recording["split"] for recording in recordings if "names" in recording.get("split", ())])
+    for kind in {name for recording in recordings for name in recording["maps"]}:
+        maps_of_kind: list[dict[str, Any]] = [
+            recording["maps"][kind] for recording in recordings if kind in recording["maps"]
+        ]
+        peak = max(shown_map["high_db"] for shown_map in maps_of_kind)
+        for shown_map in maps_of_kind:
+            fall = round((peak - shown_map["high_db"]) * 255 / LEVELS_DB)
+            shown_map["values"][:] = np.maximum(shown_map["values"].astype(int) - fall, 0)
+            shown_map["low_db"], shown_map["high_db"] = peak - LEVELS_DB, peak

@@ -73,16 +73,18 @@ def parts_shown(recording: Recording, spectrogram: dict[str, Any]) -> dict[str, 
         return None
     processing, radar = {**recording.processing, "mti": recording._mti}, recording.radar
     if processing["mti"] not in ("none", "mean") or radar.multiplexing == "ddm":
-        made = "separated Doppler bands" if radar.multiplexing == "ddm" else f"mti={processing['mti']}"
-        return {"why": f"Its parts are not shown, as those of a recording with {made}; simulate or process it without."}
+        processed = "separated Doppler bands" if radar.multiplexing == "ddm" else f"mti={processing['mti']}"
+        return {
+            "why": f"Its parts are not shown, as those of a recording with {processed}; simulate or process it without."
+        }
     with one_blas_thread:
-        names, kept = _strongest(cubes, fixed=processing["mti"] == "mean")
+        names, shown_cubes = _strongest(cubes, fixed=processing["mti"] == "mean")
         left_out = len(cubes) - len(names)
         whole = [recording.cube] if left_out else []
         image = recording.spectrogram
         rows = _rows(image.velocity_mps.values, spectrogram["y"])
-        most = max(1, COLUMNS_OF_PARTS // (len(kept) + len(whole)))
-        spectra = SpectraOfParts.of([*kept, *whole], radar, rows, most, processing)
+        most = max(1, COLUMNS_OF_PARTS // (len(shown_cubes) + len(whole)))
+        spectra = SpectraOfParts.of([*shown_cubes, *whole], radar, rows, most, processing)
         work = partial(_column, spectra, whole=bool(whole))
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
             columns = list(pool.map(work, range(len(spectra.starts))))
@@ -90,17 +92,17 @@ def parts_shown(recording: Recording, spectrogram: dict[str, Any]) -> dict[str, 
         noise = " and the receiver's noise" if recording.settings.get("noise") else ""
         names = [*names, f"{left_out} others{noise}"]
     times_s = spectra.time_s
-    own = image.values[rows][:, np.searchsorted(image.time_s.values, times_s - 1e-9)]
-    every = np.stack([each for each, _ in columns], axis=-1)  # (part, part, row, column)
-    found = {
+    image_db = image.values[rows][:, np.searchsorted(image.time_s.values, times_s - 1e-9)]
+    products = np.stack([column_products for column_products, _ in columns], axis=-1)  # (part, part, row, column)
+    parts = {
         "names": names,
         "others": left_out,
         "x": {"of": "time", "first": float(times_s[0]), "last": float(times_s[-1]), "count": len(times_s)},
         "y": spectrogram["y"],
-        **_levels(every, own),
+        **_levels(products, image_db),
     }
-    ranges, speeds, powers = np.stack([each for _, each in columns], axis=-1)  # each (part, column)
-    return found | {"ranges": ranges, "speeds": speeds, "peaks_db": decibel(powers).astype(np.float32)}
+    ranges, speeds, powers = np.stack([column_peaks for _, column_peaks in columns], axis=-1)  # each (part, column)
+    return parts | {"ranges": ranges, "speeds": speeds, "peaks_db": decibel(powers).astype(np.float32)}
 
 
 def _strongest(cubes: dict[str, DiskCube], *, fixed: bool) -> tuple[list[str], list[DiskCube]]:
@@ -111,8 +113,8 @@ def _strongest(cubes: dict[str, DiskCube], *, fixed: bool) -> tuple[list[str], l
     energy = {}
     for name, cube in cubes.items():
         starts = np.linspace(0, max(0, count - 8), SAMPLED).astype(int).tolist()
-        some = np.concatenate([cube.every(first, first + 8, EVERY) for first in starts])
-        energy[name] = float(np.square(np.abs(some - some.mean(axis=0) * fixed)).sum())
+        samples = np.concatenate([cube.every(first, first + 8, EVERY) for first in starts])
+        energy[name] = float(np.square(np.abs(samples - samples.mean(axis=0) * fixed)).sum())
     best = set(sorted(energy, key=lambda name: -energy[name])[:MOST_PARTS])
     return [name for name in cubes if name in best], [cube for name, cube in cubes.items() if name in best]
 
@@ -132,18 +134,18 @@ def _column(spectra: SpectraOfParts, column: int, *, whole: bool) -> tuple[np.nd
     return np.moveaxis(flat @ flat.swapaxes(1, 2), 0, -1), peaks
 
 
-def _levels(every: np.ndarray, whole_db: np.ndarray) -> dict[str, Any]:
+def _levels(products: np.ndarray, whole_db: np.ndarray) -> dict[str, Any]:
     """Levels in 16 bits, and products of two parts where they matter, cell by cell, as numbers from 1 to 65535 for -1..1."""
-    powers = np.einsum("iijk->ijk", every)
+    powers = np.einsum("iijk->ijk", products)
     levels_db, amplitudes = decibel(powers), np.sqrt(powers, dtype=float)
     peak = max(float(levels_db.max()), float(whole_db.max()))
     counts = np.zeros(whole_db.shape, np.uint32)
     cells, pairs = [np.zeros(0, int)], [np.zeros((3, 0))]
-    for first, second in itertools.combinations(range(len(every)), 2):
+    for first, second in itertools.combinations(range(len(products)), 2):
         low, high = np.minimum(levels_db[first], levels_db[second]), np.maximum(levels_db[first], levels_db[second])
         matters = (low > peak - SHOWN_DB) & (high - low < APART_DB)
         place = np.flatnonzero(matters)
-        common = every[first, second].ravel()[place] / (amplitudes[first] * amplitudes[second]).ravel()[place]
+        common = products[first, second].ravel()[place] / (amplitudes[first] * amplitudes[second]).ravel()[place]
         counts += matters
         cells.append(place)
         pairs.append(np.stack([np.full(len(place), first), np.full(len(place), second), 32767 * common + 32768]))
@@ -167,18 +169,20 @@ def _in_16_bits(levels_db: np.ndarray, peak_db: float) -> np.ndarray:
 
 def coloured(splits: Sequence[dict[str, Any]]) -> None:
     """Gives the parts of a page's recordings their colours, (part, 3): a body's segments their own, all others in turn."""
-    names = list(dict.fromkeys(name for each in splits for name in each["names"]))
+    names = list(dict.fromkeys(name for split in splits for name in split["names"]))
     segments = [name.rpartition(": ")[2] for name in names]
     colours = dict.fromkeys((labels.STATIC, labels.BETWEEN, labels.UNLABELLED), REST)
-    colours |= {each["names"][-1]: REST for each in splits if each["others"]}
+    colours |= {split["names"][-1]: REST for split in splits if split["others"]}
     if len(set(segments)) == len(names):
-        own = zip(names, segments, strict=True)
-        colours |= {name: SEGMENT_COLOURS[each] for name, each in own if each in SEGMENT_COLOURS}
+        named_segments = zip(names, segments, strict=True)
+        colours |= {name: SEGMENT_COLOURS[segment] for name, segment in named_segments if segment in SEGMENT_COLOURS}
     free = itertools.cycle(COLOURS)
     colours |= {name: next(free) for name in names if name not in colours}
     for split in splits:
-        found = [colours[name] for name in split["names"]]
-        split["colours"] = np.array([[int(each[k : k + 2], 16) for k in (1, 3, 5)] for each in found], np.uint8)
+        hex_colours = [colours[name] for name in split["names"]]
+        split["colours"] = np.array(
+            [[int(hex_colour[k : k + 2], 16) for k in (1, 3, 5)] for hex_colour in hex_colours], np.uint8
+        )
 
 
 def tints(model: Model, number: int, names: Sequence[str]) -> np.ndarray:
@@ -187,13 +191,13 @@ def tints(model: Model, number: int, names: Sequence[str]) -> np.ndarray:
     solid, place = geometry.solid(), {name: k for k, name in enumerate(names)}
     by_ellipsoid = isinstance(geometry, Ellipsoids)
     target, parts = labels.PartNames("segment", model).of_target(number, ellipsoids=by_ellipsoid)
-    found = np.full(solid.vertices, place.get(target, NONE), np.uint8)
-    owners = np.array([place.get(name, found[0]) for name in parts], np.uint8)
+    owner_of_vertex = np.full(solid.vertices, place.get(target, NONE), np.uint8)
+    owners = np.array([place.get(name, owner_of_vertex[0]) for name in parts], np.uint8)
     if by_ellipsoid:
-        return np.repeat(owners, solid.vertices // len(owners)) if len(owners) else found
+        return np.repeat(owners, solid.vertices // len(owners)) if len(owners) else owner_of_vertex
     if len(owners) == len(solid.faces):
-        found[solid.faces] = owners[:, None]
-    return found
+        owner_of_vertex[solid.faces] = owners[:, None]
+    return owner_of_vertex
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -219,16 +223,20 @@ class SpectraOfParts:
         cls, cubes: Sequence[Any], radar: Radar, rows: slice, most: int, processing: Mapping[str, Any]
     ) -> SpectraOfParts:
         """At `most` columns and some rows of the spectrogram that `processing` makes: mti none or mean, and no radar with "ddm"."""
-        given = {name: each.default for name, each in inspect.signature(spectrogram).parameters.items()}
-        given |= dict(processing)
+        options = {name: parameter.default for name, parameter in inspect.signature(spectrogram).parameters.items()}
+        options |= dict(processing)
         radar, chirps = radar.separated, len(cubes[0])
-        fast = FastTime.of(radar, given["range_window"], given["range_gate_m"], given["combine"])
-        n_window, overlap, n_fft = checked_windows(radar, chirps, given["n_window"], given["overlap"], given["n_fft"])
+        fast = FastTime.of(radar, options["range_window"], options["range_gate_m"], options["combine"])
+        n_window, overlap, n_fft = checked_windows(
+            radar, chirps, options["n_window"], options["overlap"], options["n_fft"]
+        )
         starts = window_starts(chirps, radar.loops_per_frame or chirps, n_window, n_window - overlap)
-        most_step = min(sample_step(each, given["range_window"], 0, chirps) for each in cubes) if fast.by_samples else 1
-        step = max(each for each in range(1, most_step + 1) if radar.samples % each == 0)
+        most_step = (
+            min(sample_step(cube, options["range_window"], 0, chirps) for cube in cubes) if fast.by_samples else 1
+        )
+        step = max(divisor for divisor in range(1, most_step + 1) if radar.samples % divisor == 0)
         cycles = np.outer(np.fft.fftshift(np.fft.fftfreq(n_fft))[::-1][rows], np.arange(n_window))  # ascending speeds
-        weights = taper(given["window"], n_window, periodic=True) / math.sqrt(fast.bandwidth_bins * cubes[0].shape[1])
+        weights = taper(options["window"], n_window, periodic=True) / math.sqrt(fast.bandwidth_bins * cubes[0].shape[1])
         return cls(
             cubes=cubes,
             radar=radar,
@@ -236,7 +244,7 @@ class SpectraOfParts:
             starts=starts[:: math.ceil(len(starts) / most)],
             transform=(weights * np.exp(-2j * np.pi * cycles)).astype(np.complex64),
             step=step,
-            means=np.stack([mean_chirp(each) for each in cubes]) if given["mti"] == "mean" else None,
+            means=np.stack([mean_chirp(cube) for cube in cubes]) if options["mti"] == "mean" else None,
             velocity_mps=radar.speed_axis_mps(n_fft)[rows],
         )
 
@@ -248,7 +256,7 @@ class SpectraOfParts:
 
     def at(self, column: int) -> np.ndarray:
         """Spectra [sqrt(W)] (cube, velocity, antenna, cell) of one column; powers of cells add up to that of the spectrogram."""
-        start, count, found = int(self.starts[column]), self.transform.shape[1], []
+        start, count, spectra_of_cubes = int(self.starts[column]), self.transform.shape[1], []
         steady = self.transform.sum(axis=1)[:, None, None]
         for place, cube in enumerate(self.cubes):
             if isinstance(cube, DiskCube):
@@ -258,8 +266,8 @@ class SpectraOfParts:
             if self.means is not None:
                 mixed -= steady * self.means[place, :, :: self.step]
             cells = self.fast.cells(mixed, self.step)
-            found.append(cells.sum(axis=-1, keepdims=True) if self.fast.coherent else cells)
-        return np.stack(found)
+            spectra_of_cubes.append(cells.sum(axis=-1, keepdims=True) if self.fast.coherent else cells)
+        return np.stack(spectra_of_cubes)
 
     def peaks(self, column: int, spectra: np.ndarray) -> np.ndarray:
         """Range [m], speed [m/s] and power [W] of each cube's strongest cell of the range-Doppler map at a column, (3, cube); NaN
@@ -269,8 +277,8 @@ class SpectraOfParts:
         start, count = int(self.starts[column]), self.radar.samples // self.step
         maps = fft.fft(spectra, count, axis=-1)
         powers = (maps.real**2 + maps.imag**2).sum(axis=2) * (self.step * self.fast.bandwidth_bins / self.radar.samples)
-        found = np.full((3, len(self.cubes)), np.nan, np.float32)
-        for each, (cube, power) in enumerate(zip(self.cubes, powers, strict=True)):
+        strongest = np.full((3, len(self.cubes)), np.nan, np.float32)
+        for number, (cube, power) in enumerate(zip(self.cubes, powers, strict=True)):
             if isinstance(cube, DiskCube) and isinstance(cube.rows, ProductRows):
                 row, place = np.unravel_index(power.argmax(), power.shape)
                 if self.step > 1:  # bins repeat: that one is meant which is the first from the least beat on
@@ -278,8 +286,8 @@ class SpectraOfParts:
                     first = low / np.pi * self.radar.samples / (self.radar.samples - 1) - 1
                     place += math.ceil((first - place) / count) * count
                 range_m = self.radar.range_axis_m()
-                found[:, each] = range_m[place % len(range_m)], self.velocity_mps[row], power.max()
-        return found
+                strongest[:, number] = range_m[place % len(range_m)], self.velocity_mps[row], power.max()
+        return strongest
 
 
 def mean_chirp(adc: Any) -> np.ndarray:
@@ -287,4 +295,4 @@ def mean_chirp(adc: Any) -> np.ndarray:
     if isinstance(adc, DiskCube) and isinstance(adc.rows, ProductRows):
         return (adc.rows.column_sums() / len(adc)).astype(np.complex64)
     blocks = (np.asarray(adc[start : start + PIECE]) for start in range(0, len(adc), PIECE))
-    return np.asarray(sum(column_sums(each) for each in blocks) / len(adc)).astype(np.complex64)
+    return np.asarray(sum(column_sums(block) for block in blocks) / len(adc)).astype(np.complex64)

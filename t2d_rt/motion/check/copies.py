@@ -34,7 +34,7 @@ MIRRORED = [
 
 def copies(motions: Sequence[Motion]) -> list[tuple[int, int]]:
     """Numbers of motions, the earlier one first, of each pair one of which repeats the other."""
-    shown = [_postures(tracks(each)) for each in motions]
+    shown = [_postures(tracks(motion)) for motion in motions]
     images = [each[:, MIRRORED] * [1.0, -1.0, 1.0] for each in shown]
     return [
         (first, second)

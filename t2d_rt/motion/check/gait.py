@@ -86,7 +86,7 @@ def gait_of(body: Tracks) -> Gait:
     thigh = [body[f"{each}_knee"] - body[f"{each}_hip"] for each in ("left", "right")]
     wrists = [inner(body[f"{each}_wrist"] - body[f"{each}_shoulder"], ahead) / tall for each in ("left", "right")]
     feet = [body[f"{each}_foot"][:, 2] for each in ("left", "right")]
-    lift = [np.percentile(each, 98) - np.percentile(each, 5) for each in feet]
+    lift = [np.percentile(foot, 98) - np.percentile(foot, 5) for foot in feet]
     sway = np.degrees(np.arcsin(np.clip(inner(body.trunk, side), -1, 1)))
     duration_s = len(hips) / RATE_HZ
     return Gait(
@@ -107,7 +107,7 @@ def gait_of(body: Tracks) -> Gait:
         foot_lift=float(min(lift)) / tall,
         trunk_lean_deg=float(np.degrees(np.median(np.arctan2(inner(body.trunk, ahead), body.trunk[:, 2])))),
         trunk_sway_deg=float(np.percentile(sway, 95) - np.percentile(sway, 5)),
-        arm_swing=float(np.mean([np.percentile(each, 95) - np.percentile(each, 5) for each in wrists])),
+        arm_swing=float(np.mean([np.percentile(wrist, 95) - np.percentile(wrist, 5) for wrist in wrists])),
         halted_s=float(slow[peaks[0] : peaks[-1]].sum()) / RATE_HZ if len(peaks) > 1 else 0.0,
     )
 

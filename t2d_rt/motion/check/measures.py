@@ -218,7 +218,7 @@ def penetration_m(body: Tracks) -> float:
 
 def floor_offset_m(contacts: list[Contact]) -> float:
     """Height of the lowest planted foot over the floor [m]; 0 where none is planted."""
-    return min((float(each.place[2]) for each in contacts), default=0.0)
+    return min((float(contact.place[2]) for contact in contacts), default=0.0)
 
 
 def floating_s(body: Tracks) -> float:
@@ -520,7 +520,10 @@ def measures_of(motion: Motion, body: Tracks) -> Measures:
         self_penetration_m=float(np.percentile(self_penetration_m(body), ANGLE_PERCENTILE)),
         upside_down_fraction=upside_down_fraction(body),
         mirrored=mirrored(body),
-        angles_deg={name: float(np.percentile(each, ANGLE_PERCENTILE)) for name, each in joint_angles(body).items()},
+        angles_deg={
+            name: float(np.percentile(joint_angle, ANGLE_PERCENTILE))
+            for name, joint_angle in joint_angles(body).items()
+        },
     )
 
 

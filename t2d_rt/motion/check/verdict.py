@@ -43,7 +43,7 @@ from t2d_rt.types.motion import Motion, checked_motion
 
 FILE = Path(__file__).with_name("limits.json")
 
-GAIT_SIGNS = tuple(each.name for each in fields(Gait) if each.name not in ("steps", "speed_mps", "net_mps"))
+GAIT_SIGNS = tuple(field.name for field in fields(Gait) if field.name not in ("steps", "speed_mps", "net_mps"))
 """Figures of a gait whose range in recorded normal walks tells abnormal ones."""
 
 
@@ -126,13 +126,13 @@ class Evidence:
     def seated_s(self, *ankles: str) -> float:
         """Longest stay of a low body whose centre of mass is so far behind all these ankles that something else carries it [s]."""
         body = self.body
-        ahead = np.max([((body.centre_of_mass - body[each]) * body.facing).sum(axis=1) for each in ankles], axis=0)
+        ahead = np.max([((body.centre_of_mass - body[ankle]) * body.facing).sum(axis=1) for ankle in ankles], axis=0)
         carried = (self.hips < SEATED) & (ahead < -OFF_THE_FEET * body.leg_m)
         return max((stop - start for start, stop in spans(carried, gap=6, least=1)), default=0) / RATE_HZ
 
     def pieces(self, least_mps: float, *, gap_s: float) -> list[Evidence]:
         """Those in which the body goes at that speed, the one that gets farthest first."""
-        return [Evidence(each, gait_of(each), self.limits) for each in travels(self.body, least_mps, gap_s=gap_s)]
+        return [Evidence(travel, gait_of(travel), self.limits) for travel in travels(self.body, least_mps, gap_s=gap_s)]
 
     @property
     def turn_deg(self) -> float:
@@ -202,7 +202,7 @@ def gait_faults(walk: Evidence) -> list[str]:
 
 
 def _on_stairs(seen: Evidence) -> bool:
-    levels = [float(each.place[2]) for each in contacts(seen.body)]
+    levels = [float(contact.place[2]) for contact in contacts(seen.body)]
     return bool(levels and np.ptp(levels) > STAIRS_M)
 
 
@@ -296,8 +296,8 @@ def _running(seen: Evidence) -> list[str]:
     for piece in seen.pieces(0.9, gap_s=0.2):
         faults = _steps(piece, (120, 260), (0.9, 9.0))
         planted = np.zeros(len(piece.body.joints), bool)
-        for each in contacts(piece.body):
-            planted[each.start : each.stop] = True
+        for contact in contacts(piece.body):
+            planted[contact.start : contact.stop] = True
         if airborne(piece.body).mean() < 0.03 and planted.mean() > 0.8:
             faults.append(f"a foot is on the floor for {planted.mean():.0%} of the time: no flight between steps")
         if not faults:

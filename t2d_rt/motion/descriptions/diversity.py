@@ -76,10 +76,12 @@ class Diversity:
 def diversity(descriptions: Sequence[Description | str]) -> Diversity:
     """Diversity of the sentences of some descriptions, or of some sentences."""
     sentences = [
-        each.sentence if isinstance(each, Description) else instance("a sentence", each, str, "a text")
-        for each in descriptions
+        description.sentence
+        if isinstance(description, Description)
+        else instance("a sentence", description, str, "a text")
+        for description in descriptions
     ]
-    rows = [words_of(each) for each in sentences]
+    rows = [words_of(sentence) for sentence in sentences]
     words = [word for row in rows for word in row]
     if not words:
         raise InputError(

@@ -412,8 +412,8 @@ def _measures(step: Step) -> list[str]:
 
 def _sided(phrases: tuple[str, ...], side: str | None) -> tuple[str, ...]:
     """The phrases that tell a side, where the step does; else those that need not."""
-    plain = tuple(each for each in phrases if "{side}" not in each)
-    return tuple(each for each in phrases if "{side}" in each) if side is not None else plain or phrases
+    plain = tuple(phrase for phrase in phrases if "{side}" not in phrase)
+    return tuple(phrase for phrase in phrases if "{side}" in phrase) if side is not None else plain or phrases
 
 
 def _filled(text: str, step: Step, his: str) -> str:

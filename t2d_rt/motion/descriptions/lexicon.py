@@ -146,8 +146,8 @@ def meaning(name: str) -> tuple[str, dict[str, str]]:
     (('walk', {'speed': 'slow'}), ('', {'manner': 'sad'}))
     """
     words = name.split()
-    said = dict(each.split("=", 1) for each in words if "=" in each)
-    return " ".join(each for each in words if "=" not in each), said
+    said = dict(word.split("=", 1) for word in words if "=" in word)
+    return " ".join(word for word in words if "=" not in word), said
 
 
 @cache

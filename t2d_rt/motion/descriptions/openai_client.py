@@ -51,7 +51,7 @@ class Session:
 
     def ask(self, messages: Sequence[Message], schema: Mapping[str, Any], *, seed: int) -> Reply:
         """One reply, tried again while the server is busy or failing."""
-        self._size = sum(len(each["content"]) for each in messages)
+        self._size = sum(len(message["content"]) for message in messages)
         while True:
             before = self.requests
             try:

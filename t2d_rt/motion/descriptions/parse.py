@@ -93,7 +93,7 @@ def _checked(sentence: str) -> str:
             f"a description has at most {slots.LONGEST_SENTENCE} characters, got {len(sentence)}; describe one person's "
             "activity in a sentence"
         )
-    numbers = "|".join(each for each in lexicon().numbers if each not in ("a", "an"))
+    numbers = "|".join(number for number in lexicon().numbers if number not in ("a", "an"))
     below = rf"(?<!\S)(?:[-\u2212](?=[\d.])|(?:minus|negative)\s+(?=[\d.]|(?:a|{numbers}|half|pi|\u03c0)\b))\S+"
     measures = "|".join(re.escape(each) for each in ("times", "turns", *lexicon().seconds, *lexicon().degrees))
     wrong = re.search(rf"{below}|\b(?:nan|inf|infinite|infinity)\s*(?:{measures})\b", sentence, re.IGNORECASE)
@@ -111,8 +111,8 @@ def _happening(reader: Reader) -> list[ParseStep]:
     """The steps, without slips and stumbles from which the sentence says that nobody falls."""
     steps = reader.ordered()
     near_falls = forms_of(lexicon().near_falls)
-    kept = [each for each in steps if not (reader.recovers and each.words.split()[0] in near_falls)]
-    lost = [each.words for each in steps if each not in kept]
+    kept = [step for step in steps if not (reader.recovers and step.words.split()[0] in near_falls)]
+    lost = [step.words for step in steps if step not in kept]
     reader.ignored += lost
     reader.denied_actions += lost
     return kept
@@ -241,7 +241,7 @@ def _check_any(steps: list[ParseStep], reader: Reader) -> None:
     if not steps:
         wrong = f"no activity was understood in the sentence (not understood: {ignored})"
         raise InputError(f"{wrong if ignored else 'the sentence tells no activity'}; describe {UNDERSTOOD}")
-    if all(each.action == "stand" for each in steps):
+    if all(step.action == "stand" for step in steps):
         raise InputError(f"the sentence tells of standing only, which is none of the classes; describe {UNDERSTOOD}")
 
 

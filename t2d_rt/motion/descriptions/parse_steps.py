@@ -231,7 +231,7 @@ class Reader:
         return bool(steps) and steps[-1].action == "stretch"
 
     def _last(self) -> ParseStep | None:
-        return next((each.steps[-1] for each in reversed(self.clauses) if each.steps), None)
+        return next((clause.steps[-1] for clause in reversed(self.clauses) if clause.steps), None)
 
     def settle(self) -> None:
         """Gives what stands in the last clause without an action to the action before it, or makes a step of its own of it."""

@@ -175,7 +175,7 @@ def as_json(description: Description) -> dict[str, Any]:
 
 def json_lines(descriptions: Iterable[Description]) -> str:
     """The text of a file of descriptions."""
-    return "".join(json.dumps(as_json(each), ensure_ascii=False) + "\n" for each in descriptions)
+    return "".join(json.dumps(as_json(description), ensure_ascii=False) + "\n" for description in descriptions)
 
 
 def write_descriptions(path: str | Path, descriptions: Iterable[Description], *, overwrite: bool = False) -> None:

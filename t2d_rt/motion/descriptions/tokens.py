@@ -191,7 +191,7 @@ def tokens_of(sentence: str) -> list[Token]:
         if misspelt and tokens[0].kind == "unknown":
             tokens = [Token("unknown", misspelt[0])]
         elif misspelt:
-            tokens = [Token(each.kind, each.words, each.slots, each.gerund, " ".join(misspelt)) for each in tokens]
+            tokens = [Token(token.kind, token.words, token.slots, token.gerund, " ".join(misspelt)) for token in tokens]
         found += tokens
         place = after
     return found
