@@ -42,10 +42,8 @@ class Posing:
         """Rotations (K, 26, 3, 3) from the rest pose, and where the bones' rest joints go (K, 26, 3), of `BONES`."""
         at = {name: joints[:, i] for i, name in enumerate(self.names)}
         source = matrices(rotations)
-        bone_rotations = source[:, [self.names.index(name) for name in self.offsets]] @ np.stack(
-            list(self.offsets.values())
-        )
-        rotation = {name: bone_rotations[:, i] for i, name in enumerate(self.offsets)}
+        bones = source[:, [self.names.index(name) for name in self.offsets]] @ np.stack(list(self.offsets.values()))
+        rotation = {name: bones[:, i] for i, name in enumerate(self.offsets)}
         origin = {name: at[name] for name in CANONICAL_JOINTS}
         self._trunk(at, source[:, self.names.index("spine3")], rotation, origin)
         for side in SIDES:

@@ -356,9 +356,7 @@ class _Nodes:
         """Rows of some nodes on the control points, and rows that are linear within the faces."""
         from scipy import sparse
 
-        operator, linear = (
-            sparse.vstack(matrices, format="csr")[numbers] for matrices in zip(*self._rows, strict=True)
-        )
+        operator, linear = (sparse.vstack(rows, format="csr")[numbers] for rows in zip(*self._rows, strict=True))
         return operator, linear
 
     def _add(self, ids: np.ndarray, face: np.ndarray, place: np.ndarray) -> None:

@@ -77,12 +77,12 @@ def build_levels(
     while level.split.any():
         # Midpoints within the halo are made although nothing of it is split: stencils of the next level reach into it.
         inside = _grow(level.topology, np.any(level.red, axis=0), HALO_RINGS)
-        halved_edges = np.any(level.split, axis=0) | _edges_of(level.topology, inside)
-        complete(level, halved_edges)
-        level.middle_ids = np.where(halved_edges, count + np.cumsum(halved_edges) - 1, -1)
-        steps.append(renamed_columns(level.middle[halved_edges], level.ids, count))
-        linear_steps.append(renamed_columns(chords(level.topology)[halved_edges], level.ids, count))
-        count += int(np.count_nonzero(halved_edges))
+        cut_edges = np.any(level.split, axis=0) | _edges_of(level.topology, inside)
+        complete(level, cut_edges)
+        level.middle_ids = np.where(cut_edges, count + np.cumsum(cut_edges) - 1, -1)
+        steps.append(renamed_columns(level.middle[cut_edges], level.ids, count))
+        linear_steps.append(renamed_columns(chords(level.topology)[cut_edges], level.ids, count))
+        count += int(np.count_nonzero(cut_edges))
         if not level.red.any():
             break
         needed = 4 * int(level.red.sum(axis=1).max())

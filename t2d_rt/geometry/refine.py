@@ -255,10 +255,10 @@ def refinements(
     scale = _scale(rest, wavenumber, range_m, sagittas_rad)
     levels, steps, linear_steps = build_levels(rest, faces, scale, crease_deg, max_faces)
     operator, linear = _stack(steps, len(rest)), _stack(linear_steps, len(rest))
-    levels_of_limits = (
+    alone = (
         [replace(level, split=level.split[i], red=level.red[i]) for level in levels] for i in range(len(sagittas_rad))
     )
-    return [_refined(limit_levels, rest, operator, linear, displace) for limit_levels in levels_of_limits]
+    return [_refined(limit_levels, rest, operator, linear, displace) for limit_levels in alone]
 
 
 def _refined(levels: list[Level], rest: np.ndarray, operator: Csr, linear: Csr, displace: bool) -> Refinement:

@@ -135,12 +135,9 @@ def _glb(data: bytes, path: Path) -> _Mesh:
             for node in scene.graph.nodes_geometry
             if isinstance(geometry := scene.geometry[scene.graph.get(node)[1]], trimesh.Trimesh)
         ]
-        parts = [
-            trimesh.transform_points(node_mesh.vertices, matrix)[node_mesh.faces] for _, node_mesh, matrix in meshes
-        ]
+        parts = [trimesh.transform_points(mesh.vertices, matrix)[mesh.faces] for _, mesh, matrix in meshes]
         named = [
-            (node, str(getattr(getattr(node_mesh.visual, "material", None), "name", "") or ""))
-            for node, node_mesh, _ in meshes
+            (node, str(getattr(getattr(mesh.visual, "material", None), "name", "") or "")) for node, mesh, _ in meshes
         ]
     except Exception:  # whatever a damaged file makes the decoder raise
         raise InputError(f"mesh {path} is not a .glb file with triangles, or damaged; export it again") from None
@@ -162,9 +159,7 @@ def _upward(triangles: np.ndarray, path: Path, unit_m: float, up: str | None) ->
     axis = min(low, key=high.__getitem__) if len(low) > 1 else low[0]
     size = " x ".join(f"{length:.3g}" for length in extent)
     if not HEIGHT_M[0] <= high[axis] <= HEIGHT_M[1] or not ACROSS_M[0] <= extent.max() <= ACROSS_M[1]:
-        hints = [
-            f"units={name!r}" for name, length_m in UNITS_M.items() if 2.0 <= high[axis] / unit_m * length_m <= LOW_M
-        ]
+        hints = [f"units={name!r}" for name, size_m in UNITS_M.items() if 2.0 <= high[axis] / unit_m * size_m <= LOW_M]
         hints += [f"up={other!r}" for other in fitting if other != axis]
         raise InputError(
             f"mesh {path} measures {size} m and is {high[axis]:.3g} m high along {axis}, which is no room of {HEIGHT_M[0]:g} to "
@@ -228,9 +223,7 @@ def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, Given], conventions:
         surfaces.setdefault(naming.of(part, _halves(sides), plane.normal @ level.T), []).append(_halves(sides))
     naming.check_all_used(path)
     reflecting = sum(
-        0.5 * np.linalg.norm(edge_cross(part_triangles), axis=1).sum()
-        for group in surfaces.values()
-        for part_triangles in group
+        0.5 * np.linalg.norm(edge_cross(piece), axis=1).sum() for group in surfaces.values() for piece in group
     )
     shift = np.array([0.0, 0.0, low])
     count, rest = sum(map(len, surfaces.values())), triangles[where[left]]
@@ -305,12 +298,10 @@ class _Naming:
         words = re.findall(r"[a-z]+", f"{made_of} {object_name}".lower().replace("_board", "board"))
         usual = next((WORDS[word] for word in words if word in WORDS), ROLES[role])
         for key in (object_name, made_of, role):
-            material_key = next(
-                (candidate for candidate in self.materials if candidate.casefold() == key.casefold() and key), None
-            )
-            if material_key is not None:
-                self.used.add(material_key)
-                material, thickness_m = self.materials[material_key]
+            match = next((label for label in self.materials if label.casefold() == key.casefold() and key), None)
+            if match is not None:
+                self.used.add(match)
+                material, thickness_m = self.materials[match]
                 if thickness_m is None:
                     self.guessed.setdefault(f"{usual[1]:g} m", {})[name] = None
                 return name, (material, thickness_m or usual[1])
@@ -339,15 +330,15 @@ class _Naming:
         ]
 
 
-def slab_of(given: str | Material) -> Given:
+def slab_of(material: str | Material) -> Given:
     """Material and thickness [m] of what a user gives: "wood", "wood 0.04" or a Material, whose thickness is not told."""
-    if not isinstance(given, str):
-        return given, None
-    name, _, thickness = given.removeprefix("itu_").partition(" ")
+    if not isinstance(material, str):
+        return material, None
+    name, _, thickness = material.removeprefix("itu_").partition(" ")
     usual_m = THICKNESS_M.get(known_itu(name), THICKNESS_M["concrete"])
     try:
         return name, float(thickness) if thickness.strip() else usual_m
     except ValueError:
         raise InputError(
-            f"a material must be a name, or a name and a thickness in metres as 'wood 0.04', got {shown(given)}"
+            f"a material must be a name, or a name and a thickness in metres as 'wood 0.04', got {shown(material)}"
         ) from None

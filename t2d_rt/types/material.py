@@ -128,9 +128,9 @@ def checked_material(material: Any) -> str | Material:
 
 def known_material(noun: str, material: Any, *, others: Collection[str] = ()) -> str | Material:
     """The values of a material, or the name of a body's, of an ITU one or of `others`; refuses any other name of this noun."""
-    known = (*others, *BODY_NAMES, *ITU_NAMES)
-    if isinstance(checked_material(material), str) and material not in known and short_name(material) not in ITU_NAMES:
-        raise unknown_name(noun, material, known, hint=", or give a Material")
+    names = (*others, *BODY_NAMES, *ITU_NAMES)
+    if isinstance(checked_material(material), str) and material not in names and short_name(material) not in ITU_NAMES:
+        raise unknown_name(noun, material, names, hint=", or give a Material")
     return cast(str | Material, material)
 
 

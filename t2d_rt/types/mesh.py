@@ -217,19 +217,19 @@ class MovingMesh:
 
 def _positions(track: Track, times_s: np.ndarray, count: int | None, name: str) -> np.ndarray:
     """What a track gives at these times (K, count, 3), checked: a user's may give anything."""
-    vertices = track(times_s)
+    points = track(times_s)
     if (
-        not isinstance(vertices, np.ndarray)
-        or not np.issubdtype(vertices.dtype, np.floating)
-        or np.ma.isMaskedArray(vertices)
+        not isinstance(points, np.ndarray)
+        or not np.issubdtype(points.dtype, np.floating)
+        or np.ma.isMaskedArray(points)
     ):
-        vertices = array(f"the track of {name}", vertices)
-    check_shape(f"the track of {name}", vertices, (len(times_s), "vertex" if count is None else count, 3))
+        points = array(f"the track of {name}", points)
+    check_shape(f"the track of {name}", points, (len(times_s), "vertex" if count is None else count, 3))
     # A sum is finite where all of it is, and takes no array of its own.
-    if not np.isfinite(vertices.sum()):
-        at = times_s[~np.isfinite(vertices).all(axis=(1, 2))]
+    if not np.isfinite(points.sum()):
+        at = times_s[~np.isfinite(points).all(axis=(1, 2))]
         raise InputError(f"the track of {name} must be finite, got NaN or infinite vertices at {at[0]:.6g} s")
-    return vertices
+    return points
 
 
 def _check_period(track: Track, times_s: np.ndarray, count: int, period_s: float, name: str) -> None:
@@ -241,10 +241,8 @@ def _check_period(track: Track, times_s: np.ndarray, count: int, period_s: float
     if parts[-1] < period_s:
         return  # less than a period: nothing is read from it
     apart_m = 0.0
-    for instants_s in np.array_split(since, 10):
-        here, first = (
-            _positions(track, times_s[0] + instant_s, count, name) for instant_s in (instants_s, instants_s % period_s)
-        )
+    for probes in np.array_split(since, 10):
+        here, first = (_positions(track, times_s[0] + probe, count, name) for probe in (probes, probes % period_s))
         apart_m = max(apart_m, float(np.abs(here - first).max(initial=0.0)))
     if apart_m > PERIOD_M:
         raise InputError(

@@ -168,11 +168,9 @@ class Motion:
         if self.heartbeat is not None:
             instance("heartbeat", self.heartbeat, Heartbeat, "a Heartbeat, as Heartbeat(rate_hz=1.2, depth_m=0.0002)")
         carries = listed("carries", self.carries, Carried, "a list of Carried, as t2d_rt.carry makes it")
-        for carried in carries:
-            if carried.joint not in names:
-                raise InputError(
-                    f"the {carried.thing} is carried by {shown(carried.joint)}, which the motion does not have"
-                )
+        for item in carries:
+            if item.joint not in names:
+                raise InputError(f"the {item.thing} is carried by {shown(item.joint)}, which the motion does not have")
         set_fields(
             self,
             joints=joints,
@@ -241,19 +239,17 @@ class Motion:
         return self.names.index(name)
 
 
-def _activities(given: Any) -> tuple[tuple[str, float], ...]:
+def _activities(value: Any) -> tuple[tuple[str, float], ...]:
     """Names and the times at which they begin, checked."""
     hint = "such as [('walk', 0.0), ('sit', 2.5)], each later than the one before"
-    listed = instance("activities", given, (list, tuple), f"a list of names and times, {hint}")
+    listed = instance("activities", value, (list, tuple), f"a list of names and times, {hint}")
     if not all(isinstance(item, (list, tuple)) and len(item) == 2 for item in listed):
-        raise InputError(f"activities must be names and times, {hint}, got {shown(given)}")
-    activities = tuple(
-        (text("activities", name), number("activities", begin_s, 0.0, unit="s")) for name, begin_s in listed
-    )
-    begins_s = [begin_s for _, begin_s in activities]
+        raise InputError(f"activities must be names and times, {hint}, got {shown(value)}")
+    pairs = tuple((text("activities", name), number("activities", begin_s, 0.0, unit="s")) for name, begin_s in listed)
+    begins_s = [begin_s for _, begin_s in pairs]
     if begins_s != sorted(set(begins_s)):
-        raise InputError(f"activities must begin one after the other, {hint}, got {shown(given)}")
-    return activities
+        raise InputError(f"activities must begin one after the other, {hint}, got {shown(value)}")
+    return pairs
 
 
 def checked_motion(motion: Any) -> Motion:
@@ -269,13 +265,9 @@ def checked_rate(rate_hz: Any) -> float:
 
 def _parents(value: Any) -> tuple[int, ...]:
     """Parents of joints, checked: each one's comes before it, so that a chain can be followed in one pass."""
-    parents = numeric("parents", value)
-    if parents.ndim != 1 or not np.issubdtype(parents.dtype, np.integer):
+    chain = numeric("parents", value)
+    if chain.ndim != 1 or not np.issubdtype(chain.dtype, np.integer):
         raise InputError(f"parents must be a list of joint numbers, got {shown(value)}")
-    if (
-        not len(parents)
-        or parents[0] != -1
-        or not all(0 <= parent < joint for joint, parent in enumerate(parents[1:], 1))
-    ):
+    if not len(chain) or chain[0] != -1 or not all(0 <= parent < joint for joint, parent in enumerate(chain[1:], 1)):
         raise InputError("parents must begin with -1, the root's, and then name joints that come before their own")
-    return tuple(parents.tolist())
+    return tuple(chain.tolist())

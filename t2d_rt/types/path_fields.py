@@ -124,12 +124,10 @@ def fields_over(
     lengths = np.array([len(path.chain) for path in paths])
     for length in np.unique(lengths).tolist():
         rows = np.flatnonzero(lengths == length)
-        row_paths = [paths[row] for row in rows.tolist()]
-        there = [path.in_scene(times_s, len(shape)) for path in row_paths]
+        group = [paths[row] for row in rows.tolist()]
+        there = [path.in_scene(times_s, len(shape)) for path in group]
         antenna, polarization = (
-            np.stack([_of_points(getattr(path, name), shape).T for path in there], axis=1).reshape(
-                3, len(row_paths), -1
-            )
+            np.stack([_of_points(getattr(path, name), shape).T for path in there], axis=1).reshape(3, len(group), -1)
             for name in ("antenna_m", "polarization")
         )
         # The straight path from the image, folded back mirror by mirror, begins at the antenna.
@@ -138,7 +136,7 @@ def fields_over(
         departure[:, rows] = ahead
         wave = polarization - dot(polarization, ahead) * ahead
         wave = (wave / np.maximum(np.sqrt(dot(wave, wave)), 1e-12))[:, None]
-        elements = Elements.stacked([path.elements for path in row_paths])
+        elements = Elements.stacked([path.elements for path in group])
         for number in range(length):
             wave, ahead = _after(wave, ahead, elements.taken((slice(None), number)), frequencies_hz)
         arrival[:, rows], field[:, :, rows] = ahead, wave

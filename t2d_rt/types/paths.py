@@ -70,14 +70,9 @@ class Elements(_Compared):
         return cls(**{name: np.zeros(shapes.get(name, 0), kinds.get(name, np.float64)) for name in names})
 
     @classmethod
-    def stacked(cls, path_elements: Sequence[Elements]) -> Elements:
+    def stacked(cls, paths: Sequence[Elements]) -> Elements:
         """Those of P paths of as many elements each, (P, n)."""
-        return cls(
-            **{
-                field.name: np.array([getattr(elements, field.name) for elements in path_elements])
-                for field in fields(cls)
-            }
-        )
+        return cls(**{field.name: np.array([getattr(path, field.name) for path in paths]) for field in fields(cls)})
 
     def taken(self, index: Any) -> Elements:
         """Those at an index of the arrays' leading axes."""

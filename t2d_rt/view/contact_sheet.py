@@ -123,11 +123,11 @@ def cell_image(vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray, siz
     middle = 0.5 * (vertices[:, 0].min() + vertices[:, 0].max())
     corners = vertices[faces]
     normal = unit(edge_cross(corners))
-    in_view = normal[:, 1] > 0
-    shade = 0.45 + 0.55 * np.clip(normal[in_view] @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)
-    points, face = samples_of(corners[in_view], 1.0 / scale)
+    front = normal[:, 1] > 0
+    shade = 0.45 + 0.55 * np.clip(normal[front] @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)
+    points, face = samples_of(corners[front], 1.0 / scale)
     return drawn_into(
-        image, points, (colours[in_view] * shade[:, None])[face], scale, (width / 2 - middle * scale, floor)
+        image, points, (colours[front] * shade[:, None])[face], scale, (width / 2 - middle * scale, floor)
     )
 
 

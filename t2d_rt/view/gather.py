@@ -137,8 +137,8 @@ def _moving(model: Model, number: int, person: Person | None, parts: int, frames
     """A target's triangles, the place of their vertices at each of the frames or at each few, and the part of each vertex."""
     geometry = model.geometries[number]
     solid = geometry.solid()
-    every = math.ceil(solid.vertices * len(frames_s) / MOST_PLACES)
-    frames_s = frames_s[::every]
+    stride = math.ceil(solid.vertices * len(frames_s) / MOST_PLACES)
+    frames_s = frames_s[::stride]
     places = solid.vertices_at(np.clip(model.span_s[0] + frames_s, *model.span_s))
     low, high = places.min(axis=(0, 1)), places.max(axis=(0, 1))
     pitch = np.maximum((high - low) / 65535, 2e-4)
@@ -155,7 +155,7 @@ def _moving(model: Model, number: int, person: Person | None, parts: int, frames
         "low": low,
         "pitch": pitch,
         "frames": len(frames_s),
-        "every": every,
+        "every": stride,
         "faces": solid.faces.astype(np.uint32),
         "owner": owner,
         "middles": middles.astype(np.float32),
@@ -173,10 +173,7 @@ def _extents(
     extents = np.full((4, parts, len(frames_s)), np.nan, np.float32)
     for first in range(0, len(frames_s), AT_ONCE):
         block = slice(first, first + AT_ONCE)
-        values = (
-            values_of_vertices[:, order]
-            for values_of_vertices in speeds_and_ranges(model, solid.vertices_at, frames_s[block])
-        )
+        values = (table[:, order] for table in speeds_and_ranges(model, solid.vertices_at, frames_s[block]))
         for k, (value, pick) in enumerate((v, pick) for v in values for pick in (np.minimum, np.maximum)):
             extents[k, present, block] = pick.reduceat(value, starts, axis=1).T
     return [dict(zip(("slow", "fast", "near", "far"), curves, strict=True)) for curves in extents.swapaxes(0, 1)]
@@ -375,11 +372,11 @@ def on_one_scale(recordings: list[dict[str, Any]]) -> None:
     get one colour."""
     coloured([recording["split"] for recording in recordings if "names" in recording.get("split", ())])
     for kind in {name for recording in recordings for name in recording["maps"]}:
-        maps_of_kind: list[dict[str, Any]] = [
+        images: list[dict[str, Any]] = [
             recording["maps"][kind] for recording in recordings if kind in recording["maps"]
         ]
-        peak = max(shown_map["high_db"] for shown_map in maps_of_kind)
-        for shown_map in maps_of_kind:
-            fall = round((peak - shown_map["high_db"]) * 255 / LEVELS_DB)
-            shown_map["values"][:] = np.maximum(shown_map["values"].astype(int) - fall, 0)
-            shown_map["low_db"], shown_map["high_db"] = peak - LEVELS_DB, peak
+        peak = max(image["high_db"] for image in images)
+        for image in images:
+            fall = round((peak - image["high_db"]) * 255 / LEVELS_DB)
+            image["values"][:] = np.maximum(image["values"].astype(int) - fall, 0)
+            image["low_db"], image["high_db"] = peak - LEVELS_DB, peak

@@ -73,10 +73,8 @@ def parts_shown(recording: Recording, spectrogram: dict[str, Any]) -> dict[str, 
         return None
     processing, radar = {**recording.processing, "mti": recording._mti}, recording.radar
     if processing["mti"] not in ("none", "mean") or radar.multiplexing == "ddm":
-        processed = "separated Doppler bands" if radar.multiplexing == "ddm" else f"mti={processing['mti']}"
-        return {
-            "why": f"Its parts are not shown, as those of a recording with {processed}; simulate or process it without."
-        }
+        kind = "separated Doppler bands" if radar.multiplexing == "ddm" else f"mti={processing['mti']}"
+        return {"why": f"Its parts are not shown, as those of a recording with {kind}; simulate or process it without."}
     with one_blas_thread:
         names, shown_cubes = _strongest(cubes, fixed=processing["mti"] == "mean")
         left_out = len(cubes) - len(names)
@@ -179,10 +177,8 @@ def coloured(splits: Sequence[dict[str, Any]]) -> None:
     free = itertools.cycle(COLOURS)
     colours |= {name: next(free) for name in names if name not in colours}
     for split in splits:
-        hex_colours = [colours[name] for name in split["names"]]
-        split["colours"] = np.array(
-            [[int(hex_colour[k : k + 2], 16) for k in (1, 3, 5)] for hex_colour in hex_colours], np.uint8
-        )
+        codes = [colours[name] for name in split["names"]]
+        split["colours"] = np.array([[int(code[k : k + 2], 16) for k in (1, 3, 5)] for code in codes], np.uint8)
 
 
 def tints(model: Model, number: int, names: Sequence[str]) -> np.ndarray:
@@ -223,20 +219,20 @@ class SpectraOfParts:
         cls, cubes: Sequence[Any], radar: Radar, rows: slice, most: int, processing: Mapping[str, Any]
     ) -> SpectraOfParts:
         """At `most` columns and some rows of the spectrogram that `processing` makes: mti none or mean, and no radar with "ddm"."""
-        options = {name: parameter.default for name, parameter in inspect.signature(spectrogram).parameters.items()}
-        options |= dict(processing)
+        chosen = {name: parameter.default for name, parameter in inspect.signature(spectrogram).parameters.items()}
+        chosen |= dict(processing)
         radar, chirps = radar.separated, len(cubes[0])
-        fast = FastTime.of(radar, options["range_window"], options["range_gate_m"], options["combine"])
+        fast = FastTime.of(radar, chosen["range_window"], chosen["range_gate_m"], chosen["combine"])
         n_window, overlap, n_fft = checked_windows(
-            radar, chirps, options["n_window"], options["overlap"], options["n_fft"]
+            radar, chirps, chosen["n_window"], chosen["overlap"], chosen["n_fft"]
         )
         starts = window_starts(chirps, radar.loops_per_frame or chirps, n_window, n_window - overlap)
         most_step = (
-            min(sample_step(cube, options["range_window"], 0, chirps) for cube in cubes) if fast.by_samples else 1
+            min(sample_step(cube, chosen["range_window"], 0, chirps) for cube in cubes) if fast.by_samples else 1
         )
         step = max(divisor for divisor in range(1, most_step + 1) if radar.samples % divisor == 0)
         cycles = np.outer(np.fft.fftshift(np.fft.fftfreq(n_fft))[::-1][rows], np.arange(n_window))  # ascending speeds
-        weights = taper(options["window"], n_window, periodic=True) / math.sqrt(fast.bandwidth_bins * cubes[0].shape[1])
+        weights = taper(chosen["window"], n_window, periodic=True) / math.sqrt(fast.bandwidth_bins * cubes[0].shape[1])
         return cls(
             cubes=cubes,
             radar=radar,
@@ -244,7 +240,7 @@ class SpectraOfParts:
             starts=starts[:: math.ceil(len(starts) / most)],
             transform=(weights * np.exp(-2j * np.pi * cycles)).astype(np.complex64),
             step=step,
-            means=np.stack([mean_chirp(cube) for cube in cubes]) if options["mti"] == "mean" else None,
+            means=np.stack([mean_chirp(cube) for cube in cubes]) if chosen["mti"] == "mean" else None,
             velocity_mps=radar.speed_axis_mps(n_fft)[rows],
         )
 

@@ -34,13 +34,13 @@ MIRRORED = [
 
 def copies(motions: Sequence[Motion]) -> list[tuple[int, int]]:
     """Numbers of motions, the earlier one first, of each pair one of which repeats the other."""
-    shown = [_postures(tracks(motion)) for motion in motions]
-    images = [each[:, MIRRORED] * [1.0, -1.0, 1.0] for each in shown]
+    postures = [_postures(tracks(motion)) for motion in motions]
+    images = [posture[:, MIRRORED] * [1.0, -1.0, 1.0] for posture in postures]
     return [
         (first, second)
         for second in range(len(motions))
         for first in range(second)
-        if min(apart(shown[first], each) for each in (shown[second], images[second])) < ALIKE
+        if min(apart(postures[first], posture) for posture in (postures[second], images[second])) < ALIKE
     ]
 
 
@@ -58,11 +58,11 @@ def apart(first: np.ndarray, second: np.ndarray) -> float:
     one shifted and paced against the other so that it is least."""
     from scipy.optimize import minimize
 
-    found, start, pace = min(
+    least, start, pace = min(
         (*_shifted_apart(first, _at(second, np.arange(0.0, len(second) - 1 + 1e-9, pace))), pace) for pace in PACES
     )
-    if found > NEAR * ALIKE:
-        return found
+    if least > NEAR * ALIKE:
+        return least
 
     def distance(lag_and_pace: np.ndarray) -> float:
         lag, pace = lag_and_pace
@@ -79,7 +79,7 @@ def apart(first: np.ndarray, second: np.ndarray) -> float:
     finer = minimize(
         distance, begin, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 1e-3, "maxfev": 80}
     )
-    return min(found, float(finer.fun))
+    return min(least, float(finer.fun))
 
 
 def _at(postures: np.ndarray, instants: np.ndarray) -> np.ndarray:
@@ -91,10 +91,10 @@ def _at(postures: np.ndarray, instants: np.ndarray) -> np.ndarray:
 
 def _shifted_apart(first: np.ndarray, second: np.ndarray) -> tuple[float, int]:
     """Least distance over all lags, and by how many frames the second one is ahead of the first."""
-    a, b = (each.reshape(len(each), -1) for each in (first, second))
+    a, b = (postures.reshape(len(postures), -1) for postures in (first, second))
     squares = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2 * a @ b.T
     distance = np.sqrt(np.maximum(squares, 0.0) / first.shape[1])
     latest, shared = round(LATEST_S * RATE_HZ / STEP), LEAST_SHARED * min(len(a), len(b))
     lags = range(max(-latest, 1 - len(a)), min(latest, len(b) - 1) + 1)
-    found = ((np.diagonal(distance, lag), lag) for lag in lags)
-    return min((float(each.mean()), lag) for each, lag in found if len(each) >= shared)
+    diagonals = ((np.diagonal(distance, lag), lag) for lag in lags)
+    return min((float(distances.mean()), lag) for distances, lag in diagonals if len(distances) >= shared)

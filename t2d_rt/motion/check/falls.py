@@ -201,8 +201,8 @@ def _descent(heights: _Heights, floor: int, stop: int) -> _Descent:
     rising = np.flatnonzero(heights.head_speed[first : fastest + 1] > -0.02)
     start = first + int(rising[-1]) if len(rising) else first
     last = sum(
-        _last_speed(*each, start, after)
-        for each in ((heights.head, heights.head_speed), (heights.hips, heights.hips_speed))
+        _last_speed(height, speed, start, after)
+        for height, speed in ((heights.head, heights.head_speed), (heights.hips, heights.hips_speed))
     )
     return _Descent(start, _impact(heights, fastest, after), floor, stop, _speed(heights, start, after), last)
 
@@ -221,20 +221,20 @@ def _speed(heights: _Heights, start: int, after: int) -> float:
 
 def _impact(heights: _Heights, fastest: int, after: int) -> int:
     """First frame at which hips or head, each from its own greatest downward speed on, are stopped."""
-    found = []
+    stops = []
     for speed in (heights.hips_speed, heights.head_speed):
         begin = max(0, fastest - round(0.3 * RATE_HZ))
         peak = begin + int(np.argmin(speed[begin:after]))
         stopped = np.flatnonzero(speed[peak:] > IMPACT_FRACTION * speed[peak])
-        found.append(peak + int(stopped[0]) if len(stopped) else len(speed) - 1)
-    return max(fastest, min(found))
+        stops.append(peak + int(stopped[0]) if len(stopped) else len(speed) - 1)
+    return max(fastest, min(stops))
 
 
 def _refusal(body: Tracks, heights: _Heights, descent: _Descent) -> str | None:
     """Why a stay on the floor is no fall; None where it is one."""
     before = slice(max(0, descent.floor - round(BEFORE_S * RATE_HZ)), descent.floor + 1)
     on_floor = slice(descent.floor, descent.stop)
-    drops = (each[before].max() - each[on_floor].min() for each in (heights.head, heights.hips))
+    drops = (height[before].max() - height[on_floor].min() for height in (heights.head, heights.hips))
     if min(drops) < LEAST_DROP:
         return "the body is low from the beginning on and does not come down"
     if descent.speed < LEAST_SPEED or descent.last_speed < LEAST_LAST_SPEED:

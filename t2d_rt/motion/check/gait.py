@@ -83,9 +83,9 @@ def gait_of(body: Tracks) -> Gait:
     hips = body["hips"]
     speed = np.linalg.norm(rate_of(hips)[:, :2], axis=-1)
     slow = np.convolve(speed, np.full(30, 1 / 30), mode="same") < HALTED_MPS
-    thigh = [body[f"{each}_knee"] - body[f"{each}_hip"] for each in ("left", "right")]
-    wrists = [inner(body[f"{each}_wrist"] - body[f"{each}_shoulder"], ahead) / tall for each in ("left", "right")]
-    feet = [body[f"{each}_foot"][:, 2] for each in ("left", "right")]
+    thigh = [body[f"{name}_knee"] - body[f"{name}_hip"] for name in ("left", "right")]
+    wrists = [inner(body[f"{name}_wrist"] - body[f"{name}_shoulder"], ahead) / tall for name in ("left", "right")]
+    feet = [body[f"{name}_foot"][:, 2] for name in ("left", "right")]
     lift = [np.percentile(foot, 98) - np.percentile(foot, 5) for foot in feet]
     sway = np.degrees(np.arcsin(np.clip(inner(body.trunk, side), -1, 1)))
     duration_s = len(hips) / RATE_HZ
@@ -102,7 +102,7 @@ def gait_of(body: Tracks) -> Gait:
         width=float(np.median(across[peaks])) if len(peaks) else np.nan,
         width_variation=float(np.std(across[peaks])) if len(peaks) > 2 else np.nan,
         knee_lift_deg=float(
-            np.percentile([np.degrees(np.arctan2(inner(each, ahead), -each[:, 2])) for each in thigh], 97.5)
+            np.percentile([np.degrees(np.arctan2(inner(bone, ahead), -bone[:, 2])) for bone in thigh], 97.5)
         ),
         foot_lift=float(min(lift)) / tall,
         trunk_lean_deg=float(np.degrees(np.median(np.arctan2(inner(body.trunk, ahead), body.trunk[:, 2])))),
@@ -121,9 +121,9 @@ def travels(body: Tracks, least_mps: float, *, gap_s: float = 0.5, least_s: floa
         np.ones(len(speed)), np.ones(width), mode="same"
     )
     upright = body["hips"][:, 2] > UPRIGHT * body.leg_m
-    found = spans((mean > least_mps) & upright, gap=round(gap_s * RATE_HZ), least=round(least_s * RATE_HZ))
-    gone = {(start, stop): float(speed[start:stop].sum()) for start, stop in found}
-    farthest = sorted(found, key=gone.__getitem__, reverse=True)
+    travelling = spans((mean > least_mps) & upright, gap=round(gap_s * RATE_HZ), least=round(least_s * RATE_HZ))
+    distance = {(start, stop): float(speed[start:stop].sum()) for start, stop in travelling}
+    farthest = sorted(travelling, key=distance.__getitem__, reverse=True)
     return [replace(body, joints=body.joints[start:stop]) for start, stop in farthest]
 
 
@@ -136,19 +136,19 @@ def _heading(body: Tracks) -> np.ndarray:
 
 def alternations(signal: np.ndarray, least: float) -> np.ndarray:
     """Frames of alternating maxima and minima that differ by `least` or more; the ends of the record are none."""
-    found: list[int] = []
+    extremes: list[int] = []
     high = low = 0
     rising: bool | None = None
     for frame, value in enumerate(signal.tolist()):
         high = frame if value > signal[high] else high
         low = frame if value < signal[low] else low
         if rising is not False and value < signal[high] - least:
-            found.append(high)
+            extremes.append(high)
             rising, low = False, frame
         elif rising is not True and value > signal[low] + least:
-            found.append(low)
+            extremes.append(low)
             rising, high = True, frame
-    return np.array([frame for frame in found if 0 < frame < len(signal) - 1], dtype=int)
+    return np.array([frame for frame in extremes if 0 < frame < len(signal) - 1], dtype=int)
 
 
 def _asymmetry(values: np.ndarray, left: np.ndarray) -> float:
@@ -230,24 +230,24 @@ def rate_doubt(motion: Motion) -> str | None:
     rate_hz = motion.rate_hz
     fall_g = falls_g(body, rate_hz)
     if fall_g is not None:
-        found = f"in flight the body accelerates at {GRAVITY_MPS2 * fall_g:.1f} m/s^2, {fall_g:.1f} g"
-        return _told(found, rate_hz, math.sqrt(fall_g))
+        reason = f"in flight the body accelerates at {GRAVITY_MPS2 * fall_g:.1f} m/s^2, {fall_g:.1f} g"
+        return _rate_sentence(reason, rate_hz, math.sqrt(fall_g))
     walk = walk_of(body, rate_hz)
     if walk is None or SLOW <= walk.pace <= FAST:
         return None
     speed = walk.length_m / walk.time_s
-    found = (
+    reason = (
         f"it walks at {speed:.2f} m/s with steps of {walk.length_m:.2f} m, a step each {walk.time_s:.2f} s, which go with "
         f"{speed / walk.pace:.2f} m/s"
     )
-    return _told(found, rate_hz, walk.pace)
+    return _rate_sentence(reason, rate_hz, walk.pace)
 
 
-def _told(found: str, rate_hz: float, factor: float) -> str:
+def _rate_sentence(reason: str, rate_hz: float, factor: float) -> str:
     away = [abs(math.log(usual * factor / rate_hz)) for usual in USUAL_HZ]
     fits = USUAL_HZ[away.index(min(away))]
     wrong = f"high by {factor:.2f}" if factor > 1 else f"low by {1 / factor:.2f}"
-    return f"{found}: the rate of {rate_hz:g} Hz is too {wrong}, {fits:g} Hz would fit"
+    return f"{reason}: the rate of {rate_hz:g} Hz is too {wrong}, {fits:g} Hz would fit"
 
 
 def falls_g(body: Tracks, rate_hz: float) -> float | None:

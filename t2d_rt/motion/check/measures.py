@@ -122,13 +122,13 @@ def angle_deg(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 def spans(active: np.ndarray, *, gap: int = 0, least: int = 1) -> list[tuple[int, int]]:
     """Runs of True in (T,) as (start, stop), those closer than `gap` frames joined, then those shorter than `least` left out."""
-    found: list[tuple[int, int]] = []
+    joined: list[tuple[int, int]] = []
     for start, stop in runs(active):
-        if found and start - found[-1][1] < gap:
-            found[-1] = found[-1][0], stop
+        if joined and start - joined[-1][1] < gap:
+            joined[-1] = joined[-1][0], stop
         else:
-            found.append((start, stop))
-    return [(start, stop) for start, stop in found if stop - start >= least]
+            joined.append((start, stop))
+    return [(start, stop) for start, stop in joined if stop - start >= least]
 
 
 # --- what carries the body: feet that are planted and how far they slide, the floor and how deep the body sinks into
@@ -246,11 +246,11 @@ def contacts(body: Tracks) -> list[Contact]:
     lowest = heights.min(axis=1)
     # The feet of one who sits or lies carry little and may be drawn over the floor.
     free = ~airborne(body) & ~seated(body) & (body["hips"][:, 2] > ON_FLOOR * body.stature_m)
-    found = []
+    planted = []
     for side in ("left", "right"):
-        own = [name for name in names if name.startswith(side)]
-        speed = np.linalg.norm(body.velocity[:, body.columns(own)], axis=-1)
-        height = heights[:, [names.index(name) for name in own]].min(axis=1)
+        foot_names = [name for name in names if name.startswith(side)]
+        speed = np.linalg.norm(body.velocity[:, body.columns(foot_names)], axis=-1)
+        height = heights[:, [names.index(name) for name in foot_names]].min(axis=1)
         lifted = (
             height - minimum_filter1d(height, 2 * round(LIFTED_S * RATE_HZ) + 1, mode="nearest")
             > LIFTED * body.stature_m
@@ -258,8 +258,8 @@ def contacts(body: Tracks) -> list[Contact]:
         carrying = (height - lowest < NEAR * body.stature_m) & ~lifted
         active = (speed.min(axis=1) < PLANTED_MPS) & carrying & free
         for start, stop in spans(active, gap=3, least=round(LEAST_CONTACT_S * RATE_HZ)):
-            found.append(_contact(body, side, start, stop))
-    return sorted(found, key=attrgetter("start"))
+            planted.append(_contact(body, side, start, stop))
+    return sorted(planted, key=attrgetter("start"))
 
 
 def _contact(body: Tracks, side: str, start: int, stop: int) -> Contact:
@@ -328,9 +328,9 @@ def joint_angles(body: Tracks) -> dict[str, np.ndarray]:
     across = unit(body["left_hip"] - body["right_hip"])
     shoulders = unit(body["left_shoulder"] - body["right_shoulder"])
     sides = [_limb_angles(body, side, sign * across, shoulders) for side, sign in zip(SIDES, (1.0, -1.0), strict=True)]
-    angles = {name: np.max([each[name] for each in sides], axis=0) for name in sides[0]}
+    angles = {name: np.max([angles_of_side[name] for angles_of_side in sides], axis=0) for name in sides[0]}
     angles["neck_deg"] = angle_deg(body["head"] - body["neck"], trunk)
-    flat = [each - np.sum(each * trunk, axis=-1, keepdims=True) * trunk for each in (across, shoulders)]
+    flat = [axis - np.sum(axis * trunk, axis=-1, keepdims=True) * trunk for axis in (across, shoulders)]
     angles["trunk_twist_deg"] = angle_deg(*flat)
     angles["trunk_bend_deg"] = angle_deg(body["spine1"] - body["hips"], body["shoulders"] - body["spine2"])
     return angles
@@ -512,7 +512,7 @@ def measures_of(motion: Motion, body: Tracks) -> Measures:
         jerk_mps3=float(np.sqrt(np.mean(jerk**2))),
         jump_m=jump_m(motion.joints),
         bone_change=bone_change(motion, body.stature_m),
-        foot_skate_m=max((each.skate_m for each in planted), default=0.0),
+        foot_skate_m=max((contact.skate_m for contact in planted), default=0.0),
         sliding_s=sliding_s(body),
         floating_s=floating_s(body),
         floor_penetration_m=penetration_m(body),
@@ -520,10 +520,7 @@ def measures_of(motion: Motion, body: Tracks) -> Measures:
         self_penetration_m=float(np.percentile(self_penetration_m(body), ANGLE_PERCENTILE)),
         upside_down_fraction=upside_down_fraction(body),
         mirrored=mirrored(body),
-        angles_deg={
-            name: float(np.percentile(joint_angle, ANGLE_PERCENTILE))
-            for name, joint_angle in joint_angles(body).items()
-        },
+        angles_deg={name: float(np.percentile(angle, ANGLE_PERCENTILE)) for name, angle in joint_angles(body).items()},
     )
 
 

@@ -156,23 +156,23 @@ def class_faults(expected: Activity, body: Tracks, fall: FallFinding, limits: Li
     return faults + RULES[expected](Evidence(body, gait_of(body), limits))
 
 
-def _walking(seen: Evidence) -> list[str]:
+def _walking(evidence: Evidence) -> list[str]:
     """Of walking, climbing stairs and turning; what comes before and after it is another matter."""
     faults = []
-    for piece in seen.pieces(0.2, gap_s=0.5):
+    for piece in evidence.pieces(0.2, gap_s=0.5):
         cadence = (20, 160) if _on_stairs(piece) else (60, 160)
         faults = _steps(piece, cadence, (0.15, 2.5)) + _no_flight(piece) + _too_short(piece) + _arms_rise(piece)
         if not faults and piece.turn_deg < TURN_DEG and not _on_stairs(piece):
             return gait_faults(piece)  # the farthest piece tells; shorter ones have too few steps
         if not faults:
             return []
-    if seen.turn_deg > TURN_DEG and seen.hips.min() > UPRIGHT:
-        return _no_flight(seen)
+    if evidence.turn_deg > TURN_DEG and evidence.hips.min() > UPRIGHT:
+        return _no_flight(evidence)
     return faults or ["nobody walks: the hips go nowhere at 0.2 m/s or more, and the body does not turn"]
 
 
-def _abnormal_walking(seen: Evidence) -> list[str]:
-    pieces = seen.pieces(0.05, gap_s=6.0)  # a gait that freezes goes on
+def _abnormal_walking(evidence: Evidence) -> list[str]:
+    pieces = evidence.pieces(0.05, gap_s=6.0)  # a gait that freezes goes on
     if not pieces:
         return ["nobody walks: the hips go nowhere at 0.05 m/s or more"]
     piece = pieces[0]
@@ -201,43 +201,43 @@ def gait_faults(walk: Evidence) -> list[str]:
     return [f"the gait is not a normal one: {', '.join(signs)}"]
 
 
-def _on_stairs(seen: Evidence) -> bool:
-    levels = [float(contact.place[2]) for contact in contacts(seen.body)]
+def _on_stairs(evidence: Evidence) -> bool:
+    levels = [float(contact.place[2]) for contact in contacts(evidence.body)]
     return bool(levels and np.ptp(levels) > STAIRS_M)
 
 
 def departures(gait: Gait, limits: Limits) -> dict[str, float]:
     """How far each figure of a gait is from the middle of recorded normal walks, over half their range; 0 of what has no figure."""
-    found = {}
+    departure = {}
     for name, (low, high) in limits.gait.items():
         value, half = float(getattr(gait, name)), 0.5 * (high - low or LEAST_RANGE)
         away = 0.0 if math.isnan(value) else abs(value - 0.5 * (low + high)) / half
-        found[name] = min(away, MOST_ALONE) if name in ONE_S_OWN else away
-    return found
+        departure[name] = min(away, MOST_ALONE) if name in ONE_S_OWN else away
+    return departure
 
 
-def _steps(seen: Evidence, cadence: tuple[float, float], speed: tuple[float, float]) -> list[str]:
+def _steps(evidence: Evidence, cadence: tuple[float, float], speed: tuple[float, float]) -> list[str]:
     faults = []
-    if seen.gait.steps < 2:
-        faults.append(f"{seen.gait.steps} step(s) are too few for a walk or run")
-    elif not cadence[0] <= seen.gait.cadence_per_min <= cadence[1]:
+    if evidence.gait.steps < 2:
+        faults.append(f"{evidence.gait.steps} step(s) are too few for a walk or run")
+    elif not cadence[0] <= evidence.gait.cadence_per_min <= cadence[1]:
         faults.append(
-            f"{seen.gait.cadence_per_min:.0f} steps a minute are outside {cadence[0]:.0f} to {cadence[1]:.0f}"
+            f"{evidence.gait.cadence_per_min:.0f} steps a minute are outside {cadence[0]:.0f} to {cadence[1]:.0f}"
         )
-    if not speed[0] <= seen.gait.speed_mps <= speed[1]:
-        faults.append(f"a speed of {seen.gait.speed_mps:.2f} m/s is outside {speed[0]:g} to {speed[1]:g} m/s")
+    if not speed[0] <= evidence.gait.speed_mps <= speed[1]:
+        faults.append(f"a speed of {evidence.gait.speed_mps:.2f} m/s is outside {speed[0]:g} to {speed[1]:g} m/s")
     return faults
 
 
-def _too_short(seen: Evidence) -> list[str]:
-    extent_m = float(np.linalg.norm(np.ptp(seen.body["hips"][:, :2], axis=0)))
-    if seen.gait.steps >= 4 or extent_m >= LEAST_WALK * seen.body.leg_m:
+def _too_short(evidence: Evidence) -> list[str]:
+    extent_m = float(np.linalg.norm(np.ptp(evidence.body["hips"][:, :2], axis=0)))
+    if evidence.gait.steps >= 4 or extent_m >= LEAST_WALK * evidence.body.leg_m:
         return []
-    return [f"{seen.gait.steps} steps over {extent_m:.2f} m are no walk"]
+    return [f"{evidence.gait.steps} steps over {extent_m:.2f} m are no walk"]
 
 
-def _arms_rise(seen: Evidence) -> list[str]:
-    rise = wrists_rise(seen.body)
+def _arms_rise(evidence: Evidence) -> list[str]:
+    rise = wrists_rise(evidence.body)
     return [f"the wrists rise and fall by {rise:.2f} of the stature, as in a dance"] if rise > DANCES else []
 
 
@@ -282,8 +282,8 @@ def _arms_are_busy(body: Tracks) -> list[str]:
     ]
 
 
-def _no_flight(seen: Evidence) -> list[str]:
-    fraction = float(airborne(seen.body).mean())
+def _no_flight(evidence: Evidence) -> list[str]:
+    fraction = float(airborne(evidence.body).mean())
     return (
         [f"both feet are off the floor for {fraction:.0%} of the time, of a walk at most 10 %"]
         if fraction > 0.1
@@ -291,9 +291,9 @@ def _no_flight(seen: Evidence) -> list[str]:
     )
 
 
-def _running(seen: Evidence) -> list[str]:
+def _running(evidence: Evidence) -> list[str]:
     faults = []
-    for piece in seen.pieces(0.9, gap_s=0.2):
+    for piece in evidence.pieces(0.9, gap_s=0.2):
         faults = _steps(piece, (120, 260), (0.9, 9.0))
         planted = np.zeros(len(piece.body.joints), bool)
         for contact in contacts(piece.body):
@@ -309,14 +309,16 @@ RUNS_MPS = 1.4
 """Speed from one place to another from which flights are those of a run."""
 
 
-def _jumping(seen: Evidence) -> list[str]:
-    if seen.gait.net_mps > RUNS_MPS and not _running(seen):
-        return [f"it runs at {seen.gait.net_mps:.1f} m/s"]
-    flights = flights_s(seen.body)
+def _jumping(evidence: Evidence) -> list[str]:
+    if evidence.gait.net_mps > RUNS_MPS and not _running(evidence):
+        return [f"it runs at {evidence.gait.net_mps:.1f} m/s"]
+    flights = flights_s(evidence.body)
     longest = max((duration for _, duration, _ in flights), default=0.0)
-    rise = max((rise for *_, rise in flights), default=0.0) / seen.body.stature_m
+    rise = max((rise for *_, rise in flights), default=0.0) / evidence.body.stature_m
     if longest < 0.10 or rise < 0.008:
-        return [f"the longest flight lasts {longest:.2f} s and rises by {rise * seen.body.stature_m:.3f} m: no jump"]
+        return [
+            f"the longest flight lasts {longest:.2f} s and rises by {rise * evidence.body.stature_m:.3f} m: no jump"
+        ]
     return []
 
 
@@ -331,27 +333,27 @@ def feet_together(body: Tracks) -> float:
     return float(np.corrcoef(heights)[0, 1]) if (np.ptp(heights, axis=1) > 1e-6).all() else 0.0
 
 
-def _only_jumping(seen: Evidence) -> list[str]:
+def _only_jumping(evidence: Evidence) -> list[str]:
     """A jump, and no dance with one in it: whoever turns round and on with stepping feet dances."""
-    if (faults := _jumping(seen)) or seen.turn_deg < 360 or feet_together(seen.body) > STEPPING:
+    if (faults := _jumping(evidence)) or evidence.turn_deg < 360 or feet_together(evidence.body) > STEPPING:
         return faults
-    return [f"it turns by {seen.turn_deg:.0f} degrees on stepping feet, as in a dance"]
+    return [f"it turns by {evidence.turn_deg:.0f} degrees on stepping feet, as in a dance"]
 
 
-def _sitting(seen: Evidence) -> list[str]:
+def _sitting(evidence: Evidence) -> list[str]:
     """Sitting down, sitting, lying down and standing up alike: there is a stay with the hips at a seat's height or on the
     floor."""
-    slow = np.abs(rate_of(seen.hips)) * seen.body.leg_m < 0.25
-    thigh = (seen.body["hips"] - seen.body["knees"])[:, 2] / (0.5 * seen.body.leg_m)
-    seat = (seen.hips < SEATED) & slow & ((thigh < 0.75) | (seen.hips < LYING))
+    slow = np.abs(rate_of(evidence.hips)) * evidence.body.leg_m < 0.25
+    thigh = (evidence.body["hips"] - evidence.body["knees"])[:, 2] / (0.5 * evidence.body.leg_m)
+    seat = (evidence.hips < SEATED) & slow & ((thigh < 0.75) | (evidence.hips < LYING))
     stays = spans(seat, gap=round(0.1 * RATE_HZ), least=round(0.4 * RATE_HZ))
     if not stays:
-        return [f"the hips never rest at a seat's height: lowest at {seen.hips.min():.2f} of the leg's length"]
-    if seen.seated_s("ankles") < LEAST_SEATED_S and seen.hips.min() > LYING:
+        return [f"the hips never rest at a seat's height: lowest at {evidence.hips.min():.2f} of the leg's length"]
+    if evidence.seated_s("ankles") < LEAST_SEATED_S and evidence.hips.min() > LYING:
         return [f"the feet carry the body all the time: nothing else does for {LEAST_SEATED_S:g} s"]
-    if seen.hips.max() < STANDING and not (seen.hips < SEATED).all():
+    if evidence.hips.max() < STANDING and not (evidence.hips < SEATED).all():
         return [
-            f"nobody sits down or stands up: hips between {seen.hips.min():.2f} and {seen.hips.max():.2f} of the "
+            f"nobody sits down or stands up: hips between {evidence.hips.min():.2f} and {evidence.hips.max():.2f} of the "
             "leg's length"
         ]
     return []
@@ -361,25 +363,25 @@ LEAST_SEATED_S, LONGEST_FALL_BACK_S = 0.3, 0.6
 """Least time in which something else than the feet carries one who sits, and the longest in one who bends or squats."""
 
 
-def _bending(seen: Evidence) -> list[str]:
+def _bending(evidence: Evidence) -> list[str]:
     """Bending, squatting and stretching alike, on the spot."""
-    body = seen.body
+    body = evidence.body
     tilt = angle_deg(body.trunk, UP) > 30
-    squat = seen.hips < 0.80 * np.percentile(seen.hips, 95)
+    squat = evidence.hips < 0.80 * np.percentile(evidence.hips, 95)
     wrists = np.max([body["left_wrist"][:, 2], body["right_wrist"][:, 2]], axis=0)
     stretch = wrists > body["head"][:, 2] + 0.05 * body.stature_m
-    found = spans(tilt | squat | stretch, gap=round(0.1 * RATE_HZ), least=round(0.2 * RATE_HZ)) or _on_one_leg(body)
-    if not found:
+    bends = spans(tilt | squat | stretch, gap=round(0.1 * RATE_HZ), least=round(0.2 * RATE_HZ)) or _on_one_leg(body)
+    if not bends:
         greatest = float(angle_deg(body.trunk, UP).max())
         return [f"the trunk bends by {greatest:.0f} degrees at most, and nobody squats, stretches or stands on one leg"]
     feet = body["ankles"][:, :2]
-    seated_s = seen.seated_s("left_ankle", "right_ankle")
+    seated_s = evidence.seated_s("left_ankle", "right_ankle")
     if seated_s > LONGEST_FALL_BACK_S:
         return [f"a seat or the floor carries the body for {seated_s:.1f} s"]
-    if not _jumping(seen):
+    if not _jumping(evidence):
         return ["it is a jump"]
-    gone = min(float(np.linalg.norm(feet[stop - 1] - feet[start])) for start, stop in found)
-    return [f"the feet go on by {gone:.2f} m during it"] if gone > 0.5 * body.leg_m else []
+    moved_m = min(float(np.linalg.norm(feet[stop - 1] - feet[start])) for start, stop in bends)
+    return [f"the feet go on by {moved_m:.2f} m during it"] if moved_m > 0.5 * body.leg_m else []
 
 
 HELD_UP, LEAST_HELD_S = 0.07, 1.0
@@ -393,26 +395,26 @@ def _on_one_leg(body: Tracks) -> list[tuple[int, int]]:
     return spans(apart > HELD_UP * body.stature_m, gap=round(0.1 * RATE_HZ), least=round(LEAST_HELD_S * RATE_HZ))
 
 
-def _dancing(seen: Evidence) -> list[str]:
+def _dancing(evidence: Evidence) -> list[str]:
     """Arms and legs at work without going anywhere straight."""
-    body, faults = seen.body, []
+    body, faults = evidence.body, []
     sides = "left", "right"
     arms = np.mean(
         [np.linalg.norm(rate_of(body[f"{side}_wrist"] - body["shoulders"]), axis=-1).mean() for side in sides]
     )
     heights = wrists_rise(body)
     angle = np.unwrap(np.arctan2(body.facing[:, 1], body.facing[:, 0]))
-    neither_jump_nor_walk = bool(_jumping(seen) and _walking(seen))
+    neither_jump_nor_walk = bool(_jumping(evidence) and _walking(evidence))
     if heights < (0.03 if arms > 0.3 and neither_jump_nor_walk else DANCES) and np.ptp(angle) < math.pi:
         faults.append(f"the wrists rise and fall by {heights:.3f} of the stature only and the body does not turn")
-    if not _jumping(seen) and feet_together(body) > TOGETHER:
+    if not _jumping(evidence) and feet_together(body) > TOGETHER:
         faults.append("both feet go up and down together: jumps")
     if feet_mps(body) < DANCING_FEET_MPS:
         faults.append(f"the feet move at {feet_mps(body):.2f} m/s only")
-    if heights < 0.03 and seen.gait.net_mps > 0.8 * seen.gait.speed_mps > 0.3:
-        faults.append(f"it goes straight on at {seen.gait.net_mps:.2f} m/s with hanging arms: a walk")
-    if seen.gait.speed_mps > RUNS_MPS:
-        faults.append(f"it travels at {seen.gait.speed_mps:.2f} m/s")
+    if heights < 0.03 and evidence.gait.net_mps > 0.8 * evidence.gait.speed_mps > 0.3:
+        faults.append(f"it goes straight on at {evidence.gait.net_mps:.2f} m/s with hanging arms: a walk")
+    if evidence.gait.speed_mps > RUNS_MPS:
+        faults.append(f"it travels at {evidence.gait.speed_mps:.2f} m/s")
     return faults
 
 
@@ -534,9 +536,9 @@ def _of_record(motion: Motion, measures: Measures, limits: Limits, fall: FallFin
     doubt = rate_doubt(motion)
     if doubt is not None:
         reasons.append(doubt)
-    jump, found = limits.jump_m(motion.rate_hz), jumps(motion.joints, motion.names, motion.rate_hz)
-    if found or told_before(motion.report):
-        reasons.append(told(found) if found else told_before(motion.report))
+    jump, jumps_of_record = limits.jump_m(motion.rate_hz), jumps(motion.joints, motion.names, motion.rate_hz)
+    if jumps_of_record or told_before(motion.report):
+        reasons.append(told(jumps_of_record) if jumps_of_record else told_before(motion.report))
     elif measures.jump_m > jump and not _at_impact(motion, measures, fall, jump):
         reasons.append(
             f"a joint jumps by {measures.jump_m:.3f} m from one frame to the next, recorded ones at {motion.rate_hz:g} Hz "

@@ -76,10 +76,8 @@ class Diversity:
 def diversity(descriptions: Sequence[Description | str]) -> Diversity:
     """Diversity of the sentences of some descriptions, or of some sentences."""
     sentences = [
-        description.sentence
-        if isinstance(description, Description)
-        else instance("a sentence", description, str, "a text")
-        for description in descriptions
+        entry.sentence if isinstance(entry, Description) else instance("a sentence", entry, str, "a text")
+        for entry in descriptions
     ]
     rows = [words_of(sentence) for sentence in sentences]
     words = [word for row in rows for word in row]

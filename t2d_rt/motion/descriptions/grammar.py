@@ -48,12 +48,12 @@ def weighted(choices: str, separator: str = "|") -> tuple[str, ...]:
     >>> weighted("up*2 down -", " ")
     ('up', 'up', 'down', '')
     """
-    found = []
-    for each in choices.split(separator):
-        word, _, weight = each.partition("*")
+    words = []
+    for entry in choices.split(separator):
+        word, _, weight = entry.partition("*")
         word = word.strip()
-        found += ["" if word == "-" else word] * int(weight or 1)
-    return tuple(found)
+        words += ["" if word == "-" else word] * int(weight or 1)
+    return tuple(words)
 
 
 Choices = Annotated[tuple[str, ...], BeforeValidator(of_text(weighted, " "))]
@@ -126,7 +126,7 @@ class WeightedSampler:
             return cards[0]
         deck = self._decks.setdefault((name, cards), [])
         if not deck:
-            deck.extend(int(each) for each in self._rng.permutation(len(cards)))
+            deck.extend(int(card) for card in self._rng.permutation(len(cards)))
         return cards[deck.pop()]
 
     def word(self, choices: str, name: str = "") -> str | None:
@@ -178,12 +178,12 @@ class Drawn(NamedTuple):
 
 def drawn(activity: Activity, sampler: WeightedSampler) -> Drawn:
     """Properties of one description of a class."""
-    plan: Plan = sampler.pick(tuple(each for each in rules().plans[activity] for _ in range(each.weight)), "plan")
+    plan: Plan = sampler.pick(tuple(option for option in rules().plans[activity] for _ in range(option.weight)), "plan")
     name = f"{plan.action} {plan.type}"
     main = _main(plan, sampler, name)
     before = _steps(plan.before, sampler, f"before {name}")
     after = _steps(plan.after, sampler, f"after {name}")
-    if any(each.object == main.object for each in (*before, *after)):
+    if any(other.object == main.object for other in (*before, *after)):
         main = main.model_copy(update={"object": None})
     return Drawn(main, before, after, sampler.pick(rules().subjects, "subject"))
 
@@ -200,7 +200,7 @@ def _main(plan: Plan, sampler: WeightedSampler, name: str) -> Step:
     said: dict[str, object] = {"action": plan.action, "type": plan.type}
     for slot in ("direction", "object", "body_part", "manner", "speed", "count", "duration_s", "angle_deg"):
         value = sampler.pick(getattr(plan, slot), f"{name} {slot}")
-        clashing = {each for pair in said.items() for each in rules().not_together.get("=".join(map(str, pair)), ())}
+        clashing = {word for pair in said.items() for word in rules().not_together.get("=".join(map(str, pair)), ())}
         if value and f"{slot}={value}" not in clashing:
             said[slot] = {"count": int, "duration_s": float, "angle_deg": float}.get(slot, str)(value)
     if {"count", "body_part", "object"} <= said.keys():
@@ -242,7 +242,7 @@ def _sentence(steps: tuple[Step, ...], main: int, subject: slots.Subject, sample
         frames = (*frames, *rules().walking_falls)
     letters = "ABC"[: len(steps)]
     if of_person:
-        frames = tuple(each for each in frames if _first(each, letters) == letters[main])
+        frames = tuple(candidate for candidate in frames if _first(candidate, letters) == letters[main])
     frame = sampler.pick(frames, f"frame {len(steps)}")
     described = _first(frame, letters) if noun != "someone" else ""
     texts = {
@@ -255,11 +255,11 @@ def _sentence(steps: tuple[Step, ...], main: int, subject: slots.Subject, sample
 def _first(frame: str, letters: str) -> str:
     """The step that follows the subject in a frame."""
     subject = frame.lower().index("{s}")
-    return min(letters, key=lambda each: (frame.index("{" + each) < subject, frame.index("{" + each)))
+    return min(letters, key=lambda letter: (frame.index("{" + letter) < subject, frame.index("{" + letter)))
 
 
 def _written(frame: str, texts: dict[str, Clause], noun: str, his: str, sampler: WeightedSampler) -> str:
-    adjective = " ".join(each.adjective for each in texts.values() if each.adjective)
+    adjective = " ".join(step_clause.adjective for step_clause in texts.values() if step_clause.adjective)
     subject = "someone" if noun == "someone" else with_article(f"{adjective} {noun}".strip())
     finite = sampler.word("present*4 preterite", "tense")
     text = frame.replace(":finite}", f":{finite}}}").replace("{S}", subject).replace("{s}", subject)
@@ -267,11 +267,11 @@ def _written(frame: str, texts: dict[str, Clause], noun: str, his: str, sampler:
     for one, two in (("A", "B"), ("B", "C")):
         if two in texts and (texts[one].double or texts[two].double):  # trips and falls, then rises
             text = text.replace(f" and {{{two}:", f", then {{{two}:")
-    for letter, each in texts.items():
+    for letter, step_clause in texts.items():
         for form in ("present", "preterite", "gerund", "participle", "base"):
             before, placeholder, after = text.partition(f"{{{letter}:{form}}}")
             if placeholder:
-                text = before + each.form(form, after[0]) + after
+                text = before + step_clause.form(form, after[0]) + after
     return text[0].upper() + text[1:]
 
 
@@ -298,8 +298,8 @@ class Clause:
 
     def form(self, name: str, following: str) -> str:
         """The clause with its verbs in a form (present, preterite, gerund, participle, base), and a comma before `following`."""
-        verb = " and ".join(inflected(each, name) for each in self.verb.split(" and "))
-        text = " ".join(each for each in (self.before, verb, self.after) if each)
+        verb = " and ".join(inflected(word, name) for word in self.verb.split(" and "))
+        text = " ".join(part for part in (self.before, verb, self.after) if part)
         if any(word.endswith("ing") for word in self.limb.split(" ")[:2]):
             return f"{text}, {self.limb}{'' if following in ',.;' else ','}"
         return f"{text} {self.limb}".strip()
@@ -308,8 +308,8 @@ class Clause:
 @cache
 def _verbs(name: str) -> tuple[str, ...]:
     """Verbs that tell an action and a slot: "walk speed=slow"; the plainest one, which stands first, twice."""
-    found = lexicon().verbs[name].said if name in lexicon().verbs else ()
-    return (*found[:1], *found)
+    verbs = lexicon().verbs[name].said if name in lexicon().verbs else ()
+    return (*verbs[:1], *verbs)
 
 
 def clause(step: Step, sampler: WeightedSampler, his: str, *, adjectives: bool = False) -> Clause:
@@ -330,7 +330,7 @@ def clause(step: Step, sampler: WeightedSampler, his: str, *, adjectives: bool =
     limb = ""
     if step.body_part is not None and not object_first:
         limb = sampler.pick(_sided(_limb_phrases(step.action, step.type, step.body_part), step.side))
-    verb, after, limb = (_filled(each, step, his) for each in (verb, " ".join(parts), limb))
+    verb, after, limb = (_filled(phrase, step, his) for phrase in (verb, " ".join(parts), limb))
     return Clause(verb, said["before"], after, limb, said["adjective"])
 
 
@@ -346,10 +346,10 @@ def _modifiers(step: Step, left: Mapping[str, str], sampler: WeightedSampler, *,
             position = "adjective" if slot == "manner" else str(sampler.word("middle end", "way of fall"))
         if said[position]:
             position = "phrase" if not said["phrase"] else "before"
-        known = lexicon().modifiers[f"{slot}={value}"]
-        words = {"phrase": known.phrases, "adjective": known.adjectives}.get(position, known.adverbs)
+        modifier = lexicon().modifiers[f"{slot}={value}"]
+        words = {"phrase": modifier.phrases, "adjective": modifier.adjectives}.get(position, modifier.adverbs)
         if position == "before" or (step.action == "fall" and slot == "speed"):
-            words = known.before_verb or known.adverbs
+            words = modifier.before_verb or modifier.adverbs
         said[position] = sampler.pick(words)
     return said
 
@@ -380,8 +380,8 @@ def _telling(step: Step) -> str | None:
     """The entry of the lexicon whose verbs tell several slots of a step at once: who lowers himself to the floor, or stands on the
     left leg."""
     entries = ((name, *meaning(name)) for name, words in lexicon().verbs.items() if words.said)
-    several = ((name, told) for name, action, told in entries if action == step.action and len(told) > 1)
-    return next((name for name, told in several if all(getattr(step, key) == told[key] for key in told)), None)
+    several = ((name, said) for name, action, said in entries if action == step.action and len(said) > 1)
+    return next((name for name, said in several if all(getattr(step, key) == said[key] for key in said)), None)
 
 
 def _direction(step: Step, sampler: WeightedSampler) -> list[str]:
@@ -402,18 +402,18 @@ def _object(step: Step, sampler: WeightedSampler) -> list[str]:
 
 
 def _measures(step: Step) -> list[str]:
-    found = []
+    measures = []
     if step.count is not None:
-        found.append("twice" if step.count == 2 else f"{NUMBER_WORDS[step.count]} times")
+        measures.append("twice" if step.count == 2 else f"{NUMBER_WORDS[step.count]} times")
     if step.duration_s is not None:
-        found.append(f"for {NUMBER_WORDS[int(step.duration_s)]} seconds")
-    return found
+        measures.append(f"for {NUMBER_WORDS[int(step.duration_s)]} seconds")
+    return measures
 
 
 def _sided(phrases: tuple[str, ...], side: str | None) -> tuple[str, ...]:
     """The phrases that tell a side, where the step does; else those that need not."""
-    plain = tuple(phrase for phrase in phrases if "{side}" not in phrase)
-    return tuple(phrase for phrase in phrases if "{side}" in phrase) if side is not None else plain or phrases
+    unsided = tuple(phrase for phrase in phrases if "{side}" not in phrase)
+    return tuple(phrase for phrase in phrases if "{side}" in phrase) if side is not None else unsided or phrases
 
 
 def _filled(text: str, step: Step, his: str) -> str:

@@ -162,8 +162,8 @@ def json_schema(activity: Activity) -> dict[str, Any]:
     """The schema of a reply about a class."""
     types: Any = {"falling": slots.FallType | None, "abnormal_walking": slots.GaitType}.get(activity)
     actions: Any = Literal[slots.ACTIONS_OF[activity]]
-    asked = create_model("AskedOfClass", __base__=AskedDescription, action=(actions, ...), type=(types, ...))
-    reply = create_model("Descriptions", __config__=ConfigDict(extra="forbid"), descriptions=(list[asked], ...))  # type: ignore[valid-type]
+    model = create_model("AskedOfClass", __base__=AskedDescription, action=(actions, ...), type=(types, ...))
+    reply = create_model("Descriptions", __config__=ConfigDict(extra="forbid"), descriptions=(list[model], ...))  # type: ignore[valid-type]
     return reply.model_json_schema(schema_generator=_Untitled)
 
 
@@ -189,11 +189,11 @@ SYSTEM = (
 )
 
 
-def messages(activity: Activity, asked: Sequence[Drawn]) -> list[dict[str, str]]:
+def messages(activity: Activity, properties: Sequence[Drawn]) -> list[dict[str, str]]:
     """The prompt for a description of each set of properties."""
-    rows = "\n".join(f"{number}. {json.dumps(_given(each))}" for number, each in enumerate(asked, 1))
+    rows = "\n".join(f"{number}. {json.dumps(_prompt_fields(item))}" for number, item in enumerate(properties, 1))
     task = (
-        f"Class: {activity} ({KINDS[activity]}). Write {len(asked)} descriptions, one for each of these sets of "
+        f"Class: {activity} ({KINDS[activity]}). Write {len(properties)} descriptions, one for each of these sets of "
         f"properties:\n{rows}"
     )
     schema = json.dumps(json_schema(activity))
@@ -203,12 +203,12 @@ def messages(activity: Activity, asked: Sequence[Drawn]) -> list[dict[str, str]]
     ]
 
 
-def _given(each: Drawn) -> dict[str, Any]:
-    found: dict[str, Any] = {"subject": each.subject, **each.main.model_dump(exclude_none=True)}
-    for name, steps in (("before", each.before), ("after", each.after)):
+def _prompt_fields(properties: Drawn) -> dict[str, Any]:
+    fields: dict[str, Any] = {"subject": properties.subject, **properties.main.model_dump(exclude_none=True)}
+    for name, steps in (("before", properties.before), ("after", properties.after)):
         if steps:
-            found[name] = [step.model_dump(exclude_none=True) for step in steps]
-    return found
+            fields[name] = [step.model_dump(exclude_none=True) for step in steps]
+    return fields
 
 
 # --- what comes back ---
@@ -225,10 +225,10 @@ def rows_of(reply: str) -> list[Any]:
     if text.startswith("```"):  # models like to wrap JSON so
         text = text.strip("`").removeprefix("json").strip()
     try:
-        found = json.loads(text)
+        parsed = json.loads(text)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
-    rows = found.get("descriptions") if isinstance(found, dict) else found
+    rows = parsed.get("descriptions") if isinstance(parsed, dict) else parsed
     if not isinstance(rows, list):
         raise ValueError("it holds no list of descriptions")
     return rows
@@ -243,7 +243,7 @@ def description_of(row: Any, activity: Activity) -> Description:
     empty = {"before": (), "after": (), "speed": "normal", "subject": "person"}
     fields = {name: empty.get(name) if value is None else value for name, value in row.items() if name != "class"}
     for name in ("before", "after"):
-        fields[name] = [_step_of(each) for each in fields.get(name) or ()]
+        fields[name] = [_step_of(step_values) for step_values in fields.get(name) or ()]
     return Description.model_validate({**fields, "class": activity})
 
 
@@ -256,13 +256,13 @@ def _step_of(row: Any) -> Any:
 def agrees(description: Description) -> bool | None:
     """Whether the sentence says what the slots say, as far as the parser understands it; None where it does not."""
     try:
-        found = parse_description(description.sentence).description
+        parsed = parse_description(description.sentence).description
     except InputError:
         return None
-    if found.activity != description.activity or found.action != description.action:
+    if parsed.activity != description.activity or parsed.action != description.action:
         return False
-    told = ("type", "direction")
-    return all(getattr(found, slot) in (None, getattr(description, slot)) for slot in told)
+    compared_slots = ("type", "direction")
+    return all(getattr(parsed, slot) in (None, getattr(description, slot)) for slot in compared_slots)
 
 
 # --- replies that are kept on disk: the same request is not paid for twice ---
@@ -275,9 +275,9 @@ def _name_of(**request: Any) -> str:
 
 def kept_reply(name: str) -> str | None:
     """The reply to a request; None where none is kept, or a damaged one."""
-    found = disk_cache.read(name, ["reply"])
+    cached = disk_cache.read(name, ["reply"])
     try:
-        return None if found is None else found["reply"].tobytes().decode()
+        return None if cached is None else cached["reply"].tobytes().decode()
     except ValueError:
         return None
 
@@ -349,12 +349,12 @@ class _Run:
         for attempt in range(MOST_FAILURES):
             seed = (self.seed * 1_000_003 + number * 101 + attempt) % 2**31
             name = _name_of(model=model.model, url=model.url, messages=prompt, schema=schema, seed=seed)
-            kept = kept_reply(name)
-            if kept is not None:
+            cached_reply = kept_reply(name)
+            if cached_reply is not None:
                 self.counts["cached"] += 1
-            reply = Reply(kept) if kept is not None else self.session.ask(prompt, schema, seed=seed)
+            reply = Reply(cached_reply) if cached_reply is not None else self.session.ask(prompt, schema, seed=seed)
             if self._take(reply):
-                if kept is None:
+                if cached_reply is None:
                     keep_reply(name, reply.content)
                 self.failures = 0
                 return
@@ -445,6 +445,6 @@ def model_descriptions(
     if not run.gathered.descriptions:
         raise InputError(f"no description was made: {stopped}")
     session = run.session
-    found = tuple(run.gathered.descriptions[:count])
+    descriptions = tuple(run.gathered.descriptions[:count])
     spent = {"requests": session.requests, "tokens": session.tokens, "near_duplicates": run.gathered.refused}
-    return Written(found, count, **spent, **run.counts, stopped=stopped)
+    return Written(descriptions, count, **spent, **run.counts, stopped=stopped)

@@ -35,7 +35,7 @@ def divided(text: Any) -> Any:
             f"a list of words must be a text with bars between them, got {shown(text)}; put words that YAML reads "
             "otherwise, as no, between quotation marks"
         )
-    return tuple(each.strip() for each in text.split("|")) if isinstance(text, str) else text
+    return tuple(phrase.strip() for phrase in text.split("|")) if isinstance(text, str) else text
 
 
 def of_text(split: Callable[..., Any], *options: Any) -> Callable[[Any], Any]:

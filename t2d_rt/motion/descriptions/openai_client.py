@@ -58,30 +58,30 @@ class Session:
                 return self._reply(messages, schema, seed)
             except (openai.BadRequestError, openai.UnprocessableEntityError) as error:
                 if len(self.formats) == 1 or "context" in str(error).lower():
-                    raise Stopped(self._told(error)) from None
+                    raise Stopped(self._explanation(error)) from None
                 del self.formats[0]
             except openai.APIError as error:
                 if isinstance(error.__cause__, Stopped):  # earlier versions of the package wrap what a request raises
                     raise error.__cause__ from None
                 tries = self.requests - before
-                raise Stopped(self._told(error) + (f" ({tries} tries)" if tries > 1 else "")) from None
+                raise Stopped(self._explanation(error) + (f" ({tries} tries)" if tries > 1 else "")) from None
 
     def _reply(self, messages: Sequence[Message], schema: Mapping[str, Any], seed: int) -> Reply:
-        wanted: dict[str, Any] = {"type": self.formats[0]}
+        response_format: dict[str, Any] = {"type": self.formats[0]}
         if self.formats[0] == "json_schema":
-            wanted["json_schema"] = {"name": "descriptions", "strict": True, "schema": schema}
-        found = None
+            response_format["json_schema"] = {"name": "descriptions", "strict": True, "schema": schema}
+        completion = None
         try:
-            found = self._client.chat.completions.create(
-                model=self.model.model, messages=list(messages), response_format=wanted, seed=seed
+            completion = self._client.chat.completions.create(
+                model=self.model.model, messages=list(messages), response_format=response_format, seed=seed
             )
-            choice = found.choices[0]
+            choice = completion.choices[0]
             content, refusal = choice.message.content or "", getattr(choice.message, "refusal", None) or ""
             reason = choice.finish_reason
         except (AttributeError, LookupError, TypeError, ValueError, RecursionError):  # it is no completion, or no JSON
             content, refusal, reason = "", "", "stop"
-        content, refusal = (self._without_key(str(each)) for each in (content, refusal))
-        used = getattr(getattr(found, "usage", None), "total_tokens", None)
+        content, refusal = (self._without_key(str(value)) for value in (content, refusal))
+        used = getattr(getattr(completion, "usage", None), "total_tokens", None)
         estimated = (self._size + len(content)) // CHARACTERS_PER_TOKEN
         self.tokens += used if isinstance(used, int) and used > 0 else estimated
         if reason == "content_filter":
@@ -105,7 +105,7 @@ class Session:
         """Ends the connection to the endpoint."""
         self._client.close()
 
-    def _told(self, error: Any) -> str:
+    def _explanation(self, error: Any) -> str:
         """What went wrong, in plain words and without the key."""
         if isinstance(error, openai.APITimeoutError):
             return f"{self.model.host} did not answer within {self.model.timeout_s:g} s"

@@ -51,7 +51,7 @@ class Parsed:
 
     def __str__(self) -> str:
         """What should be said to whoever wrote the sentence; nothing where all was understood."""
-        said = [f"read {given!r} as {meant!r}" for given, meant in self.read_as]
+        said = [f"read {written!r} as {meant!r}" for written, meant in self.read_as]
         if self.ignored:
             said.append(f"not understood and left out: {', '.join(self.ignored)}")
         if self.partly:
@@ -78,7 +78,7 @@ def parse_description(sentence: str) -> Parsed:
             "write two steps"
         ) from None
     description, read_as = _description(steps, reader, sentence)
-    slips = tuple((each.note, each.words) for each in tokens if each.note)
+    slips = tuple((token.note, token.words) for token in tokens if token.note)
     return Parsed(description, tuple(reader.ignored), (*slips, *read_as), tuple(reader.partly))
 
 
@@ -95,7 +95,7 @@ def _checked(sentence: str) -> str:
         )
     numbers = "|".join(number for number in lexicon().numbers if number not in ("a", "an"))
     below = rf"(?<!\S)(?:[-\u2212](?=[\d.])|(?:minus|negative)\s+(?=[\d.]|(?:a|{numbers}|half|pi|\u03c0)\b))\S+"
-    measures = "|".join(re.escape(each) for each in ("times", "turns", *lexicon().seconds, *lexicon().degrees))
+    measures = "|".join(re.escape(measure) for measure in ("times", "turns", *lexicon().seconds, *lexicon().degrees))
     wrong = re.search(rf"{below}|\b(?:nan|inf|infinite|infinity)\s*(?:{measures})\b", sentence, re.IGNORECASE)
     if wrong is not None:
         raise InputError(
@@ -111,11 +111,11 @@ def _happening(reader: Reader) -> list[ParseStep]:
     """The steps, without slips and stumbles from which the sentence says that nobody falls."""
     steps = reader.ordered()
     near_falls = forms_of(lexicon().near_falls)
-    kept = [step for step in steps if not (reader.recovers and step.words.split()[0] in near_falls)]
-    lost = [step.words for step in steps if step not in kept]
+    happening = [step for step in steps if not (reader.recovers and step.words.split()[0] in near_falls)]
+    lost = [step.words for step in steps if step not in happening]
     reader.ignored += lost
     reader.denied_actions += lost
-    return kept
+    return happening
 
 
 def _settled(steps: list[ParseStep], ignored: list[str]) -> list[ParseStep]:
@@ -124,29 +124,29 @@ def _settled(steps: list[ParseStep], ignored: list[str]) -> list[ParseStep]:
     steps = _without_weak(steps, ignored)
     for number, step in enumerate(steps):
         if step.get("type") in slots.FALL_TYPES and step.action != "fall":
-            fall = next((each for each in steps[number:] if each.action == "fall"), None)
+            fall = next((later for later in steps[number:] if later.action == "fall"), None)
             if fall is not None and fall.get("type") is None:
                 fall.said["type"] = step.get("type")
             elif fall is None and step.action != "jump":  # over an obstacle
                 ignored.append(step.cause)
             step.said.pop("type", None)
-    found: list[ParseStep] = []
+    settled: list[ParseStep] = []
     for step in steps:
-        together = _together(found[-1], step) if found else None
-        found = [*found[:-1], together] if together is not None else [*found, step]
-    for step in found:
+        together = _together(settled[-1], step) if settled else None
+        settled = [*settled[:-1], together] if together is not None else [*settled, step]
+    for step in settled:
         level = step.action in ("walk", "run") and step.get("object") != "stair"
         if level and step.get("direction") in ("up", "down"):  # up to the door, down the street
             ignored.append(str(step.get("direction")))
             step.said.pop("direction")
-    return found
+    return settled
 
 
 def _resolve_stumbles(steps: list[ParseStep]) -> None:
     """Stumbling is a fall where something falls; about a place or to both sides, it is an unsteady walk; else a fall."""
-    falls = any(each.action == "fall" for each in steps)
-    sides = {each.get("direction") for each in steps if each.action == "stumble"}
-    moving = any(each.action == "walk" and each.joined == "while" for each in steps)
+    falls = any(other.action == "fall" for other in steps)
+    sides = {other.get("direction") for other in steps if other.action == "stumble"}
+    moving = any(other.action == "walk" and other.joined == "while" for other in steps)
     for step in steps:
         if step.action == "stumble":
             walks = not falls and (moving or sides >= {"left", "right"})
@@ -157,16 +157,16 @@ def _resolve_stumbles(steps: list[ParseStep]) -> None:
 
 
 def _without_weak(steps: list[ParseStep], ignored: list[str]) -> list[ParseStep]:
-    telling = any(not each.weak for each in steps)
-    kept = []
+    telling = any(not step.weak for step in steps)
+    telling_steps = []
     for step in steps:
         of_limb = step.get("body_part") is not None  # moves an arm forward
         directed = step.get("direction") is not None and step.action == "walk" and not of_limb
         if step.weak and telling and not directed:
             ignored.append(step.words)
         else:
-            kept.append(step)
-    return kept
+            telling_steps.append(step)
+    return telling_steps
 
 
 def _together(first: ParseStep, second: ParseStep) -> ParseStep | None:
@@ -212,15 +212,15 @@ def _description(steps: list[ParseStep], reader: Reader, sentence: str) -> tuple
         if step.get("direction") == "circle":
             step.said["direction"] = "counterclockwise"
             read_as.append(("in a circle", "in a counterclockwise circle"))
-    ranks = [_rank(each) for each in steps]
+    ranks = [_rank(step) for step in steps]
     place = ranks.index(max(ranks))
     fields = [_step_fields(step, reader.ignored) for step in steps]
     main = fields[place]
     description = Description(
         activity=_activity(main),
         subject=reader.subject or "person",
-        before=tuple(Step(**each) for each in fields[:place]),
-        after=tuple(Step(**each) for each in fields[place + 1 :]),
+        before=tuple(Step(**values) for values in fields[:place]),
+        after=tuple(Step(**values) for values in fields[place + 1 :]),
         sentence=sentence,
         **main,
     )

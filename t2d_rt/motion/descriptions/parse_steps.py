@@ -187,8 +187,8 @@ class Reader:
         if token.partly:
             self.partly.append(f"{token.words} (made as any {step.action.replace('_', ' ')})")
         step.joined = "" if clause.steps else clause.join
-        for each in clause.pending:
-            attach(step, each, self.ignored)
+        for pending in clause.pending:
+            attach(step, pending, self.ignored)
         clause.pending.clear()
         if last is not None and last.words in forms_of(lexicon().stopping):  # stops walking: walks, then stands
             step.joined, last.joined = last.joined, "then"
@@ -224,7 +224,7 @@ class Reader:
             return
         if join != ",":
             joins = {clause.join, join}  # "and then", "before and after"
-            clause.join = next(each for each in ("after", "before", "while", "then", "and", ",", "") if each in joins)
+            clause.join = next(word for word in ("after", "before", "while", "then", "and", ",", "") if word in joins)
 
     def _stretching(self) -> bool:
         steps = self.clauses[-1].steps
@@ -239,15 +239,15 @@ class Reader:
         last = self._last()
         if clause.steps or not clause.pending:
             return
-        if last is None and any(each.kind == "gait" for each in clause.pending):
+        if last is None and any(pending.kind == "gait" for pending in clause.pending):
             last = ParseStep("walk", words="gait")  # a waddling gait
             clause.steps.append(last)
         if last is None:
-            self.ignored += [each.words for each in clause.pending]
+            self.ignored += [pending.words for pending in clause.pending]
             clause.pending.clear()
             return
         new = None
-        for token in sorted(clause.pending, key=lambda each: each.kind != "direction"):
+        for token in sorted(clause.pending, key=lambda pending: pending.kind != "direction"):
             fresh = token.kind == "direction" and clause.join in ("then", "and") and new is None
             again = fresh and clause.join == "then" and last.get("direction") is not None
             if new is None and (clause.join == "then" or (clause.join == "and" and token.kind == "angle")):
@@ -260,8 +260,8 @@ class Reader:
             except Opposite:
                 if not fresh:
                     raise
-            told = {slot for each in clause.pending for slot in each.slots if slot != "direction"}
-            said = {slot: value for slot, value in last.said.items() if slot not in told} | {**token.slots}
+            pending_slots = {slot for pending in clause.pending for slot in pending.slots if slot != "direction"}
+            said = {slot: value for slot, value in last.said.items() if slot not in pending_slots} | {**token.slots}
             new = ParseStep(last.action, dict(last.implied), said, joined="then", words=last.words)
         clause.pending.clear()
         if new is not None:
@@ -271,10 +271,10 @@ class Reader:
         """The steps in the order in which they happen."""
         self.settle_loose()
         self.settle()
-        found: list[list[ParseStep]] = []
+        step_groups: list[list[ParseStep]] = []
         held: list[ParseStep] = []
         earlier: list[ParseStep] | None = None  # those of a subordinate clause, which further gerunds belong to
-        for number, clause in enumerate(each for each in self.clauses if each.steps):
+        for number, clause in enumerate(candidate for candidate in self.clauses if candidate.steps):
             gerund = clause.steps[0].gerund
             if clause.join in ("and", "then") and gerund and earlier is not None:
                 earlier += clause.steps
@@ -282,15 +282,15 @@ class Reader:
             earlier = clause.steps if clause.join in ("before", "after", "while") else None
             if clause.join == "before" and number == 0:
                 held = clause.steps
-            elif clause.join in ("after", "while") and found:
-                falls = any(each.action in ("fall", "stumble") for each in found[-1])
-                found.insert(-1 if clause.join == "after" or falls else len(found), clause.steps)
+            elif clause.join in ("after", "while") and step_groups:
+                falls = any(step.action in ("fall", "stumble") for step in step_groups[-1])
+                step_groups.insert(-1 if clause.join == "after" or falls else len(step_groups), clause.steps)
             else:
-                found.append(clause.steps)
+                step_groups.append(clause.steps)
                 if held and clause.join == ",":
-                    found.append(held)
+                    step_groups.append(held)
                     held = []
-        return [step for steps in ([*found, held] if held else found) for step in steps]
+        return [step for steps in ([*step_groups, held] if held else step_groups) for step in steps]
 
 
 def attach(step: ParseStep, token: Token, ignored: list[str]) -> None:
@@ -337,7 +337,7 @@ def attach(step: ParseStep, token: Token, ignored: list[str]) -> None:
                 "one of them out"
             )
         elif slot == "object":
-            step.said[slot] = min(before, value, key=lambda each: OBJECTS_FIRST.index(str(each)))
+            step.said[slot] = min(before, value, key=lambda name: OBJECTS_FIRST.index(str(name)))
         elif slot == "type" and value in ("festinating", "freezing") and before == "parkinsonian":
             step.said[slot] = value
         elif not (slot == "type" and before in ("festinating", "freezing") and value == "parkinsonian"):

@@ -115,9 +115,9 @@ class Step(Fields):
     @model_validator(mode="after")
     def _consistent(self) -> Step:
         if self.type is not None:
-            wanted = "fall" if self.type in FALL_TYPES else "walk"
-            if self.action != wanted:
-                raise InputError(f"type {self.type} belongs to action {wanted}, not to {self.action}")
+            action = "fall" if self.type in FALL_TYPES else "walk"
+            if self.action != action:
+                raise InputError(f"type {self.type} belongs to action {action}, not to {self.action}")
         if self.side is not None and self.body_part in (None, "waist"):
             raise InputError(f"side {self.side} belongs to an arm, foot, hand, leg or knee; give body_part, too")
         if self.angle_deg is not None and self.action != "turn":
@@ -192,13 +192,13 @@ def read_descriptions(path: str | Path) -> list[Description]:
         lines = data.decode("utf-8-sig").splitlines()
     except UnicodeDecodeError:
         raise InputError(f"file of descriptions {path} is no text in UTF-8; write it with t2d-rt describe") from None
-    found = []
+    descriptions = []
     for number, line in enumerate(lines, 1):
         if line.strip():
             try:
-                found.append(Description.model_validate_json(line))
+                descriptions.append(Description.model_validate_json(line))
             except InputError as error:
                 raise InputError(f"line {number} of {path}: {error}") from None
-    if not found:
+    if not descriptions:
         raise InputError(f"file of descriptions {path} holds none; write it with t2d-rt describe")
-    return found
+    return descriptions

@@ -68,9 +68,9 @@ def words_of(text: str) -> list[str]:
     """
     apart = re.sub(r"(?<=\d)(?=[¼-¾⅐-⅞])", " ", re.sub(r"(?<=\d)\s*[°º]", " degrees ", text))
     signs = {0x2019: "'", 0x2018: "'", 0x2014: ",", 0x2013: ",", 0x2044: "/", 0x3C0: "pi"}
-    plain = COMMA.sub(_with_point, unicodedata.normalize("NFKC", apart).lower().translate(signs))
-    plain = re.sub(r"(?<![\w.])\.(?=\d)", "0.", plain)
-    return WORD.findall(re.sub(r"(?<=\w)-(?=\w)", " ", re.sub(r"\s-+\s", " , ", plain)))
+    lowered = COMMA.sub(_with_point, unicodedata.normalize("NFKC", apart).lower().translate(signs))
+    lowered = re.sub(r"(?<![\w.])\.(?=\d)", "0.", lowered)
+    return WORD.findall(re.sub(r"(?<=\w)-(?=\w)", " ", re.sub(r"\s-+\s", " , ", lowered)))
 
 
 def _with_point(number: re.Match[str]) -> str:
@@ -84,8 +84,8 @@ def _spelled(phrase: str) -> Iterator[tuple[str, ...]]:
     """The words of a phrase, with each possessive in the place of {his}, and other words of the person likewise."""
     for his in HIS if "{his}" in phrase else ("",):
         for him in HIM if "{him}" in phrase else ("",):
-            for own in SELF if "{self}" in phrase else ("",):
-                yield tuple(words_of(phrase.replace("{his}", his).replace("{him}", him).replace("{self}", own)))
+            for himself in SELF if "{self}" in phrase else ("",):
+                yield tuple(words_of(phrase.replace("{his}", his).replace("{him}", him).replace("{self}", himself)))
 
 
 def _verbs(phrases: Iterable[str], kind: str, slots: Mapping[str, object]) -> Iterator[Entry]:
@@ -104,28 +104,28 @@ def _phrases(phrases: Iterable[str], kind: str, slots: Mapping[str, object]) -> 
 
 def _entries() -> Iterator[Entry]:
     """All phrases of the lexicon; of equal ones, the first counts."""
-    known = lexicon()
+    lexemes = lexicon()
     for source in ("said", "understood"):
-        for name, synonyms in known.verbs.items():
+        for name, synonyms in lexemes.verbs.items():
             action, slots = meaning(name)
             yield from _verbs(getattr(synonyms, source), "action", {"action": action, **slots})
-    for action, phrases in known.weak_verbs.items():
+    for action, phrases in lexemes.weak_verbs.items():
         yield from _verbs(phrases, "weak", {"action": action})
-    yield from _verbs(known.limb_verbs, "attend", {})
-    yield from _verbs(known.other_actions, "other", {})
-    yield from _verbs(known.recovering, "recover", {})
-    for part, phrases in known.body_part_verbs.items():
+    yield from _verbs(lexemes.limb_verbs, "attend", {})
+    yield from _verbs(lexemes.other_actions, "other", {})
+    yield from _verbs(lexemes.recovering, "recover", {})
+    for part, phrases in lexemes.body_part_verbs.items():
         yield from _verbs(phrases, "attend", {"body_part": part})
     for source in ("adverbs", "phrases", "adjectives", "understood"):
-        for name, modifier in known.modifiers.items():
+        for name, modifier in lexemes.modifiers.items():
             yield from _phrases(getattr(modifier, source), "slot", meaning(name)[1])
-    yield from _of_synonyms(known.subjects, "subject", "subject")
-    for slot, table in (("object", known.objects), ("direction", known.directions)):
+    yield from _of_synonyms(lexemes.subjects, "subject", "subject")
+    for slot, table in (("object", lexemes.objects), ("direction", lexemes.directions)):
         for value, phrases in table.items():
             yield from _phrases(phrases, slot, {slot: value})
-    yield from _of_synonyms(known.gaits, "gait", "type")
-    yield from _of_synonyms(known.fall_causes, "cause", "type")
-    for part, phrases in known.body_parts.items():
+    yield from _of_synonyms(lexemes.gaits, "gait", "type")
+    yield from _of_synonyms(lexemes.fall_causes, "cause", "type")
+    for part, phrases in lexemes.body_parts.items():
         for phrase in phrases:
             yield from _phrases([phrase], "part", {"body_part": part})
             for side in ("left", "right") if part != "waist" and not phrase.startswith("on ") else ():
@@ -136,8 +136,8 @@ def _entries() -> Iterator[Entry]:
         ("on_the_spot", "spot"),
         ("negations", "not"),
     ):
-        yield from _phrases(getattr(known, section), kind, {})
-    for join, phrases in known.joins.items():
+        yield from _phrases(getattr(lexemes, section), kind, {})
+    for join, phrases in lexemes.joins.items():
         yield from (Entry(tuple(words_of(phrase)), "join", {"join": join}) for phrase in phrases)
 
 
@@ -150,13 +150,13 @@ def _of_synonyms(table: Mapping[Any, Synonyms], kind: str, slot: str) -> Iterato
 @cache
 def _index() -> dict[str, list[Entry]]:
     """Entries by their first word, the longest first; of equal ones the earlier."""
-    found: dict[str, list[Entry]] = {}
+    entries_by_word: dict[str, list[Entry]] = {}
     for entry in _entries():
         if entry.words:
-            found.setdefault(entry.words[0], []).append(entry)
+            entries_by_word.setdefault(entry.words[0], []).append(entry)
     return {
         word: sorted(entries, key=lambda entry: (-len(entry.words), GAP in entry.words, entry.kind == "other"))
-        for word, entries in found.items()
+        for word, entries in entries_by_word.items()
     }
 
 
@@ -168,10 +168,10 @@ def _body_parts() -> frozenset[str]:
 @cache
 def _vocabulary() -> frozenset[str]:
     """All words that are understood, which a misspelt one may mean."""
-    known = lexicon()
+    lexemes = lexicon()
     words = {word for entries in _index().values() for entry in entries for word in entry.words}
-    more = {*known.of_limbs, *known.numbers, *known.times, *known.seconds, *known.degrees, "times"}
-    return frozenset(words | more | {*known.neutral}) - {GAP}
+    more = {*lexemes.of_limbs, *lexemes.numbers, *lexemes.times, *lexemes.seconds, *lexemes.degrees, "times"}
+    return frozenset(words | more | {*lexemes.neutral}) - {GAP}
 
 
 def tokens_of(sentence: str) -> list[Token]:
@@ -183,18 +183,18 @@ def tokens_of(sentence: str) -> list[Token]:
         if meant is not None:
             notes[len(words)] = word
         words.append(meant or word)
-    found: list[Token] = []
+    sentence_tokens: list[Token] = []
     place = 0
     while place < len(words):
         tokens, after = _next(words, place)
-        misspelt = [notes[each] for each in range(place, after) if each in notes]
+        misspelt = [notes[number] for number in range(place, after) if number in notes]
         if misspelt and tokens[0].kind == "unknown":
             tokens = [Token("unknown", misspelt[0])]
         elif misspelt:
             tokens = [Token(token.kind, token.words, token.slots, token.gerund, " ".join(misspelt)) for token in tokens]
-        found += tokens
+        sentence_tokens += tokens
         place = after
-    return found
+    return sentence_tokens
 
 
 def _next(words: list[str], place: int) -> tuple[list[Token], int]:
@@ -214,19 +214,21 @@ def _next(words: list[str], place: int) -> tuple[list[Token], int]:
         inner = tokens_of(" ".join(gap)) if gap else []
         numbers = {**lexicon().numbers, **{word: int(word) for word in gap if word.isdecimal()}} if gap else {}
         counted = [numbers[word] for word in gap if word in numbers and word not in ("a", "an")]
-        counted = [] if any("count" in each.slots for each in inner) else counted
-        inner = [each for each in inner if not counted or each.words not in numbers]
+        counted = [] if any("count" in inner_token.slots for inner_token in inner) else counted
+        inner = [inner_token for inner_token in inner if not counted or inner_token.words not in numbers]
         if counted and entry.words[-1] in ("step", "steps"):
             inner.append(Token("reported", next(word for word in gap if numbers.get(word) == counted[0])))
         elif counted:
             inner.append(Token("slot", str(counted[0]), {"count": counted[0]}))
-        kept = ("slot", "direction", "object", "unknown", "gait", "reported")
-        return [token, *(each for each in inner if each.kind in kept)], after
+        kinds = ("slot", "direction", "object", "unknown", "gait", "reported")
+        return [token, *(inner_token for inner_token in inner if inner_token.kind in kinds)], after
     word = words[place]
     if word.endswith("n't") or word == "cannot":
         return [Token("not", word)], place + 1
-    known = word in lexicon().neutral or word in ("zero", "one", "a", "an") or not any(char.isalnum() for char in word)
-    kind = "of limb" if word in lexicon().of_limbs else "neutral" if known else "unknown"
+    neutral = (
+        word in lexicon().neutral or word in ("zero", "one", "a", "an") or not any(char.isalnum() for char in word)
+    )
+    kind = "of limb" if word in lexicon().of_limbs else "neutral" if neutral else "unknown"
     return [Token(kind, word)], place + 1
 
 
@@ -266,16 +268,16 @@ def _measure(words: list[str], place: int) -> tuple[Token, int] | None:
 def _number(words: list[str], place: int) -> tuple[float, bool, int] | None:
     """A number that begins at a token, whether it is a vague one, and where it ends: ten, twenty five, a few, a couple of, 2.5."""
     ahead = words[place : place + 3]
-    known = lexicon()
-    if ahead and ahead[0] == "a" and ahead[1:2] and ahead[1] in known.some:
+    lexemes = lexicon()
+    if ahead and ahead[0] == "a" and ahead[1:2] and ahead[1] in lexemes.some:
         ahead, place = ahead[1:], place + 1
     if not ahead:
         return None
-    if ahead[0] in known.some:
-        return known.some[ahead[0]], ahead[0] != "couple", place + 1 + int(ahead[1:2] == ["of"])
+    if ahead[0] in lexemes.some:
+        return lexemes.some[ahead[0]], ahead[0] != "couple", place + 1 + int(ahead[1:2] == ["of"])
     if ahead[0][0].isdigit():
         return float(ahead[0]), False, place + 1
-    number = known.numbers.get(ahead[0])
+    number = lexemes.numbers.get(ahead[0])
     if number is None:
         return None
     if ahead[1:2] == ["hundred"]:
@@ -284,19 +286,19 @@ def _number(words: list[str], place: int) -> tuple[float, bool, int] | None:
         if more is not None and 0 < more[0] < 100 and not more[1] and more[0] == int(more[0]):
             return 100 * number + more[0], False, more[2]
         return 100 * number, False, place + 2
-    ones = known.numbers.get(ahead[1]) if number >= 20 and ahead[1:] else None
+    ones = lexemes.numbers.get(ahead[1]) if number >= 20 and ahead[1:] else None
     return (number + ones, False, place + 2) if ones is not None and 0 < ones < 10 else (number, False, place + 1)
 
 
 def _times(words: list[str], place: int) -> tuple[Token, int] | None:
     """How many times: four times, a few times; and four hops."""
-    found = _number(words, place)
-    if found is None and words[place] in BY:
-        found = _number(words, place + 1)
-        return found and (Token("slot", " ".join(words[place : found[2]]), {"count": int(found[0])}), found[2])
-    if found is None or found[2] >= len(words):
+    reading = _number(words, place)
+    if reading is None and words[place] in BY:
+        reading = _number(words, place + 1)
+        return reading and (Token("slot", " ".join(words[place : reading[2]]), {"count": int(reading[0])}), reading[2])
+    if reading is None or reading[2] >= len(words):
         return None
-    number, vague, after = found
+    number, vague, after = reading
     whole = int(number) if number == int(number) else number
     follows = words[after]
     start = after + 1 if follows in BY else after + 2 if words[after : after + 2] in SETS else 0
@@ -323,10 +325,10 @@ def _times(words: list[str], place: int) -> tuple[Token, int] | None:
 
 def _lasting(words: list[str], place: int, *, alone: bool) -> tuple[Token, int] | None:
     """How long: ten seconds, 1 1/2 minutes, a few seconds; where it stands `alone`, behind no "for", not a moment or a second."""
-    found = _amount(words, place) if place < len(words) else None
-    if found is None or found[1] >= len(words) or words[found[1]] not in lexicon().seconds:
+    reading = _amount(words, place) if place < len(words) else None
+    if reading is None or reading[1] >= len(words) or words[reading[1]] not in lexicon().seconds:
         return None
-    number, after = found
+    number, after = reading
     unit = words[after]
     if alone and (words[place] in ("a", "an") or unit.startswith("moment")):
         return None
@@ -346,10 +348,10 @@ def _amount(words: list[str], place: int) -> tuple[float, int] | None:
     """How much, and where the unit stands: 1.5, half a, three quarters of a, one and a half, 1 1 / 4, pi / 2, two pi."""
     amount, after = 1.0, place
     if words[place] != "pi":
-        found = _part(words, place)
-        if found is None:
+        reading = _part(words, place)
+        if reading is None:
             return None
-        amount, after = found
+        amount, after = reading
         more = _part(words, after + int(words[after : after + 1] == ["and"]))
         if more is not None and 0 < more[0] < 1 and amount == int(amount):
             amount, after = amount + more[0], more[1]
@@ -368,10 +370,10 @@ def _part(words: list[str], place: int) -> tuple[float, int] | None:
     start = place + int(len(ahead) == 2 and ahead[0] in ("a", "one") and ahead[1] in PARTS)
     if ahead and words[start] in PARTS:
         return PARTS[words[start]], start + 1
-    found = _number(words, place)
-    if found is None:
+    reading = _number(words, place)
+    if reading is None:
         return None
-    amount, _, after = found
+    amount, _, after = reading
     if words[after : after + 1] and words[after].removesuffix("s") in PARTS:
         return amount * PARTS[words[after].removesuffix("s")], after + 1
     divisor, after = _divisor(words, after)
@@ -380,8 +382,8 @@ def _part(words: list[str], place: int) -> tuple[float, int] | None:
 
 def _divisor(words: list[str], place: int) -> tuple[float, int]:
     """What is divided by, and where that ends: / 4, over two; 1 where nothing is."""
-    found = _number(words, place + 1) if words[place : place + 1] and words[place] in ("/", "over") else None
-    return (1.0, place) if found is None or not found[0] > 0 else (found[0], found[2])
+    reading = _number(words, place + 1) if words[place : place + 1] and words[place] in ("/", "over") else None
+    return (1.0, place) if reading is None or not reading[0] > 0 else (reading[0], reading[2])
 
 
 def _turned(words: list[str], place: int) -> tuple[Token, int] | None:
@@ -389,28 +391,28 @@ def _turned(words: list[str], place: int) -> tuple[Token, int] | None:
 
     Whole turns are counted as other actions are, and the word turn tells of the action, too.
     """
-    found = _amount(words, place)
-    if found is None:
+    reading = _amount(words, place)
+    if reading is None:
         return None
-    amount, after = found
+    amount, after = reading
     unit = words[after] if after < len(words) else ""
-    each = lexicon().degrees.get(unit)
+    unit_deg = lexicon().degrees.get(unit)
     if unit in ("turn", "turns") and amount != int(amount):
         return Token("angle", " ".join(words[place : after + 1]), {"angle_deg": 360 * amount}), after
     if unit == "right" and words[after + 1 : after + 2] in (["angle"], ["angles"]):
-        each, after = 90.0, after + 1
-    elif each is None and "pi" in words[place:after]:
-        each, after = math.degrees(1), after - 1
-    if each is None:
+        unit_deg, after = 90.0, after + 1
+    elif unit_deg is None and "pi" in words[place:after]:
+        unit_deg, after = math.degrees(1), after - 1
+    if unit_deg is None:
         return None
-    return Token("angle", " ".join(words[place : after + 1]), {"angle_deg": float(amount * each)}), after + 1
+    return Token("angle", " ".join(words[place : after + 1]), {"angle_deg": float(amount * unit_deg)}), after + 1
 
 
 def _meant(word: str) -> str | None:
     """The one word of the lexicon that differs from a misspelt one by one letter; None where there is none, or several."""
-    known = _vocabulary()
+    vocabulary = _vocabulary()
     if (
-        word in known
+        word in vocabulary
         or word.removesuffix("s") in PARTS
         or len(word) < SHORTEST_SLIP
         or not word.isalpha()
@@ -425,7 +427,7 @@ def _meant(word: str) -> str | None:
     if len(word) >= SHORTEST_SWAP:
         near |= {word[:n] + letter + word[n + 1 :] for n in places[1:-1] for letter in letters}
     for guesses in (exchanged, exchanged | near):  # two exchanged letters are the likeliest
-        found = {each for each in guesses & known if len(each) >= SHORTEST_SLIP}
-        if len(found) == 1:
-            return found.pop()
+        candidates = {guess for guess in guesses & vocabulary if len(guess) >= SHORTEST_SLIP}
+        if len(candidates) == 1:
+            return candidates.pop()
     return None
