@@ -75,34 +75,34 @@ def motion_from_text(
     seed = integer("seed", seed, 0, 2**63 - 1)
     if duration_s is not None:
         duration_s = number("duration_s", duration_s, 0.5, LONGEST_S, unit="s")
-    found, left_out = understood(description) if isinstance(description, str) else (description, "")
-    instance("description", found, Description, "a sentence or a Description")
+    parsed, left_out = understood(description) if isinstance(description, str) else (description, "")
+    instance("description", parsed, Description, "a sentence or a Description")
     if person_seed is not None:
         person_seed = integer("person_seed", person_seed, 0, 2**63 - 1)
-    who = {"body": body, "stature_m": stature_m, "person_seed": person_seed, "library": library}
-    _refuse_unused(provider, **who, duration_s=duration_s)
-    if duration_s is not None and found.duration_s is None:
-        found = found.model_copy(update={"duration_s": duration_s})
-    lasting_s = sum(step.duration_s or 0.0 for step in found.steps)
+    options = {"body": body, "stature_m": stature_m, "person_seed": person_seed, "library": library}
+    _refuse_unused(provider, **options, duration_s=duration_s)
+    if duration_s is not None and parsed.duration_s is None:
+        parsed = parsed.model_copy(update={"duration_s": duration_s})
+    lasting_s = sum(step.duration_s or 0.0 for step in parsed.steps)
     if lasting_s > LONGEST_S:
         raise InputError(
             f"the description asks for {lasting_s:g} s, a motion lasts {LONGEST_S:g} s at most; ask for less"
         )
     make: Provider | Callable[..., Motion]
     if isinstance(provider, str):
-        make = provider_named(provider, **who)
+        make = provider_named(provider, **options)
     elif callable(provider):
         make = provider
     else:
         raise InputError(
             f"provider must be a name or a function, got {provider!r}; choose one of {', '.join(PROVIDERS)}"
         )
-    motion = make(found, seed=seed)
+    motion = make(parsed, seed=seed)
     if isinstance(description, str) and provider in COMPOSED:  # what others understand is theirs to say
-        lacking = dict.fromkeys(each.removeprefix(NOT_MADE) for each in motion.origin if each.startswith(NOT_MADE))
-        told = [each for each in (left_out, f"{NOT_MADE}{', '.join(lacking)}" if lacking else "") if each]
-        if told:
-            warn(f"of {shown(description)}: {'; '.join(told)}")
+        not_made = dict.fromkeys(line.removeprefix(NOT_MADE) for line in motion.origin if line.startswith(NOT_MADE))
+        remarks = [remark for remark in (left_out, f"{NOT_MADE}{', '.join(not_made)}" if not_made else "") if remark]
+        if remarks:
+            warn(f"of {shown(description)}: {'; '.join(remarks)}")
     return motion
 
 
@@ -125,13 +125,13 @@ def understood(sentence: str) -> tuple[Description, str]:
     return parsed.description, str(parsed)
 
 
-def provider_named(name: str, **who: Any) -> Provider:
-    """A provider by its name; `who` are options of `Composer`."""
+def provider_named(name: str, **options: Any) -> Provider:
+    """A provider by its name; `options` are those of `Composer`."""
     kind, _, folder = name.partition(":")
     if kind in COMPOSED:
         from t2d_rt.motion.generate.compose import Composer
 
-        return Composer(only=None if kind == "auto" else kind, **who)
+        return Composer(only=None if kind == "auto" else kind, **options)
     if kind == "momask":
         from t2d_rt.motion.generate.momask import MoMask
 

@@ -61,8 +61,8 @@ class Piece:
 
     def posed(self, *, root: np.ndarray | None = None, local: np.ndarray | None = None) -> Piece:
         """With another root's track or other rotations."""
-        given = {name: value for name, value in (("root", root), ("local", local)) if value is not None}
-        return replace(self, poses=replace(self.poses, **given))  # type: ignore[arg-type]
+        changes = {name: value for name, value in (("root", root), ("local", local)) if value is not None}
+        return replace(self, poses=replace(self.poses, **changes))  # type: ignore[arg-type]
 
     def noted(self, *notes: str) -> Piece:
         """With more notes."""
@@ -95,9 +95,9 @@ def doing(action: str, joints: np.ndarray, rate_hz: float, *, before: str = "sta
     if not len(moves):
         return ((action, 0),)
     first, stop = int(moves[0]), int(moves[-1]) + 1
-    rest = SHORTEST_REST_S * rate_hz
-    begins = ((before, 0), (action, first)) if first > rest else ((action, 0),)
-    return (*begins, (after, stop)) if len(joints) - stop > rest else begins
+    rest_frames = SHORTEST_REST_S * rate_hz
+    begins = ((before, 0), (action, first)) if first > rest_frames else ((action, 0),)
+    return (*begins, (after, stop)) if len(joints) - stop > rest_frames else begins
 
 
 def heading_rad(poses: Poses) -> np.ndarray:
@@ -145,13 +145,13 @@ def _appended(first: Piece, second: Piece, blend_s: float, turn: bool) -> Piece:
     local = placed.local.copy()
     ahead = quaternions.multiply(quaternions.multiply(a.local[-1], quaternions.conjugate(a.local[-2])), a.local[-1])
     gap = rotation_vector(quaternions.multiply(ahead, quaternions.conjugate(local[0])))
-    speed = rotation_vector(quaternions.multiply(a.local[-1], quaternions.conjugate(a.local[-2])))
-    own = rotation_vector(quaternions.multiply(local[1], quaternions.conjugate(local[0])))
-    carried = np.stack([_offset(g, s, within, len(b)) for g, s in zip(gap, speed - own, strict=True)], axis=1)
+    slope = rotation_vector(quaternions.multiply(a.local[-1], quaternions.conjugate(a.local[-2])))
+    slope -= rotation_vector(quaternions.multiply(local[1], quaternions.conjugate(local[0])))
+    carried = np.stack([_offset(g, s, within, len(b)) for g, s in zip(gap, slope, strict=True)], axis=1)
     local = quaternions.multiply(from_rotation_vector(carried), local)
     after = second.posed(root=root, local=quaternions.normalise(local))
     roots, locals_ = [a.root, after.poses.root], [a.local, after.poses.local]
-    return _one(first, second, roots, locals_, [first.planted, second.planted & ~_swept(placed, after, within)])
+    return _piece(first, second, roots, locals_, [first.planted, second.planted & ~_swept(placed, after, within)])
 
 
 def _swept(placed: Poses, after: Piece, within: int) -> np.ndarray:
@@ -159,7 +159,7 @@ def _swept(placed: Poses, after: Piece, within: int) -> np.ndarray:
 
     After a run the body comes faster than a walk goes on: a foot that stood in the walk would hold it back by more than a leg.
     """
-    found = np.zeros((len(after), 2, 2), bool)
+    swept = np.zeros((len(after), 2, 2), bool)
     count = min(within + 2, len(after))
     carried = soles(after.poses.part(0, count)) - soles(placed.part(0, count))
     fast = np.linalg.norm(np.gradient(carried, 1 / placed.rate_hz, axis=0), axis=-1) > TWIST_MPS
@@ -167,11 +167,11 @@ def _swept(placed: Poses, after: Piece, within: int) -> np.ndarray:
         for start, stop in runs(np.asarray(after.planted[:count, side].any(axis=1))):
             far = np.linalg.norm(carried[stop - 1, side] - carried[start, side], axis=-1).max()
             if far > MOST_CARRIED * placed.skeleton.leg_m:
-                found[start:stop, side] = fast[start:stop, side]
-    return found
+                swept[start:stop, side] = fast[start:stop, side]
+    return swept
 
 
-def _one(
+def _piece(
     first: Piece, second: Piece, roots: list[np.ndarray], locals_: list[np.ndarray], planted: list[np.ndarray]
 ) -> Piece:
     """A piece of stretches of root, rotations and contacts one after another, with the notes of both pieces."""
@@ -197,7 +197,7 @@ def crossed(first: Piece, second: Piece, cut: int, start: int) -> Piece:
     local = quaternions.blend(old.local, new.local, weight[..., None])
     before, after = slice(cut - half), slice(start + half + 1, None)
     roots, locals_ = [a.root[before], root, placed.root[after]], [a.local[before], local, placed.local[after]]
-    return _one(first, second, roots, locals_, [first.planted[: cut + 1], second.planted[start + 1 :]])
+    return _piece(first, second, roots, locals_, [first.planted[: cut + 1], second.planted[start + 1 :]])
 
 
 def _offset(gap: np.ndarray, slope: np.ndarray, within: int, count: int) -> np.ndarray:
@@ -246,20 +246,20 @@ def swung(rotation: np.ndarray, factor: float, rate_hz: float) -> np.ndarray:
     # At half a turn the axis jumps: what is changed must have died out there.
     slow = low_pass(np.where(angle[:, None] < 0.8 * np.pi, swing, 0.0), min(SWING_HZ, 0.4 * rate_hz), rate_hz)
     speed = np.linalg.norm(np.gradient(slow, 1 / rate_hz, axis=0), axis=-1)
-    widest, fastest = (maximum_filter1d(each, 2 * round(width) + 1, mode="nearest") for each in (angle, speed))
-    kept = np.exp(-((widest / 1.2) ** 2) - (fastest / THROWN_RADPS) ** 4)
-    kept = gaussian_filter1d(kept, 0.5 * width, mode="nearest")
-    return quaternions.multiply(from_rotation_vector((factor - 1) * kept[:, None] * slow), rotation)
+    widest, fastest = (maximum_filter1d(series, 2 * round(width) + 1, mode="nearest") for series in (angle, speed))
+    weight = np.exp(-((widest / 1.2) ** 2) - (fastest / THROWN_RADPS) ** 4)
+    weight = gaussian_filter1d(weight, 0.5 * width, mode="nearest")
+    return quaternions.multiply(from_rotation_vector((factor - 1) * weight[:, None] * slow), rotation)
 
 
 def features(poses: Poses, *, within_s: float = 0.1) -> np.ndarray:
     """What tells poses apart (T, F) [m]: joints about the pelvis in its own heading, and their velocities times `within_s`."""
     joints, _ = poses.world()
-    kept = [INDEX[name] for name in FEATURE_JOINTS]
+    indices = [INDEX[name] for name in FEATURE_JOINTS]
     back = quaternions.about_axis(Z, -heading_rad(poses))[:, None]
-    points = quaternions.rotate(back, joints[:, kept] - poses.root[:, None] * [1.0, 1.0, 0.0])
-    velocity = quaternions.rotate(back, np.gradient(joints[:, kept], 1 / poses.rate_hz, axis=0))
-    return np.concatenate([points, within_s * velocity], axis=-1).reshape(len(poses), -1) / np.sqrt(len(kept))
+    points = quaternions.rotate(back, joints[:, indices] - poses.root[:, None] * [1.0, 1.0, 0.0])
+    velocity = quaternions.rotate(back, np.gradient(joints[:, indices], 1 / poses.rate_hz, axis=0))
+    return np.concatenate([points, within_s * velocity], axis=-1).reshape(len(poses), -1) / np.sqrt(len(indices))
 
 
 OF_LEG, OF_ARM = ("hip", "knee", "ankle", "foot"), ("elbow", "wrist")

@@ -61,37 +61,37 @@ IDLE_DIRECTIONS: Mapping[Action, str] = {"sit": "back forward", "stand_up": "for
 """Directions that change nothing, beside those in which an action goes anyway."""
 
 
-def not_made(step: Step, then: Sequence[Step] = ()) -> list[str]:
-    """What a step asks for and no maker does, in words. then: steps that follow, which may use what is walked to."""
-    said = []
+def not_made(step: Step, following: Sequence[Step] = ()) -> list[str]:
+    """What a step asks for and no maker does, in words. following: later steps, which may use what is walked to."""
+    requests = []
     falls = step.action == "fall"
     if step.count is not None and step.count > 1 and step.action not in COUNTED:
-        said.append(f"count {step.count}")
+        requests.append(f"count {step.count}")
     if step.duration_s is not None and falls:
-        said.append(f"duration {step.duration_s:g} s")
+        requests.append(f"duration {step.duration_s:g} s")
     parts = PARTS.get(step.action, "").split()
     objects = ["floor", *OBJECTS.get(step.action, "").split()]
     if step.action == "jump" and step.direction is not None:  # jumping jacks go nowhere
         parts = ["foot", "leg"]
     if step.body_part is not None and step.body_part not in parts and step.type not in GAIT_TYPES:
-        said.append(f"{step.side + ' ' if step.side else ''}{step.body_part}")
-    if step.object is not None and step.object not in objects and not _used(step, then):
-        said.append(step.object)
+        requests.append(f"{step.side + ' ' if step.side else ''}{step.body_part}")
+    if step.object is not None and step.object not in objects and not _used(step, following):
+        requests.append(step.object)
     if step.direction == "in_place" and step.type is not None:
-        said.append("staying on the spot")
+        requests.append("staying on the spot")
     if step.direction is not None and step.direction in IDLE_DIRECTIONS.get(step.action, "").split():
-        said.append(f"direction {step.direction}")
+        requests.append(f"direction {step.direction}")
     if step.manner is not None and falls:
-        said.append(f"manner {step.manner}")
-    return [f"{each} of {step.action.replace('_', ' ')}" for each in said]
+        requests.append(f"manner {step.manner}")
+    return [f"{request} of {step.action.replace('_', ' ')}" for request in requests]
 
 
-def _used(step: Step, then: Sequence[Step]) -> bool:
+def _used(step: Step, following: Sequence[Step]) -> bool:
     """Whether the object of a step has a use: what one trips over, a stair that is walked up, a chair to sit down on then."""
     if step.action not in ("walk", "run"):
         return step.type == "trip"
     on_stair = step.object == "stair" and step.direction in ("up", "down")
-    return on_stair or any(step.object in OBJECTS.get(each.action, "").split() for each in then)
+    return on_stair or any(step.object in OBJECTS.get(later.action, "").split() for later in following)
 
 
 # --- a description's steps, each by what can make it, as one motion of one person ---
@@ -160,24 +160,24 @@ class Composer:
                 "leave the provider out, so that each step is made by what suits it"
             )
         # One seed is one person, whatever a sentence calls them.
-        meant, own = description.subject, rng
+        subject, person_rng = description.subject, rng
         if self.person_seed is not None:
-            own = np.random.default_rng(self.person_seed)
-            meant = description.subject if self.body is None else "person"
-        person = individual(meant, own, body=self.body, stature_m=self.stature_m)
+            person_rng = np.random.default_rng(self.person_seed)
+            subject = description.subject if self.body is None else "person"
+        person = individual(subject, person_rng, body=self.body, stature_m=self.stature_m)
         motion = _composed(Maker(store, person, rng), description)
         if motion.duration_s > LONGEST_S:
             raise InputError(
                 f"the motion would last {motion.duration_s:.0f} s, more than {LONGEST_S:g} s; ask for fewer repetitions or steps"
             )
-        made = f"made for {description.sentence!r}, class {description.activity}, by {self.only or 'auto'}, seed {seed}"
+        task = f"made for {description.sentence!r}, class {description.activity}, by {self.only or 'auto'}, seed {seed}"
         if self.library is not None:
-            made += f", with clips of {file_origin(Path(self.library))}"
-        who = f"{description.subject.replace('_', ' ')} of {person.stature_m:.2f} m, body {person.body}"
+            task += f", with clips of {file_origin(Path(self.library))}"
+        person_note = f"{description.subject.replace('_', ' ')} of {person.stature_m:.2f} m, body {person.body}"
         steps = description.steps
-        lacking = [each for number, step in enumerate(steps) for each in not_made(step, steps[number + 1 :])]
-        origin = (made, who, *(f"{NOT_MADE}{each}" for each in lacking), *motion.origin)
-        report = f"generated; {who}; floor at 0 m"
+        unmet = [request for number, step in enumerate(steps) for request in not_made(step, steps[number + 1 :])]
+        origin = (task, person_note, *(f"{NOT_MADE}{request}" for request in unmet), *motion.origin)
+        report = f"generated; {person_note}; floor at 0 m"
         return replace(motion, origin=origin, report=report, placed=False, breathing=person.breathing)
 
 
@@ -203,21 +203,21 @@ BETWEEN: Mapping[Action, Action | None] = {"sit": "stand_up", "stand_up": "sit",
 
 def _repeated(steps: Sequence[Step], rng: np.random.Generator) -> tuple[Step, ...]:
     """The steps, those of `BETWEEN` as often as they say; turns without a side are all to one that is drawn."""
-    found: list[Step] = []
+    repeated: list[Step] = []
     for step in steps:
         count = step.count or 1
         if step.action not in BETWEEN or count == 1:
-            found.append(step)
+            repeated.append(step)
             continue
         if step.action == "turn":  # all to one side, each by the angle of one
             side = step.direction or ("left" if rng.random() < 0.5 else "right")
             step = step.model_copy(update={"direction": side, "angle_deg": angle_deg(step)})
-        other = BETWEEN[step.action]
-        each_s = None if step.duration_s is None else step.duration_s / (count if other is None else 2 * count - 1)
-        once = step.model_copy(update={"count": None, "duration_s": each_s})
-        back = [Step(action=other, object=step.object, speed=step.speed, duration_s=each_s)] if other else []
-        found += [once, *(count - 1) * [*back, once]]
-    return tuple(found)
+        between = BETWEEN[step.action]
+        once_s = None if step.duration_s is None else step.duration_s / (count if between is None else 2 * count - 1)
+        once = step.model_copy(update={"count": None, "duration_s": once_s})
+        back = [Step(action=between, object=step.object, speed=step.speed, duration_s=once_s)] if between else []
+        repeated += [once, *(count - 1) * [*back, once]]
+    return tuple(repeated)
 
 
 def _composed(maker: Maker, description: Description) -> Motion:
@@ -226,17 +226,17 @@ def _composed(maker: Maker, description: Description) -> Motion:
     if falls is None:
         return finished(_chained(maker, None, steps), maker.person)
     fallen, floor_m = _fallen(maker, description, steps[:falls])
-    rest = [step for step in steps[falls + 1 :] if step.action not in ("lie_down", "stand_up", "fall")]
+    later = [step for step in steps[falls + 1 :] if step.action not in ("lie_down", "stand_up", "fall")]
     if any(step.action == "fall" for step in steps[falls + 1 :]):
         raise InputError("a person falls once in a motion; describe the second fall in a sentence of its own")
-    if not rest or not any(step.action == "stand_up" for step in steps[falls + 1 :]):
+    if not later or not any(step.action == "stand_up" for step in steps[falls + 1 :]):
         return fallen
     poses = poses_of(resample(fallen, RATE_HZ))
     poses = replace(poses, root=poses.root - [0.0, 0.0, sole_m(maker.person)])
     maker = replace(maker, person=replace(maker.person, skeleton=poses.skeleton))
     whole = Piece(poses=poses, planted=np.zeros((len(poses), 2, 2), bool), notes=fallen.origin)
     begins = tuple((name, round(begin_s * RATE_HZ)) for name, begin_s in fallen.activities)
-    return finished(_chained(maker, Floored(whole, floor_m, highest_m=floor_m, begins=begins), rest), maker.person)
+    return finished(_chained(maker, Floored(whole, floor_m, highest_m=floor_m, begins=begins), later), maker.person)
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,14 +258,14 @@ class Floored:
 def _chained(maker: Maker, whole: Floored | None, steps: Sequence[Step]) -> Floored:
     """The steps after one another, after what there is."""
     alone = len(steps) == 1 and whole is None
-    for made, group in groupby(steps, key=partial(_is_made, store=maker.store)):
-        own = list(group)
-        if made:
-            whole = _with_made(maker, whole, own, begins="standing" if whole is not None else None)
+    for of_key_poses, group in groupby(steps, key=partial(_is_made, store=maker.store)):
+        group_steps = list(group)
+        if of_key_poses:
+            whole = _with_made(maker, whole, group_steps, begins="standing" if whole is not None else None)
             continue
         if whole is not None and whole.posture != "standing":
             whole = _with_made(maker, whole, [Step(action="stand_up")], begins=whole.posture)
-        for step in own:
+        for step in group_steps:
             # The main step has its own duration, what comes before and after it a part of it.
             piece = _of_clips(maker, step, alone or isinstance(step, Description))
             piece = piece.noted(*exceeded(step, (len(piece) - 1) / RATE_HZ))
@@ -282,19 +282,19 @@ def _chained(maker: Maker, whole: Floored | None, steps: Sequence[Step]) -> Floo
 
 def _with_made(maker: Maker, whole: Floored | None, steps: Sequence[Step], *, begins: Posture | None) -> Floored:
     """Steps made of key poses, after what there is."""
-    who = maker.person
-    handed = "left" if who.left_handed else "right"
-    found = make(steps, who.skeleton, rng=maker.rng, handed=handed, tempo=who.tempo, begins=begins)
+    person = maker.person
+    handed = "left" if person.left_handed else "right"
+    performance = make(steps, person.skeleton, rng=maker.rng, handed=handed, tempo=person.tempo, begins=begins)
     before = whole.floor_m if whole is not None else 0.0
-    rise = before - found.floors_m[0]
-    piece = Piece(poses=found.poses, planted=found.planted, notes=found.notes)
+    rise = before - performance.floors_m[0]
+    piece = Piece(poses=performance.poses, planted=performance.planted, notes=performance.notes)
     piece = edits.shifted(piece, np.array([0.0, 0.0, rise]))
-    all_begin = found.does
+    all_begin = performance.does
     if whole is not None:
         piece, all_begin = _continued(whole, piece, all_begin)
-    floor_m = rise + found.floors_m[1]
+    floor_m = rise + performance.floors_m[1]
     lowest, highest = (whole.lowest_m, whole.highest_m) if whole is not None else (0.0, 0.0)
-    return Floored(piece, floor_m, min(lowest, floor_m), max(highest, floor_m), found.ends, begins=all_begin)
+    return Floored(piece, floor_m, min(lowest, floor_m), max(highest, floor_m), performance.ends, begins=all_begin)
 
 
 def _continued(whole: Floored, piece: Piece, begins: Begins) -> tuple[Piece, Begins]:
@@ -354,9 +354,9 @@ def _disturbed(maker: Maker, type: GaitType, side: Side | None, walk: Poses) -> 
 def _danced(maker: Maker, step: Step, alone: bool) -> Piece:
     """A dance, planted; phrases that go ill together are drawn again."""
     # A dancer's arms reach as far as they can already.
-    who = replace(maker.person, vigour=min(maker.person.vigour, 1.0))
+    dancer = replace(maker.person, vigour=min(maker.person.vigour, 1.0))
     for _ in range(DANCES):
-        piece = lively(made_of_clips(maker, step, alone=alone), who, maker.rng)
+        piece = lively(made_of_clips(maker, step, alone=alone), dancer, maker.rng)
         piece = replace(piece, poses=plant(piece.poses, piece.planted, floor_m=0.0))
         if check_motion(motion_of(piece.poses)).passed:
             break
@@ -368,10 +368,10 @@ def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> t
     from t2d_rt.motion.generate.falls import NoFall, fall, plan_of
 
     store = maker.store
-    getups = [motion_of(store.piece(each).poses) for each in store.segments if each.kind in ("faceup", "facedown")]
-    wanted = next(step.direction for step in description.steps if step.action == "fall")
-    found: tuple[Motion, Motion, float] | None = None
-    went: str | None = None
+    getups = [motion_of(store.piece(clip).poses) for clip in store.segments if clip.kind in ("faceup", "facedown")]
+    direction = next(step.direction for step in description.steps if step.action == "fall")
+    outcome: tuple[Motion, Motion, float] | None = None
+    toppled: str | None = None
     lasting_s = before[-1].duration_s if before else None
     for attempt in range(ATTEMPTS):
         plan = plan_of(description, int(maker.rng.integers(2**31)))
@@ -387,22 +387,22 @@ def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> t
         try:
             fallen = fall(lead, plan, getups)
         except NoFall:  # some leads and plans do not come to a fall like a person's
-            if attempt == ATTEMPTS - 1 and found is None:
+            if attempt == ATTEMPTS - 1 and outcome is None:
                 raise
             continue
-        went = detect_fall(fallen).direction
-        found = fallen, lead, floor_m
+        toppled = detect_fall(fallen).direction
+        outcome = fallen, lead, floor_m
         # The physics lands the body on the side that is asked for; it topples that way, too, in some of the attempts.
         # A trip keeps the walk's momentum and never topples aside.
-        hopeless = plan.type == "trip" and wanted in ("left", "right")
-        if went == TOPPLES.get(wanted or "", went) or hopeless or attempt >= DIRECTED_ATTEMPTS - 1:
+        hopeless = plan.type == "trip" and direction in ("left", "right")
+        if toppled == TOPPLES.get(direction or "", toppled) or hopeless or attempt >= DIRECTED_ATTEMPTS - 1:
             break
-    assert found is not None, "the last attempt raises"
-    fallen, lead, floor_m = found
+    assert outcome is not None, "the last attempt raises"
+    fallen, lead, floor_m = outcome
     origin = (*lead.origin, *(note for note in fallen.origin if note not in lead.origin))
-    if went != TOPPLES.get(wanted or "", went):
-        lacking = f"a fall {wanted}; the body topples {went} and lands on the side that was asked for"
-        origin = (*origin, f"{NOT_MADE}{lacking}")
+    if toppled != TOPPLES.get(direction or "", toppled):
+        unmet = f"a fall {direction}; the body topples {toppled} and lands on the side that was asked for"
+        origin = (*origin, f"{NOT_MADE}{unmet}")
     return replace(fallen, joints=fallen.joints + [0.0, 0.0, floor_m], origin=origin), floor_m
 
 
@@ -432,9 +432,9 @@ def finished(whole: Floored, person: Individual, *, base_m: float | None = None)
 
 def _activities(begins: Begins, count: int) -> tuple[tuple[str, float], ...]:
     """What is done in so many frames and from when on [s]: a rest that is too short goes to what is done before it."""
-    found: list[tuple[str, int]] = []
+    activities: list[tuple[str, int]] = []
     for (name, frame), (_, stop) in pairwise((*begins, ("", count))):
-        short = stop - frame <= (SHORTEST_REST_S * RATE_HZ if name in RESTS.values() and found else 0)
-        if not short and (not found or found[-1][0] != name):
-            found.append((name, frame))
-    return tuple((name, frame / RATE_HZ) for name, frame in found)
+        short = stop - frame <= (SHORTEST_REST_S * RATE_HZ if name in RESTS.values() and activities else 0)
+        if not short and (not activities or activities[-1][0] != name):
+            activities.append((name, frame))
+    return tuple((name, frame / RATE_HZ) for name, frame in activities)

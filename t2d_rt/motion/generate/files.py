@@ -123,17 +123,17 @@ class _Machine:
             stack.append(tuple(self._marked()))
         elif name in ("APPEND", "APPENDS"):
             values = self._pop(1) if name == "APPEND" else self._marked()
-            _of(stack[-1], list).extend(_inner(each) for each in values)
+            _of(stack[-1], list).extend(_inner(value) for value in values)
         elif name in ("SETITEM", "SETITEMS"):
             pairs = self._pop(2) if name == "SETITEM" else self._marked()
-            words = [_of(each, str) for each in pairs[::2]]
+            words = [_of(word, str) for word in pairs[::2]]
             _of(stack[-1], dict).update(zip(words, map(_inner, pairs[1::2]), strict=True))
         elif name in ("GLOBAL", "STACK_GLOBAL"):
             pair = tuple(argument.split(" ")) if name == "GLOBAL" else tuple(self._pop(2))
             stack.append(_Name(_NAMES[pair]))
         elif name == "REDUCE":
-            called, given = self._pop(2)
-            stack.append(_made(_of(called, _Name).called, _of(given, tuple)))
+            called, arguments = self._pop(2)
+            stack.append(_result_of(_of(called, _Name).called, _of(arguments, tuple)))
         elif name == "BUILD":
             (state,) = self._pop(1)
             _set(stack[-1], _of(state, tuple))
@@ -149,9 +149,9 @@ class _Machine:
         return self._cut(self.marks.pop())
 
     def _cut(self, place: int) -> list[Any]:
-        found = self.stack[place:]
+        values = self.stack[place:]
         del self.stack[place:]
-        return found
+        return values
 
 
 def _of(value: Any, kind: type) -> Any:
@@ -167,14 +167,14 @@ def _inner(value: Any) -> Any:
     return value.value if isinstance(value, _Array) else value
 
 
-def _made(name: str, given: tuple[Any, ...]) -> Any:
+def _result_of(name: str, arguments: tuple[Any, ...]) -> Any:
     """What NumPy's functions would make of their arguments."""
     if name == "dtype":
-        return _Type(_of(given[0], str))
+        return _Type(_of(arguments[0], str))
     if name == "scalar":
-        kind, data = given
+        kind, data = arguments
         return _array(_of(kind, _Type).plain(), (), _of(data, bytes), fortran=False)[()].item()
-    if name == "array" and isinstance(given[0], _Name) and given[0].called == "ndarray":
+    if name == "array" and isinstance(arguments[0], _Name) and arguments[0].called == "ndarray":
         return _Array()
     raise ValueError(f"a call of {name}")
 
@@ -183,7 +183,7 @@ def _set(value: Any, state: tuple[Any, ...]) -> None:
     """What is told of a type or an array that was just begun."""
     if isinstance(value, _Type):
         order = state[1]
-        if value.order or order not in ("<", ">", "|", "=") or any(each is not None for each in state[2:5]):
+        if value.order or order not in ("<", ">", "|", "=") or any(part is not None for part in state[2:5]):
             raise ValueError("a type with parts")
         value.order = order
         return
@@ -200,7 +200,7 @@ def _set(value: Any, state: tuple[Any, ...]) -> None:
 
 def _array(kind: np.dtype[Any], sizes: Any, data: bytes, *, fortran: bool) -> np.ndarray:
     """An array of bytes that are as many as its shape has."""
-    if not all(type(each) is int and each >= 0 for each in _of(sizes, tuple)) or len(sizes) > 8:
+    if not all(type(size) is int and size >= 0 for size in _of(sizes, tuple)) or len(sizes) > 8:
         raise ValueError("a shape that is none")
     if kind.itemsize * math.prod(sizes) != len(data) or not kind.itemsize:
         raise ValueError(f"{len(data)} bytes for shape {sizes}")
@@ -263,14 +263,16 @@ class Files:
 
     def __call__(self, description: Description, *, seed: int) -> Motion:
         """A motion for the sentence; one of several by the seed."""
-        found = results(self.folder)
-        same = [each for each in found if _words(each.prompt) == _words(description.sentence)]
-        alike = same or [each for each in found if _kind(each.prompt) == (description.activity, description.type)]
+        motions = results(self.folder)
+        same = [result for result in motions if _words(result.prompt) == _words(description.sentence)]
+        alike = same or [
+            result for result in motions if _kind(result.prompt) == (description.activity, description.type)
+        ]
         if not alike:
-            examples = "; ".join(repr(printable(each.prompt[:60])) for each in found[:3])
+            examples = "; ".join(repr(printable(result.prompt[:60])) for result in motions[:3])
             raise InputError(
-                f"none of the {len(found)} motions in '{self.folder}' was made for {shown(description.sentence)} or another "
-                f"{description.activity} of its kind; there are {examples}{' ...' if len(found) > 3 else ''}"
+                f"none of the {len(motions)} motions in '{self.folder}' was made for {shown(description.sentence)} or another "
+                f"{description.activity} of its kind; there are {examples}{' ...' if len(motions) > 3 else ''}"
             )
         chosen = alike[int(np.random.default_rng(seed).integers(len(alike)))]
         if chosen in same:
@@ -283,17 +285,17 @@ def results(folder: str | Path) -> list[Result]:
     place = file_path("folder", folder)
     if not place.is_dir():
         raise InputError(f"'{place}' is no folder; give the one that the model wrote its results to")
-    found: list[Result] = []
-    for each in _listed(place):
-        if len(found) == MOST_RESULTS:
+    motions: list[Result] = []
+    for result in _listed(place):
+        if len(motions) == MOST_RESULTS:
             raise InputError(f"'{place}' holds more than {MOST_RESULTS} motions; give one of its folders")
-        found.append(each)
-    if not found:
+        motions.append(result)
+    if not motions:
         raise InputError(
             f"'{place}' holds no results with prompts: results.npy and results.txt (MDM), joints/ with prompts.txt (MoMask), .npz "
             "with .json (Kimodo), K_out.npy with K_in.txt (MotionGPT), or motion files with .txt files of the same name"
         )
-    return found
+    return motions
 
 
 def _listed(place: Path) -> Iterator[Result]:
@@ -333,22 +335,22 @@ def _momask(place: Path) -> Iterator[Result]:
 
 def _prompt_beside(path: Path) -> str | None:
     """The prompt of a motion file, from the file of words beside it; None where there is none."""
-    described = path.with_suffix(".json")
-    if path.suffix.lower() == ".npz" and described.is_file():
-        return _kimodo_prompt(described)
+    json_file = path.with_suffix(".json")
+    if path.suffix.lower() == ".npz" and json_file.is_file():
+        return _kimodo_prompt(json_file)
     if path.stem.endswith("_out"):
-        asked = path.with_name(f"{path.stem.removesuffix('_out')}_in.txt")
-        return " ".join(_lines(asked, "prompt of MotionGPT")) if asked.is_file() else None
-    said = path.with_suffix(".txt")
-    return " ".join(_lines(said, "prompt")) if said.is_file() else None
+        input_file = path.with_name(f"{path.stem.removesuffix('_out')}_in.txt")
+        return " ".join(_lines(input_file, "prompt of MotionGPT")) if input_file.is_file() else None
+    words_file = path.with_suffix(".txt")
+    return " ".join(_lines(words_file, "prompt")) if words_file.is_file() else None
 
 
 def _kimodo_prompt(path: Path) -> str:
     try:
-        found = json.loads(read_bytes(path, limit=MOST_TEXT_BYTES, noun="description of a motion"))
+        content = json.loads(read_bytes(path, limit=MOST_TEXT_BYTES, noun="description of a motion"))
     except (ValueError, RecursionError):
         raise InputError(f'{path} is no JSON file; it must hold the prompt as "text"') from None
-    texts = found.get("texts", [found.get("text")]) if isinstance(found, dict) else []
+    texts = content.get("texts", [content.get("text")]) if isinstance(content, dict) else []
     if not isinstance(texts, list) or not texts or not all(isinstance(text, str) and text.strip() for text in texts):
         raise InputError(f'{path} has no "text" or "texts" of words; it must hold the motion\'s prompt')
     return " ".join(text.strip() for text in texts)
@@ -370,10 +372,10 @@ def _mdm(path: Path) -> list[np.ndarray]:
     stream = io.BytesIO(data)
     try:
         npy_header(stream)
-        held = unpickled(data[stream.tell() :])
-        motions, lengths = held["motion"], held["lengths"]
+        saved = unpickled(data[stream.tell() :])
+        motions, lengths = saved["motion"], saved["lengths"]
         if isinstance(lengths, list):
-            lengths = np.array([operator.index(each) for each in lengths])
+            lengths = np.array([operator.index(length) for length in lengths])
         if not isinstance(motions, np.ndarray) or not isinstance(lengths, np.ndarray):
             raise TypeError("motion and lengths must be arrays")
     except Exception:  # whatever a damaged file or one with other objects makes numpy raise
@@ -396,13 +398,13 @@ def _mdm(path: Path) -> list[np.ndarray]:
 
 
 def _words(sentence: str) -> list[str]:
-    return "".join(each if each.isalnum() else " " for each in sentence.lower()).split()
+    return "".join(character if character.isalnum() else " " for character in sentence.lower()).split()
 
 
 def _kind(prompt: str) -> tuple[str, str | None] | None:
     """Class and type of what a prompt asks for; None where it asks for something else."""
-    found = _read(prompt)
-    return None if found is None else (found.activity, found.type)
+    description = _read(prompt)
+    return None if description is None else (description.activity, description.type)
 
 
 def _read(prompt: str) -> Description | None:

@@ -116,8 +116,8 @@ class MoMask:
         if done.returncode == NOT_ALLOWED:
             raise InputError(f"MoMask's Python '{self.python}' may not be run; check {PYTHON_VARIABLE}")
         if done.returncode != 0:
-            said = (done.stderr or done.stdout).decode("utf-8", "replace").strip().splitlines()
-            last = printable(said[-1][:300]) if said else "it said nothing"
+            lines = (done.stderr or done.stdout).decode("utf-8", "replace").strip().splitlines()
+            last = printable(lines[-1][:300]) if lines else "it said nothing"
             raise InputError(
                 f"MoMask failed with exit code {done.returncode}: {last}; run it by hand in '{self.checkout}'"
             )
@@ -125,21 +125,21 @@ class MoMask:
 
 def _frames(description: Description) -> int:
     """Length to ask for [frames]: that of the steps which say one, and the usual one of those which do not."""
-    said = sum(step.duration_s or 0.0 for step in description.steps)
-    if said * FRAME_HZ > FRAMES[1]:
-        raise InputError(f"MoMask makes motions of {FRAMES[1] / FRAME_HZ:g} s at most, got {said:g} s; ask for less")
+    said_s = sum(step.duration_s or 0.0 for step in description.steps)
+    if said_s * FRAME_HZ > FRAMES[1]:
+        raise InputError(f"MoMask makes motions of {FRAMES[1] / FRAME_HZ:g} s at most, got {said_s:g} s; ask for less")
     lasting_s = sum(step.duration_s or SECONDS_PER_STEP for step in description.steps)
     return min(max(round(lasting_s * FRAME_HZ), FRAMES[0]), FRAMES[1]) // 4 * 4
 
 
 def _result(results: Path, checkout: Path) -> Motion:
-    found = sorted((results / "joints").glob("*/sample*_repeat*_len*.npy")) if results.is_dir() else []
-    if not found:
+    joint_files = sorted((results / "joints").glob("*/sample*_repeat*_len*.npy")) if results.is_dir() else []
+    if not joint_files:
         raise InputError(
             f"MoMask ended without joints in '{results.relative_to(checkout)}'; run it by hand in '{checkout}' and see what it says"
         )
-    planted = [path for path in found if path.stem.endswith("_ik")]
-    path = (planted or found)[0]
+    planted_files = [path for path in joint_files if path.stem.endswith("_ik")]
+    path = (planted_files or joint_files)[0]
     try:
         motion = load_motion(path)
     except InputError as error:

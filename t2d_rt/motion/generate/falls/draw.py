@@ -107,7 +107,7 @@ def _reaction(plan: FallPlan, heading: Heading, foot: str, rng: np.random.Genera
 
 
 def _tones(plan: FallPlan, heading: Heading, strength: float, rng: np.random.Generator) -> dict[str, Fading]:
-    found = {}
+    tones = {}
     for joint in JOINTS:
         part = REGION[joint]
         if plan.type == "collapse":
@@ -123,8 +123,8 @@ def _tones(plan: FallPlan, heading: Heading, strength: float, rng: np.random.Gen
             floor = 1.5 - 0.7 * strength if braking else floor
             delay = float(rng.uniform(0.1, 0.25))
             within = float(rng.uniform(0.25, 0.4) if braking else rng.uniform(0.3, 0.6))
-        found[joint] = Fading(delay_s=delay, within_s=within, floor=floor)
-    return found
+        tones[joint] = Fading(delay_s=delay, within_s=within, floor=floor)
+    return tones
 
 
 def _disturbance(
@@ -134,7 +134,7 @@ def _disturbance(
     facing: np.ndarray,
     rng: np.random.Generator,
     strength: float,
-    more: float,
+    gain: float,
 ) -> Disturbance:
     left = np.array([-facing[1], facing[0]])
     ahead = {"forward": facing, "back": -facing, "left": left, "right": -left}[heading]
@@ -145,15 +145,15 @@ def _disturbance(
             feet=("lfoot", "ltoes", "rfoot", "rtoes"),
             friction=float(rng.uniform(0.04, 0.1)),
             slippery_s=float(rng.uniform(0.3, 0.5)),
-            push_n=(*(push * more * ahead), 0.0),
+            push_n=(*(push * gain * ahead), 0.0),
             push_s=float(rng.uniform(0.25, 0.4)),
         )
     if plan.type == "trip":
         push = 80.0 if heading in SIDES else 0.0
-        push_n = (*(push * more * ahead), 0.0)
+        push_n = (*(push * gain * ahead), 0.0)
         return Disturbance(caught=f"{foot[0]}foot", caught_s=0.12 + 0.16 * strength, push_n=push_n)
     # The last step brakes the walk as it gives way.
-    sway = 0.0 if heading == "forward" else float(rng.uniform(30, 60)) * more
+    sway = 0.0 if heading == "forward" else float(rng.uniform(30, 60)) * gain
     brake = 0.0 if plan.direction == "forward" else float(rng.uniform(40, 80))
     return Disturbance(push_n=(*(sway * ahead - brake * facing), 0.0), push_s=float(rng.uniform(0.3, 0.5)))
 

@@ -83,45 +83,47 @@ def swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 def anatomy(motion: Motion) -> Anatomy:
     """The frames of a motion's segments."""
     at = {name: motion.joints[:, i] for i, name in enumerate(motion.names)}
-    own = dict(zip(CANONICAL_JOINTS, np.moveaxis(matrices(motion.rotations[:, :22]), 1, 0), strict=True))
-    found = _trunk(at, own)
+    axes = dict(zip(CANONICAL_JOINTS, np.moveaxis(matrices(motion.rotations[:, :22]), 1, 0), strict=True))
+    frames = _trunk(at, axes)
     heights = []
     for side in SIDES:
-        _limbs(side, at, own, found)
-        heights.append(_foot(side, motion, at, own, found))
-    return Anatomy(frames=np.stack([found[name] for name in CANONICAL_JOINTS]), ankle_height_m=(heights[0], heights[1]))
+        _limbs(side, at, axes, frames)
+        heights.append(_foot(side, motion, at, axes, frames))
+    return Anatomy(
+        frames=np.stack([frames[name] for name in CANONICAL_JOINTS]), ankle_height_m=(heights[0], heights[1])
+    )
 
 
 def _local(rotation: np.ndarray, vectors: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
     """Mean (3,) of vectors (T, 3) in a joint's own axes."""
-    each = np.einsum("tji,tj->ti", rotation, vectors)
-    return np.asarray(each.mean(0) if weights is None else weights @ each)
+    local = np.einsum("tji,tj->ti", rotation, vectors)
+    return np.asarray(local.mean(0) if weights is None else weights @ local)
 
 
-def _trunk(at: dict[str, np.ndarray], own: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _trunk(at: dict[str, np.ndarray], axes: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     middle = {joint: (at[f"left_{joint}"] + at[f"right_{joint}"]) / 2 for joint in ("hip", "shoulder")}
     torso = unit(middle["shoulder"] - middle["hip"])
     # Upright instants tell what an unbent back is.
     upright = np.clip(torso[:, 2], 0.02, 1) ** 4
     upright /= upright.sum()
-    found = {}
+    frames = {}
     for joint, pair in (("pelvis", "hip"), ("spine3", "shoulder")):
         across = unit(at[f"left_{pair}"] - at[f"right_{pair}"])
-        found[joint] = frame(x=_local(own[joint], across, upright), y=_local(own[joint], torso, upright))
-    pelvis, chest = own["pelvis"] @ found["pelvis"], own["spine3"] @ found["spine3"]
+        frames[joint] = frame(x=_local(axes[joint], across, upright), y=_local(axes[joint], torso, upright))
+    pelvis, chest = axes["pelvis"] @ frames["pelvis"], axes["spine3"] @ frames["spine3"]
     between = mean_rotation(np.stack([pelvis, chest]), np.array([0.5, 0.5]))
     for joint in ("spine1", "spine2"):
-        found[joint] = mean_rotation(np.swapaxes(own[joint], -1, -2) @ between, upright)
+        frames[joint] = mean_rotation(np.swapaxes(axes[joint], -1, -2) @ between, upright)
     ahead = np.where((upright * len(upright) > 0.1)[:, None], chest[..., 2] * [1, 1, 0], chest[..., 2])
     level = frame(x=chest[..., 0], y=np.cross(ahead, chest[..., 0]))
     for joint in ("neck", "head"):
-        found[joint] = mean_rotation(np.swapaxes(own[joint], -1, -2) @ (chest if joint == "neck" else level), upright)
+        frames[joint] = mean_rotation(np.swapaxes(axes[joint], -1, -2) @ (chest if joint == "neck" else level), upright)
     for side in SIDES:
-        found[f"{side}_collar"] = mean_rotation(np.swapaxes(own[f"{side}_collar"], -1, -2) @ chest, upright)
-    return found
+        frames[f"{side}_collar"] = mean_rotation(np.swapaxes(axes[f"{side}_collar"], -1, -2) @ chest, upright)
+    return frames
 
 
-def _limbs(side: str, at: dict[str, np.ndarray], own: dict[str, np.ndarray], found: dict[str, np.ndarray]) -> None:
+def _limbs(side: str, at: dict[str, np.ndarray], axes: dict[str, np.ndarray], frames: dict[str, np.ndarray]) -> None:
     # Where the hinge cannot be seen in a straight limb, x is that of the trunk turned along with the limb from its rest direction.
     # The palm faces down where the arm is held out: its elbow flexes forward and up.
     out = 1.0 if side == "left" else -1.0
@@ -132,24 +134,24 @@ def _limbs(side: str, at: dict[str, np.ndarray], own: dict[str, np.ndarray], fou
         a, b, c = (f"{side}_{name}" for name in names)
         bend = np.cross(unit(at[b] - at[a]), unit(at[c] - at[b]))
         bend *= np.linalg.norm(bend, axis=1, keepdims=True)
-        parent = own[trunk] @ found[trunk]
+        parent = axes[trunk] @ frames[trunk]
         for name, along in ((a, at[b] - at[a]), (b, at[c] - at[b])):
             untwisted = np.einsum("tij,j->ti", swing(parent @ bone, along) @ parent, hinge)
-            found[name] = frame(
-                y=_local(own[name], -unit(along)), near_x=_local(own[name], bend + STRAIGHT_LIMB * untwisted)
+            frames[name] = frame(
+                y=_local(axes[name], -unit(along)), near_x=_local(axes[name], bend + STRAIGHT_LIMB * untwisted)
             )
-            parent = own[name] @ found[name]
+            parent = axes[name] @ frames[name]
             hinge, bone = np.array([1.0, 0.0, 0.0]), np.array([0.0, -1.0, 0.0])
         if trunk == "spine3":
-            found[c] = _hand(side, at, own[c], parent)
+            frames[c] = _hand(side, at, axes[c], parent)
 
 
-def _hand(side: str, at: dict[str, np.ndarray], own: np.ndarray, forearm: np.ndarray) -> np.ndarray:
+def _hand(side: str, at: dict[str, np.ndarray], axes: np.ndarray, forearm: np.ndarray) -> np.ndarray:
     """On average not twisted against the forearm; along its bone where the motion has it."""
-    straight = mean_rotation(np.swapaxes(own, -1, -2) @ forearm, np.ones(len(forearm)))
+    straight = mean_rotation(np.swapaxes(axes, -1, -2) @ forearm, np.ones(len(forearm)))
     if f"{side}_hand" not in at:
         return straight
-    along = _local(own, unit(at[f"{side}_hand"] - at[f"{side}_wrist"]))
+    along = _local(axes, unit(at[f"{side}_hand"] - at[f"{side}_wrist"]))
     return np.asarray(swing(-straight[:, 1], along) @ straight)
 
 
@@ -163,7 +165,7 @@ def standing(motion: Motion, side: str) -> np.ndarray:
 
 
 def _foot(
-    side: str, motion: Motion, at: dict[str, np.ndarray], own: dict[str, np.ndarray], found: dict[str, np.ndarray]
+    side: str, motion: Motion, at: dict[str, np.ndarray], axes: dict[str, np.ndarray], frames: dict[str, np.ndarray]
 ) -> float:
     """Level soles; returns the ankle's height over the sole."""
     ankle, foot = f"{side}_ankle", f"{side}_foot"
@@ -171,7 +173,7 @@ def _foot(
     stands = standing(motion, side) & (np.abs(unit(bone)[:, 2]) < 0.75)
     if stands.sum() < 3:
         stands = np.ones(len(bone), dtype=bool)
-        shank = own[f"{side}_knee"] @ found[f"{side}_knee"]
+        shank = axes[f"{side}_knee"] @ frames[f"{side}_knee"]
         level = frame(y=-bone, near_x=shank[..., 0])
         height = 0.044 * float(np.median(np.linalg.norm(at[ankle] - at[f"{side}_knee"], axis=1))) / 0.246
     else:
@@ -179,7 +181,7 @@ def _foot(
         height = float(np.median(at[ankle][stands, 2]))
     weights = np.full(int(stands.sum()), 1 / stands.sum())
     for joint in (ankle, foot):
-        found[joint] = mean_rotation(np.swapaxes(own[joint][stands], -1, -2) @ level[stands], weights)
+        frames[joint] = mean_rotation(np.swapaxes(axes[joint][stands], -1, -2) @ level[stands], weights)
     return float(np.clip(height, 0.035, 0.13))
 
 
@@ -211,8 +213,8 @@ def hinge_angles(body: Humanoid, name: str, relative: np.ndarray) -> np.ndarray:
     if len(axes) == 3:
         angles = euler(m, axes)
     elif len(axes) == 2:  # the axis that the joint lacks goes between them, so that both hinges count alike
-        (lacking,) = set("ZYX") - set(axes)
-        angles = euler(m, axes[0] + lacking + axes[1])[:, [0, 2]]
+        (missing_axis,) = set("ZYX") - set(axes)
+        angles = euler(m, axes[0] + missing_axis + axes[1])[:, [0, 2]]
     else:  # a knee, an elbow or the toes: about x
         angles = np.arctan2(m[:, 2, 1] - m[:, 1, 2], m[:, 1, 1] + m[:, 2, 2])[:, None]
     return np.unwrap(angles, axis=0)
@@ -230,16 +232,16 @@ def euler(matrix: np.ndarray, axes: str) -> np.ndarray:
 
 def reached(body: Humanoid, qpos: np.ndarray) -> np.ndarray:
     """Segments (T, 22, 3, 3) of coordinates (T, nq): the model's forward kinematics."""
-    found = np.empty((len(qpos), len(CANONICAL_JOINTS), 3, 3))
-    found[:, 0] = matrices(np.roll(qpos[:, 3:7], -1, axis=-1))
+    segments = np.empty((len(qpos), len(CANONICAL_JOINTS), 3, 3))
+    segments[:, 0] = matrices(np.roll(qpos[:, 3:7], -1, axis=-1))
     for number, (name, parent) in enumerate(PARENTS.items()):
         if parent < 0:
             continue
         turned = np.broadcast_to(body.rest[name], (len(qpos), 3, 3))
         for axis, hinge in zip(body.axes[name], body.hinges[name], strict=True):
             turned = turned @ matrices(quaternions.about_axis(np.eye(3)["XYZ".index(axis)], qpos[:, hinge]))
-        found[:, number] = found[:, parent] @ turned
-    return found
+        segments[:, number] = segments[:, parent] @ turned
+    return segments
 
 
 def velocities(qpos: np.ndarray, rate_hz: float) -> np.ndarray:
@@ -250,8 +252,8 @@ def velocities(qpos: np.ndarray, rate_hz: float) -> np.ndarray:
     w, x, y, z = qpos[n, 3:7]
     rate = np.polynomial.polynomial.polyfit(times, qpos[:, 3:7], 2)[1]
     # MuJoCo has a free body's angular velocity in its own axes: 2 q* q'.
-    own = 2.0 * quaternions.multiply(np.array([-x, -y, -z, w]), np.roll(rate, -1))
-    return np.concatenate([slope[:3], own[:3], slope[7:]])
+    spin = 2.0 * quaternions.multiply(np.array([-x, -y, -z, w]), np.roll(rate, -1))
+    return np.concatenate([slope[:3], spin[:3], slope[7:]])
 
 
 def skeleton(root_m: np.ndarray, segments: np.ndarray, offsets: np.ndarray) -> np.ndarray:
@@ -402,16 +404,16 @@ def _indexed(model: Any) -> Humanoid:
             continue
         body, above = model.body(BODIES[name]).id, model.body(BODIES[CANONICAL_JOINTS[parent]]).id
         turned = np.eye(3)
-        found: list[int] = []
+        joints: list[int] = []
         while body != above:
             # Bodies between two canonical joints (the wrist's) carry hinges of the same joint.
             first, count = model.body_jntadr[body], model.body_jntnum[body]
-            found = [int(first + i) for i in range(count)] + found
+            joints = [int(first + i) for i in range(count)] + joints
             matrix = np.zeros(9)
             mujoco().mju_quat2Mat(matrix, model.body_quat[body])
             turned = matrix.reshape(3, 3) @ turned
             body = int(model.body_parentid[body])
-        hinges[name] = tuple(int(model.jnt_qposadr[joint]) for joint in found)
+        hinges[name] = tuple(int(model.jnt_qposadr[joint]) for joint in joints)
         rest[name] = turned
-        axes[name] = "".join("XYZ"[int(np.abs(model.jnt_axis[joint]).argmax())] for joint in found)
+        axes[name] = "".join("XYZ"[int(np.abs(model.jnt_axis[joint]).argmax())] for joint in joints)
     return Humanoid(model=model, hinges=hinges, rest=rest, axes=axes, floor=model.geom("floor").id)

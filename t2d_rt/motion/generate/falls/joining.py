@@ -87,24 +87,24 @@ def joined(
     root_rate = _slope(lead.joints[:, 0], frame, rate) - (root_m[1] - root_m[0]) * rate
     root = root_m + _fading(lead.joints[frame, 0] - root_m[0], root_rate, times)
     # In each segment's own axes: what leads from the humanoid's orientation to the lead's, as a rotation vector.
-    own = np.swapaxes(reached[0], -1, -2) @ segments[frame]
+    difference = np.swapaxes(reached[0], -1, -2) @ segments[frame]
     turning = _vector(np.swapaxes(reached[0], -1, -2) @ reached[1]) * rate
-    spin = _spin(segments, frame, rate) - np.einsum("jki,jk->ji", own, turning)
-    found = reached @ matrices(_exponential(_fading(_vector(own), spin, times)))
-    left = 1.0 - minimum_jerk(times / JOIN_S)[:, None]
+    spin = _spin(segments, frame, rate) - np.einsum("jki,jk->ji", difference, turning)
+    blended = reached @ matrices(_exponential(_fading(_vector(difference), spin, times)))
+    remaining = 1.0 - minimum_jerk(times / JOIN_S)[:, None]
     for ankle, toes in TOES:
         # Toes weigh next to nothing and jump as they touch the floor: they begin as the lead has them.
-        local = quaternions.from_matrix(np.swapaxes(found[:, ankle], -1, -2) @ found[:, toes])
+        local = quaternions.from_matrix(np.swapaxes(blended[:, ankle], -1, -2) @ blended[:, toes])
         held = np.broadcast_to(local[0], local.shape)
-        found[:, toes] = found[:, ankle] @ matrices(quaternions.blend(held, local, 1.0 - left))
+        blended[:, toes] = blended[:, ankle] @ matrices(quaternions.blend(held, local, 1.0 - remaining))
     offsets = skeleton.offsets + _fading(np.zeros_like(skeleton.drift), skeleton.drift, times)
-    return placed_joints(root, found, offsets, skeleton.parents), found
+    return placed_joints(root, blended, offsets, skeleton.parents), blended
 
 
 def _fading(value: np.ndarray, slope: np.ndarray, times_s: np.ndarray) -> np.ndarray:
     """A difference (...) that changes by `slope` a second and fades away within `JOIN_S`: (T, ...)."""
-    each = (slice(None), *[None] * value.ndim)
-    return (value + slope * times_s[each]) * (1.0 - minimum_jerk(times_s / JOIN_S))[each]
+    column = (slice(None), *[None] * value.ndim)
+    return (value + slope * times_s[column]) * (1.0 - minimum_jerk(times_s / JOIN_S))[column]
 
 
 def placed_joints(
@@ -123,9 +123,9 @@ def placed_joints(
 def rotations_of(skeleton: Skeleton, segments: np.ndarray) -> np.ndarray:
     """The lead's kind of rotations (K, J, 4) of segments (K, 22, 3, 3)."""
     count = len(CANONICAL_JOINTS)
-    own = quaternions.from_matrix(segments)
+    orientations = quaternions.from_matrix(segments)
     above = [skeleton.parents[joint] for joint in range(count, len(skeleton.names))]
-    ends = quaternions.multiply(own[:, above], skeleton.ends)
+    ends = quaternions.multiply(orientations[:, above], skeleton.ends)
     return np.concatenate([skeleton.anatomy.rotations(segments), ends], axis=1)
 
 
@@ -183,14 +183,14 @@ def _turned(clip: Motion, bones: Skeleton, root_m: np.ndarray, lying: np.ndarray
     """A getup on the person's scale, its first pose where the body lies and its trunk along the body's."""
     clip = resample(checked_motion(clip), RATE_HZ / TEMPO)
     segments = anatomy(clip).segments(clip.rotations)
-    own = sum(float(np.linalg.norm(bones.offsets[joint])) for joint in LEG)
-    theirs = sum(
+    leg_m = sum(float(np.linalg.norm(bones.offsets[joint])) for joint in LEG)
+    clip_leg_m = sum(
         float(np.linalg.norm(clip.joints[0, joint] - clip.joints[0, CANONICAL_PARENTS[joint]])) for joint in LEG
     )
-    wanted, found = (complex(*trunk[:2, 1]) for trunk in (lying[CHEST], segments[0, CHEST]))
-    turn = quaternions.about_axis(np.array([0.0, 0.0, 1.0]), np.array(np.angle(wanted * np.conj(found))))
-    root = quaternions.rotate(turn, (clip.joints[:, 0] - clip.joints[0, 0]) * (own / theirs))
-    height = clip.joints[0, 0, 2] * (own / theirs)
+    body_axis, clip_axis = (complex(*trunk[:2, 1]) for trunk in (lying[CHEST], segments[0, CHEST]))
+    turn = quaternions.about_axis(np.array([0.0, 0.0, 1.0]), np.array(np.angle(body_axis * np.conj(clip_axis))))
+    root = quaternions.rotate(turn, (clip.joints[:, 0] - clip.joints[0, 0]) * (leg_m / clip_leg_m))
+    height = clip.joints[0, 0, 2] * (leg_m / clip_leg_m)
     return root + [*root_m[:2], height], matrices(turn) @ segments
 
 
@@ -210,10 +210,10 @@ def _blended(lying: np.ndarray, segments: np.ndarray, weight: np.ndarray) -> np.
 
 def _local(pose: np.ndarray) -> np.ndarray:
     """Rotations (..., 22, 4) in the parents' segments of segments (..., 22, 3, 3)."""
-    found = pose.copy()
+    relative = pose.copy()
     above = pose[..., list(CANONICAL_PARENTS[1:]), :, :]
-    found[..., 1:, :, :] = np.swapaxes(above, -1, -2) @ pose[..., 1:, :, :]
-    return quaternions.from_matrix(found)
+    relative[..., 1:, :, :] = np.swapaxes(above, -1, -2) @ pose[..., 1:, :, :]
+    return quaternions.from_matrix(relative)
 
 
 def _slerp(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -242,12 +242,12 @@ def lowest_points(body: Humanoid, qpos: np.ndarray) -> np.ndarray:
     parts = np.flatnonzero(np.arange(model.ngeom) != body.floor)
     size, kind = model.geom_size[parts], model.geom_type[parts]
     shapes = mujoco().mjtGeom
-    found = np.empty(len(qpos))
+    heights_m = np.empty(len(qpos))
     for frame, pose in enumerate(qpos):
         data.qpos[:] = pose
         mujoco().mj_kinematics(model, data)
         up = data.geom_xmat[parts].reshape(-1, 3, 3)[:, 2]
         reach = size[:, 0] + np.where(kind == shapes.mjGEOM_CAPSULE, np.abs(up[:, 2]) * size[:, 1], 0.0)
         reach = np.where(kind == shapes.mjGEOM_ELLIPSOID, np.linalg.norm(up * size, axis=1), reach)
-        found[frame] = (data.geom_xpos[parts, 2] - reach).min()
-    return found
+        heights_m[frame] = (data.geom_xpos[parts, 2] - reach).min()
+    return heights_m

@@ -51,7 +51,7 @@ EARLY_S = 0.05
 
 def instants(motion: Motion, kind: str) -> list[tuple[int, str]]:
     """Frames and sides at which a foot may slip ("slip": after heel strikes) or be caught ("trip": as it passes the other one)."""
-    found = []
+    events = []
     ahead = facing({name: motion.joints[:, i] for i, name in enumerate(motion.names)})
     for side in SIDES:
         relative = motion.joints[:, motion.index(f"{side}_ankle")] - motion.joints[:, 0]
@@ -60,15 +60,15 @@ def instants(motion: Motion, kind: str) -> list[tuple[int, str]]:
         peaks = [i for i in range(1, len(forward) - 1) if rising[i - 1] > 0 >= rising[i] and forward[i] > STEP_M]
         if kind == "slip":
             # A foot slips as it takes the weight, before the body is over it.
-            found += [(i + round(LOADING_S * motion.rate_hz), side) for i in peaks]
+            events += [(i + round(LOADING_S * motion.rate_hz), side) for i in peaks]
             continue
         crossing = np.flatnonzero((forward[:-1] < 0) & (forward[1:] >= 0) & (rising[1:] > 0)) + 1
         # Only where a step follows: a foot that is lifted in standing has nothing to carry it over.
         early = round(EARLY_S * motion.rate_hz)
-        found += [
+        events += [
             (int(i) - early, side) for i in crossing if any(0 < peak - i < 0.5 * motion.rate_hz for peak in peaks)
         ]
-    return sorted(found)
+    return sorted(events)
 
 
 # --- what follows a fall: the last movements die away, and the body lies ---
@@ -195,11 +195,11 @@ def simulate_fall(lead: Motion, plan: FallPlan, getups: Sequence[Motion] = ()) -
             break
         # Another step of the same walk may do where one does not.
         other = _candidate(prepared(lead, plan, choice), plan, choice, best.amiss)
-        best = min(best, other, key=lambda each: each.amiss)
+        best = min(best, other, key=lambda candidate: candidate.amiss)
     if math.isinf(best.amiss):
-        wanted = f" {plan.direction}" if plan.direction else ""
+        toward = f" {plan.direction}" if plan.direction else ""
         raise NoFall(
-            f"in several attempts the person did not fall{wanted} by a {plan.type} as real falls go; "
+            f"in several attempts the person did not fall{toward} by a {plan.type} as real falls go; "
             "give another seed, time or direction"
         )
     return _assembled(best, plan, getups)
@@ -212,12 +212,12 @@ def prepared(lead: Motion, plan: FallPlan, choice: int = 0) -> Scenario:
         lead = resample(lead, RATE_HZ)
     frame, foot = _event(lead, plan, rng)
     points = {name: lead.joints[:, i] for i, name in enumerate(lead.names)}
-    found = anatomy(lead)
-    segments = found.segments(lead.rotations)
-    bones = skeleton_at(lead, found, segments, frame)
+    lead_anatomy = anatomy(lead)
+    segments = lead_anatomy.segments(lead.rotations)
+    bones = skeleton_at(lead, lead_anatomy, segments, frame)
     stature = stature_m(points)
     mass = rng.uniform(20, 27) * stature**2 if plan.mass_kg is None else plan.mass_kg
-    body = _fitted(bones, found, stature, float(mass), lead, segments, frame)
+    body = _fitted(bones, lead_anatomy, stature, float(mass), lead, segments, frame)
     reference = on_grid(coordinates(body, lead.joints[:, 0], segments))
     qvel = on_grid(velocities(reference[frame - NEIGHBOURS : frame + NEIGHBOURS + 1], RATE_HZ))
     qpos = reference[frame].copy()
@@ -246,27 +246,27 @@ def _event(lead: Motion, plan: FallPlan, rng: np.random.Generator) -> tuple[int,
     if plan.time_s is not None and not plan.time_s <= lead.duration_s:
         raise InputError(f"time_s of {plan.time_s:g} s lies after the lead's end at {lead.duration_s:.3g} s")
     if plan.type == "collapse":
-        found = [(frame, "left" if rng.random() < 0.5 else "right") for frame in range(first, last + 1)]
-        found = found[len(found) // 3 :] if plan.time_s is None else found
+        options = [(frame, "left" if rng.random() < 0.5 else "right") for frame in range(first, last + 1)]
+        options = options[len(options) // 3 :] if plan.time_s is None else options
     else:
-        found = [each for each in instants(lead, plan.type) if first <= each[0] <= last]
-    if not found:
+        options = [instant for instant in instants(lead, plan.type) if first <= instant[0] <= last]
+    if not options:
         raise NoFall(
             f"the lead has no step in which a foot could {'slip' if plan.type == 'slip' else 'be caught'}; "
             f"give a walk or run of two steps or more, or a collapse"
         )
     if plan.time_s is not None:
-        wanted = plan.time_s * RATE_HZ
-        return min(found, key=lambda each: abs(each[0] - wanted))
-    return found[int(rng.integers(len(found)))]
+        target_frame = plan.time_s * RATE_HZ
+        return min(options, key=lambda option: abs(option[0] - target_frame))
+    return options[int(rng.integers(len(options)))]
 
 
 def _fitted(
-    bones: Skeleton, found: Anatomy, stature: float, mass: float, lead: Motion, segments: np.ndarray, frame: int
+    bones: Skeleton, lead_anatomy: Anatomy, stature: float, mass: float, lead: Motion, segments: np.ndarray, frame: int
 ) -> Humanoid:
     """The humanoid; its parts do not collide that are within each other in the lead's own poses, at the event and just after."""
     offsets = bones.offsets[: len(CANONICAL_JOINTS)]
-    fitted = partial(humanoid, offsets, found.ankle_height_m, stature_m=stature, mass_kg=mass)
+    fitted = partial(humanoid, offsets, lead_anatomy.ankle_height_m, stature_m=stature, mass_kg=mass)
     body = fitted()
     soon = slice(frame, frame + round(STEP_ON_S * RATE_HZ), 3)
     poses = coordinates(body, lead.joints[soon, 0], segments[soon])
@@ -316,10 +316,10 @@ def _candidate(scenario: Scenario, plan: FallPlan, choice: int, least: float) ->
         run = simulate(
             scenario.body, scenario.start, muscles, drawn.disturbance, frames, wanted=wanted, hopeful=hopeful
         )
-        found = scenario.figures(run, until_s)
-        amiss = missing(found, plan)
+        measured = scenario.figures(run, until_s)
+        amiss = missing(measured, plan)
         if best is None or amiss < best.amiss:
-            best = Candidate(scenario=scenario, run=run, drawn=drawn, figures=found, amiss=amiss)
+            best = Candidate(scenario=scenario, run=run, drawn=drawn, figures=measured, amiss=amiss)
         if amiss == 0:
             break
     assert best is not None, "there is at least one attempt"
@@ -327,14 +327,14 @@ def _candidate(scenario: Scenario, plan: FallPlan, choice: int, least: float) ->
 
 
 def _assembled(candidate: Candidate, plan: FallPlan, getups: Sequence[Motion]) -> Fall:
-    scenario, drawn, found = candidate.scenario, candidate.drawn, candidate.figures
+    scenario, drawn, measured = candidate.scenario, candidate.drawn, candidate.figures
     lead, frame, bones = scenario.lead, scenario.frame, scenario.skeleton
     qpos = eased_out(candidate.run.qpos)
     joints, segments = joined(bones, lead, scenario.segments, frame, qpos[:, :3], reached(scenario.body, qpos))
     root = joints[:, 0]
     rested = len(qpos) - 1
     held = round(plan.rest_s * RATE_HZ)
-    root, segments = (np.concatenate([each, np.repeat(each[-1:], held, axis=0)]) for each in (root, segments))
+    root, segments = (np.concatenate([track, np.repeat(track[-1:], held, axis=0)]) for track in (root, segments))
     get_up_s = None
     if plan.get_up:
         get_up_s = (frame + len(root) - 1) / RATE_HZ
@@ -344,11 +344,11 @@ def _assembled(candidate: Candidate, plan: FallPlan, getups: Sequence[Motion]) -
     early = min(round(0.5 * RATE_HZ), len(joints))
     after[:early] = joints[:early]
     event_s = frame / RATE_HZ
-    impact_s, rest_s = event_s + found.impact_s, (frame + rested) / RATE_HZ
+    impact_s, rest_s = event_s + measured.impact_s, (frame + rested) / RATE_HZ
     events = FallEvents(event_s=event_s, impact_s=impact_s, rest_s=rest_s, get_up_s=get_up_s)
     joints = np.concatenate([lead.joints[:frame], after])
     note = (
-        f"fall by {plan.type}, {found.heading}, strength {drawn.strength:.2f}, seed {plan.seed}: event {event_s:.2f} s, "
+        f"fall by {plan.type}, {measured.heading}, strength {drawn.strength:.2f}, seed {plan.seed}: event {event_s:.2f} s, "
         f"impact {impact_s:.2f} s, rest {rest_s:.2f} s"
     ) + (f", gets up {get_up_s:.2f} s" if get_up_s is not None else "")
     motion = lead.edited(
@@ -357,7 +357,7 @@ def _assembled(candidate: Candidate, plan: FallPlan, getups: Sequence[Motion]) -
         rotations=np.concatenate([lead.rotations[:frame], rotations_of(bones, segments)]),
         activities=_activities(lead, events, joints),
     )
-    return Fall(motion=motion, events=events, heading=found.heading, strength=drawn.strength, figures=found)
+    return Fall(motion=motion, events=events, heading=measured.heading, strength=drawn.strength, figures=measured)
 
 
 def _activities(lead: Motion, events: FallEvents, joints: np.ndarray) -> tuple[tuple[str, float], ...]:
@@ -365,7 +365,7 @@ def _activities(lead: Motion, events: FallEvents, joints: np.ndarray) -> tuple[t
     where the lead tells nothing."""
     if not lead.activities:
         return ()
-    before = [each for each in lead.activities if each[1] < events.event_s]
+    before = [activity for activity in lead.activities if activity[1] < events.event_s]
     fall = *before, ("fall", events.event_s)
     if events.get_up_s is None:
         return fall
@@ -402,6 +402,6 @@ def plan_of(description: Description, seed: int = 0) -> FallPlan:
         direction=step.direction if step.direction in HEADINGS else None,
         strength=float(rng.uniform(*STRENGTHS[step.speed])),
         rest_s=float(rng.uniform(*RESTS_S)),
-        get_up=any(each.action == "stand_up" for each in after),
+        get_up=any(later.action == "stand_up" for later in after),
         seed=seed,
     )

@@ -63,7 +63,7 @@ def _headings(plan: FallPlan) -> tuple[Heading, ...]:
     if plan.direction is not None:
         return (plan.direction,)
     never = {"slip": "forward", "trip": "back", "collapse": None}[plan.type]
-    return tuple(each for each in HEADINGS if each != never)
+    return tuple(heading for heading in HEADINGS if heading != never)
 
 
 def figures(run: Run, joints: np.ndarray, chest: np.ndarray, facing: np.ndarray, external_s: float) -> Figures:
@@ -78,7 +78,7 @@ def figures(run: Run, joints: np.ndarray, chest: np.ndarray, facing: np.ndarray,
     gain = float((after - np.minimum.accumulate(after)).max(initial=0.0))
     aside = np.array([-facing[1], facing[0]])
     struck = next((k for k, touching in enumerate(run.touches) if touching & CHEST), len(run.touches) - 1)
-    lies_on = tuple(float(each) for each in -chest[struck, 2])
+    lies_on = tuple(float(component) for component in -chest[struck, 2])
     deepest_m = float(run.deepest_m[:, 0].max()), float(run.deepest_m[:, 1].max())
     if not down:
         return Figures(lies_on=lies_on, gain_j=gain, deepest_m=deepest_m)
@@ -90,7 +90,7 @@ def figures(run: Run, joints: np.ndarray, chest: np.ndarray, facing: np.ndarray,
     strikes = [frame for frame, touching in enumerate(run.touches) if "head" in touching]
     head_speed = speed[:, 15].max() if not strikes else speed[max(strikes[0] - window, 0) : strikes[0] + 1, 15].max()
     lively = np.flatnonzero(run.speeds > RESTING)
-    rest = math.inf if lively[-1] == len(run.speeds) - 1 else float(lively[-1] + 1) / RATE_HZ
+    rest_s = math.inf if lively[-1] == len(run.speeds) - 1 else float(lively[-1] + 1) / RATE_HZ
     return Figures(
         impact_s=impact / RATE_HZ,
         descent_s=float(impact - (high[-1] if len(high) else 0)) / RATE_HZ,
@@ -99,7 +99,7 @@ def figures(run: Run, joints: np.ndarray, chest: np.ndarray, facing: np.ndarray,
         lies_on=lies_on,
         travel=(float(travel @ aside), float(travel @ facing)),
         slide_m=float(np.linalg.norm((pelvis[-1] - pelvis[impact])[:2])),
-        rest_s=rest,
+        rest_s=rest_s,
         gain_j=gain,
         deepest_m=deepest_m,
     )
@@ -114,28 +114,28 @@ SLIDE_LIMIT_M, DEPTH_LIMIT_M, GAIN_LIMIT_J = 0.5, 0.02, 8.0
 """8 J are about 1 % of the energy of a walking person."""
 
 
-def missing(found: Figures, plan: FallPlan) -> float:
+def missing(measured: Figures, plan: FallPlan) -> float:
     """How far a fall is from real ones: 0 in all ranges, else a sum of excesses; infinite if it is none, or not the one planned."""
     fatal = (
-        not IMPACT_RANGE_S[0] <= found.impact_s <= IMPACT_RANGE_S[1]
-        or found.heading not in _headings(plan)
-        or found.slide_m > SLIDE_LIMIT_M
-        or max(found.deepest_m) > DEPTH_LIMIT_M
-        or found.gain_j > GAIN_LIMIT_J
+        not IMPACT_RANGE_S[0] <= measured.impact_s <= IMPACT_RANGE_S[1]
+        or measured.heading not in _headings(plan)
+        or measured.slide_m > SLIDE_LIMIT_M
+        or max(measured.deepest_m) > DEPTH_LIMIT_M
+        or measured.gain_j > GAIN_LIMIT_J
     )
     if fatal:
         return math.inf
-    values = found.descent_s, found.pelvis_mps, found.head_mps
+    values = measured.descent_s, measured.pelvis_mps, measured.head_mps
     ranges = DESCENT_RANGE_S, PELVIS_RANGE_MPS, HEAD_RANGE_MPS
     # Who slips falls on the back or the side, mostly on the back.
-    aside = ASIDE if plan.type == "slip" and plan.direction is None and found.heading != "back" else 0.0
+    aside = ASIDE if plan.type == "slip" and plan.direction is None and measured.heading != "back" else 0.0
     return aside + sum(
         max(low - value, 0.0) + max(value - high, 0.0) for value, (low, high) in zip(values, ranges, strict=True)
     )
 
 
-def least_missing(found: Figures, run: Run, plan: FallPlan) -> float:
+def least_missing(measured: Figures, run: Run, plan: FallPlan) -> float:
     """A lower bound of what is `missing` if the run goes on, from its figures once pelvis and chest are down: a body may still
     slide back, and what the head does is known `SEEN` frames after it has struck."""
     struck = any("head" in touching for touching in run.touches[:-SEEN])
-    return missing(replace(found, slide_m=0.0, head_mps=found.head_mps if struck else HEAD_RANGE_MPS[0]), plan)
+    return missing(replace(measured, slide_m=0.0, head_mps=measured.head_mps if struck else HEAD_RANGE_MPS[0]), plan)

@@ -311,23 +311,23 @@ def simulate(
     module.mj_forward(model, data)
     dofs = model.jnt_dofadr[model.actuator_trnid[:, 0]]
     chest = model.body("thorax").id
-    kept: list[Any] = []
+    records: list[Any] = []
     moving, force = data.qvel, data.actuator_force  # views of what MuJoCo changes
     work, impact, lying, lively, struck = 0.0, -1, -1, 0, False
     down = [frames] * 3
     for frame in range(frames):
         touching, depths = _contacts(body, data)
         speed = float(np.abs(data.qvel).max())
-        kept.append((data.qpos.copy(), speed, float(data.energy.sum()), work, touching, depths))
+        records.append((data.qpos.copy(), speed, float(data.energy.sum()), work, touching, depths))
         if touching & CHEST and not struck:
             struck = True
             if not wanted(data.xmat[chest].reshape(3, 3)):
                 break
         if impact < 0 and touching & PELVIS:
             impact = frame
-        now = is_down(touching, data.qpos[2]), touching & CHEST, "head" in touching
-        down = [min(first, frame) if each else first for first, each in zip(down, now, strict=True)]
-        if frame - SEEN in (max(down[:2]), max(down)) and not hopeful(_run(kept)):
+        conditions = is_down(touching, data.qpos[2]), touching & CHEST, "head" in touching
+        down = [min(first, frame) if met else first for first, met in zip(down, conditions, strict=True)]
+        if frame - SEEN in (max(down[:2]), max(down)) and not hopeful(_run(records)):
             break
         if lying < 0 and impact >= 0 and (touching & CHEST or frame - impact > BRACED_S * RATE_HZ):
             lying = frame
@@ -348,7 +348,7 @@ def simulate(
             module.mj_step(model, data)
             after = moving[dofs]
             work += float(force @ (before + after)) * 0.5 * STEP_S
-    return _run(kept)
+    return _run(records)
 
 
 def is_down(touching: frozenset[str], pelvis_m: float) -> bool:
@@ -356,16 +356,16 @@ def is_down(touching: frozenset[str], pelvis_m: float) -> bool:
     return bool(touching & PELVIS) or (bool(touching & {"lfemur", "rfemur"}) and pelvis_m < 0.25)
 
 
-def _run(kept: list[Any]) -> Run:
-    qpos, speeds, energy, work, touches, depths = zip(*kept, strict=True)
+def _run(records: list[Any]) -> Run:
+    qpos, speeds, energy, work, touches, depths = zip(*records, strict=True)
     return Run(np.stack(qpos), np.array(speeds), np.array(energy), np.array(work), list(touches), np.array(depths))
 
 
 def _act(model: Any, data: Any, course: Course, frame: int, lying: int) -> None:
     """Targets, stiffness and damping of the muscles in a frame; `lying` is the one from which the body lies, -1 before."""
     torque = model.actuator_forcerange[:, 1]
-    now = min(frame, len(course.targets) - 1)
-    tone, target, braced = course.tones[now], course.targets[now], 0.0
+    index = min(frame, len(course.targets) - 1)
+    tone, target, braced = course.tones[index], course.targets[index], 0.0
     if lying >= 0:
         since = (frame - lying) / RATE_HZ
         fade = min(since / course.brace_s, 1.0)

@@ -58,20 +58,20 @@ BACK, INTO = 0.25, 0.5
 def dance(maker: Maker, step: Step, duration_s: float) -> Piece:
     """A dance of phrases, each going on in another where poses are alike, of one recording, or of more where its phrases do not go
     on smoothly in one another; of all recordings at once, one clip was in two of three dances."""
-    left = maker.segments("dance")
-    segments = _of_one(maker, left)
+    unused = maker.segments("dance")
+    segments = _segments_of_one_recording(maker, unused)
     pace = {"slow": 0.86, "normal": 1.0, "fast": 1.05}[step.speed] * maker.person.tempo
     count = round(duration_s * RATE_HZ * pace)
     weights = chances(maker, segments)
     whole = _phrase(maker, maker.draw(segments, weights))
-    rest = round(REST_S * RATE_HZ)
-    while len(whole) < count + 2 * rest:
-        found: list[tuple[Piece, float]] = []
-        while len(found) < TRIES and not (found and found[-1][1] < 1.0):
-            found.append(_continued(whole, _phrase(maker, maker.draw(segments, weights))))
-        longer, rough = min(found, key=itemgetter(1))
-        if rough >= 1.0 and left:
-            segments += _of_one(maker, left)
+    rest_frames = round(REST_S * RATE_HZ)
+    while len(whole) < count + 2 * rest_frames:
+        continuations: list[tuple[Piece, float]] = []
+        while len(continuations) < TRIES and not (continuations and continuations[-1][1] < 1.0):
+            continuations.append(_continued(whole, _phrase(maker, maker.draw(segments, weights))))
+        longer, rough = min(continuations, key=itemgetter(1))
+        if rough >= 1.0 and unused:
+            segments += _segments_of_one_recording(maker, unused)
             weights = chances(maker, segments)
             continue
         if not np.isfinite(rough):
@@ -90,14 +90,15 @@ def dance(maker: Maker, step: Step, duration_s: float) -> Piece:
     return whole
 
 
-def _of_one(maker: Maker, left: list[Segment]) -> list[Segment]:
-    """The segments of a recording that is drawn from those `left`, which it leaves."""
-    file = {each.clip: (maker.store.sources[each.clip].subject, maker.store.sources[each.clip].file) for each in left}
-    names = list(dict.fromkeys(file.values()))
-    drawn = names[int(maker.rng.integers(len(names)))]
-    found = [each for each in left if file[each.clip] == drawn]
-    left[:] = [each for each in left if file[each.clip] != drawn]
-    return found
+def _segments_of_one_recording(maker: Maker, unused: list[Segment]) -> list[Segment]:
+    """The segments of a recording that is drawn from those `unused`, which it leaves."""
+    sources = maker.store.sources
+    recording_of = {segment.clip: (sources[segment.clip].subject, sources[segment.clip].file) for segment in unused}
+    recordings = list(dict.fromkeys(recording_of.values()))
+    recording = recordings[int(maker.rng.integers(len(recordings)))]
+    segments = [segment for segment in unused if recording_of[segment.clip] == recording]
+    unused[:] = [segment for segment in unused if recording_of[segment.clip] != recording]
+    return segments
 
 
 def circling(piece: Piece) -> np.ndarray:
@@ -105,20 +106,20 @@ def circling(piece: Piece) -> np.ndarray:
     from scipy.ndimage import gaussian_filter1d
 
     stands = np.asarray(piece.planted.any(axis=2))
-    both = gaussian_filter1d((stands[:, 0] & stands[:, 1]).astype(float), STEP_S * RATE_HZ, mode="nearest")
-    rate = np.gradient(minimum_jerk(np.linspace(0, 1, len(piece)))) * (1 - (1 - ON_BOTH) * both)
-    gone = np.cumsum(rate) - rate[0]
-    return gone / gone[-1]
+    both_stand = gaussian_filter1d((stands[:, 0] & stands[:, 1]).astype(float), STEP_S * RATE_HZ, mode="nearest")
+    rate = np.gradient(minimum_jerk(np.linspace(0, 1, len(piece)))) * (1 - (1 - ON_BOTH) * both_stand)
+    progress = np.cumsum(rate) - rate[0]
+    return progress / progress[-1]
 
 
-def _continued(whole: Piece, found: Piece) -> tuple[Piece, float]:
+def _continued(whole: Piece, phrase: Piece) -> tuple[Piece, float]:
     """A dance that goes on in a phrase where poses are most alike and the same foot stands, and how rough the seam is: up to 1 it
     is as smooth as recorded dances, infinite where no foot stands in both."""
-    first = max(1, len(whole) - round(min(BACK * len(found), 40)) - 1)
+    first = max(1, len(whole) - round(min(BACK * len(phrase), 40)) - 1)
     last = whole.part(first - 1, len(whole))
-    begin = found.part(0, max(4, round(INTO * len(found))))
-    one, other = features(last.poses), features(begin.poses)
-    squares = (one**2).sum(1)[:, None] + (other**2).sum(1) - 2 * one @ other.T
+    begin = phrase.part(0, max(4, round(INTO * len(phrase))))
+    last_features, begin_features = features(last.poses), features(begin.poses)
+    squares = (last_features**2).sum(1)[:, None] + (begin_features**2).sum(1) - 2 * last_features @ begin_features.T
     # What differs dies out while a foot stands: in a flight it would change the fall.
     stood = np.asarray(last.planted.any(axis=2))
     stands = np.asarray(begin.planted.any(axis=2) & goes_on_standing(begin)[:, None])
@@ -127,9 +128,9 @@ def _continued(whole: Piece, found: Piece) -> tuple[Piece, float]:
     cut, start = np.unravel_index(int(squares.argmin()), squares.shape)
     if not np.isfinite(squares[cut, start]):
         return whole, np.inf
-    kept = first + int(cut)
-    after = joined([whole.part(0, kept), found.part(int(start) + 1, len(found))], blend_s=SEAM_S)
-    return after, roughness(after.part(max(0, kept - round(BEFORE_S * RATE_HZ)), len(after)))
+    cut_frame = first + int(cut)
+    after = joined([whole.part(0, cut_frame), phrase.part(int(start) + 1, len(phrase))], blend_s=SEAM_S)
+    return after, roughness(after.part(max(0, cut_frame - round(BEFORE_S * RATE_HZ)), len(after)))
 
 
 def roughness(seam: Piece) -> float:
@@ -140,7 +141,7 @@ def roughness(seam: Piece) -> float:
     if rough >= 1.0:
         return 1.0 + rough  # a smooth seam is better, even if limbs touch
     body = tracks(motion_of(plant(seam.poses, seam.planted, level=False)))
-    slide_m = max((each.skate_m for each in contacts(body)), default=0.0)
+    slide_m = max((contact.skate_m for contact in contacts(body)), default=0.0)
     return max(rough, float(self_penetration_m(body).max()) / DEEP_M, floating_s(body) / HOVERS_S, slide_m / SLIDES_M)
 
 
@@ -155,13 +156,13 @@ def goes_on_standing(piece: Piece) -> np.ndarray:
 def _from_rest_to_rest(whole: Piece, count: int) -> Piece:
     """About `count` frames of a dance, from its calmest instant near the begin, after which a foot goes on to stand, to the calmest
     one near the end: other steps join there."""
-    rest = min(round(REST_S * RATE_HZ), len(whole) // 4)
+    rest_frames = min(round(REST_S * RATE_HZ), len(whole) // 4)
     joints, _ = whole.poses.world()
     calm = -np.linalg.norm(np.gradient(joints, 1 / RATE_HZ, axis=0), axis=-1).mean(axis=1)
     stands = whole.planted.any(axis=(1, 2))
-    start = int((calm + 2.0 * stands + 2.0 * goes_on_standing(whole))[: rest + 1].argmax())
+    start = int((calm + 2.0 * stands + 2.0 * goes_on_standing(whole))[: rest_frames + 1].argmax())
     last = min(len(whole) - 1, start + count)
-    first = max(start + 1, last - rest)
+    first = max(start + 1, last - rest_frames)
     stop = first + int((calm + 2.0 * stands)[first : last + 1].argmax())
     return whole.part(start, stop + 1)
 
@@ -172,11 +173,11 @@ def chances(maker: Maker, segments: Sequence[Segment]) -> list[float]:
     By durations alone the longest recording, a calm one of 15 s, had 43 % of all phrases, and dances were 3 to 6 dB too calm.
     """
     source = maker.store.sources
-    recording = [(source[each.clip].subject, source[each.clip].file) for each in segments]
+    recording = [(source[segment.clip].subject, source[segment.clip].file) for segment in segments]
     whole: dict[tuple[str, str], float] = {}
-    for each, name in zip(segments, recording, strict=True):
-        whole[name] = whole.get(name, 0.0) + each.duration_s
-    return [each.duration_s / whole[name] for each, name in zip(segments, recording, strict=True)]
+    for segment, name in zip(segments, recording, strict=True):
+        whole[name] = whole.get(name, 0.0) + segment.duration_s
+    return [segment.duration_s / whole[name] for segment, name in zip(segments, recording, strict=True)]
 
 
 def _phrase(maker: Maker, segment: Segment) -> Piece:

@@ -91,8 +91,8 @@ def paced(piece: Piece, factor: float) -> Piece:
     near = maximum_filter1d(flies, 2 * round(DRIVE_S * rate) + 1, mode="nearest")
     free = 1 - gaussian_filter1d(near, 0.25 * DRIVE_S * rate, mode="nearest")
     slowness = factor ** (-0.5 * (free[1:] + free[:-1]))
-    shown = np.concatenate([[0.0], np.cumsum(slowness)])
-    frames = np.interp(np.arange(int(shown[-1] + 1e-9) + 1), shown, np.arange(len(piece)))
+    shown_at = np.concatenate([[0.0], np.cumsum(slowness)])
+    frames = np.interp(np.arange(int(shown_at[-1] + 1e-9) + 1), shown_at, np.arange(len(piece)))
     return retimed(piece, frames).noted(f"{factor:.2f} times as fast between flights")
 
 
@@ -119,8 +119,8 @@ def strided(piece: Piece, factor: float | np.ndarray) -> Piece:
 
 def bent(piece: Piece, angle_rad: np.ndarray) -> Piece:
     """The path bent: at each frame the body and its velocity are turned by an angle (T,) about the vertical, left positive."""
-    found = arcs.bent(piece.poses, piece.planted, angle_rad)
-    return piece.posed(root=found.root, local=found.local)
+    poses = arcs.bent(piece.poses, piece.planted, angle_rad)
+    return piece.posed(root=poses.root, local=poses.local)
 
 
 def straddled(piece: Piece, angle_rad: float) -> Piece:
@@ -155,18 +155,15 @@ def carrying(legs: Piece, body: Piece, *, trunk: float, arms: float) -> Piece:
     A step is told by the ankles passing each other, left for left, so that arms swing against the legs as they did; they swing as
     far as the gait's own. Where the body takes fewer steps than the legs, the gait stays as it is.
     """
-    own, other = passes(legs), passes(body)
-    other = other[int(len(own) > 0 and len(other) > 0 and own[0, 1] != other[0, 1]) :]
-    if len(own) < 3 or len(other) < len(own) + 2:
+    legs_at, body_at = passes(legs), passes(body)
+    body_at = body_at[int(len(legs_at) > 0 and len(body_at) > 0 and legs_at[0, 1] != body_at[0, 1]) :]
+    if len(legs_at) < 3 or len(body_at) < len(legs_at) + 2:
         return legs
-    pace = np.diff(own[:, 0]).mean()
-    ends = [
-        own[0, 0] - pace,
-        *own[:, 0],
-        own[-1, 0] + pace,
-    ]  # before the first pass and after the last the pace goes on
+    pace = np.diff(legs_at[:, 0]).mean()
+    # Before the first pass and after the last the pace goes on.
+    ends = [legs_at[0, 0] - pace, *legs_at[:, 0], legs_at[-1, 0] + pace]
     steps = np.interp(np.arange(len(legs)), ends, np.arange(len(ends)))
-    frames = np.interp(steps, np.arange(len(other)), other[:, 0])
+    frames = np.interp(steps, np.arange(len(body_at)), body_at[:, 0])
     frames = np.clip(low_pass(frames[:, None], 0.5 / IN_STEP_S, RATE_HZ)[:, 0], 0, len(body) - 1)
     carried = at_frames(body.poses, frames).local
     local = legs.poses.local.copy()
@@ -174,12 +171,12 @@ def carrying(legs: Piece, body: Piece, *, trunk: float, arms: float) -> Piece:
         before, after = _mean(local[:, INDEX[name]]), _mean(carried[:, INDEX[name]])
         difference = rotation_vector(quaternions.multiply(after, quaternions.conjugate(before)))
         local[:, INDEX[name]] = quaternions.multiply(from_rotation_vector(trunk * difference), local[:, INDEX[name]])
-    for joint, part in ((INDEX[f"{side}_{name}"], arms * much) for side in SIDES for name, much in ARM_PARTS.items()):
+    for joint, part in ((INDEX[f"{side}_{name}"], arms * mix) for side in SIDES for name, mix in ARM_PARTS.items()):
         mixed = quaternions.blend(local[:, joint], carried[:, joint], np.full((len(legs), 1), part))
-        more = float(np.clip(_swing(local[:, joint]) / max(_swing(mixed), 1e-6), 1.0, MOST_SWUNG))
-        local[:, joint] = swung(quaternions.continuous(mixed), more, RATE_HZ)
-    found = legs.posed(local=quaternions.continuous(local))
-    return replace(found, notes=(*legs.notes, f"trunk by {trunk:.2f} and arms by {arms:.2f} of", *body.notes))
+        factor = float(np.clip(_swing(local[:, joint]) / max(_swing(mixed), 1e-6), 1.0, MOST_SWUNG))
+        local[:, joint] = swung(quaternions.continuous(mixed), factor, RATE_HZ)
+    piece = legs.posed(local=quaternions.continuous(local))
+    return replace(piece, notes=(*legs.notes, f"trunk by {trunk:.2f} and arms by {arms:.2f} of", *body.notes))
 
 
 def _mean(rotation: np.ndarray) -> np.ndarray:
@@ -218,7 +215,7 @@ def swing_of(piece: Piece) -> float:
     """
     joints, _ = piece.poses.world()
     arms = [joints[:, INDEX[f"{side}_wrist"], 0] - joints[:, INDEX[f"{side}_shoulder"], 0] for side in SIDES]
-    return float(np.mean([np.ptp(np.percentile(each, (5, 95))) for each in arms])) / (2 * piece.poses.skeleton.leg_m)
+    return float(np.mean([np.ptp(np.percentile(arm, (5, 95))) for arm in arms])) / (2 * piece.poses.skeleton.leg_m)
 
 
 def rate_of(poses: Poses) -> float:
@@ -250,7 +247,7 @@ class Seam:
     """Where a gait goes on in another piece: frame `cut` of the whole is like frame `start` of the piece."""
 
     whole: Piece
-    found: Piece
+    following: Piece
     cut: int
     start: int
     apart_m: float
@@ -260,27 +257,27 @@ class Seam:
     def joined(self) -> Piece:
         """The whole and what follows."""
         if self.crosses:
-            return crossed(self.whole, self.found, self.cut, self.start)
-        rest = self.found.part(self.start + 1, len(self.found))
-        return joined([self.whole.part(0, self.cut + 1), rest], turn=False)
+            return crossed(self.whole, self.following, self.cut, self.start)
+        remainder = self.following.part(self.start + 1, len(self.following))
+        return joined([self.whole.part(0, self.cut + 1), remainder], turn=False)
 
 
-def best_crossing(whole: Piece, found: Piece) -> Seam:
+def best_crossing(whole: Piece, following: Piece) -> Seam:
     """The best seam at which two gaits cross; where a clip hardly holds a stride, and only its ends match, one at those."""
-    length, beyond = min(len(whole), len(found)), round(0.5 * CROSSING_S * RATE_HZ)
-    at_ends = _best_within(whole, found, 2)
-    within = _best_within(whole, found, beyond) if length > 4 * beyond else at_ends
-    gained = within[0] - within[1] - (len(whole) - len(found))
+    length, beyond = min(len(whole), len(following)), round(0.5 * CROSSING_S * RATE_HZ)
+    at_ends = _best_within(whole, following, 2)
+    within = _best_within(whole, following, beyond) if length > 4 * beyond else at_ends
+    gained = within[0] - within[1] - (len(whole) - len(following))
     crosses = length > 4 * beyond and within[2] < CROSSES_AT * at_ends[2] and gained > LEAST_GAIN_S * RATE_HZ
-    return Seam(whole, found, *(within if crosses else at_ends), crosses)
+    return Seam(whole, following, *(within if crosses else at_ends), crosses)
 
 
-def _best_within(whole: Piece, found: Piece, margin: int) -> tuple[int, int, float]:
+def _best_within(whole: Piece, following: Piece, margin: int) -> tuple[int, int, float]:
     """The best seam in the last half of the one and the first half of the other that keeps a margin [frames] from their ends."""
-    length = min(len(whole), len(found))
+    length = min(len(whole), len(following))
     after = range(max(len(whole) - round(0.5 * length), 3), len(whole) - margin, 2)
-    before = range(margin, max(round(0.45 * len(found)), margin + 2), 2)
-    return best_seam(whole.poses, found.poses, after, before)
+    before = range(margin, max(round(0.45 * len(following)), margin + 2), 2)
+    return best_seam(whole.poses, following.poses, after, before)
 
 
 def halted(piece: Piece, following: Piece) -> Piece:
@@ -292,8 +289,8 @@ def halted(piece: Piece, following: Piece) -> Piece:
     falling = minimum_jerk((np.arange(len(piece)) - (len(piece) - last)) / last)
     short = strided(piece, 1 - 0.9 * falling)
     # Time runs at 0.55 of its pace at last, as it does at first when a walk begins.
-    shown = np.concatenate([[0.0], np.cumsum(1 / (1 - 0.45 * falling[:-1]))])
-    return retimed(short, np.interp(np.arange(int(shown[-1]) + 1), shown, np.arange(len(piece))))
+    shown_at = np.concatenate([[0.0], np.cumsum(1 / (1 - 0.45 * falling[:-1]))])
+    return retimed(short, np.interp(np.arange(int(shown_at[-1]) + 1), shown_at, np.arange(len(piece))))
 
 
 def begun(before: Piece, piece: Piece) -> Piece:

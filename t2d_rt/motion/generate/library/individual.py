@@ -89,18 +89,18 @@ def individual(
     subject: Subject, rng: np.random.Generator, *, body: str | None = None, stature_m: float | None = None
 ) -> Individual:
     """A person drawn from those whom the subject names; a body and a stature [m] that are given are kept."""
-    name, drawn = drawn_person(subject, rng)
+    name, height_m = drawn_person(subject, rng)
     if stature_m is not None:
-        drawn = number("stature_m", stature_m, 0.6, 2.4, unit="m")
-    known = [each.removesuffix(".npz") for each in listing("meshes", ".npz")]
+        height_m = number("stature_m", stature_m, 0.6, 2.4, unit="m")
+    bodies = [file.removesuffix(".npz") for file in listing("meshes", ".npz")]
     shape, at, bmi = (None, "", "") if body is None else body.partition("@")
-    if shape is not None and shape not in known:
+    if shape is not None and shape not in bodies:
         raise InputError(
-            f"no body {body!r}; choose one of {', '.join(known)}, or one with a body mass index as man@31.5"
+            f"no body {body!r}; choose one of {', '.join(bodies)}, or one with a body mass index as man@31.5"
         )
     if at and not re.fullmatch(r"[1-4]\d(\.\d+)?", bmi):
         raise InputError(f"behind the @ of body {body!r} must stand a body mass index, 10 to 50 kg/m^2, as in man@31.5")
-    name = body or (name if name in known else "adult")
+    name = body or (name if name in bodies else "adult")
     breaths = rng.spawn(1)[0].random(3)
     normal = rng.standard_normal(6)
     habit = np.zeros((len(NAMES), 3))
@@ -110,8 +110,8 @@ def individual(
         habit[INDEX[joint], 0] = sign * max(sign * habit[INDEX[joint], 0], -MOST_INWARD_RAD)
     return Individual(
         body=name,
-        stature_m=drawn,
-        skeleton=_proportioned(_rest(shape or name), drawn, normal[:3]),
+        stature_m=height_m,
+        skeleton=_proportioned(_rest(shape or name), height_m, normal[:3]),
         left_handed=bool(rng.random() < 0.1),
         tempo=float(np.exp(0.05 * normal[3])),
         vigour=float(np.exp(0.2 * np.clip(normal[4], -2, 2))),
@@ -126,8 +126,8 @@ def individual(
 
 def drawn_person(subject: Subject, rng: np.random.Generator, *, body: str | None = None) -> tuple[str, float]:
     """Body and stature [m] of one of those whom a subject names, or of a person of the body given."""
-    own = [kind for kinds in STATURE_M.values() for kind in kinds if kind[0] == body]
-    kinds = STATURE_M[subject] if body is None or not own else own
+    of_body = [kind for kinds in STATURE_M.values() for kind in kinds if kind[0] == body]
+    kinds = STATURE_M[subject] if body is None or not of_body else of_body
     name, mean, spread = kinds[int(rng.integers(len(kinds)))]
     return name, mean + spread * float(np.clip(rng.standard_normal(), -2.5, 2.5))
 
@@ -156,7 +156,7 @@ def lively(piece: Piece, person: Individual, rng: np.random.Generator, *, quiet:
 @functools.cache
 def _rest(body: str) -> Skeleton:
     with np.load(resource("meshes", f"{body}.npz"), allow_pickle=False) as data:
-        names, joints = [str(each) for each in data["joint_names"]], data["joints"].astype(float)
+        names, joints = [str(name) for name in data["joint_names"]], data["joints"].astype(float)
     if names != [*CANONICAL_JOINTS, *OPTIONAL_JOINTS]:
         raise InputError(f"body {body!r} has other joints than were expected; install t2d-rt again")
     return skeleton_of(dict(zip(names, joints, strict=True)))
@@ -203,12 +203,12 @@ class Maker:
 
     def segments(self, action: str, *kinds: str) -> list[Segment]:
         """Those of an action."""
-        found = [each for each in self.store.segments if each.action == action and (not kinds or each.kind in kinds)]
-        if not found:
+        clips = [clip for clip in self.store.segments if clip.action == action and (not kinds or clip.kind in kinds)]
+        if not clips:
             raise InputError(
                 f"the library has no clip of {action}{' ' + '/'.join(kinds) if kinds else ''}; add some with t2d-rt library add"
             )
-        return found
+        return clips
 
     def piece(self, segment: Segment, *, mirror: bool | None = None) -> Piece:
         """A segment on the person's own skeleton, at the tempo of their legs, along +x; mirrored or not as drawn."""
@@ -230,10 +230,10 @@ def stand(maker: Maker, step: Step, duration_s: float, *, clip: str = "") -> Pie
     """Quiet standing: a clip of it to and fro; beside a recording `clip` of it, or of one that shows nothing like it."""
     segments = maker.segments("stand")
     if clip:
-        action = next(each.action for each in maker.store.segments if each.clip == clip and each.action != "stand")
-        busy = {each.clip for each in maker.store.segments if each.action == action}
-        own = [each for each in segments if each.clip == clip] or [each for each in segments if each.clip not in busy]
-        segments = own or segments
+        action = next(part.action for part in maker.store.segments if part.clip == clip and part.action != "stand")
+        busy = {part.clip for part in maker.store.segments if part.action == action}
+        near = [part for part in segments if part.clip == clip] or [part for part in segments if part.clip not in busy]
+        segments = near or segments
     piece = maker.piece(maker.draw(segments))
     count = round(duration_s * RATE_HZ) + 1
     phase = np.arange(count) * 0.9 + maker.rng.uniform(0, len(piece))

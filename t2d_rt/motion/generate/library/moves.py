@@ -86,7 +86,7 @@ def styled(maker: Maker, piece: Piece, step: Step) -> Piece:
     if step.action not in STYLES:
         return piece
     spread, draw = STYLES[step.action], maker.rng.standard_normal(7).clip(-2, 2)
-    own = Change(
+    change = Change(
         trunk_deg=spread.trunk_deg * draw[0],
         head_deg=spread.head_deg * draw[1],
         arms=float(np.exp(spread.arms * draw[2])),
@@ -97,8 +97,8 @@ def styled(maker: Maker, piece: Piece, step: Step) -> Piece:
     )
     if step.action != "jump":
         median = RUN_SWING if step.action == "run" else WALK_SWING_S_PER_M * edits.rate_of(piece.poses)
-        own = replace(own, arms=float(np.clip(median * own.arms / max(edits.swing_of(piece), 1e-3), *SWUNG)))
-    return _changed(piece, step, own, 1.0)
+        change = replace(change, arms=float(np.clip(median * change.arms / max(edits.swing_of(piece), 1e-3), *SWUNG)))
+    return _changed(piece, step, change, 1.0)
 
 
 def with_manner(piece: Piece, step: Step, rng: np.random.Generator) -> Piece:
@@ -223,27 +223,27 @@ TURNS_DEG: Mapping[str | None, float] = {"back": 180.0, "clockwise": 360.0, "cou
 
 def made_of_clips(maker: Maker, step: Step, *, alone: bool = True) -> Piece:
     """The piece that a step asks for. alone: it is all of its description, and so may last longer."""
-    own = own_clips(maker.store, step)
-    if step.action not in ACTIONS and not own:
+    clips = own_clips(maker.store, step)
+    if step.action not in ACTIONS and not clips:
         raise InputError(f"the library has no clips of {step.action}; it makes {', '.join(ACTIONS)}")
     low, high = DURATION_S.get(step.action, (2.0, 4.0))
     duration_s = step.duration_s or float(maker.rng.uniform(low, high)) * (1.0 if alone else 0.5)
-    piece = _as_recorded(maker, step, own) if own else ACTIONS[step.action](maker, step, duration_s)
+    piece = _as_recorded(maker, step, clips) if clips else ACTIONS[step.action](maker, step, duration_s)
     return with_manner(piece, step, maker.rng)
 
 
 def own_clips(store: Store, step: Step) -> list[Segment]:
     """A user's clips that show just what a step asks for: an action of which none ships, or one in the step's direction."""
-    own = [each for each in store.segments if each.clip in store.own and each.action == step.action]
+    clips = [segment for segment in store.segments if segment.clip in store.own and segment.action == step.action]
     if step.action in ACTIONS:
-        return [each for each in own if each.direction and each.direction == step.direction]
-    return [each for each in own if each.direction == step.direction] or own
+        return [segment for segment in clips if segment.direction and segment.direction == step.direction]
+    return [segment for segment in clips if segment.direction == step.direction] or clips
 
 
-def _as_recorded(maker: Maker, step: Step, own: list[Segment]) -> Piece:
+def _as_recorded(maker: Maker, step: Step, segments: list[Segment]) -> Piece:
     """A clip as it is, at a pace of the step's speed or so that it lasts as long as that says."""
     # Of a clip in some sense nobody shows the mirror image.
-    piece = maker.piece(maker.draw(own), mirror=False if step.direction in SENSES else None)
+    piece = maker.piece(maker.draw(segments), mirror=False if step.direction in SENSES else None)
     pace = {"slow": 0.85, "normal": 1.0, "fast": 1.15}[step.speed] * maker.person.tempo
     if step.duration_s is not None:
         pace = float(np.clip(len(piece) / RATE_HZ / step.duration_s, *WARP))
@@ -256,22 +256,22 @@ def gait(maker: Maker, step: Step, duration_s: float) -> Piece:
         return _in_place(maker, step, duration_s)
     mean, spread = SPEEDS_MPS[step.action, step.speed]
     legs = float(np.sqrt(maker.person.skeleton.leg_m / LEG_M))
-    drawn = float(np.clip(maker.rng.normal(mean, spread), mean - 2 * spread, mean + 2 * spread))
-    wanted = legs * drawn * maker.person.tempo
+    drawn_mps = float(np.clip(maker.rng.normal(mean, spread), mean - 2 * spread, mean + 2 * spread))
+    target_mps = legs * drawn_mps * maker.person.tempo
     if step.direction == "back":
-        wanted *= 0.75  # people walk backward at about 0.7 to 0.8 of their pace (Thorstensson 1986)
-    first = _first(maker, step, wanted)
+        target_mps *= 0.75  # people walk backward at about 0.7 to 0.8 of their pace (Thorstensson 1986)
+    first = _first_clip(maker, step, target_mps)
     mirror = bool(maker.rng.random() < 0.5)
     whole = maker.piece(first, mirror=mirror)
-    factor = float(np.clip(wanted / max(edits.rate_of(whole.poses), 0.1), *WARP))
+    factor = float(np.clip(target_mps / max(edits.rate_of(whole.poses), 0.1), *WARP))
     fraction = CADENCE_FRACTION[0] + CADENCE_FRACTION[1] * float(np.clip(maker.rng.standard_normal(), -2, 2))
     count = round(duration_s * RATE_HZ * factor**fraction) + 1
     others = _alike(maker, first) if step.action == "walk" else [first]  # of few runs one would be in every third
     begin = int(maker.rng.integers(0, max(1, len(whole) - count + 1))) if len(whole) > count else 0
     whole = whole.part(begin, len(whole))
     while len(whole) < count:
-        tries = dict.fromkeys([maker.draw(others), maker.draw(others), first])
-        seams = [best_crossing(whole, maker.piece(each, mirror=mirror)) for each in tries]
+        candidates = dict.fromkeys([maker.draw(others), maker.draw(others), first])
+        seams = [best_crossing(whole, maker.piece(segment, mirror=mirror)) for segment in candidates]
         whole = min(seams, key=attrgetter("apart_m")).joined()
     whole = whole.part(0, count)
     whole = _jogging(maker, whole) if step.action == "run" else whole
@@ -310,15 +310,15 @@ def _jogging(maker: Maker, legs: Piece) -> Piece:
     return edits.carrying(legs, walk, trunk=float(trunk), arms=float(arms))
 
 
-def _first(maker: Maker, step: Step, wanted: float) -> Segment:
+def _first_clip(maker: Maker, step: Step, target_mps: float) -> Segment:
     """A clip whose speed on the person's legs is near the wanted one."""
-    segments = [each for each in maker.segments(step.action, "steady") if each.direction in ("", "forward", "straight")]
+    segments = [clip for clip in maker.segments(step.action, "steady") if clip.direction in ("", "forward", "straight")]
     if step.action == "walk":
-        acted = [each for each in segments if step.manner and each.manner == step.manner]
-        plain = [each for each in segments if not each.manner]
-        segments = acted if acted and maker.rng.random() < 0.4 else plain
-    scaled = np.array([each.speed_mps for each in segments]) * np.sqrt(maker.person.skeleton.leg_m / LEG_M)
-    misfit = np.log(np.maximum(scaled, 0.05) / wanted)
+        manner_clips = [clip for clip in segments if step.manner and clip.manner == step.manner]
+        neutral = [clip for clip in segments if not clip.manner]
+        segments = manner_clips if manner_clips and maker.rng.random() < 0.4 else neutral
+    scaled = np.array([clip.speed_mps for clip in segments]) * np.sqrt(maker.person.skeleton.leg_m / LEG_M)
+    misfit = np.log(np.maximum(scaled, 0.05) / target_mps)
     # Half as likely at 12 % beside the speed, of few recorded runs at 35 %; the one that is nearest is always possible.
     width = 0.1 if step.action == "walk" else 0.3
     weights = np.exp(-((np.abs(misfit) - np.abs(misfit).min()) ** 2) / (2 * width**2))
@@ -330,12 +330,12 @@ def _alike(maker: Maker, first: Segment) -> list[Segment]:
     sources = maker.store.sources
     same = sources[first.clip].subject, first.manner, first.direction
     return [
-        each
-        for each in maker.segments(first.action, "steady")
-        if each.name == first.name
+        segment
+        for segment in maker.segments(first.action, "steady")
+        if segment.name == first.name
         or (
-            abs(each.speed_mps / first.speed_mps - 1) < 0.1
-            and (sources[each.clip].subject, each.manner, each.direction) == same
+            abs(segment.speed_mps / first.speed_mps - 1) < 0.1
+            and (sources[segment.clip].subject, segment.manner, segment.direction) == same
         )
     ]
 
@@ -416,18 +416,18 @@ def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
     pace = {"slow": 0.85, "normal": 1.0, "fast": 1.05}[step.speed] * maker.person.tempo
     if step.count is not None and step.duration_s is not None:
         # Only recordings whose jumps follow so quickly, with time for one more to stand in, or else the quickest.
-        each_s = {each.name: each.duration_s / max(each.count, 1) for each in segments}
-        most_s = max(pace * step.duration_s / (step.count + 1), min(each_s.values()))
-        segments = [each for each in segments if each_s[each.name] <= most_s]
+        jump_s = {segment.name: segment.duration_s / max(segment.count, 1) for segment in segments}
+        most_s = max(pace * step.duration_s / (step.count + 1), min(jump_s.values()))
+        segments = [segment for segment in segments if jump_s[segment.name] <= most_s]
     # Who jumps quickly takes jumps that follow one another, who jumps slowly those with standing and balancing about them.
     often = {"slow": -1.0, "normal": 0.0, "fast": 1.0}[step.speed]
-    chances = [(max(each.count, 1) / each.duration_s) ** often for each in segments]
+    chances = [(max(segment.count, 1) / segment.duration_s) ** often for segment in segments]
     pieces: list[Piece] = []
-    done, total = 0, 0.0
+    done, total_s = 0, 0.0
     first = maker.draw(segments, chances)  # a person jumps in one way throughout
-    own = [each for each in segments if each.clip == first.clip]
-    while not _enough(step, done, total, duration_s):
-        piece = maker.piece(maker.draw(own) if pieces else first)
+    same_clip = [segment for segment in segments if segment.clip == first.clip]
+    while not _enough(step, done, total_s, duration_s):
+        piece = maker.piece(maker.draw(same_clip) if pieces else first)
         piece = edits.paced(piece, pace * float(np.exp(0.06 * maker.rng.standard_normal())))
         if step.count is not None:
             piece = _with_flights(piece, step.count - done)
@@ -437,7 +437,7 @@ def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
         piece = _thrown(maker, piece, step)
         pieces.append(piece)
         done += len(flights(piece))
-        total += len(piece) / RATE_HZ
+        total_s += len(piece) / RATE_HZ
     whole = joined(pieces)
     if step.duration_s is not None:
         whole = _until(maker, whole, step.duration_s, first.clip)
@@ -451,7 +451,7 @@ def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
 def _kinds(maker: Maker, step: Step) -> tuple[str, ...]:
     """Which recorded jumps show what a step asks for; of these every recording has the same chance."""
     ahead = step.direction in ("forward", "straight", None)
-    if step.body_part in ("foot", "leg") and ahead and any(each.kind == "hop" for each in maker.store.segments):
+    if step.body_part in ("foot", "leg") and ahead and any(segment.kind == "hop" for segment in maker.store.segments):
         return ("hop",) if step.direction is None else ("hop", "forward")
     if step.body_part in ("arm", "hand") and step.direction is None:
         return ("jacks",)
@@ -474,10 +474,10 @@ def flights(piece: Piece) -> list[tuple[int, int]]:
 
 def _with_flights(piece: Piece, most: int) -> Piece:
     """A piece up to the middle of the contact after so many flights."""
-    found = flights(piece)
-    if len(found) <= most:
+    spans = flights(piece)
+    if len(spans) <= most:
         return piece
-    return piece.part(0, (found[most - 1][1] + found[most][0]) // 2)
+    return piece.part(0, (spans[most - 1][1] + spans[most][0]) // 2)
 
 
 def _until(maker: Maker, piece: Piece, duration_s: float, clip: str) -> Piece:
@@ -486,11 +486,11 @@ def _until(maker: Maker, piece: Piece, duration_s: float, clip: str) -> Piece:
     landed = [stop for _, stop in flights(piece) if stop + LANDING_S * RATE_HZ < count]
     if not landed:
         return piece.part(0, count)
-    kept = min(len(piece), landed[-1] + round(LANDING_S * RATE_HZ))
-    if kept >= count:
+    jump_frames = min(len(piece), landed[-1] + round(LANDING_S * RATE_HZ))
+    if jump_frames >= count:
         return piece.part(0, count)
-    quiet = stand(maker, Step(action="stand"), (count - kept) / RATE_HZ, clip=clip)
-    return joined([piece.part(0, kept), quiet], blend_s=0.5).part(0, count)
+    quiet = stand(maker, Step(action="stand"), (count - jump_frames) / RATE_HZ, clip=clip)
+    return joined([piece.part(0, jump_frames), quiet], blend_s=0.5).part(0, count)
 
 
 def _on_one_leg(maker: Maker, piece: Piece, side: str | None) -> Piece:

@@ -129,11 +129,11 @@ def read_store(index: Path, clips: Path) -> Store:
     """An index and the clips that it names; the clips are read when they are used."""
     try:
         values = json.loads(read_bytes(index, limit=MOST_BYTES, noun="clip index"))
-        segments = tuple(Segment(**_typed(Segment, each)) for each in values["segments"])
-        sources = {str(name): Source(**_typed(Source, each)) for name, each in values["sources"].items()}
-        lost = sorted({each.clip for each in segments} - sources.keys())
-        if lost:
-            raise ValueError(f"no source for clip {lost[0]}")
+        segments = tuple(Segment(**_typed(Segment, entry)) for entry in values["segments"])
+        sources = {str(name): Source(**_typed(Source, entry)) for name, entry in values["sources"].items()}
+        unsourced = sorted({segment.clip for segment in segments} - sources.keys())
+        if unsourced:
+            raise ValueError(f"no source for clip {unsourced[0]}")
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
@@ -199,9 +199,9 @@ def unpacked(data: np.ndarray, skeleton: np.ndarray) -> tuple[Poses, np.ndarray]
 def _typed(kind: type, values: Any) -> dict[str, Any]:
     """Fields of a segment or a source, each of its type."""
     kinds = {"str": str, "int": int, "float": (int, float)}
-    known = {each.name: kinds[str(each.type)] for each in fields(kind)}
+    field_types = {field.name: kinds[str(field.type)] for field in fields(kind)}
     for name, value in values.items():
-        if name not in known or not isinstance(value, known[name]) or isinstance(value, bool):  # type: ignore[arg-type]
+        if name not in field_types or not isinstance(value, field_types[name]) or isinstance(value, bool):  # type: ignore[arg-type]
             raise ValueError(f"{name} has a wrong value")
     return dict(values)
 

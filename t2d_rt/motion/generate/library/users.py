@@ -46,7 +46,7 @@ def registry() -> Path:
 def with_users(store: Store, index: str | Path) -> Store:
     """The store with the clips of an index of the user's."""
     path = file_path("library", index)
-    segments, sources, own = [], dict(store.sources), dict(store.own)
+    segments, sources, files = [], dict(store.sources), dict(store.own)
     for line, row in rows(path, measured=True):
         name = f"{Path(row['file']).name}#{line}"
         segment = Segment(
@@ -63,9 +63,9 @@ def with_users(store: Store, index: str | Path) -> Store:
             distance_m=float(row["distance_m"]),
         )
         segments.append(segment)
-        own[name] = Path(row["file"])
-        sources[name] = Source(file=own[name].name, licence="yours", sha256="", subject=str(own[name].parent))
-    return replace(store, segments=(*store.segments, *segments), sources=sources, own=own)
+        files[name] = Path(row["file"])
+        sources[name] = Source(file=files[name].name, licence="yours", sha256="", subject=str(files[name].parent))
+    return replace(store, segments=(*store.segments, *segments), sources=sources, own=files)
 
 
 def _kind(row: Mapping[str, str]) -> str:
@@ -90,32 +90,32 @@ def add(
     base = file_path("folder", folder)
     if not base.is_dir():
         raise InputError(f"there is no folder '{base}' of clips; check the path")
-    found: list[dict[str, str]] = []
+    added: list[dict[str, str]] = []
     for line, row in rows(file_path("index", index)):
         path = (base / row["file"]).resolve()
         if not path.is_relative_to(base.resolve()):
             raise InputError(
                 f"line {line} of {index} names {shown(row['file'])}, which is not in {base}; name files in the folder"
             )
-        found.append(_measured(path, row, f"line {line} of {index}"))
+        added.append(_measured(path, row, f"line {line} of {index}"))
     target = registry() if library is None else file_path("library", library)
-    kept = [row for _, row in rows(target, measured=True)] if target.is_file() else []
-    files = {row["file"] for row in found}
-    others = [row for row in kept if row["file"] not in files]
-    write(target, [*others, *found])
-    return found, len(kept) - len(others)
+    listed = [row for _, row in rows(target, measured=True)] if target.is_file() else []
+    files = {row["file"] for row in added}
+    others = [row for row in listed if row["file"] not in files]
+    write(target, [*others, *added])
+    return added, len(listed) - len(others)
 
 
 def remove(what: str | Path, *, library: str | Path | None = None) -> int:
     """Takes the clips of a file, or of a folder's files, out of the library's index, and returns how many; the files stay."""
     target = registry() if library is None else file_path("library", library)
     gone = file_path("what", what).resolve()
-    kept = [row for _, row in rows(target, measured=True)]
-    left = [row for row in kept if Path(row["file"]) != gone and not Path(row["file"]).is_relative_to(gone)]
-    if len(left) == len(kept):
+    listed = [row for _, row in rows(target, measured=True)]
+    others = [row for row in listed if Path(row["file"]) != gone and not Path(row["file"]).is_relative_to(gone)]
+    if len(others) == len(listed):
         raise InputError(f"the library has no clip of '{gone}'; t2d-rt library list shows those that it has")
-    write(target, left)
-    return len(kept) - len(left)
+    write(target, others)
+    return len(listed) - len(others)
 
 
 def rows(path: Path, *, measured: bool = False) -> Iterable[tuple[int, dict[str, str]]]:
@@ -125,49 +125,49 @@ def rows(path: Path, *, measured: bool = False) -> Iterable[tuple[int, dict[str,
         reader = csv.DictReader(io.StringIO(text), strict=True)
         columns = list(reader.fieldnames or [])
         needed = (*NEEDED, "stop_s", *MEASURED) if measured else NEEDED
-        lost = [name for name in needed if name not in columns]
+        missing = [name for name in needed if name not in columns]
         extra = [name for name in columns if name not in (*NEEDED, *OPTIONAL, *MEASURED)]
-        if lost or extra or len(set(columns)) != len(columns):
+        if missing or extra or len(set(columns)) != len(columns):
             raise InputError(
                 f"the clip index {path} must have the columns {', '.join(NEEDED)} and may have {', '.join(OPTIONAL)}, got "
                 f"{shown(', '.join(map(str, columns)))}; correct its first line"
             )
-        found: list[tuple[int, dict[str, str]]] = []
+        numbered_rows: list[tuple[int, dict[str, str]]] = []
         for row in reader:
-            if len(found) == MOST_ROWS:
+            if len(numbered_rows) == MOST_ROWS:
                 raise InputError(f"the clip index {path} has more than {MOST_ROWS} lines; split it")
-            found.append((reader.line_num, _checked(row, f"line {reader.line_num} of {path}", measured)))
+            numbered_rows.append((reader.line_num, _checked(row, f"line {reader.line_num} of {path}", measured)))
     except (csv.Error, UnicodeDecodeError) as error:
         raise InputError(f"the clip index {path} is no table of comma-separated values ({error}); correct it") from None
-    if not found and not measured:
+    if not numbered_rows and not measured:
         raise InputError(f"the clip index {path} has no line beside its first; list the clips in it")
-    return found
+    return numbered_rows
 
 
 def _checked(row: Mapping[str | None, object], where: str, measured: bool) -> dict[str, str]:
     if None in row or any(not isinstance(value, str) for value in row.values()):
         raise InputError(f"{where} has another number of values than the first line; correct it")
-    found = {name: str(row.get(name) or "").strip() for name in (*NEEDED, *OPTIONAL, *MEASURED)}
-    if not found["file"] or "\0" in found["file"]:
+    cells = {name: str(row.get(name) or "").strip() for name in (*NEEDED, *OPTIONAL, *MEASURED)}
+    if not cells["file"] or "\0" in cells["file"]:
         raise InputError(f"{where} names no file; fill the column file")
     kinds = {"action": Action, "direction": Direction, "speed": Speed}
     words: dict[str, tuple[str, ...]] = {name: get_args(kind) for name, kind in kinds.items()}
-    for name, known in {"class": ACTIVITIES, **words}.items():
-        if found[name] not in known and (found[name] or name in NEEDED):
-            raise InputError(f"{where} has {name} {shown(found[name])}; it must be one of {', '.join(known)}")
-    if found["action"] not in (*ACTIONS_OF[found["class"]], "stand"):  # type: ignore[index]
-        raise InputError(f"{where}: class {found['class']} has no action {found['action']}; correct one of them")
+    for name, allowed in {"class": ACTIVITIES, **words}.items():
+        if cells[name] not in allowed and (cells[name] or name in NEEDED):
+            raise InputError(f"{where} has {name} {shown(cells[name])}; it must be one of {', '.join(allowed)}")
+    if cells["action"] not in (*ACTIONS_OF[cells["class"]], "stand"):  # type: ignore[index]
+        raise InputError(f"{where}: class {cells['class']} has no action {cells['action']}; correct one of them")
     for name in ("start_s", "stop_s", *(MEASURED if measured else ())):
         try:
-            value = float(found[name] or 0)
+            value = float(cells[name] or 0)
         except ValueError:
             value = np.nan
         if not (np.isfinite(value) and abs(value) < 1e6 and (value >= 0 or name == "turn_deg")):
             raise InputError(
-                f"{where} has {name} {shown(found[name])}; it must be a number of seconds"
+                f"{where} has {name} {shown(cells[name])}; it must be a number of seconds"
                 + (" or metres" if measured else "")
             )
-    return found
+    return cells
 
 
 def _measured(path: Path, row: dict[str, str], where: str) -> dict[str, str]:

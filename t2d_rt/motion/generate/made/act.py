@@ -187,8 +187,8 @@ class Act:
 
     def wobble(self, mean: float) -> tuple[float, float]:
         """The same thing for both sides, not quite alike."""
-        both = self.about(0, 0.10)
-        return mean * (1 + both + self.about(0, 0.05)), mean * (1 + both + self.about(0, 0.05))
+        common = self.about(0, 0.10)
+        return mean * (1 + common + self.about(0, 0.05)), mean * (1 + common + self.about(0, 0.05))
 
     def hang(self) -> Hang:
         """An arm that hangs in this person's way."""
@@ -244,9 +244,9 @@ class Act:
 
     def lift(self, height_m: float) -> None:
         """Begin on a floor that is higher."""
-        for each in ("z", "left_z", "right_z", "ground"):
-            self.values[each] += height_m
-            self.first[each] += height_m
+        for channel in ("z", "left_z", "right_z", "ground"):
+            self.values[channel] += height_m
+            self.first[channel] += height_m
         self.place = replace(self.place, floor_m=self.place.floor_m + height_m)
 
     # --- what has been written ---
@@ -262,15 +262,15 @@ class Act:
     @property
     def end_s(self) -> float:
         """When the last move ends."""
-        timed: list[Move | Grasp] = [*self.moves, *self.grasps["left"], *self.grasps["right"]]
-        return max([self.now_s, *(each.start_s + each.duration_s for each in timed)])
+        actions: list[Move | Grasp] = [*self.moves, *self.grasps["left"], *self.grasps["right"]]
+        return max([self.now_s, *(action.start_s + action.duration_s for action in actions)])
 
     def sampled(self, times_s: np.ndarray) -> np.ndarray:
         """Channels (T, C) at times (T,)."""
-        found = np.tile([self.first[name] for name in CHANNELS], (len(times_s), 1))
-        for each in self.moves:
-            found[:, INDEX[each.channel]] += each.change * progress(times_s, each.start_s, each.duration_s, each.skew)
-        return found
+        table = np.tile([self.first[name] for name in CHANNELS], (len(times_s), 1))
+        for move in self.moves:
+            table[:, INDEX[move.channel]] += move.change * progress(times_s, move.start_s, move.duration_s, move.skew)
+        return table
 
 
 def progress(times_s: np.ndarray, start_s: float, duration_s: float, skew: float = 1.0) -> np.ndarray:
@@ -313,17 +313,17 @@ def stance(anatomy: Anatomy, rng: np.random.Generator, *, handed: str, step: Ste
 
 def resumed(act: Act, step: Step) -> Act:
     """An act that begins where another one ends, at rest, before a step."""
-    found = replace(
+    next_act = replace(
         act, moves=[], grasps={"left": [], "right": []}, starts={side: act.goal(side) for side in SIDES}, now_s=0.0
     )
-    found.wait((1.0 if step.duration_s is None else PROMPT) * found.u(*BEFORE_S))
-    return found
+    next_act.wait((1.0 if step.duration_s is None else PROMPT) * next_act.u(*BEFORE_S))
+    return next_act
 
 
 def tempo_of(step: Step, rng: np.random.Generator, individual: float) -> float:
     """Factor on the speed of everything."""
-    drawn = float(np.exp(0.08 * np.clip(rng.standard_normal(), -2.0, 2.0)))
-    return individual * SPEED[step.speed] * MANNER[step.manner] * drawn
+    variation = float(np.exp(0.08 * np.clip(rng.standard_normal(), -2.0, 2.0)))
+    return individual * SPEED[step.speed] * MANNER[step.manner] * variation
 
 
 # --- standing, and steps on the spot ---
@@ -346,9 +346,9 @@ def middle(act: Act, side: str | None = None) -> tuple[float, float]:
     x, y = 0.0, 0.0
     sides = SIDES if side is None else (side,)
     back = (1 - act.habits.lean) * act.anatomy.foot_m
-    for each in sides:
-        ball = act.at(each)
-        yaw = act.values[f"{each}_yaw"] - act.place.yaw_rad
+    for foot in sides:
+        ball = act.at(foot)
+        yaw = act.values[f"{foot}_yaw"] - act.place.yaw_rad
         x += (ball[0] - back * np.cos(yaw)) / len(sides)
         y += (ball[1] - back * np.sin(yaw)) / len(sides)
     return x, y

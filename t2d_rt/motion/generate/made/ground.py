@@ -257,15 +257,15 @@ def _roll(act: Act, towards: str) -> None:
     bow_rad = max(0.0, float(np.arcsin(np.clip(1.6 * need / body.trunk_m, 0, 0.5))))
     act.move(0.2, roll_s, side=-sign * bow_rad, tilt=sign * act.u(4, 12) * DEG)
     x, y = act.at("hips")
-    for each in SIDES:
-        top = each != side
+    for leg in SIDES:
+        top = leg != side
         # Over a bent knee one does not roll onto the belly.
         bend = act.u(0.991, 0.996) if prone else act.u(0.78, 0.88) if top else act.u(0.88, 0.95)
         angle = act.u(0.0, 0.04) if prone else act.u(0.25, 0.4)
         ahead, forward = bend * body.leg_m * float(np.cos(angle)), sign * bend * body.leg_m * float(np.sin(angle))
         height = HEEL * act.tall + (0.05 * act.tall if top else 0.0)
-        act.put(each, 0.15, roll_s, (x + ahead, y + forward, height))
-        act.limb(each, 0.15, 0.6 * roll_s, loose=1.0, tip=0.0, yaw=act.place.yaw_rad)
+        act.put(leg, 0.15, roll_s, (x + ahead, y + forward, height))
+        act.limb(leg, 0.15, 0.6 * roll_s, loose=1.0, tip=0.0, yaw=act.place.yaw_rad)
     act.wait(roll_s + 0.2)
     act.notes.append(f"on the {side} side" if not prone else "on the belly")
     if prone:

@@ -127,8 +127,8 @@ class Anatomy:
     def tilt_rad(self) -> float:
         """Forward pitch of the pelvis's frame in neutral standing: hips lie below its joint, wherever the file's axis points."""
         drop = float(np.hypot(self.middle[0], self.middle[2]))
-        known = float(np.clip(drop / 0.05 - 0.4, 0.0, 1.0))
-        return known * float(np.arctan2(self.middle[0], -self.middle[2]))
+        certainty = float(np.clip(drop / 0.05 - 0.4, 0.0, 1.0))
+        return certainty * float(np.arctan2(self.middle[0], -self.middle[2]))
 
     @cached_property
     def mass_weights(self) -> np.ndarray:
@@ -213,8 +213,8 @@ class Hang(Goal):
         sign = SIGN[side]
         first, second = figure.anatomy.bones_m(side, "elbow", "wrist")
         length = np.sqrt(first**2 + second**2 + 2 * first * second * np.cos(self.bend_rad))
-        ahead, out = self.forward_rad, self.out_rad
-        down = np.array([np.sin(ahead), sign * np.sin(out), -np.cos(ahead) * np.cos(out)])
+        ahead_rad, out_rad = self.forward_rad, self.out_rad
+        down = np.array([np.sin(ahead_rad), sign * np.sin(out_rad), -np.cos(ahead_rad) * np.cos(out_rad)])
         frame = quaternions.blend(figure.turns["heading"], figure.turns["spine3"], np.array(self.follow))
         wrist = figure.points[f"{side}_shoulder"] + length * quaternions.rotate(frame, down / np.linalg.norm(down))
         return Hand(wrist, quaternions.rotate(frame, np.array([-1.0, 0.25 * sign, 0.0])))
@@ -266,9 +266,9 @@ class AtPoint(Goal):
     def place(self, figure: Figure, side: str) -> Hand:
         """The wrist at the point, elbow and hand turned with the frame."""
         frame, wrist = self.wrist(figure, side)
-        out = np.array([1.0, SIGN[side], 1.0])
+        mirror = np.array([1.0, SIGN[side], 1.0])
         directions = [self.elbow] if self.fingers is None else [self.elbow, self.fingers, self.back]
-        return Hand(wrist, *(quaternions.rotate(frame, np.array(each) * out) for each in directions))
+        return Hand(wrist, *(quaternions.rotate(frame, np.array(direction) * mirror) for direction in directions))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -281,9 +281,9 @@ class OnChest(AtPoint):
     def wrist(self, figure: Figure, side: str) -> tuple[np.ndarray, np.ndarray]:
         """In the frame of the upper spine."""
         chest, body = figure.turns["spine3"], figure.anatomy
-        rest = body.offset(f"{side}_collar") + body.offset(f"{side}_shoulder")
+        shoulder = body.offset(f"{side}_collar") + body.offset(f"{side}_shoulder")
         ahead, aside, up = self.at
-        local = rest + body.arm_m * np.array([ahead, aside * SIGN[side], up])
+        local = shoulder + body.arm_m * np.array([ahead, aside * SIGN[side], up])
         return chest, figure.points["spine3"] + quaternions.rotate(chest, local)
 
 

@@ -162,12 +162,12 @@ def make(
 def _does(poses: Poses, spans: Sequence[tuple[str, float, float, str, str]]) -> Begins:
     """What is done when, of steps with begin and end [s] and the rests before and after them."""
     joints, _ = poses.world()
-    found: list[tuple[str, int]] = [(spans[0][3], 0)]
+    begins: list[tuple[str, int]] = [(spans[0][3], 0)]
     for action, begin_s, end_s, before, after in spans:
         first, stop = round(begin_s * poses.rate_hz), min(round(end_s * poses.rate_hz), len(joints))
-        each = doing(action, joints[first:stop], poses.rate_hz, before=before, after=after)
-        found += [*((name, first + frame) for name, frame in each), (after, stop)]
-    return tuple(found)
+        action_begins = doing(action, joints[first:stop], poses.rate_hz, before=before, after=after)
+        begins += [*((name, first + frame) for name, frame in action_begins), (after, stop)]
+    return tuple(begins)
 
 
 def _begun(anatomy: Anatomy, rng: np.random.Generator, handed: str, step: Step, begins: Posture | None) -> Act:
@@ -226,19 +226,19 @@ class Stretch:
     def moves(self, moves: list[T]) -> list[T]:
         """Moves or grasps at their new times."""
         return [
-            replace(each, start_s=self.later(each.start_s), duration_s=each.duration_s * self.factor) for each in moves
+            replace(move, start_s=self.later(move.start_s), duration_s=move.duration_s * self.factor) for move in moves
         ]
 
 
 def _planted(table: np.ndarray, rate_hz: float) -> np.ndarray:
     """Contacts (T, 2, 2) from the channels (T, C) of the feet: still, heel or ball or both down."""
-    found = np.zeros((len(table), 2, 2), dtype=bool)
+    planted = np.zeros((len(table), 2, 2), dtype=bool)
     for number, side in enumerate(SIDES):
         x, y, z, tip, pivot, loose = (
             table[:, INDEX[f"{side}_{part}"]] for part in ("x", "y", "z", "tip", "pivot", "loose")
         )
         speed = np.linalg.norm(np.gradient(np.stack([x, y, z]), axis=1), axis=0) * rate_hz
         stands = (speed < STILL_MPS) & (loose < 0.01)
-        found[:, number, 0] = stands & (np.abs(tip) < 0.02) | (stands & (pivot < 0.01))
-        found[:, number, 1] = stands & (pivot > 0.99) & (tip > -0.02)
-    return found
+        planted[:, number, 0] = stands & (np.abs(tip) < 0.02) | (stands & (pivot < 0.01))
+        planted[:, number, 1] = stands & (pivot > 0.99) & (tip > -0.02)
+    return planted

@@ -61,14 +61,14 @@ def shaken(
     values: np.ndarray, times_s: np.ndarray, moving: np.ndarray, rng: np.random.Generator, amount: float
 ) -> np.ndarray:
     """Channels (T, C) with sway and with noise of movement; feet, hips' height and seat stay as they are."""
-    found = values.copy()
+    channels = values.copy()
     slow = wander(rng, times_s, len(SWAY), SWAY_HZ, SWAY_SLOPE)
     fast = wander(rng, times_s, len(MOTOR), MOTOR_HZ, MOTOR_SLOPE)
     for number, (name, size) in enumerate(SWAY.items()):
-        found[:, INDEX[name]] += amount * size * slow[:, number]
+        channels[:, INDEX[name]] += amount * size * slow[:, number]
     for number, (name, size) in enumerate(MOTOR.items()):
-        found[:, INDEX[name]] += amount * size * moving * fast[:, number]
-    return found
+        channels[:, INDEX[name]] += amount * size * moving * fast[:, number]
+    return channels
 
 
 def hand_noise(times_s: np.ndarray, moving: np.ndarray, rng: np.random.Generator, amount: float) -> np.ndarray:
@@ -133,7 +133,7 @@ class Renderer:
         figure = _body(self.anatomy, self.values, hips)
         for side in SIDES:
             _arm(figure, side, self.arms[side], self.values["ground"], self.rate_hz)
-        return tuple(np.stack([each[name] for name in NAMES], axis=1) for each in (figure.points, figure.turns))  # type: ignore[return-value]
+        return tuple(np.stack([by_joint[name] for name in NAMES], axis=1) for by_joint in (figure.points, figure.turns))  # type: ignore[return-value]
 
     def centre_of_mass(self, hips: np.ndarray) -> np.ndarray:
         """(T, 3) [m] for places of the hips (T, 3)."""
@@ -144,17 +144,17 @@ class Renderer:
         hips, weight = self.hips(), np.clip(self.values["balanced"], 0.0, 1.0)[:, None]
         if not weight.any():
             return hips
-        wanted = np.stack([self.values["com_x"], self.values["com_y"]], axis=1)
-        found = hips.copy()
-        found[:, :2] = wanted
+        target = np.stack([self.values["com_x"], self.values["com_y"]], axis=1)
+        balanced = hips.copy()
+        balanced[:, :2] = target
         for _ in range(BALANCE_STEPS):
-            found[:, :2] += np.clip(1.3 * (wanted - self.centre_of_mass(found)[:, :2]), -0.2, 0.2)
+            balanced[:, :2] += np.clip(1.3 * (target - self.centre_of_mass(balanced)[:, :2]), -0.2, 0.2)
         if self.rate_hz > 0:  # where nobody could balance, as on a folded leg, the search ends here and there
             from scipy.ndimage import gaussian_filter1d
 
-            found[:, :2] = gaussian_filter1d(found[:, :2], 0.04 * self.rate_hz, axis=0, mode="nearest")
-        found[:, :2] = weight * found[:, :2] + (1 - weight) * hips[:, :2]
-        return found
+            balanced[:, :2] = gaussian_filter1d(balanced[:, :2], 0.04 * self.rate_hz, axis=0, mode="nearest")
+        balanced[:, :2] = weight * balanced[:, :2] + (1 - weight) * hips[:, :2]
+        return balanced
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,14 +173,14 @@ class Arm:
 def render(act: Act, *, rng: np.random.Generator, rate_hz: float, noise: float = 1.0) -> tuple[Poses, np.ndarray]:
     """Poses at `rate_hz` from time 0 to the act's end, and the channels (T, C) that they were made of."""
     times = np.arange(int(np.ceil(act.end_s * rate_hz)) + 1) / rate_hz
-    plain = act.sampled(times)
-    moving = activity(plain, rate_hz)
-    table = shaken(plain, times, moving, rng, noise)
+    smooth = act.sampled(times)
+    moving = activity(smooth, rate_hz)
+    table = shaken(smooth, times, moving, rng, noise)
     arms = {
         side: Arm(
-            goals=[act.starts[side], *(each.goal for each in act.grasps[side])],
-            done=[progress(times, each.start_s, each.duration_s) for each in act.grasps[side]],
-            aside_m=[each.aside_m for each in act.grasps[side]],
+            goals=[act.starts[side], *(grasp.goal for grasp in act.grasps[side])],
+            done=[progress(times, grasp.start_s, grasp.duration_s) for grasp in act.grasps[side]],
+            aside_m=[grasp.aside_m for grasp in act.grasps[side]],
             shake=hand_noise(times, moving, rng, noise),
         )
         for side in SIDES
@@ -247,26 +247,26 @@ def _foot(anatomy: Anatomy, values: Mapping[str, np.ndarray], side: str, turns: 
 
 def _within_reach(anatomy: Anatomy, pelvis: np.ndarray, hips: np.ndarray, ankles: Sides, tied: Sides) -> np.ndarray:
     """Hips lowered, without a corner in time, where a leg would not reach its foot; a foot that lies about (tied 0) follows."""
-    found = hips.copy()
+    lowered = hips.copy()
     for side in SIDES:
         offset = quaternions.rotate(pelvis, anatomy.offset(f"{side}_hip") - anatomy.middle)
         longest = REACH * sum(anatomy.skeleton.bone_m(f"{side}_{joint}") for joint in ("knee", "ankle"))
-        level = found[:, :2] + offset[:, :2] - ankles[side][:, :2]
+        level = lowered[:, :2] + offset[:, :2] - ankles[side][:, :2]
         height = np.sqrt(np.maximum(longest**2 - (level**2).sum(-1), (0.12 * longest) ** 2))
         highest = ankles[side][:, 2] + height - offset[:, 2]
-        found[:, 2] -= tied[side] * SOFT_M * np.logaddexp(0.0, (found[:, 2] - highest) / SOFT_M)
-    return found
+        lowered[:, 2] -= tied[side] * SOFT_M * np.logaddexp(0.0, (lowered[:, 2] - highest) / SOFT_M)
+    return lowered
 
 
 def _leg(figure: Figure, values: Mapping[str, np.ndarray], side: str, ankle: np.ndarray) -> None:
     """Hip and knee for a given ankle; the knee points where the foot and the pelvis do."""
     points, turns = figure.points, figure.turns
     hip = points["pelvis"] + quaternions.rotate(turns["pelvis"], figure.anatomy.offset(f"{side}_hip"))
-    out = 0.7 * (values[f"{side}_yaw"] - values["yaw"]) + SIGN[side] * values[f"{side}_splay"]
+    outward = 0.7 * (values[f"{side}_yaw"] - values["yaw"]) + SIGN[side] * values[f"{side}_splay"]
     backward = values["pitch"] - np.logaddexp(0.0, values["pitch"] / 0.15) * 0.15
     frame = _chain(turns["heading"], (Y, backward), (X, -values["roll"]), (Z, values["spin"]))
     upright = np.maximum(quaternions.rotate(frame, Z)[:, 2:], 0.0)
-    pole = quaternions.rotate(_chain(frame, (Z, out)), X) + 0.6 * upright**2 * Z
+    pole = quaternions.rotate(_chain(frame, (Z, outward)), X) + 0.6 * upright**2 * Z
     knee, end, side_on = _two_bones(hip, ankle, pole, figure.anatomy.bones_m(side, "knee", "ankle"), LEG_SOFT)
     hinge = vector_product(side_on, ankle - hip)
     turns[f"{side}_hip"] = axes_along("z", hip - knee, "y", hinge)
@@ -355,7 +355,7 @@ def _swept(start: np.ndarray, end: np.ndarray, part: np.ndarray) -> np.ndarray:
     a, b = unit(start), unit(end)
     angle = np.arccos(np.clip((a * b).sum(-1, keepdims=True), -0.9999, 0.99999))
     span = (np.sin((1 - part) * angle) * a + np.sin(part * angle) * b) / np.sin(angle)
-    first, last = (np.linalg.norm(each, axis=-1, keepdims=True) for each in (start, end))
+    first, last = (np.linalg.norm(vector, axis=-1, keepdims=True) for vector in (start, end))
     return ((1 - part) * first + part * last) * unit(span)
 
 

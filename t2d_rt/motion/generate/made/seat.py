@@ -74,14 +74,14 @@ def sit(act: Act, step: Step, *, backrest: bool = True) -> None:
     x, y = middle(act)
     act.put("com", 0.12, 0.8 * down_s, (x - 0.3 * act.anatomy.foot_m, y))
     leans = backrest and not on_stair and act.chance(0.5)
-    rest = _resting_hands(act, seat_m, leans=leans)
+    resting = _resting_hands(act, seat_m, leans=leans)
     for side in SIDES:
         goal = support.get(side)
         if goal is not None:
             act.reach(side, goal, act.u(0.05, 0.25) * down_s, 0.6 * down_s, 0.06)
-            act.reach(side, rest[side], 1.15 * down_s + act.u(0.1, 0.5), act.u(0.6, 0.9), 0.08)
+            act.reach(side, resting[side], 1.15 * down_s + act.u(0.1, 0.5), act.u(0.6, 0.9), 0.08)
         else:
-            act.reach(side, rest[side], 0.4 * down_s + act.u(0, 0.15), down_s * act.u(0.7, 0.9), 0.07)
+            act.reach(side, resting[side], 0.4 * down_s + act.u(0, 0.15), down_s * act.u(0.7, 0.9), 0.07)
     act.wait(0.12 + down_s * 0.92)
     settle(act, step, leans=leans)
     act.posture = "sitting"
@@ -133,7 +133,7 @@ def counterbalance(act: Act, hips: tuple[float, float, float], flex: float, *, b
     table = np.tile([values[name] for name in INDEX], (len(LEANS), 1))
     table[:, INDEX["pitch"]] = LEANS
     _, com = still(act.anatomy, table)
-    ahead = np.array([act.place.local(*each[:2])[0] for each in com])
+    ahead = np.array([act.place.local(*point[:2])[0] for point in com])
     ankle_x = float(np.mean([act.at(side)[0] for side in SIDES])) - act.anatomy.foot_m
     enough = ahead > ankle_x - behind_m
     return float(LEANS[int(np.argmax(enough))] if enough.any() else LEANS[-1])
@@ -226,13 +226,13 @@ def _resting_hands(act: Act, seat_m: float, *, leans: bool) -> dict[str, Goal]:
         return dict.fromkeys(SIDES, folded)
     along = act.wobble({"thighs": 0.62, "knees": 0.84, "lap": 0.50}[how] * (0.68 if leans else 1.0))
     out = {"thighs": 0.0, "knees": 0.003, "lap": -0.022}[how]
-    found: dict[str, Goal] = {
-        side: OnBone(along=min(each, 0.92), out=out) for side, each in zip(SIDES, along, strict=True)
+    goals: dict[str, Goal] = {
+        side: OnBone(along=min(part, 0.92), out=out) for side, part in zip(SIDES, along, strict=True)
     }
     for side in SIDES:
         if not leans and act.chance(0.2):
-            found[side] = _armrest(act, seat_m, side)
-    return found
+            goals[side] = _armrest(act, seat_m, side)
+    return goals
 
 
 def _glance(act: Act, down_s: float) -> None:
@@ -335,12 +335,12 @@ def _tread(act: Act, side: str, point: tuple[float, float, float], *, period: fl
 
 def _swing_arms(act: Act, side: str, period: float) -> None:
     """The arm of the other side goes forward with the swinging leg; less than in level walking."""
-    for each in SIDES:
-        forward = each != side
+    for arm in SIDES:
+        forward = arm != side
         goal = act.hang()
         angle = act.u(14, 24) * DEG if forward else -act.u(2, 9) * DEG
         bend = goal.bend_rad + (act.u(8, 18) * DEG if forward else 0.0)
-        act.reach(each, replace(goal, forward_rad=angle, bend_rad=bend), -0.75 * period, 0.9 * period)
+        act.reach(arm, replace(goal, forward_rad=angle, bend_rad=bend), -0.75 * period, 0.9 * period)
 
 
 def _slide_rail(act: Act, side: str, *, x: float, height: float, period: float) -> None:

@@ -72,24 +72,24 @@ def bend_down(act: Act, step: Step) -> None:
     forward = act.u(0.0, 0.25) * act.anatomy.foot_m
     x, y = middle(act)
     act.put("com", 0.1 * down_s, 0.9 * down_s, (x + forward, y))
-    for each, goal in goals.items():
-        act.reach(each, goal, act.u(0.05, 0.15) * down_s, down_s * act.u(0.88, 0.96), 0.02)
+    for hand, goal in goals.items():
+        act.reach(hand, goal, act.u(0.05, 0.15) * down_s, down_s * act.u(0.88, 0.96), 0.02)
     if not both:
-        rest = OnBone(along=act.u(0.55, 0.9)) if act.chance(0.55) else act.hang()
-        act.reach(free, rest, 0.15 * down_s, 0.8 * down_s, 0.05)
+        free_goal = OnBone(along=act.u(0.55, 0.9)) if act.chance(0.55) else act.hang()
+        act.reach(free, free_goal, 0.15 * down_s, 0.8 * down_s, 0.05)
     act.wait(1.03 * down_s + rest_s)
     if picks:
-        for each in goals:
+        for hand in goals:
             near = act.u(0.42, 0.55), act.u(-0.28, -0.12), act.u(-0.55, -0.4)
-            act.reach(each, OnChest(at=near, elbow=(-0.5, 0.5, -0.8)), 0.1 * up_s, up_s * act.u(0.9, 1.0))
+            act.reach(hand, OnChest(at=near, elbow=(-0.5, 0.5, -0.8)), 0.1 * up_s, up_s * act.u(0.9, 1.0))
         if not both:
             act.reach(free, act.hang(), 0.15 * up_s, 0.8 * up_s, 0.05)
     stand_tall(act, 0.0, up_s, arms=not picks)
     act.wait(up_s)
     if picks and act.chance(0.5):
         act.wait(0.3)
-        for each in SIDES:
-            act.reach(each, act.hang(), 0.0, act.u(0.6, 0.9))
+        for hand in SIDES:
+            act.reach(hand, act.hang(), 0.0, act.u(0.6, 0.9))
         act.wait(0.6)
     act.wait(act.u(0.15, 0.35))
 
@@ -113,28 +113,28 @@ def _bend_arms_out(act: Act, step: Step) -> None:
 def _low_goals(act: Act, step: Step, side: str, *, both: bool, picks: bool) -> dict[str, Goal]:
     """Where the hands go: a thing ahead of the feet, floor, feet, shins or knees."""
     sides = SIDES if both else (side,)
-    found: dict[str, Goal] = {}
+    goals: dict[str, Goal] = {}
     ahead, aside = act.u(0.12, 0.42), act.u(-0.06, 0.20)
     if step.direction in ("left", "right"):
         aside += (0.28 if step.direction == "left" else -0.28) * SIGN[side]
-    for each in sides:
+    for hand in sides:
         if step.body_part == "foot":
-            x, y = act.at(each)
-            point, fingers = (x - act.u(0.0, 0.05), y + SIGN[each] * 0.015, 0.055 * act.tall + 0.02), (0.4, 0.0, -0.9)
+            x, y = act.at(hand)
+            point, fingers = (x - act.u(0.0, 0.05), y + SIGN[hand] * 0.015, 0.055 * act.tall + 0.02), (0.4, 0.0, -0.9)
         elif (step.body_part == "waist" and not picks) or not (
             picks or step.object == "floor" or step.direction == "down" or act.chance(0.5)
         ):
             along = act.u(0.15, 0.75)
-            found[each] = OnBone(upper="knee", lower="ankle", along=along, lift=0.05)
+            goals[hand] = OnBone(upper="knee", lower="ankle", along=along, lift=0.05)
             continue
         else:
             x = act.anatomy.foot_m + ahead
-            y = SIGN[each] * (aside if not both else act.u(0.07, 0.10) if picks else 0.12)
+            y = SIGN[hand] * (aside if not both else act.u(0.07, 0.10) if picks else 0.12)
             # The hand's end comes to the floor, or beside the thing that lies there.
             point, fingers = (x, y, 0.95 * act.anatomy.hand_m + (0.03 if picks else 0.012)), (0.35, -0.1, -0.95)
         goal = act.place.hold(*point, elbow=(-0.4, 0.8, 0.3), fingers=fingers, back=(0.5, 0.8, 0.3), held=not picks)
-        found[each] = goal
-    return found
+        goals[hand] = goal
+    return goals
 
 
 def _leaned(
@@ -147,8 +147,8 @@ def _leaned(
     """
     body = act.anatomy
     bends = np.minimum(knees_rad + MORE_KNEES, MOST_KNEES)
-    leans, knees = (each.ravel() for each in np.meshgrid(np.linspace(15 * DEG, most_rad, 16), bends))
-    heights = act.place.floor_m + np.array([squat_m(act, each) for each in knees])
+    leans, knees = (grid.ravel() for grid in np.meshgrid(np.linspace(15 * DEG, most_rad, 16), bends))
+    heights = act.place.floor_m + np.array([squat_m(act, knee) for knee in knees])
     values = {**act.values, "twist": twist}
     table = np.tile([values[name] for name in INDEX], (len(leans), 1))
     spine = np.minimum(fraction * leans, 55 * DEG)
@@ -269,18 +269,18 @@ def _down_and_up(
     x, y = middle(act)
     act.put("com", 0.05, (0.6 if heels else 1.0) * down_s, (x + (0.78 if heels else 0.0) * act.anatomy.foot_m, y))
     splay = (act.u(14, 20) if arms == "low" else act.u(2, 14)) * DEG
-    for each in SIDES:
-        act.limb(each, 0.0, down_s, splay=splay * act.u(0.8, 1.2))
+    for body_side in SIDES:
+        act.limb(body_side, 0.0, down_s, splay=splay * act.u(0.8, 1.2))
         if heels:
-            act.limb(each, 0.42 * down_s, 0.6 * down_s, tip=heels * act.u(0.9, 1.1))
-        goal = _squat_hands(act, arms if side in (None, each) else "knees")
+            act.limb(body_side, 0.42 * down_s, 0.6 * down_s, tip=heels * act.u(0.9, 1.1))
+        goal = _squat_hands(act, arms if side in (None, body_side) else "knees")
         if goal is not None:
-            act.reach(each, goal, act.u(0, 0.06), down_s * act.u(0.82, 0.92), 0.03)
+            act.reach(body_side, goal, act.u(0, 0.06), down_s * act.u(0.82, 0.92), 0.03)
     act.wait(down_s * 1.02 + hold_s)
     stand_tall(act, 0.0, up_s, arms=last and arms != "hang")
-    for each in SIDES:
-        act.limb(each, 0.1, up_s, splay=0.0)
-        act.limb(each, 0.05, 0.55 * up_s, tip=0.0)
+    for body_side in SIDES:
+        act.limb(body_side, 0.1, up_s, splay=0.0)
+        act.limb(body_side, 0.05, 0.55 * up_s, tip=0.0)
     act.wait(up_s + (act.u(0.2, 0.4) if last else act.u(0.0, 0.2)))
 
 
@@ -408,8 +408,8 @@ def _stretch_leg(act: Act, side: str) -> None:
     lean = act.u(45, 65)
     act.move(0.0, lean_s, z=act.place.floor_m + squat_m(act, knee) - 0.01 * act.tall)
     act.move(0.0, lean_s, pitch=0.62 * lean * DEG, flex=0.38 * lean * DEG, gaze=act.u(35, 55) * DEG)
-    for each in SIDES:
-        act.reach(each, OnBone(along=act.u(0.6, 0.85)), 0.0, lean_s, 0.04)
+    for hand in SIDES:
+        act.reach(hand, OnBone(along=act.u(0.6, 0.85)), 0.0, lean_s, 0.04)
     act.wait(lean_s + hold_s)
     back_s = act.u(0.8, 1.0)
     stand_tall(act, 0.0, back_s)
@@ -452,10 +452,8 @@ def balance(act: Act, step: Step) -> None:
     act.wait(0.75 * shift_s)
     _hold_leg(act, free, lift_s)
     act.wait(lift_s)
-    wanted_s = (
-        act.u(*HELD_S) if step.duration_s is None else step.duration_s - (act.now_s - begin_s) - down_s / act.tempo
-    )
-    end_s = act.now_s + max(wanted_s, LEAST_HELD_S)
+    hold_s = act.u(*HELD_S) if step.duration_s is None else step.duration_s - (act.now_s - begin_s) - down_s / act.tempo
+    end_s = act.now_s + max(hold_s, LEAST_HELD_S)
     while act.now_s < end_s:
         sway_s = act.u(*SWAY_S) * act.tempo
         act.put("com", 0.0, 1.3 * sway_s, (x + act.about(0, SWAY_M), y + act.about(0, SWAY_M)))
