@@ -37,7 +37,7 @@ POINT_RAYS, POINT_PIECES = 4, 1
 
 Courses = Sequence[np.ndarray] | Callable[[np.ndarray], Sequence[np.ndarray]]
 """Vertices (stop, 3) m of paths, or (stop, K, 3) at times [s] (K,)."""
-_kept = LastUsed[tuple[StaticPath, ...]](16)
+_last_paths = LastUsed[tuple[StaticPath, ...]](16)
 
 
 def static_paths(
@@ -50,14 +50,14 @@ def static_paths(
     """
     tx, rx = radar.tx_position_m, radar.rx_position_m
     out, back = (polarization(radar, angle) for angle in (radar.tx_polarization_deg, radar.rx_polarization_deg))
-    at = [np.asarray(each, float).tobytes() for each in (tx, rx, out, back)]
+    at = [np.asarray(vector, float).tobytes() for vector in (tx, rx, out, back)]
     if radar.track is None:
         samples_s = None
     elif samples_s is None:
         raise ValueError("static paths of a radar that moves are searched at sample times, got None; give samples_s")
     when = None if samples_s is None else (radar.track, samples_s.tobytes())
     key = scene.content, order, radar.mid_frequency_hz, backend.name, when, *at
-    return _kept.get(key, partial(_searched, scene, radar, order, backend, out, back, samples_s))
+    return _last_paths.get(key, partial(_searched, scene, radar, order, backend, out, back, samples_s))
 
 
 def _searched(
@@ -76,19 +76,19 @@ def _searched(
         passing = radar.passing(samples_s)
         beside = passing.points(passing.back.points(np.repeat(rx[None], len(samples_s), axis=0)) + ASIDE_M)
         along = Along.of(radar, (samples_s[0], samples_s[-1]), samples_s)
-    found = find_paths(mirrors, tx, out, radar.mid_frequency_hz, order=order, probes_m=beside, along=along)
+    path_set = find_paths(mirrors, tx, out, radar.mid_frequency_hz, order=order, probes_m=beside, along=along)
     if samples_s is None:
-        return tuple(_path(path, rx, back) for path in found.paths if path.order)
+        return tuple(_path(path, rx, back) for path in path_set.paths if path.order)
     return tuple(
         replace(_path(path, rx, back, samples_s[:1]), at=partial(_path, path, rx, back), fraction=fraction)
-        for path, fraction in zip(found.paths, found.fraction, strict=True)
+        for path, fraction in zip(path_set.paths, path_set.fraction, strict=True)
         if path.order
     )
 
 
 def forget() -> None:
     """Drops the searches for static paths that are kept."""
-    _kept.forget()
+    _last_paths.forget()
 
 
 def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray, times_s: np.ndarray | None = None) -> StaticPath:
@@ -97,7 +97,7 @@ def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray, times_s: 
     there, places = path.in_scene(times_s), receivers
     if path.passing is not None:
         back = passed(path.passing, times_s).back
-        receivers, across = (np.broadcast_to(each, back.shift_m.shape) for each in (receivers, across))
+        receivers, across = (np.broadcast_to(vector, back.shift_m.shape) for vector in (receivers, across))
         places, across = back.points(receivers), back.directions(across)
     stops = vertices(there, places + ASIDE_M)
     ahead = stops[-1] - stops[-2]
@@ -110,30 +110,32 @@ def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray, times_s: 
 
 def existing_over(paths: Sequence[StaticPath], samples_s: np.ndarray, unoccluded: Fraction | None) -> Fraction:
     """Which of a moving radar's paths exist, found at sample times [s] (S,) and faded in between, times what is not occluded."""
-    known = np.stack([path.fraction for path in paths if path.fraction is not None], axis=1)
-    return partial(_existing, known, samples_s, unoccluded)
+    fractions_at_samples = np.stack([path.fraction for path in paths if path.fraction is not None], axis=1)
+    return partial(_existing, fractions_at_samples, samples_s, unoccluded)
 
 
-def _existing(known: np.ndarray, samples_s: np.ndarray, unoccluded: Fraction | None, times_s: np.ndarray) -> np.ndarray:
-    """The fractions of `existing_over`, `known` at its sample times, (K, N)."""
-    found = faded(times_s, samples_s, known.__getitem__)
-    return found if unoccluded is None else found * unoccluded(times_s)
+def _existing(
+    fractions_at_samples: np.ndarray, samples_s: np.ndarray, unoccluded: Fraction | None, times_s: np.ndarray
+) -> np.ndarray:
+    """The fractions of `existing_over` at times (K,) s, from those at its sample times, (K, N)."""
+    fractions = faded(times_s, samples_s, fractions_at_samples.__getitem__)
+    return fractions if unoccluded is None else fractions * unoccluded(times_s)
 
 
 def static_courses(radar: Radar, paths: Sequence[StaticPath], times_s: np.ndarray) -> list[np.ndarray]:
     """Where paths of a radar that moves run at times (K,) as it sees them, (stop, K, 3) m each."""
     passing = radar.passing(times_s)
     stops = (path.at(times_s).stops_m for path in paths if path.at is not None)
-    return [passing.points(each.swapaxes(0, 1)).swapaxes(0, 1) for each in stops]
+    return [passing.points(stop.swapaxes(0, 1)).swapaxes(0, 1) for stop in stops]
 
 
 def roughened(scene: Scene, scattering_coefficient: float, frequency_hz: float) -> Scene:
     """The scene with surfaces that scatter, where their materials do not say how much."""
     surfaces = []
-    for each in scene.surfaces:
-        found = resolved(each.material, frequency_hz)
-        own = found.scattering_coefficient or scattering_coefficient * (not absorbs(found))
-        surfaces.append(replace(each, material=replace(found, scattering_coefficient=own)))
+    for surface in scene.surfaces:
+        material = resolved(surface.material, frequency_hz)
+        coefficient = material.scattering_coefficient or scattering_coefficient * (not absorbs(material))
+        surfaces.append(replace(surface, material=replace(material, scattering_coefficient=coefficient)))
     return replace(scene, surfaces=tuple(surfaces))
 
 
@@ -149,13 +151,13 @@ def rough_points(mirrors: Mirrors, radar: Radar) -> tuple[np.ndarray, np.ndarray
     met = np.isfinite(distance)
     direction, distance, mirror = direction[met], distance[met], mirror[met]
     points = tx + distance[:, None] * direction
-    normal = np.array([each.normal for each in mirrors.each])[mirror]
+    normal = np.array([part.normal for part in mirrors.parts])[mirror]
     cosine = np.einsum("qi,qi->q", direction, normal)
     back = rx - points
     cosine_back = -np.sign(cosine) * np.einsum("qi,qi->q", back, normal) / np.linalg.norm(back, axis=1)
     # The projected area of Omega R^2 / cos_i is Omega R^2.
     rcs = 4 * (4 * np.pi / DIRECTIONS) * distance**2 * np.maximum(cosine_back, 0)
-    of = np.array([each.surface for each in mirrors.each])[mirror]
+    of = np.array([part.surface for part in mirrors.parts])[mirror]
     for number, surface in enumerate(mirrors.scene.surfaces):
         mine = of == number
         material = resolved(surface.material, radar.mid_frequency_hz)
@@ -171,7 +173,7 @@ def _rays_along(wavelength_m: float, rays: int, pieces: int, paths_m: Sequence[n
     bundles = [bundle(np.asarray(path, float), wavelength_m, disc(rays), pieces) for path in paths_m]
     shape = -1, *bundles[0].shape[2:-2], rays, 3
     ends = np.stack(
-        [np.concatenate([each[:, some].reshape(shape) for each in bundles]) for some in (slice(-1), slice(1, None))]
+        [np.concatenate([points[:, part].reshape(shape) for points in bundles]) for part in (slice(-1), slice(1, None))]
     )
     return ends[:, None] if ends.ndim == 4 else ends.swapaxes(1, 2)
 
@@ -202,7 +204,7 @@ class Shadows:
         first = paths_m(samples_s[:1]) if callable(paths_m) else paths_m
         if not callable(paths_m):
             self._standing = self._bundle(paths_m)
-        self._path_of_bundle = np.repeat(np.arange(len(first)), [(len(each) - 1) * pieces for each in first])
+        self._path_of_bundle = np.repeat(np.arange(len(first)), [(len(stops) - 1) * pieces for stops in first])
         self._known = np.full((len(self._samples_s), len(first)), np.nan, np.float32)
         self._mitsuba = mitsuba(backend)
 
@@ -213,8 +215,8 @@ class Shadows:
     def _at_samples(self, numbers: np.ndarray) -> np.ndarray:
         new = numbers[np.isnan(self._known[numbers, 0])]
         for first in range(0, len(new), self._at_once):
-            some = new[first : first + self._at_once]
-            self._known[some] = self.traced(self._samples_s[some])
+            batch = new[first : first + self._at_once]
+            self._known[batch] = self.traced(self._samples_s[batch])
         return self._known[numbers]
 
     def traced(self, times_s: np.ndarray) -> np.ndarray:
@@ -240,12 +242,12 @@ class Shadows:
     def _stopped(self, vertices: np.ndarray, instant: np.ndarray, piece: np.ndarray, ends: np.ndarray) -> np.ndarray:
         """Which rays of pieces (R,) of bundles, given by their `ends`, meet the bodies (K, V, 3) at their instant (R,), bool (R,
         rays)."""
-        reach = 2.2 * max(float(np.abs(each).max()) for each in (vertices, ends))
+        reach = 2.2 * max(float(np.abs(points).max()) for points in (vertices, ends))
         faces = self._faces + np.arange(len(vertices))[:, None, None] * vertices.shape[1]
         bodies, shift = side_by_side(self._mitsuba, vertices, faces, reach)
         starts, stops = np.broadcast_to(ends, (2, len(vertices), *ends.shape[2:]))[:, instant, piece]
         path = stops - starts
         length = np.linalg.norm(path, axis=2)
         direction = path / np.maximum(length, 1e-12)[..., None]
-        found = bodies.ray_test(rays(self._mitsuba, starts + shift[instant], direction, length))
-        return np.asarray(found.numpy().reshape(length.shape))
+        hits = bodies.ray_test(rays(self._mitsuba, starts + shift[instant], direction, length))
+        return np.asarray(hits.numpy().reshape(length.shape))

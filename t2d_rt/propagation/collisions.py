@@ -76,29 +76,31 @@ def checked_time(
     start, stop = time_s
     if (crossed := radar_crossing(scene, radar, start, stop, backend)) is not None:
         when_s, place, name = crossed
-        told = f"the radar goes through {name} of {scene.name} at {when_s - start:.2f} s, at {_place_text(place)}"
+        message = f"the radar goes through {name} of {scene.name} at {when_s - start:.2f} s, at {_place_text(place)}"
         if collisions == "stop":
-            raise InputError(f"{told}; give another track")
-        warn(f"{told}; give another track")
+            raise InputError(f"{message}; give another track")
+        warn(f"{message}; give another track")
     if not outside and (beyond := radar_outside(scene, radar, time_s, backend)) is not None:
         when_s, place = beyond
         moves = radar.track is not None
         when = f" at {when_s - start:.2f} s of the record" if moves else ""
-        told = f"the radar is at {_place_text(place)}{when}, outside {_reach_text(scene)}; "
-        told += "give another track" if moves else "move it (position_m)"
-        told += ", choose another room, or allow transmissions for paths through walls"
+        message = f"the radar is at {_place_text(place)}{when}, outside {_reach_text(scene)}; "
+        message += "give another track" if moves else "move it (position_m)"
+        message += ", choose another room, or allow transmissions for paths through walls"
         if collisions == "stop":
-            raise InputError(told)
-        warn(told)
-    for found in find_collisions(scene, targets, radar, start, stop, outside=outside, backend=backend):
-        told = _told(found, scene, names, start)
+            raise InputError(message)
+        warn(message)
+    for collision in find_collisions(scene, targets, radar, start, stop, outside=outside, backend=backend):
+        message = _collision_text(collision, scene, names, start)
         if collisions == "warn":
-            hint = " (distance_m, angle_deg)" if isinstance(targets[found.target], Motion) else ""
-            warn(f"{told}; place it elsewhere{hint}, choose another room, or end the record there (collisions 'stop')")
-        elif found.time_s - start < LEAST_S:
-            raise InputError(f"{told}, which leaves no record to stop at; place it elsewhere or choose another room")
+            hint = " (distance_m, angle_deg)" if isinstance(targets[collision.target], Motion) else ""
+            warn(
+                f"{message}; place it elsewhere{hint}, choose another room, or end the record there (collisions 'stop')"
+            )
+        elif collision.time_s - start < LEAST_S:
+            raise InputError(f"{message}, which leaves no record to stop at; place it elsewhere or choose another room")
         else:
-            stop = min(stop, found.time_s)
+            stop = min(stop, collision.time_s)
     return start, stop
 
 
@@ -111,13 +113,13 @@ def _reach_text(scene: Scene) -> str:
     return f"{scene.name}, which reaches from ({low}) to ({high}) m"
 
 
-def _told(found: Collision, scene: Scene, names: Sequence[str], start_s: float) -> str:
+def _collision_text(collision: Collision, scene: Scene, names: Sequence[str], start_s: float) -> str:
     """The first half of a sentence: who meets what, when and where."""
-    name = names[found.target] + (f" (target {found.target + 1} of {len(names)})" if len(names) > 1 else "")
-    where = _place_text(found.place_m)
-    if found.surface is None:
+    name = names[collision.target] + (f" (target {collision.target + 1} of {len(names)})" if len(names) > 1 else "")
+    where = _place_text(collision.place_m)
+    if collision.surface is None:
         return f"{name} starts at {where}, outside {_reach_text(scene)}"
-    return f"{name} goes through {found.surface} of {scene.name} at {found.time_s - start_s:.2f} s, at {where}"
+    return f"{name} goes through {collision.surface} of {scene.name} at {collision.time_s - start_s:.2f} s, at {where}"
 
 
 def find_collisions(
@@ -139,17 +141,17 @@ def find_collisions(
     low, high = scene.bounds_m
     encloses_radar = all(((low < place) & (place < high)).all() for place in (radar.tx_position_m, radar.rx_position_m))
     has_outside = not outside and (encloses_radar or is_room(mirrors))
-    found = []
+    collisions = []
     for number, target in enumerate(targets):
         track = middles(target, times)
         start = track[0].mean(axis=0)
         if has_outside and _beyond(scene, start, DEEP_M):
-            found.append(Collision(number, start_s, start, None))
+            collisions.append(Collision(number, start_s, start, None))
             continue
-        crossings = [first_crossing(mirrors, *each) for each in _lines(target, track, times)]
-        if met := [each for each in crossings if each is not None]:
-            found.append(Collision(number, *min(met, key=itemgetter(0))))
-    return found
+        crossings = [first_crossing(mirrors, *line) for line in _lines(target, track, times)]
+        if met := [crossing for crossing in crossings if crossing is not None]:
+            collisions.append(Collision(number, *min(met, key=itemgetter(0))))
+    return collisions
 
 
 def radar_outside(
@@ -176,16 +178,16 @@ def radar_crossing(
         return None
     times_s = _track_times(radar.track, start_s, stop_s)
     line_m = radar.track.places_m(times_s)
-    found = []
-    for mirror in Mirrors.of(scene, backend, radar.tx_position_m).each:
+    crossings = []
+    for mirror in Mirrors.of(scene, backend, radar.tx_position_m).parts:
         depth_m = line_m @ mirror.normal - mirror.offset_m
         before = np.flatnonzero((depth_m[:-1] != 0) & (np.sign(depth_m[:-1]) != np.sign(depth_m[1:])))
         fraction = depth_m[before] / (depth_m[before] - depth_m[before + 1])
         places = line_m[before] + fraction[:, None] * (line_m[before + 1] - line_m[before])
         met = np.flatnonzero(mirror.holds(places))[:1]
         when_s = times_s[before] + fraction * (times_s[before + 1] - times_s[before])
-        found += [(float(when_s[each]), places[each], scene.surfaces[mirror.surface].name) for each in met]
-    return min(found, key=itemgetter(0), default=None)
+        crossings += [(float(when_s[index]), places[index], scene.surfaces[mirror.surface].name) for index in met]
+    return min(crossings, key=itemgetter(0), default=None)
 
 
 def _track_times(track: RadarTrack, start_s: float, stop_s: float) -> np.ndarray:
@@ -235,7 +237,7 @@ def middles(target: Motion | MovingMesh | Ellipsoids, times_s: np.ndarray) -> np
     if isinstance(target, Motion):
         joints = target.joints
         numbers = [[CANONICAL_JOINTS.index(name) for name in names] for names in MIDDLE]
-        line = np.stack([joints[:, some].mean(axis=1) for some in numbers], axis=1)
+        line = np.stack([joints[:, columns].mean(axis=1) for columns in numbers], axis=1)
         frame = np.clip(times_s * target.rate_hz, 0, len(line) - 1)
         before = np.minimum(frame.astype(int), len(line) - 2)
         fraction = (frame - before)[:, None, None]
@@ -245,12 +247,12 @@ def middles(target: Motion | MovingMesh | Ellipsoids, times_s: np.ndarray) -> np
     # A mesh has no joints: the middles of parts of it move as smoothly as these, and none of them lies on its surface.
     part = _parts(target.rest)
     members = [np.flatnonzero(part == number) for number in range(part.max() + 1)]
-    found = []
+    middles_m = []
     step = max(1, min(INSTANTS_AT_ONCE, VERTICES_AT_ONCE // len(part)))
     for first in range(0, len(times_s), step):
         vertices = target.at(times_s[first : first + step])
-        found.append(np.stack([vertices[:, some].mean(axis=1) for some in members], axis=1))
-    return np.concatenate(found)
+        middles_m.append(np.stack([vertices[:, of_part].mean(axis=1) for of_part in members], axis=1))
+    return np.concatenate(middles_m)
 
 
 def _parts(rest: np.ndarray) -> np.ndarray:
@@ -278,7 +280,7 @@ def first_crossing(
     fraction = distance / length
     when = times_s[line, point] + fraction * (times_s[line, point + 1] - times_s[line, point])
     for number in np.argsort(when):
-        mirror = mirrors.each[met[number]]
+        mirror = mirrors.parts[met[number]]
         if fraction[number] > 1 or abs(mirror.normal[2]) < least_upright:
             continue
         if _through(lines_m[line[number]] @ mirror.normal - mirror.offset_m, int(point[number])):

@@ -57,13 +57,13 @@ class Straight(NamedTuple):
 
     def between(self, points: np.ndarray) -> np.ndarray:
         """From and to which fraction of the way to apparent points (N, 3) m it runs, (2, N)."""
-        found = np.zeros((2, len(points)))
-        found[1] = 1
-        for row, plane in zip(found, (self.begin, self.end), strict=True):
+        span = np.zeros((2, len(points)))
+        span[1] = 1
+        for row, plane in zip(span, (self.begin, self.end), strict=True):
             if plane is not None:
                 height, towards = plane[1] - plane[0] @ self.origin_m, (points - self.origin_m) @ plane[0]
                 row[:] = np.clip(height / np.where(towards == 0, np.inf, towards), 0, 1)
-        return found
+        return span
 
     def segments(self, stops: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Its extent on the way to apparent points (N, 3): from where and to where, (N, 3) each."""
@@ -76,15 +76,15 @@ def straight_parts(path: OneWayPath) -> list[Straight]:
     """The parts of a path, from the target on."""
     places, planes = images(path), path.planes
     matrix, shift = np.eye(3), np.zeros(3)
-    found = []
+    parts = []
     for k in range(len(planes), -1, -1):
         if k < len(planes) and not path.elements.through[k]:
             normal, offset_m = planes[k]
             reflection = np.eye(3) - 2 * np.outer(normal, normal)
             matrix, shift = reflection @ matrix, reflection @ shift + 2 * offset_m * normal
         begin, end = (planes[at] if 0 <= at < len(planes) else None for at in (k - 1, k))
-        found.append(Straight(places[k], matrix, shift, begin, end))
-    return found
+        parts.append(Straight(places[k], matrix, shift, begin, end))
+    return parts
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,9 +101,9 @@ class _Beam:
     ends_m: np.ndarray
     """Of pieces of edges that may be outline, around the mesh as it is seen from the origin, (2, M, 3)."""
 
-    def of(self, some: np.ndarray) -> _Beam:
+    def of(self, mask: np.ndarray) -> _Beam:
         """Some of the points, bool (N,)."""
-        return replace(self, apparent_m=self.apparent_m[some], near=self.near[some])
+        return replace(self, apparent_m=self.apparent_m[mask], near=self.near[mask])
 
     def beside_edges(self, far_m: float) -> tuple[np.ndarray, np.ndarray]:
         """Segments just outside of each piece, to as `far_m` from the part's origin, (M, 3) each."""
@@ -113,11 +113,11 @@ class _Beam:
 
     def amplitude(self, hidden: np.ndarray, outline: np.ndarray, wavelength_m: float) -> np.ndarray:
         """Of the field at the points, `hidden` by the mesh or not, from which of the pieces are `outline`, (M,): (N,)."""
-        found = np.where(hidden, 0.0, 1.0)
+        amplitudes = np.where(hidden, 0.0, 1.0)
         if self.near.any() and outline.any():
             ends_m, apparent_m = self.ends_m[:, outline], self.apparent_m[self.near]
-            found[self.near] = _amplitude(self.part, ends_m, apparent_m, hidden[self.near], wavelength_m)
-        return found
+            amplitudes[self.near] = _amplitude(self.part, ends_m, apparent_m, hidden[self.near], wavelength_m)
+        return amplitudes
 
 
 def _amplitude(
@@ -148,7 +148,7 @@ def _amplitude(
     left, scaled = length - distance, length * distance
     v_squared = 4 / wavelength_m * scaled * w_squared / (np.sqrt(left**2 + scaled * w_squared) + left)
     slope = inner(w, s) * scaled / (wavelength_m * np.maximum(left, SHORTEST_M))
-    v_squared, slope, angle = (each.astype(np.float32) for each in (v_squared, slope, angle))
+    v_squared, slope, angle = (term.astype(np.float32) for term in (v_squared, slope, angle))
     fade = np.clip((NONE - np.sqrt(v_squared)) / (NONE - WHOLE), 0, 1)
     wave, phase = angle * fade**2 * (3 - 2 * fade) * np.sinc(slope), np.float32(np.pi / 2) * v_squared
 
@@ -157,7 +157,7 @@ def _amplitude(
 
     # Where the outline runs through a point a ray may miss what the pieces turn about, or meet what they do not.
     hidden = np.where(total(v_squared < AT_EDGE**2) > 0, total(angle * (v_squared < 1)) > 0, hidden)
-    in_phase, across = (total(wave * each(phase)) / (2 * np.pi) for each in (np.cos, np.sin))
+    in_phase, across = (total(wave * function(phase)) / (2 * np.pi) for function in (np.cos, np.sin))
     return np.asarray(np.hypot(1 - hidden + in_phase, across))
 
 
@@ -177,12 +177,14 @@ class Points(NamedTuple):
 
 
 def beside_others(
-    at: Posed, seen: Sequence[OneWayPath], of: Points, *, wavelength_m: float, backend: Backend
+    at: Posed, seen_paths: Sequence[OneWayPath], of: Points, *, wavelength_m: float, backend: Backend
 ) -> np.ndarray:
     """Fraction of the field over the path at points that face it, float32 (K, Q): near the outline of a mesh that they do not
     belong to the amplitude beside that, elsewhere whether they are visible, in which case that is what comes back."""
     paths = [
-        path for path, at_them in zip(seen, instants_of(seen), strict=True) for _ in range(len(of.visible))[at_them]
+        path
+        for path, at_them in zip(seen_paths, instants_of(seen_paths), strict=True)
+        for _ in range(len(of.visible))[at_them]
     ]
     parts = {id(path): straight_parts(path) for path in paths}
     groups = []
@@ -199,10 +201,10 @@ def beside_others(
                 here = of.places_m[instant, mine]
                 here = here + LIFT_M * (of.normals[instant, mine] + unit(images(path)[-1] - here))
                 beams = [_beam(at, instant, part, other, part.appear(here), wavelength_m) for part, other in near]
-                some = np.any([beam.near for beam in beams], axis=0)
-                if some.any():
-                    beams = [beam.of(some) for beam in beams]
-                    groups.append(_Group(instant, mesh, mine[some], here[some], parts[id(path)], beams))
+                beside = np.any([beam.near for beam in beams], axis=0)
+                if beside.any():
+                    beams = [beam.of(beside) for beam in beams]
+                    groups.append(_Group(instant, mesh, mine[beside], here[beside], parts[id(path)], beams))
     return _summed(groups, at, of.visible, wavelength_m, backend) if groups else of.visible
 
 
@@ -218,7 +220,7 @@ def _near(at: Posed, instant: int, part: Straight, mesh: int, other: int, wavele
         return True
     # Seen in perspective a box lies within its corners, and angles are larger by as much as the square of distance over depth.
     across = unit(others.mean(axis=0) - (others.mean(axis=0) @ ahead) * ahead)
-    stretch = max((inner(each, each) / depth**2).max() for each, depth in ((mine, mine_m), (others, others_m)))
+    stretch = max((inner(corners, corners) / depth**2).max() for corners, depth in ((mine, mine_m), (others, others_m)))
     reach = stretch * NONE * np.sqrt(wavelength_m / (2 * others_m.min()))
     return bool((others @ across / others_m).min() - (mine @ across / mine_m).max() < reach)
 
@@ -236,8 +238,8 @@ def _beam(at: Posed, instant: int, part: Straight, other: int, apparent_m: np.nd
         """Angle from which each segment (2, M, 3) reaches a point, 0 where it reaches none."""
         distance = np.maximum(norms(ends_m.mean(axis=0) - part.origin_m), SHORTEST_M)
         reach = NONE * np.sqrt(wavelength_m * np.maximum(farthest - distance, 0) / (2 * distance * farthest))
-        seen = unit(ends_m - part.origin_m)
-        beside = (seen.min(axis=0) - reach[:, None] > high) | (seen.max(axis=0) + reach[:, None] < low)
+        directions = unit(ends_m - part.origin_m)
+        beside = (directions.min(axis=0) - reach[:, None] > high) | (directions.max(axis=0) + reach[:, None] < low)
         return np.where(beside.any(axis=1), 0, reach)
 
     near, ends_m = np.zeros(len(apparent_m), bool), at.folds(instant, other, part.origin_m)
@@ -249,9 +251,9 @@ def _beam(at: Posed, instant: int, part: Straight, other: int, apparent_m: np.nd
     reach = close(ends_m)
     ends_m, reach = ends_m[:, reach > 0], reach[reach > 0]
     if len(reach):
-        seen = unit(ends_m - part.origin_m)
-        bound = reach.max() + norms(seen[1] - seen[0]).max() / 2
-        away, _ = cKDTree(seen.mean(axis=0)).query(towards, distance_upper_bound=bound)
+        piece_directions = unit(ends_m - part.origin_m)
+        bound = reach.max() + norms(piece_directions[1] - piece_directions[0]).max() / 2
+        away, _ = cKDTree(piece_directions.mean(axis=0)).query(towards, distance_upper_bound=bound)
         near = np.isfinite(away)
     return _Beam(part, other, apparent_m, near, ends_m)
 
@@ -292,7 +294,7 @@ def _summed(groups: list[_Group], at: Posed, visible: np.ndarray, wavelength_m: 
             asked.append((beam.part.segments(beam.apparent_m[dark]), where))
             asked.append((beam.beside_edges(far_m), where))
     free = iter(_free(asked, at, backend))
-    found = visible.astype(np.float32)
+    fractions = visible.astype(np.float32)
     for group in groups:
         dark = ~visible[group.instant, group.numbers]
         value = np.ones(len(dark))
@@ -303,8 +305,8 @@ def _summed(groups: list[_Group], at: Posed, visible: np.ndarray, wavelength_m: 
             hidden = np.zeros(len(dark), bool)
             hidden[dark] = ~next(free)
             value[open_] *= beam.of(open_).amplitude(hidden[open_], next(free), wavelength_m)
-        found[group.instant, group.numbers] = value
-    return found
+        fractions[group.instant, group.numbers] = value
+    return fractions
 
 
 @one_thread_at_a_time
@@ -334,15 +336,15 @@ class _Alone(NamedTuple):
     """How far from the middle of the meshes a cell extends."""
 
 
-def _alone(at: Posed, wanted: set[tuple[int, int]], ends_m: np.ndarray, backend: Backend) -> _Alone:
+def _alone(at: Posed, required: set[tuple[int, int]], ends_m: np.ndarray, backend: Backend) -> _Alone:
     """A scene of these meshes at these instants for segments with these ends: an earlier one, where it has them."""
     middle = at.boxes.mean(axis=(0, 1, 2))
-    extent_m = max(float(np.abs(each - middle).max()) for each in (ends_m, at.boxes))
+    extent_m = max(float(np.abs(points - middle).max()) for points in (ends_m, at.boxes))
     if at.alone:
-        if wanted <= at.alone[0].shift_m.keys() and extent_m <= at.alone[0].extent_m:
+        if required <= at.alone[0].shift_m.keys() and extent_m <= at.alone[0].extent_m:
             return at.alone[0]
-        wanted = wanted | at.alone[0].shift_m.keys()
-    places, extent_m = sorted(wanted), ROOMY * extent_m
+        required = required | at.alone[0].shift_m.keys()
+    places, extent_m = sorted(required), ROOMY * extent_m
     across = int(np.ceil(len(places) ** (1 / 3)))
     cells = np.stack(np.unravel_index(np.arange(len(places)), (across, across, across)), axis=1) - (across - 1) / 2
     vertices, faces, shift_m, first = [], [], 2.1 * extent_m * cells - middle, 0

@@ -114,14 +114,17 @@ class Edges:
     @classmethod
     def of(cls, mirrors: Mirrors, wavelength_m: float) -> Edges:
         """Of the scene that these are of."""
-        along = [mirror.triangles.reshape(-1, 3) @ DIRECTIONS.T for mirror in mirrors.each]
+        along = [mirror.triangles.reshape(-1, 3) @ DIRECTIONS.T for mirror in mirrors.parts]
         return cls(
             mirrors,
             wavelength_m,
-            np.array([mirror.normal for mirror in mirrors.each]),
-            np.array([mirror.offset_m for mirror in mirrors.each]),
-            np.array([[each.min(axis=0) for each in along], [each.max(axis=0) for each in along]]),
-            [np.concatenate([_outline(part.triangles) for part in (each, *each.covers)]) for each in mirrors.each],
+            np.array([mirror.normal for mirror in mirrors.parts]),
+            np.array([mirror.offset_m for mirror in mirrors.parts]),
+            np.array([[heights.min(axis=0) for heights in along], [heights.max(axis=0) for heights in along]]),
+            [
+                np.concatenate([_outline(part.triangles) for part in (mirror, *mirror.covers)])
+                for mirror in mirrors.parts
+            ],
         )
 
     def fraction(self, path: OneWayPath, points: np.ndarray, times_s: np.ndarray | None = None) -> np.ndarray:
@@ -136,51 +139,53 @@ class Edges:
         if paths and paths[0].passing is not None:
             points = points_in_scene(paths[0].passing, points, times_s)
             assert times_s is not None
-            found = np.empty((len(paths), *points.shape[:-1]), np.float32)
+            fractions = np.empty((len(paths), *points.shape[:-1]), np.float32)
             for instant in np.unique(times_s):
                 mine = times_s == instant
-                found[:, mine] = self.fractions([path.in_scene(instant[None]) for path in paths], points[mine])
-            return found
+                fractions[:, mine] = self.fractions([path.in_scene(instant[None]) for path in paths], points[mine])
+            return fractions
         flat = points.reshape(-1, 3)
         corner, cell = np.unique(_codes(flat), return_inverse=True)
         centres = (_places(corner) + 0.5) * CELL_M
-        found = np.empty((len(paths), len(flat)), np.float32)
+        fractions = np.empty((len(paths), len(flat)), np.float32)
         lengths, groups = np.array([len(path.chain) for path in paths]), []
         for length in np.unique(lengths):
             rows = np.flatnonzero(lengths == length)
             groups += list(blocks(rows, 2 * len(centres) * (length + 1) * len(self.normals)))
 
         def find(number: int) -> None:
-            some = groups[number]
-            found[some] = self._together([paths[row] for row in some.tolist()], flat, centres, cell)
+            group = groups[number]
+            fractions[group] = self._together([paths[row] for row in group.tolist()], flat, centres, cell)
 
         in_threads(find, range(len(groups)))
-        return found.reshape(-1, *points.shape[:-1])
+        return fractions.reshape(-1, *points.shape[:-1])
 
     def _together(
         self, paths: Sequence[OneWayPath], points: np.ndarray, centres: np.ndarray, cell: np.ndarray
     ) -> np.ndarray:
         """Those of paths of equal length at points (Q, 3) in cells (Q,) with centres (C, 3), (P, Q)."""
         of_cells = _Courses.of(paths, [centres] * len(paths))
-        known, near, rims = self._cells(of_cells)
-        fraction = known.reshape(len(paths), -1)[:, cell]
+        cell_fractions, near, rims = self._cells(of_cells)
+        fraction = cell_fractions.reshape(len(paths), -1)[:, cell]
         path, point = np.nonzero(np.isnan(fraction))
         for first in range(0, len(path), POINTS_AT_ONCE):
-            of, some = (each[first : first + POINTS_AT_ONCE] for each in (path, point))
-            place = of * len(centres) + cell[some]
-            courses = _Courses.of(paths, [points[some[of == number]] for number in range(len(paths))])
-            fraction[of, some] = self._points(courses, near[:, place], rims[:, place])
+            of, numbers = (indices[first : first + POINTS_AT_ONCE] for indices in (path, point))
+            place = of * len(centres) + cell[numbers]
+            courses = _Courses.of(paths, [points[numbers[of == number]] for number in range(len(paths))])
+            fraction[of, numbers] = self._points(courses, near[:, place], rims[:, place])
         return fraction
 
     def _points(self, courses: _Courses, near: np.ndarray, rims: np.ndarray) -> np.ndarray:
         """Of courses: their pieces that have something `near` (S, N), mirrors met near their `rims` (m, N)."""
-        asked = courses.good
+        asked = courses.valid
         fraction = np.zeros(len(asked), np.float32)
         for places in (FEW, MANY):
             if asked.any():
                 # In float32: a wavelength is 4 mm.
-                some = self.mirrors.local(courses.stops_m[:, asked]).astype(np.float32)
-                fraction[asked] = self._free_rays(some, near[:, asked], rims[:, asked], places, courses.chain[:, asked])
+                stops = self.mirrors.local(courses.stops_m[:, asked]).astype(np.float32)
+                fraction[asked] = self._free_rays(
+                    stops, near[:, asked], rims[:, asked], places, courses.chain[:, asked]
+                )
             asked = (fraction > 0) & (fraction < 1)
         return fraction
 
@@ -207,7 +212,7 @@ class Edges:
         fate = np.zeros((len(near), *rays.shape[2:4]), np.int8)
         piece, point = np.nonzero(near)
         if len(piece):
-            starts, ends = (each.reshape(-1, *rays.shape[2:])[piece, point] for each in (rays[:, :-1], rays[:, 1:]))
+            starts, ends = (points.reshape(-1, *rays.shape[2:])[piece, point] for points in (rays[:, :-1], rays[:, 1:]))
             hit, met = self._first(starts, ends, piece % pieces == 0, piece % pieces == pieces - 1)
             which, ray = np.nonzero(hit)
             piece, point, met = piece[which], point[which], met[which, ray]
@@ -219,9 +224,9 @@ class Edges:
             fate[piece, point, ray] = np.where(parted, STOPPED, LEFT_OUT)
         for k, number in enumerate(chain):
             after_it = fate[pieces * (k + 1)]
-            for mirror, some in _by_mirror(number, rims[k]):
-                held = self.mirrors.each[mirror].holds(self.mirrors.world(rays[k, -1, some]))
-                after_it[some] = np.where(held, after_it[some], STOPPED)
+            for mirror, columns in _by_mirror(number, rims[k]):
+                held = self.mirrors.parts[mirror].holds(self.mirrors.world(rays[k, -1, columns]))
+                after_it[columns] = np.where(held, after_it[columns], STOPPED)
         # What happens to a ray first counts.
         first = np.take_along_axis(fate, np.argmax(fate > 0, axis=0)[None], axis=0)[0]
         return np.asarray((first == 0).sum(axis=1) / np.maximum((first != LEFT_OUT).sum(axis=1), 1))
@@ -236,19 +241,19 @@ class Edges:
         ahead = ends - starts
         length = np.sqrt(np.einsum("qri,qri->qr", ahead, ahead))
         ahead /= np.maximum(length, 1e-12)[..., None]
-        skin, other = (np.where(each, SKIN_M, -SKIN_M).astype(np.float32)[:, None] for each in (begins, stops))
+        skin, other = (np.where(at_end, SKIN_M, -SKIN_M).astype(np.float32)[:, None] for at_end in (begins, stops))
         distance, mirror = self.mirrors.first_of_local(starts + skin[..., None] * ahead, ahead, length - skin - other)
         return np.isfinite(distance), mirror
 
     def _cells(self, courses: _Courses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Of courses to cells' centres: the fraction in all of the cell where no ray is needed to know it, else NaN, float32 (N,);
         which pieces of paths to it may meet something, bool (S, N); which mirrors of the chain may be met outside, bool (m, N)."""
-        good, stops, chain = courses.good, courses.stops_m, courses.chain
+        valid, stops, chain = courses.valid, courses.stops_m, courses.chain
         middle, fraction, radius = zone(stops, self.wavelength_m, _pieces(len(chain)))
         # Points of the cell lie in a ball around its centre. Seen from the antenna's image, paths to them lie within a cone, whose
         # radius grows with the fraction of the path that is done; the rays of each fill the zone's radius beyond that.
         wide = fraction * (CELL_M * np.sqrt(3) / 2)
-        dark, rims = np.zeros(len(good), bool), np.zeros(chain.shape, bool)
+        dark, rims = np.zeros(len(valid), bool), np.zeros(chain.shape, bool)
         for k, number in enumerate(chain):
             ahead = stops[k + 1] - stops[k]
             # On a plane that is met at a slant, a cone's cross-section is as much longer.
@@ -258,10 +263,10 @@ class Edges:
                 wide[at] *= aslant
                 radius[at] *= aslant
             within = wide[k, -1] + radius[k, -1]
-            for mirror, some in _by_mirror(number):
-                here = stops[k + 1, some]
-                rims[k, some] = _distance(here, self.outlines_m[mirror]) < within[some]
-                dark[some] |= ~self.mirrors.each[mirror].holds(here) & ~rims[k, some]
+            for mirror, columns in _by_mirror(number):
+                here = stops[k + 1, columns]
+                rims[k, columns] = _distance(here, self.outlines_m[mirror]) < within[columns]
+                dark[columns] |= ~self.mirrors.parts[mirror].holds(here) & ~rims[k, columns]
         live = np.flatnonzero(~dark)
         parting = self._parting(stops[:, live], wide[:, -1, live], chain[:, live])
         # Near a rim any plane may have rays left out, but for the mirror itself.
@@ -269,11 +274,11 @@ class Edges:
         cells = np.arange(len(live))
         for k, number in enumerate(chain[:, live]):
             asked[k : k + 2, cells, number] &= parting[k : k + 2, cells, number]
-        near = np.zeros((len(middle) * (middle.shape[1] - 1), len(good)), bool)
+        near = np.zeros((len(middle) * (middle.shape[1] - 1), len(valid)), bool)
         near[:, live] = self._touched(middle[:, :, live], (wide + radius)[:, :, live], asked).reshape(len(near), -1)
-        near[:, ~good], rims[:, ~good] = True, True
-        known = np.where(rims.any(axis=0) | near.any(axis=0), np.nan, 1)
-        return np.where(dark & good, 0, known).astype(np.float32), near, rims
+        near[:, ~valid], rims[:, ~valid] = True, True
+        fractions = np.where(rims.any(axis=0) | near.any(axis=0), np.nan, 1)
+        return np.where(dark & valid, 0, fractions).astype(np.float32), near, rims
 
     def _parting(self, stops: np.ndarray, wide: np.ndarray, chain: np.ndarray) -> np.ndarray:
         """Which mirrors' planes may stand between the ends of straight parts of courses to cells over a chain (m, N), bool
@@ -305,8 +310,8 @@ class Edges:
                 continue
             if number == AXES:  # the axes leave few for the diagonals
                 *where, mirror = np.nonzero(touching)
-            some = (most[mirror] >= low[tuple(where)]) & (least[mirror] <= high[tuple(where)])
-            where, mirror = [each[some] for each in where], mirror[some]
+            overlapping = (most[mirror] >= low[tuple(where)]) & (least[mirror] <= high[tuple(where)])
+            where, mirror = [indices[overlapping] for indices in where], mirror[overlapping]
         touched = np.zeros(touching.shape[:3], bool)
         touched[tuple(where)] = True
         return touched
@@ -328,18 +333,18 @@ class SceneBlockage:
         self, paths: Sequence[OneWayPath], points: np.ndarray, times_s: np.ndarray | None = None
     ) -> np.ndarray:
         """The same of P paths, float32 (P, ...)."""
-        found = np.empty((len(paths), *points.shape[:-1]), np.float32)
+        fractions = np.empty((len(paths), *points.shape[:-1]), np.float32)
         antennas = [path.antenna_m.tobytes() for path in paths]
         for place in set(antennas):
             rows = [row for row, antenna in enumerate(antennas) if antenna == place]
-            found[rows] = self.edges[place].fractions([paths[row] for row in rows], points, times_s)
-        return found
+            fractions[rows] = self.edges[place].fractions([paths[row] for row in rows], points, times_s)
+        return fractions
 
 
 class _Courses(NamedTuple):
     """Where N paths of m elements each run."""
 
-    good: np.ndarray
+    valid: np.ndarray
     """Whether every plane is met between its neighbours, bool (N,)."""
     stops_m: np.ndarray
     """Antenna, intersections with the planes, target, (m + 2, N, 3)."""
@@ -349,15 +354,15 @@ class _Courses(NamedTuple):
     @classmethod
     def of(cls, paths: Sequence[OneWayPath], points: Sequence[np.ndarray]) -> _Courses:
         """Of each path to its own points (n, 3) m, path by path."""
-        found = [unfolded_vertices(path, mine) for path, mine in zip(paths, points, strict=True)]
-        good, stops = zip(*found, strict=True)
+        unfolded = [unfolded_vertices(path, mine) for path, mine in zip(paths, points, strict=True)]
+        valid, stops = zip(*unfolded, strict=True)
         chain = [
             np.repeat(path.elements.mirror[:, None], len(mine), axis=1)
             for path, mine in zip(paths, points, strict=True)
         ]
         return cls(
-            np.concatenate(good),
-            np.concatenate([np.stack(each) for each in stops], axis=1),
+            np.concatenate(valid),
+            np.concatenate([np.stack(stop) for stop in stops], axis=1),
             np.concatenate(chain, axis=1),
         )
 

@@ -34,7 +34,7 @@ class MeanVisibility:
         self._mesh, self._occluders, self._samples_s = mesh, occluders, samples_s
         self._solid = solid and bool(occluders.meshes)
         self._backend = backend
-        self._every = max(1, len(mesh.rest) // POINTS)
+        self._stride = max(1, len(mesh.rest) // POINTS)
         self._views: dict[Hashable, tuple[OneWayPath, Unblocked | None]] = {}
         self._functions: dict[tuple[Hashable, int], Fraction] = {}
         """What `over` has given: scatterers that need the same fraction hold the same object."""
@@ -52,20 +52,20 @@ class MeanVisibility:
         if where not in self._known:
             self._find()
         values = self._known[where][path_count - 1][:, None]
-        found = faded(times_s, self._samples_s, values.__getitem__)
-        return np.broadcast_to(found, (len(times_s), len(self._mesh.rest)))
+        visibility = faded(times_s, self._samples_s, values.__getitem__)
+        return np.broadcast_to(visibility, (len(times_s), len(self._mesh.rest)))
 
     def _find(self) -> None:
         """From all viewpoints that are not known yet."""
         poses_s, pose = poses(self._mesh, self._samples_s)
-        posed = self._mesh.at(poses_s)[:, :: self._every]
+        posed = self._mesh.at(poses_s)[:, :: self._stride]
         views = {where: view for where, view in self._views.items() if where not in self._known}
         reached = {
             where: np.ones(posed.shape[:2], np.float32) if unblocked is None else unblocked(posed, poses_s)
             for where, (_, unblocked) in views.items()
         }
-        for where, each in reached.items():
-            self._known[where] = each.mean(axis=1)[pose], (each**2).mean(axis=1)[pose]
+        for where, fraction in reached.items():
+            self._known[where] = fraction.mean(axis=1)[pose], (fraction**2).mean(axis=1)[pose]
         if not self._solid:
             return
         middle = posed.mean(axis=1, keepdims=True)
@@ -73,37 +73,37 @@ class MeanVisibility:
         marked = self._occluders.marked(self._samples_s)
         middle, radius, near = middle[pose], radius[pose], {}
         for where, (viewpoint, _) in views.items():
-            seen = viewpoint.seen_at(self._samples_s)
-            pieces = zip(seen, instants_of(seen), strict=True)
-            near[where] = np.concatenate([self._near(one, marked[at], middle[at], radius[at]) for one, at in pieces])
-        hidden = np.flatnonzero(np.any([each.any(axis=1) for each in near.values()], axis=0))
+            seen_paths = viewpoint.seen_at(self._samples_s)
+            pieces = zip(seen_paths, instants_of(seen_paths), strict=True)
+            near[where] = np.concatenate([self._near(path, marked[at], middle[at], radius[at]) for path, at in pieces])
+        hidden = np.flatnonzero(np.any([marks.any(axis=1) for marks in near.values()], axis=0))
         for first in range(0, len(hidden), MOST_COPIES):
-            some = hidden[first : first + MOST_COPIES]
-            times_s = self._samples_s[some]
-            points = self._mesh.at(times_s)[:, :: self._every]
-            parts = np.any([each[some] for each in near.values()], axis=0)[:, self._occluders.mark_of_face]
+            rows = hidden[first : first + MOST_COPIES]
+            times_s = self._samples_s[rows]
+            points = self._mesh.at(times_s)[:, :: self._stride]
+            parts = np.any([marks[rows] for marks in near.values()], axis=0)[:, self._occluders.mark_of_face]
             seen_from = {where: viewpoint.seen_at(times_s) for where, (viewpoint, _) in views.items()}
-            every = [one for seen in seen_from.values() for one in seen]
+            all_paths = [path for of_viewpoint in seen_from.values() for path in of_viewpoint]
             scene = Surroundings(
-                self._occluders, self._occluders.at(times_s).vertices, every, self._backend, parts=parts
+                self._occluders, self._occluders.at(times_s).vertices, all_paths, self._backend, parts=parts
             )
-            for where, seen in seen_from.items():
-                if near[where][some].any():
-                    visible = scene.visible(seen, points, np.zeros_like(points))
-                    for number, found in enumerate(self._known[where]):
-                        found[some] = (visible * reached[where][pose[some]] ** (number + 1)).mean(axis=1)
+            for where, seen_paths in seen_from.items():
+                if near[where][rows].any():
+                    visible = scene.visible(seen_paths, points, np.zeros_like(points))
+                    for number, mean in enumerate(self._known[where]):
+                        mean[rows] = (visible * reached[where][pose[rows]] ** (number + 1)).mean(axis=1)
 
     def _near(self, viewpoint: OneWayPath, marked: np.ndarray, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
         """Which marks on the occluders (K, M, 3) m may be in the way to a ball around (K, 1, 3) m of radius (K, 1) m, or stand for
         what is, at the sample times, bool (K, M)."""
         *before, place_m = images(viewpoint)
-        found = self._between(place_m, marked, middle, radius)
+        in_way = self._between(place_m, marked, middle, radius)
         # Unfolded, each straight part runs from an image of the antenna to the ball's image in the mirrors after it.
         elements = zip(viewpoint.planes, viewpoint.elements.through, strict=True)
         for place_m, (plane, through) in reversed(list(zip(before, elements, strict=True))):
             middle = middle if through else reflected(middle, *plane)
-            found |= self._between(place_m, marked, middle, radius)
-        return found
+            in_way |= self._between(place_m, marked, middle, radius)
+        return in_way
 
     def _between(
         self, viewpoint_m: np.ndarray, marked: np.ndarray, middle: np.ndarray, radius: np.ndarray

@@ -41,7 +41,7 @@ CLOSED = 0.9
 LEAST_FLOOR_M2, LEAST_HEIGHT_M = 2.0, 1.8
 """Of a room."""
 
-_kept = LastUsed[list[Chain]](16)
+_last_chains = LastUsed[list[Chain]](16)
 """Chains by all that their search follows from."""
 
 
@@ -75,11 +75,11 @@ class Mirror:
     def holds(self, points: np.ndarray) -> np.ndarray:
         """Which of points (..., 3) of its plane lie inside its outline, bool (...)."""
         inward, offset = self.edges
-        found = [np.zeros(0, bool)]
-        for some in blocks(points.reshape(-1, 3), len(inward)):
-            within = inward @ some.T >= offset[:, None]  # sums over rows of points, not within each
-            found.append(within.reshape(len(inward) // 3, 3, len(some)).all(axis=1).any(axis=0))
-        held = np.concatenate(found).reshape(points.shape[:-1])
+        inside = [np.zeros(0, bool)]
+        for block in blocks(points.reshape(-1, 3), len(inward)):
+            within = inward @ block.T >= offset[:, None]  # sums over rows of points, not within each
+            inside.append(within.reshape(len(inward) // 3, 3, len(block)).all(axis=1).any(axis=0))
+        held = np.concatenate(inside).reshape(points.shape[:-1])
         for cover in self.covers:
             held &= ~cover.holds(points)
         return held
@@ -90,10 +90,10 @@ class Mirror:
         if np.abs(aside).max() > ONE_PLANE_M:
             return False
         inward, along = other.edges[0].reshape(-1, 3, 3), other.edges[1].reshape(-1, 3)
-        for some in blocks(np.arange(len(self.triangles)), 3 * len(other.triangles)):
-            mine = self.edges[0].reshape(-1, 3, 3)[some], self.edges[1].reshape(-1, 3)[some]
+        for block in blocks(np.arange(len(self.triangles)), 3 * len(other.triangles)):
+            mine = self.edges[0].reshape(-1, 3, 3)[block], self.edges[1].reshape(-1, 3)[block]
             # Triangles are apart where all corners of the one lie outside an edge of the other.
-            apart = _outside(*mine, other.triangles) | _outside(inward, along, self.triangles[some]).T
+            apart = _outside(*mine, other.triangles) | _outside(inward, along, self.triangles[block]).T
             if not apart.all():
                 return True
         return False
@@ -111,7 +111,7 @@ class Mirrors:
     """All of a scene's, in a form that rays can be traced in."""
 
     scene: Scene
-    each: list[Mirror]
+    parts: list[Mirror]
     of_face: np.ndarray
     """Mirror of each triangle."""
     backend: Backend
@@ -124,34 +124,34 @@ class Mirrors:
     def of(cls, scene: Scene, backend: Backend, place_m: np.ndarray | None = None) -> Mirrors:
         """Plane parts of all surfaces; rays will be traced near a place (3,)."""
         origin_m = None if place_m is None or np.abs(place_m).max() < FAR_M else np.round(place_m)
-        each: list[Mirror] = []
+        parts: list[Mirror] = []
         named: Counter[str] = Counter()
         corners, of_face = [], []
         for number, surface in enumerate(scene.surfaces):
             triangles = surface.vertices[surface.faces]
             normal = edge_cross(triangles)
             area = np.linalg.norm(normal, axis=1)
-            kept = _once(triangles) & (area > 1e-12)
-            triangles, normal = triangles[kept], normal[kept] / area[kept, None]
+            proper = _once(triangles) & (area > 1e-12)
+            triangles, normal = triangles[proper], normal[proper] / area[proper, None]
             plane = plane_of(triangles, normal)
-            if len(each) + plane.max(initial=-1) >= ROOM_PLANES:
+            if len(parts) + plane.max(initial=-1) >= ROOM_PLANES:
                 raise InputError(
                     f"scene {scene.name} has more than {ROOM_PLANES} plane parts where its rays are traced; give what is round or "
                     "rough, as a scan is, fewer triangles"
                 )
             for index in range(plane.max(initial=-1) + 1):
-                some = np.flatnonzero(plane == index)
-                name = surface.name if plane.max() == 0 else f"{surface.name} {_side(normal[some[0]])}"
+                of_plane = np.flatnonzero(plane == index)
+                name = surface.name if plane.max() == 0 else f"{surface.name} {_side(normal[of_plane[0]])}"
                 name = f"{name} {named[name] + 1}" if named[name] and plane.max() else name
                 # "wall +x 2" counts for "wall +x" and "wall" as well: no name is given twice, whatever surfaces are called.
                 named.update(accumulate(name.split(" "), "{} {}".format))
-                each.append(Mirror.of(name, number, normal[some[0]], triangles[some]))
+                parts.append(Mirror.of(name, number, normal[of_plane[0]], triangles[of_plane]))
             corners.append(triangles)
-            of_face.append(plane + len(each) - (plane.max(initial=-1) + 1))
+            of_face.append(plane + len(parts) - (plane.max(initial=-1) + 1))
         mi = mitsuba(backend)
-        found = cls(scene, each, np.concatenate(of_face), backend, None, origin_m)
-        body = mitsuba_mesh(mi, found.local(np.concatenate(corners).reshape(-1, 3)))
-        return replace(found, traced=traceable(mi, body))
+        mirrors = cls(scene, parts, np.concatenate(of_face), backend, None, origin_m)
+        body = mitsuba_mesh(mi, mirrors.local(np.concatenate(corners).reshape(-1, 3)))
+        return replace(mirrors, traced=traceable(mi, body))
 
     def local(self, points_m: np.ndarray) -> np.ndarray:
         """Points (..., 3) from `origin_m`: float32, in which rays are traced, holds no tenth of a millimetre 1 km away."""
@@ -169,10 +169,10 @@ class Mirrors:
 
         Those of the last scenes and places are kept: the search takes longer than all else about the paths of a simple room.
         """
-        loss_db = np.zeros(len(self.each)) if loss_db is None else np.asarray(loss_db, float)
+        loss_db = np.zeros(len(self.parts)) if loss_db is None else np.asarray(loss_db, float)
         place_m = np.asarray(place_m, float)
         key = self.scene.content, place_m.tobytes(), order, transmissions, loss_db.tobytes(), self.backend.name
-        return list(_kept.get(key, partial(self._searched, place_m, order, transmissions, loss_db)))
+        return list(_last_chains.get(key, partial(self._searched, place_m, order, transmissions, loss_db)))
 
     def _searched(self, place_m: np.ndarray, order: int, transmissions: int, loss_db: np.ndarray) -> list[Chain]:
         """The chains of `chains`, by rays in all directions."""
@@ -190,49 +190,49 @@ class Mirrors:
             passages=transmissions,
         )
         waiting = [first]
-        found: list[Chain] = []
+        chains: list[Chain] = []
         while waiting:
             here = waiting.pop()
-            found += here.chains
+            chains += here.chains
             if here.reflections or here.passages:
                 waiting += self._onward(here, loss_db)
-        return sorted(found, key=len)
+        return sorted(chains, key=len)
 
     def parted(self, chains: Sequence[Chain]) -> tuple[Mirrors, list[Chain]]:
         """The same with no place of a plane in two of the mirrors that the chains meet, so that none reflects twice: the first one
         has it; and the chains, with one over each of the others for those over any that overlap."""
         # k and ~k name the same mirror; the greater of the two is its number.
         met = sorted({max(k, ~k) for chain in chains for k in chain})
-        each = list(self.each)
+        parts = list(self.parts)
         overlapping: dict[int, list[int]] = {}
-        corner = np.array([self.each[number].triangles[0, 0] for number in met]).reshape(-1, 3)
+        corner = np.array([self.parts[number].triangles[0, 0] for number in met]).reshape(-1, 3)
         for place, number in enumerate(met):
-            mine = self.each[number]
+            mine = self.parts[number]
             near = np.flatnonzero(np.abs(corner[:place] @ mine.normal - mine.offset_m) < 2 * ONE_PLANE_M)
-            before = [met[k] for k in near.tolist() if mine.overlaps(self.each[met[k]])]
-            each[number] = replace(each[number], covers=tuple(self.each[k] for k in before))
+            before = [met[k] for k in near.tolist() if mine.overlaps(self.parts[met[k]])]
+            parts[number] = replace(parts[number], covers=tuple(self.parts[k] for k in before))
             for k in before:
                 overlapping.setdefault(number, []).append(k)
                 overlapping.setdefault(k, []).append(number)
         # A ray that met the one of two overlapping mirrors might as well have met the other: chains over both are tried.
-        found = dict.fromkeys(chains)
+        tried = dict.fromkeys(chains)
         waiting = list(chains) if overlapping else []
         while waiting:
             chain = waiting.pop()
             for place, k in enumerate(chain):
                 for other in overlapping.get(max(k, ~k), ()):
                     swapped = (*chain[:place], other if k >= 0 else ~other, *chain[place + 1 :])
-                    if swapped not in found:
-                        found[swapped] = None
+                    if swapped not in tried:
+                        tried[swapped] = None
                         waiting.append(swapped)
-        return replace(self, each=each), sorted(found, key=len)
+        return replace(self, parts=parts), sorted(tried, key=len)
 
     def _onward(self, here: _Rays, loss_db: np.ndarray) -> list[_Rays]:
         """Rays after the next mirror: those reflected and those let through."""
         import drjit as dr
 
         mi = mitsuba(self.backend)
-        normals = mi.Float(aligned(np.array([mirror.normal for mirror in self.each]), np.float32))
+        normals = mi.Float(aligned(np.array([mirror.normal for mirror in self.parts]), np.float32))
         of_face = mi.UInt32(aligned(self.of_face, np.uint32))
         hit = self.traced.ray_intersect_preliminary(mi.Ray3f(here.origin, here.direction), active=here.inside)
         inside = here.inside & hit.is_valid()
@@ -242,23 +242,23 @@ class Mirrors:
         cosine = dr.dot(here.direction, normal)
         place, off = here.origin + dr.select(inside, hit.t, 0) * here.direction, SKIN_M * dr.sign(cosine) * normal
         dr.eval(place, off, mirror, inside)
-        met, found = mirror.numpy(), []
+        met, onward = mirror.numpy(), []
         if here.reflections:
             ahead = here.direction - 2 * cosine * normal
             dr.eval(ahead)
             on = replace(here, origin=place - off, direction=ahead, inside=inside, reflections=here.reflections - 1)
-            found.append(on.over(met, through=False))
+            onward.append(on.over(met, through=False))
         if here.passages:
             bearable = here.bearable_db - dr.gather(mi.Float, mi.Float(aligned(loss_db, np.float32)), mirror, inside)
             passing = inside & (bearable >= 0)
             dr.eval(bearable, passing)
             on = replace(here, origin=place + off, inside=passing, bearable_db=bearable, passages=here.passages - 1)
-            found.append(on.over(met, through=True))
-        return [each for each in found if each.chains]
+            onward.append(on.over(met, through=True))
+        return [beam for beam in onward if beam.chains]
 
     def _ends(self) -> list[bool]:
         """Of each mirror, whether it absorbs what it meets."""
-        return [absorbs(self.scene.surfaces[mirror.surface].material) for mirror in self.each]
+        return [absorbs(self.scene.surfaces[mirror.surface].material) for mirror in self.parts]
 
     def first(
         self, origin_m: np.ndarray, direction: np.ndarray, length_m: np.ndarray | None = None
@@ -279,7 +279,7 @@ class Mirrors:
 
     def slab_at(self, place_m: np.ndarray) -> str | None:
         """Name of a surface that holds a place within its thickness, None if none does."""
-        for mirror in self.each:
+        for mirror in self.parts:
             surface = self.scene.surfaces[mirror.surface]
             away = float(place_m @ mirror.normal - mirror.offset_m)
             foot = place_m - away * mirror.normal
@@ -290,7 +290,7 @@ class Mirrors:
     def shells_enclosing(self, place_m: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
         """Closed pieces of surfaces around a place, whichever side they face: the surface's name and triangles (F, 3, 3)."""
         parts: dict[int, list[np.ndarray]] = {}
-        for mirror in self.each:
+        for mirror in self.parts:
             parts.setdefault(mirror.surface, []).append(mirror.triangles)
         for number, mine in parts.items():
             surface, triangles = self.scene.surfaces[number], np.concatenate(mine)
@@ -387,4 +387,4 @@ def sphere(count: int) -> np.ndarray:
 
 def forget() -> None:
     """Drops the searches for chains that are kept."""
-    _kept.forget()
+    _last_chains.forget()

@@ -42,7 +42,7 @@ class Posed:
     @cached_property
     def _at_instants(self) -> list[np.ndarray]:
         """The same instant by instant, (K, 3, F) each."""
-        return [np.ascontiguousarray(np.moveaxis(each, -1, 0)) for each in self._corner_and_area]
+        return [np.ascontiguousarray(np.moveaxis(vectors, -1, 0)) for vectors in self._corner_and_area]
 
     @cached_property
     def normals(self) -> np.ndarray:
@@ -56,16 +56,16 @@ class Posed:
         # Six times the volume of each part, from the tetrahedra over its faces: negative where it is turned inside out.
         middle = corner.mean(axis=1, keepdims=True)
         volumes = self.meshes.parts @ dot(corner - middle, area)
-        found = ~self.meshes.closed[:, None] | (self.meshes.parts.T @ volumes <= 0)
+        occluding = ~self.meshes.closed[:, None] | (self.meshes.parts.T @ volumes <= 0)
         for place in places_m:
-            found |= dot(area, place[:, None, None] - corner) >= 0
-        return found.T
+            occluding |= dot(area, place[:, None, None] - corner) >= 0
+        return occluding.T
 
     @cached_property
     def boxes(self) -> np.ndarray:
         """Corners of boxes around each of the meshes [m], (K, M, 8, 3)."""
-        each = np.split(self.vertices, self.meshes.starts[1:-1], axis=1)
-        ends = np.stack([[mesh.min(axis=1), mesh.max(axis=1)] for mesh in each], axis=2)
+        of_meshes = np.split(self.vertices, self.meshes.starts[1:-1], axis=1)
+        ends = np.stack([[mesh.min(axis=1), mesh.max(axis=1)] for mesh in of_meshes], axis=2)
         return np.stack([ends[corner, ..., range(3)].transpose(1, 2, 0) for corner in np.ndindex(2, 2, 2)], axis=2)
 
     def folds(self, instant: int, mesh: int, place_m: np.ndarray) -> np.ndarray:
@@ -75,9 +75,9 @@ class Posed:
         corner, area = self._at_instants
         facing = dot(area[instant], place_m[:, None] - corner[instant]) >= 0
         near, far = facing[half_edges.face], facing[half_edges.twin_face]
-        some = half_edges.border | (near & ~far)
-        inward = ~near[some]
-        tail, head = half_edges.tail[some], half_edges.head[some]
+        outline = half_edges.border | (near & ~far)
+        inward = ~near[outline]
+        tail, head = half_edges.tail[outline], half_edges.head[outline]
         return vertices[np.stack([np.where(inward, head, tail), np.where(inward, tail, head)])]
 
 
@@ -104,7 +104,7 @@ class Occluders:
     def half_edges(self) -> list[_HalfEdges]:
         """Those of each mesh."""
         faces = np.cumsum([0, *(len(m.faces) for m in self.meshes)])
-        return [_HalfEdges.of(*each) for each in zip(self.meshes, self.starts, faces, strict=False)]
+        return [_HalfEdges.of(*row) for row in zip(self.meshes, self.starts, faces, strict=False)]
 
     @cached_property
     def owner(self) -> np.ndarray:
@@ -144,14 +144,14 @@ class Occluders:
         return _adjacency(self._incidence)
 
     @cached_property
-    def own(self) -> np.ndarray:
+    def are_vertices(self) -> np.ndarray:
         """Which of the points are vertices of the meshes, not added by the subdivision (V',)."""
         counts = [(len(m.rest), size - len(m.rest)) for m, size in zip(self.meshes, self._sizes, strict=True)]
         return np.repeat(np.tile([True, False], len(counts)), np.ravel(counts))
 
     def beside(self, marked: np.ndarray) -> np.ndarray:
         """Which points (K, V') lie in faces of the meshes that have a marked vertex, of (K, V'), or a neighbour of one."""
-        vertices = self._about @ marked[:, self.own].T.astype(np.float32) > 0
+        vertices = self._about @ marked[:, self.are_vertices].T.astype(np.float32) > 0
         return np.asarray((self._within @ vertices.astype(np.float32) > 0).T)
 
     @cached_property
@@ -167,20 +167,20 @@ class Occluders:
         """Sparse (V', V): above 0 where a point lies in a face of a vertex, or on its edges."""
         from scipy.sparse import block_diag
 
-        return block_diag([each.operator for each in self._subdivided], format="csr")
+        return block_diag([refinement.operator for refinement in self._subdivided], format="csr")
 
     @cached_property
     def marks(self) -> tuple[np.ndarray, Any]:
         """Numbers (M,) of points about `MARK_M` apart, and the interpolation from these to all points: sparse (V', M)."""
-        return _marks([m.rest for m in self.meshes], [each.operator for each in self._subdivided])
+        return _marks([m.rest for m in self.meshes], [refinement.operator for refinement in self._subdivided])
 
     def at(self, times_s: np.ndarray) -> Posed:
         """Their shape at these times."""
         posed = [mesh.at(times_s) for mesh in self.meshes]
         vertices = points = np.concatenate(posed, axis=1)
         if self._subdivision:
-            each = (_of_each(s.operator, p) for s, p in zip(self._subdivided, posed, strict=True))
-            points = np.concatenate(list(each), axis=1)
+            subdivided = (_of_each(s.operator, p) for s, p in zip(self._subdivided, posed, strict=True))
+            points = np.concatenate(list(subdivided), axis=1)
         return Posed(self, times_s, vertices, points)
 
     def marked(self, times_s: np.ndarray) -> np.ndarray:
@@ -193,18 +193,18 @@ class Occluders:
         """The nearest mark of each face, (F,)."""
         from scipy.spatial import cKDTree
 
-        numbers, found, ends = self.marks[0], [], np.cumsum([0, *self._sizes])
+        numbers, nearest_marks, ends = self.marks[0], [], np.cumsum([0, *self._sizes])
         for mesh, first, last in zip(self.meshes, ends, ends[1:], strict=False):
             begin, end = np.searchsorted(numbers, (first, last))
             _, nearest = cKDTree(mesh.rest[numbers[begin:end] - first]).query(mesh.rest[mesh.faces[:, 0]])
-            found.append(nearest + begin)
-        return np.concatenate(found)
+            nearest_marks.append(nearest + begin)
+        return np.concatenate(nearest_marks)
 
     @cached_property
     def mark_reach_m(self) -> float:
         """Greatest distance of any point of the meshes from a mark: in faces, and where skin stretches to twice its length."""
         edges = (mesh.rest[mesh.faces] - mesh.rest[np.roll(mesh.faces, 1, axis=1)] for mesh in self.meshes)
-        return 2 * (MARK_M + max(float(np.linalg.norm(each, axis=2).max()) for each in edges))
+        return 2 * (MARK_M + max(float(np.linalg.norm(edge, axis=2).max()) for edge in edges))
 
     def split(self, values: np.ndarray) -> list[np.ndarray]:
         """Values at all points (K, V') mesh by mesh."""
@@ -217,12 +217,12 @@ class Occluders:
 
     @cached_property
     def _sizes(self) -> list[int]:
-        return [each.operator.shape[0] for each in self._subdivided]
+        return [refinement.operator.shape[0] for refinement in self._subdivided]
 
     @cached_property
     def subdivided_faces(self) -> np.ndarray:
         """Those between all points (F', 3)."""
-        return _side_by_side([each.faces for each in self._subdivided], self._sizes)
+        return _side_by_side([refinement.faces for refinement in self._subdivided], self._sizes)
 
     @cached_property
     def _incidence(self) -> Any:
@@ -255,7 +255,7 @@ class _HalfEdges(NamedTuple):
     @classmethod
     def of(cls, mesh: MovingMesh, first_vertex: int, first_face: int) -> _HalfEdges:
         twin = topology(mesh.faces, len(mesh.rest)).twin
-        tail, head = (each.ravel() + first_vertex for each in (mesh.faces, mesh.faces[:, [1, 2, 0]]))
+        tail, head = (numbers.ravel() + first_vertex for numbers in (mesh.faces, mesh.faces[:, [1, 2, 0]]))
         face = np.arange(len(twin)) // 3 + first_face
         return cls(tail, head, face, face[twin], twin < 0)
 
@@ -268,7 +268,7 @@ def vertex_normals(vertices: np.ndarray, faces: np.ndarray, of_faces: Any) -> np
 
 def point_normals(areas: np.ndarray, of_faces: Any) -> np.ndarray:
     """Unit normals (K, V, 3) of points that belong to faces, sparse (V, F), whose normals (3, F, K) are as long as they weigh."""
-    total = np.stack([of_faces @ each for each in areas])
+    total = np.stack([of_faces @ area for area in areas])
     return (total / np.maximum(np.sqrt((total**2).sum(axis=0)), 1e-30)).T
 
 
@@ -304,7 +304,7 @@ def _is_closed(mesh: MovingMesh) -> bool:
 def _side_by_side(faces: Sequence[np.ndarray], sizes: Sequence[int]) -> np.ndarray:
     """Faces of meshes of so many vertices as those of one."""
     offsets = np.cumsum([0, *sizes[:-1]])
-    return np.concatenate([each + offset for each, offset in zip(faces, offsets, strict=True)])
+    return np.concatenate([face + offset for face, offset in zip(faces, offsets, strict=True)])
 
 
 def _of_each(operator: Any, vertices: np.ndarray) -> np.ndarray:

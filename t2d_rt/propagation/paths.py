@@ -86,8 +86,8 @@ def find_paths(
     materials = [resolved(surface.material, frequency_hz) for surface in mirrors.scene.surfaces]
     loss_db = _losses_db(mirrors, materials, frequency_hz) if transmissions else None
     places = np.array([place_m]) if along is None else along.places_m(place_m)
-    each = (mirrors.chains(place, order, transmissions=transmissions, loss_db=loss_db) for place in places)
-    mirrors, chains = mirrors.parted(list(dict.fromkeys(chain for some in each for chain in some)))
+    of_places = (mirrors.chains(place, order, transmissions=transmissions, loss_db=loss_db) for place in places)
+    mirrors, chains = mirrors.parted(list(dict.fromkeys(chain for chains in of_places for chain in chains)))
     passing, times_s = (None, None) if along is None else (along.passing, along.probed_s)
     candidates = _path_set(mirrors, materials, chains, np.array(place_m, float), np.array(polarization, float), passing)
     fraction = existing(mirrors, candidates, probes_m, times_s).astype(np.float32)
@@ -107,7 +107,7 @@ def _losses_db(mirrors: Mirrors, materials: Sequence[Material], frequency_hz: fl
     transmitted = [
         transmission(material, surface.thickness_m, np.array(1.0), frequency_hz)[0] for material, surface in slabs
     ]
-    return -20 * np.log10(np.maximum(np.abs(transmitted), 1e-30))[[mirror.surface for mirror in mirrors.each]]
+    return -20 * np.log10(np.maximum(np.abs(transmitted), 1e-30))[[mirror.surface for mirror in mirrors.parts]]
 
 
 def _path_set(
@@ -127,12 +127,12 @@ def _path_set(
     unfoldings = [
         _unfolding(elements.taken((row, slice(length))), place) for row, length in enumerate(lengths.tolist())
     ]
-    image_m, mirror_matrix, shift_m = (np.array(each) for each in zip(*unfoldings, strict=True))
-    names = [f"{mirror.name}{mark}" for mark in ("", " (through)") for mirror in mirrors.each]
+    image_m, mirror_matrix, shift_m = (np.array(column) for column in zip(*unfoldings, strict=True))
+    names = [f"{mirror.name}{mark}" for mark in ("", " (through)") for mirror in mirrors.parts]
     return PathSet(
         antenna_m=place,
         polarization=polarization,
-        chains=tuple(tuple(names[k if k >= 0 else len(mirrors.each) + ~k] for k in chain) for chain in chains),
+        chains=tuple(tuple(names[k if k >= 0 else len(mirrors.parts) + ~k] for k in chain) for chain in chains),
         mask=mask,
         elements=elements,
         image_m=image_m,
@@ -146,15 +146,15 @@ def _elements(mirrors: Mirrors, materials: Sequence[Material], met: np.ndarray) 
     """Elements of chains: k is a reflection by mirror k, ~k a transmission through it."""
     surfaces, through = mirrors.scene.surfaces, met < 0
     mirror = np.where(through, ~met, met)
-    of_surface = np.array([each.surface for each in mirrors.each])[mirror]
+    of_surface = np.array([part.surface for part in mirrors.parts])[mirror]
     thickness_m = np.array([surface.thickness_m for surface in surfaces], float)
     permittivity = np.array([material.relative_permittivity for material in materials], float)
     specular = np.array([math.sqrt(1 - material.scattering_coefficient**2) for material in materials])
     return Elements(
         mirror=mirror,
         through=through,
-        normal=np.array([each.normal for each in mirrors.each])[mirror],
-        offset_m=np.array([each.offset_m for each in mirrors.each])[mirror],
+        normal=np.array([part.normal for part in mirrors.parts])[mirror],
+        offset_m=np.array([part.offset_m for part in mirrors.parts])[mirror],
         relative_permittivity=permittivity[of_surface],
         conductivity_s_per_m=np.array([material.conductivity_s_per_m for material in materials], float)[of_surface],
         thickness_m=thickness_m[of_surface],

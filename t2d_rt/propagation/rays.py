@@ -58,10 +58,10 @@ def columns(mi: Any, points: np.ndarray) -> list[Any]:
 
 def rays(mi: Any, origins: np.ndarray, directions: np.ndarray, length: np.ndarray | None = None) -> Any:
     """Rays from (..., 3) in directions (..., 3), as far as their length (...) where one is given."""
-    found = mi.Ray3f(mi.Point3f(*columns(mi, origins)), mi.Vector3f(*columns(mi, directions)))
+    ray = mi.Ray3f(mi.Point3f(*columns(mi, origins)), mi.Vector3f(*columns(mi, directions)))
     if length is not None:
-        found.maxt = mi.Float(aligned(length, np.float32))
-    return found
+        ray.maxt = mi.Float(aligned(length, np.float32))
+    return ray
 
 
 def side_by_side(mi: Any, vertices: np.ndarray, faces: np.ndarray, reach_m: float) -> tuple[Any, np.ndarray]:
@@ -99,12 +99,12 @@ class Rays:
             return Hits(np.zeros(0, np.int64), np.zeros((0, 3)))
         import drjit as dr
 
-        found = self._scene.ray_intersect_preliminary(rays(self._mitsuba, origins - self._middle, directions))
-        met = found.is_valid()
-        u, v = (dr.select(met, getattr(found.prim_uv, axis), 0) for axis in "xy")
-        dr.eval(met, u, v, found.prim_index)  # at once; else each would trace the rays again
+        hit = self._scene.ray_intersect_preliminary(rays(self._mitsuba, origins - self._middle, directions))
+        met = hit.is_valid()
+        u, v = (dr.select(met, getattr(hit.prim_uv, axis), 0) for axis in "xy")
+        dr.eval(met, u, v, hit.prim_index)  # at once; else each would trace the rays again
         u, v = u.numpy().astype(float), v.numpy().astype(float)
-        face = np.where(met.numpy(), found.prim_index.numpy().astype(np.int64), -1)
+        face = np.where(met.numpy(), hit.prim_index.numpy().astype(np.int64), -1)
         return Hits(face, np.stack([1 - u - v, u, v], axis=1))
 
     def free(self, origins: np.ndarray, ends: np.ndarray) -> np.ndarray:

@@ -78,18 +78,18 @@ class SceneFile:
         """Path of a file that the scene names, symbolic links followed; it must lie in the scene's folder or below."""
         home = self.path.resolve().parent
         try:
-            found = (home / (name or "")).resolve()
+            path = (home / (name or "")).resolve()
         except (OSError, RuntimeError, ValueError):  # links in a ring
             raise InputError(f"it names {shown(name)}, which cannot be found; put the file beside the scene") from None
-        if not name or not found.is_relative_to(home):
+        if not name or not path.is_relative_to(home):
             raise InputError(f"it names {shown(name)}, which lies outside its folder; put the file beside the scene")
         try:
-            there = found.exists()
+            there = path.exists()
         except OSError:  # a name longer than names may be
             there = False
         if not there:
             raise InputError(f"it names {shown(name)}, which does not exist; put the file beside the scene")
-        return found
+        return path
 
     def read(self) -> list[Element]:
         """What <scene> holds, parameters filled in and includes in place of their element."""
@@ -136,10 +136,10 @@ class SceneFile:
 
     def _fill(self, element: Element) -> None:
         """Puts the values of $parameters into an element's attributes and those of all that it holds."""
-        for each in element.iter():
-            for key, value in each.attrib.items():
+        for node in element.iter():
+            for key, value in node.attrib.items():
                 if "$" in value:
-                    each.set(key, self._filled(value))
+                    node.set(key, self._filled(value))
 
     def _filled(self, value: str) -> str:
         """A text with values in the place of $parameters, long names first: one may begin like another."""
@@ -184,13 +184,13 @@ def numbers(text: str | None, *counts: int) -> list[float]:
     try:
         if len(words) not in counts or not set("".join(words)) <= set(NUMBERS):
             raise ValueError
-        found = [float(word) for word in words]
-        if not np.isfinite(found).all():
+        values = [float(word) for word in words]
+        if not np.isfinite(values).all():
             raise ValueError
     except ValueError:
         expected = " or ".join(str(count) for count in counts)
         raise InputError(f"{expected} finite numbers were expected, got {shown(text)}; correct it") from None
-    return found
+    return values
 
 
 def _vector(step: Element, default: float, *, others: tuple[str, ...] = ()) -> np.ndarray:
@@ -296,8 +296,8 @@ class Shapes:
     def surface(self, shape: Element, name: str, material: str | Material, thickness_m: float) -> Surface:
         """The surface of a shape of that material."""
         try:
-            found = properties(shape, {"boolean": NORMALS, "string": {"filename"}, "transform": {"to_world"}})
-            vertices, faces = self._mesh(shape.get("type", ""), found.get("filename"))
+            named = properties(shape, {"boolean": NORMALS, "string": {"filename"}, "transform": {"to_world"}})
+            vertices, faces = self._mesh(shape.get("type", ""), named.get("filename"))
             self.triangles_left -= len(faces)
             if self.triangles_left < 0:
                 raise InputError(
@@ -305,7 +305,7 @@ class Shapes:
                 )
             return Surface(
                 name=name,
-                vertices=moved(vertices, to_world(found.get("to_world"))),
+                vertices=moved(vertices, to_world(named.get("to_world"))),
                 faces=faces,
                 material=material,
                 thickness_m=thickness_m,
@@ -330,28 +330,28 @@ class Shapes:
 
     def _bsdf(self, shape: Element) -> Element:
         """The only material of a shape, its own or the one that it refers to."""
-        found = list(shape.findall("bsdf"))
+        bsdfs = list(shape.findall("bsdf"))
         for reference in shape.findall("ref"):
             if reference.get("id") not in self.materials:
                 raise InputError(f"it refers to {shown(reference.get('id'))}, which is no material of the scene")
-            found.append(self.materials[reference.get("id", "")])
-        if len(found) != 1:
-            raise InputError(f"it has {len(found)} materials; give it one")
-        return found[0]
+            bsdfs.append(self.materials[reference.get("id", "")])
+        if len(bsdfs) != 1:
+            raise InputError(f"it has {len(bsdfs)} materials; give it one")
+        return bsdfs[0]
 
 
-def properties(element: Element, known: dict[str, set[str] | frozenset[str]]) -> dict[str, Element]:
-    """Its named properties; `known` are the names of each kind."""
-    found: dict[str, Element] = {}
-    for each in element:
-        if each.tag in PICTURE | {"bsdf", "ref"}:
+def properties(element: Element, allowed: dict[str, set[str] | frozenset[str]]) -> dict[str, Element]:
+    """Its properties by name; those of each kind that are `allowed`."""
+    named: dict[str, Element] = {}
+    for child in element:
+        if child.tag in PICTURE | {"bsdf", "ref"}:
             continue
-        name = each.get("name", "")
-        if name not in known.get(each.tag, ()) or name in found:
-            names = ", ".join(sorted({name for names in known.values() for name in names}))
-            raise InputError(f"it has a <{shown(each.tag)[1:-1]}> {shown(name)}, not one each of {names}; delete it")
-        found[name] = each
-    return found
+        name = child.get("name", "")
+        if name not in allowed.get(child.tag, ()) or name in named:
+            names = ", ".join(sorted({name for names in allowed.values() for name in names}))
+            raise InputError(f"it has a <{shown(child.tag)[1:-1]}> {shown(name)}, not one each of {names}; delete it")
+        named[name] = child
+    return named
 
 
 def material_of(bsdf: Element, substitutes: Mapping[str, str | Material]) -> tuple[str | Material, float]:
@@ -362,11 +362,11 @@ def material_of(bsdf: Element, substitutes: Mapping[str, str | Material]) -> tup
     """
     name, itu = names_of(bsdf)
     kind = bsdf.get("type", "")
-    for each in (name, itu):
-        if each in substitutes:
-            return substitutes[each], _thickness(bsdf)
+    for key in (name, itu):
+        if key in substitutes:
+            return substitutes[key], _thickness(bsdf)
     if name.startswith(("itu_", "itu-")):
-        dropped = [each.get("name", "") for each in bsdf if each.get("name") in OWN_VALUES]
+        dropped = [child.get("name", "") for child in bsdf if child.get("name") in OWN_VALUES]
         rough = bsdf.find("float[@name='scattering_coefficient']")
         if rough is not None and _value({"rough": rough}, "rough", 0.0):
             dropped.append("scattering_coefficient")
@@ -378,21 +378,21 @@ def material_of(bsdf: Element, substitutes: Mapping[str, str | Material]) -> tup
         return known_itu(itu), _thickness(bsdf)
     if kind == "itu-radio-material":
         names = {"thickness", "scattering_coefficient", "xpd_coefficient"}
-        found = properties(bsdf, {"string": {"type"}, "float": names, "integer": names})
-        if _value(found, "scattering_coefficient", 0.0):
+        named = properties(bsdf, {"string": {"type"}, "float": names, "integer": names})
+        if _value(named, "scattering_coefficient", 0.0):
             warn(
                 f"scattering_coefficient of {name} is left out: ITU materials are smooth; give a radio-material instead"
             )
-        return known_itu(itu), _value(found, "thickness", DEFAULT_THICKNESS_M)
+        return known_itu(itu), _value(named, "thickness", DEFAULT_THICKNESS_M)
     if kind == "radio-material":
         names = {"thickness", *OWN_VALUES, "scattering_coefficient", "xpd_coefficient"}
-        found = properties(bsdf, {"float": names, "integer": names})
+        named = properties(bsdf, {"float": names, "integer": names})
         return Material(
             name=name,
-            relative_permittivity=_value(found, "relative_permittivity", 1.0),
-            conductivity_s_per_m=_value(found, "conductivity", 0.0),
-            scattering_coefficient=_value(found, "scattering_coefficient", 0.0),
-        ), _value(found, "thickness", DEFAULT_THICKNESS_M)
+            relative_permittivity=_value(named, "relative_permittivity", 1.0),
+            conductivity_s_per_m=_value(named, "conductivity", 0.0),
+            scattering_coefficient=_value(named, "scattering_coefficient", 0.0),
+        ), _value(named, "thickness", DEFAULT_THICKNESS_M)
     raise InputError(
         f"its material {shown(name)} is of type {shown(kind)}; take itu-radio-material or radio-material, "
         f"an id like mat-itu_concrete, or a substitute such as {name or 'NAME'}=concrete (--scene-material, load_scene's materials)"
@@ -403,19 +403,19 @@ def names_of(bsdf: Element) -> tuple[str, str]:
     """A material's own name, and the ITU name that it gives, or would be taken for."""
     name = bsdf.get("id", "").removeprefix("mat-")
     chosen = bsdf.find("string[@name='type']")
-    plain = name[4:] if name.startswith(("itu_", "itu-")) else ""
-    return name, plain if chosen is None else chosen.get("value", "")
+    itu = name[4:] if name.startswith(("itu_", "itu-")) else ""
+    return name, itu if chosen is None else chosen.get("value", "")
 
 
 def _thickness(bsdf: Element) -> float:
-    given = bsdf.find("float[@name='thickness']")
-    return _value({} if given is None else {"thickness": given}, "thickness", DEFAULT_THICKNESS_M)
+    thickness = bsdf.find("float[@name='thickness']")
+    return _value({} if thickness is None else {"thickness": thickness}, "thickness", DEFAULT_THICKNESS_M)
 
 
-def _value(found: dict[str, Element], name: str, default: float) -> float:
+def _value(named: dict[str, Element], name: str, default: float) -> float:
     """A number in the float32 in which ray tracers hold it."""
     with np.errstate(over="ignore"):  # infinite ones are refused by the surface or the material
-        return float(np.float32(numbers(found[name].get("value"), 1)[0] if name in found else default))
+        return float(np.float32(numbers(named[name].get("value"), 1)[0] if name in named else default))
 
 
 VALUES = frozenset({"boolean", "integer", "float", "string"})
@@ -452,8 +452,8 @@ def load_scene(
         raise InputError("units and up are those of a mesh (.obj, .ply, .glb); a scene file is in metres, z up")
     path = _path(source)
     substitutes = {
-        name: known_itu(each.removeprefix("itu_")) if isinstance(each, str) else each
-        for name, each in materials_by_name(materials).items()
+        name: known_itu(material.removeprefix("itu_")) if isinstance(material, str) else material
+        for name, material in materials_by_name(materials).items()
     }
     try:
         return Scene(name=path.stem, surfaces=tuple(_surfaces(SceneFile(path), substitutes, frequency_hz)))
@@ -467,15 +467,15 @@ def _path(source: str | Path) -> Path:
     if isinstance(source, str) and source in scene_names():
         return resource("scenes", source) / f"{source}.xml"
     if path.suffix.lower() != ".xml":
-        known = ("free_space", *scene_names())
+        choices = ("free_space", *scene_names())
         raise unknown_name(
-            "scene", str(source), known, hint=", or give a Mitsuba XML file or a mesh (.obj, .ply, .glb)"
+            "scene", str(source), choices, hint=", or give a Mitsuba XML file or a mesh (.obj, .ply, .glb)"
         )
     try:
-        found = path.exists()
+        exists = path.exists()
     except OSError:  # a folder that may not be searched
-        found = False
-    if not found:
+        exists = False
+    if not exists:
         raise InputError(
             f"there is no scene file {path}; choose one of {', '.join(scene_names())}, or give the path of one"
         )
@@ -503,8 +503,8 @@ def _surfaces(file: SceneFile, substitutes: Mapping[str, str | Material], freque
             raise InputError(f"it holds <{shown(element.tag)[1:-1]}>, which is not read; write out what it stands for")
     if len(shapes) > MAX_SURFACES:
         raise InputError(f"it has {len(shapes)} shapes, more than {MAX_SURFACES}; join those of one material")
-    held = {name for each in materials.values() for name in names_of(each)}
-    held |= {name for shape in shapes for each in shape.findall("bsdf") for name in names_of(each)}
+    held = {name for bsdf in materials.values() for name in names_of(bsdf)}
+    held |= {name for shape in shapes for bsdf in shape.findall("bsdf") for name in names_of(bsdf)}
     for name in substitutes:
         if name not in held:
             raise InputError(f"it has no material {shown(name)} to substitute; it has {', '.join(sorted(held - {''}))}")
@@ -512,7 +512,7 @@ def _surfaces(file: SceneFile, substitutes: Mapping[str, str | Material], freque
     reader, nameless = Shapes(file, materials, substitutes), count(1)
     # mesh- before a name is Blender's exporter's.
     names = [(shape.get("id") or f"no-name-{next(nameless)}").removeprefix("mesh-") for shape in shapes]
-    made = [reader.material(*each) for each in zip(shapes, names, strict=True)]
+    of_shapes = [reader.material(shape, name) for shape, name in zip(shapes, names, strict=True)]
     if frequency_hz is not None:
-        check_values((material for material, _ in made), frequency_hz)
-    return [reader.surface(shape, name, *of) for shape, name, of in zip(shapes, names, made, strict=True)]
+        check_values((material for material, _ in of_shapes), frequency_hz)
+    return [reader.surface(shape, name, *of) for shape, name, of in zip(shapes, names, of_shapes, strict=True)]

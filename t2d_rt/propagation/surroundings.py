@@ -32,14 +32,14 @@ def probes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points of the targets over the record, (P, 3) m, and when they are there, (P,) s."""
     times = sample_times(start_s, stop_s, PROBE_RATE_HZ)
-    found, when = [], []
+    places, when = [], []
     for geometry in geometries:
-        for some in blocks(times, geometry.point_count):
-            points = geometry.points_at(some)
+        for block_s in blocks(times, geometry.point_count):
+            points = geometry.points_at(block_s)
             points = points[:, :: max(1, points.shape[1] // PROBES)]
-            found.append(points.reshape(-1, 3))
-            when.append(np.repeat(some, points.shape[1]))
-    return np.concatenate(found), np.concatenate(when)
+            places.append(points.reshape(-1, 3))
+            when.append(np.repeat(block_s, points.shape[1]))
+    return np.concatenate(places), np.concatenate(when)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class RadarPaths:
     @property
     def blockage(self) -> SceneBlockage:
         """What of the scene blocks these paths."""
-        return SceneBlockage({found.paths.antenna_m.tobytes(): found.edges for found in (self.out, self.back)})
+        return SceneBlockage({side.paths.antenna_m.tobytes(): side.edges for side in (self.out, self.back)})
 
 
 def radar_paths(
@@ -101,15 +101,15 @@ def _check_inside(
     one and paths may lead `through` it."""
     if along is not None:
         probes_m = points_in_scene(along.passing, probes_m, along.probed_s)
-    some = probes_m[:: max(1, len(probes_m) // MOST_INSIDE)]
+    sample_m = probes_m[:: max(1, len(probes_m) // MOST_INSIDE)]
     centres = radar.tx_position_m, radar.rx_position_m
     for place in centres if along is None else np.concatenate([along.places_m(centre) for centre in centres]):
         slab = mirrors.slab_at(place)
-        found = [] if slab is None else [(slab, False)]
+        enclosures = [] if slab is None else [(slab, False)]
         for name, triangles in mirrors.shells_enclosing(place):
-            if np.mean([abs(winding(triangles - each)) > 0.5 for each in some]) <= 0.5:
-                found.append((name, has_room(np.ptp(triangles.reshape(-1, 3), axis=0))))
-        for name, as_room in found:
+            if np.mean([abs(winding(triangles - probe_m)) > 0.5 for probe_m in sample_m]) <= 0.5:
+                enclosures.append((name, has_room(np.ptp(triangles.reshape(-1, 3), axis=0))))
+        for name, as_room in enclosures:
             if as_room and through:
                 continue
             advice = "; move the radar (position_m) or the furniture"
@@ -155,12 +155,12 @@ class Blockage:
             fractions = fractions.mean(axis=2, keepdims=True)
         if self._pose is not None:
             fractions = fractions[:, self._pose]
-        return [Unblocked(self._samples_s, each, self._points.shape[1]) for each in fractions]
+        return [Unblocked(self._samples_s, fraction, self._points.shape[1]) for fraction in fractions]
 
 
 def _vertices_at(mesh: MovingMesh, vertices: np.ndarray, times_s: np.ndarray) -> np.ndarray:
     """Some vertices (K, N, 1, 3) of a mesh."""
-    return np.concatenate([mesh.at(some)[:, vertices, None] for some in blocks(times_s, len(mesh.rest))])
+    return np.concatenate([mesh.at(block_s)[:, vertices, None] for block_s in blocks(times_s, len(mesh.rest))])
 
 
 def _centres_at(ellipsoids: Ellipsoids, times_s: np.ndarray) -> np.ndarray:
@@ -182,12 +182,12 @@ class Unblocked:
 
     samples_s: np.ndarray
     """(S,)."""
-    known: np.ndarray
+    at_samples: np.ndarray
     """At these, (S, N) or (S, 1)."""
     count: int
     """N."""
 
     def __call__(self, times_s: np.ndarray) -> np.ndarray:
         """(K, N) at times [s] (K,)."""
-        found = faded(times_s, self.samples_s, self.known.__getitem__)
-        return np.broadcast_to(found, (len(times_s), self.count))
+        fraction = faded(times_s, self.samples_s, self.at_samples.__getitem__)
+        return np.broadcast_to(fraction, (len(times_s), self.count))

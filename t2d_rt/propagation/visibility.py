@@ -77,54 +77,56 @@ class Viewpoints:
     ) -> None:
         """Of waves that long; at 0 meshes cast hard shadows on one another."""
         self.meshes, self.samples_s, self.backend, self.wavelength_m = meshes, samples_s, backend, wavelength_m
-        self._each: list[ref[Occlusion]] = []
+        self._references: list[ref[Occlusion]] = []
 
     @property
-    def each(self) -> list[Occlusion]:
+    def occlusions(self) -> list[Occlusion]:
         """Those that something asks: what has been dropped is not traced for."""
-        return [one for one in (found() for found in self._each) if one is not None]
+        return [occlusion for occlusion in (reference() for reference in self._references) if occlusion is not None]
 
     def add(self, viewpoint: Occlusion) -> None:
         """Takes a place along in each scene from now on, for as long as something else holds it."""
-        self._each.append(ref(viewpoint))
+        self._references.append(ref(viewpoint))
 
-    def traced(self, some: Sequence[Occlusion], times_s: np.ndarray) -> list[np.ndarray]:
-        """Visibility from some of them at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
+    def traced(self, occlusions: Sequence[Occlusion], times_s: np.ndarray) -> list[np.ndarray]:
+        """From these viewpoints at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
         at = self.meshes.at(times_s)
         scene = self.scene(at)
-        return [each.fractions(each.sampled(at, scene), 1) for each in some]
+        return [occlusion.fractions(occlusion.sampled(at, scene), 1) for occlusion in occlusions]
 
     @cached_property
     def at_once(self) -> int:
         """Sample times of a chunk, known once all viewpoints are: fewer where there are many of these, so that what is held for all
         of them fits memory."""
-        of_one = SAMPLE_BYTES * self.meshes.point_count * len(self.each)
+        of_one = SAMPLE_BYTES * self.meshes.point_count * len(self.occlusions)
         return int(np.clip(VISIBILITY_BYTES // max(1, of_one), 1, self.meshes.copies))
 
     def drop_but(self, chunks: range) -> None:
         """Drops other chunks, those of all viewpoints: echoes may be summed in several parts, each from some of the viewpoints
         alone over the whole record. A viewpoint that asked for nothing since chunks were last dropped is out of use."""
-        if any(number not in chunks for each in self.each for number in each.chunks):
-            for each in self.each:
-                each.asked, each.in_use = False, each.asked
-                each.chunks = {number: found for number, found in each.chunks.items() if number in chunks}
+        if any(number not in chunks for occlusion in self.occlusions for number in occlusion.chunks):
+            for occlusion in self.occlusions:
+                occlusion.asked, occlusion.in_use = False, occlusion.asked
+                occlusion.chunks = {number: samples for number, samples in occlusion.chunks.items() if number in chunks}
 
     def sample(self, number: int) -> None:
         """Finds visibility at a chunk of sample times from all viewpoints in use."""
         at = self.meshes.at(self.samples_s[number * self.at_once : (number + 1) * self.at_once])
         scene = self.scene(at)
-        for each in self.each:
-            if each.in_use and number not in each.chunks:
-                each.chunks[number] = each.sampled(at, scene)
+        for occlusion in self.occlusions:
+            if occlusion.in_use and number not in occlusion.chunks:
+                occlusion.chunks[number] = occlusion.sampled(at, scene)
 
     def scene(self, at: Posed) -> Surroundings | None:
         """The meshes at some instants as rays to all viewpoints meet them; None where none of these is occluded."""
-        seen = [one for each in self.each if each.solid for one in each.viewpoint.seen_at(at.times_s)]
-        if not seen:
+        seen_paths = [
+            path for occlusion in self.occlusions if occlusion.solid for path in occlusion.viewpoint.seen_at(at.times_s)
+        ]
+        if not seen_paths:
             return None
-        places = {place.tobytes(): place for each in seen for place in images(each)}
+        places = {place.tobytes(): place for path in seen_paths for place in images(path)}
         parts = at.facing(list(places.values())) if len(places) <= FEW_PLACES else None
-        return Surroundings(self.meshes, at.vertices, seen, self.backend, parts=parts)
+        return Surroundings(self.meshes, at.vertices, seen_paths, self.backend, parts=parts)
 
 
 class Occlusion:
@@ -178,29 +180,29 @@ class Occlusion:
     def _at_samples(self, numbers: np.ndarray, path_count: int) -> np.ndarray:
         """Visibility at sample times of these numbers, ascending, chunk by chunk; chunks that no longer count are dropped."""
         # Blocks of frames go on in time, and all chunks of one are asked for from each place in turn.
-        every = self.viewpoints.at_once
-        self.viewpoints.drop_but(range(int(numbers.min()) // every, int(numbers.max()) // every + 1))
+        chunk_size = self.viewpoints.at_once
+        self.viewpoints.drop_but(range(int(numbers.min()) // chunk_size, int(numbers.max()) // chunk_size + 1))
         self.asked = self.in_use = True
-        found = []
+        fractions = []
         for number in numbers.tolist():
-            chunk, place = divmod(number, every)
+            chunk, place = divmod(number, chunk_size)
             if chunk not in self.chunks:
                 self.viewpoints.sample(chunk)
-            found.append(self.fractions(self.chunks[chunk], path_count)[place])
-        return np.stack(found)
+            fractions.append(self.fractions(self.chunks[chunk], path_count)[place])
+        return np.stack(fractions)
 
     def sampled(self, at: Posed, scene: Surroundings | None) -> VisibilitySamples:
         """Visibility at the instants of meshes that stand in a scene."""
         unblocked = self._unblocked_at(at)
         if not self.solid or scene is None:
             return VisibilitySamples(None, None, unblocked)
-        seen = self.viewpoint.seen_at(at.times_s)
-        front = np.einsum("kvi,kvi->kv", at.normals, apparent_m(seen) - at.points) > 0
+        seen_paths = self.viewpoint.seen_at(at.times_s)
+        front = np.einsum("kvi,kvi->kv", at.normals, apparent_m(seen_paths) - at.points) > 0
         visible = self.visible(at, front, scene)
         if self.viewpoints.wavelength_m and len(self._meshes.meshes) > 1:
             visible = beside_others(
                 at,
-                seen,
+                seen_paths,
                 Points(at.points, at.normals, self._meshes.owner, front, visible),
                 wavelength_m=self.viewpoints.wavelength_m,
                 backend=self.viewpoints.backend,
@@ -238,14 +240,14 @@ class Occlusion:
         Points that the subdivision adds to bodies are traced beside the edges of shadows alone: elsewhere they are as the vertices
         about them. A shadow narrower than these lie apart would be missed.
         """
-        always = front & self._meshes.own if self._meshes.of_bodies else front
-        seen = self.viewpoint.seen_at(at.times_s)
-        visible = scene.visible(seen, at.points, at.normals, always)
+        always = front & self._meshes.are_vertices if self._meshes.of_bodies else front
+        seen_paths = self.viewpoint.seen_at(at.times_s)
+        visible = scene.visible(seen_paths, at.points, at.normals, always)
         others = front & ~always
         if others.any():
             lit, dark = self._meshes.beside(visible), self._meshes.beside(always & ~visible)
             visible |= others & lit & ~dark
-            visible |= scene.visible(seen, at.points, at.normals, others & (lit == dark))
+            visible |= scene.visible(seen_paths, at.points, at.normals, others & (lit == dark))
         return visible
 
 
@@ -283,36 +285,36 @@ class ExactVisibility:
         of_faces = incidence(faces, vertices.shape[1])
         at, obstacles = self._obstacles(times_s[fresh])
         here, owner = vertices[fresh], np.full(vertices.shape[1], self._own)
-        found = []
-        for some, before in zip(here, obstacles, strict=True):
-            normal = vertex_normals(some[None], faces, of_faces)
-            front = np.einsum("vi,vi->v", normal[0], images(before.viewpoint)[-1] - some) > 0
-            found.append((normal[0], front, before.leave_visible(some[None], normal, front[None])[0]))
-        normals, front, seen = (np.stack(each) for each in zip(*found, strict=True))
+        results = []
+        for points, before in zip(here, obstacles, strict=True):
+            normal = vertex_normals(points[None], faces, of_faces)
+            front = np.einsum("vi,vi->v", normal[0], images(before.viewpoint)[-1] - points) > 0
+            results.append((normal[0], front, before.leave_visible(points[None], normal, front[None])[0]))
+        normals, front, visible = (np.stack(column) for column in zip(*results, strict=True))
         if self._wavelength_m and len(self._occluders.meshes) > 1:
-            seen = beside_others(
+            visible = beside_others(
                 at,
                 self._viewpoint.seen_at(at.times_s),
-                Points(here, normals, owner, front, seen),
+                Points(here, normals, owner, front, visible),
                 wavelength_m=self._wavelength_m,
                 backend=self._backend,
             )
-        visibility = np.where(front, seen, np.float32(1))  # beyond the horizon facets show their back
+        visibility = np.where(front, visible, np.float32(1))  # beyond the horizon facets show their back
         return np.asarray(visibility[np.cumsum(fresh) - 1])
 
     def _obstacles(self, times_s: np.ndarray) -> tuple[Posed, list[_Obstacles]]:
         """Occluders at each of these times, and as rays meet them: facets and diffuse points ask for the same ones."""
         if self._last is None or self._last[0] != times_s.tobytes():
-            posed, found, seen = self._occluders.at(times_s), [], self._viewpoint.seen_at(times_s)
-            every = [place for each in seen for place in images(each)]
-            for number, (vertices, facing) in enumerate(zip(posed.vertices, posed.facing(every), strict=True)):
-                viewpoint = seen[number % len(seen)]
+            posed, obstacles, seen_paths = self._occluders.at(times_s), [], self._viewpoint.seen_at(times_s)
+            all_places = [place for path in seen_paths for place in images(path)]
+            for number, (vertices, facing) in enumerate(zip(posed.vertices, posed.facing(all_places), strict=True)):
+                viewpoint = seen_paths[number % len(seen_paths)]
                 places = np.array(images(viewpoint))
                 from_here = (vertices - places[-1])[None]
-                reach = 2.2 * max(float(np.abs(each).max()) for each in (from_here, places - places[-1]))
+                reach = 2.2 * max(float(np.abs(points).max()) for points in (from_here, places - places[-1]))
                 scene = side_by_side(self._mitsuba, from_here, self._occluders.faces[facing], reach)
-                found.append(_Obstacles(self._mitsuba, *scene, viewpoint))
-            self._last = times_s.tobytes(), (posed, found)
+                obstacles.append(_Obstacles(self._mitsuba, *scene, viewpoint))
+            self._last = times_s.tobytes(), (posed, obstacles)
         return self._last[1]
 
 
@@ -327,21 +329,21 @@ class _Obstacles:
     viewpoint: OneWayPath
 
     @one_thread_at_a_time
-    def leave_visible(self, points: np.ndarray, normals: np.ndarray, some: np.ndarray) -> np.ndarray:
-        """Whether all segments from some of points (K, Q, 3) of given normals to the viewpoint are free, bool (K, Q)."""
+    def leave_visible(self, points: np.ndarray, normals: np.ndarray, candidates: np.ndarray) -> np.ndarray:
+        """Whether segments from `candidates` among points (K, Q, 3) of given normals to the viewpoint are free, bool (K, Q)."""
         import drjit as dr
 
-        found = np.zeros(some.shape, bool)
-        if not some.any():  # Mitsuba aborts without a ray
-            return found
+        visible = np.zeros(candidates.shape, bool)
+        if not candidates.any():  # Mitsuba aborts without a ray
+            return visible
         mi = self.mitsuba
 
-        from_here = mi.Vector3f(*columns(mi, points[some] - images(self.viewpoint)[-1]))
-        normal = mi.Vector3f(*columns(mi, normals[some]))
+        from_here = mi.Vector3f(*columns(mi, points[candidates] - images(self.viewpoint)[-1]))
+        normal = mi.Vector3f(*columns(mi, normals[candidates]))
         shifts = mi.Vector3f(*columns(mi, self.shift_m[:, 0]))
-        shift = dr.gather(mi.Vector3f, shifts, mi.UInt32(aligned(np.nonzero(some)[0], np.uint32)))
-        found[some] = self._free(from_here + LIFT_M * (normal - dr.normalize(from_here)), shift).numpy()
-        return found
+        shift = dr.gather(mi.Vector3f, shifts, mi.UInt32(aligned(np.nonzero(candidates)[0], np.uint32)))
+        visible[candidates] = self._free(from_here + LIFT_M * (normal - dr.normalize(from_here)), shift).numpy()
+        return visible
 
     def _free(self, here: Any, shift: Any) -> Any:
         """Whether nothing is met from points relative to the last image, on one straight part after another back to the antenna."""
@@ -386,24 +388,24 @@ class Surroundings:
         faces = occluders.faces + vertices.shape[1] * np.arange(len(vertices))[:, None, None]
         faces = faces if parts is None else faces[parts]
         self._middle = vertices.reshape(-1, 3).mean(axis=0)
-        places = [place for each in seen_from for place in images(each)]
-        reach = 2.2 * max(float(np.abs(each - self._middle).max()) for each in (vertices, *places))
+        places = [place for path in seen_from for place in images(path)]
+        reach = 2.2 * max(float(np.abs(points - self._middle).max()) for points in (vertices, *places))
         self._mitsuba = mitsuba(backend)
         self._scene, self._shift = side_by_side(self._mitsuba, vertices - self._middle, faces, reach)
 
     def visible(
         self,
-        seen: Sequence[OneWayPath],
+        seen_paths: Sequence[OneWayPath],
         points: np.ndarray,
         normals: np.ndarray,
-        some: np.ndarray | None = None,
+        candidates: np.ndarray | None = None,
     ) -> np.ndarray:
         """Whether points (K, Q, 3) of given normals on the meshes are visible from what was `seen_at` the instants, bool (K, Q):
-        `some` of them, bool (K, Q), by default all; none of the others is."""
-        some = np.ones(points.shape[:2], bool) if some is None else some
-        found = []
-        for viewpoint, at in zip(seen, instants_of(seen), strict=True):
+        of the `candidates`, bool (K, Q), by default all; none of the others is."""
+        candidates = np.ones(points.shape[:2], bool) if candidates is None else candidates
+        visible = []
+        for viewpoint, at in zip(seen_paths, instants_of(seen_paths), strict=True):
             shift = self._shift[at] + (images(viewpoint)[-1] - self._middle)
             obstacles = _Obstacles(self._mitsuba, self._scene, shift, viewpoint)
-            found.append(obstacles.leave_visible(points[at], normals[at], some[at]))
-        return found[0] if len(found) == 1 else np.concatenate(found)
+            visible.append(obstacles.leave_visible(points[at], normals[at], candidates[at]))
+        return visible[0] if len(visible) == 1 else np.concatenate(visible)

@@ -251,9 +251,9 @@ def test_rays_where_two_mirrors_meet() -> None:
     backend = select("auto")
     mirrors = Mirrors.of(scene, backend)
     edges = Edges.of(mirrors, RADAR.wavelength_m)
-    floor, wall = (next(n for n, each in enumerate(mirrors.each) if abs(each.normal[axis]) > 0.9) for axis in (2, 1))
-    normal = [mirrors.each[n].normal for n in (floor, wall)]
-    seam = np.linalg.lstsq(np.array(normal), [mirrors.each[n].offset_m for n in (floor, wall)], rcond=None)[0]
+    floor, wall = (next(n for n, each in enumerate(mirrors.parts) if abs(each.normal[axis]) > 0.9) for axis in (2, 1))
+    normal = [mirrors.parts[n].normal for n in (floor, wall)]
+    seam = np.linalg.lstsq(np.array(normal), [mirrors.parts[n].offset_m for n in (floor, wall)], rcond=None)[0]
     seam = seam + [1.5, 0, 0]
     antenna, point = np.array([0.0, 0, 1]), np.array([3.0, 0, 1])
     stops = np.array([[antenna], [seam], [seam], [point]], np.float32)

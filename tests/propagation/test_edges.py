@@ -175,12 +175,12 @@ def test_a_surface_of_triangles_given_twice_is_one() -> None:
     corners = [(2, -1, 0), (2, 1, 0), (2, 1, 2), (2, -1, 2)]
     single = plate("wall", corners)
     double = plate("wall", corners, faces=[[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]])
-    one, two = (Mirrors.of(Scene(name="s", surfaces=(each,)), select("cpu")).each[0] for each in (single, double))
+    one, two = (Mirrors.of(Scene(name="s", surfaces=(each,)), select("cpu")).parts[0] for each in (single, double))
     np.testing.assert_array_equal(one.triangles, two.triangles)
 
 
 def test_mirrors_of_one_surface_have_names_of_their_own() -> None:
-    names = [mirror.name for mirror in Mirrors.of(load_scene("hospital_room"), select("cpu")).each]
+    names = [mirror.name for mirror in Mirrors.of(load_scene("hospital_room"), select("cpu")).parts]
     assert len(set(names)) == len(names)
 
 

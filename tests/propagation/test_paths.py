@@ -281,7 +281,7 @@ def test_kept_chains_are_those_of_their_own_search() -> None:
     backend, wall = select("cpu"), plate("wall", [(-2, 2, -9), (1.9, 2, -9), (1.9, 2, -5), (-2, 2, -5)], PEC)
     mirrors = Mirrors.of(scene(), backend)
     below = Mirrors.of(Scene(name="test", surfaces=(wall, *scene().surfaces[1:])), backend)
-    loss_db = np.full(len(mirrors.each), 41.0)  # more than a ray bears
+    loss_db = np.full(len(mirrors.parts), 41.0)  # more than a ray bears
     searches: list[tuple[Mirrors, np.ndarray, int, dict[str, Any]]] = [
         (mirrors, ANTENNA_M, 1, {}), (mirrors, ANTENNA_M + [0.0, 5.0, 0.0], 1, {}), (mirrors, ANTENNA_M, 2, {}),
         (mirrors, ANTENNA_M, 0, {"transmissions": 1}), (mirrors, ANTENNA_M, 0, {"transmissions": 1, "loss_db": loss_db}),

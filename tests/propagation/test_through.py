@@ -181,7 +181,7 @@ def test_a_closed_box_takes_two_passages() -> None:
 def test_rays_pass_slabs_while_they_can_bear_it() -> None:
     """Slabs of 21 dB each can be passed once, not twice, and chains without them are as ever."""
     mirrors = Mirrors.of(load_scene("living_room"), select("cpu"))
-    loss_db = np.full(len(mirrors.each), 21.0)
+    loss_db = np.full(len(mirrors.parts), 21.0)
     once = mirrors.chains(ANTENNA_M, 1, transmissions=2, loss_db=loss_db)
     assert max(sum(k < 0 for k in chain) for chain in once) == 1
     plain = mirrors.chains(ANTENNA_M, 1)

@@ -55,7 +55,7 @@ def test_every_surface_faces_the_room() -> None:
 
 def test_a_wall_with_a_door_is_one_mirror() -> None:
     mirrors = Mirrors.of(Room(**BOX, openings=[{**DOOR, "slab": WOOD}]).scene(), select("cpu"))
-    assert sorted(mirror.name for mirror in mirrors.each) == [
+    assert sorted(mirror.name for mirror in mirrors.parts) == [
         "ceiling",
         "door",
         "floor",
@@ -64,7 +64,7 @@ def test_a_wall_with_a_door_is_one_mirror() -> None:
         "wall-x",
         "wall-y",
     ]
-    wall = next(mirror for mirror in mirrors.each if mirror.name == "wall-y")
+    wall = next(mirror for mirror in mirrors.parts if mirror.name == "wall-y")
     points = np.array([[2.0, -1.5, 1.0], [2.0, -1.5, 2.2], [1.0, -1.5, 1.0], [5.0, -1.5, 1.0]])
     assert wall.holds(points).tolist() == [False, True, True, False]
 
