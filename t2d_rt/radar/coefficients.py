@@ -60,7 +60,7 @@ class AmplitudeFrames:
         found = []
         for values, scale in self.parts:
             frames = [dr.gather(self.pair, values, place + k) for k in range(4)]
-            found += [cubic([each[part] for each in frames], scale) for part in range(2)]
+            found += [cubic([frame[part] for frame in frames], scale) for part in range(2)]
         return found
 
 

@@ -174,11 +174,11 @@ def _summed(
     shape = rows, table.radar.antennas, table.radar.samples
     file = ScratchFile() if parts and parts.rows else None
     of_parts = [ProductRows(shape, file) for _ in (parts.rows if parts else ())]
-    for each in source.parts:
-        own = None if parts is None else EchoParts(parts.number[first : first + each.echoes], of_parts)
-        first += each.echoes
+    for part in source.parts:
+        own = None if parts is None else EchoParts(parts.number[first : first + part.echoes], of_parts)
+        first += part.echoes
         whole = synthesize(
-            replace(each, repeats=None),
+            replace(part, repeats=None),
             table.radar,
             tolerance_db=tolerance_db,
             device=device,

@@ -188,7 +188,7 @@ class Synthesis:
         for antenna, chirps, products in _products(itertools.chain(head, sums), self._radar, slice(first, last)):
             while sum(size for _, size in self._jobs) > WAITING_BYTES:
                 self._jobs.popleft()[0].result()
-            size = sum(each.coefficients.nbytes for each in products)
+            size = sum(product.coefficients.nbytes for product in products)
             self._jobs.append((self._pool.submit(self._put, antenna, chirps, products), size))
         self._done = last
         if self._progress is not None:
@@ -285,7 +285,7 @@ def _products(sums: Iterator[_Sum], radar: Radar, rows: slice) -> Iterator[tuple
     phase = radar.tx_phase(np.arange(rows.start, rows.stop)).astype(np.complex64)
     for tx, rx, chirps, products in sums:
         if radar.multiplexing == "ddm":
-            yield rx, chirps, [replace(each, phase=phase[chirps, tx]) for each in products]
+            yield rx, chirps, [replace(product, phase=phase[chirps, tx]) for product in products]
         else:
             yield tx * len(radar.rx_positions_m) + rx, chirps, products
 

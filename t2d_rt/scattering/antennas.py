@@ -53,5 +53,5 @@ def side_by_side(parts: list[EchoArrays]) -> EchoArrays:
 def _joint(fields: Sequence[np.ndarray]) -> np.ndarray:
     """Arrays (T, N, ...) side by side along their second axis."""
     first = fields[0]
-    out = reused_empty((len(first), sum(each.shape[1] for each in fields), *first.shape[2:]), np.result_type(*fields))
+    out = reused_empty((len(first), sum(field.shape[1] for field in fields), *first.shape[2:]), np.result_type(*fields))
     return np.concatenate(fields, axis=1, out=out)

@@ -134,7 +134,7 @@ class EllipsoidScatterer(Scatterer):
         parts = []
         for number, pair in enumerate(pairs):
             mine = slice(number * count, (number + 1) * count)
-            of_pair = EchoArrays(*(each[:, mine] for each in echoes if each is not None))
+            of_pair = EchoArrays(*(column[:, mine] for column in echoes if column is not None))
             parts.append(unfolded(radar, of_pair, pair, block.times_s, *(end[:, mine] for end in ends)))
         return side_by_side(parts)
 
@@ -146,7 +146,7 @@ class EllipsoidScatterer(Scatterer):
             weights = Arrivals.of(self.radar, pairs, centres, block.times_s).weights()
         else:
             weights = faded_weights(self.radar, pairs, block, centres, self.ellipsoids.points_at)
-        factors = (each.swapaxes(0, 1).reshape(echoes.amplitude.shape) for each in weights)
+        factors = (weight.swapaxes(0, 1).reshape(echoes.amplitude.shape) for weight in weights)
         amplitude, slope = ((echoes.amplitude * factor).astype(np.complex64) for factor in factors)
         extra_s = np.repeat([pair.delay_s for pair in pairs], centres.shape[1])
         return echoes._replace(delay_s=echoes.delay_s + extra_s, amplitude=amplitude, slope=slope)
@@ -180,7 +180,7 @@ def specular_points(
     flat = np.reshape(axes, (-1, 3, 3))
     middle, *antennas = (np.broadcast_to(each, shape).reshape(-1, 3).T for each in (centres, tx_m, rx_m))
     semi_axes = np.broadcast_to(semi_axes_m, shape).reshape(-1, 3).T
-    point, normal = _nearest(semi_axes, *(_rotated(flat.swapaxes(1, 2), each - middle) for each in antennas))
+    point, normal = _nearest(semi_axes, *(_rotated(flat.swapaxes(1, 2), antenna - middle) for antenna in antennas))
     return (middle + _rotated(flat, point)).T.reshape(shape), _rotated(flat, normal).T.reshape(shape)
 
 

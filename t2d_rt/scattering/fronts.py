@@ -274,11 +274,11 @@ def focal_phase(start: np.ndarray, end: np.ndarray, direction: np.ndarray) -> np
 
 def _joined(fronts: list[Front]) -> Front:
     """Several as one, without tubes that nothing is left of."""
-    fronts = [each.only(each.weight != 0) for each in fronts]
-    first = np.cumsum([0, *(len(each.place) for each in fronts)])
-    columns = {name: np.concatenate([getattr(each, name) for each in fronts]) for name in Front.__slots__}
+    fronts = [front.only(front.weight != 0) for front in fronts]
+    first = np.cumsum([0, *(len(front.place) for front in fronts)])
+    columns = {name: np.concatenate([getattr(front, name) for front in fronts]) for name in Front.__slots__}
     columns["triangles"] = np.concatenate(
-        [each.triangles + start for each, start in zip(fronts, first[:-1], strict=True)]
+        [front.triangles + start for front, start in zip(fronts, first[:-1], strict=True)]
     )
     return Front(**columns)
 

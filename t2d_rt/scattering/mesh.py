@@ -127,7 +127,7 @@ class MeshScatterer(Scatterer):
     @property
     @override
     def fractions(self) -> Iterable[Fraction]:
-        return (each for selection in self.selections for each in selection.view.fractions)
+        return (fraction for selection in self.selections for fraction in selection.view.fractions)
 
     @property
     @override
@@ -135,8 +135,10 @@ class MeshScatterer(Scatterer):
         patches = self.model.patches
         face = patches.base_face[patches.starts[:-1]]
         return EchoLabels.joined(
-            EchoLabels.of(len(each.patches), target=self.target, face=face[each.patches], path=each.view.name)
-            for each in self.selections
+            EchoLabels.of(
+                len(selection.patches), target=self.target, face=face[selection.patches], path=selection.view.name
+            )
+            for selection in self.selections
         )
 
     @override
@@ -162,7 +164,7 @@ class MeshScatterer(Scatterer):
 
     def _weights(self, anchors: Anchors, block: FrameBlock, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of the path pairs of all selections at the anchors (T, A, 3) m: `faded_weights`, at instants none is faded."""
-        pairs = [each.view.paths for each in self.selections if each.view.paths is not None]
+        pairs = [selection.view.paths for selection in self.selections if selection.view.paths is not None]
         if self.model.at_instants:
             return Arrivals.of(self.radar, pairs, points_m, block.times_s).weights()
         return faded_weights(

@@ -302,7 +302,7 @@ def ranked_pairs(radar: Radar, probed: Probed, *, order: int, transmissions: int
         found.append((power.max(axis=1), power.mean(axis=1), bent.mean(axis=1)))
     best, mean, bent = (np.concatenate(each) for each in zip(*found, strict=True))
     levels = zip(pairs, _db(best / best.max()), _db(mean / mean.max()), _db(bent / mean.max()), strict=True)
-    return sorted((Ranked(*each) for each in levels), key=lambda each: -each.mean_db)
+    return sorted((Ranked(*level) for level in levels), key=lambda each: -each.mean_db)
 
 
 def _db(ratio: np.ndarray) -> list[float]:

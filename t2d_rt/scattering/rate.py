@@ -232,7 +232,7 @@ class SurfaceRate:
         highest_hz = max(highest_hz, self._fastest_hz)
         rates = LEAST_HZ * RAISED ** np.arange(-8, 4 * math.log2(highest_hz / LEAST_HZ))
         rates = rates[rates > 3 / self._length_s]
-        found = np.reshape([self._missed_db(each) for each in rates], (-1, 2))
+        found = np.reshape([self._missed_db(rate) for rate in rates], (-1, 2))
         level = (found[LEVEL:] > found[:-LEVEL] + STEEP_DB) & (found[LEVEL:] > SMALL_DB)
         # Twice in a row: frames that fall together with those of the file miss less.
         counts = np.where(level[1:] & level[:-1], found[LEVEL + 1 :], math.inf)

@@ -72,7 +72,10 @@ def refined(
     """
     rest = surface.refined_rest
     common = rest, surface.faces, wavenumber, range_m, surface.crease_deg, surface.curved
-    keys = [disk_cache.key("geometry", ("refinement", *common, np.asarray(each, float))) for each in sagittas_rad]
+    keys = [
+        disk_cache.key("geometry", ("refinement", *common, np.asarray(sagitta_rad, float)))
+        for sagitta_rad in sagittas_rad
+    ]
     with _lock:
         missing = {key: sagitta for key, sagitta in zip(keys, sagittas_rad, strict=True) if _needed(key, max_facets)}
         if missing:

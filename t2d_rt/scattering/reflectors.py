@@ -37,24 +37,32 @@ class Reflectors:
 
     def __init__(self, reflectors: Sequence[Reflector]) -> None:
         self._each = reflectors
-        counts = [each.facets.operator.shape[0] for each in reflectors]
+        counts = [reflector.facets.operator.shape[0] for reflector in reflectors]
         first = np.cumsum([0, *counts[:-1]])
         self.vertex_count = int(sum(counts))
-        self.faces = np.concatenate([each.facets.faces + start for each, start in zip(reflectors, first, strict=True)])
+        self.faces = np.concatenate(
+            [reflector.facets.faces + start for reflector, start in zip(reflectors, first, strict=True)]
+        )
         """Corners (F, 3)."""
-        middles = [each.facets.faces if (own := each.facets.middles) is None else own for each in reflectors]
+        middles = [
+            reflector.facets.faces if (own := reflector.facets.middles) is None else own for reflector in reflectors
+        ]
         self._middles = np.concatenate([own + start for own, start in zip(middles, first, strict=True)])
-        sizes = [len(each.facets.faces) for each in reflectors]
-        self.curved = np.repeat([each.facets.middles is not None for each in reflectors], sizes)
+        sizes = [len(reflector.facets.faces) for reflector in reflectors]
+        self.curved = np.repeat([reflector.facets.middles is not None for reflector in reflectors], sizes)
         """Which facets are (F,)."""
-        self.reflection = np.concatenate([each.reflection.conjugate() for each in reflectors])
+        self.reflection = np.concatenate([reflector.reflection.conjugate() for reflector in reflectors])
         """Of each facet conj(Gamma), as IF = tx conj(rx), complex (F,)."""
-        self.rest = np.concatenate([each.facets.at(each.surface.rest) for each in reflectors])
+        self.rest = np.concatenate([reflector.facets.at(reflector.surface.rest) for reflector in reflectors])
         """Vertices at rest (V, 3)."""
         self.target = np.repeat(np.arange(len(reflectors)), sizes)
         """The target that each facet belongs to (F,)."""
         self._crease = np.repeat(
-            [180.0 if each.facets.middles is not None else each.surface.crease_deg for each in reflectors], sizes
+            [
+                180.0 if reflector.facets.middles is not None else reflector.surface.crease_deg
+                for reflector in reflectors
+            ],
+            sizes,
         )
 
     def at(self, times_s: np.ndarray) -> np.ndarray:

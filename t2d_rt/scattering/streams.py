@@ -51,9 +51,9 @@ def joined(scatterers: Sequence[Scatterer]) -> Scatterer:
     return Joined(
         times_s=scatterers[0].times_s,
         each=tuple(scatterers),
-        echoes=sum(each.echoes for each in scatterers),
-        vertices=max(each.vertices for each in scatterers),
-        at_once=min((each.at_once for each in scatterers if each.at_once), default=0),
+        echoes=sum(scatterer.echoes for scatterer in scatterers),
+        vertices=max(scatterer.vertices for scatterer in scatterers),
+        at_once=min((scatterer.at_once for scatterer in scatterers if scatterer.at_once), default=0),
     )
 
 

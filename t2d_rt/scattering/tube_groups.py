@@ -204,7 +204,7 @@ class Frames:
         """Where the carriers of groups meet a surface, the first time or the last (G,), at all frames (T, G, 3) m."""
         every = np.arange(len(groups))
         corners = self.facets[groups.faces[every, end]]
-        return np.stack([carried_along(each[corners], groups.coordinates[every, end]) for each in self.vertices])
+        return np.stack([carried_along(vertex[corners], groups.coordinates[every, end]) for vertex in self.vertices])
 
     def sums(
         self, sample: Sample, column: np.ndarray, carriers_m: np.ndarray, frames: np.ndarray
