@@ -27,6 +27,24 @@ def itu_material(name: str, frequency_hz: float) -> Material:
     except ValueError:
         valid = ", ".join(itu_names(frequency_hz))
         raise InputError(
+            f"ITU-R P.2040 has no values for {short} at {frequency_hz / 1e9:g} GHz; use one of {valid}, "
+            "or give a Material with its permittivity and conductivity"
+        ) from None
+    return Material(
+        name=f"itu_{short}", relative_permittivity=float(permittivity), conductivity_s_per_m=float(conductivity)
+    )
+
+
+def check_values(materials: Iterable[str | Material], frequency_hz: float) -> None:
+    """Refuses a scene's materials that have no values at a frequency, all at once."""
+    valid = itu_names(frequency_hz)
+    named = {short_name(material) for material in materials if isinstance(material, str)}
+    missing = [known_itu(name) for name in sorted(named - set(valid))]
+    if missing:
+        # All others are mineral: brick, marble, ground.
+        substitutes = {name: "wood" if name == "plywood" else "concrete" for name in missing}
+        options = ",".join(f"{name}={other}" for name, other in substitutes.items())
+        raise InputError(
             f"ITU-R P.2040 has no values for {' and '.join(missing)} at {frequency_hz / 1e9:g} GHz; name substitutes, as "
             f"--scene-material {options} or load_scene(..., materials={substitutes}), from {', '.join(valid)}, or give a "
             "Material with its permittivity and conductivity"
