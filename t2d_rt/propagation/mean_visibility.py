@@ -97,13 +97,13 @@ class MeanVisibility:
         """Which marks on the occluders (K, M, 3) m may be in the way to a ball around (K, 1, 3) m of radius (K, 1) m, or stand for
         what is, at the sample times, bool (K, M)."""
         *before, place_m = images(viewpoint)
-        in_way = self._between(place_m, marked, middle, radius)
+        obstructing = self._between(place_m, marked, middle, radius)
         # Unfolded, each straight part runs from an image of the antenna to the ball's image in the mirrors after it.
         elements = zip(viewpoint.planes, viewpoint.elements.through, strict=True)
         for place_m, (plane, through) in reversed(list(zip(before, elements, strict=True))):
             middle = middle if through else reflected(middle, *plane)
-            in_way |= self._between(place_m, marked, middle, radius)
-        return in_way
+            obstructing |= self._between(place_m, marked, middle, radius)
+        return obstructing
 
     def _between(
         self, viewpoint_m: np.ndarray, marked: np.ndarray, middle: np.ndarray, radius: np.ndarray

@@ -512,7 +512,7 @@ def _surfaces(file: SceneFile, substitutes: Mapping[str, str | Material], freque
     reader, nameless = Shapes(file, materials, substitutes), count(1)
     # mesh- before a name is Blender's exporter's.
     names = [(shape.get("id") or f"no-name-{next(nameless)}").removeprefix("mesh-") for shape in shapes]
-    of_shapes = [reader.material(shape, name) for shape, name in zip(shapes, names, strict=True)]
+    of_surfaces = [reader.material(shape, name) for shape, name in zip(shapes, names, strict=True)]
     if frequency_hz is not None:
-        check_values((material for material, _ in of_shapes), frequency_hz)
-    return [reader.surface(shape, name, *of) for shape, name, of in zip(shapes, names, of_shapes, strict=True)]
+        check_values((material for material, _ in of_surfaces), frequency_hz)
+    return [reader.surface(shape, name, *of) for shape, name, of in zip(shapes, names, of_surfaces, strict=True)]
