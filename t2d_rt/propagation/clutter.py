@@ -55,8 +55,8 @@ def static_paths(
         samples_s = None
     elif samples_s is None:
         raise ValueError("static paths of a radar that moves are searched at sample times, got None; give samples_s")
-    when = None if samples_s is None else (radar.track, samples_s.tobytes())
-    key = scene.content, order, radar.mid_frequency_hz, backend.name, when, *at
+    track_key = None if samples_s is None else (radar.track, samples_s.tobytes())
+    key = scene.content, order, radar.mid_frequency_hz, backend.name, track_key, *at
     return _last_paths.get(key, partial(_searched, scene, radar, order, backend, out, back, samples_s))
 
 
@@ -94,18 +94,20 @@ def forget() -> None:
 def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray, times_s: np.ndarray | None = None) -> StaticPath:
     """A one-way path from the transmitters, ended at the receivers (3,), whose polarisation is `across` (3,), at times (T,) of a
     radar that moves."""
-    there, places = path.in_scene(times_s), receivers
+    scene_path, places = path.in_scene(times_s), receivers
     if path.passing is not None:
         back = passed(path.passing, times_s).back
         receivers, across = (np.broadcast_to(vector, back.shift_m.shape) for vector in (receivers, across))
         places, across = back.points(receivers), back.directions(across)
-    stops = vertices(there, places + ASIDE_M)
+    stops = vertices(scene_path, places + ASIDE_M)
     ahead = stops[-1] - stops[-2]
     ahead /= np.linalg.norm(ahead, axis=-1, keepdims=True)
     taken = across - np.einsum("...i,...i->...", ahead, across)[..., None] * ahead
     taken /= np.maximum(np.linalg.norm(taken, axis=-1, keepdims=True), 1e-12)
     departure = path.unfolded(receivers, times_s)
-    return StaticPath(path=there, stops_m=stops, departure_m=departure, taken=taken, arrival_m=path.place_m(times_s))
+    return StaticPath(
+        path=scene_path, stops_m=stops, departure_m=departure, taken=taken, arrival_m=path.place_m(times_s)
+    )
 
 
 def existing_over(paths: Sequence[StaticPath], samples_s: np.ndarray, unoccluded: Fraction | None) -> Fraction:
@@ -159,10 +161,10 @@ def rough_points(mirrors: Mirrors, radar: Radar) -> tuple[np.ndarray, np.ndarray
     rcs = 4 * (4 * np.pi / DIRECTIONS) * distance**2 * np.maximum(cosine_back, 0)
     of = np.array([part.surface for part in mirrors.parts])[mirror]
     for number, surface in enumerate(mirrors.scene.surfaces):
-        mine = of == number
+        on_surface = of == number
         material = resolved(surface.material, radar.mid_frequency_hz)
-        both = reflection(material, surface.thickness_m, np.abs(cosine[mine]), radar.mid_frequency_hz)
-        rcs[mine] *= material.scattering_coefficient**2 * np.mean(np.abs(both) ** 2, axis=0)
+        coefficients = reflection(material, surface.thickness_m, np.abs(cosine[on_surface]), radar.mid_frequency_hz)
+        rcs[on_surface] *= material.scattering_coefficient**2 * np.mean(np.abs(coefficients) ** 2, axis=0)
     visible = rcs > 0
     visible[visible] = mirrors.free(rx, points[visible])
     return points[visible], rcs[visible]

@@ -278,14 +278,14 @@ def first_crossing(
     length = np.linalg.norm(step, axis=1)
     distance, met = mirrors.first(start, step / length[:, None])
     fraction = distance / length
-    when = times_s[line, point] + fraction * (times_s[line, point + 1] - times_s[line, point])
-    for number in np.argsort(when):
+    when_s = times_s[line, point] + fraction * (times_s[line, point + 1] - times_s[line, point])
+    for number in np.argsort(when_s):
         mirror = mirrors.parts[met[number]]
         if fraction[number] > 1 or abs(mirror.normal[2]) < least_upright:
             continue
         if _through(lines_m[line[number]] @ mirror.normal - mirror.offset_m, int(point[number])):
             place = start[number] + fraction[number] * step[number]
-            return float(when[number]), place, mirrors.scene.surfaces[mirror.surface].name
+            return float(when_s[number]), place, mirrors.scene.surfaces[mirror.surface].name
     return None
 
 

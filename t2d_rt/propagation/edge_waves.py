@@ -197,14 +197,14 @@ def beside_others(
                 if other != mesh and _near(at, instant, part, mesh, other, wavelength_m)
             ]
             if near:
-                mine = np.flatnonzero(of.front[instant] & (of.owner == mesh))
-                here = of.places_m[instant, mine]
-                here = here + LIFT_M * (of.normals[instant, mine] + unit(images(path)[-1] - here))
-                beams = [_beam(at, instant, part, other, part.appear(here), wavelength_m) for part, other in near]
+                numbers = np.flatnonzero(of.front[instant] & (of.owner == mesh))
+                here_m = of.places_m[instant, numbers]
+                here_m = here_m + LIFT_M * (of.normals[instant, numbers] + unit(images(path)[-1] - here_m))
+                beams = [_beam(at, instant, part, other, part.appear(here_m), wavelength_m) for part, other in near]
                 beside = np.any([beam.near for beam in beams], axis=0)
                 if beside.any():
                     beams = [beam.of(beside) for beam in beams]
-                    groups.append(_Group(instant, mesh, mine[beside], here[beside], parts[id(path)], beams))
+                    groups.append(_Group(instant, mesh, numbers[beside], here_m[beside], parts[id(path)], beams))
     return _summed(groups, at, of.visible, wavelength_m, backend) if groups else of.visible
 
 

@@ -141,8 +141,10 @@ class Edges:
             assert times_s is not None
             fractions = np.empty((len(paths), *points.shape[:-1]), np.float32)
             for instant in np.unique(times_s):
-                mine = times_s == instant
-                fractions[:, mine] = self.fractions([path.in_scene(instant[None]) for path in paths], points[mine])
+                at_instant = times_s == instant
+                fractions[:, at_instant] = self.fractions(
+                    [path.in_scene(instant[None]) for path in paths], points[at_instant]
+                )
             return fractions
         flat = points.reshape(-1, 3)
         corner, cell = np.unique(_codes(flat), return_inverse=True)
@@ -214,8 +216,8 @@ class Edges:
         if len(piece):
             starts, ends = (points.reshape(-1, *rays.shape[2:])[piece, point] for points in (rays[:, :-1], rays[:, 1:]))
             hit, met = self._first(starts, ends, piece % pieces == 0, piece % pieces == pieces - 1)
-            which, ray = np.nonzero(hit)
-            piece, point, met = piece[which], point[which], met[which, ray]
+            row, ray = np.nonzero(hit)
+            piece, point, met = piece[row], point[row], met[row, ray]
             before, after = (
                 np.einsum("hi,hi->h", self.normals[met], stops[piece // pieces + k, point]) - offsets_m[met]
                 for k in (0, 1)
@@ -264,9 +266,9 @@ class Edges:
                 radius[at] *= aslant
             within = wide[k, -1] + radius[k, -1]
             for mirror, columns in _by_mirror(number):
-                here = stops[k + 1, columns]
-                rims[k, columns] = _distance(here, self.outlines_m[mirror]) < within[columns]
-                dark[columns] |= ~self.mirrors.parts[mirror].holds(here) & ~rims[k, columns]
+                met_m = stops[k + 1, columns]
+                rims[k, columns] = _distance(met_m, self.outlines_m[mirror]) < within[columns]
+                dark[columns] |= ~self.mirrors.parts[mirror].holds(met_m) & ~rims[k, columns]
         live = np.flatnonzero(~dark)
         parting = self._parting(stops[:, live], wide[:, -1, live], chain[:, live])
         # Near a rim any plane may have rays left out, but for the mirror itself.
@@ -354,11 +356,11 @@ class _Courses(NamedTuple):
     @classmethod
     def of(cls, paths: Sequence[OneWayPath], points: Sequence[np.ndarray]) -> _Courses:
         """Of each path to its own points (n, 3) m, path by path."""
-        unfolded = [unfolded_vertices(path, mine) for path, mine in zip(paths, points, strict=True)]
+        unfolded = [unfolded_vertices(path, of_path) for path, of_path in zip(paths, points, strict=True)]
         valid, stops = zip(*unfolded, strict=True)
         chain = [
-            np.repeat(path.elements.mirror[:, None], len(mine), axis=1)
-            for path, mine in zip(paths, points, strict=True)
+            np.repeat(path.elements.mirror[:, None], len(of_path), axis=1)
+            for path, of_path in zip(paths, points, strict=True)
         ]
         return cls(
             np.concatenate(valid),

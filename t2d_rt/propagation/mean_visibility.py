@@ -41,17 +41,17 @@ class MeanVisibility:
         self._known: dict[Hashable, tuple[np.ndarray, np.ndarray]] = {}
         """Of one path, and of two that share the blockage by the scene, (K,)."""
 
-    def over(self, where: Hashable, viewpoint: OneWayPath, unblocked: Unblocked | None, path_count: int) -> Fraction:
+    def over(self, key: Hashable, viewpoint: OneWayPath, unblocked: Unblocked | None, path_count: int) -> Fraction:
         """Its function of times [s] (K,), (K, V), from a viewpoint of that name; the fraction `unblocked` by the scene counts for
         `path_count` one-way paths, 1 or 2."""
-        self._views.setdefault(where, (viewpoint, unblocked))
-        return self._functions.setdefault((where, path_count), partial(self.at, where, path_count))
+        self._views.setdefault(key, (viewpoint, unblocked))
+        return self._functions.setdefault((key, path_count), partial(self.at, key, path_count))
 
-    def at(self, where: Hashable, path_count: int, times_s: np.ndarray) -> np.ndarray:
+    def at(self, key: Hashable, path_count: int, times_s: np.ndarray) -> np.ndarray:
         """Visibility from a viewpoint at times [s] (K,), (K, V)."""
-        if where not in self._known:
+        if key not in self._known:
             self._find()
-        values = self._known[where][path_count - 1][:, None]
+        values = self._known[key][path_count - 1][:, None]
         visibility = faded(times_s, self._samples_s, values.__getitem__)
         return np.broadcast_to(visibility, (len(times_s), len(self._mesh.rest)))
 
@@ -59,39 +59,39 @@ class MeanVisibility:
         """From all viewpoints that are not known yet."""
         poses_s, pose = poses(self._mesh, self._samples_s)
         posed = self._mesh.at(poses_s)[:, :: self._stride]
-        views = {where: view for where, view in self._views.items() if where not in self._known}
+        views = {key: view for key, view in self._views.items() if key not in self._known}
         reached = {
-            where: np.ones(posed.shape[:2], np.float32) if unblocked is None else unblocked(posed, poses_s)
-            for where, (_, unblocked) in views.items()
+            key: np.ones(posed.shape[:2], np.float32) if unblocked is None else unblocked(posed, poses_s)
+            for key, (_, unblocked) in views.items()
         }
-        for where, fraction in reached.items():
-            self._known[where] = fraction.mean(axis=1)[pose], (fraction**2).mean(axis=1)[pose]
+        for key, fraction in reached.items():
+            self._known[key] = fraction.mean(axis=1)[pose], (fraction**2).mean(axis=1)[pose]
         if not self._solid:
             return
         middle = posed.mean(axis=1, keepdims=True)
         radius = np.linalg.norm(posed - middle, axis=2).max(axis=1, keepdims=True)
         marked = self._occluders.marked(self._samples_s)
         middle, radius, near = middle[pose], radius[pose], {}
-        for where, (viewpoint, _) in views.items():
+        for key, (viewpoint, _) in views.items():
             seen_paths = viewpoint.seen_at(self._samples_s)
             pieces = zip(seen_paths, instants_of(seen_paths), strict=True)
-            near[where] = np.concatenate([self._near(path, marked[at], middle[at], radius[at]) for path, at in pieces])
+            near[key] = np.concatenate([self._near(path, marked[at], middle[at], radius[at]) for path, at in pieces])
         hidden = np.flatnonzero(np.any([marks.any(axis=1) for marks in near.values()], axis=0))
         for first in range(0, len(hidden), MOST_COPIES):
             rows = hidden[first : first + MOST_COPIES]
             times_s = self._samples_s[rows]
             points = self._mesh.at(times_s)[:, :: self._stride]
             parts = np.any([marks[rows] for marks in near.values()], axis=0)[:, self._occluders.mark_of_face]
-            seen_from = {where: viewpoint.seen_at(times_s) for where, (viewpoint, _) in views.items()}
+            seen_from = {key: viewpoint.seen_at(times_s) for key, (viewpoint, _) in views.items()}
             all_paths = [path for of_viewpoint in seen_from.values() for path in of_viewpoint]
             scene = Surroundings(
                 self._occluders, self._occluders.at(times_s).vertices, all_paths, self._backend, parts=parts
             )
-            for where, seen_paths in seen_from.items():
-                if near[where][rows].any():
+            for key, seen_paths in seen_from.items():
+                if near[key][rows].any():
                     visible = scene.visible(seen_paths, points, np.zeros_like(points))
-                    for number, mean in enumerate(self._known[where]):
-                        mean[rows] = (visible * reached[where][pose[rows]] ** (number + 1)).mean(axis=1)
+                    for number, mean in enumerate(self._known[key]):
+                        mean[rows] = (visible * reached[key][pose[rows]] ** (number + 1)).mean(axis=1)
 
     def _near(self, viewpoint: OneWayPath, marked: np.ndarray, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
         """Which marks on the occluders (K, M, 3) m may be in the way to a ball around (K, 1, 3) m of radius (K, 1) m, or stand for

@@ -192,10 +192,10 @@ class Mirrors:
         waiting = [first]
         chains: list[Chain] = []
         while waiting:
-            here = waiting.pop()
-            chains += here.chains
-            if here.reflections or here.passages:
-                waiting += self._onward(here, loss_db)
+            in_flight = waiting.pop()
+            chains += in_flight.chains
+            if in_flight.reflections or in_flight.passages:
+                waiting += self._onward(in_flight, loss_db)
         return sorted(chains, key=len)
 
     def parted(self, chains: Sequence[Chain]) -> tuple[Mirrors, list[Chain]]:
@@ -207,9 +207,9 @@ class Mirrors:
         overlapping: dict[int, list[int]] = {}
         corner = np.array([self.parts[number].triangles[0, 0] for number in met]).reshape(-1, 3)
         for place, number in enumerate(met):
-            mine = self.parts[number]
-            near = np.flatnonzero(np.abs(corner[:place] @ mine.normal - mine.offset_m) < 2 * ONE_PLANE_M)
-            before = [met[k] for k in near.tolist() if mine.overlaps(self.parts[met[k]])]
+            mirror = self.parts[number]
+            near = np.flatnonzero(np.abs(corner[:place] @ mirror.normal - mirror.offset_m) < 2 * ONE_PLANE_M)
+            before = [met[k] for k in near.tolist() if mirror.overlaps(self.parts[met[k]])]
             parts[number] = replace(parts[number], covers=tuple(self.parts[k] for k in before))
             for k in before:
                 overlapping.setdefault(number, []).append(k)
@@ -227,32 +227,43 @@ class Mirrors:
                         waiting.append(swapped)
         return replace(self, parts=parts), sorted(tried, key=len)
 
-    def _onward(self, here: _Rays, loss_db: np.ndarray) -> list[_Rays]:
+    def _onward(self, in_flight: _Rays, loss_db: np.ndarray) -> list[_Rays]:
         """Rays after the next mirror: those reflected and those let through."""
         import drjit as dr
 
         mi = mitsuba(self.backend)
         normals = mi.Float(aligned(np.array([mirror.normal for mirror in self.parts]), np.float32))
         of_face = mi.UInt32(aligned(self.of_face, np.uint32))
-        hit = self.traced.ray_intersect_preliminary(mi.Ray3f(here.origin, here.direction), active=here.inside)
-        inside = here.inside & hit.is_valid()
+        hit = self.traced.ray_intersect_preliminary(
+            mi.Ray3f(in_flight.origin, in_flight.direction), active=in_flight.inside
+        )
+        inside = in_flight.inside & hit.is_valid()
         mirror = dr.gather(mi.UInt32, of_face, hit.prim_index, inside)
         inside &= ~dr.gather(mi.Bool, mi.Bool(self._ends()), mirror, inside)
         normal = dr.gather(mi.Vector3f, normals, mirror, inside)
-        cosine = dr.dot(here.direction, normal)
-        place, off = here.origin + dr.select(inside, hit.t, 0) * here.direction, SKIN_M * dr.sign(cosine) * normal
+        cosine = dr.dot(in_flight.direction, normal)
+        place, off = (
+            in_flight.origin + dr.select(inside, hit.t, 0) * in_flight.direction,
+            SKIN_M * dr.sign(cosine) * normal,
+        )
         dr.eval(place, off, mirror, inside)
         met, onward = mirror.numpy(), []
-        if here.reflections:
-            ahead = here.direction - 2 * cosine * normal
+        if in_flight.reflections:
+            ahead = in_flight.direction - 2 * cosine * normal
             dr.eval(ahead)
-            on = replace(here, origin=place - off, direction=ahead, inside=inside, reflections=here.reflections - 1)
+            on = replace(
+                in_flight, origin=place - off, direction=ahead, inside=inside, reflections=in_flight.reflections - 1
+            )
             onward.append(on.over(met, through=False))
-        if here.passages:
-            bearable = here.bearable_db - dr.gather(mi.Float, mi.Float(aligned(loss_db, np.float32)), mirror, inside)
+        if in_flight.passages:
+            bearable = in_flight.bearable_db - dr.gather(
+                mi.Float, mi.Float(aligned(loss_db, np.float32)), mirror, inside
+            )
             passing = inside & (bearable >= 0)
             dr.eval(bearable, passing)
-            on = replace(here, origin=place + off, inside=passing, bearable_db=bearable, passages=here.passages - 1)
+            on = replace(
+                in_flight, origin=place + off, inside=passing, bearable_db=bearable, passages=in_flight.passages - 1
+            )
             onward.append(on.over(met, through=True))
         return [beam for beam in onward if beam.chains]
 
@@ -292,8 +303,8 @@ class Mirrors:
         parts: dict[int, list[np.ndarray]] = {}
         for mirror in self.parts:
             parts.setdefault(mirror.surface, []).append(mirror.triangles)
-        for number, mine in parts.items():
-            surface, triangles = self.scene.surfaces[number], np.concatenate(mine)
+        for number, of_surface in parts.items():
+            surface, triangles = self.scene.surfaces[number], np.concatenate(of_surface)
             low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
             if ((low < place_m) & (place_m < high)).all():
                 piece = _piece_of(triangles)

@@ -84,10 +84,10 @@ class SceneFile:
         if not name or not path.is_relative_to(home):
             raise InputError(f"it names {shown(name)}, which lies outside its folder; put the file beside the scene")
         try:
-            there = path.exists()
+            exists = path.exists()
         except OSError:  # a name longer than names may be
-            there = False
-        if not there:
+            exists = False
+        if not exists:
             raise InputError(f"it names {shown(name)}, which does not exist; put the file beside the scene")
         return path
 
@@ -174,8 +174,8 @@ def moved(vertices: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     if np.array_equal(matrix, np.eye(4)):
         return vertices
     with np.errstate(over="ignore", invalid="ignore"):  # what does not fit is found to be infinite where it is checked
-        there = vertices @ matrix[:3, :3].T + matrix[:3, 3]
-        return there.astype(np.float32).astype(np.float64)
+        placed = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+        return placed.astype(np.float32).astype(np.float64)
 
 
 def numbers(text: str | None, *counts: int) -> list[float]:

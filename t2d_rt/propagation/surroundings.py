@@ -32,14 +32,14 @@ def probes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points of the targets over the record, (P, 3) m, and when they are there, (P,) s."""
     times = sample_times(start_s, stop_s, PROBE_RATE_HZ)
-    places, when = [], []
+    places, when_s = [], []
     for geometry in geometries:
         for block_s in blocks(times, geometry.point_count):
             points = geometry.points_at(block_s)
             points = points[:, :: max(1, points.shape[1] // PROBES)]
             places.append(points.reshape(-1, 3))
-            when.append(np.repeat(block_s, points.shape[1]))
-    return np.concatenate(places), np.concatenate(when)
+            when_s.append(np.repeat(block_s, points.shape[1]))
+    return np.concatenate(places), np.concatenate(when_s)
 
 
 @dataclass(frozen=True, slots=True)

@@ -284,9 +284,9 @@ class ExactVisibility:
                 fresh[number], last = True, time_s
         of_faces = incidence(faces, vertices.shape[1])
         at, obstacles = self._obstacles(times_s[fresh])
-        here, owner = vertices[fresh], np.full(vertices.shape[1], self._own)
+        fresh_vertices, owner = vertices[fresh], np.full(vertices.shape[1], self._own)
         results = []
-        for points, before in zip(here, obstacles, strict=True):
+        for points, before in zip(fresh_vertices, obstacles, strict=True):
             normal = vertex_normals(points[None], faces, of_faces)
             front = np.einsum("vi,vi->v", normal[0], images(before.viewpoint)[-1] - points) > 0
             results.append((normal[0], front, before.leave_visible(points[None], normal, front[None])[0]))
@@ -295,7 +295,7 @@ class ExactVisibility:
             visible = beside_others(
                 at,
                 self._viewpoint.seen_at(at.times_s),
-                Points(here, normals, owner, front, visible),
+                Points(fresh_vertices, normals, owner, front, visible),
                 wavelength_m=self._wavelength_m,
                 backend=self._backend,
             )
@@ -345,7 +345,7 @@ class _Obstacles:
         visible[candidates] = self._free(from_here + LIFT_M * (normal - dr.normalize(from_here)), shift).numpy()
         return visible
 
-    def _free(self, here: Any, shift: Any) -> Any:
+    def _free(self, start: Any, shift: Any) -> Any:
         """Whether nothing is met from points relative to the last image, on one straight part after another back to the antenna."""
         import drjit as dr
 
@@ -355,20 +355,19 @@ class _Obstacles:
             return mi.Vector3f(*columns(mi, of[None]))
 
         for place, plane in zip_longest(reversed(places), reversed(self.viewpoint.planes)):
-            from_place = here - vector(place - places[-1])
+            from_place = start - vector(place - places[-1])
             length = dr.norm(from_place)
             ahead = -from_place / length
-            if (
-                plane is not None
-            ):  # to there; where it is not between image and point there is no path: a ray of length 0
+            if plane is not None:
+                # On to there; where the plane is not between image and point there is no path: a ray of length 0.
                 normal, offset_m = plane
                 foot = (offset_m - normal @ places[-1]) * normal
-                reached = dr.dot(vector(foot) - here, vector(normal)) / dr.dot(ahead, vector(normal))
+                reached = dr.dot(vector(foot) - start, vector(normal)) / dr.dot(ahead, vector(normal))
                 length = dr.select(reached > 0, dr.minimum(reached, length), 0)
-            ray = mi.Ray3f(mi.Point3f(here + shift), ahead)
+            ray = mi.Ray3f(mi.Point3f(start + shift), ahead)
             ray.maxt = length
             free &= ~self.scene.ray_test(ray, active=free)
-            here = here + length * ahead
+            start = start + length * ahead
         return free
 
 

@@ -47,12 +47,12 @@ class End:
         ]
         per_s = np.float32(1 / SPEED_OF_LIGHT)
         extras = (
-            extra_length(line_of_sight, self.apparent.steps_m, each, np.sqrt)
-            for each in self.offsets_m.astype(np.float32)
+            extra_length(line_of_sight, self.apparent.steps_m, offset_m, np.sqrt)
+            for offset_m in self.offsets_m.astype(np.float32)
         )
         return [(extra * per_s, step * per_s) for extra, step in extras]
 
-    def some(self, antennas: Sequence[int] | slice) -> End:
+    def only(self, antennas: Sequence[int] | slice) -> End:
         """The same for the chosen antennas only."""
         return replace(self, offsets_m=self.offsets_m[antennas])
 
@@ -79,10 +79,10 @@ class ArrayDelays:
     def __len__(self) -> int:
         return len(self.groups)
 
-    def some(self, antennas: range) -> ArrayDelays:
+    def only(self, antennas: range) -> ArrayDelays:
         """The same for the chosen antennas only."""
         chosen = slice(antennas.start, antennas.stop)
-        return ArrayDelays(self.end.some(chosen), self.table, self.groups[chosen])
+        return ArrayDelays(self.end.only(chosen), self.table, self.groups[chosen])
 
 
 def array_delays(pair: tuple[End, End], means: list[Any], backend: Backend) -> tuple[ArrayDelays, ArrayDelays]:
@@ -99,7 +99,7 @@ def _of_end(end: End, means: list[Any], table: tuple[Any, Any] | None) -> ArrayD
     for mean in means:
         apparent = None if apparent is None else apparent.mean(mean)
         of_levels.append(replace(end, apparent=apparent).extra_delays())
-    return ArrayDelays(end, table, [list(each) for each in zip(*of_levels, strict=True)])
+    return ArrayDelays(end, table, [list(of_antenna) for of_antenna in zip(*of_levels, strict=True)])
 
 
 def _table(apparent: ApparentPositions | None, backend: Backend) -> tuple[Any, Any] | None:

@@ -111,18 +111,18 @@ def buckets(
     slots = max(1, math.ceil(travel))
     origin_s = float(min(before.min(), after.min())) - width_s
     parts = []
-    for slot, (here, some) in enumerate(_occupied(interval, instants.position, slots, len(delay) - 1)):
-        place = before[some] + (slot + 0.5) / slots * (after[some] - before[some])
-        parts.append((((place - origin_s) / width_s).astype(np.int64), here * slots + slot, some))
-    bucket = np.concatenate([each for each, _, _ in parts])
-    which = np.concatenate([np.broadcast_to(np.arange(len(echo))[some], len(each)) for each, _, some in parts])
+    for slot, (intervals, pairs) in enumerate(_occupied(interval, instants.position, slots, len(delay) - 1)):
+        place = before[pairs] + (slot + 0.5) / slots * (after[pairs] - before[pairs])
+        parts.append((((place - origin_s) / width_s).astype(np.int64), intervals * slots + slot, pairs))
+    bucket = np.concatenate([number for number, _, _ in parts])
+    pair = np.concatenate([np.broadcast_to(np.arange(len(echo))[pairs], len(number)) for number, _, pairs in parts])
     span = int(bucket.max()) + 1
     if apart is not None:
-        bucket += span * apart[which]
+        bucket += span * apart[pair]
     occupied, rank = _ranked(bucket)
     slot_number = np.concatenate([number for _, number, _ in parts])
     shape = (len(delay) - 1) * slots, len(occupied)
-    members = Members.of(slot_number, rank, echo[which], shape=shape, per=slots, size=delay.shape[1])
+    members = Members.of(slot_number, rank, echo[pair], shape=shape, per=slots, size=delay.shape[1])
     return Buckets(origin_s, (occupied % span + 0.5) * width * math.pi, occupied // span, members)
 
 
@@ -139,8 +139,8 @@ def _occupied(
         yield from ((interval, slice(None)) for _ in range(slots))
         return
     for slot in range(slots):
-        some = np.flatnonzero(used[interval * slots + slot])
-        yield interval[some], some
+        pairs = np.flatnonzero(used[interval * slots + slot])
+        yield interval[pairs], pairs
 
 
 def _ranked(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -57,11 +57,11 @@ class AmplitudeFrames:
         import drjit as dr
 
         place = echo * self.frames + interval
-        found = []
+        cubics = []
         for values, scale in self.parts:
             frames = [dr.gather(self.pair, values, place + k) for k in range(4)]
-            found += [cubic([frame[part] for frame in frames], scale) for part in range(2)]
-        return found
+            cubics += [cubic([frame[part] for frame in frames], scale) for part in range(2)]
+        return cubics
 
 
 def _by_echo(values: np.ndarray, backend: Backend) -> Any:
@@ -95,11 +95,11 @@ def phases(
 
     Float32, Real, UInt32 = backend.Float32, backend.Float64, backend.UInt32
     echo, interval, echoes = _echo_interval(delay, backend)
-    here = interval * echoes + echo
+    at_frame = interval * echoes + echo
     mid, ramp, origin, per_s = (
         dr.opaque(Real, float(x)) for x in (sweep.mid_hz, sweep.slope, origin_s, sweep.theta_per_s)
     )
-    ends, first = _cycles(delay, delay_slope, [here, here + echoes], mid, ramp, Real)
+    ends, first = _cycles(delay, delay_slope, [at_frame, at_frame + echoes], mid, ramp, Real)
     if references is None:
         cubic: Any = hermite(*ends)
         cubic = (cubic[0] - dr.floor(cubic[0]), *cubic[1:])
@@ -174,7 +174,7 @@ def fields_at(
     sums = summed(backend.Float32, (lanes.begin, lanes.end), lanes.step, 2 * len(places), values_of)
     if lanes.parts > 1:
         dr.eval(sums)  # all at once; else each part's sum would run the loop again
-        sums = [dr.block_sum(each, lanes.parts) for each in sums]
+        sums = [dr.block_sum(part, lanes.parts) for part in sums]
     return lanes.scattered(sums, backend).ravel()
 
 
@@ -285,6 +285,6 @@ class Lanes:
         out = dr.empty(backend.Float32, self.results * len(sums))
         # One scatter: each further one into the same array would run the loop again.
         dr.scatter(out, backend.arrays.ArrayXf(sums), self.place)
-        found = np.asarray(out.numpy()).view(np.complex64).reshape(self.results, -1)
-        found[self.empty] = 0
-        return found
+        numbers = np.asarray(out.numpy()).view(np.complex64).reshape(self.results, -1)
+        numbers[self.empty] = 0
+        return numbers

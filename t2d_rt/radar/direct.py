@@ -39,13 +39,13 @@ def chirp_samples(
     """
     out, ends = np.zeros((len(rows), len(samples)), np.complex128), filtered(ends, radar)
     for k, (row, antenna) in enumerate(zip(rows, antennas, strict=True)):
-        mine = slice(2 * k, 2 * k + 2)
-        lit = np.flatnonzero(ends.amplitude[mine].any(axis=0))
-        both = EchoArrays(*(None if values is None else values[mine, lit] for values in ends))  # type: ignore[arg-type]
-        value = both.amplitude.mean(axis=0).astype(np.complex128)
-        per_hz = 0.0 if both.slope is None else both.slope.mean(axis=0)
+        two_frames = slice(2 * k, 2 * k + 2)
+        lit = np.flatnonzero(ends.amplitude[two_frames].any(axis=0))
+        chirp_ends = EchoArrays(*(None if values is None else values[two_frames, lit] for values in ends))  # type: ignore[arg-type]
+        value = chirp_ends.amplitude.mean(axis=0).astype(np.complex128)
+        per_hz = 0.0 if chirp_ends.slope is None else chirp_ends.slope.mean(axis=0)
         for tx, rx, factor in _heard(radar, row, antenna):
-            start, end = both.delay_s + _seen_from(both, radar, tx, rx)
+            start, end = chirp_ends.delay_s + _seen_from(chirp_ends, radar, tx, rx)
             for number, sample in enumerate(samples):
                 t = sample / radar.sample_rate_hz
                 frequency = radar.carrier_hz + radar.slope_hz_per_s * t

@@ -58,8 +58,8 @@ class Level:
 
     def part(self, number: int, parts: int) -> Level:
         """One of `parts` equal parts of the groups."""
-        some = slice(number * len(self) // parts, (number + 1) * len(self) // parts)
-        return replace(self, delay=self.delay[:, some], delay_slope=self.delay_slope[:, some])
+        block = slice(number * len(self) // parts, (number + 1) * len(self) // parts)
+        return replace(self, delay=self.delay[:, block], delay_slope=self.delay_slope[:, block])
 
 
 def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: Sequence[Delay] = ()) -> list[Level]:
@@ -74,16 +74,16 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: 
     cycles, bins = _features(window, sweep, extras, (WIDE * allowed * rates[0], WIDE * FIRST_BINS))
     if cycles.shape[1] <= FEW_ECHOES and not _may_pay(cycles, bins, allowed, rates[0], rate, tolerance):
         return []
-    found: list[Level] = []
+    tree: list[Level] = []
     samples, width = rates[0], FIRST_BINS
     low = high = np.concatenate([cycles, bins])
     middles = len(cycles) // 2, len(cycles) + len(bins) // 2
-    here, delay, slope = low.shape[1], window.delay, window.delay_slope
-    work, spent = [here * rate * WORK_ECHO], 0.0
+    count, delay, slope = low.shape[1], window.delay, window.delay_slope
+    work, spent = [count * rate * WORK_ECHO], 0.0
     # work[k]: that of k levels and of a sum over the groups of the last one at every chirp; the least decides how many there are.
     while samples <= rate:
         points = nodes_for(0.8 * math.pi * width, tolerance)
-        spent += here * samples * (WORK_NODE * points if found else WORK_ECHO)
+        spent += count * samples * (WORK_NODE * points if tree else WORK_ECHO)
         if spent >= min(work):
             break
         limits = np.repeat(np.array([allowed * samples, width], np.float32), [len(cycles), len(bins)])[:, None]
@@ -91,12 +91,12 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: 
         group = _grouped(scaled, scaled if low is high else high / limits, middles)
         mean = _mean(group)
         delay, slope = delay @ mean, slope @ mean
-        found.append(Level(samples, points, width, group, mean, delay, slope))
+        tree.append(Level(samples, points, width, group, mean, delay, slope))
         low, high = _hulls(group, low, high)
-        here = low.shape[1]
-        work.append(spent + here * rate * WORK_NODE * len(band_nodes(bucket_theta(NARROW_BINS, width), tolerance)))
+        count = low.shape[1]
+        work.append(spent + count * rate * WORK_NODE * len(band_nodes(bucket_theta(NARROW_BINS, width), tolerance)))
         samples, width = 2 * samples, min(2 * width, MOST_BINS)
-    return found[: int(np.argmin(work))]
+    return tree[: int(np.argmin(work))]
 
 
 def by_part(tree: Sequence[Level], part: np.ndarray, parts: int) -> tuple[list[Level], np.ndarray]:
@@ -106,19 +106,19 @@ def by_part(tree: Sequence[Level], part: np.ndarray, parts: int) -> tuple[list[L
     """
     from scipy.sparse import csr_array
 
-    found, below = [], np.arange(len(part))  # of what is below: which group of `tree` it was, or echo
+    split_levels, below = [], np.arange(len(part))  # of what is below: which group of `tree` it was, or echo
     for level in tree:
         key = level.group[below] * parts + part
         distinct, group = np.unique(key, return_inverse=True)
-        own = distinct // parts
+        original = distinct // parts
         # The mean over all members, of which the first copy of each counts.
         _, first = np.unique(below, return_index=True)
         copies = csr_array((np.ones(len(first)), (first, below[first])), shape=(len(below), len(first)))
-        mean = copies @ level.mean[:, own]
-        delay, slope = level.delay[:, own], level.delay_slope[:, own]
-        found.append(replace(level, group=group, mean=mean, delay=delay, delay_slope=slope))
-        below, part = own, distinct % parts
-    return found, part
+        mean = copies @ level.mean[:, original]
+        delay, slope = level.delay[:, original], level.delay_slope[:, original]
+        split_levels.append(replace(level, group=group, mean=mean, delay=delay, delay_slope=slope))
+        below, part = original, distinct % parts
+    return split_levels, part
 
 
 # Measured costs of one echo and one node in a sum, relative to one another.
@@ -128,15 +128,15 @@ WORK_ECHO, WORK_NODE = 1.0, 0.25
 def _may_pay(cycles: np.ndarray, bins: np.ndarray, allowed: float, samples: int, rate: float, tolerance: float) -> bool:
     """Whether any level may take less work than the sum echo by echo, by the fewest groups that echoes (probes, L) can fall into:
     False only where `levels` would find none."""
-    here, spent, width, first = cycles.shape[1], 0.0, FIRST_BINS, True
-    alone = here * rate * WORK_ECHO
+    count, spent, width, first = cycles.shape[1], 0.0, FIRST_BINS, True
+    alone = count * rate * WORK_ECHO
     while samples <= rate:
-        spent += here * samples * (WORK_ECHO if first else WORK_NODE * nodes_for(0.8 * math.pi * width, tolerance))
+        spent += count * samples * (WORK_ECHO if first else WORK_NODE * nodes_for(0.8 * math.pi * width, tolerance))
         if spent >= alone:
             return False
-        here, first = max(_fewest(cycles, allowed * samples), _fewest(bins, width)), False
+        count, first = max(_fewest(cycles, allowed * samples), _fewest(bins, width)), False
         nodes = len(band_nodes(bucket_theta(NARROW_BINS, width), tolerance))
-        if spent + here * rate * WORK_NODE * nodes < alone:
+        if spent + count * rate * WORK_NODE * nodes < alone:
             return True
         samples, width = 2 * samples, min(2 * width, MOST_BINS)
     return False
@@ -186,12 +186,12 @@ def _features(
     shown = window.delay[instants] + rates * (sweep.coupling_s / window.step_s)
     # Relative to the first echo: float32 would round absolute delays.
     cycles, bins = (rates - rates[:, :1]) * sweep.mid_hz, (shown - shown[:, :1]) / sweep.bin_s
-    found = [(cycles, bins)]
-    for more, slope in extras:
-        more_cycles, more_bins = slope[instants] * sweep.mid_hz, more[instants] / sweep.bin_s
+    features = [(cycles, bins)]
+    for delays, slope in extras:
+        more_cycles, more_bins = slope[instants] * sweep.mid_hz, delays[instants] / sweep.bin_s
         if np.ptp(more_cycles, axis=1).max() > wide[0] or np.ptp(more_bins, axis=1).max() > wide[1]:
-            found.append((cycles + more_cycles, bins + more_bins))
-    cycles, bins = (np.concatenate(each).astype(np.float32) for each in zip(*found, strict=True))
+            features.append((cycles + more_cycles, bins + more_bins))
+    cycles, bins = (np.concatenate(columns).astype(np.float32) for columns in zip(*features, strict=True))
     return cycles, bins
 
 
@@ -213,8 +213,8 @@ def _grouped(low: np.ndarray, high: np.ndarray, cells: Sequence[int]) -> np.ndar
         by_key = np.argsort(key, kind="stable")
         rows, key = rows[by_key], key[by_key]
         # Echoes span nothing themselves, so that both are one.
-        taken = np.take(low, rows, axis=1)
-        low, high, order = taken, taken if low is high else np.take(high, rows, axis=1), order[rows]
+        reordered = np.take(low, rows, axis=1)
+        low, high, order = reordered, reordered if low is high else np.take(high, rows, axis=1), order[rows]
         starts = np.flatnonzero(np.diff(key, prepend=-1))
         bottom, top = np.minimum.reduceat(low, starts, axis=1), np.maximum.reduceat(high, starts, axis=1)
         sizes = np.diff(starts, append=len(order))

@@ -21,10 +21,10 @@ def spline_slopes(frames: int) -> np.ndarray:
     that of the polynomial through the five frames there."""
     from scipy.interpolate import CubicSpline
 
-    taken = min(frames, END_FRAMES)
-    powers = np.vander(np.arange(taken), increasing=True)
+    end_frames = min(frames, END_FRAMES)
+    powers = np.vander(np.arange(end_frames), increasing=True)
     ends = np.zeros((2, frames))
-    ends[0, :taken] = np.linalg.inv(powers)[1]
+    ends[0, :end_frames] = np.linalg.inv(powers)[1]
     ends[1] = -ends[0, ::-1]
     spline = CubicSpline(np.arange(frames), np.eye(frames), bc_type=((1, ends[0]), (1, ends[1])))
     matrix = np.asarray(spline(np.arange(frames), 1))

@@ -75,18 +75,18 @@ def at_antennas(
     tree: list[Level], leaves: Leaves, send: ArrayDelays, receive: ArrayDelays
 ) -> tuple[list[Level], Leaves]:
     """Levels and leaves of all pairs of antennas: groups of the first transmitter with the first receiver, with the second, ..."""
-    many, below = [], 0
+    of_pairs, below = [], 0
     pairs = list(itertools.product(send.groups, receive.groups))
     for number, level in enumerate(tree):
         delay, slope = (
-            np.concatenate([own + out[number][k] + back[number][k] for out, back in pairs], axis=1)
-            for k, own in enumerate((level.delay, level.delay_slope))
+            np.concatenate([base + out[number][k] + back[number][k] for out, back in pairs], axis=1)
+            for k, base in enumerate((level.delay, level.delay_slope))
         )
         # The echoes below the first level are the same for all pairs.
         group = level.group + (len(level) * np.arange(len(pairs)) if below else np.zeros(1, int))[:, None]
-        many.append(replace(level, group=group.ravel(), delay=delay, delay_slope=slope))
+        of_pairs.append(replace(level, group=group.ravel(), delay=delay, delay_slope=slope))
         below = len(level)
-    return many, replace(leaves, ends=(send, receive))
+    return of_pairs, replace(leaves, ends=(send, receive))
 
 
 def factors(window: Window, tree: list[Level], leaves: Leaves, sweep: Sweep, backend: Backend) -> Factors:
@@ -132,8 +132,8 @@ def _smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backen
         of_pairs = [(cycles, theta)] * pairs
         if ends:
             out, back = (end.cycles(echo) for end in ends)
-            more = [Packet([a + b for a, b in zip(*pair, strict=True)]) for pair in itertools.product(out, back)]
-            of_pairs = [(cycles + each, theta + each[0] * per_cycle) for each in more]
+            extras = [Packet([a + b for a, b in zip(*pair, strict=True)]) for pair in itertools.product(out, back)]
+            of_pairs = [(cycles + extra, theta + extra[0] * per_cycle) for extra in extras]
         out = []
         for k in range(level.rate):
             u = beyond + k / level.rate
@@ -149,7 +149,7 @@ def _smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backen
     ends_of_row = dr.gather(UInt32, starts, row), dr.gather(UInt32, starts, row + 1)
     sums = summed(Float32, ends_of_row, 1, level.rate * pairs * numbers, values_of)
     by_pair = np.reshape(np.arange(len(sums)), (level.rate, pairs, numbers)).swapaxes(0, 1).reshape(pairs, -1)
-    values: Any = [dr.ravel(backend.arrays.ArrayXf([sums[k] for k in each])) for each in by_pair.tolist()]
+    values: Any = [dr.ravel(backend.arrays.ArrayXf([sums[k] for k in of_pair])) for of_pair in by_pair.tolist()]
     dr.eval(values)  # all at once; else each pair's would run the loop again
     values = dr.concat(values) if pairs > 1 else values[0]
     dr.eval(values)
@@ -186,11 +186,11 @@ class _ExtraPhases:
         self.per_metre = dr.opaque(Float32, mid_hz / SPEED_OF_LIGHT)
         self.groups = []
         for delay, slope in (levels[0] for levels in delays.groups):
-            own = Float32(
+            of_groups = Float32(
                 (np.stack([delay, slope], axis=-1).swapaxes(0, 1) * SPEED_OF_LIGHT).astype(np.float32).ravel()
             )
             place = (group * self.frames + interval) * 2
-            self.groups.append([dr.gather(Float32, own, place + k) for k in range(4)])
+            self.groups.append([dr.gather(Float32, of_groups, place + k) for k in range(4)])
 
     def cycles(self, echo: Any) -> list[list[Any]]:
         """Cubics of the phase [cycles] of each antenna."""
@@ -199,15 +199,15 @@ class _ExtraPhases:
         place = echo * self.frames + self.interval
         points, steps = ([dr.gather(self.packet, values, place + k) for k in (0, 1)] for values in self.table)
         lines_of_sight = [[point[axis] - self.centre[axis] for axis in range(3)] for point in points]
-        found = []
-        for offset, own in zip(self.offsets, self.groups, strict=True):
+        cubics = []
+        for offset, of_group in zip(self.offsets, self.groups, strict=True):
             (extra, slope), (later, slope_later) = (
                 extra_length(line_of_sight, step, offset, dr.sqrt)
                 for line_of_sight, step in zip(lines_of_sight, steps, strict=True)
             )
-            relative = extra - own[0], later - own[2], slope - own[1], slope_later - own[3]
-            found.append(list(hermite(*(value * self.per_metre for value in relative))))
-        return found
+            relative = extra - of_group[0], later - of_group[2], slope - of_group[1], slope_later - of_group[3]
+            cubics.append(list(hermite(*(value * self.per_metre for value in relative))))
+        return cubics
 
 
 @one_thread_at_a_time
@@ -292,8 +292,8 @@ def at_instants(
 
     def values_of(i: Any) -> list[Any]:
         group, cubic, theta = lanes.read(i)
-        own = (skipped + group) * samples + of_lane
-        frames = [read(inner.values, own + k, level.nodes, Packet) for k in range(4)]
+        row = (skipped + group) * samples + of_lane
+        frames = [read(inner.values, row + k, level.nodes, Packet) for k in range(4)]
         values = [sum(w * v for w, v in zip(of_four, parts, strict=True)) for parts in zip(*frames, strict=True)]
         travelled, rate = moved(cubic, u)
         eps = rate * lanes.eps_per_rate

@@ -55,10 +55,10 @@ def repetition(
     step_s = periods * period_s / rows
     first = math.ceil(END_FRAMES / frame_rate_hz / step_s)
     timed = radar.replace(prf_hz=radar.loop_chirps / step_s, chirps_per_frame=None, frame_interval_s=None)
-    found = Repetition(period_s=period_s, span_s=span_s, radar=timed, first=first, rows=rows, periods=periods)
+    table = Repetition(period_s=period_s, span_s=span_s, radar=timed, first=first, rows=rows, periods=periods)
     # Transmitters told apart by Doppler change their phase from one row of the record to the next.
-    worth = span_s[1] - span_s[0] > LEAST_GAIN * duration_s(found, frame_rate_hz) and radar.multiplexing != "ddm"
-    return found if worth and 8.0 * OVERSAMPLING * rows * radar.antennas * radar.samples < TABLE_BYTES else None
+    worth = span_s[1] - span_s[0] > LEAST_GAIN * duration_s(table, frame_rate_hz) and radar.multiplexing != "ddm"
+    return table if worth and 8.0 * OVERSAMPLING * rows * radar.antennas * radar.samples < TABLE_BYTES else None
 
 
 def duration_s(table: Repetition, frame_rate_hz: float) -> float:
@@ -101,26 +101,26 @@ def add_repeated(
         for block in record.blocks():
             record.read(steps, block, adder.room(block.stop - block.start))
     del whole, steps  # before those of the parts are made, one after another
-    for own, rows_of_part in zip(of_parts, parts.rows if parts else (), strict=True):
-        _add_part(own, record, rows_of_part)
+    for part_sum, rows_of_part in zip(of_parts, parts.rows if parts else (), strict=True):
+        _add_part(part_sum, record, rows_of_part)
     if progress is not None:
         progress(1.0)
     return onto
 
 
-def _add_part(found: ProductRows, record: _Record, onto: ProductRows) -> None:
+def _add_part(part_sum: ProductRows, record: _Record, onto: ProductRows) -> None:
     """Adds what a part returns in a table to its rows of the record, as coefficients of a few functions of the sample."""
     table = record.table
-    coefficients, functions = found.in_one_basis(table.first, table.first + table.rows)
+    coefficients, functions = part_sum.in_one_basis(table.first, table.first + table.rows)
     steps = record.oversampled(coefficients)
     onto.begin()
     for rows in record.blocks():
         out = np.empty((rows.stop - rows.start, *coefficients.shape[1:]), np.complex64)
         record.read(steps, rows, out)
         for first, antenna in itertools.product(range(0, len(out), PIECE_CHIRPS), range(out.shape[1])):
-            some = out[first : first + PIECE_CHIRPS, antenna]
-            if some.any():
-                onto.add(rows.start + first, antenna, replace(functions, coefficients=some))
+            piece = out[first : first + PIECE_CHIRPS, antenna]
+            if piece.any():
+                onto.add(rows.start + first, antenna, replace(functions, coefficients=piece))
     onto.end()
 
 
@@ -147,15 +147,15 @@ class _Record:
 
     def read(self, dense: np.ndarray, rows: slice, out: np.ndarray) -> None:
         """Fills `out` (row, antenna, value) with some rows of the record."""
-        table, some = self.table, self.starts_s[rows]
-        gain = np.ones(len(some)) if table.gain is None else table.gain(table.span_s[0] + some)
+        table, row_starts_s = self.table, self.starts_s[rows]
+        gain = np.ones(len(row_starts_s)) if table.gain is None else table.gain(table.span_s[0] + row_starts_s)
         if not gain.any():
             out[:] = 0
             return
         # Chirps of the table and of the record begin at times of their own after the starts of their rows.
         late_s = self.radar.antenna_delays_s - table.radar.antenna_delays_s - table.first * table.step_s
-        for antenna, each_s in enumerate(late_s.tolist()):
-            position = (some + each_s) / table.period_s % 1 * dense.shape[1]
+        for antenna, offset_s in enumerate(late_s.tolist()):
+            position = (row_starts_s + offset_s) / table.period_s % 1 * dense.shape[1]
             out[:, antenna] = _at(dense[antenna], position, gain)
 
 
@@ -175,7 +175,7 @@ def _summed(
     file = ScratchFile() if parts and parts.rows else None
     of_parts = [ProductRows(shape, file) for _ in (parts.rows if parts else ())]
     for part in source.parts:
-        own = None if parts is None else EchoParts(parts.number[first : first + part.echoes], of_parts)
+        echo_parts = None if parts is None else EchoParts(parts.number[first : first + part.echoes], of_parts)
         first += part.echoes
         whole = synthesize(
             replace(part, repeats=None),
@@ -184,7 +184,7 @@ def _summed(
             device=device,
             onto=whole,
             memory=memory,
-            parts=own,
+            parts=echo_parts,
         )
     assert whole is not None
     return whole, of_parts
@@ -195,14 +195,14 @@ def _oversampled(steps: np.ndarray) -> np.ndarray:
     from scipy import fft
 
     count = len(steps)
-    many = OVERSAMPLING * count
+    dense_count = OVERSAMPLING * count
     harmonic = fft.fftfreq(count, 1 / count)
-    window = OVERSAMPLING / _window_spectrum(harmonic / many)[:, None].astype(np.float32)
-    found = np.zeros((steps.shape[1], many, steps.shape[2]), steps.dtype)
-    for antenna, inside in enumerate(found):  # one by one, for memory
+    window = OVERSAMPLING / _window_spectrum(harmonic / dense_count)[:, None].astype(np.float32)
+    dense = np.zeros((steps.shape[1], dense_count, steps.shape[2]), steps.dtype)
+    for antenna, inside in enumerate(dense):  # one by one, for memory
         inside[harmonic.astype(int)] = fft.fft(steps[:, antenna], axis=0) * window
         inside[:] = fft.ifft(inside, axis=0)
-    return found
+    return dense
 
 
 def table_bytes(table: Repetition, radar: Radar) -> float:

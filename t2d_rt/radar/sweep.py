@@ -71,8 +71,8 @@ class Instants:
     def __len__(self) -> int:
         return len(self.position)
 
-    def __getitem__(self, some: slice) -> Instants:
-        return replace(self, position=self.position[some])
+    def __getitem__(self, chirps: slice) -> Instants:
+        return replace(self, position=self.position[chirps])
 
     @property
     def per_cycle(self) -> tuple[float, float, float]:
@@ -148,10 +148,10 @@ def summed(kind: Any, ends: tuple[Any, Any], step: Any, count: int, values: Call
 
     begin, end = ends
     zeros = [dr.zeros(kind, dr.width(begin)) for _ in range(count)]
-    _, found = dr.while_loop(
+    _, totals = dr.while_loop(
         state=(begin, zeros), cond=lambda i, sums: i < end, body=body, labels=("i", "sums"), mode="symbolic"
     )
-    return found
+    return totals
 
 
 def read(values: Any, sample: Any, count: int, packet: Any) -> list[Any]:

@@ -155,8 +155,8 @@ class Synthesis:
     def __enter__(self) -> Synthesis:
         with ExitStack() as opened:
             opened.enter_context(one_blas_thread)
-            for each in (self._filler, *self._of_parts):
-                opened.enter_context(each)
+            for sink in (self._filler, *self._of_parts):
+                opened.enter_context(sink)
             opened.callback(self._pool.shutdown)
             opened.push(self._finish)
             self._open = opened.pop_all()
@@ -183,8 +183,8 @@ class Synthesis:
         # Samples are made in another thread: with the first sums of a window most of its kernels are done.
         head = list(itertools.islice(sums, 1))
         self._wait()
-        for each in (self._filler, *self._of_parts):
-            each.next(last - first)
+        for sink in (self._filler, *self._of_parts):
+            sink.next(last - first)
         for antenna, chirps, products in _products(itertools.chain(head, sums), self._radar, slice(first, last)):
             while sum(size for _, size in self._jobs) > WAITING_BYTES:
                 self._jobs.popleft()[0].result()
@@ -196,9 +196,9 @@ class Synthesis:
 
     def _put(self, antenna: int, chirps: slice, products: Sequence[Product]) -> None:
         """What the parts return, and together, at some chirps of the rows that come next."""
-        for each in zip(*(product.pieces() for product in products), strict=True):
-            pieces = [piece for _, piece in each]
-            row = chirps.start + each[0][0].start
+        for of_products in zip(*(product.pieces() for product in products), strict=True):
+            pieces = [piece for _, piece in of_products]
+            row = chirps.start + of_products[0][0].start
             for part, piece in zip(self._of_parts, pieces, strict=False):
                 part.put(antenna, row, piece)
             self._filler.put(antenna, row, together(pieces))
@@ -302,38 +302,41 @@ def _sums(
     """What each transmitter and receiver record of chirps at `position` [frames after window.start], block by block of these, of
     each of so many `parts`."""
     rate = len(position) / (window.stop - window.start)
-    both = ends(window, radar)
-    outermost = (end.some(which).extra_delays() for end, which in zip(both, np.transpose(radar.outermost), strict=True))
-    more = [] if window.apparent is None else [_both(*pair) for pair in zip(*outermost, strict=True)]
-    tree = levels(window, sweep, rate, tolerance, more) if window.delay.size else []
+    both_ends = ends(window, radar)
+    outermost = (
+        end.only(antennas).extra_delays()
+        for end, antennas in zip(both_ends, np.transpose(radar.outermost), strict=True)
+    )
+    extremes = [] if window.apparent is None else [_both(*pair) for pair in zip(*outermost, strict=True)]
+    tree = levels(window, sweep, rate, tolerance, extremes) if window.delay.size else []
     late = [0.0] * len(radar.tx_positions_m)
     if radar.multiplexing == "tdm":
         late = [tx / radar.prf_hz / window.step_s for tx in range(len(late))]
     instants = [Instants(position + slot, window.step_s, sweep) for slot in late]
     if not tree:
-        for (tx, out), (rx, back) in itertools.product(*(enumerate(end.extra_delays()) for end in both)):
+        for (tx, out), (rx, back) in itertools.product(*(enumerate(end.extra_delays()) for end in both_ends)):
             extra, slope = _both(out, back)
-            here = replace(window, delay=window.delay + extra, delay_slope=window.delay_slope + slope)
+            delayed = replace(window, delay=window.delay + extra, delay_slope=window.delay_slope + slope)
             for chirps in _chirp_blocks(len(position), window, parts):
-                yield tx, rx, chirps, _sum_echoes(here, instants[tx][chirps], parts, backend)
+                yield tx, rx, chirps, _sum_echoes(delayed, instants[tx][chirps], parts, backend)
         return
     count, part_of = len(tree[-1]), np.zeros(len(tree[-1]), int)
     if parts > 1:
         assert window.part is not None, "parts are numbered"
         tree, part_of = by_part(tree, np.maximum(window.part, 0), parts)
-    own = leaves(window, tree[0], sweep, backend)
-    send, receive = array_delays(both, [level.mean for level in tree], backend)
+    echo_leaves = leaves(window, tree[0], sweep, backend)
+    send, receive = array_delays(both_ends, [level.mean for level in tree], backend)
     at_once = max(1, MOST_SUMS // (RECEIVERS * 2 * tree[0].nodes * tree[0].rate))
-    for some_tx, some_rx in itertools.product(_batches(len(send), at_once), _batches(len(receive), RECEIVERS)):
-        deep, own_here = at_antennas(tree, own, send.some(some_tx), receive.some(some_rx))
-        inner = factors(window, deep, own_here, sweep, backend)
-        for number, tx in enumerate(some_tx):
-            top = deep[-1].part(number, len(some_tx))
-            groups = _Groups(top, inner, number * len(top), count, len(some_rx), parts, part_of)
-            for chirps in _chirp_blocks(len(position), window, parts * len(some_rx)):
-                found = _sum_groups(groups, instants[tx][chirps], tolerance, backend)
-                of_rx = (found[first : first + parts] for first in range(0, len(found), parts))
-                yield from ((tx, rx, chirps, products) for rx, products in zip(some_rx, of_rx, strict=True))
+    for tx_batch, rx_batch in itertools.product(_batches(len(send), at_once), _batches(len(receive), RECEIVERS)):
+        deep, leaves_here = at_antennas(tree, echo_leaves, send.only(tx_batch), receive.only(rx_batch))
+        inner = factors(window, deep, leaves_here, sweep, backend)
+        for number, tx in enumerate(tx_batch):
+            top = deep[-1].part(number, len(tx_batch))
+            groups = _Groups(top, inner, number * len(top), count, len(rx_batch), parts, part_of)
+            for chirps in _chirp_blocks(len(position), window, parts * len(rx_batch)):
+                all_products = _sum_groups(groups, instants[tx][chirps], tolerance, backend)
+                of_rx = (all_products[first : first + parts] for first in range(0, len(all_products), parts))
+                yield from ((tx, rx, chirps, products) for rx, products in zip(rx_batch, of_rx, strict=True))
 
 
 def _chirp_blocks(count: int, window: Window, results: int) -> list[slice]:
@@ -371,10 +374,10 @@ def _sum_echoes(window: Window, instants: Instants, parts: int, backend: Backend
         none = np.zeros((len(instants), 0, len(nodes)), np.complex64)
         return [Product(none, weights, np.zeros(0), sweep.x, 0.0)] * parts
     apart = None if parts == 1 or window.part is None else window.part[echo]
-    found = buckets((window.delay, window.delay_slope), interval, echo, instants, width, apart=apart)
-    table = phases(window.delay, window.delay_slope, sweep, None, found.origin_s, backend)
-    fields = fields_at(found, table, AmplitudeFrames.of(window, sweep, backend), instants, nodes, backend)
-    return _apart(fields, found, parts, (weights, sweep, limit))
+    bucket_set = buckets((window.delay, window.delay_slope), interval, echo, instants, width, apart=apart)
+    table = phases(window.delay, window.delay_slope, sweep, None, bucket_set.origin_s, backend)
+    fields = fields_at(bucket_set, table, AmplitudeFrames.of(window, sweep, backend), instants, nodes, backend)
+    return _apart(fields, bucket_set, parts, (weights, sweep, limit))
 
 
 @dataclass(frozen=True, slots=True)
@@ -398,24 +401,24 @@ def _sum_groups(groups: _Groups, instants: Instants, tolerance: float, backend: 
     """The same group by group, of each of the parts that each receiver records, receiver after receiver."""
     sweep, top = instants.sweep, groups.top
     interval, group = np.indices((len(top.delay) - 2, len(top))).reshape(2, -1)
-    receiver, own = np.divmod(group, len(top) // groups.receivers)
-    bins, apart = bucket_bins(top, groups.count, sweep), receiver * groups.parts + groups.part[own]
-    found = buckets((top.delay, top.delay_slope), interval + 1, group, instants, bins, apart=apart)
-    table = phases(top.delay, top.delay_slope, sweep, None, found.origin_s, backend)
+    receiver, group_number = np.divmod(group, len(top) // groups.receivers)
+    bins, apart = bucket_bins(top, groups.count, sweep), receiver * groups.parts + groups.part[group_number]
+    bucket_set = buckets((top.delay, top.delay_slope), interval + 1, group, instants, bins, apart=apart)
+    table = phases(top.delay, top.delay_slope, sweep, None, bucket_set.origin_s, backend)
     limit, tolerance = bucket_theta(bins, top.bins), BUCKET_FRACTION * tolerance
     nodes = band_nodes(limit, tolerance)
-    fields = at_instants(groups.factors, groups.first, top, found, table, instants, nodes, backend)
+    fields = at_instants(groups.factors, groups.first, top, bucket_set, table, instants, nodes, backend)
     return _apart(
-        fields, found, groups.receivers * groups.parts, (band_weights(limit, tolerance, sweep.x), sweep, limit)
+        fields, bucket_set, groups.receivers * groups.parts, (band_weights(limit, tolerance, sweep.x), sweep, limit)
     )
 
 
-def _apart(fields: np.ndarray, found: Buckets, parts: int, over: tuple[np.ndarray, Sweep, float]) -> list[Product]:
+def _apart(fields: np.ndarray, bucket_set: Buckets, parts: int, over: tuple[np.ndarray, Sweep, float]) -> list[Product]:
     """Fields of buckets, part by part, (chirp, bucket, Q) of each, flat, as the products of the parts."""
-    (weights, sweep, limit), theta = over, found.theta(over[1])
+    (weights, sweep, limit), theta = over, bucket_set.theta(over[1])
     products = []
-    for first, last in pairwise(np.searchsorted(found.part, np.arange(parts + 1)).tolist()):
-        own = fields[first * len(fields) // len(theta) : last * len(fields) // len(theta)]
-        own = own.reshape(len(fields) // (len(theta) * len(weights)), last - first, len(weights))
-        products.append(Product(own, weights, theta[first:last], sweep.x, limit))
+    for first, last in pairwise(np.searchsorted(bucket_set.part, np.arange(parts + 1)).tolist()):
+        of_part = fields[first * len(fields) // len(theta) : last * len(fields) // len(theta)]
+        of_part = of_part.reshape(len(fields) // (len(theta) * len(weights)), last - first, len(weights))
+        products.append(Product(of_part, weights, theta[first:last], sweep.x, limit))
     return products

@@ -151,9 +151,9 @@ def _window(
     assert amplitude is not None
     if part is not None:  # silent echoes are grouped with the others, so that groups do not depend on which are silent
         part = part[live]
-        for each in (amplitude, sweep):
-            if each is not None:
-                each[:, part < 0] = 0
+        for column in (amplitude, sweep):
+            if column is not None:
+                column[:, part < 0] = 0
     lit = amplitude != 0
     frames = slice(max(0, start - 1) - low, min(total, stop + 2) - low), start == 0, stop == total - 1
     delay, delay_slope = _with_slopes(_taken(held, 0, live, low, high), *frames)
@@ -223,9 +223,9 @@ def _lengthened(values: np.ndarray, before: int, after: int) -> np.ndarray:
 
 def _rows(held: list[tuple[int, EchoArrays]], first: int, last: int) -> list[EchoArrays]:
     """Frames first..last-1 of what is held, as views."""
-    found = []
+    rows = []
     for begin, fields in held:
         cut = slice(max(first - begin, 0), max(last - begin, 0))
         if begin < last and cut.start < len(fields.delay_s):
-            found.append(EchoArrays(*(None if field is None else field[cut] for field in fields)))  # type: ignore[arg-type]
-    return found
+            rows.append(EchoArrays(*(None if field is None else field[cut] for field in fields)))  # type: ignore[arg-type]
+    return rows

@@ -111,21 +111,21 @@ class _Model:
         """With a lattice on the facets whose reflected rays ever meet a target."""
         wavelength = setting.radar.wavelength_m
         size_m = min(detail.cell_m, SWEEP_CYCLES * SPEED_OF_LIGHT / (2 * setting.radar.bandwidth_hz))
-        every = setting.lattice(reflectors, np.arange(len(reflectors.faces)), TEST_WAVELENGTHS * wavelength)
-        empty = cls(reflectors, setting, detail, every, Cells.of(reflectors, size_m))
+        test_lattice = setting.lattice(reflectors, np.arange(len(reflectors.faces)), TEST_WAVELENGTHS * wavelength)
+        empty = cls(reflectors, setting, detail, test_lattice, Cells.of(reflectors, size_m))
         count = max(2, math.ceil((samples_s[-1] - samples_s[0]) * TEST_RATE_HZ) + 1)
         tests = samples_s[np.unique(np.linspace(0, len(samples_s) - 1, min(count, len(samples_s))).round().astype(int))]
-        found = np.zeros(len(reflectors.faces), bool)
+        reached = np.zeros(len(reflectors.faces), bool)
         for instant in empty.instants(tests):
-            found[reflecting(instant, every)] = True
-        beside = np.flatnonzero(reflectors.neighbours @ found.astype(float))
+            reached[reflecting(instant, test_lattice)] = True
+        beside = np.flatnonzero(reflectors.neighbours @ reached.astype(float))
         return replace(empty, lattice=setting.lattice(reflectors, beside, detail.spacing * wavelength))
 
     def instants(self, times_s: np.ndarray) -> Iterator[Instant]:
         """The targets at some times."""
         radar = self.setting.radar
-        for some in blocks(times_s, self.reflectors.vertex_count):
-            for vertices in self.reflectors.at(some):
+        for block_s in blocks(times_s, self.reflectors.vertex_count):
+            for vertices in self.reflectors.at(block_s):
                 yield Instant(
                     reflectors=self.reflectors,
                     posed=self.reflectors.posed(vertices),
@@ -155,7 +155,7 @@ class _Model:
         ends = [0, -1]
         cells = self.cells.numbers(tubes.faces[corner][:, ends], tubes.coordinates[corner][:, ends])
         _, first, inverse = np.unique(cells, axis=0, return_index=True, return_inverse=True)
-        faces, coordinates = (each[corner[first]][:, ends] for each in (tubes.faces, tubes.coordinates))
+        faces, coordinates = (column[corner[first]][:, ends] for column in (tubes.faces, tubes.coordinates))
         places = carried_along(instant.posed.corners[faces], coordinates)
         fraction = self.setting.unblocked(places[:, 0], places[:, 1], np.full(len(places), time_s))
         return replace(tubes, factor=tubes.factor * fraction[inverse.ravel()])
@@ -166,30 +166,30 @@ class _Samples:
 
     def __init__(self, model: _Model, samples_s: np.ndarray) -> None:
         self.model, self.times_s = model, samples_s
-        self._kept: OrderedDict[int, list[Sample]] = OrderedDict()
+        self._held: OrderedDict[int, list[Sample]] = OrderedDict()
 
     def at(self, number: int) -> list[Sample]:
         """By the number of bounces from 2."""
-        if number not in self._kept:
-            self._kept[number] = self.model.sample(float(self.times_s[number]))
+        if number not in self._held:
+            self._held[number] = self.model.sample(float(self.times_s[number]))
             while (
-                len(self._kept) > 2
-                and sum(s.tubes.bytes_held for each in self._kept.values() for s in each) > KEPT_BYTES
+                len(self._held) > 2
+                and sum(sample.tubes.bytes_held for samples in self._held.values() for sample in samples) > KEPT_BYTES
             ):
-                self._kept.popitem(last=False)
-        self._kept.move_to_end(number)
-        return self._kept[number]
+                self._held.popitem(last=False)
+        self._held.move_to_end(number)
+        return self._held[number]
 
     def groups(self) -> Groups:
         """Those of the whole record."""
-        found: list[Sample] = []
+        samples: list[Sample] = []
         powers: list[np.ndarray] = []
         for number, time_s in enumerate(self.times_s):
             posed = self.model.frames(np.array([time_s]))
             for sample in self.at(number):
                 powers.append(posed.powers(sample))
-                found.append(sample.of_carriers())
-        return Groups.of(found, powers, self.model.detail.bounces, self.model.reflectors.target)
+                samples.append(sample.of_carriers())
+        return Groups.of(samples, powers, self.model.detail.bounces, self.model.reflectors.target)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -214,18 +214,20 @@ class TubeScatterer(Scatterer):
         delay, field, change = np.zeros(shape), np.zeros(shape, np.complex64), np.zeros(shape, np.complex64)
         weights = _faded(times_s, samples.times_s)
         for bounces in range(2, model.detail.bounces + 1):
-            mine, first = groups.of_bounces(bounces)
-            if not len(mine):
+            of_bounces, first = groups.of_bounces(bounces)
+            if not len(of_bounces):
                 continue
-            straight = np.ones((len(mine), bounces - 1))
-            lengths = posed.lengths(mine.faces, mine.coordinates, straight, np.arange(count))
-            carriers_m = lengths.numpy().reshape(len(mine), -1)
-            delay[:, first : first + len(mine)] = carriers_m.T / SPEED_OF_LIGHT
+            straight = np.ones((len(of_bounces), bounces - 1))
+            lengths = posed.lengths(of_bounces.faces, of_bounces.coordinates, straight, np.arange(count))
+            carriers_m = lengths.numpy().reshape(len(of_bounces), -1)
+            delay[:, first : first + len(of_bounces)] = carriers_m.T / SPEED_OF_LIGHT
             for number, (frames, weight) in weights.items():
                 sample = samples.at(number)[bounces - 2]
-                column = mine.columns(sample.codes)
-                for into, found in zip((field, change), posed.sums(sample, column, carriers_m, frames), strict=True):
-                    into[frames[:, None], first + column[column >= 0]] += (found * weight).T
+                column = of_bounces.columns(sample.codes)
+                for into, integrals in zip(
+                    (field, change), posed.sums(sample, column, carriers_m, frames), strict=True
+                ):
+                    into[frames[:, None], first + column[column >= 0]] += (integrals * weight).T
         # As E in eq. 3.
         scale = -1j * radar.link_amplitude * math.sqrt(4 * math.pi) / radar.wavelength_m
         per_hz = scale / radar.mid_frequency_hz
@@ -244,10 +246,10 @@ def _faded(times_s: np.ndarray, samples_s: np.ndarray) -> dict[int, tuple[np.nda
     before = np.minimum(position.astype(int), len(samples_s) - 2)
     u = position - before
     fade = u * u * (3 - 2 * u)
-    found = {}
+    weights = {}
     for number in np.unique([before, before + 1]):
         weight = np.where(before == number, 1 - fade, 0) + np.where(before + 1 == number, fade, 0)
         frames = np.flatnonzero(weight > 0)
         if len(frames):
-            found[int(number)] = frames, weight[frames]
-    return found
+            weights[int(number)] = frames, weight[frames]
+    return weights

@@ -110,13 +110,15 @@ class StaticScatterer(Scatterer):
     @override
     def scatter(self, block: FrameBlock, poses: Poses, seen: Visibility) -> EchoArrays:
         if callable(self.static):
-            found = self.static(block.times_s)
+            echoes = self.static(block.times_s)
         else:
             shape = block.last - block.first
-            static = [None if each is None else np.broadcast_to(each, (shape, *each.shape)) for each in self.static]
-            found = EchoArrays(*static)  # type: ignore[arg-type]
+            static = [
+                None if column is None else np.broadcast_to(column, (shape, *column.shape)) for column in self.static
+            ]
+            echoes = EchoArrays(*static)  # type: ignore[arg-type]
         unblocked = 1.0 if self.unblocked is None else seen[self.unblocked]
-        return found._replace(
-            amplitude=(found.amplitude * unblocked).astype(np.complex64),
-            slope=None if found.slope is None else (found.slope * unblocked).astype(np.complex64),
+        return echoes._replace(
+            amplitude=(echoes.amplitude * unblocked).astype(np.complex64),
+            slope=None if echoes.slope is None else (echoes.slope * unblocked).astype(np.complex64),
         )

@@ -101,12 +101,12 @@ def curved_integral(phases: Any, amplitudes: Any, bubbles: Any, order: Order = 2
     `phase_integral.divided_difference`.
     """
     integer("order", order, 1, 2)
-    given = [numeric(*x) for x in (("phases", phases), ("amplitudes", amplitudes), ("bubbles", bubbles))]
-    for name, values in zip(("phases", "amplitudes", "bubbles"), given, strict=True):
-        check_shape(name, values, (3, *given[0].shape[1:]))
-    dtype = np.result_type(*given, np.float32)
+    arguments = [numeric(*x) for x in (("phases", phases), ("amplitudes", amplitudes), ("bubbles", bubbles))]
+    for name, values in zip(("phases", "amplitudes", "bubbles"), arguments, strict=True):
+        check_shape(name, values, (3, *arguments[0].shape[1:]))
+    dtype = np.result_type(*arguments, np.float32)
     (real, imag), _ = curved_integrals(
-        *(list(x.astype(dtype)) for x in given), ops=NUMPY_OPS, terms=SERIES_TERMS[dtype.itemsize], order=order
+        *(list(x.astype(dtype)) for x in arguments), ops=NUMPY_OPS, terms=SERIES_TERMS[dtype.itemsize], order=order
     )
     return real + 1j * imag
 

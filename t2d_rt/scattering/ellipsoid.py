@@ -53,7 +53,9 @@ def ellipsoid_echoes(
         radar=radar,
         views=tuple(views),
         reflection=values_of(
-            material, len(ellipsoids.semi_axes_m), lambda each: each.reflection(radar.mid_frequency_hz).conjugate()
+            material,
+            len(ellipsoids.semi_axes_m),
+            lambda part_material: part_material.reflection(radar.mid_frequency_hz).conjugate(),
         ),  # IF = tx conj(rx)
         phase_from=phase_from,
         at_instants=at_instants,
@@ -101,27 +103,29 @@ class EllipsoidScatterer(Scatterer):
         centres, axes = poses[self.target]
         shown, near = _shown(views, block, seen, count)
         # An echo over each view, whose antennas stand in places of its own; one that is dark is where the centre is.
-        own, axes = np.tile(centres, (1, len(views), 1)), np.tile(axes, (1, len(views), 1, 1))
+        echo_centres, axes = np.tile(centres, (1, len(views), 1)), np.tile(axes, (1, len(views), 1, 1))
         places = [Pair.of(radar, view.paths).at(block.times_s).ends_m for view in views]
         tx, rx = (
-            np.broadcast_to(np.repeat(np.stack(np.broadcast_arrays(*each), axis=-2), count, axis=-2), own.shape)
-            for each in zip(*places, strict=True)
+            np.broadcast_to(
+                np.repeat(np.stack(np.broadcast_arrays(*antennas_m), axis=-2), count, axis=-2), echo_centres.shape
+            )
+            for antennas_m in zip(*places, strict=True)
         )
-        path = np.linalg.norm(own - tx, axis=-1) + np.linalg.norm(own - rx, axis=-1)
+        path = np.linalg.norm(echo_centres - tx, axis=-1) + np.linalg.norm(echo_centres - rx, axis=-1)
         field = np.zeros(path.shape)
         # Between an antenna and an image is a shadow and no reflection: it fades, and in line with both there is none to look for.
-        aside = np.linalg.norm(unit(tx - own) + unit(rx - own), axis=-1)
+        aside = np.linalg.norm(unit(tx - echo_centres) + unit(rx - echo_centres), axis=-1)
         fade = np.clip((aside - FORWARD[0]) / (FORWARD[1] - FORWARD[0]), 0, 1)
         lit = np.nonzero(near & (aside > FORWARD[0] / 2))
-        ends = [own.copy(), own.copy()]
+        ends = [echo_centres.copy(), echo_centres.copy()]
         semi_axes = self.ellipsoids.semi_axes_m[lit[1] % count]
         model = {"specular": _specular, "centre": _centre}[self.phase_from]
         with np.errstate(invalid="ignore"):
-            found = model(own[lit], axes[lit], semi_axes, tx[lit], rx[lit])
+            results = model(echo_centres[lit], axes[lit], semi_axes, tx[lit], rx[lit])
         # Almost in line with both the search may end nowhere: what has faded out is dark.
-        known = np.isfinite(found[0] + found[1])
-        lit = (lit[0][known], lit[1][known])
-        path[lit], field[lit], ends[0][lit], ends[1][lit] = (each[known] for each in found)
+        finite = np.isfinite(results[0] + results[1])
+        lit = (lit[0][finite], lit[1][finite])
+        path[lit], field[lit], ends[0][lit], ends[1][lit] = (column[finite] for column in results)
         field *= radar.link_amplitude * fade * fade * (3 - 2 * fade)
         field = np.tile(self.reflection, len(views)) * field
         echoes = EchoArrays(path / SPEED_OF_LIGHT, (field * shown).astype(np.complex64))
@@ -133,9 +137,9 @@ class EllipsoidScatterer(Scatterer):
             return echoes
         parts = []
         for number, pair in enumerate(pairs):
-            mine = slice(number * count, (number + 1) * count)
-            of_pair = EchoArrays(*(column[:, mine] for column in echoes if column is not None))
-            parts.append(unfolded(radar, of_pair, pair, block.times_s, *(end[:, mine] for end in ends)))
+            columns = slice(number * count, (number + 1) * count)
+            of_pair = EchoArrays(*(column[:, columns] for column in echoes if column is not None))
+            parts.append(unfolded(radar, of_pair, pair, block.times_s, *(end[:, columns] for end in ends)))
         return side_by_side(parts)
 
     def _over(
@@ -158,12 +162,14 @@ def _shown(views: Sequence[View], block: FrameBlock, seen: Visibility, count: in
     from scipy.ndimage import maximum_filter1d
 
     frames = len(block.wider(REACH_FRAMES))
-    every = [product([seen[fraction] for fraction in view.visibility]) for view in views]
-    fractions = np.concatenate([np.ones((frames, count)) if each is None else each for each in every], axis=1)
+    visibilities = [product([seen[fraction] for fraction in view.visibility]) for view in views]
+    fractions = np.concatenate(
+        [np.ones((frames, count)) if visibility is None else visibility for visibility in visibilities], axis=1
+    )
     begin = block.first - max(0, block.first - REACH_FRAMES)
-    here = slice(begin, begin + block.last - block.first)
+    of_block = slice(begin, begin + block.last - block.first)
     near = maximum_filter1d(fractions, 2 * REACH_FRAMES + 1, axis=0, mode="constant") > 0
-    return fractions[here], near[here]
+    return fractions[of_block], near[of_block]
 
 
 def specular_points(
@@ -178,7 +184,7 @@ def specular_points(
     """
     shape = centres.shape
     flat = np.reshape(axes, (-1, 3, 3))
-    middle, *antennas = (np.broadcast_to(each, shape).reshape(-1, 3).T for each in (centres, tx_m, rx_m))
+    middle, *antennas = (np.broadcast_to(vectors, shape).reshape(-1, 3).T for vectors in (centres, tx_m, rx_m))
     semi_axes = np.broadcast_to(semi_axes_m, shape).reshape(-1, 3).T
     point, normal = _nearest(semi_axes, *(_rotated(flat.swapaxes(1, 2), antenna - middle) for antenna in antennas))
     return (middle + _rotated(flat, point)).T.reshape(shape), _rotated(flat, normal).T.reshape(shape)
@@ -189,7 +195,7 @@ def _nearest(semi_axes_m: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> tuple[n
     normal = _unit(_unit(tx) / semi_axes_m + _unit(rx) / semi_axes_m)
     going = np.arange(normal.shape[1])
     for _ in range(MOST_STEPS):
-        normal[:, going], step = _nearer(*(each[:, going] for each in (normal, semi_axes_m, tx, rx)))
+        normal[:, going], step = _nearer(*(vectors[:, going] for vectors in (normal, semi_axes_m, tx, rx)))
         going = going[step >= CONVERGED_RAD]
         if not len(going):
             break
@@ -227,8 +233,8 @@ def _seen_from(
         offset /= distance
         towards += offset
         x, y = (dot(tangent, offset) for tangent in tangents)
-        for total, more in zip(bend, (1 - x * x, -x * y, 1 - y * y), strict=True):
-            total += more / distance
+        for total, term in zip(bend, (1 - x * x, -x * y, 1 - y * y), strict=True):
+            total += term / distance
         ranges.append(distance)
     return bend, towards, ranges
 

@@ -149,8 +149,8 @@ def patch_echoes(
     at = Gather(posed.vertices, block.shape[0], len(patches), block.backend)
     dr, Float32 = at.dr, block.backend.Float32
     number = at.per_lane(numbers)
-    seen = _Antennas.of(at, posed, number, pair)
-    total = _phase_integrals(at, posed, patches, seen)
+    antennas = _Antennas.of(at, posed, number, pair)
+    total = _phase_integrals(at, posed, patches, antennas)
     wavelength = SPEED_OF_LIGHT / pair.frequency_hz
     scale = Float32(at.constant(pair.link_amplitude * math.sqrt(4 * math.pi) / wavelength))
     # IF = tx conj(rx): the conjugate of the usual -j/lambda Gamma ... e^{-jkR}.
@@ -160,7 +160,7 @@ def patch_echoes(
     amplitude = complex_times(real, imag, total[0], total[1])
     slope = complex_times(real * per_hz, imag * per_hz, total[2], total[3])
     if posed.points is not None:
-        diffuse = _diffuse_sums(at, posed.points, seen)
+        diffuse = _diffuse_sums(at, posed.points, antennas)
         scale = at.value_per_lane(2 * pair.link_amplitude * posed.points.scattered)
         amplitude = tuple(x + scale * y for x, y in zip(amplitude, diffuse[:2], strict=True))
         slope = tuple(x + scale * per_hz * y for x, y in zip(slope, diffuse[2:], strict=True))
@@ -194,34 +194,36 @@ class _Antennas(NamedTuple):
         return self.radians * sum(_extra_path(place, antenna) for antenna in self.places)
 
 
-def _phase_integrals(at: Gather, posed: FacetVertices, patches: Patches, seen: _Antennas) -> list[Any]:
+def _phase_integrals(at: Gather, posed: FacetVertices, patches: Patches, antennas: _Antennas) -> list[Any]:
     """Sum over each patch's facets of obliquity times phase integral over R^2 (eq. 3), and its derivative by the logarithm of the
     frequency: real and imaginary parts, without unit."""
     nodes_of, corners_of = at.table(patches.nodes), at.table(posed.corners)
 
     def add(facet: Any, total: list[Any]) -> tuple[Any, list[Any]]:
-        nodes = [minus(packet[:3], seen.centre) for packet in at.packets(at.vertices(nodes_of, facet))]
+        nodes = [minus(packet[:3], antennas.centre) for packet in at.packets(at.vertices(nodes_of, facet))]
         visibility = [1.0, 1.0, 1.0]
         if posed.visibility is not None:
             visibility = at.field(posed.visibility, at.vertices(corners_of, facet))
-        amplitudes = (_flat_amplitude if len(nodes) == 3 else _curved_amplitudes)(at, nodes, visibility, seen.places)
+        amplitudes = (_flat_amplitude if len(nodes) == 3 else _curved_amplitudes)(
+            at, nodes, visibility, antennas.places
+        )
         # A branch, which lanes pass over together where none of their facets is lit.
         arguments = nodes, amplitudes, total
-        lit, integrate = sum(amplitudes) > 0, partial(_with_integral, at, seen)
+        lit, integrate = sum(amplitudes) > 0, partial(_with_integral, at, antennas)
         return facet + 1, at.dr.if_stmt(arguments, lit, integrate, lambda *unlit: unlit[-1], mode="symbolic")
 
     return _sums(at, patches.starts, add)
 
 
 def _with_integral(
-    at: Gather, seen: _Antennas, nodes: list[Vector], amplitudes: list[Any], total: list[Any]
+    at: Gather, antennas: _Antennas, nodes: list[Vector], amplitudes: list[Any], total: list[Any]
 ) -> list[Any]:
     """The sums of `_phase_integrals` with one facet more."""
-    value, change = facet_integral([seen.phase(node) for node in nodes], amplitudes, lane_ops(at.dr))
+    value, change = facet_integral([antennas.phase(node) for node in nodes], amplitudes, lane_ops(at.dr))
     return [t + x for t, x in zip(total, (*value, *change), strict=True)]
 
 
-def _diffuse_sums(at: Gather, points: PointVertices, seen: _Antennas) -> list[Any]:
+def _diffuse_sums(at: Gather, points: PointVertices, antennas: _Antennas) -> list[Any]:
     """Sum over each patch's Lambertian points of fixed random phase (eq. 9), sigma_q = 4 S^2 |Gamma|^2 A_q cos_i cos_s, of
     sqrt(sigma_q)/(2 S |Gamma| R^2) exp(j phase), and its derivative by the logarithm of the frequency: real and imaginary parts."""
     dr, Packet, Float32 = at.dr, at.backend.arrays.Array4f, at.backend.Float32
@@ -232,10 +234,10 @@ def _diffuse_sums(at: Gather, points: PointVertices, seen: _Antennas) -> list[An
     def add(point: Any, total: list[Any]) -> tuple[Any, list[Any]]:
         first, second, root, own_phase = dr.gather(Packet, packets, point)
         vertices = held.vertices(corners_of, point)
-        corners = [minus(packet[:3], seen.centre) for packet in held.packets(vertices)]
+        corners = [minus(packet[:3], antennas.centre) for packet in held.packets(vertices)]
         place = combined(corners, [first, second, 1 - first - second])
         normal, doubled_area = triangle_normal(corners, at)
-        lines_of_sight = [minus(antenna, place) for antenna in seen.places]
+        lines_of_sight = [minus(antenna, place) for antenna in antennas.places]
         ranges = [norm(line_of_sight) for line_of_sight in lines_of_sight]
         cosines = [
             dr.maximum(dot(normal, s) / (doubled_area * d), 0) for s, d in zip(lines_of_sight, ranges, strict=True)
@@ -243,7 +245,7 @@ def _diffuse_sums(at: Gather, points: PointVertices, seen: _Antennas) -> list[An
         weight = root * dr.sqrt(cosines[0] * cosines[-1]) / (ranges[0] * ranges[-1])
         if points.visibility is not None:
             weight *= sum(held.field(points.visibility, vertices)) * (1 / 3)
-        phase = seen.phase(place)
+        phase = antennas.phase(place)
         sin, cos = dr.sincos(phase + own_phase)
         real, imag = weight * cos, weight * sin
         return point + 1, [t + value for t, value in zip(total, (real, imag, -phase * imag, phase * real), strict=True)]

@@ -64,10 +64,10 @@ class Instant:
     def visible(self, place_m: np.ndarray, front: Front, asked: np.ndarray) -> np.ndarray:
         """Which points of those asked for, bool (N,), a place sees, bool (N,)."""
         towards = unit(place_m - front.place)
-        found = asked & (dot(towards, front.normal) > 0)
-        paths = np.flatnonzero(found)
-        found[paths] = self.rays.free(self.lifted(front, paths, towards[paths]), place_m)
-        return found
+        visible = asked & (dot(towards, front.normal) > 0)
+        paths = np.flatnonzero(visible)
+        visible[paths] = self.rays.free(self.lifted(front, paths, towards[paths]), place_m)
+        return visible
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +166,7 @@ class _Met:
     """(N, 3) m."""
     normal: np.ndarray
     """(N, 3)."""
-    good: np.ndarray
+    valid: np.ndarray
     """Which meet one from its front, bool (N,)."""
     seen: np.ndarray
     """Which start where the transmitter sees the surface, bool (N,)."""
@@ -178,15 +178,15 @@ class _Met:
         direction, face = np.zeros_like(front.place), np.full(len(front.place), -1)
         direction[paths], face[paths] = directions, hits.face
         place, normal = front.place.copy(), front.normal.copy()
-        some, at = np.flatnonzero(face >= 0), face[face >= 0]
+        met, at = np.flatnonzero(face >= 0), face[face >= 0]
         # Rays were lifted off the surface; this is of the ray from the surface itself.
-        weights = posed.on_surface(at, hits.weights[hits.face >= 0], front.place[some], direction[some])
-        place[some], normal[some] = posed.places(at, weights), posed.normals_at(at, weights)
+        weights = posed.on_surface(at, hits.weights[hits.face >= 0], front.place[met], direction[met])
+        place[met], normal[met] = posed.places(at, weights), posed.normals_at(at, weights)
         ahead = dot(place - front.place, direction) > -instant.lift_m(front.faces[:, -1])
-        good = (face >= 0) & (dot(direction, normal) < 0) & ahead
+        valid = (face >= 0) & (dot(direction, normal) < 0) & ahead
         # Later surfaces are where rays came to.
-        seen = instant.visible(instant.transmitter_m, front, good) if front.faces.shape[1] == 1 else good
-        return cls(direction, face, place, normal, good, seen)
+        seen = instant.visible(instant.transmitter_m, front, valid) if front.faces.shape[1] == 1 else valid
+        return cls(direction, face, place, normal, valid, seen)
 
 
 def reflected(instant: Instant, front: Front) -> Front:
@@ -196,14 +196,14 @@ def reflected(instant: Instant, front: Front) -> Front:
     tube, which goes on to the plane that touches the surface there.
     """
     met = _Met.of(instant, front)
-    good = met.good[front.triangles]
+    valid = met.valid[front.triangles]
     across = vector_product(*two_edges(met.place[front.triangles]))
     agree = np.abs(np.einsum("mi,mci->mc", unit(across), met.normal[front.triangles])).min(axis=1) > LEAST_COSINE
-    whole = good.all(axis=1) & agree & (front.lead < 0)
+    whole = valid.all(axis=1) & agree & (front.lead < 0)
     triangles = front.triangles[whole]
     faces, coordinates = np.maximum(met.face, 0), np.zeros_like(met.place)
-    coordinates[met.good] = instant.posed.coordinates(met.face[met.good], met.place[met.good])
-    kept = Front(
+    coordinates[met.valid] = instant.posed.coordinates(met.face[met.valid], met.place[met.valid])
+    intact = Front(
         np.concatenate([front.faces, faces[:, None]], axis=1),
         np.concatenate([front.coordinates, coordinates[:, None]], axis=1),
         np.concatenate([front.sense, np.ones((len(faces), 1))], axis=1),
@@ -220,12 +220,14 @@ def reflected(instant: Instant, front: Front) -> Front:
         front.number[whole],
     )
     led = (
-        good
+        valid
         & met.seen[front.triangles]
         & ~whole[:, None]
         & ((front.lead[:, None] < 0) | (front.lead[:, None] == range(3)))
     )
-    return _joined([kept, *(_led(instant, front, met, np.flatnonzero(led[:, corner]), corner) for corner in range(3))])
+    return _joined(
+        [intact, *(_led(instant, front, met, np.flatnonzero(led[:, corner]), corner) for corner in range(3))]
+    )
 
 
 def _led(instant: Instant, front: Front, met: _Met, tubes: np.ndarray, corner: int) -> Front:
@@ -237,7 +239,7 @@ def _led(instant: Instant, front: Front, met: _Met, tubes: np.ndarray, corner: i
     sinking = -dot(direction, normal)
     along = -dot(met.place[base][:, None] - start, normal) / np.maximum(sinking, GRAZING)
     usable = (sinking > GRAZING).all(axis=1)
-    tubes, base, triangles, start, direction = (each[usable] for each in (tubes, base, triangles, start, direction))
+    tubes, base, triangles, start, direction = (column[usable] for column in (tubes, base, triangles, start, direction))
     place = start + along[usable][..., None] * direction
     count = len(base)
     face = np.repeat(met.face[base], 3)

@@ -78,7 +78,7 @@ class Block:
             (slope, self._slope, backend.arrays.Array2f),
         ):
             if value is not None:
-                dr.scatter(into, value if kind is None else kind(*(_flushed(dr, each) for each in value)), place)
+                dr.scatter(into, value if kind is None else kind(*(_flushed(dr, part) for part in value)), place)
         dr.eval(self._delay, self._amplitude, self._slope)  # before another thread goes on
 
     @one_thread_at_a_time

@@ -146,21 +146,21 @@ class MeshScatterer(Scatterer):
         model, anchors, radar, times_s = self.model, self.anchors, self.radar, block.times_s
         cage = poses[self.target]
         posed = model.posed(cage, self.backend)
-        made = Block(len(times_s), self.echoes, self.backend)
+        echo_block = Block(len(times_s), self.echoes, self.backend)
         weights: Iterable[tuple[np.ndarray, np.ndarray] | None] = [None] * len(self.selections)
         if anchors is not None:
             weights = zip(*self._weights(anchors, block, cage[:, anchors.vertices]), strict=True)
-        lit = [model.lit_faces(posed, each.pair.at(times_s[posed.instants])) for each in self.selections]
-        traced = any(each.view.facet_visibility is not None for each in self.selections)
+        lit = [model.lit_faces(posed, selection.pair.at(times_s[posed.instants])) for selection in self.selections]
+        traced = any(selection.view.facet_visibility is not None for selection in self.selections)
         facets = Facets.of(posed, model.operator, model.visibility_meshes, np.any(lit, axis=0), with_places=traced)
         for selection, faces, weight in zip(self.selections, lit, weights, strict=True):
             of_view = _seen(selection.view, times_s, seen, anchors, weight, self.backend)
-            model.put(made, facets, replace(selection, pair=selection.pair.at(times_s)), of_view, faces)
-        found = made.arrays()
+            model.put(echo_block, facets, replace(selection, pair=selection.pair.at(times_s)), of_view, faces)
+        echoes = echo_block.arrays()
         if not (radar.is_array or radar.directional):
-            return found
+            return echoes
         places = posed.centre.swapaxes(0, 1)
-        return side_by_side([each.with_ends(radar, found, times_s, places) for each in self.selections])
+        return side_by_side([selection.with_ends(radar, echoes, times_s, places) for selection in self.selections])
 
     def _weights(self, anchors: Anchors, block: FrameBlock, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of the path pairs of all selections at the anchors (T, A, 3) m: `faded_weights`, at instants none is faded."""
@@ -201,10 +201,10 @@ def _seen(
     """How a mesh is seen in a view at some times."""
     weights = None
     if weight is not None and anchors is not None:
-        unblocked = product([fractions[each] for each in view.unblocked])
+        unblocked = product([fractions[fraction] for fraction in view.unblocked])
         weights = anchors.weights(*weight, unblocked, backend)
     return Seen(
-        visibility={each: fractions[each] for each in view.visibility},
+        visibility={fraction: fractions[fraction] for fraction in view.visibility},
         facet_visibility=None if view.facet_visibility is None else partial(view.facet_visibility, times_s),
         weights=weights,
     )
@@ -217,7 +217,7 @@ def _total(selections: Sequence[_Selection]) -> int:
 def _parts(selections: Sequence[_Selection], most: int) -> Iterator[list[_Selection]]:
     """Selections in parts of at most that many echoes, each part's columns counted from 0; a larger one is cut."""
     part: list[_Selection] = []
-    for selection in (piece for each in selections for piece in each.cut(most)):
+    for selection in (piece for whole in selections for piece in whole.cut(most)):
         if part and _total(part) + len(selection.patches) > most:
             yield part
             part = []
@@ -317,14 +317,14 @@ class _Model:
         probes = np.linspace(times_s[0], times_s[-1], max(2, math.ceil((times_s[-1] - times_s[0]) * FACING_RATE_HZ)))
         in_room = [view.paths is not None for view in views]
         for first in range(0, len(probes) - 1 if any(in_room) and not lit.all() else 0, FACING_AT_ONCE):
-            some_s = probes[first : first + FACING_AT_ONCE + 1]
-            facing = Facing.of(surface.at(some_s), self.cage_faces)
+            instants_s = probes[first : first + FACING_AT_ONCE + 1]
+            facing = Facing.of(surface.at(instants_s), self.cage_faces)
             for number, pair in enumerate(pairs):
-                lit[number] |= facing.lit(pair.at(some_s), self.tilt_rad)
+                lit[number] |= facing.lit(pair.at(instants_s), self.tilt_rad)
         lit[~np.array(in_room)] = True
         first = 0
-        for pair, view, some in zip(pairs, views, lit, strict=True):
-            chosen = np.flatnonzero(self.patches.any_of(some))
+        for pair, view, facing_faces in zip(pairs, views, lit, strict=True):
+            chosen = np.flatnonzero(self.patches.any_of(facing_faces))
             yield _Selection(view, pair, chosen, first)
             first += len(chosen)
 
@@ -362,23 +362,23 @@ class _Model:
     def _lit(self, faces: np.ndarray, seen: Seen, mesh: VisibilityMesh) -> np.ndarray:
         """Which patches hold facets of these cage faces, bool (F,), that are visible, bool (G,)."""
         if seen.visibility:
-            somewhere = np.logical_and.reduce([each > 0 for each in seen.visibility.values()]).any(axis=0)
+            somewhere = np.logical_and.reduce([visibility > 0 for visibility in seen.visibility.values()]).any(axis=0)
             faces = faces & self._with_neighbours(mesh, np.asarray(somewhere))
         lit = self.patches.any_of(faces)
         return lit if seen.weights is None else lit & seen.weights.reach
 
     def _points(self, patches: np.ndarray, facets: Facets, seen: Seen, level: int) -> PointVertices | None:
         """The diffuse points of some patches, on the device; None where there are none, as may be of small ones."""
-        some = None if self.points is None else self.points.only(patches)
-        if some is None or not len(some.packets):
+        points = None if self.points is None else self.points.only(patches)
+        if points is None or not len(points.packets):
             return None
         return PointVertices(
             vertices=facets.posed.carrier,
             visibility=facets.visibility_of_points(seen, level),
-            corners=some.corners,
-            packets=some.packets,
-            starts=some.starts,
-            scattered=some.scattered,
+            corners=points.corners,
+            packets=points.packets,
+            starts=points.starts,
+            scattered=points.scattered,
         )
 
     def _with_neighbours(self, visibility_mesh: VisibilityMesh, visibility: np.ndarray) -> np.ndarray:
@@ -402,15 +402,15 @@ class _Selection:
 
     def cut(self, most: int) -> list[_Selection]:
         """The same in pieces of at most that many echoes."""
-        return [replace(self, patches=some) for some in np.split(self.patches, range(most, len(self.patches), most))]
+        return [replace(self, patches=piece) for piece in np.split(self.patches, range(most, len(self.patches), most))]
 
-    def with_ends(self, radar: Radar, found: EchoArrays, times_s: np.ndarray, places: np.ndarray) -> EchoArrays:
+    def with_ends(self, radar: Radar, echoes: EchoArrays, times_s: np.ndarray, places: np.ndarray) -> EchoArrays:
         """The view's own of all echoes found at times (T,), as arrays and patterns see them from all patches' places (T, G, 3)."""
         columns = slice(self.first, self.first + len(self.patches))
-        mine = found._replace(**{name: getattr(found, name)[:, columns] for name in ("delay_s", "amplitude", "slope")})
+        own = echoes._replace(**{name: getattr(echoes, name)[:, columns] for name in ("delay_s", "amplitude", "slope")})
         places = places[:, self.patches]
         paths = self.view.paths
-        return seen_by(radar, mine, places) if paths is None else unfolded(radar, mine, paths, times_s, places)
+        return seen_by(radar, own, places) if paths is None else unfolded(radar, own, paths, times_s, places)
 
 
 PROBE_EVERY = 6
@@ -547,25 +547,25 @@ class Facets:
 
     def visibility(self, seen: Seen, level: int) -> Any:
         """Of the corners, flat Float32 (Vc, T) on the device; None: all are visible."""
-        found = self._over_paths("corners", seen, level)
+        visibilities = self._over_paths("corners", seen, level)
         if seen.facet_visibility is not None and self.places is not None:
             triangles = self.corner_numbers[self.posed.patches.corners]
             sampled = sampled_visibility(seen.facet_visibility, self.places, triangles)
-            found.append(self.posed.backend.lanes(sampled, self.posed.backend.Float32))
-        return _product(found)
+            visibilities.append(self.posed.backend.lanes(sampled, self.posed.backend.Float32))
+        return _product(visibilities)
 
     def visibility_of_points(self, seen: Seen, level: int) -> Any:
         """Of the vertices that hold diffuse points, flat Float32 (Vp, T) on the device; None: all are visible."""
-        found = self._over_paths("points", seen, level)
+        visibilities = self._over_paths("points", seen, level)
         if seen.facet_visibility is not None:
             assert self.posed.points is not None
             sampled = self.posed.points.facet_visibility(seen.facet_visibility, self.posed.cage)
-            found.append(self.posed.backend.lanes(sampled, self.posed.backend.Float32))
-        return _product(found)
+            visibilities.append(self.posed.backend.lanes(sampled, self.posed.backend.Float32))
+        return _product(visibilities)
 
     def _over_paths(self, what: Literal["corners", "points"], seen: Seen, level: int) -> list[Any]:
         """Visibility over each one-way path, carried along from the mesh of that level."""
-        known, found = self._known, []
+        known, visibilities = self._known, []
         for fraction, values in seen.visibility.items():
             if (what, level) not in known:
                 mesh = self.meshes[level]
@@ -573,8 +573,8 @@ class Facets:
             if (what, level, fraction) not in known:
                 out = carried(known[what, level], np.asarray(values, np.float32)[..., None])
                 known[what, level, fraction] = self.posed.backend.Float32(out.ravel())
-            found.append(known[what, level, fraction])
-        return found
+            visibilities.append(known[what, level, fraction])
+        return visibilities
 
 
 def _product(fields: Sequence[Any]) -> Any:

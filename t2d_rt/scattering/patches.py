@@ -171,7 +171,9 @@ def least_range_m(surface: MovingMesh, seen_from: SeenFrom, times_s: np.ndarray)
     span = times_s[-1] - times_s[0]
     least = math.inf
     for times in blocks(np.linspace(times_s[0], times_s[-1], int(np.clip(20 * span, 2, 200))), len(surface.rest)):
-        least = min(least, *(float(each.min()) for each in _ranges_of(surface.at(times), seen_from(times)).values()))
+        least = min(
+            least, *(float(ranges.min()) for ranges in _ranges_of(surface.at(times), seen_from(times)).values())
+        )
     return rounded_range_m(least)
 
 

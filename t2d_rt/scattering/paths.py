@@ -158,36 +158,36 @@ class Arrivals:
         for paths, pattern in (
             [(out + back, radar.tx_pattern)] if one_end else [(out, radar.tx_pattern), (back, radar.rx_pattern)]
         ):
-            each = {path.key: path for path in paths}
-            place = {key: number for number, key in enumerate(each)}
+            by_key = {path.key: path for path in paths}
+            place = {key: number for number, key in enumerate(by_key)}
             numbers += [place[path.key] for path in paths]
-            found = fields_over(list(each.values()), points_m, nodes.frequencies_hz, times_s)
-            gain = pattern.gain(np.moveaxis(found.departure, 0, -1) @ radar.axes.T)
-            ends.append(_End(-found.arrival, found.field * np.sqrt(gain)))
+            fields = fields_over(list(by_key.values()), points_m, nodes.frequencies_hz, times_s)
+            gain = pattern.gain(np.moveaxis(fields.departure, 0, -1) @ radar.axes.T)
+            ends.append(_End(-fields.arrival, fields.field * np.sqrt(gain)))
         copies = np.array([pair.copies for pair in pairs])
         return cls((ends[0], ends[-1]), np.array(numbers).reshape(2, -1), copies, nodes)
 
-    def spectra(self, some: slice | np.ndarray = slice(None)) -> np.ndarray:
-        """Factor of `some` of the pairs on the amplitude of a reflector there, complex (F, N, ...).
+    def spectra(self, selection: slice | np.ndarray = slice(None)) -> np.ndarray:
+        """Factor of the `selection` of the pairs on the amplitude of a reflector there, complex (F, N, ...).
 
         Patterns, both paths' coefficients and the change of polarisation at the reflector, that of a facet whose normal n bisects
         the paths: e_out . e_back - 2 (n . e_out)(n . e_back); conjugated, as IF = tx conj(rx).
         """
         (towards, out), (from_there, back) = (
-            (end.towards[:, mine], end.field[:, :, mine])
-            for end, mine in zip(self.ends, self.numbers[:, some], strict=True)
+            (end.towards[:, of_pairs], end.field[:, :, of_pairs])
+            for end, of_pairs in zip(self.ends, self.numbers[:, selection], strict=True)
         )
         # Fields are transverse: of twice the bisector, only the other path's part has a component along them.
         double = 2 + 2 * dot(towards, from_there)
         along = dot(from_there, out) * dot(towards, back)
-        found = np.conj(dot(out, back) - 2 / np.maximum(double, 1e-18) * along)
-        return np.asarray(self.copies[some].reshape(-1, *[1] * (double.ndim - 1)) * found)
+        factor = np.conj(dot(out, back) - 2 / np.maximum(double, 1e-18) * along)
+        return np.asarray(self.copies[selection].reshape(-1, *[1] * (double.ndim - 1)) * factor)
 
     def weights(self) -> tuple[np.ndarray, np.ndarray]:
         """That factor at mid-sweep and its slope over frequency [1/Hz] of all pairs, complex (N, ...)."""
         points = math.prod(self.ends[0].towards.shape[2:])
         parts = blocks(np.arange(len(self.copies)), len(self.nodes.frequencies_hz) * points)
-        weight, slope = zip(*(self.nodes.line(self.spectra(some)) for some in parts), strict=True)
+        weight, slope = zip(*(self.nodes.line(self.spectra(part)) for part in parts), strict=True)
         return np.concatenate(weight), np.concatenate(slope)
 
 
@@ -206,8 +206,8 @@ def faded_weights(
     times_s, start, stop = block.record_s, block.first, block.last
     last = len(times_s) - 1
     rotates = radar.track is not None and radar.track.orientations is not None
-    every = 1 if rotates else max(1, round(last / (times_s[-1] - times_s[0]) / NODE_RATE_HZ))
-    nodes = np.unique(np.minimum(np.arange(start // every, -(-(stop - 1) // every) + 1) * every, last))
+    step = 1 if rotates else max(1, round(last / (times_s[-1] - times_s[0]) / NODE_RATE_HZ))
+    nodes = np.unique(np.minimum(np.arange(start // step, -(-(stop - 1) // step) + 1) * step, last))
     beyond = (nodes < start) | (nodes >= stop)
     at_nodes = points_m[np.clip(nodes, start, stop - 1) - start]
     if beyond.any():
@@ -284,8 +284,8 @@ def ranked_pairs(radar: Radar, probed: Probed, *, order: int, transmissions: int
     out, back = list(probed.out), list(probed.back)
     allowed = np.ones((len(out), len(back)), bool)
     for name, most in (("order", order), ("transmissions", transmissions)):
-        mine = [np.array([getattr(path, name) for path in some], int) for some in (out, back)]
-        allowed &= np.add.outer(*mine) <= most
+        counts = [np.array([getattr(path, name) for path in side], int) for side in (out, back)]
+        allowed &= np.add.outer(*counts) <= most
     if joined:
         allowed = np.triu(allowed)
     spread = list(probed.spreading())
@@ -295,14 +295,14 @@ def ranked_pairs(radar: Radar, probed: Probed, *, order: int, transmissions: int
         return []
     pairs = [PathPair(out=out[i], back=back[j], copies=2 if joined and j > i else 1) for i, j in rows.tolist()]
     arrivals = Arrivals.of(radar, pairs, probed.probes_m, probed.probed_s, RANKING_NODES)
-    found = []
-    for some in blocks(np.arange(len(pairs)), RANKING_NODES * len(probed.probes_m)):
-        amount = (spread[0][rows[some, 0]] * spread[1][rows[some, 1]]) ** 2
-        power, bent = (each * amount for each in arrivals.nodes.powers(arrivals.spectra(some)))
-        found.append((power.max(axis=1), power.mean(axis=1), bent.mean(axis=1)))
-    best, mean, bent = (np.concatenate(each) for each in zip(*found, strict=True))
+    measures = []
+    for part in blocks(np.arange(len(pairs)), RANKING_NODES * len(probed.probes_m)):
+        amount = (spread[0][rows[part, 0]] * spread[1][rows[part, 1]]) ** 2
+        power, bent = (values * amount for values in arrivals.nodes.powers(arrivals.spectra(part)))
+        measures.append((power.max(axis=1), power.mean(axis=1), bent.mean(axis=1)))
+    best, mean, bent = (np.concatenate(column) for column in zip(*measures, strict=True))
     levels = zip(pairs, _db(best / best.max()), _db(mean / mean.max()), _db(bent / mean.max()), strict=True)
-    return sorted((Ranked(*level) for level in levels), key=lambda each: -each.mean_db)
+    return sorted((Ranked(*level) for level in levels), key=lambda ranked: -ranked.mean_db)
 
 
 def _db(ratio: np.ndarray) -> list[float]:

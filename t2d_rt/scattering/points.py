@@ -38,24 +38,24 @@ class Seen:
     """Of the path pair; None in free space."""
 
 
-_kept = LastUsed[SurfacePoints](8)  # some 300 kB each
+_last_points = LastUsed[SurfacePoints](8)  # some 300 kB each
 
 
 def _spread(rest: np.ndarray, faces: np.ndarray, seed: int, spacing_m: float) -> SurfacePoints:
     """`surface_points`, kept for the next recording of the same body and for coarser facets of this one."""
     key = disk_cache.key("geometry", ("points", rest, faces, seed, spacing_m))
-    names = [each.name for each in fields(SurfacePoints)]
+    names = [column.name for column in fields(SurfacePoints)]
 
     def spread() -> dict[str, np.ndarray]:
-        made = surface_points(rest, faces, seed=seed, spacing_m=spacing_m)
-        return {name: getattr(made, name) for name in names}
+        points = surface_points(rest, faces, seed=seed, spacing_m=spacing_m)
+        return {name: getattr(points, name) for name in names}
 
-    return _kept.get(key, lambda: SurfacePoints(**disk_cache.kept(key, names, spread)))
+    return _last_points.get(key, lambda: SurfacePoints(**disk_cache.kept(key, names, spread)))
 
 
 def forget() -> None:
     """Drops the points that are kept."""
-    _kept.forget()
+    _last_points.forget()
 
 
 @dataclass(frozen=True, slots=True)

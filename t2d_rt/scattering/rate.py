@@ -208,8 +208,10 @@ class SurfaceRate:
         """How much higher a rate the geometry asks for than its stand-in, by their fourth derivatives."""
         if self._stand_in is self._geometry:
             return 1.0
-        own, other = (self._mean_squares(each, self._probe_hz)[0] for each in (self._geometry, self._stand_in))
-        return float((own / other) ** 0.125) if other > 0 else 1.0
+        detailed, simple = (
+            self._mean_squares(geometry, self._probe_hz)[0] for geometry in (self._geometry, self._stand_in)
+        )
+        return float((detailed / simple) ** 0.125) if simple > 0 else 1.0
 
     def _resolving_hz(self, tolerance_db: float) -> float:
         """The lowest rate that will do, from `LEAST_HZ` on."""
@@ -217,7 +219,7 @@ class SurfaceRate:
         while rate < MOST_HZ and not self._resolves(rate, tolerance_db):
             failed, rate = rate, rate * RAISED
         between = range(math.floor(failed) + 1, math.ceil(rate))
-        number = bisect_left(between, True, key=lambda each: self._resolves(each, tolerance_db))
+        number = bisect_left(between, True, key=lambda rate_hz: self._resolves(rate_hz, tolerance_db))
         return between[number] if failed and number < len(between) else rate
 
     def _resolves(self, rate_hz: float, tolerance_db: float) -> bool:
@@ -232,10 +234,10 @@ class SurfaceRate:
         highest_hz = max(highest_hz, self._fastest_hz)
         rates = LEAST_HZ * RAISED ** np.arange(-8, 4 * math.log2(highest_hz / LEAST_HZ))
         rates = rates[rates > 3 / self._length_s]
-        found = np.reshape([self._missed_db(rate) for rate in rates], (-1, 2))
-        level = (found[LEVEL:] > found[:-LEVEL] + STEEP_DB) & (found[LEVEL:] > SMALL_DB)
+        misses_db = np.reshape([self._missed_db(rate) for rate in rates], (-1, 2))
+        level = (misses_db[LEVEL:] > misses_db[:-LEVEL] + STEEP_DB) & (misses_db[LEVEL:] > SMALL_DB)
         # Twice in a row: frames that fall together with those of the file miss less.
-        counts = np.where(level[1:] & level[:-1], found[LEVEL + 1 :], math.inf)
+        counts = np.where(level[1:] & level[:-1], misses_db[LEVEL + 1 :], math.inf)
         return bool((missed_db <= counts + RESOLVED_DB).all())
 
     def _missed_db(self, rate_hz: float) -> np.ndarray:
@@ -265,9 +267,10 @@ class SurfaceRate:
             else:
                 long = np.arange(self._most_frames // PIECES) / probe_hz
                 times = [begin + long for begin in np.linspace(self._span_s[0], self._span_s[1] - long[-1], PIECES)]
-            phases = [self._phases(each) for each in times]
+            phases = [self._phases(piece_s) for piece_s in times]
             self._pieces[probe_hz] = [
-                (each, some, spline(each, some)) for each, some in zip(times, phases, strict=True)
+                (piece_s, piece_phases, spline(piece_s, piece_phases))
+                for piece_s, piece_phases in zip(times, phases, strict=True)
             ]
         return self._pieces[probe_hz]
 
@@ -278,7 +281,7 @@ class SurfaceRate:
 
     def _phases(self, times_s: np.ndarray) -> np.ndarray:
         """Phases (K, V) [rad] of the paths over the stand-in's points, `MOST_POINTS` of them at most."""
-        paths = [self._path_lengths(some) for some in blocks(times_s, self._point_count)]
+        paths = [self._path_lengths(block_s) for block_s in blocks(times_s, self._point_count)]
         return 2 * math.pi * self._radar.mid_frequency_hz / SPEED_OF_LIGHT * np.concatenate(paths)
 
     def _mean_squares(self, geometry: MovingMesh | Ellipsoids, probe_hz: float) -> tuple[float, float]:
@@ -288,9 +291,9 @@ class SurfaceRate:
             step = 1 / probe_hz
             records = int(np.clip(RECORDS_PER_S * self._length_s, LEAST_RECORDS, MOST_RECORDS))
             begin = np.linspace(self._span_s[0], self._span_s[1] - (PROBE_FRAMES - 1) * step, records)
-            some = list(blocks(begin, PROBE_FRAMES * geometry.point_count))
-            found = [_mean_squares(geometry, self._radar, each, step) for each in some]
-            self._known[key] = _mean(found, [len(each) for each in some])
+            parts = list(blocks(begin, PROBE_FRAMES * geometry.point_count))
+            squares = [_mean_squares(geometry, self._radar, begins, step) for begins in parts]
+            self._known[key] = _mean(squares, [len(begins) for begins in parts])
         return self._known[key]
 
 
@@ -306,7 +309,7 @@ def _mean_squares(
     if not len(geometry.faces):
         return fourth, 0.0
 
-    faces = geometry.faces[_some(len(geometry.faces), MOST_FACES)]
+    faces = geometry.faces[_evenly(len(geometry.faces), MOST_FACES)]
     edges = points.take(faces[:, 1], axis=1)
     edges -= points.take(faces[:, 0], axis=1)  # `take` is several times as fast as an index
     rotation = np.diff(edges.reshape(len(begin_s), PROBE_FRAMES, -1, 3), axis=1)
@@ -316,13 +319,13 @@ def _mean_squares(
 def _path_lengths(geometry: MovingMesh | Ellipsoids, radar: Radar, *, specular: bool) -> tuple[Track, int]:
     """Lengths (K, V) [m] of the paths over `MOST_POINTS` of a target's points at most, as a function of time (K,) [s], and how many
     points are computed for them. Of ellipsoids that are themselves the target, those over the `specular` points."""
-    which, made = _some(geometry.point_count, MOST_POINTS), geometry.made
+    points, made = _evenly(geometry.point_count, MOST_POINTS), geometry.made
     if specular and isinstance(geometry, Ellipsoids):
-        return lambda times_s: _specular_paths(geometry, times_s, radar)[:, which], geometry.point_count
+        return lambda times_s: _specular_paths(geometry, times_s, radar)[:, points], geometry.point_count
     if isinstance(geometry, MovingMesh) and made is not None and made.by == "arrays":
-        some = spline(geometry.times_s, made.arguments["vertices"][:, which])
-        return lambda times_s: _paths(some(times_s), radar), len(which)
-    return lambda times_s: _paths(geometry.points_at(times_s)[:, which], radar), geometry.point_count
+        vertices_at = spline(geometry.times_s, made.arguments["vertices"][:, points])
+        return lambda times_s: _paths(vertices_at(times_s), radar), len(points)
+    return lambda times_s: _paths(geometry.points_at(times_s)[:, points], radar), geometry.point_count
 
 
 def fastest_line_hz(phases: np.ndarray, rate_hz: float, highest_hz: float = LINE_HZ[1]) -> float:
@@ -335,7 +338,7 @@ def fastest_line_hz(phases: np.ndarray, rate_hz: float, highest_hz: float = LINE
     near, far = (
         max(math.ceil(width_hz / step_hz), least) for width_hz, least in ((LINE_HALF_WIDTH_HZ, 3), (SIDE_HZ, 6))
     )
-    found = 0.0
+    fastest_hz = 0.0
     for spectrum in (spectra.mean(axis=1), np.quantile(spectra, QUIET, axis=1)):
         level_db = 10 * np.log10(spectrum + 1e-30)
         energy_db = 10 * np.log10(np.convolve(spectrum, np.ones(3), "same") + 1e-30)
@@ -344,8 +347,8 @@ def fastest_line_hz(phases: np.ndarray, rate_hz: float, highest_hz: float = LINE
         inside = slice(far, len(level_db) - far)
         stands = level_db[inside] - np.maximum((below + above) / 2, above) > LINE_DB
         at_hz = frequency_hz[inside][stands & (energy_db[inside] > LEAST_LINE_DB)]
-        found = max([found, *at_hz[(at_hz >= LINE_HZ[0]) & (at_hz <= highest_hz)]])
-    return float(found)
+        fastest_hz = max([fastest_hz, *at_hz[(at_hz >= LINE_HZ[0]) & (at_hz <= highest_hz)]])
+    return float(fastest_hz)
 
 
 def fastest_steady_hz(phases: np.ndarray, rate_hz: float, highest_hz: float = STEADY_HZ[1]) -> float:
@@ -358,9 +361,9 @@ def fastest_steady_hz(phases: np.ndarray, rate_hz: float, highest_hz: float = ST
     window = blackmanharris(count - 2, sym=False)
     of_tone = len(window) * np.sum(window**2) / np.sum(window) ** 2  # its energy over that in one bin
     starts = np.linspace(0, len(phases) - count, math.ceil(2 * len(phases) / count) - 1).astype(int)
-    found = [_spectra(phases[start : start + count], rate_hz, window) for start in starts]
-    frequency_hz = found[0][0]
-    energies = of_tone * np.min([spectra for _, spectra in found], axis=0)
+    of_pieces = [_spectra(phases[start : start + count], rate_hz, window) for start in starts]
+    frequency_hz = of_pieces[0][0]
+    energies = of_tone * np.min([spectra for _, spectra in of_pieces], axis=0)
     counts = (energies > 10 ** (LEAST_LINE_DB / 10)).any(axis=1)
     return float(max(frequency_hz[counts & (frequency_hz >= STEADY_HZ[0]) & (frequency_hz <= highest_hz)], default=0.0))
 
@@ -397,7 +400,7 @@ def _specular_paths(ellipsoids: Ellipsoids, times_s: np.ndarray, radar: Radar) -
     return _paths(centres, radar) - 2 * norms(along * ellipsoids.semi_axes_m)
 
 
-def _some(count: int, most: int) -> np.ndarray:
+def _evenly(count: int, most: int) -> np.ndarray:
     """So many of the numbers below a count, at most."""
     return np.linspace(0, count - 1, min(count, most)).astype(int)
 

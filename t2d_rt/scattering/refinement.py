@@ -29,12 +29,12 @@ MOST_FACETS = 1_000_000
 """Of one mesh, unless a run may take more memory."""
 ROWS_AT_ONCE = 1_000
 """Vertices carried along at once: their positions at all instants of a block fit the cache."""
-_kept: OrderedDict[str, Refinement] = OrderedDict()
+_in_memory: OrderedDict[str, Refinement] = OrderedDict()
 KEPT_FLAT = 200_000
 """Flat facets of curved refinements are kept, the last used ones, for as many of them."""
 _flat: OrderedDict[tuple[str, bytes], Refinement] = OrderedDict()
 _lock = threading.Lock()
-"""Held by the thread that looks into `_kept` and `_flat`."""
+"""Held by the thread that looks into `_in_memory` and `_flat`."""
 Sagitta = float | np.ndarray
 """One phase sagitta [rad], or one for each vertex (V,)."""
 
@@ -80,7 +80,7 @@ def refined(
         missing = {key: sagitta for key, sagitta in zip(keys, sagittas_rad, strict=True) if _needed(key, max_facets)}
         if missing:
             make = curved_refinements if surface.curved else partial(refinements, crease_deg=surface.crease_deg)
-            made = make(
+            new = make(
                 rest,
                 surface.faces,
                 wavenumber=wavenumber,
@@ -88,22 +88,25 @@ def refined(
                 sagittas_rad=list(missing.values()),
                 max_faces=max_facets,
             )
-            for key, each in zip(missing, made, strict=True):
-                _kept[key] = replace(each, key=key)
-                disk_cache.write(key, _as_arrays(each))
-        found = [_kept[key] for key in keys]
+            for key, refinement in zip(missing, new, strict=True):
+                _in_memory[key] = replace(refinement, key=key)
+                disk_cache.write(key, _as_arrays(refinement))
+        in_order = [_in_memory[key] for key in keys]
         for key in keys:
-            _kept.move_to_end(key)
-        while len(_kept) > len(keys) and sum(len(each.faces) for each in _kept.values()) > KEPT_FACETS:
-            _kept.popitem(last=False)
-    return found
+            _in_memory.move_to_end(key)
+        while (
+            len(_in_memory) > len(keys)
+            and sum(len(refinement.faces) for refinement in _in_memory.values()) > KEPT_FACETS
+        ):
+            _in_memory.popitem(last=False)
+    return in_order
 
 
 def _needed(key: str, max_facets: int) -> bool:
     """Whether a refinement must be made: it is not kept, or has more facets than are allowed, which making it will tell."""
-    if key not in _kept and (found := disk_cache.read(key, _ARRAYS)) is not None:
-        _kept[key] = replace(_of_arrays(found), key=key)
-    return key not in _kept or len(_kept[key].faces) > max_facets
+    if key not in _in_memory and (arrays := disk_cache.read(key, _ARRAYS)) is not None:
+        _in_memory[key] = replace(_of_arrays(arrays), key=key)
+    return key not in _in_memory or len(_in_memory[key].faces) > max_facets
 
 
 _SPARSE = "data", "indices", "indptr", "shape"
@@ -111,14 +114,14 @@ _MATRICES = "operator", "linear", "control"
 _ARRAYS = "faces", "base_face", "middles", *(f"{name}_{part}" for name in _MATRICES for part in _SPARSE)
 
 
-def _as_arrays(found: Refinement) -> dict[str, np.ndarray]:
+def _as_arrays(refinement: Refinement) -> dict[str, np.ndarray]:
     """A refinement as it is kept on disk; what flat facets lack is empty."""
     from scipy.sparse import csr_matrix
 
-    middles = np.empty((0, 3), np.int32) if found.middles is None else found.middles
-    arrays = {"faces": found.faces, "base_face": found.base_face, "middles": middles}
+    middles = np.empty((0, 3), np.int32) if refinement.middles is None else refinement.middles
+    arrays = {"faces": refinement.faces, "base_face": refinement.base_face, "middles": middles}
     for name in _MATRICES:
-        matrix = csr_matrix((0, 0)) if getattr(found, name) is None else getattr(found, name)
+        matrix = csr_matrix((0, 0)) if getattr(refinement, name) is None else getattr(refinement, name)
         arrays |= {f"{name}_{part}": np.asarray(getattr(matrix, part)) for part in _SPARSE}
     return arrays
 
@@ -142,17 +145,17 @@ def _of_arrays(arrays: Mapping[str, np.ndarray]) -> Refinement:
     )
 
 
-def flattened(found: Refinement, rest: np.ndarray) -> Refinement:
+def flattened(refinement: Refinement, rest: np.ndarray) -> Refinement:
     """`Refinement.flattened` for the coarse vertices `rest` (V, 3) m, kept for the next recording of the same body."""
-    if found.key is None or found.middles is None:
-        return found.flattened(rest)
-    key = found.key, rest.tobytes()
+    if refinement.key is None or refinement.middles is None:
+        return refinement.flattened(rest)
+    key = refinement.key, rest.tobytes()
     with _lock:
-        kept = _flat.pop(key, None)
-    flat = found.flattened(rest) if kept is None else kept
+        stored = _flat.pop(key, None)
+    flat = refinement.flattened(rest) if stored is None else stored
     with _lock:
         _flat[key] = flat
-        while sum(len(each.faces) for each in _flat.values()) > KEPT_FLAT:
+        while sum(len(other.faces) for other in _flat.values()) > KEPT_FLAT:
             _flat.popitem(last=False)
     return flat
 
@@ -165,7 +168,7 @@ def most_facets(memory: Budget) -> int:
 def forget() -> None:
     """Drops the refinements that this process keeps; without those on disk the next recording takes as long as a first one."""
     with _lock:
-        _kept.clear()
+        _in_memory.clear()
         _flat.clear()
 
 
@@ -178,8 +181,8 @@ def carried(operator: Csr, values: np.ndarray) -> np.ndarray:
     out = aligned_empty(size, values.dtype, memory).reshape(rows, frames * width)
 
     def carry(first: int) -> None:
-        some = slice(first, first + ROWS_AT_ONCE)
-        out[some] = operator[some] @ columns
+        block = slice(first, first + ROWS_AT_ONCE)
+        out[block] = operator[block] @ columns
 
     in_threads(carry, range(0, rows, ROWS_AT_ONCE))  # a sparse product leaves Python's lock alone
     return out.reshape(rows, frames, width)

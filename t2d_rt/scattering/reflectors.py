@@ -36,7 +36,7 @@ class Reflectors:
     each edge."""
 
     def __init__(self, reflectors: Sequence[Reflector]) -> None:
-        self._each = reflectors
+        self._reflectors = reflectors
         counts = [reflector.facets.operator.shape[0] for reflector in reflectors]
         first = np.cumsum([0, *counts[:-1]])
         self.vertex_count = int(sum(counts))
@@ -45,9 +45,10 @@ class Reflectors:
         )
         """Corners (F, 3)."""
         middles = [
-            reflector.facets.faces if (own := reflector.facets.middles) is None else own for reflector in reflectors
+            reflector.facets.faces if (numbers := reflector.facets.middles) is None else numbers
+            for reflector in reflectors
         ]
-        self._middles = np.concatenate([own + start for own, start in zip(middles, first, strict=True)])
+        self._middles = np.concatenate([numbers + start for numbers, start in zip(middles, first, strict=True)])
         sizes = [len(reflector.facets.faces) for reflector in reflectors]
         self.curved = np.repeat([reflector.facets.middles is not None for reflector in reflectors], sizes)
         """Which facets are (F,)."""
@@ -67,8 +68,10 @@ class Reflectors:
 
     def at(self, times_s: np.ndarray) -> np.ndarray:
         """Vertices (K, V, 3) m at these times."""
-        cages = (each.facets.controlled(each.surface.at(times_s)) for each in self._each)
-        posed = (carried(each.facets.operator, cage) for each, cage in zip(self._each, cages, strict=True))
+        cages = (reflector.facets.controlled(reflector.surface.at(times_s)) for reflector in self._reflectors)
+        posed = (
+            carried(reflector.facets.operator, cage) for reflector, cage in zip(self._reflectors, cages, strict=True)
+        )
         return np.concatenate(list(posed)).swapaxes(0, 1)
 
     @cached_property
@@ -217,16 +220,16 @@ def _parts(reflectors: Reflectors, faces: np.ndarray, spacing_m: float) -> np.nd
 def lattice(reflectors: Reflectors, faces: np.ndarray, spacing_m: float) -> Lattice:
     """Triangles with edges of up to `spacing_m` on some facets (N,)."""
     parts = _parts(reflectors, faces, spacing_m)
-    found, first = [(np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 3), int))], 0
+    columns, first = [(np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 3), int))], 0
     for count in np.unique(parts):
-        some = faces[parts == count]
+        of_count = faces[parts == count]
         weights, triangles = _grid(int(count))
         weights = weights + (1 / 3 - weights) * INWARD / count
-        start = first + len(weights) * np.arange(len(some))
+        start = first + len(weights) * np.arange(len(of_count))
         numbers = (start[:, None, None] + triangles).reshape(-1, 3)
-        found.append((np.repeat(some, len(weights)), np.tile(weights, (len(some), 1)), numbers))
-        first += len(weights) * len(some)
-    return _with_middles(*(np.concatenate(each) for each in zip(*found, strict=True)))
+        columns.append((np.repeat(of_count, len(weights)), np.tile(weights, (len(of_count), 1)), numbers))
+        first += len(weights) * len(of_count)
+    return _with_middles(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
 def _with_middles(face: np.ndarray, weights: np.ndarray, triangles: np.ndarray) -> Lattice:

@@ -21,12 +21,12 @@ MOST_ECHOES = 150_000
 class Joined(Scatterer):
     """Scatterers with the same frame times as one."""
 
-    each: tuple[Scatterer, ...]
+    scatterers: tuple[Scatterer, ...]
 
     @property
     @override
     def parts(self) -> tuple[Scatterer, ...]:
-        return tuple(part for each in self.each for part in each.parts)
+        return tuple(part for scatterer in self.scatterers for part in scatterer.parts)
 
     @property
     @override
@@ -35,13 +35,13 @@ class Joined(Scatterer):
 
     @override
     def scatter(self, block: FrameBlock, poses: Poses, seen: Visibility) -> EchoArrays:
-        found: list[EchoArrays | None] = [None] * len(self.each)
+        echoes: list[EchoArrays | None] = [None] * len(self.scatterers)
 
         def scatter(number: int) -> None:
-            found[number] = self.each[number].scatter(block, poses, seen)
+            echoes[number] = self.scatterers[number].scatter(block, poses, seen)
 
-        in_threads(scatter, range(len(self.each)))
-        return side_by_side([each for each in found if each is not None])
+        in_threads(scatter, range(len(self.scatterers)))
+        return side_by_side([arrays for arrays in echoes if arrays is not None])
 
 
 def joined(scatterers: Sequence[Scatterer]) -> Scatterer:
@@ -50,7 +50,7 @@ def joined(scatterers: Sequence[Scatterer]) -> Scatterer:
         return scatterers[0]
     return Joined(
         times_s=scatterers[0].times_s,
-        each=tuple(scatterers),
+        scatterers=tuple(scatterers),
         echoes=sum(scatterer.echoes for scatterer in scatterers),
         vertices=max(scatterer.vertices for scatterer in scatterers),
         at_once=min((scatterer.at_once for scatterer in scatterers if scatterer.at_once), default=0),
@@ -59,14 +59,14 @@ def joined(scatterers: Sequence[Scatterer]) -> Scatterer:
 
 def batches(scatterers: Sequence[Scatterer], radar: Radar) -> list[Scatterer]:
     """Scatterers, or their parts, of the same frame times joined in order into as few as have at most `most_echoes` each."""
-    found: dict[int, list[list[Scatterer]]] = {}
+    by_frames: dict[int, list[list[Scatterer]]] = {}
     for scatterer in scatterers:
-        mine = found.setdefault(len(scatterer.times_s), [])
+        lots = by_frames.setdefault(len(scatterer.times_s), [])
         for part in scatterer.parts:
-            if not mine or sum(each.echoes for each in mine[-1]) + part.echoes > most_echoes(radar):
-                mine.append([])
-            mine[-1].append(part)
-    return [joined(some) for mine in found.values() for some in mine]
+            if not lots or sum(member.echoes for member in lots[-1]) + part.echoes > most_echoes(radar):
+                lots.append([])
+            lots[-1].append(part)
+    return [joined(batch) for lots in by_frames.values() for batch in lots]
 
 
 def most_echoes(radar: Radar) -> int:

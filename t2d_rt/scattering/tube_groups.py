@@ -86,9 +86,9 @@ class Sample:
 
 def _differs(rows: np.ndarray) -> np.ndarray:
     """Which rows (N, C) differ from the one before, bool (N,); the first one does."""
-    found = np.ones(len(rows), bool)
-    found[1:] = (rows[1:] != rows[:-1]).any(axis=1)
-    return found
+    differs = np.ones(len(rows), bool)
+    differs[1:] = (rows[1:] != rows[:-1]).any(axis=1)
+    return differs
 
 
 def _counting(power: np.ndarray) -> np.ndarray:
@@ -117,12 +117,12 @@ class Groups:
     def of(cls, samples: Sequence[Sample], powers: Sequence[np.ndarray], most: int, target: np.ndarray) -> Groups:
         """All groups of up to `most` bounces that there are in any sample, without those that return next to nothing of what there
         is between the same two targets; `powers` are what each sample's groups (G,) return, `target` that of each facet (F,)."""
-        found: list[Groups] = []
+        of_samples: list[Groups] = []
         for sample in samples:
             tubes, path = sample.tubes, sample.carriers
             bounces = tubes.faces.shape[1]
             wider = ((0, 0), (0, most - bounces))
-            found.append(
+            of_samples.append(
                 cls(
                     np.full(len(path), bounces),
                     np.pad(sample.codes, wider, constant_values=-1),
@@ -130,21 +130,22 @@ class Groups:
                     np.pad(tubes.coordinates[path], (*wider, (0, 0))),
                 )
             )
-        every = cls(*(np.concatenate([getattr(each, name) for each in found]) for name in cls.__slots__))
+        all_groups = cls(*(np.concatenate([getattr(groups, name) for groups in of_samples]) for name in cls.__slots__))
         level = np.concatenate([sample.tubes.level[sample.strongest] for sample in samples])
-        keys = np.column_stack([every.bounces, every.codes])
+        keys = np.column_stack([all_groups.bounces, all_groups.codes])
         order = np.lexsort([-level, *keys.T[::-1]])
         keys, power = keys[order], np.concatenate(powers)[order]
         new = np.flatnonzero(_differs(keys))
         if not len(new):
-            return every.only(new)
+            return all_groups.only(new)
         chosen, power = order[new], np.add.reduceat(power, new)
-        last = every.faces[chosen, every.bounces[chosen] - 1]
-        between = target[every.faces[chosen, 0]] * (target.max() + 1) + target[last]
+        last = all_groups.faces[chosen, all_groups.bounces[chosen] - 1]
+        between = target[all_groups.faces[chosen, 0]] * (target.max() + 1) + target[last]
         counting = [
-            some[_counting(power[some])] for some in (np.flatnonzero(between == each) for each in np.unique(between))
+            rows[_counting(power[rows])]
+            for rows in (np.flatnonzero(between == targets) for targets in np.unique(between))
         ]
-        return every.only(chosen[np.sort(np.concatenate(counting))])
+        return all_groups.only(chosen[np.sort(np.concatenate(counting))])
 
     def only(self, chosen: np.ndarray | slice) -> Groups:
         """Those of the groups that are chosen."""
@@ -153,9 +154,9 @@ class Groups:
     def of_bounces(self, bounces: int) -> tuple[Groups, int]:
         """Those of so many bounces, and the number of the first."""
         first, last = np.searchsorted(self.bounces, [bounces, bounces + 1])
-        some = slice(first, last)
-        narrow = (each[some, :bounces] for each in (self.codes, self.faces, self.coordinates))
-        return Groups(self.bounces[some], *narrow), int(first)
+        rows = slice(first, last)
+        narrow = (column[rows, :bounces] for column in (self.codes, self.faces, self.coordinates))
+        return Groups(self.bounces[rows], *narrow), int(first)
 
     def columns(self, codes: np.ndarray) -> np.ndarray:
         """Where groups of as many bounces stand among these, (N,) for (N, B); -1 for those that do not."""
@@ -163,9 +164,9 @@ class Groups:
             return np.full(len(codes), -1)
         joined = np.concatenate([self.codes, codes])
         _, number = np.unique(joined, axis=0, return_inverse=True)
-        known = np.full(number.max() + 1, -1)
-        known[number.ravel()[: len(self)]] = np.arange(len(self))
-        return np.asarray(known[number.ravel()[len(self) :]])
+        place_of = np.full(number.max() + 1, -1)
+        place_of[number.ravel()[: len(self)]] = np.arange(len(self))
+        return np.asarray(place_of[number.ravel()[len(self) :]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,9 +203,9 @@ class Frames:
 
     def places(self, groups: Groups, end: np.ndarray) -> np.ndarray:
         """Where the carriers of groups meet a surface, the first time or the last (G,), at all frames (T, G, 3) m."""
-        every = np.arange(len(groups))
-        corners = self.facets[groups.faces[every, end]]
-        return np.stack([carried_along(vertex[corners], groups.coordinates[every, end]) for vertex in self.vertices])
+        numbers = np.arange(len(groups))
+        corners = self.facets[groups.faces[numbers, end]]
+        return np.stack([carried_along(vertex[corners], groups.coordinates[numbers, end]) for vertex in self.vertices])
 
     def sums(
         self, sample: Sample, column: np.ndarray, carriers_m: np.ndarray, frames: np.ndarray
@@ -216,25 +217,27 @@ class Frames:
         totals = np.zeros((2, np.count_nonzero(column >= 0), len(frames)), complex)
         step = max(1, MOST_LANES // max(1, len(tubes.faces), len(tubes.factor)))
         for first in range(0, len(frames) if used.any() else 0, step):
-            some = slice(first, first + step)
-            lengths = self.lengths(tubes.faces, tubes.coordinates, tubes.sense, frames[some])
-            carriers = backend.lanes(carriers_m[:, frames[some]], backend.Float64)
+            block = slice(first, first + step)
+            lengths = self.lengths(tubes.faces, tubes.coordinates, tubes.sense, frames[block])
+            carriers = backend.lanes(carriers_m[:, frames[block]], backend.Float64)
             for chosen, nodes in ((used & tubes.curved, 6), (used & ~tubes.curved, 3)):
-                which = np.flatnonzero(chosen)
-                if not len(which):
+                tube_numbers = np.flatnonzero(chosen)
+                if not len(tube_numbers):
                     continue
-                group = sample.group[which]
+                group = sample.group[tube_numbers]
                 values = tube_fields(
-                    Lengths(lengths, carriers, len(frames[some])),
-                    tubes.nodes[which, :nodes],
+                    Lengths(lengths, carriers, len(frames[block])),
+                    tubes.nodes[tube_numbers, :nodes],
                     column[group],
-                    tubes.amplitude[which],
+                    tubes.amplitude[tube_numbers],
                     2 * math.pi / self.radar.wavelength_m,
                     backend,
                 )
                 starts = np.flatnonzero(np.append(True, group[1:] != group[:-1]))
                 for total, value in zip(totals, values, strict=True):
-                    total[row[group[starts]], some] += np.add.reduceat(value * tubes.factor[which, None], starts)
+                    total[row[group[starts]], block] += np.add.reduceat(
+                        value * tubes.factor[tube_numbers, None], starts
+                    )
         return totals[0], totals[1]
 
 
@@ -332,13 +335,13 @@ def tube_fields(
     def read(values: Any, rows: np.ndarray) -> Any:
         return dr.gather(Float64, values, dr.gather(UInt32, backend.lanes(rows), tube) * per_tube + frame)
 
-    own = read(lengths.carriers_m, carrier)
+    carrier_m = read(lengths.carriers_m, carrier)
     k = dr.opaque(Float64, float(wavenumber))
-    phases = [Float32(k * (read(lengths.nodes_m, column) - own)) for column in nodes.T]
+    phases = [Float32(k * (read(lengths.nodes_m, column) - carrier_m)) for column in nodes.T]
     corners = [dr.gather(Float32, backend.lanes(column, Float32), tube) for column in amplitude.T]
     amplitudes = [(corners[0] + corners[1] + corners[2]) * (1 / 3)] if len(phases) == 3 else corners
     integral = facet_integral(phases, amplitudes, lane_ops(dr))
-    flat = [dr.ravel(backend.arrays.Array2f(*each)) for each in integral]
+    flat = [dr.ravel(backend.arrays.Array2f(*parts)) for parts in integral]
     dr.eval(flat)
-    found = [np.asarray(each).view(np.complex64).reshape(len(nodes), lengths.frames) for each in flat]
-    return found[0], found[1]
+    fields = [np.asarray(parts).view(np.complex64).reshape(len(nodes), lengths.frames) for parts in flat]
+    return fields[0], fields[1]

@@ -78,16 +78,16 @@ class Tubes:
 
 def traced_tubes(instant: Instant, lattice: Lattice, bounces: int) -> Tubes:
     """Tubes of so many bounces that start on a lattice, which is made finer where it has to be."""
-    found: list[Tubes] = []
+    of_levels: list[Tubes] = []
     for level in range(LEVELS):
         front = launched(instant, lattice)
         for _ in range(bounces - 1):
             front = reflected(instant, front)
         target = instant.reflectors.target[lattice.face[lattice.nodes[:, 0]]]
         tubes, finer = _received(instant, front, target, level)
-        found.append(tubes)
+        of_levels.append(tubes)
         lattice = lattice.finer(finer)
-    return _all_of(found)
+    return _all_of(of_levels)
 
 
 def reflecting(instant: Instant, lattice: Lattice) -> np.ndarray:
@@ -103,8 +103,8 @@ def _received(instant: Instant, front: Front, target: np.ndarray, level: int) ->
     towards = instant.receiver_m - front.place
     range_m = norms(towards)
     cosines = dot(towards, front.normal) / range_m - dot(front.incoming, front.normal)
-    seen = instant.visible(instant.receiver_m, front, np.ones(len(front.place), bool))
-    corners = (seen * cosines / (2 * range_m))[front.triangles]
+    visible = instant.visible(instant.receiver_m, front, np.ones(len(front.place), bool))
+    corners = (visible * cosines / (2 * range_m))[front.triangles]
     obliquity = np.where(
         front.lead < 0, corners.mean(axis=1), corners[np.arange(len(corners)), np.maximum(front.lead, 0)]
     )
@@ -164,11 +164,11 @@ def _sorted(
     return tubes, finer
 
 
-def _all_of(found: list[Tubes]) -> Tubes:
+def _all_of(lots: list[Tubes]) -> Tubes:
     """Several lots of tubes as one, their nodes counted on."""
-    first = np.cumsum([0, *(len(each.faces) for each in found)])
-    columns = {name: np.concatenate([getattr(each, name) for each in found]) for name in Tubes.__slots__}
+    first = np.cumsum([0, *(len(tubes.faces) for tubes in lots)])
+    columns = {name: np.concatenate([getattr(tubes, name) for tubes in lots]) for name in Tubes.__slots__}
     columns["nodes"] = np.concatenate(
-        [np.where(each.nodes < 0, -1, each.nodes + start) for each, start in zip(found, first[:-1], strict=True)]
+        [np.where(tubes.nodes < 0, -1, tubes.nodes + start) for tubes, start in zip(lots, first[:-1], strict=True)]
     )
     return Tubes(**columns)
