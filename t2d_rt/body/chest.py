@@ -31,7 +31,7 @@ class ChestWall:
 
     @classmethod
     def of(cls, body: Fitted, motion: Motion) -> ChestWall:
-        """Of a fitted body: chest and abdomen from the hips to the shoulders."""
+        """The chest wall of a fitted body: chest and abdomen from the hips to the shoulders."""
         faces, heights = body.template.faces, body.vertices[:, 2]
         normals = vertex_normals(body.vertices, faces)
         lowest, highest = body.joints["left_hip"][2], body.joints["left_shoulder"][2]
@@ -62,6 +62,6 @@ def lies_on_front(rotations: np.ndarray, origin: np.ndarray) -> np.ndarray:
 
 
 def smooth_step(values: np.ndarray, low: float, high: float) -> np.ndarray:
-    """From 0 at `low` to 1 at `high` without a jump of slope or curvature."""
+    """Values that rise from 0 at `low` to 1 at `high` without a jump of slope or curvature."""
     x = np.clip((values - low) / (high - low), 0.0, 1.0)
     return np.asarray(x**3 * (10 + x * (6 * x - 15)))

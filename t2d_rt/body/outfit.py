@@ -18,7 +18,7 @@ from t2d_rt.types.motion import CANONICAL_JOINTS
 BARE = "head", "neck", "left_hand", "right_hand"
 BARE_JOINTS = "neck", "head", "left_wrist", "right_wrist"
 SHOD_JOINTS = "left_ankle", "left_foot", "right_ankle", "right_foot"
-"""Those that move what is bare, and what is in shoes."""
+"""Joints that move what is bare, and what is in shoes."""
 UPPER_M, TOE_M = 0.004, 0.012
 """Thickness of a shoe's upper, and the room before the toes, for which shoemakers allow 10 to 15 mm: choices."""
 

@@ -59,7 +59,7 @@ SEGMENTS: Mapping[str, Segment] = _segments()
 """The 17 segments."""
 
 BREATHING = [tuple(SEGMENTS).index(name) for name in ("abdomen", "chest")]
-"""Those that breath and heart move."""
+"""Numbers of the segments that breath and heart move."""
 
 
 def segments(
@@ -93,10 +93,10 @@ class _Carried:
     offsets: np.ndarray
     """Centres from the bones' joints at rest [m], (N, 3)."""
     axes: np.ndarray
-    """At rest, (N, 3, 3)."""
+    """Axes at rest, (N, 3, 3)."""
     track: JointTrack
     motion: Motion
-    """Whose breath and heart move chest and abdomen."""
+    """Breath and heart of this motion move chest and abdomen."""
 
     def __call__(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         bones = self.pose.bones(*self.track(times_s))

@@ -19,7 +19,7 @@ from t2d_rt.geometry.vectors import unit
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
 LIMB_GIRTHS = {"hip": 1.1, "knee": 0.8, "shoulder": 1.2, "elbow": 1.3}
-"""Of `GIRTHS`, those of the limbs."""
+"""The part of `GIRTHS` that is of limbs."""
 
 Ring = tuple[np.ndarray, np.ndarray]
 """Vertex indices (R,) and weights (R,) whose weighted mean is a joint."""

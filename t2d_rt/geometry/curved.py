@@ -41,12 +41,12 @@ from t2d_rt.geometry.subdivide import (
 from t2d_rt.geometry.vectors import edge_cross, norms, unit
 
 MOST_SUBDIVISIONS = 24
-"""Of a face beside an irregular vertex; a point that close to it takes the vertex's own place."""
+"""Subdivisions of a face beside an irregular vertex; a point closer to it takes the vertex's own place."""
 KEPT_MESHES = 8
-"""Whose first subdivisions are kept, the last used ones: some 2 kB a face."""
+"""Meshes whose first subdivisions are kept, the last used ones: some 2 kB a face."""
 INTERPOLATION_TERMS = 2
-"""Of `control_points`. With 2, 3, 4, 8 terms, 25 000 facets of a walking body err by -27.6, -25.6, -25.3, -25.6 dB, and its volume
-is 0.14, 0.02, 0.01 and 0 % too small."""
+"""Terms of `control_points`. With 2, 3, 4, 8 terms, 25 000 facets of a walking body err by -27.6, -25.6, -25.3, -25.6 dB, and its
+volume is 0.14, 0.02, 0.01 and 0 % too small."""
 
 
 def control_points(faces: np.ndarray, vertex_count: int) -> Csr:
@@ -338,7 +338,7 @@ class _Nodes:
         self._numbers = np.empty(0, np.int64)
         self._rows: list[tuple[Csr, Csr]] = []
         self.places = np.empty((0, 3))
-        """At rest (N, 3)."""
+        """Places at rest (N, 3)."""
 
     def numbers(self, face: np.ndarray, corners: np.ndarray) -> np.ndarray:
         """Numbers (N, 6) of the nodes of facets with `corners` (N, 3, 3) in faces (N,), corners first."""

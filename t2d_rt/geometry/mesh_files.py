@@ -79,7 +79,7 @@ class _Property:
     name: str
     kind: str
     count_kind: str = ""
-    """Of the number before a list; empty for a scalar."""
+    """Type of the number before a list; empty for a scalar."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,16 +14,16 @@ SAME_PLANE_M, SAME_NORMAL = 1e-3, 1e-3
 NEIGHBOURS = 40
 """Triangles around each whose plane smooths a scan's noise away."""
 SIGMAS, LEAST_AWAY_M, MOST_AWAY_M = 4.0, 0.01, 0.06
-"""Of the noise, how far a triangle's middle may lie from its plane, and between what bounds."""
+"""How far a triangle's middle may lie from its plane: in deviations of the noise, and its bounds."""
 ALIKE = 0.9
 """Cosine of the angle between a plane and what lies along it."""
 LEAST_PLANE_M2 = 0.3
-"""A plane of a scan: what is smaller blocks as what is not plane."""
+"""Least area of a plane of a scan: what is smaller blocks as what is not plane."""
 BESIDE_M = 0.3
-"""Of a plane's triangles, within which others that lie along it are its edge."""
+"""Distance to a plane's triangles within which others that lie along it are its edge."""
 SEEDS, REFINED, MOST_PLANES, MISSES = 60, 6, 200, 3
 CELL_M, VOXEL_M = 0.05, 0.1
-"""Of the grid of a plane's outline, and of what blocks."""
+"""Cells of the grid of a plane's outline, and of what blocks."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -177,7 +177,7 @@ class Refinement:
     linear: Csr
     """Carries a field of the coarse vertices (a visibility, say) linearly to the fine ones, (Vf, V); rows sum to 1."""
     middles: np.ndarray | None = None
-    """Of curved triangles, vertices near the middles of edges 01, 12 and 20, int32 (Ff, 3); None: they are flat."""
+    """Vertices near the middles of curved triangles' edges 01, 12 and 20, int32 (Ff, 3); None: they are flat."""
     control: Csr | None = None
     """Control points = control @ coarse vertices, (V, V); None: these are their own."""
     key: str | None = None
@@ -330,7 +330,7 @@ class SubdividedMesh:
 
     @classmethod
     def of(cls, faces: np.ndarray, vertex_count: int, level: int) -> SubdividedMesh:
-        """Of triangles (F, 3) of so many vertices."""
+        """The subdivided mesh of triangles (F, 3) of so many vertices."""
         from scipy import sparse
 
         operator = sparse.eye_array(vertex_count, format="csr", dtype=np.float32)

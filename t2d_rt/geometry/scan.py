@@ -27,7 +27,7 @@ from t2d_rt.types.scene import MAX_NAME, MAX_SURFACES, NO_AREA_M2, Scene, Surfac
 MESHES = (".obj", ".ply", ".glb")
 UNITS_M = {"m": 1.0, "km": 1e3, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "ft": 0.3048}
 HEIGHT_M, ACROSS_M = (1.8, 12.0), (1.0, 100.0)
-"""Of rooms, from floor to ceiling and across."""
+"""Sizes of rooms, from floor to ceiling and across."""
 LOW_M = 4.5
 """Height up to which an axis may be the upward one of a file that does not say."""
 SMALL_M2, MOST_SMALL = 0.05, 500
@@ -38,9 +38,9 @@ LEAST_LEAN_DEG = 0.02
 FLAT, UPRIGHT, WALL_M = 0.9, 0.2, 1.5
 """Upward part of a floor's or a ceiling's normal, at least, and of a wall's, at most; a wall's least height."""
 NEAR_M = 0.2
-"""Of the lowest and the highest place, in which floor and ceiling lie."""
+"""Distance to the lowest and the highest place within which floor and ceiling lie."""
 FLOOR_PART = 0.2
-"""Of what a mesh covers, the least of the plane whose height is the floor's."""
+"""Least fraction of what a mesh covers of the plane whose height is the floor's."""
 ABSORBER_M = 0.1
 """Thickness of what is not plane."""
 
@@ -65,7 +65,7 @@ class _Mesh:
     part: np.ndarray
     """(F,)."""
     names: list[tuple[str, str]]
-    """Of each part, its own and its material's; empty where the file has none."""
+    """Names of each part and of its material; empty where the file has none."""
 
 
 def scene_from_mesh(

@@ -22,7 +22,7 @@ COLUMNS = 2000
 """More columns than any page shows; longer images are averaged (in power) down to it."""
 
 MARGIN = 0.15
-"""Of the occupied span of an axis, left free on both sides of it."""
+"""Fraction of the occupied span of an axis that stays free on both sides of it."""
 
 
 class StyleOptions(TypedDict, total=False):

@@ -37,7 +37,7 @@ Design", 2008)."""
 HUES = ("#56b4e9", "#e69f00", "#009e73", "#f0e442", "#cc79a7", "#d55e00", "#0072b2")
 """Likewise, of other parts, the strongest first."""
 OTHERS = "#b0b0b0"
-"""Of parts beyond these, the weakest ones, together."""
+"""Colour of the weakest parts together, those beyond these."""
 GAMMA = 0.5
 """Lightness is the fraction of the dynamic range to that power: dark colours cannot be told apart."""
 STRIP_IN, TALL_IN, INCHES_PER_M = 1.2, 4.8, 0.62

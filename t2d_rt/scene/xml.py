@@ -19,7 +19,7 @@ MARK = " made by t2d-rt "
 BEGINNING = re.compile(
     rf'<scene version="2\.1\.0">\s*(<!--{MARK}-->\s*)?<bsdf type="itu-radio-material" id="[^"]+-\d+um">'
 )
-"""Of a scene file that `save_scene` wrote, of older ones without the mark too."""
+"""Beginning of a scene file that `save_scene` wrote, of older ones without the mark too."""
 
 
 def save_scene(scene: Scene, folder: str | Path) -> Path:

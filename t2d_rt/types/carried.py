@@ -14,7 +14,7 @@ from t2d_rt.types.splines import set_fields
 ROTATION_LIMIT = 1e3
 """Components of quaternions that need no more than normalising."""
 HANDLE_M = 0.12
-"""Of a bag that is carried, from its grip to its top [m]."""
+"""Length of a carried bag's handle, from its grip to its top [m]."""
 WHEEL_M, RIM_M = 0.305, 0.26
 """Radii of a wheelchair's rear wheels, of 24 inches, and of their hand rims [m]."""
 SIZES = {"bag": 3, "ball": 1, "box": 3, "backpack": 3, "cane": 2, "crutch": 2, "walker": 2, "wheelchair": 4}

@@ -44,7 +44,7 @@ class Echoes:
     differs from one antenna of an array to the next; `delay_s` is that of the arrays' centres. None: far away on the
     boresight, where all antennas see the same delay."""
     arrival_m: np.ndarray | None = None
-    """Likewise as seen by the receivers; None: the same as by the transmitters."""
+    """Apparent positions as seen by the receivers; None: the same as by the transmitters."""
 
     def __post_init__(self) -> None:
         for name, dtype in KINDS.items():
@@ -105,13 +105,13 @@ class Repetition:
     first: int
     """Row of its first chirp that is used; before it the record of the echoes begins."""
     rows: int
-    """How many are used."""
+    """How many rows are used."""
     periods: int
-    """Of so many periods, coprime with the rows."""
+    """Number of periods that these rows are of, coprime with theirs."""
     gain: Callable[[np.ndarray], np.ndarray] | None = None
     """Factor (K,) on the field at times [s] (K,); None is 1."""
 
     @property
     def step_s(self) -> float:
-        """From one row to the next."""
+        """Time from one row to the next [s]."""
         return self.periods * self.period_s / self.rows

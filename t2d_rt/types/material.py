@@ -181,7 +181,7 @@ BODY_NAMES = "pec", "skin", "clothed", "shoe"
 """Materials of bodies; `body.materials` has their values."""
 
 THING_NAMES = "plastic", "fabric"
-"""Further ones of movers and of what is carried; `scene.movers.solids` has their values."""
+"""Materials of movers and of what is carried; `scene.movers.solids` has their values."""
 
 ITU_NAMES = (
     "asphalt_concrete", "brick", "carpet_tile", "ceiling_board", "chipboard", "clear_acrylic", "concrete", "floorboard", "glass",

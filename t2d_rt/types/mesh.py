@@ -27,7 +27,7 @@ class Made:
 
     by: Literal["arrays", "skin", "segments", "mover", "passing"]
     arguments: Mapping[str, Any]
-    """Of that maker."""
+    """Arguments of that maker."""
 
 
 class Solid(NamedTuple):

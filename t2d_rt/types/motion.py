@@ -61,7 +61,7 @@ class Breathing:
     depth_m: float
     """How far the front of the trunk comes forward in a breath [m], from its least to its greatest."""
     phase_rad: float = 0.0
-    """Of the breath at the first frame: 0 before the person breathes in."""
+    """Phase of the breath at the first frame: 0 before the person breathes in."""
 
     def __post_init__(self) -> None:
         _check_cycle(self, (0.01, 5.0), 0.1)
@@ -86,7 +86,7 @@ class Heartbeat:
     """How far the front of the trunk comes forward in a beat [m], from its least to its greatest: some 0.5 mm in adults at rest
     (Droitcour et al., IEEE Trans. Microw. Theory Tech. 52(3), 2004), mostly less."""
     phase_rad: float = 0.0
-    """Of the beat at the first frame: 0 half way between two beats."""
+    """Phase of the beat at the first frame: 0 half way between two beats."""
 
     def __post_init__(self) -> None:
         _check_cycle(self, (0.1, 10.0), 0.01)

@@ -74,9 +74,9 @@ class SweepNodes:
     frequencies_hz: np.ndarray
     """(F,)."""
     places: np.ndarray
-    """Theirs in -1..1 over the sweep."""
+    """Places of the frequencies in -1..1 over the sweep."""
     fractions: np.ndarray
-    """Of the sweep that each stands for."""
+    """Fraction of the sweep that each stands for."""
     half_band_hz: float
 
     @classmethod
@@ -108,14 +108,14 @@ class PathFields(NamedTuple):
     arrival: np.ndarray
     """Unit vectors on to the points in the scene, (3, P, ...)."""
     field: np.ndarray
-    """In the scene, complex (3, F, P, ...), without the attenuation and phase of distance and of the path's `delay_s`, so of length
-    1 in the line of sight."""
+    """Field in the scene, complex (3, F, P, ...), without the attenuation and phase of distance and of the path's `delay_s`, so of
+    length 1 in the line of sight."""
 
 
 def fields_over(
     paths: Sequence[OneWayPath], points: np.ndarray, frequencies_hz: np.ndarray, times_s: np.ndarray | None = None
 ) -> PathFields:
-    """Those over P paths to points (..., 3) m at frequencies (F,) Hz, paths of as many elements all at once; to points (K, ..., 3)
+    """Fields over P paths to points (..., 3) m at frequencies (F,) Hz, paths of as many elements all at once; to points (K, ..., 3)
     at times (K,) of a radar that moves."""
     passing, shape = paths[0].passing if paths else None, points.shape
     flat = points_in_scene(passing, points, times_s).reshape(-1, 3)

@@ -63,7 +63,7 @@ class Elements(_Compared):
 
     @classmethod
     def none(cls) -> Elements:
-        """Of the line of sight."""
+        """The elements of the line of sight, none."""
         shapes: dict[str, Any] = {"normal": (0, 3)}
         kinds: dict[str, Any] = {"mirror": np.int64, "through": bool}
         names = [field.name for field in fields(cls)]
@@ -71,11 +71,11 @@ class Elements(_Compared):
 
     @classmethod
     def stacked(cls, paths: Sequence[Elements]) -> Elements:
-        """Those of P paths of as many elements each, (P, n)."""
+        """Elements of P paths of as many elements each, (P, n)."""
         return cls(**{field.name: np.array([getattr(path, field.name) for path in paths]) for field in fields(cls)})
 
     def taken(self, index: Any) -> Elements:
-        """Those at an index of the arrays' leading axes."""
+        """Elements at an index of the arrays' leading axes."""
         return Elements(**{field.name: getattr(self, field.name)[index] for field in fields(self)})
 
 
@@ -103,7 +103,7 @@ class OneWayPath(_Compared):
     shift_m: np.ndarray
     """(3,)."""
     passing: Passing | None = None
-    """Of a radar that moves; its image then stands in `place_m`."""
+    """How the world passes a radar that moves; its image then stands in `place_m`."""
 
     @classmethod
     def line_of_sight(
@@ -227,7 +227,7 @@ class PathSet(_Compared):
     shift_m: np.ndarray
     """(P, 3)."""
     passing: Passing | None = None
-    """Of a radar that moves."""
+    """How the world passes a radar that moves."""
 
     def __len__(self) -> int:
         return len(self.chains)
@@ -298,7 +298,7 @@ class StaticPath(_Compared):
     """A path from the transmitters' centre over mirrors to the receivers'; of a radar that moves at T times, (T, 3) each."""
 
     path: OneWayPath
-    """From the transmitters to `stops_m[-1]`."""
+    """The path from the transmitters to `stops_m[-1]`."""
     stops_m: np.ndarray
     """Transmitters, reflections, receivers in the scene, (order + 2, 3)."""
     departure_m: np.ndarray
@@ -310,7 +310,7 @@ class StaticPath(_Compared):
     at: Callable[[np.ndarray], StaticPath] | None = None
     """The same at times [s] (T,) of a radar that moves."""
     fraction: np.ndarray | None = None
-    """Of its field that there is at sample times, as the path exists or does not, (S,); None: it always exists."""
+    """Fraction of its field at sample times, as the path exists or does not, (S,); None: it always exists."""
 
     @property
     def name(self) -> str:

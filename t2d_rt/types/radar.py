@@ -89,9 +89,9 @@ def radar_from(name: str | Path) -> Radar:
 
 
 MOST_CHIRPS = 10**8
-"""Of a record (three hours of `table2`): their times must fit memory."""
+"""Most chirps of a record (three hours of `table2`): their times must fit memory."""
 MOST_BINS = 2**26
-"""Of an axis, which must fit memory."""
+"""Most bins of an axis, which must fit memory."""
 
 
 class Radar(Fields):

@@ -22,11 +22,11 @@ from t2d_rt.types.mesh import Track
 from t2d_rt.types.splines import checked_times, spline, within
 
 MOST_POSES = 100_000
-"""Of one track."""
+"""Most poses of one track."""
 MOST_BYTES = 100_000_000
-"""Of a track's file."""
+"""Most bytes of a track's file."""
 COLUMNS = "t", "x", "y", "z", "yaw", "pitch", "roll"
-"""Of a track's file: seconds, metres, degrees; the last three may be left out."""
+"""Columns of a track's file: seconds, metres, degrees; the last three may be left out."""
 
 
 def _listed(value: Any) -> Any:

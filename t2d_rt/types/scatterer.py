@@ -67,14 +67,14 @@ class EchoLabels:
         path: Any = "direct",
         bounces: Any = 1,
     ) -> EchoLabels:
-        """For so many echoes; each value is one for all of them or (N,)."""
+        """Labels of so many echoes; each value is one for all of them or (N,)."""
         values = {"target": target, "face": face, "ellipsoid": ellipsoid, "bounces": bounces}
         numbers = {name: np.broadcast_to(value, count).astype(np.int32) for name, value in values.items()}
         return cls(path=np.broadcast_to(np.asarray(path, object), count), **numbers)
 
     @classmethod
     def joined(cls, labels: Iterable[EchoLabels]) -> EchoLabels:
-        """Those of different echoes, one after the other."""
+        """Labels of different echoes, one after the other."""
         parts = list(labels)
         return cls(
             **{field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)}
@@ -86,7 +86,7 @@ class EchoParts:
     """Which part of a recording each of N echoes belongs to, so that parts that are summed apart add up to the whole."""
 
     number: np.ndarray
-    """Of the part, (N,); -1 is none of them: the echo is grouped with the others but is silent."""
+    """Number of the part, (N,); -1 is none of them: the echo is grouped with the others but is silent."""
     rows: Sequence[ProductRows] = ()
     """What each part returns is added to those of one cube; without them all that is not silent is one part."""
 

@@ -19,7 +19,7 @@ MAX_SURFACES = 20_000
 MAX_TRIANGLES = 500_000
 MAX_VERTICES = 500_000
 ROOM_M, ROOM_SURFACES, ROOM_TRIANGLES, ROOM_PLANES = 100.0, 2_000, 100_000, 10_000
-"""Of what rays are traced in, ten times what a furnished room has: edges and mirrors take time and memory with each plane."""
+"""Limits of what rays are traced in, ten times a furnished room's: edges and mirrors take time and memory with each plane."""
 NO_AREA_M2 = 1e-12
 """A triangle of less than half of that is a line or a point; it reflects nothing and is passed over where there are others."""
 MAX_NAME = 200

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 ENDINGS = ".gif", ".mp4"
 DPI = 100
 HEIGHT = 0.44
-"""Of a picture, by its width."""
+"""Height of a picture over its width."""
 SPEEDS = "RdYlBu_r"
 """Colours of radial speeds: blue recedes, red approaches."""
 PAPER, FLOOR, EDGE, RADAR = (1.0, 1.0, 1.0), (0.80, 0.80, 0.80), (0.55, 0.55, 0.55), (0.1, 0.1, 0.1)
@@ -43,7 +43,7 @@ CAMERA_DEG = 32.0, 14.0
 MOST_FRAMES = 1500
 """Pictures of one animation: those of a GIF are held in memory."""
 FADED = 0.72
-"""Of white over what is still to come."""
+"""Opacity of the white over what is still to come."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -38,7 +38,7 @@ TRAVEL_M = 0.5
 """Motions that get no farther are seen from the side of where the person faces at the beginning."""
 
 COLOURS = {"": (0.80, 0.78, 0.74), "left": (0.42, 0.60, 0.85), "right": (0.88, 0.52, 0.42)}
-"""Of trunk and head, and of the limbs of either side."""
+"""Colours of trunk and head, and of the limbs of either side."""
 PAPER, FLOOR, LINE = 1.0, 0.93, 0.55
 """Grey levels of what is above the floor and below it, and of the floor's line."""
 

@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 FRAMES_HZ, MAPS_HZ = 25.0, 12.5
 """Rates of bodies, their speeds and paths, and of range-Doppler maps."""
 MOST_FRAMES, MOST_MAPS, MOST_PLACES = 1500, 750, 3_000_000
-"""Of long recordings fewer a second, so that there are no more frames and maps; and no more places of one target's vertices."""
+"""Most frames and maps, of which long recordings have fewer a second, and most places of one target's vertices."""
 LEVELS_DB = 80.0
-"""Below the peak, as far as a map's levels are kept."""
+"""A map's levels are kept down to that far below the peak."""
 WEAKEST_DB, MOST_PATHS = 50.0, 150
 """Paths that are kept: those that come as near to the strongest one at any time, and so many at most."""
 AT_ONCE = 25
@@ -166,7 +166,7 @@ def _moving(model: Model, number: int, person: Person | None, parts: int, frames
 def _extents(
     model: Model, number: int, owner: np.ndarray, parts: int, frames_s: np.ndarray
 ) -> list[dict[str, np.ndarray]]:
-    """Of each part of a target the speeds of its slowest and fastest vertex [m/s], the ranges of its nearest and farthest [m]."""
+    """For each part of a target the speeds of its slowest and fastest vertex [m/s], the ranges of its nearest and farthest [m]."""
     solid = model.geometries[number].solid()
     order = np.argsort(owner, kind="stable")
     present, starts = np.unique(owner[order], return_index=True)

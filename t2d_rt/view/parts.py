@@ -39,7 +39,7 @@ MOST_PARTS = 22
 COLUMNS_OF_PARTS = 2800
 """Columns of all parts together: of a long record fewer are kept than its spectrogram has."""
 LEVELS_DB = 80.0
-"""Below the strongest cell of all, as far as levels are kept."""
+"""Levels are kept down to that far below the strongest cell of all."""
 SHOWN_DB, APART_DB = 80.0, 50.0
 """Products of two parts are kept where both are that near to the strongest cell, and to one another."""
 SAMPLED, EVERY = 24, 16
@@ -50,7 +50,7 @@ COLOURS = (
     "#ff6b6b", "#4fc3f7", "#ffe119", "#3cb44b", "#f58231", "#b07cff", "#42d4b0", "#f032e6", "#bfef45", "#fabed4", "#7d9bff",
     "#d2a679", "#1fc7c7", "#ff8f80", "#a9a957", "#9fb6ff", "#ff5fb0", "#7fbf7f", "#ffd8b1", "#aaffc3", "#b79be0", "#e0c341",
 )  # fmt: skip
-"""Of the parts in their order, far apart for neighbours."""
+"""Colours of the parts in their order, far apart for neighbours."""
 SEGMENT_COLOURS = {
     "head": "#f4f4f4", "neck": "#c9b8d6", "chest": "#9a8cff", "abdomen": "#6f79d8", "pelvis": "#c77dff",
     "left_upper_arm": "#d7ccb0", "left_forearm": "#c2a878", "left_hand": "#fff3b0",
@@ -58,9 +58,9 @@ SEGMENT_COLOURS = {
     "left_thigh": "#ff9ec4", "left_shank": "#f0412e", "left_foot": "#ff8c42",
     "right_thigh": "#a6e88f", "right_shank": "#22c55e", "right_foot": "#56b4e9",
 }  # fmt: skip
-"""Of a body's segments: its left leg in warm colours, its right one in cold ones."""
+"""Colours of a body's segments: its left leg in warm colours, its right one in cold ones."""
 REST = "#8a8f98"
-"""Of the rest, and of what stands still."""
+"""Colour of the rest, and of what stands still."""
 
 
 def parts_shown(recording: Recording, spectrogram: dict[str, Any]) -> dict[str, Any] | None:
@@ -208,11 +208,11 @@ class SpectraOfParts:
     transform: np.ndarray
     """Window and Fourier transform to the speeds that are kept, complex64 (velocity, chirp)."""
     step: int
-    """Of the samples that are read. Powers of single cubes are exact with it, products of two nearly so."""
+    """One of so many samples is read. Powers of single cubes are exact with it, products of two nearly so."""
     means: np.ndarray | None
     """Mean chirps, (cube, antenna, sample), where MTI takes them away."""
     velocity_mps: np.ndarray
-    """Of the rows [m/s], (velocity,)."""
+    """Velocities of the rows [m/s], (velocity,)."""
 
     @classmethod
     def of(

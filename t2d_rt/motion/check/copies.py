@@ -29,7 +29,7 @@ OTHER = {"left": "right", "right": "left"}
 MIRRORED = [
     CANONICAL_JOINTS.index("_".join(OTHER.get(part, part) for part in name.split("_"))) for name in CANONICAL_JOINTS
 ]
-"""Of each joint, that of the other side."""
+"""Number of the joint that mirrors each one on the other side."""
 
 
 def copies(motions: Sequence[Motion]) -> list[tuple[int, int]]:

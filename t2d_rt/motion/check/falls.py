@@ -71,7 +71,7 @@ BEFORE_S = 3.0
 """What the head's height is compared with: its greatest within that time before the floor is reached."""
 
 IMPACT_FRACTION = 0.25
-"""Of the hips' greatest downward speed: the floor has stopped them when they are slower."""
+"""Fraction of the hips' greatest downward speed below which the floor has stopped them."""
 
 BASE = 0.06
 """Horizontal distance over stature of the centre of mass from the line between the feet, up to which they hold it."""
@@ -98,7 +98,7 @@ class FallFinding:
     pelvis_impact_mps: float | None = None
     """Greatest downward speed of the middle of the hips."""
     direction: Direction | None = None
-    """Of the head from the feet, as seen by the person before the fall."""
+    """Direction of the head from the feet, as seen by the person before the fall."""
     end_state: EndState | None = None
     """Posture in which the fall ends, or falling where the record ends before."""
     got_up_s: float | None = None
@@ -106,7 +106,7 @@ class FallFinding:
 
     @property
     def descent_time_s(self) -> float | None:
-        """From the begin of the descent to the impact [s]."""
+        """Time from the begin of the descent to the impact [s]."""
         return None if self.impact_s is None or self.descent_s is None else self.impact_s - self.descent_s
 
 

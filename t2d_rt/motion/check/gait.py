@@ -56,7 +56,7 @@ class Gait:
     width_variation: float
     """Standard deviation of that distance."""
     knee_lift_deg: float
-    """Of the thigh forward from the vertical, 95th percentile."""
+    """Angle of the thigh forward from the vertical, 95th percentile."""
     foot_lift: float
     """Height of the ball of the foot, 98th percentile, of the side with less."""
     trunk_lean_deg: float
@@ -190,16 +190,16 @@ OFF_FLOOR = 0.03
 FEWEST_FRAMES = 6
 LEAST_RISE_M = 0.02
 LARGEST_MISFIT = 0.12
-"""Of a flight: frames, how far the parabola bends over them, and the deviation from it over that bend."""
+"""Fewest frames of a flight, the least bend of its parabola over them, and the greatest deviation from it over that bend."""
 
 HIGH_G = 1.6
 """Acceleration in g from which a rate is too high: a quarter of the flights at most may have less."""
 
 LOW_G, HIGH_RISE_M, SMALLEST_MISFIT = 0.45, 0.05, 0.03
-"""That of all flights below which a rate is too low; only high ones that are parabolas count: partners lift, swings carry."""
+"""Acceleration of all flights below which a rate is too low; only high parabolas count: partners lift, swings carry."""
 
 LEAST_STEP_OF_LEG, FEWEST_STEPS = 0.5, 3
-"""Of a walk's steps, the first over the length of the leg: shorter ones are taken at any pace."""
+"""Least step of a walk over the length of the leg, and the fewest steps: shorter ones are taken at any pace."""
 
 UNEVEN, SLIDES, STRIDES = 0.15, 0.1, (0.6, 1.5)
 """Greatest standard deviation of the steps' times over their mean, greatest slide of the planted foot over stature, and how far the

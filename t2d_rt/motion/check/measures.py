@@ -67,12 +67,12 @@ class Tracks:
 
     @cached_property
     def velocity(self) -> np.ndarray:
-        """Of every joint [m/s], (T, J, 3)."""
+        """Velocity of every joint [m/s], (T, J, 3)."""
         return rate_of(self.joints)
 
     @cached_property
     def centre_of_mass(self) -> np.ndarray:
-        """Of the body [m], (T, 3)."""
+        """Centre of mass of the body [m], (T, 3)."""
         return sum(mass * ((1 - along) * self[a] + along * self[b]) for a, b, mass, along in ANATOMY["segment_masses"])  # type: ignore[return-value]
 
     @cached_property
@@ -169,7 +169,7 @@ class Contact:
     stop: int
     """Frames at `RATE_HZ`, the last not included."""
     place: np.ndarray
-    """Of the foot's ball (3,) [m], median."""
+    """Median place of the foot's ball [m], (3,)."""
     skate_m: float
     """Extent of the track of ankle, ball or toe, that of them that rests best, over the middle 60 % of the contact."""
 
@@ -446,7 +446,7 @@ def _distance(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.
 
 
 ANGLE_PERCENTILE = 99.0
-"""Of a joint's angle in time that is held against its range: single frames are a matter of discontinuities."""
+"""The percentile of a joint's angle in time that is compared with its range: single frames are discontinuities."""
 
 LEAST_BONE = 0.1
 """Length over stature in proportion to which shorter bones change: some are points put between joints, as from neck to head."""
@@ -461,7 +461,7 @@ class Measures:
     activity_mps: float
     """Speed of the joints, mean over joints and time."""
     top_speed_mps: float
-    """Of any joint."""
+    """Greatest speed of any joint."""
     acceleration_mps2: float
     """Greatest of any joint, 99th percentile over time."""
     jerk_mps3: float
@@ -482,7 +482,7 @@ class Measures:
     """Height of the lowest planted foot over the floor."""
     self_penetration_m: float
     upside_down_fraction: float
-    """Of the time, with the head below the hips and the ankles above."""
+    """Fraction of the time with the head below the hips and the ankles above."""
     mirrored: bool
     """Whether the feet point to the back, as where left and right are swapped."""
     angles_deg: dict[str, float]

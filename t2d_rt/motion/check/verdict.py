@@ -73,7 +73,7 @@ class Limits:
 
 @functools.cache
 def shipped_limits() -> Limits:
-    """Those that the package ships."""
+    """The limits that the package ships."""
     return Limits(**json.loads(FILE.read_text(encoding="utf-8")))
 
 
@@ -95,7 +95,7 @@ ONE_S_OWN, MOST_ALONE = ("cadence_per_min", "step_length", "halted_s", "trunk_le
 who stoops does so standing as well. One of them alone, however far, makes no gait abnormal, two may."""
 
 LEAST_RANGE = 0.1
-"""Of a figure that is 0 in normal walks, as halts are [s]."""
+"""The range taken for a figure that is 0 in normal walks, as halts are [s]."""
 
 TURN_DEG = 45.0
 """Change of heading from which a walk is no straight one: its inner steps are shorter, and the trunk leans."""
@@ -131,7 +131,7 @@ class Evidence:
         return max((stop - start for start, stop in spans(carried, gap=6, least=1)), default=0) / RATE_HZ
 
     def pieces(self, least_mps: float, *, gap_s: float) -> list[Evidence]:
-        """Those in which the body goes at that speed, the one that gets farthest first."""
+        """Pieces in which the body goes at that speed, the one that gets farthest first."""
         return [Evidence(travel, gait_of(travel), self.limits) for travel in travels(self.body, least_mps, gap_s=gap_s)]
 
     @property
@@ -157,7 +157,7 @@ def class_faults(expected: Activity, body: Tracks, fall: FallFinding, limits: Li
 
 
 def _walking(evidence: Evidence) -> list[str]:
-    """Of walking, climbing stairs and turning; what comes before and after it is another matter."""
+    """Faults of walking, climbing stairs or turning; what comes before and after it does not count."""
     faults = []
     for piece in evidence.pieces(0.2, gap_s=0.5):
         cadence = (20, 160) if _on_stairs(piece) else (60, 160)

@@ -77,7 +77,7 @@ class Plan(Fields):
     object: Choices = NOTHING
     body_part: Choices = NOTHING
     side: Choices = weighted("left right -", " ")
-    """Of the part of the body, where a phrase tells it."""
+    """Side of the part of the body, where a phrase tells it."""
     count: Choices = NOTHING
     duration_s: Choices = NOTHING
     angle_deg: Choices = NOTHING
@@ -289,7 +289,7 @@ class Clause:
     limb: str = ""
     """What a part of the body does meanwhile."""
     adjective: str = ""
-    """Of who does it."""
+    """Adjective of who does it."""
 
     @property
     def double(self) -> bool:

@@ -72,7 +72,7 @@ class Modifier(Fields):
     """Adverbs that stand before a verb, too; all of them where none is given."""
     phrases: Phrases = ()
     adjectives: Phrases = ()
-    """Of who moves."""
+    """Adjectives of who moves."""
     understood: Phrases = ()
     """What only the parser knows."""
 

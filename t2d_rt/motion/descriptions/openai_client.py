@@ -24,11 +24,11 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.language_model import DEFAULT_URL, KEY_VARIABLES, Budget, LanguageModel, Reply, Stopped
 
 MOST_BYTES = 8_000_000
-"""Of an answer, unpacked: a batch of descriptions has some ten thousand."""
+"""Most bytes of an unpacked answer: a batch of descriptions has some ten thousand."""
 LONGEST_TOLD = 200
 """Characters of a server's own message in a sentence."""
 CHARACTERS_PER_TOKEN = 4
-"""Of English text, about; used where a server does not count tokens."""
+"""About what English text has; used where a server does not count tokens."""
 
 Message = Mapping[str, str]
 

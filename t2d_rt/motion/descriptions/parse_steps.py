@@ -85,13 +85,13 @@ class Reader:
     named: bool = False
     """Whether a noun tells the subject, which no other replaces."""
     dead: bool = False
-    """Within something that is not understood, or does not happen."""
+    """Whether the words belong to something that is not understood, or does not happen."""
     denied: bool = False
-    """The next action does not happen."""
+    """Whether the next action does not happen."""
     of_part: bool = False
-    """Just behind a part of the body: arms up."""
+    """Whether the last words are a part of the body: arms up."""
     attending: bool = False
-    """Within what a limb does."""
+    """Whether the words tell what a limb does."""
     limb: bool = False
     """Whether a part of the body has been named since the last action or join."""
     loose: list[str] = field(default_factory=list)

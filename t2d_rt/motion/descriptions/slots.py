@@ -84,9 +84,9 @@ DIRECTIONS_OF: dict[Action, tuple[Direction, ...]] = {
 """Directions that each action can have: nobody falls up, or squats clockwise. Of lying, on which side of the body."""
 
 MOST_TIMES, LONGEST_S, TURNED_DEG = 100, 600.0, (10.0, 720.0)
-"""Of `count` and of `duration_s` [s], and the range of `angle_deg`."""
+"""Greatest `count` and `duration_s` [s], and the range of `angle_deg`."""
 LONGEST_SENTENCE, MOST_STEPS = 2000, 30
-"""Characters of a sentence; steps of an activity."""
+"""Most characters of a sentence, and most steps of an activity."""
 
 
 class Step(Fields):

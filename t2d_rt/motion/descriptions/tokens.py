@@ -14,7 +14,7 @@ from t2d_rt.motion.descriptions.lexicon import Forms, Synonyms, inflected, lexic
 
 WORD = re.compile(r"\d+(?:\.\d+)?(?:e\d+(?!\w))?|[^\W\d_]+(?:'[^\W\d_]+)?|n't|[^\w\s]")
 COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![.,]?\d)")
-"""Within a number; a list of three numbers and more has others."""
+"""A decimal comma within a number; commas between three numbers and more part a list."""
 GAP = "~"
 MOST_BETWEEN = 4
 """Words that `~` stands for at most: "picks the red ball up"."""
@@ -23,7 +23,7 @@ BY, SETS = ("x", "\u00d7", "*"), (["sets", "of"], ["rounds", "of"], ["series", "
 """What stands between how many times and what is done: 2 x 90 degrees, 3 sets of 5 squats."""
 
 PARTS = {"half": 0.5, "third": 1 / 3, "quarter": 0.25}
-"""Of a turn or of a unit of angles."""
+"""Parts of a turn or of a unit of angles."""
 
 HIS = ("his", "her", "their", "its", "the")
 HIM = ("him", "her", "them", "it")
@@ -387,7 +387,7 @@ def _divisor(words: list[str], place: int) -> tuple[float, int]:
 
 
 def _turned(words: list[str], place: int) -> tuple[Token, int] | None:
-    """By which angle: 90 degrees, 1.57 radians, half a turn, a right angle; a hundred and eighty is not read.
+    """By which angle somebody turns: 90 degrees, 1.57 radians, half a turn, a right angle; a hundred and eighty is not read.
 
     Whole turns are counted as other actions are, and the word turn tells of the action, too.
     """

@@ -18,7 +18,7 @@ THICKNESS_M = 0.002
 MODES = 3
 """Modes of the hanging cloth that the draught keeps going, the n-th with 1/n^2 of the amplitude."""
 SAGITTA_RAD = 0.5
-"""Of its facets: most of a curtain's echo is diffuse, and its folds are narrow."""
+"""Phase sagitta of its facets: most of a curtain's echo is diffuse, and its folds are narrow."""
 PER_FOLD, ROW_M = 12, 0.1
 """Columns of vertices in one fold, and the height of a row."""
 

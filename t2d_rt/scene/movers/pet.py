@@ -31,7 +31,7 @@ DUTY_FACTOR = 0.65
 TOUCHDOWN = {"left hind": 0.0, "left fore": 0.25, "right hind": 0.5, "right fore": 0.75}
 """When each paw touches down, as a fraction of the stride: the lateral sequence, evenly spaced (Hildebrand)."""
 SAGITTA_RAD = 0.3
-"""Of its facets: fur scatters most of the echo."""
+"""Phase sagitta of its facets: fur scatters most of the echo."""
 RINGS, PER_RING = 9, 12
 Part = tuple[np.ndarray, np.ndarray]
 """Vertices (K, V, 3) m and faces (F, 3)."""
@@ -44,11 +44,11 @@ class Build:
     hip_m: float
     """Height of hips and shoulders at rest [m]."""
     trunk: float
-    """From the hips to the shoulders."""
+    """Length from the hips to the shoulders."""
     chest: tuple[float, float, float]
     """Semi-axes of the trunk: along, across, up."""
     stance: float
-    """From the middle to the hips, and to the paws, of one side."""
+    """Distance from the middle to the hips, and to the paws, of one side."""
     limb: float
     """Radius of the upper leg; lower parts are thinner."""
     neck: float

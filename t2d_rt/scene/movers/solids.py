@@ -32,7 +32,7 @@ MATERIALS = {
 
 
 MAX_VERTICES = 100_000
-"""Of a mover; tracing the visibility of one that size takes some 300 MB."""
+"""Most vertices of a mover; tracing the visibility of one that size takes some 300 MB."""
 
 
 def check_size(vertices: int, noun: str, remedy: str) -> None:
