@@ -142,7 +142,7 @@ class Composer:
     body: str | None = None
     stature_m: float | None = None
     person_seed: int | None = None
-    """Of the person alone; by default that of the motion."""
+    """Seed of the person alone; by default that of the motion."""
     library: str | Path | None = None
 
     def __call__(self, description: Description, *, seed: int) -> Motion:

@@ -113,17 +113,17 @@ def _tones(plan: FallPlan, heading: Heading, strength: float, rng: np.random.Gen
         if plan.type == "collapse":
             # Knees and hips give way first, and not together.
             floor = {"leg": 0.4, "trunk": 0.5, "arm": 0.06, "neck": 0.7}[part] * (1.6 - strength)
-            late = 0.12 if heading in SIDES and joint.startswith("right" if heading == "left" else "left") else 0.0
-            delay = {"leg": 0.0, "trunk": 0.15, "arm": 0.1, "neck": 0.2}[part] + late + float(rng.uniform(0, 0.15))
-            within = float(rng.uniform(0.5, 0.9)) * (1.4 - 0.7 * strength)
+            late_s = 0.12 if heading in SIDES and joint.startswith("right" if heading == "left" else "left") else 0.0
+            delay_s = {"leg": 0.0, "trunk": 0.15, "arm": 0.1, "neck": 0.2}[part] + late_s + float(rng.uniform(0, 0.15))
+            within_s = float(rng.uniform(0.5, 0.9)) * (1.4 - 0.7 * strength)
         else:
             # Of a slip, legs that are pulled up and brake the fall, so far as they reach the floor.
             braking = plan.type == "slip" and part == "leg"
             floor = {"leg": 1.2, "trunk": 0.9, "arm": 0.35, "neck": 1.0}[part] * (1.5 - strength)
             floor = 1.5 - 0.7 * strength if braking else floor
-            delay = float(rng.uniform(0.1, 0.25))
-            within = float(rng.uniform(0.25, 0.4) if braking else rng.uniform(0.3, 0.6))
-        tones[joint] = Fading(delay_s=delay, within_s=within, floor=floor)
+            delay_s = float(rng.uniform(0.1, 0.25))
+            within_s = float(rng.uniform(0.25, 0.4) if braking else rng.uniform(0.3, 0.6))
+        tones[joint] = Fading(delay_s=delay_s, within_s=within_s, floor=floor)
     return tones
 
 

@@ -175,14 +175,14 @@ def _foot(
         stands = np.ones(len(bone), dtype=bool)
         shank = axes[f"{side}_knee"] @ frames[f"{side}_knee"]
         level = frame(y=-bone, near_x=shank[..., 0])
-        height = 0.044 * float(np.median(np.linalg.norm(at[ankle] - at[f"{side}_knee"], axis=1))) / 0.246
+        height_m = 0.044 * float(np.median(np.linalg.norm(at[ankle] - at[f"{side}_knee"], axis=1))) / 0.246
     else:
         level = frame(y=-bone * [1, 1, 0], near_x=np.cross(UP, -bone) * -1.0)
-        height = float(np.median(at[ankle][stands, 2]))
+        height_m = float(np.median(at[ankle][stands, 2]))
     weights = np.full(int(stands.sum()), 1 / stands.sum())
     for joint in (ankle, foot):
         frames[joint] = mean_rotation(np.swapaxes(axes[joint][stands], -1, -2) @ level[stands], weights)
-    return float(np.clip(height, 0.035, 0.13))
+    return float(np.clip(height_m, 0.035, 0.13))
 
 
 PARENTS = dict(zip(CANONICAL_JOINTS, CANONICAL_PARENTS, strict=True))
@@ -286,7 +286,7 @@ BODIES: dict[str, str] = dict(pair.split() for pair in OF_TRUNK.split(", ")) | {
 STEP_S = 1 / 720
 STEPS_PER_FRAME = 6
 RATE_HZ = 1 / (STEP_S * STEPS_PER_FRAME)
-"""120 Hz."""
+"""Frame rate of simulated falls: 120 Hz."""
 
 STATURE_M = 1.72
 """Stature of the humanoid as it comes."""

@@ -26,7 +26,7 @@ from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, Motion, che
 
 
 JOIN_S = 0.25
-"""Within which what differs between the lead and the humanoid fades away: a few degrees and millimetres."""
+"""Time in which the difference of the lead and the humanoid fades away: a few degrees and millimetres."""
 
 BEFORE = 3
 """Frames before the event whose course tells the speeds there."""
@@ -69,9 +69,9 @@ def skeleton_at(lead: Motion, anatomy: Anatomy, segments: np.ndarray, frame: int
     )
 
 
-def _slope(values: np.ndarray, here: int, rate_hz: float) -> np.ndarray:
+def _slope(values: np.ndarray, frame: int, rate_hz: float) -> np.ndarray:
     """Rate of change (...) of values (T, ...) at a frame."""
-    first, last = max(here - 1, 0), min(here + 1, len(values) - 1)
+    first, last = max(frame - 1, 0), min(frame + 1, len(values) - 1)
     return np.asarray((values[last] - values[first]) * rate_hz / (last - first))
 
 
@@ -83,21 +83,21 @@ def joined(
     `root_m` (K, 3) and `reached` (K, 22, 3, 3) are the humanoid's, `segments` (T, 22, 3, 3) those of the lead.
     """
     rate = lead.rate_hz
-    times = np.arange(len(root_m)) / rate
+    times_s = np.arange(len(root_m)) / rate
     root_rate = _slope(lead.joints[:, 0], frame, rate) - (root_m[1] - root_m[0]) * rate
-    root = root_m + _fading(lead.joints[frame, 0] - root_m[0], root_rate, times)
+    root = root_m + _fading(lead.joints[frame, 0] - root_m[0], root_rate, times_s)
     # In each segment's own axes: what leads from the humanoid's orientation to the lead's, as a rotation vector.
     difference = np.swapaxes(reached[0], -1, -2) @ segments[frame]
     turning = _vector(np.swapaxes(reached[0], -1, -2) @ reached[1]) * rate
     spin = _spin(segments, frame, rate) - np.einsum("jki,jk->ji", difference, turning)
-    blended = reached @ matrices(_exponential(_fading(_vector(difference), spin, times)))
-    remaining = 1.0 - minimum_jerk(times / JOIN_S)[:, None]
+    blended = reached @ matrices(_exponential(_fading(_vector(difference), spin, times_s)))
+    remaining = 1.0 - minimum_jerk(times_s / JOIN_S)[:, None]
     for ankle, toes in TOES:
         # Toes weigh next to nothing and jump as they touch the floor: they begin as the lead has them.
         local = quaternions.from_matrix(np.swapaxes(blended[:, ankle], -1, -2) @ blended[:, toes])
         held = np.broadcast_to(local[0], local.shape)
         blended[:, toes] = blended[:, ankle] @ matrices(quaternions.blend(held, local, 1.0 - remaining))
-    offsets = skeleton.offsets + _fading(np.zeros_like(skeleton.drift), skeleton.drift, times)
+    offsets = skeleton.offsets + _fading(np.zeros_like(skeleton.drift), skeleton.drift, times_s)
     return placed_joints(root, blended, offsets, skeleton.parents), blended
 
 
@@ -155,7 +155,7 @@ BLEND_S, ROLL_S = 1.0, 1.8
 TEMPO = 0.75
 """Speed at which a recording is played: who has fallen gets up more slowly than who shows how to."""
 ROLLING_RAD = np.pi / 3
-"""Difference of the chests' orientations from which it has."""
+"""Angle between the chests of the body and the recording from which the body has to roll over."""
 
 PELVIS, CHEST = 0, CANONICAL_JOINTS.index("spine3")
 LEG = tuple(CANONICAL_JOINTS.index(name) for name in ("left_knee", "left_ankle", "right_knee", "right_ankle"))

@@ -43,7 +43,7 @@ STEP_M = 0.15
 """How far ahead of the pelvis an ankle is at the heel strike of a step, at least."""
 
 LOADING_S = 0.08
-"""From a heel strike to where the foot slips, 0.05 to 0.1 s (Redfern et al. 2001, Ergonomics 44)."""
+"""Time from a heel strike until the foot slips: 0.05 to 0.1 s (Redfern et al. 2001, Ergonomics 44)."""
 
 EARLY_S = 0.05
 """How long before it passes the other foot a swinging foot is caught: obstacles are met in the first half of the swing."""
@@ -98,7 +98,7 @@ LONGEST_S = 3.2
 """Simulated time from the event to rest."""
 
 CHOICES, ATTEMPTS = 3, 3
-"""Of the event, and of what else is drawn at one event."""
+"""Events that are tried in one lead, and candidates that are drawn at each event."""
 
 TOLERATED = 0.35
 """What may be amiss after the second choice: 0.35 m/s beyond a range, say."""
@@ -112,7 +112,7 @@ STEP_ON_S = 0.15
 """For how long the interrupted step goes on much as it was: legs that pass each other closely must not collide in it."""
 
 SETTLING_S = 0.3
-"""Lead before the event, at least."""
+"""Least duration of the lead before the event."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,14 +132,14 @@ class Scenario:
     """A person at the event."""
 
     lead: Motion
-    """At 120 Hz."""
+    """The whole lead, at 120 Hz."""
     segments: np.ndarray
     """Of the lead, (T, 22, 3, 3)."""
     frame: int
     foot: str
     """Side that slips or is caught."""
     facing: np.ndarray
-    """(2,)."""
+    """Level direction in which the person faces, (2,)."""
     skeleton: Skeleton
     body: Humanoid
     start: tuple[np.ndarray, np.ndarray]
@@ -216,8 +216,8 @@ def prepared(lead: Motion, plan: FallPlan, choice: int = 0) -> Scenario:
     segments = lead_anatomy.segments(lead.rotations)
     bones = skeleton_at(lead, lead_anatomy, segments, frame)
     stature = stature_m(points)
-    mass = rng.uniform(20, 27) * stature**2 if plan.mass_kg is None else plan.mass_kg
-    body = _fitted(bones, lead_anatomy, stature, float(mass), lead, segments, frame)
+    mass_kg = rng.uniform(20, 27) * stature**2 if plan.mass_kg is None else plan.mass_kg
+    body = _fitted(bones, lead_anatomy, stature, float(mass_kg), lead, segments, frame)
     reference = on_grid(coordinates(body, lead.joints[:, 0], segments))
     qvel = on_grid(velocities(reference[frame - NEIGHBOURS : frame + NEIGHBOURS + 1], RATE_HZ))
     qpos = reference[frame].copy()

@@ -17,7 +17,7 @@ IMPACT_S = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """Of one run; times from the event."""
+    """What is measured of one run; times count from the event."""
 
     lies_on: tuple[float, ...]
     """Direction of gravity in the chest's axes (left, up, forward) as the chest strikes the floor; (0, 0, -1) is on the back."""
@@ -28,7 +28,7 @@ class Figures:
     impact_s: float = math.inf
     """First contact of the pelvis or a hip with the floor; infinite if there is none."""
     descent_s: float = math.inf
-    """From where the pelvis leaves its height at the event to the impact."""
+    """Time from when the pelvis leaves its height at the event to the impact."""
     pelvis_mps: float = 0.0
     """Its downward speed at the impact."""
     head_mps: float = 0.0
@@ -75,32 +75,32 @@ def figures(run: Run, joints: np.ndarray, chest: np.ndarray, facing: np.ndarray,
     down = [frame for frame, touching in enumerate(run.touches) if is_down(touching, pelvis[frame, 2])]
     ledger = run.energy_j - run.work_j
     after = ledger[round(external_s * RATE_HZ) :]
-    gain = float((after - np.minimum.accumulate(after)).max(initial=0.0))
+    gain_j = float((after - np.minimum.accumulate(after)).max(initial=0.0))
     aside = np.array([-facing[1], facing[0]])
-    struck = next((k for k, touching in enumerate(run.touches) if touching & CHEST), len(run.touches) - 1)
+    struck = next((frame for frame, touching in enumerate(run.touches) if touching & CHEST), len(run.touches) - 1)
     lies_on = tuple(float(component) for component in -chest[struck, 2])
     deepest_m = float(run.deepest_m[:, 0].max()), float(run.deepest_m[:, 1].max())
     if not down:
-        return Figures(lies_on=lies_on, gain_j=gain, deepest_m=deepest_m)
+        return Figures(lies_on=lies_on, gain_j=gain_j, deepest_m=deepest_m)
     impact = down[0]
     high = np.flatnonzero(pelvis[: impact + 1, 2] > pelvis[0, 2] - 0.05)
     travel = (pelvis[impact] - pelvis[0])[:2]
     speed = -np.gradient(joints[..., 2], 1 / RATE_HZ, axis=0)
     window = math.ceil(IMPACT_S * RATE_HZ)
     strikes = [frame for frame, touching in enumerate(run.touches) if "head" in touching]
-    head_speed = speed[:, 15].max() if not strikes else speed[max(strikes[0] - window, 0) : strikes[0] + 1, 15].max()
+    head_mps = speed[:, 15].max() if not strikes else speed[max(strikes[0] - window, 0) : strikes[0] + 1, 15].max()
     lively = np.flatnonzero(run.speeds > RESTING)
     rest_s = math.inf if lively[-1] == len(run.speeds) - 1 else float(lively[-1] + 1) / RATE_HZ
     return Figures(
         impact_s=impact / RATE_HZ,
         descent_s=float(impact - (high[-1] if len(high) else 0)) / RATE_HZ,
         pelvis_mps=float(speed[max(impact - window, 0) : impact + 1, 0].max()),
-        head_mps=float(head_speed),
+        head_mps=float(head_mps),
         lies_on=lies_on,
         travel=(float(travel @ aside), float(travel @ facing)),
         slide_m=float(np.linalg.norm((pelvis[-1] - pelvis[impact])[:2])),
         rest_s=rest_s,
-        gain_j=gain,
+        gain_j=gain_j,
         deepest_m=deepest_m,
     )
 

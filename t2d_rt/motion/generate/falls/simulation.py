@@ -52,7 +52,7 @@ class FallPlan:
     """How long the body lies at rest before the motion ends or it gets up."""
     get_up: bool = False
     mass_kg: float | None = None
-    """None: a body mass index of 20 to 27."""
+    """Mass of the body; None: that of a body mass index of 20 to 27."""
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -97,7 +97,7 @@ class FallEvents:
 STIFFNESS_PER_TORQUE = 2.2
 """Stiffness of a hinge at tone 1 over its greatest torque [1/rad]: an ankle of 240, a knee of 370 Nm/rad."""
 DAMPING_PER_STIFFNESS = 0.07
-"""[s]"""
+"""Damping of a hinge over its stiffness [s]."""
 
 JOINTS = tuple(name for name, parent in PARENTS.items() if parent >= 0)
 
@@ -213,7 +213,7 @@ BRACED_S = 0.35
 RESTING = 0.15
 """Speed of every hinge [rad/s] and of the root [m/s] below which the body is at rest."""
 RESTED_S = 0.15
-"""How long it must be."""
+"""Time for which all speeds must stay below that."""
 STILL_DAMPING_S = 0.25
 """Damping of a body that lies and holds still, over its joints' greatest torques [s]: muscles that are tense on both sides of a
 joint dissipate, and do not push."""
@@ -222,10 +222,10 @@ VISCOUS_S = 0.01
 """Damping of muscles without tone over their greatest torques."""
 
 GRIPPED_S = 0.08
-"""Within which a caught foot is held: shoes and obstacles give."""
+"""Time within which the grip on a caught foot builds up: shoes and obstacles give."""
 
 SETTLING_S, SETTLED_S = 0.8, 0.8
-"""From when the body lies to where that damping builds up, and how long that takes: limbs drop to the floor before."""
+"""Time that the body lies until `STILL_DAMPING_S` builds up, and the time that this takes: limbs drop to the floor first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -241,7 +241,7 @@ class Course:
     limp: np.ndarray
     """Tone by actuator (nu,) after the impact."""
     brace_s: float
-    """Within which it is reached."""
+    """Time within which that tone is reached."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -251,9 +251,9 @@ class Disturbance:
     feet: tuple[str, ...] = ()
     """Bodies whose friction is lost ("lfoot")."""
     friction: float = 0.0
-    """What is left of it."""
+    """Coefficient of friction that is left."""
     slippery_s: float = 1.0
-    """Until the feet have left the slippery spot."""
+    """Time until the feet have left the slippery spot."""
     caught: str = ""
     """Body that is caught."""
     caught_s: float = 0.0
@@ -266,7 +266,7 @@ class Disturbance:
 
     @property
     def until_s(self) -> float:
-        """When forces from outside end, but for the floor's."""
+        """Time at which the last force from outside ends, but for the floor's."""
         return max(self.push_s if any(self.push_n) else 0.0, self.caught_s)
 
 
@@ -403,5 +403,5 @@ def _contacts(body: Humanoid, data: Any) -> tuple[frozenset[str], tuple[float, f
     if len(depths) == 0:
         return frozenset(), (0.0, 0.0)
     on_floor = (geoms == body.floor).any(axis=1)
-    touching = frozenset(body.body_of(int(g)) for g in geoms[on_floor].ravel() if g != body.floor)
+    touching = frozenset(body.body_of(int(geom)) for geom in geoms[on_floor].ravel() if geom != body.floor)
     return touching, (float(depths[on_floor].max(initial=0.0)), float(depths[~on_floor].max(initial=0.0)))

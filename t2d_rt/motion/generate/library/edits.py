@@ -32,7 +32,7 @@ from t2d_rt.motion.vary import arcs
 OTHER = {"left": "right", "right": "left"}
 
 SWAPPED = [NAMES.index("_".join(OTHER.get(part, part) for part in name.split("_"))) for name in NAMES]
-"""Of each joint, that of the other side."""
+"""Number of the joint on the other side, for each joint."""
 
 
 LEAST_FLIGHT_S, DRIVE_S = 0.1, 0.4

@@ -51,7 +51,7 @@ POSTURE_RAD = {
 recorded walkers differ by 0.16, 0.13 and 0.04 (upper arms: out, twist, ahead), and by 0.04 and 0.11 (heads: sideward, nod)."""
 
 MOST_INWARD_RAD = 0.08
-"""By which a habit brings an arm nearer to the body."""
+"""Greatest angle by which a habit brings an arm nearer to the body."""
 
 RESTING_HZ, RESTING_DEPTH_M = (0.2, 0.35), (0.004, 0.012)
 """Breaths a second of people at rest, and how far the front of the trunk comes forward in one: of five people who sat the ribs by
@@ -202,7 +202,7 @@ class Maker:
     rng: np.random.Generator
 
     def segments(self, action: str, *kinds: str) -> list[Segment]:
-        """Those of an action."""
+        """Segments of an action, of the `kinds` where some are named."""
         clips = [clip for clip in self.store.segments if clip.action == action and (not kinds or clip.kind in kinds)]
         if not clips:
             raise InputError(

@@ -129,8 +129,8 @@ def _changed(piece: Piece, step: Step, change: Change, strength: float) -> Piece
     for side, sign in (("left", 1.0), ("right", -1.0)):
         for joint in ("shoulder", "elbow"):
             index = INDEX[f"{side}_{joint}"]
-            much = arms if joint == "shoulder" else min(arms, ELBOWS_SWUNG)
-            local[:, index] = swung(local[:, index], much, piece.poses.rate_hz)
+            factor = arms if joint == "shoulder" else min(arms, ELBOWS_SWUNG)
+            local[:, index] = swung(local[:, index], factor, piece.poses.rate_hz)
         _turned(local, f"{side}_elbow", [0.0, 0.0, -sign * strength * np.radians(change.elbows_deg)])
         _turned(local, f"{side}_shoulder", [sign * strength * np.radians(change.apart_deg), 0.0, 0.0])
     root = piece.poses.root.copy()
@@ -171,7 +171,7 @@ JOGS, SLOWEST_STEPS_HZ = 0.6, 1.4
 """Chance that who runs has a walker's trunk and arms, and steps a second of the slowest of walks."""
 
 WALKERS_TRUNK, WALKERS_ARMS = (0.4, 1.0), (0.3, 0.8)
-"""How much of them, from none to all."""
+"""Ranges of how much of a walker's trunk and arms a run takes over, from none (0) to all (1)."""
 
 WARP = 0.72, 1.38
 """Limits of the factor by which a clip's speed is changed, half of it (as a logarithm) by tempo and half by stride, as people do:
@@ -185,7 +185,7 @@ APART_RAD = 0.065
 one stays behind the turning body."""
 
 SHORTEST_FLIGHT_S = 0.1
-"""Of a jump; a step of a run takes as long, and jumping jacks 0.25 s."""
+"""Shortest flight of a jump; a step of a run takes as long, and jumping jacks 0.25 s."""
 
 LANDING_S = 0.5
 """Time after a flight in which the knees give and straighten again."""
@@ -197,7 +197,7 @@ LIFTED_S = 0.4
 """Time in which the free leg of one who hops is drawn up, or put down."""
 
 QUIET_S = 0.8
-"""Standing before and after a turn on the spot."""
+"""Time of standing before and after a turn on the spot."""
 
 ROUND_M = 0.05, 0.14
 """Radius of the circle that the hips of one who turns on the spot go round: feet are set down beside each other."""
@@ -212,7 +212,7 @@ STEP_S = 1.2
 """Time in which a foot is lifted and stands again."""
 
 KNEES_RISE_DEG = 0.0, 20.0
-"""By how much more than in walking the thigh of one who steps on the spot is raised in the middle of a step."""
+"""Range of the angle by which a thigh is raised higher in the middle of a step on the spot than in walking."""
 
 SENSES: Mapping[str | None, float] = {"left": 1.0, "right": -1.0, "counterclockwise": 1.0, "clockwise": -1.0}
 """Sign of the change of heading in each direction that has a sense of rotation, left positive."""
@@ -255,9 +255,9 @@ def gait(maker: Maker, step: Step, duration_s: float) -> Piece:
     if step.direction == "in_place":
         return _in_place(maker, step, duration_s)
     mean, spread = SPEEDS_MPS[step.action, step.speed]
-    legs = float(np.sqrt(maker.person.skeleton.leg_m / LEG_M))
+    leg_factor = float(np.sqrt(maker.person.skeleton.leg_m / LEG_M))
     drawn_mps = float(np.clip(maker.rng.normal(mean, spread), mean - 2 * spread, mean + 2 * spread))
-    target_mps = legs * drawn_mps * maker.person.tempo
+    target_mps = leg_factor * drawn_mps * maker.person.tempo
     if step.direction == "back":
         target_mps *= 0.75  # people walk backward at about 0.7 to 0.8 of their pace (Thorstensson 1986)
     first = _first_clip(maker, step, target_mps)
@@ -358,9 +358,9 @@ def directed(maker: Maker, piece: Piece, step: Step) -> Piece:
         note = f"bent {'left' if sign > 0 else 'right'} by {np.degrees(angle):.0f} degrees"
     else:
         # At walking pace people round circles of 0.7 to 1.5 m; faster than 60 degrees a second they would have to lean.
-        radius = maker.rng.uniform(0.9, 1.6) * max(1.0, edits.rate_of(piece.poses) / 1.2) ** 2
-        profile = edits.rate_of(piece.poses) / radius * fraction * duration_s
-        note = f"bent to a circle of {radius:.1f} m"
+        radius_m = maker.rng.uniform(0.9, 1.6) * max(1.0, edits.rate_of(piece.poses) / 1.2) ** 2
+        profile = edits.rate_of(piece.poses) / radius_m * fraction * duration_s
+        note = f"bent to a circle of {radius_m:.1f} m"
     return edits.bent(piece, sign * profile).noted(note)
 
 
@@ -384,9 +384,9 @@ def turn(maker: Maker, step: Step, _: float) -> Piece:
     if step.duration_s is not None and step.angle_deg is None and step.direction != "back":
         angle = max(angle, np.radians(rate * (step.duration_s - 2 * QUIET_S - 0.9)))
     at_ease_s = float(np.degrees(angle)) / rate + 0.9
-    lasting = float(np.clip((step.duration_s or 0.0) - 2 * QUIET_S, at_ease_s, MOST_SLOWED * at_ease_s))
-    quiet_s = QUIET_S if step.duration_s is None else max((step.duration_s - lasting) / 2, 0.3)
-    walk = quickened(gait(maker, Step(action="walk", speed="slow"), MOST_QUICKENED * lasting), float(angle), lasting)
+    turn_s = float(np.clip((step.duration_s or 0.0) - 2 * QUIET_S, at_ease_s, MOST_SLOWED * at_ease_s))
+    quiet_s = QUIET_S if step.duration_s is None else max((step.duration_s - turn_s) / 2, 0.3)
+    walk = quickened(gait(maker, Step(action="walk", speed="slow"), MOST_QUICKENED * turn_s), float(angle), turn_s)
     heading = angle * minimum_jerk((np.linspace(0, 1, len(walk)) - 0.1) / 0.8)
     pace_mps = maker.rng.uniform(*ROUND_M) * np.gradient(heading) * RATE_HZ
     short = edits.straddled(edits.strided(walk, pace_mps / max(edits.rate_of(walk.poses), 0.1)), APART_RAD)
@@ -538,9 +538,9 @@ def _thrown(maker: Maker, piece: Piece, step: Step) -> Piece:
     if step.direction in ("clockwise", "counterclockwise"):
         return edits.bent(piece, SENSES[step.direction] * np.pi / 2 * profile).noted("turned in the air")
     angle = {"back": np.pi, "left": np.pi / 2, "right": -np.pi / 2}[step.direction]
-    distance = maker.rng.uniform(0.3, 0.6) * maker.person.skeleton.leg_m
-    carried = distance * np.array([np.cos(angle), np.sin(angle), 0.0])
-    return edits.shifted(piece, profile[:, None] * carried).noted(f"carried {distance:.2f} m {step.direction}")
+    distance_m = maker.rng.uniform(0.3, 0.6) * maker.person.skeleton.leg_m
+    carried = distance_m * np.array([np.cos(angle), np.sin(angle), 0.0])
+    return edits.shifted(piece, profile[:, None] * carried).noted(f"carried {distance_m:.2f} m {step.direction}")
 
 
 ACTIONS: Mapping[Action, Callable[[Maker, Step, float], Piece]] = {

@@ -47,9 +47,9 @@ class Segment:
     start: int
     """First frame in the clip."""
     stop: int
-    """One past the last."""
+    """Frame after the last."""
     activity: str
-    """Class of the paper."""
+    """One of the classes of the paper."""
     action: str
     kind: str = ""
     """Of the action: steady, start, stop or turn of a walk; up, forward, hop or jacks of a jump."""
@@ -65,17 +65,17 @@ class Segment:
     cadence_hz: float = 0.0
     """Steps per second of a walk or run."""
     stride_m: float = 0.0
-    """Distance of two steps."""
+    """Distance of two steps of a walk or run."""
     distance_m: float = 0.0
-    """From the pelvis's first place to its last."""
+    """Level distance from the pelvis's first place to its last."""
     rise_m: float = 0.0
-    """Of a jump: how high the pelvis rises above standing."""
+    """Height by which the pelvis rises above standing in a jump."""
     count: int = 0
-    """Of jumps: how many there are."""
+    """Number of jumps."""
 
     @property
     def duration_s(self) -> float:
-        """From first to last frame [s]."""
+        """Time from the first to the last frame [s]."""
         return (self.stop - 1 - self.start) / RATE_HZ
 
 
@@ -86,7 +86,7 @@ class Source:
     file: str
     licence: str
     sha256: str
-    """Of the recorded file's content, unpacked."""
+    """Hash of the recorded file's content, unpacked."""
     subject: str
     """Whose recording it is, as far as that is known: clips of one subject join best."""
 

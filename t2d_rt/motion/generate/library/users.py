@@ -189,15 +189,15 @@ def _measured(path: Path, row: dict[str, str], where: str) -> dict[str, str]:
         raise InputError(
             f"{where}: nothing moves in {path.name} from {start_s:g} to {stop_s:g} s; leave it out or give other times"
         )
-    distance = float(np.linalg.norm(part.root[-1, :2] - part.root[0, :2]))
+    distance_m = float(np.linalg.norm(part.root[-1, :2] - part.root[0, :2]))
     heading = heading_rad(part)
     return row | {
         "file": str(path),
         "start_s": f"{start_s:.3f}",
         "stop_s": f"{min(stop_s, end_s):.3f}",
-        "speed_mps": f"{distance * RATE_HZ / (len(part) - 1):.3f}",
+        "speed_mps": f"{distance_m * RATE_HZ / (len(part) - 1):.3f}",
         "turn_deg": f"{np.degrees(heading[-1] - heading[0]):.1f}",
-        "distance_m": f"{distance:.3f}",
+        "distance_m": f"{distance_m:.3f}",
     }
 
 

@@ -125,7 +125,7 @@ class Habits:
     """A person's posture and stance, which stay the same throughout."""
 
     flex: float
-    """Of the spine in quiet standing [rad]."""
+    """Flexion of the spine in quiet standing [rad]."""
     gaze: float
     out: float
     """How far the arms hang out [rad]."""
@@ -401,11 +401,11 @@ def step_to(
     over, home = middle(act, OTHER[side]), middle(act)
     sway = home[0] + LATERAL * (over[0] - home[0]), home[1] + LATERAL * (over[1] - home[1])
     act.put("com", -0.25 * duration_s, 0.95 * duration_s, sway)
-    begin, swing = 0.30 * duration_s, 0.66 * duration_s
-    act.put(side, begin, swing, point)
-    act.limb(side, begin, swing, yaw=yaw)
-    act.hump(f"{side}_z", begin, swing, lift_m)
-    act.hump(f"{side}_tip", begin - 0.08, 0.7 * swing, act.u(14, 24) * DEG)
+    begin_s, swing_s = 0.30 * duration_s, 0.66 * duration_s
+    act.put(side, begin_s, swing_s, point)
+    act.limb(side, begin_s, swing_s, yaw=yaw)
+    act.hump(f"{side}_z", begin_s, swing_s, lift_m)
+    act.hump(f"{side}_tip", begin_s - 0.08, 0.7 * swing_s, act.u(14, 24) * DEG)
     act.wait(duration_s)
     act.put("com", (leaves - 1) * duration_s, 0.95 * duration_s, middle(act))
 
@@ -416,12 +416,12 @@ def shift(act: Act) -> None:
     if act.chance(SHIFT_BACK):
         ahead = -0.7 * ahead  # steps back are shorter
     first = "left" if aside > 0 else "right"
-    period, lift_m = act.u(0.55, 0.72), act.u(0.05, 0.08)
+    period_s, lift_m = act.u(0.55, 0.72), act.u(0.05, 0.08)
     for side in (first, OTHER[first]):
         x, y = stance_foot(act, side)
         yaw = act.place.yaw_rad + SIGN[side] * act.habits.toe_out
         point = x + ahead, y + aside
-        step_to(act, side, point, yaw=yaw, duration_s=period, lift_m=lift_m, leaves=WITH_THE_FOOT)
+        step_to(act, side, point, yaw=yaw, duration_s=period_s, lift_m=lift_m, leaves=WITH_THE_FOOT)
     x, y, _ = act.place.world(ahead, aside)
     act.place = replace(act.place, x_m=x, y_m=y)
     # Hips, too, which balance places now: what leaves balance for a seat or the floor begins from there.
@@ -432,21 +432,21 @@ def shift(act: Act) -> None:
 def turn_on_the_spot(act: Act, angle_rad: float) -> None:
     """Turn by small steps; the head leads, the pelvis follows, then the feet. Ends with a new place for the action."""
     steps = max(2, round(abs(angle_rad) / (35 * DEG))) + 1
-    begin = act.place.yaw_rad
-    period = act.u(0.50, 0.62)
+    begin_rad = act.place.yaw_rad
+    period_s = act.u(0.50, 0.62)
     act.move(0.0, 0.6, look=np.sign(angle_rad) * act.u(18, 30) * DEG)
-    act.move(0.15, period * steps, yaw=begin + angle_rad)
+    act.move(0.15, period_s * steps, yaw=begin_rad + angle_rad)
     side = "left" if angle_rad > 0 else "right"
     centre = act.place.world(0.0, 0.0)
     for number in range(1, steps + 1):
         # Each foot goes as far as the trunk will be, the last one beside the other.
-        yaw = begin + angle_rad * min(1.0, (number + 0.6) / steps if number < steps - 1 else 1.0)
+        yaw = begin_rad + angle_rad * min(1.0, (number + 0.6) / steps if number < steps - 1 else 1.0)
         c, s = np.cos(yaw), np.sin(yaw)
         x, y = stance_foot(act, side)
-        there = act.place.local(centre[0] + c * x - s * y, centre[1] + s * x + c * y)
+        point = act.place.local(centre[0] + c * x - s * y, centre[1] + s * x + c * y)
         yaw += SIGN[side] * act.habits.toe_out
-        step_to(act, side, there, yaw=yaw, duration_s=period, lift_m=act.u(0.045, 0.07))
+        step_to(act, side, point, yaw=yaw, duration_s=period_s, lift_m=act.u(0.045, 0.07))
         side = OTHER[side]
     act.move(-0.3, 0.6, look=0.0)
-    act.place = replace(act.place, x_m=centre[0], y_m=centre[1], yaw_rad=begin + angle_rad)
+    act.place = replace(act.place, x_m=centre[0], y_m=centre[1], yaw_rad=begin_rad + angle_rad)
     act.put("com", 0.0, 0.4, middle(act))

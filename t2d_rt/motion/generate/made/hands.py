@@ -30,7 +30,7 @@ HEAD_MASS, HEAD_ALONG = 0.0694, 0.45
 
 
 SIGN = {"left": 1.0, "right": -1.0}
-"""Of the y axis, by the side of the body."""
+"""Sign of the y axis, by the side of the body."""
 
 Triple = tuple[float, float, float]
 
@@ -56,7 +56,7 @@ class Anatomy:
 
     @cached_property
     def stature_m(self) -> float:
-        """Estimated from the legs; leg over stature of the adult template."""
+        """Stature estimated from the legs [m], by leg over stature of the adult template."""
         return self.leg_m / 0.49
 
     @cached_property
@@ -83,12 +83,12 @@ class Anatomy:
 
     @cached_property
     def hand_m(self) -> float:
-        """Wrist to the hand's end."""
+        """Distance from the wrist to the hand's end [m]."""
         return self.skeleton.bone_m("left_hand")
 
     @cached_property
     def foot_m(self) -> float:
-        """Ankle to ball, level."""
+        """Level distance from the ankle to the ball [m]."""
         return float(self.offset("left_foot")[0])
 
     @cached_property
@@ -104,7 +104,7 @@ class Anatomy:
 
     @cached_property
     def trunk_m(self) -> float:
-        """Middle of the hips to the shoulders."""
+        """Distance from the middle of the hips to the shoulders [m]."""
         chain = sum(self.skeleton.bone_m(name) for name in ("spine1", "spine2", "spine3"))
         return chain + float(self.offset("left_collar")[2]) - float(self.middle[2])
 
@@ -115,12 +115,12 @@ class Anatomy:
 
     @cached_property
     def seat_m(self) -> float:
-        """Hips' joints over the seat that one sits on."""
+        """Height of the hips' joints over the seat that one sits on [m]."""
         return 0.052 * self.stature_m
 
     @cached_property
     def back_m(self) -> float:
-        """Hips' joints over the floor of one who lies on the back."""
+        """Height of the hips' joints over the floor of one who lies on the back [m]."""
         return 0.054 * self.stature_m
 
     @cached_property
@@ -204,7 +204,7 @@ class Hang(Goal):
     forward_rad: float = 0.08
     out_rad: float = 0.13
     bend_rad: float = 0.30
-    """Of the elbow."""
+    """Flexion of the elbow."""
     follow: float = 0.3
     """Part of the trunk's lean that the arm takes along."""
 
@@ -231,7 +231,7 @@ class OnBone(Goal):
     lift: float = 0.055
     """Wrist over the bone's axis, over stature: half the limb and half the hand."""
     out: float = 0.0
-    """To the side, over stature."""
+    """Distance to the side, over stature."""
     held: bool = True
 
     def place(self, figure: Figure, side: str) -> Hand:
@@ -257,7 +257,7 @@ class AtPoint(Goal):
     fingers: Triple | None = None
     """Where the fingers point, if they are not to go on along the forearm."""
     back: Triple = (0.0, 0.0, 1.0)
-    """Where the back of the hand faces, then."""
+    """Where the back of the hand faces if fingers are given."""
 
     def wrist(self, figure: Figure, side: str) -> tuple[np.ndarray, np.ndarray]:
         """Orientations (T, 4) of the frame, and places (T, 3) of the wrist [m]."""
@@ -279,7 +279,7 @@ class OnChest(AtPoint):
     back: Triple = (0.0, 1.0, 0.0)
 
     def wrist(self, figure: Figure, side: str) -> tuple[np.ndarray, np.ndarray]:
-        """In the frame of the upper spine."""
+        """The wrist in the frame of the upper spine."""
         chest, body = figure.turns["spine3"], figure.anatomy
         shoulder = body.offset(f"{side}_collar") + body.offset(f"{side}_shoulder")
         ahead, aside, up = self.at
@@ -298,7 +298,7 @@ class OnPelvis(AtPoint):
     held: bool = True
 
     def wrist(self, figure: Figure, side: str) -> tuple[np.ndarray, np.ndarray]:
-        """In the neutral frame of the pelvis."""
+        """The wrist in the neutral frame of the pelvis."""
         frame = figure.turns["hips"]
         local = figure.anatomy.stature_m * np.array(self.at) * np.array([1.0, SIGN[side], 1.0])
         return frame, figure.points[f"{side}_hip"] + quaternions.rotate(frame, local)
@@ -313,7 +313,7 @@ class InSpace(AtPoint):
     held: bool = True
 
     def wrist(self, figure: Figure, side: str) -> tuple[np.ndarray, np.ndarray]:
-        """The same at all times."""
+        """The wrist at the same place at all times."""
         count = len(figure.points["pelvis"])
         turn = quaternions.about_axis(np.array([0.0, 0.0, 1.0]), np.array(self.yaw_rad))
         return np.broadcast_to(turn, (count, 4)), np.tile(np.array(self.at, dtype=float), (count, 1))

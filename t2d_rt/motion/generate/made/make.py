@@ -57,14 +57,14 @@ RESTS: Mapping[Posture, str] = {
 T = TypeVar("T", Move, Grasp)
 
 CLIMBS = "climb", "walk", "run"
-"""Those that go up or down a stair."""
+"""Actions that go up or down a stair."""
 
 STEPS_BEFORE, STEPS_AWAY, TURNS_TO_SEAT, TURNS_AWAY = 0.65, 0.65, 0.25, 0.8
 """Chances of a step before, of one afterwards by who ends up standing, that who sits down turns the back to the seat first, and
 that who has stood up turns to where the way goes on."""
 
 TURNED_AWAY_DEG = 20.0, 140.0
-"""How far."""
+"""Range of the angle by which one who has stood up turns."""
 
 SLOWEST, FASTEST = 0.4, 2.0
 """Factors on the pace by which a wanted duration may be met; longer ones rest at the end."""
@@ -220,7 +220,7 @@ class Stretch:
         return cls(start_s, float(np.clip(duration_s / max(end_s - start_s, 0.1), 1 / FASTEST, 1 / SLOWEST)))
 
     def later(self, time_s: float) -> float:
-        """When what was at a time happens then."""
+        """The new time [s] of what was at `time_s`."""
         return self.start_s + (time_s - self.start_s) * self.factor if time_s > self.start_s else time_s
 
     def moves(self, moves: list[T]) -> list[T]:

@@ -35,7 +35,7 @@ MOTOR = {
     "side": 0.3 * DEG, "twist": 0.35 * DEG, "gaze": 0.6 * DEG, "look": 0.5 * DEG, "tilt": 0.35 * DEG,
     "left_shrug": 0.3 * DEG, "right_shrug": 0.3 * DEG,
 }  # fmt: skip
-"""The same in full movement, over `MOTOR_HZ`."""
+"""Standard deviation in full movement [m, rad], over `MOTOR_HZ`."""
 
 SWAY_SLOPE, MOTOR_SLOPE = 1.2, 1.83
 """Powers of frequency with which displacements fall; the latter so that spectra of joint speeds between 3 and 12 Hz and their jerk
@@ -117,11 +117,11 @@ class Renderer:
     arms: Mapping[str, Arm]
     """What each arm does."""
     rate_hz: float
-    """Of the poses if they follow one another in time, else 0."""
+    """Frame rate of the poses if they follow one another in time, else 0."""
 
     @classmethod
     def of(cls, anatomy: Anatomy, table: np.ndarray, arms: Mapping[str, Arm], rate_hz: float) -> Renderer:
-        """Of a table of channels (T, C)."""
+        """The renderer of a table of channels (T, C)."""
         return cls(anatomy, {name: table[:, number] for number, name in enumerate(CHANNELS)}, arms, rate_hz)
 
     def hips(self) -> np.ndarray:
@@ -136,7 +136,7 @@ class Renderer:
         return tuple(np.stack([by_joint[name] for name in NAMES], axis=1) for by_joint in (figure.points, figure.turns))  # type: ignore[return-value]
 
     def centre_of_mass(self, hips: np.ndarray) -> np.ndarray:
-        """(T, 3) [m] for places of the hips (T, 3)."""
+        """Centre of mass (T, 3) [m] for places of the hips (T, 3)."""
         return np.einsum("tjk,j->tk", self.posed(hips)[0], self.anatomy.mass_weights)
 
     def balanced(self) -> np.ndarray:

@@ -33,7 +33,7 @@ SEAT_M = 0.38, 0.53
 
 
 STAIR_M = 0.31, 0.37
-"""Two treads of a stair, on which one sits."""
+"""Range of the height of two treads of a stair, on which one sits."""
 
 
 SHORTEST_SIT_S = 1.65
@@ -246,10 +246,10 @@ def _glance(act: Act, down_s: float) -> None:
 
 
 RISER_M, TREAD_M = (0.155, 0.185), (0.27, 0.31)
-"""Of stairs in buildings; 0.17 and 0.29 m are the common ones."""
+"""Ranges of the heights and depths of stairs' treads in buildings; 0.17 and 0.29 m are the common ones."""
 
 CADENCE_PER_MIN = 90, 110
-"""Of adults at ease on stairs (Riener 2002; Nadeau 2003)."""
+"""Steps a minute of adults at ease on stairs (Riener 2002; Nadeau 2003)."""
 
 RUNNING = 1.4
 """Factor on the cadence of one who runs up a stair; both feet never leave it at once."""
@@ -259,13 +259,13 @@ def climb(act: Act, step: Step) -> None:
     """Step over step, one foot on each tread; the feet are brought together on the last one (McFadyen and Winter 1988)."""
     down = step.direction == "down"
     count = step.count or int(act.rng.integers(3, 6))
-    riser, tread = act.u(*RISER_M), act.u(*TREAD_M)
-    period = 60.0 / act.u(*CADENCE_PER_MIN) / (RUNNING if step.action == "run" else 1.0)
+    riser_m, tread_m = act.u(*RISER_M), act.u(*TREAD_M)
+    period_s = 60.0 / act.u(*CADENCE_PER_MIN) / (RUNNING if step.action == "run" else 1.0)
     lead = act.side(0.65)
     rail = act.side(0.5) if step.object == "handrail" or step.manner == "careful" or act.chance(0.25) else None
-    slope = -riser if down else riser
+    slope = -riser_m if down else riser_m
     if down and act.place.floor_m == 0 and not act.moves:  # begins on the upper floor, so that the lower one is at 0
-        act.lift(count * riser)
+        act.lift(count * riser_m)
     start = act.place
     act.wait(act.u(0.4, 0.7) * act.tempo)
     act.move(0.0, 0.6, gaze=(act.u(28, 40) if down else act.u(16, 28)) * DEG, flex=act.habits.flex + act.u(2, 6) * DEG)
@@ -275,27 +275,27 @@ def climb(act: Act, step: Step) -> None:
     for number in range(1, count + 2):
         last = number == count + 1
         level = min(number, count)
-        x = level * tread + toes
+        x = level * tread_m + toes
         y = stance_foot(act, side)[1] * act.u(0.78, 0.95)
-        _tread(act, side, (x, y, level * slope), period=period, rise=slope, last=last)
+        _tread(act, side, (x, y, level * slope), period_s=period_s, rise=slope, last=last)
         if rail is not None:
-            _slide_rail(act, rail, x=level * tread, height=level * slope, period=period)
+            _slide_rail(act, rail, x=level * tread_m, height=level * slope, period_s=period_s)
         elif not last:
-            _swing_arms(act, side, period)
+            _swing_arms(act, side, period_s)
         side = OTHER[side]
-    act.wait(0.25 * period)
-    end = start.world(count * tread + toes - act.anatomy.foot_m, 0.0, count * slope)
+    act.wait(0.25 * period_s)
+    end = start.world(count * tread_m + toes - act.anatomy.foot_m, 0.0, count * slope)
     act.place = Place(x_m=end[0], y_m=end[1], floor_m=end[2], yaw_rad=start.yaw_rad)
     stand_tall(act, 0.0, 0.8)
     act.wait(act.u(0.9, 1.2))
     kind = "down" if down else "up"
     act.notes.append(
-        f"climbs {kind} {count} treads, {riser:.3f} m high and {tread:.3f} m deep, the first one's foot at "
-        f"{tread + toes:.2f} m; ends {abs(count * slope):.2f} m {'below' if down else 'above'} the start"
+        f"climbs {kind} {count} treads, {riser_m:.3f} m high and {tread_m:.3f} m deep, the first one's foot at "
+        f"{tread_m + toes:.2f} m; ends {abs(count * slope):.2f} m {'below' if down else 'above'} the start"
     )
 
 
-def _tread(act: Act, side: str, point: tuple[float, float, float], *, period: float, rise: float, last: bool) -> None:
+def _tread(act: Act, side: str, point: tuple[float, float, float], *, period_s: float, rise: float, last: bool) -> None:
     """One step: weight over the other foot, swing, placement, then the body is lifted or let down over it."""
     body = act.anatomy
     floor = act.place.floor_m
@@ -304,48 +304,48 @@ def _tread(act: Act, side: str, point: tuple[float, float, float], *, period: fl
     # The body goes over the foot that carries and on, sideways by a part only of the way to it.
     # Moves that last two periods add up to an even speed; the body is over a foot's middle when that has carried it half the way.
     ahead = point[0] - (1 - act.habits.lean if last else 0.5) * body.foot_m
-    act.put("com", 0.13 * period, (1.3 if last else 2.0) * period, (ahead, act.at("com")[1]))
-    act.put("com", -0.25 * period, 0.95 * period, (act.at("com")[0], LATERAL * middle(act, stand)[1]))
+    act.put("com", 0.13 * period_s, (1.3 if last else 2.0) * period_s, (ahead, act.at("com")[1]))
+    act.put("com", -0.25 * period_s, 0.95 * period_s, (act.at("com")[0], LATERAL * middle(act, stand)[1]))
     target = point[2]
-    swing, begin = 0.72 * period, 0.27 * period
+    swing_s, begin_s = 0.72 * period_s, 0.27 * period_s
     # The knee that carries gives a little, but for the last step's.
     give = (0.02 if rise > 0 else 0.026) * act.tall * (0.0 if last else 1.0)
     hips_m = floor + (height if rise > 0 else target) + body.standing_m - give
-    after, lasting = (-0.1, 1.2) if rise > 0 else (0.08, 0.98)
-    act.move(after * period, lasting * period, z=hips_m)
-    act.put(side, begin, swing, point[:2])
+    after, lasting_s = (-0.1, 1.2) if rise > 0 else (0.08, 0.98)
+    act.move(after * period_s, lasting_s * period_s, z=hips_m)
+    act.put(side, begin_s, swing_s, point[:2])
     change = target - (act.values[f"{side}_z"] - floor)
     clearance = act.u(0.045, 0.075)
     if change >= 0:  # over the edge first, then down onto the tread
-        act.limb(side, begin - 0.02, 0.80 * swing, z=floor + target + clearance)
-        act.limb(side, begin + 0.45 * swing, 0.58 * swing, z=floor + target)
-        act.limb(side, begin - 0.34 * period, 0.6 * period, tip=act.u(16, 26) * DEG)
-        act.limb(side, begin + 0.25 * swing, 0.7 * swing, tip=0.0)
+        act.limb(side, begin_s - 0.02, 0.80 * swing_s, z=floor + target + clearance)
+        act.limb(side, begin_s + 0.45 * swing_s, 0.58 * swing_s, z=floor + target)
+        act.limb(side, begin_s - 0.34 * period_s, 0.6 * period_s, tip=act.u(16, 26) * DEG)
+        act.limb(side, begin_s + 0.25 * swing_s, 0.7 * swing_s, tip=0.0)
     else:  # the ball first; the knee that carries bends and lets the body down meanwhile
-        act.hump(f"{side}_z", begin - 0.02, 0.5 * swing, 0.03)
-        act.limb(side, begin + 0.3 * swing, 0.75 * swing, z=floor + target)
-        act.limb(side, begin - 0.3 * period, 0.6 * period, tip=act.u(24, 34) * DEG)
-        act.limb(side, begin + 0.8 * swing, 0.55 * swing, tip=0.0)
-        act.limb(stand, 0.5 * period, 0.6 * period, tip=act.u(14, 22) * DEG if not last else 0.0)
+        act.hump(f"{side}_z", begin_s - 0.02, 0.5 * swing_s, 0.03)
+        act.limb(side, begin_s + 0.3 * swing_s, 0.75 * swing_s, z=floor + target)
+        act.limb(side, begin_s - 0.3 * period_s, 0.6 * period_s, tip=act.u(24, 34) * DEG)
+        act.limb(side, begin_s + 0.8 * swing_s, 0.55 * swing_s, tip=0.0)
+        act.limb(stand, 0.5 * period_s, 0.6 * period_s, tip=act.u(14, 22) * DEG if not last else 0.0)
     sway = SIGN[stand] * act.u(1.0, 2.5) * DEG
     yaw = act.place.yaw_rad - SIGN[side] * act.u(1, 4) * DEG * (0.0 if last else 1.0)
-    act.move(0.1, 0.8 * period, roll=sway, side=-0.8 * sway, yaw=yaw)
-    act.wait(period)
+    act.move(0.1, 0.8 * period_s, roll=sway, side=-0.8 * sway, yaw=yaw)
+    act.wait(period_s)
 
 
-def _swing_arms(act: Act, side: str, period: float) -> None:
+def _swing_arms(act: Act, side: str, period_s: float) -> None:
     """The arm of the other side goes forward with the swinging leg; less than in level walking."""
     for arm in SIDES:
         forward = arm != side
         goal = act.hang()
         angle = act.u(14, 24) * DEG if forward else -act.u(2, 9) * DEG
         bend = goal.bend_rad + (act.u(8, 18) * DEG if forward else 0.0)
-        act.reach(arm, replace(goal, forward_rad=angle, bend_rad=bend), -0.75 * period, 0.9 * period)
+        act.reach(arm, replace(goal, forward_rad=angle, bend_rad=bend), -0.75 * period_s, 0.9 * period_s)
 
 
-def _slide_rail(act: Act, side: str, *, x: float, height: float, period: float) -> None:
+def _slide_rail(act: Act, side: str, *, x: float, height: float, period_s: float) -> None:
     """The hand takes the rail ahead, 0.9 m over the treads, at every step anew."""
     tall = act.tall / 1.72
     point = x + act.u(0.12, 0.22), SIGN[side] * 0.30 * tall, height + 0.92 * tall
     goal = act.place.hold(*point, elbow=(-0.8, 0.5, -0.6), fingers=(0.9, 0.0, 0.3))
-    act.reach(side, goal, -0.8 * period, 0.8 * period, 0.03)
+    act.reach(side, goal, -0.8 * period_s, 0.8 * period_s, 0.03)

@@ -15,7 +15,7 @@ from t2d_rt.motion.generate.made.render import still
 
 
 MORE_KNEES = np.array([0, 14, 28, 42, 56]) * DEG
-"""What the knees may bend by beside what they should, so that hands come down to the floor."""
+"""Angles by which the knees may bend farther than they should, so that hands come down to the floor."""
 
 MOST_KNEES = 122 * DEG
 
@@ -218,7 +218,7 @@ def _bend_knees(act: Act, step: Step) -> None:
 CROUCH_S = 6.0
 """Time from which one squat is a rest on the heels."""
 DOWN_AND_UP_S = 3.0
-"""What of it going down and up take, about."""
+"""Time that going down and coming up take of it, about."""
 CROUCH_DEG = 140.0, 152.0
 """Its knees: 149 degrees of 26 people who crouched (Hyodo 2017, Braz. J. Phys. Ther. 21: 159), 157 at most, of thirty who often do
 (Hemmerich 2006, J. Orthop. Res. 24: 770); thighs lie on calves."""
