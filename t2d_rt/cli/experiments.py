@@ -70,7 +70,12 @@ def experiment(command: Command, *, skip: tuple[str, ...] = ()) -> None:
     help_texts |= {
         name: f"{help_texts[name]} The option is given once for each." for name in ("only_paths", "without_paths")
     }
-    of_experiment: Given = {"help_texts": help_texts, "hints": SIMPLER, "defaults": {"without_paths": None}, "group": group}
+    of_experiment: Given = {
+        "help_texts": help_texts,
+        "hints": SIMPLER,
+        "defaults": {"without_paths": None},
+        "group": group,
+    }
     _fields(command, Experiment, skip=("targets", "radar", *skip), **of_experiment)
     of_scene(command, group)
     command.add_fields(
@@ -133,7 +138,7 @@ def _fields(
     prefix: str = "",
     group: Any = None,
 ) -> None:
-    """An option for each field of a model; its help is the field's docstring, unless there is a `better` one."""
+    """An option for each field of a model; its help is the field's docstring, unless `help_texts` has one."""
     kinds = {name: _listed(kind) for name, kind in get_type_hints(model).items()} | dict(hints or {})
     for name, field in model.model_fields.items():
         if name in skip:

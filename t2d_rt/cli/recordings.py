@@ -140,7 +140,7 @@ def process(
 
 
 FEWEST_LOOPS = 8
-"""Of a burst, below which its own Doppler axis shows nothing."""
+"""Loops of a burst below which its own Doppler axis shows nothing."""
 
 
 def _one_of_each_burst(recording: Recording) -> Recording:

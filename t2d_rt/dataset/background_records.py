@@ -46,7 +46,7 @@ def background_records(
     place = file_path("folder", folder)
     if not place.is_dir():
         raise InputError(f"{place} is not a folder; give one with recordings in which nobody moves")
-    files = sorted(each for each in place.iterdir() if each.suffix.lower() in ENDINGS and each.name[0] != ".")
+    files = sorted(file for file in place.iterdir() if file.suffix.lower() in ENDINGS and file.name[0] != ".")
     if not files:
         raise InputError(f"{place} holds no recording; it must have files that end in {', '.join(ENDINGS)}")
     return [_record(file, dict(processing or {}), lanes, iq, conjugate) for file in files]
@@ -104,7 +104,7 @@ def empty_room(seed: int, *, duration_s: float = 5.0, radar: Radar | None = None
     scene = load_scene(ROOMS[rng.integers(len(ROOMS))])
     movers = movers_of(scene, rng)
     targets = [mover.mesh(0, duration_s) for mover in movers] or [_static(duration_s)]
-    found = simulate(
+    recording = simulate(
         targets,
         radar=radar,
         scene=scene,
@@ -114,9 +114,9 @@ def empty_room(seed: int, *, duration_s: float = 5.0, radar: Radar | None = None
         seed=seed,
         measure_error=False,
     )
-    cube = np.asarray(found.cube) + receiver_noise(found.cube.shape, radar, rng)
-    settings = {**found.settings, "movers": [mover.model_dump(mode="json") for mover in movers]}
-    return Recording(cube, radar, settings=settings, versions=found.versions)
+    cube = np.asarray(recording.cube) + receiver_noise(recording.cube.shape, radar, rng)
+    settings = {**recording.settings, "movers": [mover.model_dump(mode="json") for mover in movers]}
+    return Recording(cube, radar, settings=settings, versions=recording.versions)
 
 
 def receiver_noise(shape: tuple[int, ...], radar: Radar, rng: np.random.Generator) -> np.ndarray:
@@ -132,8 +132,8 @@ def receiver_noise(shape: tuple[int, ...], radar: Radar, rng: np.random.Generato
     frequency[0] = np.inf  # no offset
     density = radar.noise_power_w / radar.sample_rate_hz * FLICKER_CORNER_HZ / np.abs(frequency)
     step_hz = 1 / (chirps * radar.loop_interval_s)
-    drawn = rng.standard_normal((chirps, antennas, 2)).view(np.complex128)[..., 0]
-    flicker = np.fft.ifft(drawn * np.sqrt(density * step_hz / 2)[:, None], axis=0) * chirps
+    white_noise = rng.standard_normal((chirps, antennas, 2)).view(np.complex128)[..., 0]
+    flicker = np.fft.ifft(white_noise * np.sqrt(density * step_hz / 2)[:, None], axis=0) * chirps
     return noise + flicker.astype(np.complex64)[:, :, None]
 
 

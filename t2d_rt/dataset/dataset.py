@@ -116,8 +116,8 @@ class Dataset:
         self.recipe = recipe_of(self.path)
         most_bytes = 1e6 * positive("cached_mb", cached_mb, 1e6, unit="MB")
         shards = (self.path / SHARDS).is_dir()
-        made_of = read_manifest(self.path).get("recipe_hash", self.recipe.hash) if shards else self.recipe.hash
-        if made_of != self.recipe.hash:
+        recipe_hash = read_manifest(self.path).get("recipe_hash", self.recipe.hash) if shards else self.recipe.hash
+        if recipe_hash != self.recipe.hash:
             raise InputError(
                 f"{self.path / RECIPE} is not the recipe that the samples were made of, or an older version made "
                 "them; put that recipe back, or read them with that version"
@@ -160,8 +160,11 @@ class Dataset:
     @property
     def sides(self) -> dict[str, np.ndarray]:
         """Positions of the samples of each side, (M,), where the recipe makes sides."""
-        at = [self.recipe.side_at(record["description"]) for record in self.records]
-        return {side.name: np.flatnonzero([each == side for each in at]) for side in self.recipe.sides}
+        sample_sides = [self.recipe.side_at(record["description"]) for record in self.records]
+        return {
+            side.name: np.flatnonzero([sample_side == side for sample_side in sample_sides])
+            for side in self.recipe.sides
+        }
 
     @property
     def products(self) -> tuple[str, ...]:
@@ -179,12 +182,12 @@ class Dataset:
         Raises InputError for an index of which there is no finished sample.
         """
         places = {int(index): place for place, index in enumerate(self.indices)}
-        lacking = [int(each) for each in indices if int(each) not in places]
+        lacking = [int(index) for index in indices if int(index) not in places]
         if lacking:
             raise InputError(
                 f"{self.path} holds no sample {lacking[0]} ({len(lacking)} such indices); take indices of finished samples only"
             )
-        return np.array([places[int(each)] for each in indices], dtype=np.int64)
+        return np.array([places[int(index)] for index in indices], dtype=np.int64)
 
     def array(self, position: int, product: Product) -> np.ndarray:
         """A sample's array as it is stored, of the type and shape that the recipe's product has; `values` tells what it means.
@@ -214,10 +217,10 @@ class Dataset:
 
 def decoded(array: np.ndarray, product: str, products: Products, record: dict[str, Any]) -> np.ndarray:
     """What an array stands for: levels [dB] of a map, float32, complex samples of the ADC [sqrt(W)]; the others as they are."""
-    kept = products.kept[product]
+    definition = products.kept[product]
     if product == "adc":
-        if kept.dtype == "complex64":
+        if definition.dtype == "complex64":
             return array
         parts = array.astype(np.float32) * np.float32(record["products"]["adc"]["greatest"])
         return np.ascontiguousarray(parts).view(np.complex64)[..., 0]
-    return kept.levels(array) if isinstance(kept, SpectrogramProduct | RangeDopplerProduct) else array
+    return definition.levels(array) if isinstance(definition, SpectrogramProduct | RangeDopplerProduct) else array

@@ -118,17 +118,17 @@ def _check_apart(source: Path, target: Path) -> None:
 
 def _products(dataset: Dataset, to: Format, products: Collection[str] | None) -> tuple[Product, ...]:
     """The products that are exported, each once; pictures are made of spectrograms alone."""
-    wanted = ("spectrogram",) if to == "png" else dataset.products
-    given = wanted if products is None else tuple(products)
-    for each in given:
-        dataset.checked(each)
-    if not given:
+    default = ("spectrogram",) if to == "png" else dataset.products
+    chosen = default if products is None else tuple(products)
+    for product in chosen:
+        dataset.checked(product)
+    if not chosen:
         raise InputError(f"products names nothing; give some of {', '.join(dataset.products)}")
-    if to == "png" and set(given) != {"spectrogram"}:
+    if to == "png" and set(chosen) != {"spectrogram"}:
         raise InputError(
-            f"pictures are made of spectrograms, got products {', '.join(given)}; export others to parquet or npz"
+            f"pictures are made of spectrograms, got products {', '.join(chosen)}; export others to parquet or npz"
         )
-    return tuple(dataset.checked(each) for each in dict.fromkeys(given))
+    return tuple(dataset.checked(product) for product in dict.fromkeys(chosen))
 
 
 # --- Pictures ---
@@ -136,10 +136,10 @@ def _products(dataset: Dataset, to: Format, products: Collection[str] | None) ->
 
 def _write_pictures(dataset: Dataset, folder: Path, sides: Mapping[str, np.ndarray], range_db: float) -> None:
     """SIDE/CLASS/INDEX.png of 8 bits, approaching on top, and labels.csv."""
-    kept: SpectrogramProduct = dataset.recipe.products.kept["spectrogram"]
-    if kept.dtype == "uint8" and range_db > kept.dynamic_range_db:
+    spectrogram: SpectrogramProduct = dataset.recipe.products.kept["spectrogram"]
+    if spectrogram.dtype == "uint8" and range_db > spectrogram.dynamic_range_db:
         raise InputError(
-            f"the spectrograms hold {kept.dynamic_range_db:g} dB and dynamic_range_db asks for {range_db:g} dB; ask for less"
+            f"the spectrograms hold {spectrogram.dynamic_range_db:g} dB and dynamic_range_db asks for {range_db:g} dB; ask for less"
         )
     with (folder / "labels.csv").open("w", newline="", encoding="utf-8") as file:
         axes = ("least_mps", "greatest_mps", "first_s", "last_s", "black_db", "white_db", "white_db_re_1w")
@@ -152,14 +152,14 @@ def _write_pictures(dataset: Dataset, folder: Path, sides: Mapping[str, np.ndarr
                 path = home / record["class"] / f"{record['index']:06d}.png"
                 path.parent.mkdir(parents=True, exist_ok=True)
                 write_png(path, picture(dataset.values(int(place), "spectrogram"), range_db))
-                told = record["products"]["spectrogram"]
+                entry = record["products"]["spectrogram"]
                 values = {
                     **record,
                     "file": path.relative_to(folder).as_posix(),
                     "label": dataset.classes.index(record["class"]),
                 }
-                row = [values[each] for each in LABELS]
-                row += [*told["velocity_mps"], *told["time_s"], -range_db, 0.0, told["peak_db"]]
+                row = [values[column] for column in LABELS]
+                row += [*entry["velocity_mps"], *entry["time_s"], -range_db, 0.0, entry["peak_db"]]
                 table.writerow([*([] if home == folder else [name]), *row])
 
 
@@ -213,13 +213,13 @@ def _write_product(archive: zipfile.ZipFile, dataset: Dataset, positions: np.nda
             _write_array(archive, name, dataset.array(int(place), product))
         return
     first = dataset.array(int(positions[0]), product)
-    about = {
+    header = {
         "descr": np.lib.format.dtype_to_descr(first.dtype),
         "fortran_order": False,
         "shape": (len(positions), *first.shape),
     }
     with archive.open(f"{product}.npy", "w", force_zip64=True) as file:
-        np.lib.format.write_array_header_2_0(file, about)
+        np.lib.format.write_array_header_2_0(file, header)
         for place in positions:
             file.write(np.ascontiguousarray(dataset.array(int(place), product)).data)
 
@@ -318,30 +318,30 @@ def _radars(recipe: Recipe) -> str:
 
 def _array_line(dataset: Dataset, product: Product) -> str:
     """Type, meaning and axes of a product."""
-    array, told = dataset.array(0, product), dataset.records[0]["products"][product]
+    array, entry = dataset.array(0, product), dataset.records[0]["products"][product]
     axes = ", ".join(
-        f"{name.rpartition('_')[0]} {told[name][0]:.4g} to {told[name][1]:.4g} {unit}"
+        f"{name.rpartition('_')[0]} {entry[name][0]:.4g} to {entry[name][1]:.4g} {unit}"
         for name, unit in UNITS.items()
-        if name in told
+        if name in entry
     )
     return f"- `{product}`: {array.dtype}, {_meaning(dataset, product)}{f'; {axes}' if axes else ''}"
 
 
 def _meaning(dataset: Dataset, product: Product) -> str:
     """Axes, units and scale of a product, in words."""
-    kept: Any = dataset.recipe.products.kept[product]
+    definition: Any = dataset.recipe.products.kept[product]
     if product == "adc":
         return "(chirp, antenna, sample) of the ADC in sqrt(W), real and imaginary part last" + (
-            ", over `greatest` of the record" if kept.dtype == "float16" else ""
+            ", over `greatest` of the record" if definition.dtype == "float16" else ""
         )
     if product == "points":
         return "(point, 6): time [s], range [m], azimuth [rad], elevation [rad], speed [m/s], SNR [dB]"
     if product == "truth":
-        seen = ", visible fraction" if kept.visible else ""
+        seen = ", visible fraction" if definition.visible else ""
         return (
-            f"(time, {len(kept.columns)}) of the labelled person at {kept.rate_hz:g} Hz: time [s], 22 joints forward, left and up "
-            f"from the radar [m], then range [m], speed [m/s], azimuth [rad], elevation [rad]{seen} of 17 segments, whether heel "
-            "and ball of the left and the right foot stand, and breathing [m]"
+            f"(time, {len(definition.columns)}) of the labelled person at {definition.rate_hz:g} Hz: time [s], 22 joints "
+            f"forward, left and up from the radar [m], then range [m], speed [m/s], azimuth [rad], elevation [rad]{seen} "
+            "of 17 segments, whether heel and ball of the left and the right foot stand, and breathing [m]"
         )
     if product == "parts":
         return (
@@ -349,9 +349,9 @@ def _meaning(dataset: Dataset, product: Product) -> str:
             "they add up to it, and one that lowers it by interference is negative"
         )
     axes = "(speed, time)" if product == "spectrogram" else "(frame, speed, range)"
-    static = ", without the mean over the record (MTI)" if kept.mti == "mean" else ""
-    if kept.dtype == "uint8":
-        return f"{axes}, 255 at the greatest cell, 0 at {kept.dynamic_range_db:g} dB below it{static}"
+    static = ", without the mean over the record (MTI)" if definition.mti == "mean" else ""
+    if definition.dtype == "uint8":
+        return f"{axes}, 255 at the greatest cell, 0 at {definition.dynamic_range_db:g} dB below it{static}"
     return f"{axes} in dB, 0 at the greatest cell{static}"
 
 

@@ -86,10 +86,10 @@ def in_use(folder: Path) -> bool:
 def _holder(file: int) -> dict[str, object]:
     """What a lock's file tells of who holds it; nothing where it is empty or damaged."""
     try:
-        found = json.loads(os.pread(file, 1000, 0) or b"{}")
+        holder = json.loads(os.pread(file, 1000, 0) or b"{}")
     except (ValueError, RecursionError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return holder if isinstance(holder, dict) else {}
 
 
 def _alive(pid: object) -> bool:

@@ -72,9 +72,9 @@ def scheduler_named(name: str | None, workers: int) -> tuple[Scheduler, int]:
 
     name: None for `workers` processes of this machine, "local:N" or an address for a cluster of dask.
     """
-    wanted = common_kernels()
+    kernels = common_kernels()
     if name is None:
-        alone = workers == 1 and (not wanted or has_common_kernels())
+        alone = workers == 1 and (not kernels or has_common_kernels())
         return here if alone else partial(on_this_machine, workers=workers), workers
     kind, _, rest = name.partition(":")
     if kind == "local" and rest.isdecimal() and int(rest) > 0:
@@ -140,10 +140,10 @@ def local_cluster(workers: int) -> Any:
     from dask import config
     from distributed import LocalCluster
 
-    before, wanted = dict(os.environ), common_kernels()
-    os.environ.update(wanted)  # the user's own variables would go before those of dask's settings
+    before, kernels = dict(os.environ), common_kernels()
+    os.environ.update(kernels)  # the user's own variables would go before those of dask's settings
     try:
-        with config.set({f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in wanted.items()}):
+        with config.set({f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in kernels.items()}):
             return LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None)
     finally:
         for name in os.environ.keys() - before.keys():
@@ -200,7 +200,7 @@ class Outcome:
     """What a run left in its folder."""
 
     samples: int
-    """Asked for, and there."""
+    """Samples that were asked for and are there."""
     made: int
     """How many of these this run has made."""
     failures: tuple[tuple[int, str], ...]
@@ -237,8 +237,8 @@ def make_dataset(
     count = recipe.samples if limit is None else min(integer("limit", limit, 1), recipe.samples)
     workers = cores() if workers is None else integer("workers", workers, 1, 1024)
     take_up, sharing = scheduler_named(scheduler, workers)
-    own = max(1, cores() // sharing) if sharing else 1
-    threads = own if threads is None else integer("threads", threads, 1, 1024)
+    default_threads = max(1, cores() // sharing) if sharing else 1
+    threads = default_threads if threads is None else integer("threads", threads, 1, 1024)
     _prepare(target, recipe)
     with locked(target):
         sweep(target)
@@ -248,8 +248,8 @@ def make_dataset(
             text = recipe.model_dump_json()
             run.write_manifest()  # of which files samples follow, for the run that goes on
             try:
-                for made in take_up(make_samples, [(text, plans, [index], threads) for index in run.tasks]):
-                    run.add(made)
+                for samples in take_up(make_samples, [(text, plans, [index], threads) for index in run.tasks]):
+                    run.add(samples)
             except KeyboardInterrupt as stopped:
                 stopped.add_note(
                     f"{run.done} of {count} samples are finished and stay in {target}; the same command goes on"
@@ -284,10 +284,10 @@ def _prepare(folder: Path, recipe: Recipe) -> None:
     _check_background(recipe)
     place = folder / RECIPE
     if place.is_file():
-        there = recipe_of(folder)
-        if there.hash != recipe.hash:
+        stored = recipe_of(folder)
+        if stored.hash != recipe.hash:
             raise InputError(
-                f"{folder} holds samples of another recipe ({there.name}, {there.hash[:8]}) than this one ({recipe.name}, "
+                f"{folder} holds samples of another recipe ({stored.name}, {stored.hash[:8]}) than this one ({recipe.name}, "
                 f"{recipe.hash[:8]}); choose another folder"
             )
         _warn_of_versions(folder / MANIFEST)
@@ -300,8 +300,8 @@ def _prepare(folder: Path, recipe: Recipe) -> None:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder} exists and is no data set; choose another folder")
     try:
-        for each in (folder, folder / SHARDS, folder / LOG):
-            each.mkdir(parents=True, exist_ok=True)
+        for path in (folder, folder / SHARDS, folder / LOG):
+            path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"cannot make {folder}: {error.strerror or error}; choose a writable place") from None
     write_whole(place, recipe.to_yaml().encode())
@@ -338,15 +338,15 @@ class _Run:
         self.tasks: list[int] = []
         """Indices of the samples that are missing."""
         finished = self._finished()
-        kept = {each.record["index"]: each for each in spooled(folder, recipe)}
-        remove_spooled(folder, [index for index in kept if index // recipe.samples_per_shard in finished])
+        spooled_samples = {sample.record["index"]: sample for sample in spooled(folder, recipe)}
+        remove_spooled(folder, [index for index in spooled_samples if index // recipe.samples_per_shard in finished])
         for number in range(-(-count // recipe.samples_per_shard)):
             if number not in finished:
                 indices = self._indices(number)
-                self.tasks += [index for index in indices if index not in kept]
-                found = [kept[index] for index in indices if index in kept]
-                if found:
-                    self._take(found)
+                self.tasks += [index for index in indices if index not in spooled_samples]
+                samples = [spooled_samples[index] for index in indices if index in spooled_samples]
+                if samples:
+                    self._take(samples)
 
     def _indices(self, number: int) -> list[int]:
         """Indices of the samples of a shard, as far as they are asked for."""
@@ -355,7 +355,7 @@ class _Run:
 
     def _finished(self) -> set[int]:
         """Numbers of the shards that are whole and sound; one that is not stops the run before it costs anything."""
-        found = set()
+        finished = set()
         for number in numbers(self._folder):
             name = shard_name(number)
             for shard_fault in shard_faults(self._folder, number, self._recipe):
@@ -371,23 +371,23 @@ class _Run:
             self._check_records(number, records)
             self._count_records(number, records)
             if len(records) >= len(self._indices(number)):  # one of an earlier limit may lack samples
-                found.add(number)
+                finished.add(number)
                 # Of a larger run there may be more, whose failures count for that one.
-                asked = [Made(record) for record in records if record["index"] < self._count]
-                self.done += len(asked)
-                self._note_failures(asked)
-        return found
+                requested = [Made(record) for record in records if record["index"] < self._count]
+                self.done += len(requested)
+                self._note_failures(requested)
+        return finished
 
     def _check_records(self, number: int, records: Sequence[dict[str, Any]]) -> None:
         """Refuses a shard of another place or recipe, which no manifest lists yet."""
         first = number * self._recipe.samples_per_shard
         for index, record in enumerate(records, start=first):
             if record.get("index") != index or index >= self._recipe.samples:
-                told = None
+                expected = None
             else:
                 cell = cell_of(self._recipe, index)
-                told = cell.activity, description_of(self._recipe, cell).sentence
-            if told != (record.get("class"), record.get("sentence")):
+                expected = cell.activity, description_of(self._recipe, cell).sentence
+            if expected != (record.get("class"), record.get("sentence")):
                 raise InputError(
                     f"{self._folder / SHARDS / shard_name(number)}.jsonl does not hold the samples of this recipe; remove both "
                     "files of the shard and run it again, which makes it anew"
@@ -397,52 +397,54 @@ class _Run:
         """Notes how many samples a shard has, and how many of them failed, for the manifest."""
         self._counts[number] = len(records), sum(record["failure"] is not None for record in records)
 
-    def add(self, made: Sequence[Made]) -> None:
+    def add(self, samples: Sequence[Made]) -> None:
         """Takes what a worker has made, keeps it, and writes the shard that it completes."""
-        self._log += [{"index": each.record["index"], "seconds": dict(each.seconds)} for each in made]
-        self.made += len(made)
-        for each in made:
-            self._note_machine(each)
-            write_spooled(self._folder, each)
-        self._take(made)
+        self._log += [{"index": sample.record["index"], "seconds": dict(sample.seconds)} for sample in samples]
+        self.made += len(samples)
+        for sample in samples:
+            self._note_machine(sample)
+            write_spooled(self._folder, sample)
+        self._take(samples)
 
-    def _take(self, made: Sequence[Made]) -> None:
+    def _take(self, samples: Sequence[Made]) -> None:
         """Takes samples of one shard, which is written when none is missing."""
-        number = made[0].record["index"] // self._recipe.samples_per_shard
+        number = samples[0].record["index"] // self._recipe.samples_per_shard
         waiting = self._waiting.setdefault(number, {})
-        waiting |= {each.record["index"]: each for each in made}
-        self.done += len(made)
-        self._note_failures(made)
+        waiting |= {sample.record["index"]: sample for sample in samples}
+        self.done += len(samples)
+        self._note_failures(samples)
         if len(waiting) == len(self._indices(number)):
             shard = [waiting[index] for index in sorted(waiting)]
             if self._counts.pop(number, None) is not None:
                 self.write_manifest()  # without the smaller shard that is replaced, whose checksums the new one does not have
             self._files |= write_shard(self._folder, number, shard)
-            self._count_records(number, [each.record for each in shard])
+            self._count_records(number, [sample.record for sample in shard])
             del self._waiting[number]
             self.write_manifest()
             remove_spooled(self._folder, waiting)
         if self._progress is not None:
             self._progress(min(1.0, self.done / self._count))
 
-    def _note_machine(self, made: Made) -> None:
+    def _note_machine(self, sample: Made) -> None:
         """Writes into the manifest what a sample was made with, before the sample itself; warns once of a worker's own kernels."""
-        if made.machine in self._seen:
+        if sample.machine in self._seen:
             return
-        self._seen.add(made.machine)
-        if made.machine not in self._made_on:
-            self._made_on.add(made.machine)
+        self._seen.add(sample.machine)
+        if sample.machine not in self._made_on:
+            self._made_on.add(sample.machine)
             self.write_manifest()
         set_as = " ".join(f"{name}='{value}'" for name, value in common_kernels().items())
-        if set_as and not made.common:
+        if set_as and not sample.common:
             warn(
-                f"a worker computes with {made.machine}: its samples may differ from those of other machines in a last bit; start "
-                f"the workers with {set_as}"
+                f"a worker computes with {sample.machine}: its samples may differ from those of other machines in a last bit; "
+                f"start the workers with {set_as}"
             )
 
-    def _note_failures(self, made: Sequence[Made]) -> None:
+    def _note_failures(self, samples: Sequence[Made]) -> None:
         """Notes which samples failed; stops the run where they are too many to be chance."""
-        self.failures += [(each.record["index"], each.record["failure"]) for each in made if each.record["failure"]]
+        self.failures += [
+            (sample.record["index"], sample.record["failure"]) for sample in samples if sample.record["failure"]
+        ]
         if len(self.failures) > max(1.0, MOST_FAILED * self._count):
             index, reason = self.failures[-1]
             raise InputError(
@@ -454,7 +456,7 @@ class _Run:
         """Writes which files there are: the same bytes for the same recipe and the same samples."""
         names = [f"{shard_name(number)}.{kind}" for number in sorted(self._counts) for kind in ("npz", "jsonl")]
         samples, failed = (sum(count[place] for count in self._counts.values()) for place in (0, 1))
-        found = {
+        manifest = {
             "recipe": self._recipe.name,
             "recipe_hash": self._recipe.hash,
             "versions": versions(),
@@ -464,10 +466,10 @@ class _Run:
             "failed": failed,
             "files": {name: self._files[name] for name in names},
         }
-        write_whole(self._folder / MANIFEST, (json.dumps(found, indent=1) + "\n").encode())
+        write_whole(self._folder / MANIFEST, (json.dumps(manifest, indent=1) + "\n").encode())
 
     def write_log(self) -> None:
         """Writes how long each sample took: the one thing that differs from run to run."""
         if self._log:
-            lines = "".join(f"{json.dumps(each)}\n" for each in self._log)
+            lines = "".join(f"{json.dumps(entry)}\n" for entry in self._log)
             write_whole(self._folder / LOG / f"{time.time_ns()}.jsonl", lines.encode())

@@ -78,16 +78,16 @@ class ParquetReader:
 
     def __init__(self, folder: Path, recipe: Recipe, most_bytes: float) -> None:
         _, pq = pyarrow()
-        found = []
+        entries = []
         for path in sorted(folder.glob("*.parquet")):
             with _opened(pq, path) as file:
                 for group in range(file.num_row_groups):
                     texts = file.read_row_group(group, columns=[RECORD]).column(RECORD).to_pylist()
-                    found += [(read_record(recipe, text), path, group, row) for row, text in enumerate(texts)]
-        found.sort(key=lambda each: int(each[0]["index"]))
-        self.records: tuple[dict[str, Any], ...] = tuple(each[0] for each in found)
+                    entries += [(read_record(recipe, text), path, group, row) for row, text in enumerate(texts)]
+        entries.sort(key=lambda entry: int(entry[0]["index"]))
+        self.records: tuple[dict[str, Any], ...] = tuple(entry[0] for entry in entries)
         self.failed: tuple[dict[str, Any], ...] = ()
-        self._places = tuple(each[1:] for each in found)
+        self._places = tuple(entry[1:] for entry in entries)
         self._recipe, self._kept = recipe, LastUsed[list[np.ndarray]](most_bytes, array_bytes)
 
     def array(self, position: int, product: str) -> np.ndarray:
@@ -135,20 +135,20 @@ def pyarrow() -> tuple[Any, Any]:
 
 def _schema(pa: Any, dataset: Dataset, products: Sequence[Product]) -> Any:
     """The columns as Arrow has them, and in the metadata as Hugging Face's `datasets` describes them."""
-    told: dict[str, dict[str, Any]] = {}
+    features: dict[str, dict[str, Any]] = {}
     fields = []
     for name, kind in [*COLUMNS.items(), *((product, "array") for product in products), (RECORD, "string")]:
         if kind == "class":
-            told[name] = {"names": list(dataset.classes), "_type": "ClassLabel"}
+            features[name] = {"names": list(dataset.classes), "_type": "ClassLabel"}
             fields.append(pa.field(name, "int64"))
         elif kind != "array":
-            told[name] = {"dtype": kind, "_type": "Value"}
+            features[name] = {"dtype": kind, "_type": "Value"}
             fields.append(pa.field(name, kind))
         else:
             array = _real(dataset.array(0, cast("Product", name)))
             # Only the first dimension may differ from sample to sample.
             shape = [None if name in RAGGED else array.shape[0], *array.shape[1:]]
-            told[name] = {"shape": shape, "dtype": str(array.dtype), "_type": f"Array{array.ndim}D"}
+            features[name] = {"shape": shape, "dtype": str(array.dtype), "_type": f"Array{array.ndim}D"}
             nested = pa.from_numpy_dtype(array.dtype)
             for _ in shape:
                 nested = pa.list_(nested)
@@ -157,7 +157,7 @@ def _schema(pa: Any, dataset: Dataset, products: Sequence[Product]) -> Any:
                 "ARROW:extension:metadata": json.dumps([shape, str(array.dtype)]),
             }
             fields.append(pa.field(name, nested, metadata=extension))
-    return pa.schema(fields, metadata={"huggingface": json.dumps({"info": {"features": told}})})
+    return pa.schema(fields, metadata={"huggingface": json.dumps({"info": {"features": features}})})
 
 
 def _table(pa: Any, dataset: Dataset, positions: np.ndarray, products: Sequence[Product], schema: Any) -> Any:
@@ -177,11 +177,11 @@ def _table(pa: Any, dataset: Dataset, positions: np.ndarray, products: Sequence[
 def _lists(pa: Any, arrays: Sequence[np.ndarray]) -> Any:
     """Arrays that differ in their first dimension at most as lists of lists."""
     inner = arrays[0].shape[1:]
-    found = pa.array(np.concatenate([array.ravel() for array in arrays]))
+    column = pa.array(np.concatenate([array.ravel() for array in arrays]))
     for length in inner[::-1]:
-        found = pa.ListArray.from_arrays(pa.array(np.arange(0, len(found) + 1, length), type=pa.int32()), found)
+        column = pa.ListArray.from_arrays(pa.array(np.arange(0, len(column) + 1, length), type=pa.int32()), column)
     ends = np.cumsum([0, *(len(array) for array in arrays)])
-    return pa.ListArray.from_arrays(pa.array(ends, type=pa.int32()), found)
+    return pa.ListArray.from_arrays(pa.array(ends, type=pa.int32()), column)
 
 
 def _rows(column: Any, feature: dict[str, Any]) -> list[np.ndarray]:

@@ -89,8 +89,8 @@ class _Map(_Product):
         level = np.maximum(10.0 * np.log10(np.maximum(power / greatest, 1e-300)), FLOOR_DB)
         if self.dtype == "float16":
             return level.astype(np.float16), peak_db
-        shown = np.clip(1.0 + level / self.dynamic_range_db, 0.0, 1.0)
-        return np.rint(255.0 * shown).astype(np.uint8), peak_db
+        grey = np.clip(1.0 + level / self.dynamic_range_db, 0.0, 1.0)
+        return np.rint(255.0 * grey).astype(np.uint8), peak_db
 
     def levels(self, array: np.ndarray) -> np.ndarray:
         """Levels [dB] of what `encoded` wrote, float32; what lay below the dynamic range of "uint8" comes back at its end."""
@@ -135,7 +135,7 @@ class SpectrogramProduct(_Map):
         pair = (
             isinstance(value, (list, tuple))
             and len(value) == 2
-            and all(isinstance(each, (int, float)) for each in value)
+            and all(isinstance(limit, (int, float)) for limit in value)
         )
         if value is None or value == "scene" or (pair and 0 <= value[0] < value[1]):
             return value
@@ -169,11 +169,11 @@ class PartsProduct(_Product):
 
         rows: those of the view that the spectrogram has; told: the spectrogram's record.
         """
-        none = np.zeros_like(view.power)
+        empty = np.zeros_like(view.power)
         greatest = 10.0 ** (told["peak_db"] / 10.0)
-        array = [resized(view.parts.get(name, none)[rows], self.size) / greatest for name in self.names]
-        same = {name: told[name] for name in ("peak_db", "velocity_mps", "time_s")}
-        return np.stack(array).astype(np.float32), {"names": [*self.names], **same}
+        array = [resized(view.parts.get(name, empty)[rows], self.size) / greatest for name in self.names]
+        axes = {name: told[name] for name in ("peak_db", "velocity_mps", "time_s")}
+        return np.stack(array).astype(np.float32), {"names": [*self.names], **axes}
 
 
 def parts_of(recording: Recording, split: Split) -> dict[str, np.ndarray]:
@@ -181,18 +181,18 @@ def parts_of(recording: Recording, split: Split) -> dict[str, np.ndarray]:
     parts = recording.parts
     if split == "segment":
         parts = parts.grouped()
-    elif far := [name for name in parts if name not in ("direct", STATIC)]:
-        parts = parts.grouped({"reflected": far})
-    found: dict[str, np.ndarray] = {}
+    elif other_paths := [name for name in parts if name not in ("direct", STATIC)]:
+        parts = parts.grouped({"reflected": other_paths})
+    powers: dict[str, np.ndarray] = {}
     for contribution in parts.contributions:
         name = str(contribution.part.values)
-        whose, _, own = name.rpartition(": ")
+        owner, _, part_name = name.rpartition(": ")
         # Where something moves beside, the labelled person is the first target.
-        if split == "segment" and whose not in ("", "person", "person 1"):
-            own = "beside"
-        own = own if own in PARTS[split] else "other"
-        found[own] = found.get(own, 0.0) + contribution.values
-    return found
+        if split == "segment" and owner not in ("", "person", "person 1"):
+            part_name = "beside"
+        part_name = part_name if part_name in PARTS[split] else "other"
+        powers[part_name] = powers.get(part_name, 0.0) + contribution.values
+    return powers
 
 
 class RangeDopplerProduct(_Map):
@@ -210,8 +210,8 @@ class RangeDopplerProduct(_Map):
         length_s = record_length_s(recording)
         times_s = (np.arange(self.frames) + 0.5) * length_s / self.frames
         power, recording = [], recording.processed(mti=self.mti)
-        for each in times_s:
-            image = recording.range_doppler_at(float(each))
+        for time_s in times_s:
+            image = recording.range_doppler_at(float(time_s))
             near = image.range_m.values <= self.farthest_m
             if near.sum() < 2:
                 raise InputError(
@@ -221,7 +221,7 @@ class RangeDopplerProduct(_Map):
             power.append(resized(10.0 ** (image.values[rows][:, near].astype(np.float64) / 10.0), self.size))
         array, peak_db = self.encoded(np.stack(power))
         axes = {"velocity_mps": edges(image.velocity_mps.values[rows]), "range_m": edges(image.range_m.values[near])}
-        return array, {"peak_db": peak_db, "times_s": [round(float(each), 9) for each in times_s], **axes}
+        return array, {"peak_db": peak_db, "times_s": [round(float(time_s), 9) for time_s in times_s], **axes}
 
 
 class PointsProduct(_Product):
@@ -234,10 +234,10 @@ class PointsProduct(_Product):
 
     def made(self, recording: Recording) -> tuple[np.ndarray, dict[str, Any]]:
         """The array (point, 6), its columns those of `POINT_COLUMNS`, float32, and what goes into the record."""
-        found = point_cloud(
+        points = point_cloud(
             recording.cube, recording.radar, frame_chirps=self.frame_chirps, false_alarm_rate=self.false_alarm_rate
         )
-        array = np.stack([getattr(found, name) for name in POINT_COLUMNS], axis=1).astype(np.float32)
+        array = np.stack([getattr(points, name) for name in POINT_COLUMNS], axis=1).astype(np.float32)
         return array, {"count": len(array)}
 
 
@@ -269,15 +269,19 @@ class TruthProduct(_Product):
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns."""
-        return TRUTH_COLUMNS if self.visible else tuple(each for each in TRUTH_COLUMNS if not each.endswith("_visible"))
+        return (
+            TRUTH_COLUMNS
+            if self.visible
+            else tuple(column for column in TRUTH_COLUMNS if not column.endswith("_visible"))
+        )
 
     def made(self, recording: Recording) -> tuple[np.ndarray, dict[str, Any]]:
         """The array (time, column), its columns those of `columns`, float32, and what goes into the record."""
         times_s = record_times((0.0, record_length_s(recording) - recording.radar.loop_interval_s), self.rate_hz)
         truth = recording.truth_at(times_s, visible=self.visible)
-        does = truth.activity.values[0]
-        begins = np.flatnonzero(np.append(True, does[1:] != does[:-1]))
-        activities = [[str(does[begin]), round(float(times_s[begin]), 9)] for begin in begins]
+        activity = truth.activity.values[0]
+        begins = np.flatnonzero(np.append(True, activity[1:] != activity[:-1]))
+        activities = [[str(activity[begin]), round(float(times_s[begin]), 9)] for begin in begins]
         return person_rows(truth), {"rate_hz": self.rate_hz, "activities": activities}
 
 
@@ -327,14 +331,18 @@ class Products(_Product):
 
     def made(self, recording: Recording, view: View | None) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays by name, and what goes into the record of each, of a recording and of its spectrogram as it is kept."""
-        found: dict[str, tuple[np.ndarray, dict[str, Any]]] = {}
-        for name, each in self.kept.items():
-            if isinstance(each, PartsProduct):  # after the spectrogram
+        entries: dict[str, tuple[np.ndarray, dict[str, Any]]] = {}
+        for name, product in self.kept.items():
+            if isinstance(product, PartsProduct):  # after the spectrogram
                 assert view is not None, "a recipe with parts has a spectrogram"
-                found[name] = each.made(view, self.kept["spectrogram"].rows(view.velocity_mps), found["spectrogram"][1])
+                entries[name] = product.made(
+                    view, self.kept["spectrogram"].rows(view.velocity_mps), entries["spectrogram"][1]
+                )
             else:
-                found[name] = each.made(view if name == "spectrogram" else recording)
-        return {name: array for name, (array, _) in found.items()}, {name: told for name, (_, told) in found.items()}
+                entries[name] = product.made(view if name == "spectrogram" else recording)
+        return {name: array for name, (array, _) in entries.items()}, {
+            name: entry for name, (_, entry) in entries.items()
+        }
 
 
 def record_length_s(recording: Recording) -> float:

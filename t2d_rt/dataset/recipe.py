@@ -211,16 +211,17 @@ class Recipe(Fields):
             )
         if self.background_level_db is not None and self.background is None:
             raise InputError("recipe key background_level_db belongs to a background; give background, too")
-        for what, names in (
+        for key, names in (
             ("classes", self.classes),
             ("conditions", [condition.name for condition in self.conditions]),
         ):
             if len(set(names)) < len(names):
-                raise InputError(f"recipe key {what} names one of them twice; give each once")
+                raise InputError(f"recipe key {key} names one of them twice; give each once")
         if self.subjects is not None and self.bodies != (OWN_BODY,):
             raise InputError("recipe key subjects gives each person a body of their own; leave bodies out")
         if any(
-            each is not None and each.track is not None for each in (self.radar, *(c.radar for c in self.conditions))
+            radar is not None and radar.track is not None
+            for radar in (self.radar, *(condition.radar for condition in self.conditions))
         ):
             raise InputError("recipe key radar has a track, and radars of data sets stand still; leave it out")
         self._check_sides()
@@ -243,30 +244,34 @@ class Recipe(Fields):
         """Refuses things that people of a class cannot carry."""
         for condition in self.conditions:
             for wish in [wish for carried in condition.carries for wish in wishes_of(carried)]:
-                known = [name for name in ACTIVITIES if name in CARRIED_IN[wish.thing]]
-                if wrong := [name for name in self.classes if name not in known]:
+                allowed = [name for name in ACTIVITIES if name in CARRIED_IN[wish.thing]]
+                if wrong := [name for name in self.classes if name not in allowed]:
                     raise InputError(
                         f"condition {condition.name} has people carry a {wish.thing}, which {wrong[0]} leaves no room for; "
-                        f"give classes of {', '.join(known)}, or leave it out"
+                        f"give classes of {', '.join(allowed)}, or leave it out"
                     )
 
     def _check_sides(self) -> None:
         """Refuses sides that cannot be held apart, or whose conditions there are not."""
-        known = [condition.name for condition in self.conditions]
-        names = [each.name for each in self.sides]
+        condition_names = [condition.name for condition in self.conditions]
+        side_names = [side.name for side in self.sides]
         for side in self.sides:
             for condition in side.conditions:
-                if condition not in known:
-                    raise unknown_name(f"condition of side {side.name}", condition, known)
-        if names and ("train" not in names or "test" not in names or len(set(names)) < len(names)):
-            raise InputError(f"recipe key sides needs train and test, each side once, got {', '.join(names)}")
-        if names and (self.subjects is None or self.each_condition):
+                if condition not in condition_names:
+                    raise unknown_name(f"condition of side {side.name}", condition, condition_names)
+        if side_names and (
+            "train" not in side_names or "test" not in side_names or len(set(side_names)) < len(side_names)
+        ):
+            raise InputError(f"recipe key sides needs train and test, each side once, got {', '.join(side_names)}")
+        if side_names and (self.subjects is None or self.each_condition):
             raise InputError("recipe key sides needs subjects to hold apart, and no each_condition; change one of them")
-        every = sum(each.weight for each in self.sides)
-        if names and (every > self.descriptions_per_class or every > (self.subjects or 0) // BODY_KINDS):
+        total_weight = sum(side.weight for side in self.sides)
+        if side_names and (
+            total_weight > self.descriptions_per_class or total_weight > (self.subjects or 0) // BODY_KINDS
+        ):
             raise InputError(
-                f"the weights of the sides add up to {every}, more than descriptions of a class ({self.descriptions_per_class}) or "
-                f"subjects of a shape ({(self.subjects or 0) // BODY_KINDS}); lower the weights"
+                f"the weights of the sides add up to {total_weight}, more than descriptions of a class "
+                f"({self.descriptions_per_class}) or subjects of a shape ({(self.subjects or 0) // BODY_KINDS}); lower the weights"
             )
 
     def side_at(self, number: int) -> Side | None:
@@ -293,16 +298,16 @@ class Recipe(Fields):
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """A copy, whose hash is its own where a field is another."""
-        found = super().model_copy(update=update, deep=deep)
+        copy = super().model_copy(update=update, deep=deep)
         if update:
-            found.__dict__.pop("hash", None)
-        return found
+            copy.__dict__.pop("hash", None)
+        return copy
 
     def hashed_as(self, written: str) -> Self:
         """A copy with the hash that an older version gave it, by which its samples were made."""
-        found = super().model_copy()
-        found.__dict__["hash"] = written  # where functools.cached_property keeps it
-        return found
+        copy = super().model_copy()
+        copy.__dict__["hash"] = written  # where functools.cached_property keeps it
+        return copy
 
     def seeds(self, number: int, purpose: str) -> np.random.SeedSequence:
         """The seeds of one purpose, as "view", of a motion or sample by its number.
@@ -331,11 +336,11 @@ class Recipe(Fields):
         """A recipe that ships, by its name, or that of a YAML file."""
         path = Path(source)
         if path.suffix.lower() not in (".yaml", ".yml"):
-            known = recipe_names()
-            wanted = str(source).lower().replace("_", "-")
-            if wanted not in known:
-                raise unknown_name("recipe", str(source), known, hint=", or give a YAML file")
-            path = FOLDER / f"{wanted}.yaml"
+            shipped = recipe_names()
+            name = str(source).lower().replace("_", "-")
+            if name not in shipped:
+                raise unknown_name("recipe", str(source), shipped, hint=", or give a YAML file")
+            path = FOLDER / f"{name}.yaml"
         values = read_yaml(path, noun="recipe", example="classes, conditions and a radar")
         return cls.of_file(path, {"name": path.stem.lower(), **values})._beside(path.parent)
 
@@ -361,8 +366,8 @@ def _meshes(scene: Path) -> list[Path]:
         return []
     file = SceneFile(scene)
     try:
-        named = [each.get("value", "") for element in file.read() for each in element.iter("string")]
-        return [file.inside(name) for name in named if name.lower().endswith((".ply", ".obj"))]
+        values = [string.get("value", "") for element in file.read() for string in element.iter("string")]
+        return [file.inside(name) for name in values if name.lower().endswith((".ply", ".obj"))]
     except InputError as error:
         raise InputError(f"{scene}: {error}") from None
 
@@ -377,21 +382,21 @@ LIMITS = {
 """Least and greatest value that each of the ranges of a recipe may reach."""
 
 
-def _hash(plain: dict[str, Any]) -> str:
+def _hash(values: dict[str, Any]) -> str:
     """Hash of a recipe's plain values; what is absent counts as in versions that did not know of it."""
-    kept = {name: value for name, value in plain.items() if name not in ("name", "about", "frozen")}
-    if kept.get("products", {}).get("truth") is None:
-        kept["products"] = {name: value for name, value in kept["products"].items() if name != "truth"}
+    hashed = {name: value for name, value in values.items() if name not in ("name", "about", "frozen")}
+    if hashed.get("products", {}).get("truth") is None:
+        hashed["products"] = {name: value for name, value in hashed["products"].items() if name != "truth"}
     for name in ("subjects", "sides"):
-        if not kept.get(name):
-            kept.pop(name, None)
-    return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:32]
+        if not hashed.get(name):
+            hashed.pop(name, None)
+    return hashlib.sha256(json.dumps(hashed, sort_keys=True).encode()).hexdigest()[:32]
 
 
 def written_hash(path: Path) -> str | None:
     """The hash by the keys that a data set's recipe was written with, which an older version may have made; None of a short one."""
-    plain = read_yaml(path, noun="recipe", example="classes, conditions and a radar")
-    return _hash(plain) if isinstance(plain.get("products"), dict) else None
+    values = read_yaml(path, noun="recipe", example="classes, conditions and a radar")
+    return _hash(values) if isinstance(values.get("products"), dict) else None
 
 
 def integer_seed(sequence: np.random.SeedSequence) -> int:

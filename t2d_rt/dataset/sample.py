@@ -44,7 +44,7 @@ GOING: frozenset[str] = frozenset({"walk", "run", "dance", "jump", "turn", "clim
 REACH_M = 2.0
 """How far the pelvis may stray from its mean place; longer paths are bent to arcs."""
 RADII_M = 6.0, 4.5, 3.5, 2.8, 2.3, 1.9, 1.6, 1.3, 1.0
-"""Of the arcs that are tried."""
+"""Radii of the arcs that are tried [m]."""
 MOST_LEAN_DEG = 25.0
 """Greatest lean into a curve: that of 3 m/s round a circle of 2 m."""
 
@@ -82,21 +82,21 @@ def sample_motion(
     Motions that do not pass are kept, with the verdict in their record: to drop them would leave out just what the filter does not
     know of. Raises T2DError where none of the attempts can be made.
     """
-    wanted = descriptions(activity, recipe.descriptions_per_class, recipe.seed)[description]
+    described = descriptions(activity, recipe.descriptions_per_class, recipe.seed)[description]
     first: SampleMotion | None = None
     failure: T2DError | None = None
     for attempt in range(recipe.attempts):
-        source = _drawn(recipe, activity, wanted, number, attempt, recipe.side_at(description))
+        source = _drawn(recipe, activity, described, number, attempt, recipe.side_at(description))
         try:
-            found = _fitted(source, recipe, number, activity, attempt + 1)
+            candidate = _fitted(source, recipe, number, activity, attempt + 1)
             for condition in conditions:
-                carry(found.motion, condition.carries)
+                carry(candidate.motion, condition.carries)
         except T2DError as error:  # of falls, some do not come to one
             failure = failure or error
             continue
-        if found.passed:
-            return found
-        first = first or found
+        if candidate.passed:
+            return candidate
+        first = first or candidate
     if first is None:
         assert failure is not None, "there is at least one attempt"
         raise failure
@@ -104,7 +104,7 @@ def sample_motion(
 
 
 def _drawn(
-    recipe: Recipe, activity: Activity, wanted: Description, number: int, attempt: int, side: Side | None
+    recipe: Recipe, activity: Activity, description: Description, number: int, attempt: int, side: Side | None
 ) -> MotionText:
     """Person, gait and provider of one attempt."""
     motion, person, gait, provider = (
@@ -113,22 +113,22 @@ def _drawn(
     provider_name = recipe.providers[int(np.random.default_rng(provider).integers(len(recipe.providers)))]
     values: dict[str, object] = {"gait_spread": recipe.gait_spread}
     factor = float(np.random.default_rng(gait).uniform(*recipe.gait_factors))
-    who = subject_of(recipe, wanted.subject, number, side) if provider_name in COMPOSED else None
-    if who is not None:
-        factor = who.gait_factor
-        values |= {"body": who.body, "stature_m": who.stature_m, "person_seed": who.seed}
+    subject = subject_of(recipe, description.subject, number, side) if provider_name in COMPOSED else None
+    if subject is not None:
+        factor = subject.gait_factor
+        values |= {"body": subject.body, "stature_m": subject.stature_m, "person_seed": subject.seed}
     elif provider_name in COMPOSED:  # others choose the person themselves
         rng = np.random.default_rng(person)
         body = recipe.bodies[int(rng.integers(len(recipe.bodies)))]
-        body, stature_m = drawn_person(wanted.subject, rng, body=None if body == OWN_BODY else body)
+        body, stature_m = drawn_person(description.subject, rng, body=None if body == OWN_BODY else body)
         values |= {"body": body, "stature_m": round(stature_m, 4)}
     if factor != 1.0:
         values["gait_factor"] = round(factor, 4)
-    if provider_name in COMPOSED and wanted.steps[-1].action in GOING:
+    if provider_name in COMPOSED and description.steps[-1].action in GOING:
         values["stand_s"] = round((1.0 - recipe.moving_fractions[0]) * recipe.duration_s, 4)
     if provider_name in COMPOSED and activity in LASTING:
         values["duration_s"] = round(recipe.duration_s * max(1.0, factor), 4)
-    return MotionText(text=wanted.sentence, seed=integer_seed(motion), provider=provider_name, **values)
+    return MotionText(text=description.sentence, seed=integer_seed(motion), provider=provider_name, **values)
 
 
 def _fitted(source: MotionText, recipe: Recipe, number: int, activity: Activity, attempts: int) -> SampleMotion:
@@ -139,23 +139,25 @@ def _fitted(source: MotionText, recipe: Recipe, number: int, activity: Activity,
     """
     rng = np.random.default_rng(recipe.seeds(number, "moving"))
     moving, side = float(rng.uniform(*recipe.moving_fractions)), float(rng.choice([-1.0, 1.0]))
-    made, length_s = source.made(), recipe.duration_s
+    whole_motion, length_s = source.made(), recipe.duration_s
     # A frame more than is needed: lengths are whole numbers of frames.
-    rest_s = max(length_s - made.duration_s, (1.0 - moving) * length_s) + 1.0 / made.rate_hz
+    rest_s = max(length_s - whole_motion.duration_s, (1.0 - moving) * length_s) + 1.0 / whole_motion.rate_hz
     source = source.model_copy(update={"hold_s": round(rest_s, 6)})
     first: MotionText | None = None
-    for start_s in _starts(source.piece(made), length_s, moving):
+    for start_s in _starts(source.piece(whole_motion), length_s, moving):
         cut = source.model_copy(update={"start_s": start_s, "stop_s": start_s + length_s})
-        cut = cut.model_copy(update={"radius_m": arc_radius_m(cut.piece(made), side)})
-        if passes(cut.piece(made), activity):
-            return _cut(cut, (), attempts, made)
+        cut = cut.model_copy(update={"radius_m": arc_radius_m(cut.piece(whole_motion), side)})
+        if passes(cut.piece(whole_motion), activity):
+            return _cut(cut, (), attempts, whole_motion)
         first = first or cut
     assert first is not None, "there is at least one piece"
-    return _cut(first, check_motion(first.piece(made), expected=activity).reasons, attempts, made)
+    return _cut(first, check_motion(first.piece(whole_motion), expected=activity).reasons, attempts, whole_motion)
 
 
-def _cut(source: MotionText, reasons: tuple[str, ...], attempts: int, made: Motion) -> SampleMotion:
-    return SampleMotion(source, source.piece(made), not reasons, reasons, attempts, made.duration_s, made.origin)
+def _cut(source: MotionText, reasons: tuple[str, ...], attempts: int, whole_motion: Motion) -> SampleMotion:
+    return SampleMotion(
+        source, source.piece(whole_motion), not reasons, reasons, attempts, whole_motion.duration_s, whole_motion.origin
+    )
 
 
 def moves(motion: Motion) -> np.ndarray:
@@ -168,7 +170,7 @@ def _starts(motion: Motion, length_s: float, moving: float) -> list[float]:
     """First instants of the pieces of a motion [s]: those first in which the person moves for about that fraction of the time, to a
     twentieth; of these the liveliest, of the greatest sum of squared joint steps."""
     squares = np.sum(np.diff(motion.joints, axis=0) ** 2, axis=(1, 2))
-    total, moved = (np.concatenate([[0.0], np.cumsum(each)]) for each in (squares, moves(motion)))
+    total, moved = (np.concatenate([[0.0], np.cumsum(values)]) for values in (squares, moves(motion)))
     starts = np.arange(0.0, motion.duration_s - length_s + 1e-9, STEP_S)
     frames = np.rint(starts * motion.rate_hz).astype(int)
     count = round(length_s * motion.rate_hz)
@@ -188,7 +190,7 @@ def arc_radius_m(motion: Motion, side: float) -> float:
     fastest = np.percentile(np.abs(steps), 90) * motion.rate_hz
     least_m = fastest**2 / (STANDARD_GRAVITY * math.tan(math.radians(MOST_LEAN_DEG)))
     best, strays_m = 0.0, math.inf
-    for radius_m in (math.inf, *(sign * each for each in RADII_M for sign in (side, -side))):
+    for radius_m in (math.inf, *(sign * magnitude_m for magnitude_m in RADII_M for sign in (side, -side))):
         track = np.cumsum(steps * np.exp(1j * length / radius_m))
         reach_m = float(np.abs(track - track.mean()).max())
         if abs(radius_m) >= least_m and reach_m < strays_m:
@@ -198,18 +200,18 @@ def arc_radius_m(motion: Motion, side: float) -> float:
     return best
 
 
-def provenance(found: SampleMotion) -> Mapping[str, object]:
+def provenance(cut: SampleMotion) -> Mapping[str, object]:
     """What a record tells of it."""
     return {
-        "passed": found.passed,
-        "reasons": list(found.reasons),
-        "attempts": found.attempts,
-        "made_s": round(found.made_s, 6),
-        "start_s": found.source.start_s,
-        "held_s": found.source.hold_s,
-        "moving": round(float(moves(found.motion).mean()), 4),
-        "arc_m": found.source.radius_m,
-        "sources": list(found.origin),
+        "passed": cut.passed,
+        "reasons": list(cut.reasons),
+        "attempts": cut.attempts,
+        "made_s": round(cut.made_s, 6),
+        "start_s": cut.source.start_s,
+        "held_s": cut.source.hold_s,
+        "moving": round(float(moves(cut.motion).mean()), 4),
+        "arc_m": cut.source.radius_m,
+        "sources": list(cut.origin),
     }
 
 
@@ -264,8 +266,8 @@ def placing(recipe: Recipe, number: int, scene: str, motion: Motion, side: Side 
     track = base.joints[::stride]
     low, high, boxes = surroundings(scene)
     best, least = None, math.inf
-    for tried in range(TRIES):
-        if tried >= TRIES // 2:
+    for attempt in range(TRIES):
+        if attempt >= TRIES // 2:
             range_m = float(rng.uniform(*recipe.distances_m))
         angle_deg = round(_angle_deg(rng, spans), 3)
         # The middle of the path lies on the boresight, or so far beside: were it the start, more would go than come.
@@ -311,10 +313,10 @@ def _angle_deg(rng: np.random.Generator, spans: Sequence[tuple[float, float]]) -
 def _start_m(pelvis: np.ndarray, range_m: float) -> float:
     """Distance of the start at which the mean range of a track (T, 3), from the radar were the start beside it, is `range_m`; the
     nearest where there is none, but 0.3 m at least."""
-    found = range_m
+    start_m = range_m
     for _ in range(20):  # the mean grows by nearly as much as the distance
-        found = max(0.3, found + range_m - float(np.linalg.norm(pelvis + [found, 0.0, 0.0], axis=-1).mean()))
-    return found
+        start_m = max(0.3, start_m + range_m - float(np.linalg.norm(pelvis + [start_m, 0.0, 0.0], axis=-1).mean()))
+    return start_m
 
 
 def _moved(track: np.ndarray, distance_m: float, angle_deg: float, aside_m: float) -> np.ndarray:
@@ -333,19 +335,19 @@ NEAREST_GATE_M = 0.3
 """Nearer cells hold the receiver's offset and leakage."""
 
 
-def range_gate(recipe: Recipe, found: Sample) -> tuple[float, float] | None:
+def range_gate(recipe: Recipe, drawn: Sample) -> tuple[float, float] | None:
     """Nearest and farthest range of the spectrogram's cells [m]; None for all.
 
     By the scene they are the room's depth, that is the range of its farthest corner, or in free space all ranges that persons of
     the recipe reach: were they those of the one person, the level of the noise would tell how far somebody goes.
     """
-    kept = recipe.products.spectrogram
-    asked = None if kept is None else kept.range_gate_m
-    if asked is None or isinstance(asked, tuple):
-        return asked
-    radar = np.array(found.experiment.radar.position_m)
-    if found.experiment.scene != "free_space":
-        low, high, _ = surroundings(str(found.experiment.scene))
+    spectrogram = recipe.products.spectrogram
+    gate_m = None if spectrogram is None else spectrogram.range_gate_m
+    if gate_m is None or isinstance(gate_m, tuple):
+        return gate_m
+    radar = np.array(drawn.experiment.radar.position_m)
+    if drawn.experiment.scene != "free_space":
+        low, high, _ = surroundings(str(drawn.experiment.scene))
         farthest_m = float(np.linalg.norm(np.maximum(np.abs(high - radar), np.abs(low - radar))))
         return NEAREST_GATE_M, round(farthest_m, 3)
     return NEAREST_GATE_M, round(recipe.distances_m[1] + REACH_M + BODY_M, 3)
@@ -355,13 +357,13 @@ def _overlap(track: np.ndarray, low: np.ndarray, high: np.ndarray, boxes: np.nda
     """How far (T, J, 3) goes at most beyond the walls, into boxes (B, 2, 3) or to within reach of the radar [m]."""
     outside = np.maximum(low + CLEARANCE_M - track, track - high + CLEARANCE_M)[..., :2].max()
     near = NEAREST_M - np.linalg.norm(track[..., :2], axis=-1).min()
-    found = max(0.0, float(outside), float(near))
+    overlap_m = max(0.0, float(outside), float(near))
     for first, last in boxes:
         inside = np.minimum(
             track - first + [CLEARANCE_M, CLEARANCE_M, 0.0], last + [CLEARANCE_M, CLEARANCE_M, 0.0] - track
         )
-        found = max(found, float(inside.min(axis=-1).max()))
-    return found
+        overlap_m = max(overlap_m, float(inside.min(axis=-1).max()))
+    return overlap_m
 
 
 @functools.lru_cache(maxsize=32)
@@ -402,10 +404,10 @@ def reserved_walks(recipe: Recipe) -> tuple[Description, ...]:
     }
     count = WALKS
     while True:
-        drawn = descriptions("walking", count, recipe.seed + RESERVED_SEED)
-        found = [each for each in drawn if each.sentence not in used]
-        if len(found) >= WALKS:
-            return tuple(found[:WALKS])
+        walks = descriptions("walking", count, recipe.seed + RESERVED_SEED)
+        unused = [walk for walk in walks if walk.sentence not in used]
+        if len(unused) >= WALKS:
+            return tuple(unused[:WALKS])
         count *= 2
 
 
@@ -492,24 +494,24 @@ def cell_of(recipe: Recipe, index: int) -> Cell:
     """
     index = integer("the index of a sample", index, 0, recipe.samples - 1)
     rest, class_number = divmod(index, len(recipe.classes))
-    chosen = 0
+    condition_number = 0
     if recipe.each_condition:
-        rest, chosen = divmod(rest, len(recipe.conditions))
+        rest, condition_number = divmod(rest, len(recipe.conditions))
     repetition, description = divmod(rest, recipe.descriptions_per_class)
     number = rest * len(recipe.classes) + class_number
     if not recipe.each_condition:
         side = recipe.side_at(description)
-        own = [side is None or condition.name in side.conditions for condition in recipe.conditions]
-        weights = np.array([condition.weight for condition in recipe.conditions]) * own
+        allowed = [side is None or condition.name in side.conditions for condition in recipe.conditions]
+        weights = np.array([condition.weight for condition in recipe.conditions]) * allowed
         rng = np.random.default_rng(recipe.seeds(number, "condition"))
-        chosen = int(rng.choice(len(weights), p=weights / weights.sum()))
+        condition_number = int(rng.choice(len(weights), p=weights / weights.sum()))
     return Cell(
         index=index,
         activity=recipe.classes[class_number],
         description=description,
         repetition=repetition,
         number=number,
-        condition=recipe.conditions[chosen],
+        condition=recipe.conditions[condition_number],
     )
 
 
@@ -527,11 +529,11 @@ def sample(recipe: Recipe, index: int) -> Sample:
     """
     cell = cell_of(recipe, index)
     recorded = recipe.conditions if recipe.each_condition else (cell.condition,)
-    found = sample_motion(recipe, cell.activity, cell.description, cell.number, recorded)
+    cut = sample_motion(recipe, cell.activity, cell.description, cell.number, recorded)
     condition, side = cell.condition, recipe.side_at(cell.description)
-    place = placing(recipe, cell.number, condition.scene, found.motion, side)
+    place = placing(recipe, cell.number, condition.scene, cut.motion, side)
     radar = _raised(recipe.radar if condition.radar is None else condition.radar, place.height_m)
-    source = found.source.model_copy(
+    source = cut.source.model_copy(
         update={
             "distance_m": place.distance_m,
             "angle_deg": place.angle_deg,
@@ -553,13 +555,13 @@ def sample(recipe: Recipe, index: int) -> Sample:
         noise=recipe.noise,
     )
     chance = float(np.random.default_rng(recipe.seeds(index, "error")).random())
-    wanted = description_of(recipe, cell)
-    who = None if found.source.person_seed is None else subject_of(recipe, wanted.subject, cell.number, side)
+    description = description_of(recipe, cell)
+    subject = None if cut.source.person_seed is None else subject_of(recipe, description.subject, cell.number, side)
     return Sample(
         cell=cell,
-        description=wanted,
-        subject=None if who is None else who.number,
-        cut=found,
+        description=description,
+        subject=None if subject is None else subject.number,
+        cut=cut,
         place=place,
         experiment=experiment,
         measured=chance < recipe.error_fraction,

@@ -67,15 +67,15 @@ def packed(made: Sequence[Made]) -> tuple[bytes, bytes]:
     Samples that failed have a record and no arrays; `row` tells where the others stand in the arrays that are stacked.
     """
     arrays: dict[str, np.ndarray] = {}
-    good = [each for each in made if each.arrays]
-    for name in sorted({name for each in good for name in each.arrays}):
+    finished = [sample for sample in made if sample.arrays]
+    for name in sorted({name for sample in finished for name in sample.arrays}):
         if name in RAGGED:
-            arrays |= {f"{name}_{each.record['index']}": each.arrays[name] for each in good}
+            arrays |= {f"{name}_{sample.record['index']}": sample.arrays[name] for sample in finished}
         else:
-            arrays[name] = np.stack([each.arrays[name] for each in good])
-    arrays["index"] = np.array([each.record["index"] for each in good], dtype=np.int64)
-    rows = {each.record["index"]: row for row, each in enumerate(good)}
-    lines = [json.dumps({**each.record, "row": rows.get(each.record["index"])}) for each in made]
+            arrays[name] = np.stack([sample.arrays[name] for sample in finished])
+    arrays["index"] = np.array([sample.record["index"] for sample in finished], dtype=np.int64)
+    rows = {sample.record["index"]: row for row, sample in enumerate(finished)}
+    lines = [json.dumps({**sample.record, "row": rows.get(sample.record["index"])}) for sample in made]
     return archive(arrays), "".join(f"{line}\n" for line in lines).encode()
 
 
@@ -86,9 +86,9 @@ def archive(arrays: Mapping[str, np.ndarray]) -> bytes:
         for name, array in sorted(arrays.items()):
             entry = io.BytesIO()
             np.lib.format.write_array(entry, np.ascontiguousarray(array), allow_pickle=False)
-            about = zipfile.ZipInfo(f"{name}.npy", date_time=TIME)
-            about.compress_type = zipfile.ZIP_DEFLATED
-            file.writestr(about, entry.getvalue(), compresslevel=6)
+            info = zipfile.ZipInfo(f"{name}.npy", date_time=TIME)
+            info.compress_type = zipfile.ZIP_DEFLATED
+            file.writestr(info, entry.getvalue(), compresslevel=6)
     return buffer.getvalue()
 
 
@@ -167,8 +167,8 @@ def _sync(folder: Path) -> None:
 
 def sweep(folder: Path) -> None:
     """Removes what killed processes left half written, or half taken away: arrays in the spool without their record."""
-    halves = [each for place in (folder, folder / SHARDS, folder / SPOOL) for each in place.glob(f".*{PART}")]
-    halves += [each for each in (folder / SPOOL).glob("*.npz") if not each.with_suffix(".jsonl").exists()]
+    halves = [path for place in (folder, folder / SHARDS, folder / SPOOL) for path in place.glob(f".*{PART}")]
+    halves += [path for path in (folder / SPOOL).glob("*.npz") if not path.with_suffix(".jsonl").exists()]
     for path in halves:
         path.unlink(missing_ok=True)
 
@@ -217,36 +217,36 @@ LEAST_ABOVE_DB = 1e-3
 def read_record(recipe: Recipe, line: str | bytes) -> dict[str, Any]:
     """The record in a line of JSON; an InputError that names what is not as its recipe has it."""
     try:
-        found = json.loads(line)
+        record = json.loads(line)
     except (ValueError, RecursionError) as error:
         raise InputError(
             f"it is no JSON ({'nested too deeply' if isinstance(error, RecursionError) else error})"
         ) from None
-    if not isinstance(found, dict):
-        raise InputError(f"a record must be an object of JSON, got {shown(found)}")
-    index = integer("index", found.get("index"), 0, recipe.samples - 1)
-    _check_text(found, "class", recipe.classes[index % len(recipe.classes)])
-    _check_text(found, "condition", *(condition.name for condition in recipe.conditions))
-    integer("description", found.get("description"), 0, recipe.descriptions_per_class - 1)
-    _check_text(found, "sentence")
-    if found.get("row") is None:
-        if found.get("failure") is not None:
-            _check_text(found, "failure")
-        return found
-    integer("row", found["row"])
-    _check_numbers(found)
-    told = found.get("products")
+    if not isinstance(record, dict):
+        raise InputError(f"a record must be an object of JSON, got {shown(record)}")
+    index = integer("index", record.get("index"), 0, recipe.samples - 1)
+    _check_text(record, "class", recipe.classes[index % len(recipe.classes)])
+    _check_text(record, "condition", *(condition.name for condition in recipe.conditions))
+    integer("description", record.get("description"), 0, recipe.descriptions_per_class - 1)
+    _check_text(record, "sentence")
+    if record.get("row") is None:
+        if record.get("failure") is not None:
+            _check_text(record, "failure")
+        return record
+    integer("row", record["row"])
+    _check_numbers(record)
+    products = record.get("products")
     for name in recipe.products.kept:
-        if not isinstance(told, dict) or not isinstance(told.get(name), dict):
-            raise InputError(f"products must tell of {name}, got {shown(told)}")
-        _check_product(recipe, name, told[name])
-    if recipe.products.parts is not None and isinstance(told, dict):
-        due = {name: told["spectrogram"][name] for name in ("velocity_mps", "time_s", "peak_db")}
-        due["names"] = [*recipe.products.parts.names]
-        for key, value in due.items():
-            if told["parts"].get(key) != value:
-                raise InputError(f"{key} of parts must be {shown(value)}, got {shown(told['parts'].get(key))}")
-    return found
+        if not isinstance(products, dict) or not isinstance(products.get(name), dict):
+            raise InputError(f"products must tell of {name}, got {shown(products)}")
+        _check_product(recipe, name, products[name])
+    if recipe.products.parts is not None and isinstance(products, dict):
+        expected = {name: products["spectrogram"][name] for name in ("velocity_mps", "time_s", "peak_db")}
+        expected["names"] = [*recipe.products.parts.names]
+        for key, value in expected.items():
+            if products["parts"].get(key) != value:
+                raise InputError(f"{key} of parts must be {shown(value)}, got {shown(products['parts'].get(key))}")
+    return record
 
 
 def _check_numbers(record: Mapping[str, Any]) -> None:
@@ -270,45 +270,45 @@ def _check_numbers(record: Mapping[str, Any]) -> None:
         integer("seed", second.get("seed"))
 
 
-def _check_text(record: Mapping[str, Any], name: str, *due: str) -> None:
+def _check_text(record: Mapping[str, Any], name: str, *allowed: str) -> None:
     """Refuses what is no text, or none of those that the recipe allows."""
     value = text(name, record.get(name))
-    if due and value not in due:
-        raise InputError(f"{name} must be {' or '.join(due)}, got {shown(value)}")
+    if allowed and value not in allowed:
+        raise InputError(f"{name} must be {' or '.join(allowed)}, got {shown(value)}")
 
 
 def _check_texts(name: str, value: Any) -> None:
-    if not isinstance(value, list) or not all(isinstance(each, str) for each in value):
+    if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
         raise InputError(f"{name} must be a list of texts, got {shown(value)}")
 
 
-def _check_product(recipe: Recipe, name: str, told: Mapping[str, Any]) -> None:
+def _check_product(recipe: Recipe, name: str, entry: Mapping[str, Any]) -> None:
     """Ends of axes and scales."""
-    for each in MAPS.get(name, ()):
-        first, last = interval(f"{each} of {name}", told.get(each))
+    for axis in MAPS.get(name, ()):
+        first, last = interval(f"{axis} of {name}", entry.get(axis))
         if not -1e6 < first < last < 1e6:
-            raise InputError(f"{each} of {name} must rise, got {shown(told[each])}")
+            raise InputError(f"{axis} of {name} must rise, got {shown(entry[axis])}")
     if name in MAPS:
-        number(f"peak_db of {name}", told.get("peak_db"))
+        number(f"peak_db of {name}", entry.get("peak_db"))
     if name == "adc" and recipe.products.kept[name].dtype == "float16":
-        positive("greatest of adc", told.get("greatest"))
+        positive("greatest of adc", entry.get("greatest"))
 
 
 def array_of(recipe: Recipe, record: Mapping[str, Any], name: str) -> tuple[np.dtype[Any], Sizes]:
     """Type and shape of a sample's array, as they follow from the recipe and its condition; None is a length that may differ."""
-    kept = recipe.products.kept[name]
+    definition = recipe.products.kept[name]
     if name == "points":
         return np.dtype(np.float32), (None, len(POINT_COLUMNS))
     if name == "truth":
-        return np.dtype(np.float32), (None, len(kept.columns))
+        return np.dtype(np.float32), (None, len(definition.columns))
     if name == "parts":
-        return np.dtype(np.float32), (len(kept.names), *kept.size)
+        return np.dtype(np.float32), (len(definition.names), *definition.size)
     if name == "adc":
-        condition = next(each for each in recipe.conditions if each.name == record["condition"])
+        condition = next(condition for condition in recipe.conditions if condition.name == record["condition"])
         radar = condition.radar or recipe.radar
         cube = (None, radar.antennas, radar.samples)
-        return np.dtype(kept.dtype), cube if kept.dtype == "complex64" else (*cube, 2)
-    return np.dtype(kept.dtype), (*((kept.frames,) if name == "range_doppler" else ()), *kept.size)
+        return np.dtype(definition.dtype), cube if definition.dtype == "complex64" else (*cube, 2)
+    return np.dtype(definition.dtype), (*((definition.frames,) if name == "range_doppler" else ()), *definition.size)
 
 
 def check_array(array: np.ndarray, dtype: np.dtype[Any], shape: Sizes, name: str) -> None:
@@ -324,27 +324,29 @@ def check_array(array: np.ndarray, dtype: np.dtype[Any], shape: Sizes, name: str
             raise InputError("parts do not add up to 0..1, powers over that of the greatest cell")
 
 
-def _check_kind(given: np.dtype[Any], sizes: tuple[int, ...], dtype: np.dtype[Any], shape: Sizes, name: str) -> None:
+def _check_kind(actual: np.dtype[Any], sizes: tuple[int, ...], dtype: np.dtype[Any], shape: Sizes, name: str) -> None:
     """Refuses an array of another type or shape; None in the shape is any length."""
-    fits = len(sizes) == len(shape) and all(due in (None, size) for due, size in zip(shape, sizes, strict=True))
-    if given != dtype or not fits:
-        due = ", ".join("any" if each is None else str(each) for each in shape)
-        raise InputError(f"{name} must be {dtype} of shape ({due}), got {given} of shape {sizes}")
+    fits = len(sizes) == len(shape) and all(
+        expected in (None, size) for expected, size in zip(shape, sizes, strict=True)
+    )
+    if actual != dtype or not fits:
+        expected_shape = ", ".join("any" if length is None else str(length) for length in shape)
+        raise InputError(f"{name} must be {dtype} of shape ({expected_shape}), got {actual} of shape {sizes}")
 
 
 def read_array(path: Path, member: str, dtype: np.dtype[Any], shape: Sizes) -> np.ndarray:
     """An array of an .npz file; type and shape are known, and compared before anything is made of it."""
     with (
         regular_file(path, noun="shard") as file,
-        zipfile.ZipFile(file) as packed,
-        packed.open(f"{member}.npy") as stream,
+        zipfile.ZipFile(file) as zip_file,
+        zip_file.open(f"{member}.npy") as stream,
     ):
-        sizes, _, given = npy_header(stream)
-        _check_kind(given, sizes, dtype, shape, member)
+        sizes, _, actual = npy_header(stream)
+        _check_kind(actual, sizes, dtype, shape, member)
         length = stream.tell() + dtype.itemsize * math.prod(sizes)
         if length > LARGEST_BYTES:
             raise InputError(f"{member} takes {length / 1e9:.3g} GB, more than {LARGEST_BYTES / 1e9:g} GB")
-        if packed.getinfo(f"{member}.npy").file_size != length:
+        if zip_file.getinfo(f"{member}.npy").file_size != length:
             raise InputError(f"{member} is not as long as it tells")
         stream.seek(0)
         return np.asarray(np.lib.format.read_array(stream, allow_pickle=False))
@@ -381,22 +383,22 @@ class Shard:
         try:
             lines = read_bytes(path, limit=MOST_BYTES, noun="file of records").splitlines()
             records = tuple(read_record(recipe, line) for line in lines)
-            found = cls(path.with_suffix(".npz"), records, recipe)
-            rows = [each["row"] for each in found.good]
+            shard = cls(path.with_suffix(".npz"), records, recipe)
+            rows = [record["row"] for record in shard.good]
             if rows != [*range(len(rows))] or len({record["index"] for record in records}) < len(records):
                 raise InputError("a sample is there twice, or a row is missing")
         except (InputError, KeyError) as error:
             raise damaged(path, error) from None
-        return found
+        return shard
 
     def rows(self, name: str) -> np.ndarray:
         """The array of a product of one size, (samples that did not fail, ...), or of their indices by the name `index`."""
-        good = self.good
-        if name == "index" or not good:
+        finished = self.good
+        if name == "index" or not finished:
             dtype, shape = np.dtype(np.int64), tuple[int | None, ...]()
         else:
-            dtype, shape = array_of(self.recipe, good[0], name)
-        return self._read(name, name, dtype, (len(good), *shape))
+            dtype, shape = array_of(self.recipe, finished[0], name)
+        return self._read(name, name, dtype, (len(finished), *shape))
 
     def array(self, record: Mapping[str, Any], name: str) -> np.ndarray:
         """The array of one sample of a product whose size differs."""
@@ -405,19 +407,19 @@ class Shard:
     def _read(self, member: str, name: str, dtype: np.dtype[Any], shape: Sizes) -> np.ndarray:
         """An array of the archive, checked; whatever is wrong with it is told as damage of this shard."""
         try:
-            found = read_array(self.path, member, dtype, shape)
-            check_array(found, dtype, shape, name)
+            array = read_array(self.path, member, dtype, shape)
+            check_array(array, dtype, shape, name)
         except Exception as error:  # NumPy and zipfile raise what they like of a damaged file
             raise damaged(self.path, error) from None
-        return found
+        return array
 
     def samples(self) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
         """Record and arrays by product of each sample that did not fail."""
         names = self.recipe.products.kept if self.good else ()
-        whole = {name: self.rows(name) for name in names if name not in RAGGED}
+        stacked = {name: self.rows(name) for name in names if name not in RAGGED}
         for record in self.good:
             ragged = {name: self.array(record, name) for name in names if name in RAGGED}
-            yield record, {**{name: rows[record["row"]] for name, rows in whole.items()}, **ragged}
+            yield record, {**{name: rows[record["row"]] for name, rows in stacked.items()}, **ragged}
 
 
 def spooled(folder: Path, recipe: Recipe) -> Iterator[Made]:
@@ -454,9 +456,9 @@ def recipe_of(folder: Path) -> Recipe:
     from which no sample that is there follows; to go on making samples of it is refused, as another recipe.
     """
     recipe = Recipe.read(folder / RECIPE)
-    made_of = read_manifest(folder).get("recipe_hash")
-    if made_of is not None and made_of != recipe.hash and made_of == written_hash(folder / RECIPE):
-        return recipe.hashed_as(made_of)
+    recipe_hash = read_manifest(folder).get("recipe_hash")
+    if recipe_hash is not None and recipe_hash != recipe.hash and recipe_hash == written_hash(folder / RECIPE):
+        return recipe.hashed_as(recipe_hash)
     return recipe
 
 
@@ -466,17 +468,17 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     try:
-        found = json.loads(read_bytes(path, limit=MOST_BYTES, noun="manifest"))
-        if not all(isinstance(found.get(name, {}), dict) for name in ("files", "inputs", "versions")):
+        manifest = json.loads(read_bytes(path, limit=MOST_BYTES, noun="manifest"))
+        if not all(isinstance(manifest.get(name, {}), dict) for name in ("files", "inputs", "versions")):
             raise ValueError("files, inputs and versions must be objects")
-        made_on = found.get("made_on", [])
-        if not isinstance(made_on, list) or not all(isinstance(each, str) for each in made_on):
+        made_on = manifest.get("made_on", [])
+        if not isinstance(made_on, list) or not all(isinstance(machine, str) for machine in made_on):
             raise ValueError("made_on must be a list of texts")
-        if not all(FILE.fullmatch(name) for name in found["files"]):
+        if not all(FILE.fullmatch(name) for name in manifest["files"]):
             raise ValueError("files must be those of shards")
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(f"{path} cannot be read ({error!r}); remove it and run the recipe again") from None
-    return dict(found)
+    return dict(manifest)
 
 
 def faults(folder: Path, recipe: Recipe) -> Iterator[str]:
@@ -486,13 +488,13 @@ def faults(folder: Path, recipe: Recipe) -> Iterator[str]:
     for name in sorted(present | files.keys()):
         path = folder / SHARDS / name
         try:
-            found = file_sha256(path)
+            checksum = file_sha256(path)
         except InputError as error:
             yield str(error)
             continue
         if name not in files:
             yield f"{path} is not in the manifest"
-        elif found != files[name]:
+        elif checksum != files[name]:
             yield f"{path} does not match its checksum"
     for shard_number in numbers(folder):
         yield from shard_faults(folder, shard_number, recipe)
@@ -500,14 +502,14 @@ def faults(folder: Path, recipe: Recipe) -> Iterator[str]:
 
 def _check_parts(shard: Shard, index: int, arrays: Mapping[str, np.ndarray]) -> None:
     """Refuses parts of a sample that do not add up to its map, as far as that is known."""
-    kept = shard.recipe.products.spectrogram
-    if "parts" not in arrays or kept is None:
+    spectrogram = shard.recipe.products.spectrogram
+    if "parts" not in arrays or spectrogram is None:
         return
-    power = 10.0 ** (kept.levels(arrays["spectrogram"]).astype(np.float64) / 10.0)
-    relative, least = kept.rounding
-    found = arrays["parts"].sum(axis=0, dtype=np.float64)
-    power = resized(power, (found.shape[0], found.shape[1]))
-    if np.any(np.abs(found - power) > relative * power + least + APART):
+    power = 10.0 ** (spectrogram.levels(arrays["spectrogram"]).astype(np.float64) / 10.0)
+    relative, least = spectrogram.rounding
+    total = arrays["parts"].sum(axis=0, dtype=np.float64)
+    power = resized(power, (total.shape[0], total.shape[1]))
+    if np.any(np.abs(total - power) > relative * power + least + APART):
         raise damaged(shard.path, f"parts of sample {index} do not add up to its spectrogram")
 
 
@@ -521,7 +523,7 @@ def shard_faults(folder: Path, shard_number: int, recipe: Recipe) -> Iterator[st
     except InputError as error:
         yield str(error)
         return
-    if indices != [each["index"] for each in shard.good]:
+    if indices != [record["index"] for record in shard.good]:
         yield f"{shard.path} holds other samples than its records tell"
 
 
@@ -530,43 +532,43 @@ def content_hash(folder: Path, recipe: Recipe, count: int) -> tuple[str, int]:
 
     Of each sample: its record as JSON without its row, then name, type, shape and bytes of each array by name.
     """
-    found, samples = hashlib.sha256(), 0
+    digest, samples = hashlib.sha256(), 0
     for shard_number in numbers(folder):
         shard = Shard.of(folder, shard_number, recipe)
-        arrays = {record["index"]: each for record, each in shard.samples()}
+        arrays = {record["index"]: sample_arrays for record, sample_arrays in shard.samples()}
         for record in shard.records:
             if record["index"] >= count:
-                return found.hexdigest(), samples
-            plain = {name: value for name, value in record.items() if name != "row"}
-            found.update(json.dumps(plain, sort_keys=True).encode())
+                return digest.hexdigest(), samples
+            content = {name: value for name, value in record.items() if name != "row"}
+            digest.update(json.dumps(content, sort_keys=True).encode())
             for name, array in sorted(arrays.get(record["index"], {}).items()):
-                found.update(f"{name} {array.dtype.str} {array.shape}".encode())
-                found.update(np.ascontiguousarray(array).tobytes())
+                digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
+                digest.update(np.ascontiguousarray(array).tobytes())
             samples += 1
-    return found.hexdigest(), samples
+    return digest.hexdigest(), samples
 
 
 def frozen_differences(folder: Path, recipe: Recipe) -> Iterator[str]:
     """Where the first samples are not those that are frozen, a sentence each; a recipe that ships says which these are."""
-    ships = Recipe.read(recipe.name) if recipe.name in recipe_names() else recipe
-    for count, due in ships.frozen if ships.hash == recipe.hash else recipe.frozen:
-        found, samples = content_hash(folder, recipe, count)
-        if samples == count and found != due:
+    shipped = Recipe.read(recipe.name) if recipe.name in recipe_names() else recipe
+    for count, frozen_hash in shipped.frozen if shipped.hash == recipe.hash else recipe.frozen:
+        actual_hash, samples = content_hash(folder, recipe, count)
+        if samples == count and actual_hash != frozen_hash:
             made_on = "; ".join(read_manifest(folder).get("made_on", [])) or "a machine that the manifest does not tell"
             yield (
-                f"the first {count} samples of {folder} are not those of {recipe.name} that are frozen ({found[:12]} in place of "
-                f"{due[:12]}): another version made them, or other kernels; they were made on {shown(made_on)}; say so beside any "
-                "score"
+                f"the first {count} samples of {folder} are not those of {recipe.name} that are frozen ({actual_hash[:12]} in "
+                f"place of {frozen_hash[:12]}): another version made them, or other kernels; they were made on {shown(made_on)}; "
+                "say so beside any score"
             )
 
 
 def mixed_kernels(folder: Path) -> str | None:
     """A sentence where samples of a data set were made with different kernels; None where they were not."""
-    found = {each.partition(", ")[2] or each for each in read_manifest(folder).get("made_on", [])}
-    if len(found) < 2:
+    kernels = {machine.partition(", ")[2] or machine for machine in read_manifest(folder).get("made_on", [])}
+    if len(kernels) < 2:
         return None
     return (
-        f"samples were made with {len(found)} kinds of kernels ({', '.join(map(shown, sorted(found)))}), which round "
+        f"samples were made with {len(kernels)} kinds of kernels ({', '.join(map(shown, sorted(kernels)))}), which round "
         "differently: some differ in a last bit from what the others would have made"
     )
 
@@ -580,16 +582,17 @@ def check_dataset(path: str | Path) -> list[str]:
     folder = dataset_folder(path)
     recipe = recipe_of(folder)
     manifest = read_manifest(folder)
-    found = list(faults(folder, recipe))
+    problems = list(faults(folder, recipe))
     if manifest.get("recipe_hash") != recipe.hash:
-        found.insert(0, f"{folder / MANIFEST} is of another recipe than {RECIPE}, or missing")
-    if not found:
+        problems.insert(0, f"{folder / MANIFEST} is of another recipe than {RECIPE}, or missing")
+    if not problems:
         failures = [
             record["failure"] for number in numbers(folder) for record in Shard.of(folder, number, recipe).records
         ]
         for name, count in (("samples", len(failures)), ("failed", len(failures) - failures.count(None))):
-            if (told := manifest.get(name, count)) != count:
-                found.append(
-                    f"{folder / MANIFEST} tells {told} for {name}, and the shards hold {count}; samples were lost or it was edited"
+            if (stated := manifest.get(name, count)) != count:
+                problems.append(
+                    f"{folder / MANIFEST} tells {stated} for {name}, and the shards hold {count}; samples were lost or it was "
+                    "edited"
                 )
-    return found
+    return problems

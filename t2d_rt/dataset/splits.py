@@ -41,7 +41,7 @@ PLAIN = re.compile(r"[A-Za-z0-9_-]{1,100}")
 CLIP = re.compile(r"^clip \S+ of (?P<file>.+), \d+\.\d\d to \d+\.\d\d s$")
 """How a motion's origin names a clip."""
 FILE = re.compile(r"^(?P<file>.+), sha256 [0-9a-f]{64}$")
-"""How it names a motion file."""
+"""How a motion's origin names a motion file."""
 
 NAMES = "train", "val", "test"
 FRACTIONS = 0.7, 0.15, 0.15
@@ -89,7 +89,7 @@ def read_split(path: str | Path, records: Records) -> Split:
     try:
         values = json.loads(stored)
         sides = {str(name): tuple(int(index) for index in indices) for name, indices in values["sides"].items()}
-        found = Split(
+        loaded = Split(
             MappingProxyType(sides),
             _kinds(values["apart"]),
             tuple(values["left_out"]),
@@ -97,29 +97,29 @@ def read_split(path: str | Path, records: Records) -> Split:
         )
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
         raise InputError(f"{path} is no split; make one with t2d-rt dataset split") from None
-    check_split(records, found.sides, apart=found.apart)
-    return found
+    check_split(records, loaded.sides, apart=loaded.apart)
+    return loaded
 
 
 def source_clips(record: Mapping[str, Any]) -> frozenset[str]:
     """The recordings that a sample's motions were made of, that of a second person with them; none of one that was composed by
     rules or by physics."""
     sources = [*record["sources"], *((record.get("second_person") or {}).get("sources", ()))]
-    found = (CLIP.match(source) or FILE.match(source) for source in sources)
-    return frozenset(each["file"] for each in found if each is not None)
+    matches = (CLIP.match(source) or FILE.match(source) for source in sources)
+    return frozenset(match["file"] for match in matches if match is not None)
 
 
 def traits(record: Mapping[str, Any], apart: Collection[Kind]) -> frozenset[tuple[Kind, str]]:
     """What a sample may share with others."""
     second = record.get("second_person")  # whose sentences are no sample's label
     seeds = [record["seed"], *([] if second is None else [second["seed"]])]
-    found: dict[Kind, Iterable[str]] = {
+    values_by_kind: dict[Kind, Iterable[str]] = {
         "description": (str(record["sentence"]),),
         "clip": source_clips(record),
         "seed": map(str, seeds),
         "subject": () if record.get("subject") is None else (str(record["subject"]),),
     }
-    return frozenset((kind, value) for kind in apart for value in found[kind])
+    return frozenset((kind, value) for kind in apart for value in values_by_kind[kind])
 
 
 def split(
@@ -138,12 +138,12 @@ def split(
 
     Raises InputError where a side would lack a class, or be off by more than a tenth of the samples.
     """
-    wanted = _fractions(fractions)
+    side_fractions = _fractions(fractions)
     kinds = _kinds(apart)
-    on = _sides(records, wanted, kinds, leave_out=leave_out, seed=seed)
+    on = _sides(records, side_fractions, kinds, leave_out=leave_out, seed=seed)
     kept = on.sum(axis=1) == 1
-    sides = {name: kept & on[:, side] for side, name in enumerate(wanted)}
-    _check_sizes(records, sides, wanted, kinds, leave_out=leave_out)
+    sides = {name: kept & on[:, side] for side, name in enumerate(side_fractions)}
+    _check_sizes(records, sides, side_fractions, kinds, leave_out=leave_out)
     return _checked_split(records, sides, kinds, ~kept)
 
 
@@ -157,37 +157,44 @@ def folds(
     """
     integer("count", count, 2, 1000)
     kinds = _kinds(apart)
-    wanted = {f"fold {number}": 1.0 / count for number in range(1, count + 1)}
-    on = _sides(records, wanted, kinds, leave_out=leave_out, seed=seed)
+    side_fractions = {f"fold {number}": 1.0 / count for number in range(1, count + 1)}
+    on = _sides(records, side_fractions, kinds, leave_out=leave_out, seed=seed)
     only = on & (on.sum(axis=1, keepdims=True) == 1)
-    made = []
+    splits = []
     for side in range(count):
         sides = {"train": ~on[:, side], "test": only[:, side]}
         _check_sizes(records, sides, {"train": 1 - 1 / count, "test": 1 / count}, kinds, leave_out=leave_out)
-        made.append(_checked_split(records, sides, kinds, on[:, side] & ~only[:, side]))
-    return tuple(made)
+        splits.append(_checked_split(records, sides, kinds, on[:, side] & ~only[:, side]))
+    return tuple(splits)
 
 
 def _checked_split(
-    records: Records, sides: Mapping[str, np.ndarray], kinds: tuple[Kind, ...], left: np.ndarray
+    records: Records, sides: Mapping[str, np.ndarray], kinds: tuple[Kind, ...], left_out: np.ndarray
 ) -> Split:
     """A split of these masks (N,) by side, searched for leaks before it is given; left: what was left out, (N,)."""
     indices = np.array([int(record["index"]) for record in records])
-    found = {name: tuple(sorted(indices[mask].tolist())) for name, mask in sides.items()}
-    check_split(records, found, apart=kinds)
-    shared = Counter(str(kind) for kind, _, _ in leaks(records, found, [kind for kind in KINDS if kind not in kinds]))
-    return Split(MappingProxyType(found), kinds, tuple(sorted(indices[left].tolist())), MappingProxyType(dict(shared)))
+    indices_by_side = {name: tuple(sorted(indices[mask].tolist())) for name, mask in sides.items()}
+    check_split(records, indices_by_side, apart=kinds)
+    shared = Counter(
+        str(kind) for kind, _, _ in leaks(records, indices_by_side, [kind for kind in KINDS if kind not in kinds])
+    )
+    return Split(
+        MappingProxyType(indices_by_side),
+        kinds,
+        tuple(sorted(indices[left_out].tolist())),
+        MappingProxyType(dict(shared)),
+    )
 
 
 def leaks(
     records: Records, sides: Mapping[str, Iterable[int]], apart: Collection[Kind] = APART
 ) -> list[tuple[Kind, str, tuple[str, ...]]]:
     """What is on more than one side: its kind, its name, and the sides."""
-    known = {int(record["index"]): record for record in records}
+    record_by_index = {int(record["index"]): record for record in records}
     where: dict[tuple[Kind, str], set[str]] = defaultdict(set)
     for name, indices in sides.items():
         for index in indices:
-            for trait in traits(known[int(index)], apart):
+            for trait in traits(record_by_index[int(index)], apart):
                 where[trait].add(name)
     return [
         (kind, value, tuple(name for name in sides if name in names))
@@ -199,24 +206,24 @@ def leaks(
 def check_split(records: Records, sides: Mapping[str, Iterable[int]], *, apart: Collection[str] = APART) -> None:
     """Raises an InputError that names the leak, if a sample or something that is held apart is on two sides."""
     kinds = _kinds(apart)
-    known = {int(record["index"]) for record in records}
-    seen: dict[int, str] = {}
-    listed = {name: [int(each) for each in indices] for name, indices in sides.items()}
+    record_indices = {int(record["index"]) for record in records}
+    side_of_index: dict[int, str] = {}
+    listed = {name: [int(index) for index in indices] for name, indices in sides.items()}
     for name, indices in listed.items():
         if not PLAIN.fullmatch(name):
             raise InputError(f"a side must be named by letters, digits, - and _, got {shown(name)}; rename it")
         for index in indices:
-            if index not in known:
+            if index not in record_indices:
                 raise InputError(
                     f"the split names sample {index}, which the data set does not hold; make the split anew"
                 )
-            if index in seen:
-                raise InputError(f"sample {index} is in {seen[index]} and in {name}; put it on one side")
-            seen[index] = name
-    found = leaks(records, listed, kinds)
-    if found:
-        kind, value, names = found[0]
-        more = f" ({len(found) - 1} more such)" if len(found) > 1 else ""
+            if index in side_of_index:
+                raise InputError(f"sample {index} is in {side_of_index[index]} and in {name}; put it on one side")
+            side_of_index[index] = name
+    leaked = leaks(records, listed, kinds)
+    if leaked:
+        kind, value, names = leaked[0]
+        more = f" ({len(leaked) - 1} more such)" if len(leaked) > 1 else ""
         raise InputError(
             f"the split leaks: {kind} {shown(value)} is in {' and in '.join(names)}{more}; put all its samples on one side"
         )
@@ -232,27 +239,28 @@ def _fractions(fractions: Any) -> dict[str, float]:
         raise InputError(
             f"fractions must be two or three numbers, or a mapping of names to numbers, got {shown(fractions)}"
         )
-    found = {name: number(f"the fraction of {name}", value, 0, 1) for name, value in named.items()}
-    if len(found) < 2 or min(found.values()) <= 0 or abs(sum(found.values()) - 1) > 1e-6:
+    checked = {name: number(f"the fraction of {name}", value, 0, 1) for name, value in named.items()}
+    if len(checked) < 2 or min(checked.values()) <= 0 or abs(sum(checked.values()) - 1) > 1e-6:
         raise InputError(
-            f"fractions must be two or more, each above 0, and add up to 1, got {', '.join(f'{each:g}' for each in found.values())}"
+            "fractions must be two or more, each above 0, and add up to 1, got "
+            + ", ".join(f"{part:g}" for part in checked.values())
         )
-    return found
+    return checked
 
 
 def _kinds(apart: Any) -> tuple[Kind, ...]:
     """The kinds that are held apart, in the order of `KINDS`."""
-    given = [apart] if isinstance(apart, str) else list(apart)
-    for each in given:
-        if each not in KINDS:
-            raise unknown_name("kind of leak", each, KINDS)
-    if not given:
+    names = [apart] if isinstance(apart, str) else list(apart)
+    for name in names:
+        if name not in KINDS:
+            raise unknown_name("kind of leak", name, KINDS)
+    if not names:
         raise InputError(f"apart names nothing; give some of {', '.join(KINDS)}")
-    return tuple(kind for kind in KINDS if kind in given)
+    return tuple(kind for kind in KINDS if kind in names)
 
 
 def _sides(
-    records: Records, wanted: Mapping[str, float], kinds: tuple[Kind, ...], *, leave_out: bool, seed: int
+    records: Records, side_fractions: Mapping[str, float], kinds: tuple[Kind, ...], *, leave_out: bool, seed: int
 ) -> np.ndarray:
     """Which sides each sample is bound to, (N, S): one, or several where it is to be left out."""
     if not records:
@@ -265,15 +273,15 @@ def _sides(
     rng = np.random.default_rng(integer("seed", seed, 0))
     divided = leave_out and "clip" in kinds
     groups = grouped(records, [kind for kind in kinds if not (divided and kind == "clip")])
-    labels, fractions = _labels(records), np.array(list(wanted.values()))
+    labels, fractions = _labels(records), np.array(list(side_fractions.values()))
     if divided:
         return clip_sides(labels, [source_clips(record) for record in records], groups, fractions, rng)
     counts = np.array([np.bincount(labels[group], minlength=labels.max() + 1) for group in groups], dtype=np.float64)
     options = np.repeat(counts[:, None], len(fractions), axis=1)
-    found = np.zeros((len(records), len(fractions)), dtype=bool)
+    bound = np.zeros((len(records), len(fractions)), dtype=bool)
     for group, side in zip(groups, assigned(options, fractions, rng), strict=True):
-        found[group, side] = True
-    return found
+        bound[group, side] = True
+    return bound
 
 
 def _labels(records: Records) -> np.ndarray:
@@ -302,7 +310,7 @@ def grouped(records: Records, kinds: Collection[Kind]) -> list[list[int]]:
 def _check_sizes(
     records: Records,
     sides: Mapping[str, np.ndarray],
-    wanted: Mapping[str, float],
+    side_fractions: Mapping[str, float],
     kinds: tuple[Kind, ...],
     *,
     leave_out: bool,
@@ -316,8 +324,8 @@ def _check_sizes(
         for label in range(len(names))
         if not np.any(labels[mask] == label)
     ]
-    away = [abs(mask.mean() - wanted[name]) for name, mask in sides.items()]
-    if not lacking and (leave_out or max(away) <= MOST_AWAY):
+    deviations = [abs(mask.mean() - side_fractions[name]) for name, mask in sides.items()]
+    if not lacking and (leave_out or max(deviations) <= MOST_AWAY):
         return
     groups = grouped(records, kinds)
     what = f"the {len(records)} samples make {len(groups)} groups by {', '.join(kinds)}, the largest of {max(map(len, groups))}"
@@ -346,18 +354,18 @@ def sides_of(
     choice("split", by, SPLITS)
     if by != "file":
         apart = ("description", "seed") if by == "description" else ("description", "clip", "seed")
-        found = split(records, fractions, apart=apart, leave_out=by == "clip", seed=seed)
+        chosen_split = split(records, fractions, apart=apart, leave_out=by == "clip", seed=seed)
         place = {int(record["index"]): number for number, record in enumerate(records)}
-        return {name: np.array([place[index] for index in indices]) for name, indices in found.sides.items()}
+        return {name: np.array([place[index] for index in indices]) for name, indices in chosen_split.sides.items()}
     rng = np.random.default_rng(integer("seed", seed))
-    classes = np.array([str(each["class"]) for each in records])
+    classes = np.array([str(record["class"]) for record in records])
     sides: dict[str, list[int]] = {name: [] for name in NAMES}
     for name in sorted(set(classes)):
         members = rng.permutation(np.flatnonzero(classes == name))
         cuts = np.rint(np.cumsum(fractions)[:-1] * len(members)).astype(int)
         for side, part in zip(NAMES, np.split(members, cuts), strict=True):
             sides[side] += part.tolist()
-    return {name: np.sort(np.array(each, dtype=np.int64)) for name, each in sides.items()}
+    return {name: np.sort(np.array(positions, dtype=np.int64)) for name, positions in sides.items()}
 
 
 def check_sides(parts: Mapping[str, np.ndarray]) -> None:
@@ -424,7 +432,7 @@ def clip_sides(
     """
     names = sorted(frozenset[str]().union(*clips))
     number = {name: place for place, name in enumerate(names)}
-    of_samples = [tuple(sorted(number[each] for each in clip)) for clip in clips]
+    of_samples = [tuple(sorted(number[name] for name in clip)) for clip in clips]
     patterns = sorted(set(of_samples))
     place = {pattern: row for row, pattern in enumerate(patterns)}
     rows = np.array([place[of_sample] for of_sample in of_samples])
@@ -462,7 +470,9 @@ def _climbed(holds: np.ndarray, sums: np.ndarray, fractions: np.ndarray, rng: np
             for clips in _moves(holds, rng):
                 on = holds @ unit[sides] - holds[:, clips] @ unit[sides[clips]]
                 weight = holds[:, clips].sum(axis=1, keepdims=True)
-                values = [objective(_placed(on + weight * each > 0, sums), fractions, totals) for each in unit]
+                values = [
+                    objective(_placed(on + weight * unit_side > 0, sums), fractions, totals) for unit_side in unit
+                ]
                 side = int(np.argmax(values))
                 if values[side] > value + 1e-9:
                     sides[clips], value = side, values[side]

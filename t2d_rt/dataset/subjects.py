@@ -32,7 +32,7 @@ class Subject:
     """Shape and body mass index, as "man@29.31"."""
     stature_m: float
     seed: int
-    """Of proportions, handedness, posture, tempo, swing of the arms and breathing."""
+    """Seed of proportions, handedness, posture, tempo, swing of the arms and breathing."""
     gait_factor: float
 
 
@@ -59,10 +59,10 @@ def subject_of(recipe: Recipe, meant: slots.Subject, number: int, side: Side | N
     if recipe.subjects is None:
         return None
     bodies = ANYBODY if meant == "person" else tuple(kind for kind, *_ in STATURE_M[meant])
-    fitting = [
-        each
-        for each in range(recipe.subjects)
-        if KINDS[each % len(KINDS)] in bodies and recipe.side_at(each // len(KINDS)) == side
+    candidates = [
+        candidate
+        for candidate in range(recipe.subjects)
+        if KINDS[candidate % len(KINDS)] in bodies and recipe.side_at(candidate // len(KINDS)) == side
     ]
     rng = np.random.default_rng(recipe.seeds(number, "which subject"))
-    return subject(recipe, fitting[int(rng.integers(len(fitting)))])
+    return subject(recipe, candidates[int(rng.integers(len(candidates)))])

@@ -63,7 +63,7 @@ class ClassSummary:
     lower_mps: np.ndarray
     """Least speed in each of the first `MEASURED` spectrograms [m/s]; none where there are no spectrograms."""
     upper_mps: np.ndarray
-    """Greatest ones."""
+    """Greatest speed in each of them [m/s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,14 +104,16 @@ class Summary:
             "receding [m/s]",
             "approaching [m/s]",
         )
-        lines += _table([head, *(_row(each) for each in self.classes)])
+        lines += _table([head, *(_row(class_summary) for class_summary in self.classes)])
         balance = "class", "angle [deg]", "range [m]", "moving", "approaching"
-        lines += _table([balance, *(_balance(each) for each in self.classes)])
+        lines += _table([balance, *(_balance(class_summary) for class_summary in self.classes)])
         lines.append(
             "three figures: of 5 %, 50 % and 95 % of the samples; those of the second table should be alike in all classes"
         )
         lines += [
-            f"{each.name}: most that do not pass: {each.reason}" for each in self.classes if each.reason is not None
+            f"{class_summary.name}: most that do not pass: {class_summary.reason}"
+            for class_summary in self.classes
+            if class_summary.reason is not None
         ]
         if len(self.conditions) > 1:
             lines.append("conditions: " + ", ".join(f"{name} {count}" for name, count in self.conditions.items()))
@@ -134,11 +136,11 @@ def summarise(dataset: Dataset | str | Path) -> Summary:
         name=source.recipe.name,
         samples=len(source),
         wanted=source.recipe.samples,
-        failures=tuple(str(each["failure"]) for each in source.failed),
+        failures=tuple(str(record["failure"]) for record in source.failed),
         classes=tuple(_class(source, number) for number in range(len(source.classes))),
         conditions=dict(Counter(str(record["condition"]) for record in records)),
         parts=_parts(source),
-        errors_db=_known(records, "error_db"),
+        errors_db=_values_of(records, "error_db"),
         clips=len(frozenset[str]().union(*(source_clips(record) for record in records))),
         groups=tuple(sorted(map(len, grouped(records, APART)), reverse=True)),
         seconds_left=_seconds_left(source),
@@ -171,12 +173,12 @@ def _class(dataset: Dataset, number: int) -> ClassSummary:
         descriptions=len({record["sentence"] for record in records}),
         passed=sum(bool(record["passed"]) for record in records),
         reason=reasons.most_common(1)[0][0] if reasons else None,
-        made_s=_known(records, "made_s"),
-        snr_db=_known(records, "snr_db"),
-        angle_deg=_known(records, "angle_deg"),
-        range_m=_known(records, "range_m"),
-        approaching=_known(records, "approaching"),
-        moving=_known(records, "moving"),
+        made_s=_values_of(records, "made_s"),
+        snr_db=_values_of(records, "snr_db"),
+        angle_deg=_values_of(records, "angle_deg"),
+        range_m=_values_of(records, "range_m"),
+        approaching=_values_of(records, "approaching"),
+        moving=_values_of(records, "moving"),
         lower_mps=extents[:, 0],
         upper_mps=extents[:, 1],
     )
@@ -189,45 +191,47 @@ def extent(dataset: Dataset, position: int) -> tuple[float, float]:
     return envelope(levels, axis(edges, len(levels))).extent_mps
 
 
-def _known(records: Sequence[dict[str, Any]], name: str) -> np.ndarray:
+def _values_of(records: Sequence[dict[str, Any]], name: str) -> np.ndarray:
     """A figure of the records that have it."""
     return np.array([record[name] for record in records if record.get(name) is not None], dtype=np.float64)
 
 
 def _seconds_left(dataset: Dataset) -> float | None:
     """From the times at which the latest shards took their places."""
-    done = sorted((path.stat().st_mtime, path) for path in (dataset.path / SHARDS).glob("*.jsonl"))[-SHARDS_TIMED:]
-    if len(done) < 2 or not in_use(dataset.path):
+    finished = sorted((path.stat().st_mtime, path) for path in (dataset.path / SHARDS).glob("*.jsonl"))[-SHARDS_TIMED:]
+    if len(finished) < 2 or not in_use(dataset.path):
         return None
     # The time between two shards is that of the later one's samples; the median, for a run may have been stopped between.
-    each_s = [(last - first) / max(1, path.read_bytes().count(b"\n")) for (first, _), (last, path) in pairwise(done)]
+    seconds_per_sample = [
+        (last - first) / max(1, path.read_bytes().count(b"\n")) for (first, _), (last, path) in pairwise(finished)
+    ]
     missing = dataset.recipe.samples - len(dataset) - len(dataset.failed)
-    return float(np.median(each_s)) * missing
+    return float(np.median(seconds_per_sample)) * missing
 
 
-def _row(found: ClassSummary) -> tuple[str, ...]:
+def _row(summary: ClassSummary) -> tuple[str, ...]:
     """A row of the table."""
-    passed = f"{found.passed / found.samples:.0%}" if found.samples else "-"
-    figures = (_spread(each) for each in (found.made_s, found.snr_db, found.lower_mps, found.upper_mps))
-    return found.name, f"{found.samples}", f"{found.descriptions}", passed, *figures
+    passed = f"{summary.passed / summary.samples:.0%}" if summary.samples else "-"
+    figures = (_spread(values) for values in (summary.made_s, summary.snr_db, summary.lower_mps, summary.upper_mps))
+    return summary.name, f"{summary.samples}", f"{summary.descriptions}", passed, *figures
 
 
-def _balance(found: ClassSummary) -> tuple[str, ...]:
+def _balance(summary: ClassSummary) -> tuple[str, ...]:
     """A row of the table of what should tell no class."""
     figures = (
-        _spread(found.angle_deg, 0),
-        _spread(found.range_m),
-        _spread(found.moving, 2),
-        _spread(found.approaching, 2),
+        _spread(summary.angle_deg, 0),
+        _spread(summary.range_m),
+        _spread(summary.moving, 2),
+        _spread(summary.approaching, 2),
     )
-    return found.name, *figures
+    return summary.name, *figures
 
 
 def _spread(values: np.ndarray, digits: int = 1) -> str:
     """The percentiles 5, 50 and 95."""
     if not len(values):
         return "-"
-    return " ".join(f"{each:.{digits}f}" for each in np.percentile(values, (5, 50, 95)))
+    return " ".join(f"{percentile:.{digits}f}" for percentile in np.percentile(values, (5, 50, 95)))
 
 
 def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
@@ -235,7 +239,7 @@ def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(
-            [row[0].ljust(widths[0]), *(each.rjust(width) for each, width in zip(row[1:], widths[1:], strict=True))]
+            [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
         )
         for row in rows
     ]
@@ -323,8 +327,8 @@ def _levels(dataset: Dataset, place: int) -> np.ndarray:
 
 def _draw(axes: Axes, dataset: Dataset, place: int, levels_db: np.ndarray, limits_db: tuple[float, float]) -> Any:
     """Draws a sample into its axes; what `imshow` drew."""
-    told = dataset.records[place]["products"]["spectrogram"]
-    extent = (*told["time_s"], *told["velocity_mps"])
+    entry = dataset.records[place]["products"]["spectrogram"]
+    extent = (*entry["time_s"], *entry["velocity_mps"])
     low, high = limits_db
     return axes.imshow(
         levels_db, origin="lower", aspect="auto", extent=extent, vmin=low, vmax=high, interpolation="none"
@@ -343,15 +347,15 @@ def plot_summary(summary: Summary) -> Figure:
     figure = blank_figure(9.0, 1.6 + 0.55 * len(summary.classes))
     balance, lengths, snr, extents = figure.subplots(2, 2, sharey=True).flat
     rows = np.arange(len(summary.classes))
-    passed = np.array([each.passed for each in summary.classes])
-    total = np.array([each.samples for each in summary.classes])
+    passed = np.array([class_summary.passed for class_summary in summary.classes])
+    total = np.array([class_summary.samples for class_summary in summary.classes])
     balance.barh(rows, passed, color="tab:blue", label="pass the filter")
     balance.barh(rows, total - passed, left=passed, color="tab:orange", label="do not")
     balance.legend(fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
-    _boxes(lengths, [each.made_s for each in summary.classes], "tab:blue")
-    _boxes(snr, [each.snr_db for each in summary.classes], "tab:blue")
-    _boxes(extents, [each.lower_mps for each in summary.classes], "tab:red")
-    _boxes(extents, [each.upper_mps for each in summary.classes], "tab:blue")
+    _boxes(lengths, [class_summary.made_s for class_summary in summary.classes], "tab:blue")
+    _boxes(snr, [class_summary.snr_db for class_summary in summary.classes], "tab:blue")
+    _boxes(extents, [class_summary.lower_mps for class_summary in summary.classes], "tab:red")
+    _boxes(extents, [class_summary.upper_mps for class_summary in summary.classes], "tab:blue")
     extents.axvline(0, color="0.6", linewidth=0.8)
     labels = (
         "Samples",
@@ -364,7 +368,7 @@ def plot_summary(summary: Summary) -> Figure:
         axes.tick_params(labelsize=8)
         axes.grid(axis="x", color="0.9")
         axes.set_axisbelow(True)
-    balance.set_yticks(rows, [each.name.replace("_", " ") for each in summary.classes])
+    balance.set_yticks(rows, [class_summary.name.replace("_", " ") for class_summary in summary.classes])
     balance.invert_yaxis()
     title = f"{summary.name}: {summary.samples} of {summary.wanted} samples, {len(summary.failures)} failed"
     figure.suptitle(drawable("title", title), fontsize=10)

@@ -92,10 +92,10 @@ class TorchDataset(MapDataset):  # type: ignore[misc, type-arg]
 
     def _within(self, range_db: float) -> float:
         """A dynamic range that the data set holds: below that of "uint8" there is nothing left."""
-        kept = self.dataset.recipe.products.kept[self.product]
-        if kept.dtype == "uint8" and range_db > kept.dynamic_range_db:
+        definition = self.dataset.recipe.products.kept[self.product]
+        if definition.dtype == "uint8" and range_db > definition.dynamic_range_db:
             raise InputError(
-                f"the data set holds {kept.dynamic_range_db:g} dB and dynamic_range_db asks for {range_db:g} dB; ask for less"
+                f"the data set holds {definition.dynamic_range_db:g} dB and dynamic_range_db asks for {range_db:g} dB; ask for less"
             )
         return range_db
 
@@ -106,8 +106,8 @@ def fitted(values: np.ndarray, product: Product, length: int) -> np.ndarray:
     lacking = length - values.shape[axis]
     if lacking <= 0:
         if product == "points":
-            kept = np.argsort(-values[:, POINT_COLUMNS.index("snr_db")], kind="stable")[:length]
-            return np.asarray(values[np.sort(kept)])
+            chosen = np.argsort(-values[:, POINT_COLUMNS.index("snr_db")], kind="stable")[:length]
+            return np.asarray(values[np.sort(chosen)])
         return np.asarray(values[(slice(None),) * axis + (slice(length),)])
     padding = [(0, 0)] * values.ndim
     padding[axis] = 0, lacking

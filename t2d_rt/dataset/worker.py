@@ -43,10 +43,10 @@ def view(
     A background is added as power, in which echoes and noise add up in the mean (`add_background`).
     Raises InputError where occluded windows leave nothing of the record.
     """
-    kept = recipe.products.spectrogram
-    if kept is None:
+    spectrogram = recipe.products.spectrogram
+    if spectrogram is None:
         return None
-    recording = recording.processed(mti=kept.mti, range_gate_m=range_gate_m)
+    recording = recording.processed(mti=spectrogram.mti, range_gate_m=range_gate_m)
     image = recording.spectrogram
     velocity, time_s = image.velocity_mps.values, image.time_s.values
     power = _power(image.values)
@@ -120,16 +120,16 @@ def make_samples(recipe_json: str, plans_json: Mapping[str, str], indices: Seque
     keep_freed()
     recipe = _recipe(recipe_json)
     plans = {name: Accuracy.model_validate_json(text) for name, text in plans_json.items()}
-    where, common = machine(), has_common_kernels()
+    machine_name, common = machine(), has_common_kernels()
     with limited_threads(threads):
-        return [replace(make_sample(recipe, plans, index), machine=where, common=common) for index in indices]
+        return [replace(make_sample(recipe, plans, index), machine=machine_name, common=common) for index in indices]
 
 
 def in_worker(work: Callable[..., Any], *task: Any) -> Any:
     """A call of `make_samples` or `make_plan` in a process of its own."""
-    made = work(*task)
+    result = work(*task)
     _settle()
-    return made
+    return result
 
 
 @functools.cache
@@ -162,7 +162,7 @@ def make_sample(recipe: Recipe, plans: Plans, index: int) -> Made:
 def _made(recipe: Recipe, plans: Plans, index: int) -> Made:
     """The work of `make_sample`: motion, simulation, products, and the record that tells of them."""
     cell = cell_of(recipe, index)
-    wanted = description_of(recipe, cell)
+    description = description_of(recipe, cell)
     record: dict[str, Any] = {
         "index": index,
         "class": cell.activity,
@@ -170,17 +170,19 @@ def _made(recipe: Recipe, plans: Plans, index: int) -> Made:
         "repetition": cell.repetition,
         "motion": cell.number,
         "condition": cell.condition.name,
-        "sentence": wanted.sentence,
-        "slots": wanted.model_dump(mode="json", by_alias=True, exclude={"sentence", "activity"}, exclude_none=True),
+        "sentence": description.sentence,
+        "slots": description.model_dump(
+            mode="json", by_alias=True, exclude={"sentence", "activity"}, exclude_none=True
+        ),
     }
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", T2DWarning)
         try:
             begin, cpu = time.perf_counter(), time.process_time()
-            found = sample(recipe, index)
+            drawn = sample(recipe, index)
             moved = time.perf_counter()
-            record |= _described(found)
-            arrays, told_of, seconds = _recorded(recipe, found, accuracy_of(cell, plans))
+            record |= _described(drawn)
+            arrays, entries, seconds = _recorded(recipe, drawn, accuracy_of(cell, plans))
         except (MemoryError, KeyboardInterrupt):
             raise
         except Exception as error:  # one sample's failure is no reason to lose the others
@@ -188,54 +190,56 @@ def _made(recipe: Recipe, plans: Plans, index: int) -> Made:
             if not isinstance(error, InputError):
                 reason = f"{type(error).__name__}: {reason}"
             return Made(record | {"failure": reason})
-    record |= told_of
-    record["warnings"] = sorted({str(each.message) for each in told if issubclass(each.category, T2DWarning)})
+    record |= entries
+    record["warnings"] = sorted(
+        {str(warning.message) for warning in caught if issubclass(warning.category, T2DWarning)}
+    )
     return Made(
         record | {"failure": None}, arrays, {"motion": moved - begin, **seconds, "cpu": time.process_time() - cpu}
     )
 
 
-def _described(found: Sample) -> dict[str, Any]:
+def _described(drawn: Sample) -> dict[str, Any]:
     """What a record tells of a sample before it is simulated."""
-    source = found.cut.source
+    source = drawn.cut.source
     return {
         "provider": source.provider,
-        "subject": found.subject,
-        "body": found.experiment.body,
+        "subject": drawn.subject,
+        "body": drawn.experiment.body,
         "stature_m": source.stature_m,
         "seed": source.seed,
         "gait_factor": source.gait_factor,
-        **asdict(found.place),
-        **provenance(found.cut),
-        "second_person": _second_person(found),
-        "activities": [[name, round(begin_s, 6)] for name, begin_s in found.cut.motion.activities],
-        "breathing": None if (breathing := found.cut.motion.breathing) is None else asdict(breathing),
-        "experiment": found.experiment.hash,
+        **asdict(drawn.place),
+        **provenance(drawn.cut),
+        "second_person": _second_person(drawn),
+        "activities": [[name, round(begin_s, 6)] for name, begin_s in drawn.cut.motion.activities],
+        "breathing": None if (breathing := drawn.cut.motion.breathing) is None else asdict(breathing),
+        "experiment": drawn.experiment.hash,
     }
 
 
-def _second_person(found: Sample) -> dict[str, Any] | None:
+def _second_person(drawn: Sample) -> dict[str, Any] | None:
     """What a record tells of a person beside the one who is labelled: sentence, seed, and clips."""
-    others = [target for target in found.experiment.targets[1:] if isinstance(target, MotionText)]
+    others = [target for target in drawn.experiment.targets[1:] if isinstance(target, MotionText)]
     if not others:
         return None
     return {"sentence": others[0].text, "seed": others[0].seed, "sources": list(others[0].made().origin)}
 
 
 def _recorded(
-    recipe: Recipe, found: Sample, accuracy: Accuracy | None
+    recipe: Recipe, drawn: Sample, accuracy: Accuracy | None
 ) -> tuple[dict[str, np.ndarray], dict[str, Any], dict[str, float]]:
     """Arrays of a sample, what its record tells of them, and the time that it took."""
     begin = time.perf_counter()
-    kept = recipe.products.parts
-    split = None if kept is None else kept.split
-    gate_m = range_gate(recipe, found)
-    if gate_m is None or recipe.products.needs_samples or found.experiment.radar.multiplexing == "ddm":
-        recording = run(found.experiment, accuracy, measure_error=found.measured, split=split, device="cpu")
+    parts = recipe.products.parts
+    split = None if parts is None else parts.split
+    gate_m = range_gate(recipe, drawn)
+    if gate_m is None or recipe.products.needs_samples or drawn.experiment.radar.multiplexing == "ddm":
+        recording = run(drawn.experiment, accuracy, measure_error=drawn.measured, split=split, device="cpu")
     else:
-        recording = run_gated(found.experiment, accuracy, gate_m, measure_error=found.measured, device="cpu")
+        recording = run_gated(drawn.experiment, accuracy, gate_m, measure_error=drawn.measured, device="cpu")
     simulated = time.perf_counter()
-    arrays, products = recipe.products.made(recording, view(recording, recipe, found.cell.index, gate_m))
+    arrays, products = recipe.products.made(recording, view(recording, recipe, drawn.cell.index, gate_m))
     record = {
         "duration_s": round(record_length_s(recording), 9),
         "error_db": None if recording.error_db is None else round(recording.error_db, 3),
@@ -251,14 +255,14 @@ PLANNED = 20
 
 def groups(recipe: Recipe, count: int, *, only: str | None = None) -> dict[str, list[int]]:
     """Indices of the first few of so many samples whose condition has a tolerance, by their group; of one group if `only` that."""
-    found: dict[str, list[int]] = {}
+    indices_by_group: dict[str, list[int]] = {}
     for index in range(count):
         cell = cell_of(recipe, index)
         if cell.condition.tolerance_db is not None and only in (None, group_of(cell)):
-            found.setdefault(group_of(cell), [])
-            if len(found[group_of(cell)]) < PLANNED:
-                found[group_of(cell)].append(index)
-    return found
+            indices_by_group.setdefault(group_of(cell), [])
+            if len(indices_by_group[group_of(cell)]) < PLANNED:
+                indices_by_group[group_of(cell)].append(index)
+    return indices_by_group
 
 
 def make_plans(
@@ -266,14 +270,23 @@ def make_plans(
 ) -> dict[str, str]:
     """Accuracies of the groups as JSON, those that a file holds already and the others, which `take_up` makes where it makes
     samples; they are added to the file."""
-    known, text = read_plans(path), recipe.model_dump_json()
-    tasks = [(text, name, indices, threads) for name, indices in groups(recipe, count).items() if name not in known]
+    accuracies, text = read_plans(path), recipe.model_dump_json()
+    tasks = [
+        (text, name, indices, threads) for name, indices in groups(recipe, count).items() if name not in accuracies
+    ]
     if tasks or not path.exists():
-        made = take_up(make_plan, tasks) if tasks else ()
-        known = dict(sorted({**known, **{name: Accuracy.model_validate_json(plain) for name, plain in made}}.items()))
-        plain = {name: each.model_dump(mode="json") for name, each in known.items()}
-        write_whole(path, (json.dumps(plain, indent=1) + "\n").encode())
-    return {name: each.model_dump_json() for name, each in known.items()}
+        new_plans = take_up(make_plan, tasks) if tasks else ()
+        accuracies = dict(
+            sorted(
+                {
+                    **accuracies,
+                    **{name: Accuracy.model_validate_json(accuracy_json) for name, accuracy_json in new_plans},
+                }.items()
+            )
+        )
+        values = {name: accuracy.model_dump(mode="json") for name, accuracy in accuracies.items()}
+        write_whole(path, (json.dumps(values, indent=1) + "\n").encode())
+    return {name: accuracy.model_dump_json() for name, accuracy in accuracies.items()}
 
 
 def make_plan(recipe_json: str, name: str, indices: list[int], threads: int) -> tuple[str, str]:
@@ -287,7 +300,7 @@ def read_plans(path: Path) -> dict[str, Accuracy]:
     if not path.exists():
         return {}
     try:
-        return {name: Accuracy.model_validate(each) for name, each in json.loads(path.read_bytes()).items()}
+        return {name: Accuracy.model_validate(values) for name, values in json.loads(path.read_bytes()).items()}
     except (OSError, ValueError, AttributeError, RecursionError) as error:
         raise InputError(f"{path} cannot be read ({error}); remove it and run the recipe again") from None
 
@@ -298,13 +311,13 @@ def plan_of(recipe: Recipe, indices: list[int]) -> Accuracy:
     failure: T2DError | None = None
     for index in indices:
         try:
-            found = sample(recipe, index)
-            condition = found.cell.condition
+            drawn = sample(recipe, index)
+            condition = drawn.cell.condition
             assert condition.tolerance_db is not None, "groups have a tolerance"
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", T2DWarning)  # the sample's record tells them
                 return plan(
-                    found.experiment, tolerance_db=condition.tolerance_db, accuracy=condition.accuracy, device="cpu"
+                    drawn.experiment, tolerance_db=condition.tolerance_db, accuracy=condition.accuracy, device="cpu"
                 ).accuracy
         except T2DError as error:
             failure = failure or error
@@ -319,18 +332,20 @@ def shown_sample(recipe: Recipe, index: int, take_up: Callable[..., Iterable[tup
     """
     import yaml
 
-    found = sample(recipe, index)
-    group = group_of(found.cell)
+    drawn = sample(recipe, index)
+    group = group_of(drawn.cell)
     plans: dict[str, Accuracy] = {}
-    if found.cell.condition.tolerance_db is not None:
+    if drawn.cell.condition.tolerance_db is not None:
         task = recipe.model_dump_json(), group, groups(recipe, recipe.samples, only=group)[group], 1
-        plans |= {name: Accuracy.model_validate_json(plain) for name, plain in take_up(make_plan, [task])}
-    accuracy = accuracy_of(found.cell, plans)
+        plans |= {
+            name: Accuracy.model_validate_json(accuracy_json) for name, accuracy_json in take_up(make_plan, [task])
+        }
+    accuracy = accuracy_of(drawn.cell, plans)
     text = (
-        f"# sample {index} of {recipe.name} ({recipe.hash[:8]}): {found.cell.activity}, {found.cell.condition.name}\n"
+        f"# sample {index} of {recipe.name} ({recipe.hash[:8]}): {drawn.cell.activity}, {drawn.cell.condition.name}\n"
     )
-    text += found.experiment.to_yaml()
+    text += drawn.experiment.to_yaml()
     if accuracy is not None:
-        plain = {"accuracy": accuracy.model_dump(mode="json", exclude_unset=True)}
-        text += str(yaml.safe_dump(plain, sort_keys=False))
+        values = {"accuracy": accuracy.model_dump(mode="json", exclude_unset=True)}
+        text += str(yaml.safe_dump(values, sort_keys=False))
     return text.rstrip()

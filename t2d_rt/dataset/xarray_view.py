@@ -50,19 +50,19 @@ def xarray_view(dataset: Dataset, product: Product) -> xr.Dataset:
         )
     levels = _Levels(dataset, product)
     dims = DIMENSIONS[product]
-    told = [record["products"][product] for record in dataset.records]
+    entries = [record["products"][product] for record in dataset.records]
     coordinates: dict[str, Any] = {"index": ("sample", dataset.indices), "label": ("sample", dataset.labels)}
     for name in OF_RECORDS:
         coordinates[name] = "sample", np.array([_plain(record[name]) for record in dataset.records])
     coordinates["peak_db"] = (
         "sample",
-        np.array([each["peak_db"] for each in told]),
+        np.array([entry["peak_db"] for entry in entries]),
         {"units": "dB re 1 W", "long_name": "greatest cell"},
     )
     renamed = list(dims)
     for place, (name, count) in enumerate(zip(dims, levels.shape[1:], strict=True)):
         if name in UNITS:
-            axes = np.stack([axis(each[name], count) for each in told])
+            axes = np.stack([axis(entry[name], count) for entry in entries])
             about = {"units": UNITS[name]}
             if np.all(axes == axes[0]):
                 coordinates[name] = name, axes[0], about
