@@ -85,30 +85,32 @@ class Augmenter:
         self._bank = None
         if augment.background_db is not None:
             model = load_background()
-            found = [model.sample(duration_s, seed=seed * BANK + number).power for number in range(BANK)]
+            backgrounds = [model.sample(duration_s, seed=seed * BANK + number).power for number in range(BANK)]
             # The model's bins are stretched over the map's: it stands for clutter and noise, not for another radar's.
-            self._bank = np.stack([resized(each.astype(np.float64), size) for each in found])
+            self._bank = np.stack([resized(power.astype(np.float64), size) for power in backgrounds])
 
     def __call__(self, levels: np.ndarray, rng: np.random.Generator, others: np.ndarray) -> np.ndarray:
         """Levels (speed, time) [dB, 0 at the greatest cell], changed; others (N, speed, time) may come before or after."""
-        told = self.augment
-        if told.follow > 0:
-            levels = _followed(levels, others[rng.integers(len(others))], rng.uniform(-told.follow, told.follow), rng)
-        if told.shift > 0:
-            levels = _shifted(levels, round(rng.uniform(-told.shift, told.shift) * levels.shape[1]))
-        if told.doppler > 0:
-            levels = _stretched(levels, 1.0 + rng.uniform(-told.doppler, told.doppler))
-        if told.mirror > 0 and rng.random() < told.mirror:
+        augment = self.augment
+        if augment.follow > 0:
+            levels = _followed(
+                levels, others[rng.integers(len(others))], rng.uniform(-augment.follow, augment.follow), rng
+            )
+        if augment.shift > 0:
+            levels = _shifted(levels, round(rng.uniform(-augment.shift, augment.shift) * levels.shape[1]))
+        if augment.doppler > 0:
+            levels = _stretched(levels, 1.0 + rng.uniform(-augment.doppler, augment.doppler))
+        if augment.mirror > 0 and rng.random() < augment.mirror:
             levels = levels[::-1]
-        if told.gain_db > 0:
-            levels = levels - np.float32(rng.uniform(0, told.gain_db))
+        if augment.gain_db > 0:
+            levels = levels - np.float32(rng.uniform(0, augment.gain_db))
         background = None
-        if self._bank is not None and told.background_db is not None:
+        if self._bank is not None and augment.background_db is not None:
             power = np.roll(self._bank[rng.integers(BANK)], rng.integers(levels.shape[1]), axis=1)
-            background = power * 10.0 ** (rng.uniform(told.background_db - 20.0, told.background_db) / 10.0)
+            background = power * 10.0 ** (rng.uniform(augment.background_db - 20.0, augment.background_db) / 10.0)
             levels = 10.0 * np.log10(10.0 ** (levels / 10.0) + background)
-        if told.masks is not None:
-            levels = self._masked(levels, background, told.masks, rng)
+        if augment.masks is not None:
+            levels = self._masked(levels, background, augment.masks, rng)
         return np.clip(levels, self._floor_db, 0.0).astype(np.float32)
 
     def of_epoch(self, epoch: int, levels: np.ndarray, places: np.ndarray) -> np.ndarray:
@@ -145,8 +147,8 @@ def _followed(levels: np.ndarray, other: np.ndarray, part: float, rng: np.random
     if by == 0:
         return levels
     other = other + np.float32(rng.uniform(-FOLLOW_DB, FOLLOW_DB))
-    both = [other[:, -by:], levels[:, :-by]] if by > 0 else [levels[:, -by:], other[:, :-by]]
-    joined = np.concatenate(both, axis=1)
+    parts = [other[:, -by:], levels[:, :-by]] if by > 0 else [levels[:, -by:], other[:, :-by]]
+    joined = np.concatenate(parts, axis=1)
     return np.asarray(joined - joined.max())
 
 

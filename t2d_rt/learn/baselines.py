@@ -34,9 +34,9 @@ class Centroids:
     def of(cls, values: np.ndarray, labels: np.ndarray, *, shrinkage: float = SHRINKAGE) -> Centroids:
         """From samples (N, F); with a shrinkage of 1 the metric is that of standardised features."""
         mean, scale = values.mean(axis=0), values.std(axis=0) + 1e-9
-        plain = (values - mean) / scale
-        centroids = np.stack([plain[labels == label].mean(axis=0) for label in range(labels.max() + 1)])
-        within = plain - centroids[labels]
+        standardised = (values - mean) / scale
+        centroids = np.stack([standardised[labels == label].mean(axis=0) for label in range(labels.max() + 1)])
+        within = standardised - centroids[labels]
         covariance = within.T @ within / len(within)
         count = len(covariance)
         mean_variance = float(np.trace(covariance)) / count or 1.0  # of classes of one sample each nothing is known
@@ -74,11 +74,11 @@ def baseline_probabilities(name: str, train: LabelledMaps, test: LabelledMaps, *
     """Probability of each class of the test's maps, (N, K), by a baseline that is trained on others of all classes."""
     if name not in BASELINES:
         raise unknown_name("baseline", name, BASELINES)
-    known, asked = feature_table(train.checked_for_training()), feature_table(test)
+    train_features, test_features = feature_table(train.checked_for_training()), feature_table(test)
     if name == "nearest-centroid":
-        return Centroids.of(known, train.labels).probabilities(asked)
+        return Centroids.of(train_features, train.labels).probabilities(test_features)
     require_learning()
     from sklearn.ensemble import HistGradientBoostingClassifier
 
     model = HistGradientBoostingClassifier(max_iter=100, min_samples_leaf=5, early_stopping=False, random_state=seed)
-    return np.asarray(model.fit(known, train.labels).predict_proba(asked))
+    return np.asarray(model.fit(train_features, train.labels).predict_proba(test_features))

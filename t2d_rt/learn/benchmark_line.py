@@ -53,16 +53,19 @@ def line(name: str, dataset: Dataset, told: np.ndarray) -> Line:
             f"a model must tell {len(labels)} numbers of classes, got {told.dtype} of shape {told.shape}; return whole numbers"
         )
     conditions = np.array([record["condition"] for record in records])
-    apart = [[str(record["sentence"]) for record in records], [str(record["subject"]) for record in records]]
-    accuracy, f1 = interval_of(labels, told, len(dataset.classes), apart)
+    groups = [[str(record["sentence"]) for record in records], [str(record["subject"]) for record in records]]
+    accuracy, f1 = interval_of(labels, told, len(dataset.classes), groups)
     return Line(
         name=name,
         samples={side: len(places) for side, places in dataset.sides.items()},
         accuracy=accuracy,
         macro_f1=f1,
         by_condition={
-            str(each): (float(np.mean((told == labels)[conditions == each])), int(np.sum(conditions == each)))
-            for each in np.unique(conditions)
+            str(condition): (
+                float(np.mean((told == labels)[conditions == condition])),
+                int(np.sum(conditions == condition)),
+            )
+            for condition in np.unique(conditions)
         },
     )
 
@@ -76,8 +79,8 @@ def benchmark(folder: str | Path, model: Model, *, name: str | None = None, size
     """
     dataset = Dataset(folder)
     sides, maps = sides_of_recipe(dataset), maps_of(dataset, size=(size, size))
-    known = maps.take(np.concatenate([places for side, places in sides.items() if side != "test"]))
-    model.fit(in_rows(known), known.labels)
+    training_maps = maps.take(np.concatenate([places for side, places in sides.items() if side != "test"]))
+    model.fit(in_rows(training_maps), training_maps.labels)
     return line(name or type(model).__name__, dataset, model.predict(in_rows(maps.take(sides["test"]))))
 
 
@@ -88,12 +91,12 @@ def in_rows(maps: LabelledMaps) -> np.ndarray:
 
 def sides_of_recipe(dataset: Dataset) -> dict[str, np.ndarray]:
     """Positions of the samples of each side; refused where the recipe has none, or samples of a side are lacking."""
-    found = dataset.sides
-    if not found:
+    sides = dataset.sides
+    if not sides:
         raise InputError(
             f"recipe {dataset.recipe.name} has no sides, so nothing says what is the test; take the recipe benchmark-2"
         )
-    empty = [name for name, places in found.items() if not len(places)]
+    empty = [name for name, places in sides.items() if not len(places)]
     if empty:
         raise InputError(f"{dataset.path} has no sample of side {empty[0]} yet; make more of its samples")
-    return found
+    return sides

@@ -53,23 +53,23 @@ def fitted(
     keep_at: file of the state, which is kept after each epoch.
     Returns what the epochs were like, and how long one took [s], None where all were done before.
     """
-    kept = None if keep_at is None or not keep_at.exists() else read_state(keep_at, network)
+    state = None if keep_at is None or not keep_at.exists() else read_state(keep_at, network)
     training = Training(network, maps, options, dynamic_range_db)
-    first = 0 if kept is None else len(kept["history"])
+    first = 0 if state is None else len(state["history"])
     started = time.perf_counter()
     try:
-        if kept is not None:
-            training.go_on(kept)
+        if state is not None:
+            training.go_on(state)
         while len(training.history) < options.epochs and not training.stopped:
             training.epoch()
             if keep_at is not None:
-                new = keep_at.with_suffix(".new")
-                torch.save(training.state, new)
-                new.replace(keep_at)
+                temporary = keep_at.with_suffix(".new")
+                torch.save(training.state, temporary)
+                temporary.replace(keep_at)
             if progress is not None:
                 progress(len(training.history) / options.epochs)
     except Exception as error:  # PyTorch raises what it likes of a state that another has written
-        if keep_at is None or kept is None or isinstance(error, InputError) or len(training.history) > first:
+        if keep_at is None or state is None or isinstance(error, InputError) or len(training.history) > first:
             raise
         raise not_a_state(keep_at, error) from None
     done = len(training.history) - first
@@ -128,7 +128,7 @@ class Training:
     @property
     def stopped(self) -> bool:
         """Whether the loss on a plateau has not fallen for as many epochs as the patience is."""
-        losses = [each["val_loss"] for each in self.history]
+        losses = [row["val_loss"] for row in self.history]
         plateau = self._options.schedule == "plateau"
         return plateau and bool(losses) and len(losses) - 1 - losses.index(min(losses)) >= self._options.patience
 
@@ -151,14 +151,14 @@ class Training:
             raise InputError(
                 f"the loss is no longer finite in epoch {epoch + 1}, at a rate of {rate:g}; lower the learning rate"
             )
-        before = min((each["val_loss"] for each in self.history), default=math.inf)
-        told = {
+        before = min((row["val_loss"] for row in self.history), default=math.inf)
+        figures = {
             f"{side}_{name}": value for side, row in (("train", train), ("val", val)) for name, value in row.items()
         }
-        del told["train_f1"]
-        self.history.append({"epoch": float(epoch), "rate": rate, **told})
+        del figures["train_f1"]
+        self.history.append({"epoch": float(epoch), "rate": rate, **figures})
         if val["loss"] < before:
-            self.best = {name: each.detach().clone() for name, each in self._network.state_dict().items()}
+            self.best = {name: weight.detach().clone() for name, weight in self._network.state_dict().items()}
         if options.schedule == "plateau":
             self._plateau.step(val["loss"])
 
@@ -166,7 +166,7 @@ class Training:
         self, parts: Iterator[tuple[Tensor, Tensor]], smoothing: float = 0.0, *, step: bool = False
     ) -> dict[str, float]:
         """Mean loss, accuracy and macro-F1 of batches, after each of which weights take a step where that is asked."""
-        losses, found = [], []
+        losses, outcomes = [], []
         for maps, labels in parts:
             maps, labels = maps.to(self._device), labels.to(self._device)
             with torch.autocast(self._device, dtype=torch.bfloat16, enabled=self._half):
@@ -177,10 +177,10 @@ class Training:
                 loss.backward()
                 self._optimizer.step()
             losses.append(float(loss.detach()) * len(labels))
-            found.append(torch.stack([labels, scores.detach().argmax(dim=1)]).cpu().numpy())
-        truth, told = np.concatenate(found, axis=1)
+            outcomes.append(torch.stack([labels, scores.detach().argmax(dim=1)]).cpu().numpy())
+        truth, predicted = np.concatenate(outcomes, axis=1)
         return {
             "loss": sum(losses) / len(truth),
-            "accuracy": float(np.mean(truth == told)),
-            "f1": float(macro_f1(truth, told, len(self._train.classes))),
+            "accuracy": float(np.mean(truth == predicted)),
+            "f1": float(macro_f1(truth, predicted, len(self._train.classes))),
         }

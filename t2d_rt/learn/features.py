@@ -46,25 +46,25 @@ def check_steps(noun: str, columns: int, duration_s: float) -> None:
 def features(levels_db: np.ndarray, velocity_mps: np.ndarray, duration_s: float) -> dict[str, float]:
     """Features of a spectrogram (speed, time) [dB, 0 at the greatest cell] by name."""
     levels, velocity = levels_db.astype(np.float64), velocity_mps
-    found = envelope(levels, velocity)
+    envelope_lines = envelope(levels, velocity)
     fast = np.abs(velocity)[:, None] >= NOTCH_MPS
-    power = np.where((levels > found.threshold_db) & fast, 10.0 ** (levels / 10.0), 0.0)
+    power = np.where((levels > envelope_lines.threshold_db) & fast, 10.0 ** (levels / 10.0), 0.0)
     total = np.maximum(power.sum(axis=0), 1e-12)
     mean = (power * velocity[:, None]).sum(axis=0) / total
     spread = np.sqrt((power * (velocity[:, None] - mean) ** 2).sum(axis=0) / total)
     lines = {
-        "torso": found.torso_mps,
+        "torso": envelope_lines.torso_mps,
         "mean": mean,
         "spread": spread,
-        "bandwidth": found.upper_mps - found.lower_mps,
-        "asymmetry": found.upper_mps + found.lower_mps,
+        "bandwidth": envelope_lines.upper_mps - envelope_lines.lower_mps,
+        "asymmetry": envelope_lines.upper_mps + envelope_lines.lower_mps,
     }
     step_s = duration_s / levels.shape[1]
     return {
-        **_speeds(found.upper_mps, -found.lower_mps, lines),
-        **_profile(levels > found.threshold_db, power, velocity),
+        **_speeds(envelope_lines.upper_mps, -envelope_lines.lower_mps, lines),
+        **_profile(levels > envelope_lines.threshold_db, power, velocity),
         **_modulation(lines, step_s),
-        **_periodicity(np.where(fast, np.clip(levels - found.threshold_db, 0, 15), 0.0), step_s),
+        **_periodicity(np.where(fast, np.clip(levels - envelope_lines.threshold_db, 0, 15), 0.0), step_s),
         **activity_features(levels, velocity, duration_s),
     }
 
@@ -85,7 +85,7 @@ def _speeds(upper: np.ndarray, lower: np.ndarray, lines: dict[str, np.ndarray]) 
         "spread": (lines["spread"], (10, 50, 90)),
         "both sides": (np.minimum(upper, lower), (50, 95)),
     }
-    found = {
+    percentiles = {
         f"{name} {level}": _log(np.percentile(line, level))
         for name, (line, levels) in spans.items()
         for level in levels
@@ -93,7 +93,7 @@ def _speeds(upper: np.ndarray, lower: np.ndarray, lines: dict[str, np.ndarray]) 
     mean_signs = np.mean(lines["mean"] > 0.3), np.mean(lines["mean"] < -0.3)
     middle = bandwidth.mean() + 0.1
     last = len(bandwidth) // 5
-    return found | {
+    return percentiles | {
         "net": _log(abs(lines["torso"].mean())),
         "range of the torso": _log(np.ptp(lines["torso"])),
         "one way": float(max(mean_signs)),
@@ -110,36 +110,36 @@ def _speeds(upper: np.ndarray, lower: np.ndarray, lines: dict[str, np.ndarray]) 
 
 def _profile(above: np.ndarray, power: np.ndarray, velocity: np.ndarray) -> dict[str, float]:
     """Occupied cells and power by speed."""
-    found = {}
+    profile = {}
     for low, high in pairwise(SPEEDS_MPS):
         rows = (np.abs(velocity) >= low) & (np.abs(velocity) < high)
         occupied = above[rows].mean() if rows.any() else 0.0  # the map may end before these speeds
-        found[f"cells from {low} m/s"] = _log(occupied, 0.01)
-        found[f"power from {low} m/s"] = _log(power[rows].sum() / max(power.sum(), 1e-12), 1e-4)
-    return found
+        profile[f"cells from {low} m/s"] = _log(occupied, 0.01)
+        profile[f"power from {low} m/s"] = _log(power[rows].sum() / max(power.sum(), 1e-12), 1e-4)
+    return profile
 
 
 def _modulation(lines: dict[str, np.ndarray], step_s: float) -> dict[str, float]:
     """Energy of each line in bands of modulation."""
-    found = {}
+    energies = {}
     for name in ("mean", "spread", "bandwidth", "asymmetry"):
         line = lines[name]
         spectrum = np.abs(np.fft.rfft((line - line.mean()) * np.hanning(len(line)), 2 * len(line))) ** 2 / len(line)
         rate = np.fft.rfftfreq(2 * len(line), step_s)
         for low, high in pairwise(MODULATION_HZ):
-            found[f"{name} from {low} Hz"] = _log(spectrum[(rate >= low) & (rate < high)].sum(), 0.05)
-    return found
+            energies[f"{name} from {low} Hz"] = _log(spectrum[(rate >= low) & (rate < high)].sum(), 0.05)
+    return energies
 
 
 def _periodicity(shown: np.ndarray, step_s: float) -> dict[str, float]:
     """The highest peak of the autocorrelation in time of all rows together, and where it is."""
     width = round(SLOW_S / step_s)
-    rows = shown - np.stack([np.convolve(each, np.ones(width) / width, "same") for each in shown])
+    rows = shown - np.stack([np.convolve(row, np.ones(width) / width, "same") for row in shown])
     count = rows.shape[1]
     spectrum = np.abs(np.fft.rfft(rows, 2 * count, axis=1)) ** 2
     correlation = np.fft.irfft(spectrum.sum(axis=0))[:count] / np.arange(count, 0, -1)
     correlation /= max(correlation[0], 1e-12)
-    first, last = (round(each / step_s) for each in PERIODS_S)
+    first, last = (round(period_s / step_s) for period_s in PERIODS_S)
     best = first + int(np.argmax(correlation[first:last]))
     return {"periodicity": float(correlation[best]), "period": best * step_s}
 
@@ -288,20 +288,21 @@ def _line_speeds(lines: Lines, speed: np.ndarray) -> dict[str, float]:
     """Percentiles of the lines, and the power of what is faster than the body."""
     body = np.percentile(np.abs(lines.middle), 90) + 0.2
     total = max(float(lines.power.sum()), 1e-12)
-    found = {
-        f"power beyond {each} bodies": _log(lines.power[speed > each * body].sum() / total, 1e-3) for each in BEYOND
+    line_features = {
+        f"power beyond {multiple} bodies": _log(lines.power[speed > multiple * body].sum() / total, 1e-3)
+        for multiple in BEYOND
     }
     for level in LINES_LEVELS:
         one, other = (_log(np.percentile(np.abs(line), level)) for line in (lines.lower, lines.upper))
-        found |= {f"outer line {level}": max(one, other), f"inner line {level}": min(one, other)}
-        found[f"middle {level}"] = _log(np.percentile(np.abs(lines.middle), level))
-        found[f"width {level}"] = _log(np.percentile(lines.upper - lines.lower, level))
-    return found
+        line_features |= {f"outer line {level}": max(one, other), f"inner line {level}": min(one, other)}
+        line_features[f"middle {level}"] = _log(np.percentile(np.abs(lines.middle), level))
+        line_features[f"width {level}"] = _log(np.percentile(lines.upper - lines.lower, level))
+    return line_features
 
 
 def _cadence(lines: dict[str, np.ndarray], step_s: float) -> dict[str, float]:
     """Of each line less its drift: mean rate of what is periodic, strongest rate and its fraction, standard deviation."""
-    found: dict[str, float] = {}
+    cadence: dict[str, float] = {}
     for name, line in lines.items():
         count = len(line)
         steps = (line - _smooth(line, int(DRIFT_S / step_s))) * np.hanning(count)
@@ -310,13 +311,13 @@ def _cadence(lines: dict[str, np.ndarray], step_s: float) -> dict[str, float]:
         spectrum, rates = np.abs(np.fft.rfft(steps, 4 * count))[shown] ** 2, np.log(rate[shown])
         fraction = spectrum / (spectrum.sum() + 1e-12)
         strongest = int(np.argmax(fraction))
-        found |= {
+        cadence |= {
             f"mean rate of the {name}": float((fraction * rates).sum()),
             f"rate of the {name}": float(rates[strongest]),
             f"rhythm of the {name}": float(np.log(fraction[strongest] + 1e-3)),
             f"steps of the {name}": _log(float(steps.std())),
         }
-    return found
+    return cadence
 
 
 BANDS_SMOOTHED = 3
@@ -397,14 +398,14 @@ def _levels(name: str, bands: np.ndarray) -> dict[str, float]:
 
 def _likeness(bands: np.ndarray, step_s: float) -> dict[str, float]:
     """Correlation of torso and limbs with themselves a while later."""
-    found = {}
+    correlations = {}
     change = bands - bands.mean(axis=1, keepdims=True)
     for name, rows in (("torso", change[:SLOW_BANDS]), ("limbs", change[SLOW_BANDS:])):
         whole = float((rows**2).mean(axis=1).sum()) + len(rows)
         for lag_s in LAGS_S:
             lag = min(max(1, round(lag_s / step_s)), rows.shape[1] - 1)
-            found[f"{name} after {lag_s} s"] = float((rows[:, lag:] * rows[:, :-lag]).mean(axis=1).sum()) / whole
-    return found
+            correlations[f"{name} after {lag_s} s"] = float((rows[:, lag:] * rows[:, :-lag]).mean(axis=1).sum()) / whole
+    return correlations
 
 
 def _spectrum(lines: np.ndarray, step_s: float) -> np.ndarray:

@@ -25,13 +25,13 @@ def curves_figure(history: Sequence[dict[str, float]], *, title: str) -> Figure:
     figure = NotebookFigure(figsize=(9, 3.6), layout="constrained")
     axes = figure.subplots(1, 2)
     epochs = np.arange(1, len(history) + 1)
-    best = int(np.argmin([each["val_loss"] for each in history])) + 1
-    for ax, what, label in ((axes[0], "loss", "cross entropy [nat]"), (axes[1], "accuracy", "accuracy [%]")):
-        scale = 100.0 if what == "accuracy" else 1.0
+    best = int(np.argmin([row["val_loss"] for row in history])) + 1
+    for ax, quantity, label in ((axes[0], "loss", "cross entropy [nat]"), (axes[1], "accuracy", "accuracy [%]")):
+        scale = 100.0 if quantity == "accuracy" else 1.0
         for side, name in (("train", "training"), ("val", "validation")):
             ax.plot(
                 epochs,
-                [scale * each[f"{side}_{what}"] for each in history],
+                [scale * row[f"{side}_{quantity}"] for row in history],
                 marker="." if len(epochs) < 30 else "",
                 label=name,
             )
@@ -56,7 +56,7 @@ def confusion_figure(scores: Scores, classes: Sequence[str], *, title: str) -> F
 def draw_confusion(ax: Axes, confusion: np.ndarray, classes: Sequence[str]) -> Any:
     """Rows are the classes, columns what they are taken for; what `imshow` drew."""
     part = 100.0 * confusion / np.maximum(confusion.sum(axis=1, keepdims=True), 1)
-    drawn = ax.imshow(part, vmin=0, vmax=100, cmap="Blues")
+    image = ax.imshow(part, vmin=0, vmax=100, cmap="Blues")
     for row in range(len(classes)):
         for column in range(len(classes)):
             if confusion[row, column]:
@@ -65,7 +65,7 @@ def draw_confusion(ax: Axes, confusion: np.ndarray, classes: Sequence[str]) -> A
     ax.set_xticks(range(len(classes)), classes, rotation=45, ha="right")
     ax.set_yticks(range(len(classes)), classes)
     ax.set(xlabel="taken for [% of the class]", ylabel="class")
-    return drawn
+    return image
 
 
 def reliability_figure(scores: Scores, *, title: str) -> Figure:
@@ -90,24 +90,24 @@ def reliability_figure(scores: Scores, *, title: str) -> Figure:
     return figure
 
 
-def prediction_figure(recording: Recording, found: Prediction, *, title: str) -> Figure:
+def prediction_figure(recording: Recording, prediction: Prediction, *, title: str) -> Figure:
     """The spectrogram with static echoes as the network sees them, and below it the probability of each class over time; the
     names are those of the likeliest course, where an activity lasts long enough for its name."""
     figure = NotebookFigure(figsize=(10, 6.4), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-    recording.processed(mti=found.mti).plot(title, ax=upper)
+    recording.processed(mti=prediction.mti).plot(title, ax=upper)
     upper.set_xlabel("")
-    middles = found.middles_s
+    middles = prediction.middles_s
     if len(middles) == 1:
-        middles = np.array([found.starts_s[0], found.starts_s[0] + found.duration_s])
-    levels = np.broadcast_to(100 * found.probabilities, (len(middles), len(found.classes)))
+        middles = np.array([prediction.starts_s[0], prediction.starts_s[0] + prediction.duration_s])
+    levels = np.broadcast_to(100 * prediction.probabilities, (len(middles), len(prediction.classes)))
     lower.stackplot(
-        middles, levels.T, labels=found.classes, colors=[f"C{number}" for number in range(len(found.classes))]
+        middles, levels.T, labels=prediction.classes, colors=[f"C{number}" for number in range(len(prediction.classes))]
     )
     first, last = lower.get_xlim()
-    for begin, end, number in found.pieces():
+    for begin, end, number in prediction.pieces():
         lower.axvline(begin, color="black", linewidth=1)
-        name = found.classes[number]
+        name = prediction.classes[number]
         if end - begin > WIDTH_OF_LETTER * len(name) * (last - first):
             lower.text(0.5 * (begin + end), 104, name, ha="center", va="bottom", fontsize=8, color=f"C{number}")
     lower.set(xlabel="time [s]", ylabel="probability [%]", ylim=(0, 100))

@@ -68,13 +68,14 @@ class Events:
         radar = maps.groups.get("radar", np.full(len(maps), "radar"))
         radars, events = tuple(dict.fromkeys(radar.tolist())), tuple(dict.fromkeys(maps.groups["event"].tolist()))
         places = {
-            (event, each): place for place, (event, each) in enumerate(zip(maps.groups["event"], radar, strict=True))
+            (event, radar_name): place
+            for place, (event, radar_name) in enumerate(zip(maps.groups["event"], radar, strict=True))
         }
         if len(places) != len(maps) or len(places) != len(events) * len(radars):
             raise InputError(
                 f"each of {len(events)} events needs one map by each of {len(radars)} radars, got {len(maps)} maps"
             )
-        table = np.array([[places[event, each] for each in radars] for event in events])
+        table = np.array([[places[event, radar_name] for radar_name in radars] for event in events])
         labels = maps.labels[table]
         if np.any(labels != labels[:, :1]):
             raise InputError("an event has maps of two classes; give each event one class")
@@ -102,7 +103,7 @@ class Events:
             self,
             levels=self.levels[chosen],
             labels=self.labels[chosen],
-            names=tuple(self.names[each] for each in chosen),
+            names=tuple(self.names[place] for place in chosen),
         )
 
     @property
@@ -147,10 +148,10 @@ class EventNet(nn.Module):
     def encoded(self, inputs: Tensor) -> Tensor:
         """What the convolutions tell of inputs (B, V, speed, time): (B, V, 2 * channels * SPEEDS_KEPT)."""
         batch, views = inputs.shape[:2]
-        found = self.encoder(inputs.flatten(0, 1)[:, None])
-        found = found.unflatten(2, (SPEEDS_KEPT, found.shape[2] // SPEEDS_KEPT)).mean(dim=3)
-        both = torch.cat([found.mean(dim=3), found.amax(dim=3)], dim=1)
-        return both.flatten(1).unflatten(0, (batch, views))
+        encoding = self.encoder(inputs.flatten(0, 1)[:, None])
+        encoding = encoding.unflatten(2, (SPEEDS_KEPT, encoding.shape[2] // SPEEDS_KEPT)).mean(dim=3)
+        pooled = torch.cat([encoding.mean(dim=3), encoding.amax(dim=3)], dim=1)
+        return pooled.flatten(1).unflatten(0, (batch, views))
 
     def forward(self, inputs: Tensor) -> Tensor:
         """Scores (B, K) of inputs (B, V, speed, time)."""
@@ -204,14 +205,14 @@ def seeded(seed: int) -> None:
 
 def augmented(inputs: Tensor, generator: torch.Generator) -> Tensor:
     """Events (B, V, speed, time) shifted in time, scaled, half of them with the radars' speeds turned round, one by one."""
-    found = []
+    augmented_events = []
     for event in inputs:
         shift = int(torch.randint(-SHIFT_ROWS, SHIFT_ROWS + 1, (1,), generator=generator))
         scale = 1.0 + GAIN * (2.0 * float(torch.rand(1, generator=generator)) - 1.0)
         views = torch.roll(event, shift, dims=2) * scale
         mirrored = torch.rand(len(event), generator=generator) < 0.5
-        found.append(torch.where(mirrored[:, None, None], views.flip(1), views))
-    return torch.stack(found)
+        augmented_events.append(torch.where(mirrored[:, None, None], views.flip(1), views))
+    return torch.stack(augmented_events)
 
 
 def fitted(
@@ -219,7 +220,7 @@ def fitted(
 ) -> nn.Module:
     """The module after training all parameters that may change; classes weigh alike."""
     generator = torch.Generator().manual_seed(seed)
-    tuned = [each for each in module.parameters() if each.requires_grad]
+    tuned = [parameter for parameter in module.parameters() if parameter.requires_grad]
     optimizer = torch.optim.AdamW(tuned, lr=schedule.rate, weight_decay=DECAY)
     rates = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, schedule.epochs)
     counts = torch.bincount(labels, minlength=int(labels.max()) + 1).clamp(min=1)
@@ -298,8 +299,8 @@ class OverEncoder(nn.Module):
 def _over_encoder(net: EventNet, layers: Top, train: Events, seed: int) -> nn.Module:
     """Tunes layers over features that are computed once: the convolutions stay as they are."""
     with torch.no_grad():
-        known = net.encoded(torch.from_numpy(train.inputs))
-    return OverEncoder(net, fitted(layers, known, torch.from_numpy(train.labels), HEADS, seed, augment=False))
+        encoded = net.encoded(torch.from_numpy(train.inputs))
+    return OverEncoder(net, fitted(layers, encoded, torch.from_numpy(train.labels), HEADS, seed, augment=False))
 
 
 def _linear_probing(net: EventNet, train: Events, seed: int) -> nn.Module:

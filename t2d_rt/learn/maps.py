@@ -127,14 +127,14 @@ class LabelledMaps:
 
         speeds_mps: outer edges of the lowest and the highest speed that they show then; by default those of now.
         """
-        wanted, (low, high) = checked_size(size), edges(self.velocity_mps)
+        new_size, (low, high) = checked_size(size), edges(self.velocity_mps)
         first, last = speeds_mps or (low, high)
-        if wanted == self.size and max(abs(first - low), abs(last - high)) < 1e-3 * (high - low) / wanted[0]:
+        if new_size == self.size and max(abs(first - low), abs(last - high)) < 1e-3 * (high - low) / new_size[0]:
             return self
         floor_db = float(self.levels.min())
         rows = (first - low) / (high - low), (last - low) / (high - low)
-        levels = np.stack([relative_levels(10.0 ** (level / 10.0), wanted, -floor_db, rows) for level in self.levels])
-        return replace(self, levels=levels, velocity_mps=axis((first, last), wanted[0]))
+        levels = np.stack([relative_levels(10.0 ** (level / 10.0), new_size, -floor_db, rows) for level in self.levels])
+        return replace(self, levels=levels, velocity_mps=axis((first, last), new_size[0]))
 
     def relabelled(self, classes: Sequence[str], of: Mapping[str, str] | None = None) -> LabelledMaps:
         """The samples of these classes, in this order; of: the new name of each class that is kept, its own by default."""
@@ -156,16 +156,16 @@ class LabelledMaps:
             if other.size != self.size:
                 raise InputError(f"maps of {self.size} and of {other.size} cells cannot be joined; resize one of them")
             check_axes(self, other)
-        every = (self, *others)
-        kinds = sorted(frozenset[str]().union(*(each.groups for each in every)))
+        all_maps = (self, *others)
+        kinds = sorted(frozenset[str]().union(*(maps.groups for maps in all_maps)))
         return replace(
             self,
-            levels=np.concatenate([each.levels for each in every]),
-            labels=np.concatenate([each.labels for each in every]),
+            levels=np.concatenate([maps.levels for maps in all_maps]),
+            labels=np.concatenate([maps.labels for maps in all_maps]),
             groups={
-                kind: np.concatenate([_group(each, kind, part) for part, each in enumerate(every)]) for kind in kinds
+                kind: np.concatenate([_group(maps, kind, part) for part, maps in enumerate(all_maps)]) for kind in kinds
             },
-            names=tuple(name for each in every for name in each.names),
+            names=tuple(name for maps in all_maps for name in maps.names),
         )
 
 
@@ -188,7 +188,7 @@ def maps_of(
     instance("dataset", dataset, Dataset, "a Dataset", hint="Dataset(folder) reads one")
     if product != "spectrogram":
         raise InputError(f"product must be 'spectrogram', a map of speed and time, got {shown(product)}")
-    wanted, range_db = checked_size(size), positive("dynamic_range_db", dynamic_range_db, 200, unit="dB")
+    map_size, range_db = checked_size(size), positive("dynamic_range_db", dynamic_range_db, 200, unit="dB")
     kind = dataset.checked(product)
     stored = dataset.recipe.products.spectrogram
     if stored is not None and stored.dtype == "uint8" and range_db > stored.dynamic_range_db:
@@ -201,7 +201,7 @@ def maps_of(
         values = dataset.values(place, kind)
         first, last = record["products"][kind]["velocity_mps"]
         rows = (lowest - first) / (last - first), (highest - first) / (last - first)
-        levels.append(relative_levels(10.0 ** (values.astype(np.float64) / 10.0), wanted, range_db, rows))
+        levels.append(relative_levels(10.0 ** (values.astype(np.float64) / 10.0), map_size, range_db, rows))
         check_varied(levels[-1], f"sample {record['index']} of {dataset.path}")
     durations = np.ptp([record["products"][kind]["time_s"] for record in dataset.records], axis=1)
     if np.ptp(durations) > 0.05 * durations[0]:
@@ -213,7 +213,7 @@ def maps_of(
         labels=dataset.labels,
         classes=dataset.classes,
         groups=groups_of(dataset.records),
-        velocity_mps=axis((lowest, highest), wanted[0]),
+        velocity_mps=axis((lowest, highest), map_size[0]),
         duration_s=float(durations[0]),
         names=tuple(str(index) for index in dataset.indices),
     ).checked_for_training()
@@ -239,7 +239,7 @@ def shared_speeds(*datasets: Dataset) -> tuple[float, float]:
 def groups_of(records: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
     """What samples share: sentence, seed of the motion, subject where all have one, and recordings that it was made of, those
     joined by a sample as one."""
-    told = all(record.get("subject") is not None for record in records)
+    have_subjects = all(record.get("subject") is not None for record in records)
     clips = np.empty(len(records), dtype="U24")
     for number, members in enumerate(grouped(records, ["clip"])):
         clips[members] = f"clips {number}"
@@ -247,7 +247,7 @@ def groups_of(records: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
         "description": np.array([str(record["sentence"]) for record in records]),
         "seed": np.array([str(record["seed"]) for record in records]),
         "clip": clips,
-        **({"subject": np.array([str(record["subject"]) for record in records])} if told else {}),
+        **({"subject": np.array([str(record["subject"]) for record in records])} if have_subjects else {}),
     }
 
 
@@ -303,13 +303,13 @@ def checked_size(size: Any) -> tuple[int, int]:
     pair = (size, size) if isinstance(size, (int, np.integer)) else size
     if not isinstance(pair, (tuple, list)) or len(pair) != 2:
         raise InputError(f"size must be two numbers of cells, of speed and of time, got {shown(size)}")
-    speed, time = (integer("size", each, 8, LARGEST) for each in pair)
+    speed, time = (integer("size", cells, 8, LARGEST) for cells in pair)
     return speed, time
 
 
 def checked_classes(classes: Any) -> tuple[str, ...]:
     """Names of classes, each once."""
-    if not isinstance(classes, tuple) or not classes or not all(isinstance(each, str) and each for each in classes):
+    if not isinstance(classes, tuple) or not classes or not all(isinstance(name, str) and name for name in classes):
         raise InputError(f"classes must be a tuple of names, got {shown(classes)}")
     if len(set(classes)) < len(classes):
         raise InputError(f"classes names one of them twice, got {shown(classes)}; give each once")

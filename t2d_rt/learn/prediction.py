@@ -58,8 +58,8 @@ class Prediction:
 
     def at(self, times_s: np.ndarray) -> np.ndarray:
         """Number of the class at each of the times (T,), by the likeliest course: (T,)."""
-        instants_s, found = self.course()
-        return np.asarray(found[nearest(instants_s, np.asarray(times_s, dtype=float))])
+        instants_s, labels = self.course()
+        return np.asarray(labels[nearest(instants_s, np.asarray(times_s, dtype=float))])
 
     def course(self) -> tuple[np.ndarray, np.ndarray]:
         """Instants from the beginning of the first window to the end of the last [s], (T,), and the number of the class at each.
@@ -90,16 +90,16 @@ class Prediction:
 
     def pieces(self) -> list[Event]:
         """Each activity of the course."""
-        instants_s, found = self.course()
-        changes = np.flatnonzero(np.diff(found)) + 1
+        instants_s, labels = self.course()
+        changes = np.flatnonzero(np.diff(labels)) + 1
         edges_s = [
             self.starts_s[0],
             *(0.5 * (instants_s[changes] + instants_s[changes - 1])),
             self.starts_s[-1] + self.duration_s,
         ]
         return [
-            Event(float(begin), float(end), int(found[at]))
-            for begin, end, at in zip(edges_s[:-1], edges_s[1:], [0, *changes], strict=True)
+            Event(float(begin), float(end), int(labels[place]))
+            for begin, end, place in zip(edges_s[:-1], edges_s[1:], [0, *changes], strict=True)
         ]
 
 
@@ -149,16 +149,16 @@ def events_of(recording: Recording, classes: Sequence[str]) -> list[Event]:
         for action in (*actions, *RESTS_OF.get(name, ()))
     }
     numbers |= {name: number for number, name in enumerate(classes)}
-    found: list[Event] = []
+    events: list[Event] = []
     before = None
     for person, activity, begin_s, end_s in recording.activities:
         label = numbers.get(activity)
         if label is not None and (person, begin_s, label) == before:
-            found[-1] = found[-1]._replace(end_s=end_s)
+            events[-1] = events[-1]._replace(end_s=end_s)
         elif label is not None:
-            found.append(Event(begin_s, end_s, label))
+            events.append(Event(begin_s, end_s, label))
         before = person, end_s, label
-    return found
+    return events
 
 
 def labels_of_windows(events: Sequence[Event], starts_s: np.ndarray, duration_s: float, classes: int) -> np.ndarray:
@@ -182,7 +182,9 @@ def windows_of(cards: Sequence[Card], recording: Recording, step_s: float) -> tu
     last = _last_start_s(whole, card)
     starts = np.append(np.arange(0.0, last - APART * step_s, step_s), last)
     # Networks of the same cells share their maps.
-    kinds = {(each.size, each.velocity_mps, each.dynamic_range_db): each for each in cards}
+    kinds = {
+        (member_card.size, member_card.velocity_mps, member_card.dynamic_range_db): member_card for member_card in cards
+    }
     maps: dict[object, list[np.ndarray]] = {kind: [] for kind in kinds}
     for start in starts:
         if _mti(card) == "none" or whole.length_s < card.duration_s * 0.999:
@@ -191,55 +193,57 @@ def windows_of(cards: Sequence[Card], recording: Recording, step_s: float) -> tu
             columns = _Columns.of(_piece(recording, start, card.duration_s, whole.length_s))
             begin_s = columns.times[0]
         columns = columns.until(begin_s + card.duration_s)
-        for kind, each in kinds.items():
-            cells = np.linspace(begin_s, begin_s + each.duration_s, each.size[1] + 1)
-            new = _edges(each.axis_mps)
-            power = averaging(columns.speeds, new) @ columns.power @ averaging(columns.times, cells).T
-            maps[kind].append(relative_levels(power, each.size, each.dynamic_range_db))
+        for kind, kind_card in kinds.items():
+            time_edges = np.linspace(begin_s, begin_s + kind_card.duration_s, kind_card.size[1] + 1)
+            speed_edges = _edges(kind_card.axis_mps)
+            power = averaging(columns.speeds, speed_edges) @ columns.power @ averaging(columns.times, time_edges).T
+            maps[kind].append(relative_levels(power, kind_card.size, kind_card.dynamic_range_db))
             check_varied(maps[kind][-1], f"the window of the recording from {start + whole.times[0]:.3g} s")
-    stacked = {kind: np.stack(each) for kind, each in maps.items()}
-    found = [
+    stacked = {kind: np.stack(windows) for kind, windows in maps.items()}
+    sentences = [
         sentence
-        for each in cards
-        for sentence in each.unfamiliar(
+        for member_card in cards
+        for sentence in member_card.unfamiliar(
             "the recording", carrier_hz=recording.radar.carrier_hz, cell_mps=float(np.diff(whole.speeds[:2])[0]),
-            levels=stacked[each.size, each.velocity_mps, each.dynamic_range_db],
+            levels=stacked[member_card.size, member_card.velocity_mps, member_card.dynamic_range_db],
         )
     ]  # fmt: skip
-    for sentence in dict.fromkeys(found):
+    for sentence in dict.fromkeys(sentences):
         warn(sentence)
-    return starts + whole.times[0], [stacked[each.size, each.velocity_mps, each.dynamic_range_db] for each in cards]
+    return starts + whole.times[0], [
+        stacked[member_card.size, member_card.velocity_mps, member_card.dynamic_range_db] for member_card in cards
+    ]
 
 
 def _check_speeds(whole: _Columns, card: Card) -> None:
     """Refuses a recording that does not cover the speeds of the training, and warns of one that shows others as well."""
-    new = _edges(card.axis_mps)
+    speed_edges = _edges(card.axis_mps)
     bin_mps = whole.speeds[1] - whole.speeds[0]
-    if new[0] < whole.speeds[0] - bin_mps or new[-1] > whole.speeds[-1] + bin_mps:
+    if speed_edges[0] < whole.speeds[0] - bin_mps or speed_edges[-1] > whole.speeds[-1] + bin_mps:
         raise InputError(
-            f"the recording shows {whole.speeds[0]:.3g} to {whole.speeds[-1]:.3g} m/s, the model was trained on {new[0]:.3g} to "
-            f"{new[-1]:.3g} m/s; record with a higher chirp rate, or train on a recipe whose speed_mps is lower"
+            f"the recording shows {whole.speeds[0]:.3g} to {whole.speeds[-1]:.3g} m/s, the model was trained on "
+            f"{speed_edges[0]:.3g} to {speed_edges[-1]:.3g} m/s; record with a higher chirp rate, or train on a recipe whose speed_mps is lower"
         )
     echoes = np.where(whole.power > OVER_NOISE * np.median(whole.power), whole.power, 0.0).sum(axis=1)
-    inside = (whole.speeds[1:] > new[0]) & (whole.speeds[:-1] < new[-1])
+    inside = (whole.speeds[1:] > speed_edges[0]) & (whole.speeds[:-1] < speed_edges[-1])
     beyond = float(echoes[~inside].sum() / max(whole.power.sum(), 1e-300))
     if beyond > BEYOND:
         warn(
-            f"{100 * beyond:.0f} % of the recording's power is at speeds beyond {new[0]:.3g} to {new[-1]:.3g} m/s, which the model "
-            "does not see; train on a recipe whose speed_mps is higher"
+            f"{100 * beyond:.0f} % of the recording's power is at speeds beyond {speed_edges[0]:.3g} to {speed_edges[-1]:.3g} m/s, which "
+            "the model does not see; train on a recipe whose speed_mps is higher"
         )
 
 
 def _last_start_s(whole: _Columns, card: Card) -> float:
     """Where the last window begins after the first [s]; warns of a recording that is shorter than one, and refuses half of one."""
-    told = f"the recording has {whole.length_s:.3g} s of spectrogram, a window of the model {card.duration_s:.3g} s"
+    lengths = f"the recording has {whole.length_s:.3g} s of spectrogram, a window of the model {card.duration_s:.3g} s"
     if whole.length_s < LEAST_COVERED * card.duration_s:
         raise InputError(
-            f"{told}; record longer, {LEAST_COVERED * card.duration_s:.3g} s or more, or train on a shorter duration_s"
+            f"{lengths}; record longer, {LEAST_COVERED * card.duration_s:.3g} s or more, or train on a shorter duration_s"
         )
     if whole.length_s < card.duration_s * 0.999:
         warn(
-            f"{told}; the one window goes on at the recording's floor, so do not trust its class as one of a whole window"
+            f"{lengths}; the one window goes on at the recording's floor, so do not trust its class as one of a whole window"
         )
     return max(whole.length_s - card.duration_s, 0.0)
 
@@ -353,17 +357,17 @@ def likeliest_course(
     for end in range(least, count + 1):
         starts = np.arange(max(0, end - longest), end - least + 1)
         means = _means(scores, middles_s, duration_s, edges_s[starts], edges_s[end])
-        every = best[starts, None] + (end - starts)[:, None] * means
-        row, chosen = np.unravel_index(int(np.argmax(every)), every.shape)
-        best[end] = every[row, chosen]
-        last[end] = starts[row], chosen
-    found = np.zeros(count, dtype=int)
+        totals = best[starts, None] + (end - starts)[:, None] * means
+        row, label = np.unravel_index(int(np.argmax(totals)), totals.shape)
+        best[end] = totals[row, label]
+        last[end] = starts[row], label
+    labels = np.zeros(count, dtype=int)
     end = count
     while end > 0:
-        start, chosen = last[end]
-        found[start:end] = chosen
+        start, label = last[end]
+        labels[start:end] = label
         end = start
-    return found
+    return labels
 
 
 def _means(
@@ -371,8 +375,8 @@ def _means(
 ) -> np.ndarray:
     """Weighted mean of the windows' scores (W, K) over activities from each start to the end [s], (S, K)."""
     first, after = np.searchsorted(middles_s, [starts_s[0] - duration_s, end_s + duration_s])
-    some = slice(max(first - 1, 0), after + 1)
-    middles_s, scores = middles_s[some], scores[some]
+    nearby = slice(max(first - 1, 0), after + 1)
+    middles_s, scores = middles_s[nearby], scores[nearby]
     centres_s, spare_s = 0.5 * (starts_s + end_s), np.maximum(0.5 * (end_s - starts_s - duration_s), 0.0)
     moved = np.maximum(np.abs(middles_s - centres_s[:, None]) - spare_s[:, None], 0.0) / duration_s
     weights = np.maximum(1.0 - moved, 0.0) ** SHARPNESS

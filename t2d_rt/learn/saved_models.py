@@ -75,13 +75,13 @@ class Card(Fields):
         if not self.velocity_mps[0] < self.velocity_mps[1]:
             raise InputError("velocity_mps must rise")
         for name, unit in (("carriers_hz", "Hz"), ("cells_mps", "m/s")):
-            for each in self.about.get(name, []):
-                positive(name, each, unit=unit)
+            for value in self.about.get(name, []):
+                positive(name, value, unit=unit)
         if "contrast_db" in self.about:
             interval("contrast_db", self.about["contrast_db"], unit="dB")
         if self.about.get("mti", "mean") not in (None, "mean", "none"):
             raise InputError(f"mti must be mean or none, got {shown(self.about['mti'])}")
-        if not all(isinstance(each, str) for each in self.about.get("descriptions", [])):
+        if not all(isinstance(text, str) for text in self.about.get("descriptions", [])):
             raise InputError("descriptions must be texts")
         return self
 
@@ -114,17 +114,17 @@ class Card(Fields):
 
         what: what is told of, as "the recording"; levels: its maps, (N, speed, time) [dB below the greatest cell of each].
         """
-        found = []
-        carriers = [float(each) for each in self.about.get("carriers_hz", [])]
+        warnings = []
+        carriers = [float(value) for value in self.about.get("carriers_hz", [])]
         if carrier_hz is not None and carriers and min(abs(carrier_hz / carrier - 1) for carrier in carriers) > BAND:
-            known = ", ".join(f"{carrier / 1e9:g}" for carrier in carriers)
-            found.append(
-                f"{what} is of {carrier_hz / 1e9:g} GHz, the model was trained on {known} GHz; its maps differ in Doppler "
+            carriers_ghz = ", ".join(f"{carrier / 1e9:g}" for carrier in carriers)
+            warnings.append(
+                f"{what} is of {carrier_hz / 1e9:g} GHz, the model was trained on {carriers_ghz} GHz; its maps differ in Doppler "
                 "resolution, so do not trust the classes before a test at this carrier"
             )
-        cells = [float(each) for each in self.about.get("cells_mps", [])]
+        cells = [float(value) for value in self.about.get("cells_mps", [])]
         if cell_mps is not None and cells and not min(cells) / CELLS < cell_mps < max(cells) * CELLS:
-            found.append(
+            warnings.append(
                 f"{what} has Doppler cells of {cell_mps:.3g} m/s, those of the training {min(cells):.3g} to {max(cells):.3g} m/s; "
                 "choose n_window so that they are alike"
             )
@@ -132,11 +132,11 @@ class Card(Fields):
         if levels is not None and len(levels) and span is not None:
             contrast = float(np.median(contrasts_db(levels)))
             if not span[0] - CONTRAST_DB < contrast < span[1] + CONTRAST_DB:
-                found.append(
+                warnings.append(
                     f"the greatest cells of {what} are {contrast:.0f} dB above the median of all, in nine of ten maps of the "
                     f"training {span[0]:.0f} to {span[1]:.0f} dB; train on maps of such noise"
                 )
-        return found
+        return warnings
 
     def with_about(self, **more: Any) -> Card:
         """The same card that tells more."""
@@ -167,26 +167,26 @@ class SavedModel:
     network: nn.Module
 
     def probabilities(self, levels: np.ndarray) -> np.ndarray:
-        """Of each class, (N, K), of maps (N, speed, time) [dB below the greatest cell of each].
+        """Probability of each class, (N, K), of maps (N, speed, time) [dB below the greatest cell of each].
 
         Raises InputError for maps of other cells than those of the training, for NaN, and where the weights give NaN.
         """
         import torch
 
         if levels.ndim != 3 or levels.shape[1:] != self.card.size:
-            wanted = " x ".join(map(str, self.card.size))
-            raise InputError(f"maps must have {wanted} cells, as in training, got shape {levels.shape}; resize them")
+            cells = " x ".join(map(str, self.card.size))
+            raise InputError(f"maps must have {cells} cells, as in training, got shape {levels.shape}; resize them")
         if not np.isfinite(levels).all():
             raise InputError("maps must be finite, got NaN or infinite levels; remove damaged samples first")
         if not len(levels):
             return np.zeros((0, len(self.card.classes)), dtype=np.float32)
         self.network.eval()
         with torch.no_grad():
-            found = [
+            batches = [
                 torch.softmax(self.network(as_input(levels[start : start + BATCH], self.card.dynamic_range_db)), dim=1)
                 for start in range(0, len(levels), BATCH)
             ]
-        probabilities = np.asarray(torch.cat(found).numpy())
+        probabilities = np.asarray(torch.cat(batches).numpy())
         if not np.isfinite(probabilities).all():
             raise InputError(
                 f"the network {self.card.model} gives probabilities that are NaN; its weights are of a training that failed, train "
@@ -231,18 +231,18 @@ class Ensemble:
 
     def mean_of(self, maps: Sequence[np.ndarray]) -> np.ndarray:
         """Means over the networks, (N, K), of maps of each network's own cells and dynamic range, one array for each network."""
-        each = [member.probabilities(levels) for member, levels in zip(self.members, maps, strict=True)]
-        return np.asarray(np.mean(each, axis=0))
+        probabilities = [member.probabilities(levels) for member, levels in zip(self.members, maps, strict=True)]
+        return np.asarray(np.mean(probabilities, axis=0))
 
 
 def write_model(folder: Path, saved: SavedModel) -> None:
     """Weights and card; the same training writes the same bytes of weights."""
     from safetensors.torch import save
 
-    arrays = {name: each.detach().contiguous().clone() for name, each in saved.network.state_dict().items()}
+    arrays = {name: tensor.detach().contiguous().clone() for name, tensor in saved.network.state_dict().items()}
     weights = save(arrays)
-    plain = {**saved.card.to_plain(), "weights_sha256": hashlib.sha256(weights).hexdigest()}
-    for name, data in ((WEIGHTS, weights), (CARD, json.dumps(plain, indent=1).encode() + b"\n")):
+    content = {**saved.card.to_plain(), "weights_sha256": hashlib.sha256(weights).hexdigest()}
+    for name, data in ((WEIGHTS, weights), (CARD, json.dumps(content, indent=1).encode() + b"\n")):
         new = folder / f"{name}.new"
         new.write_bytes(data)
         new.replace(folder / name)
@@ -279,10 +279,10 @@ def load_model(path: str | Path) -> SavedModel:
 def _read_card(path: Path) -> tuple[Card, str]:
     """A card, and the SHA-256 of the weights that it belongs to."""
     try:
-        told = json.loads(read_bytes(path, limit=50_000_000, noun="card of a model"))
-        if told["format"] != FORMAT:
-            raise InputError(f"it is of format {told['format']!r}, this program reads {FORMAT!r}")
-        return Card.model_validate(told), str(told["weights_sha256"])
+        content = json.loads(read_bytes(path, limit=50_000_000, noun="card of a model"))
+        if content["format"] != FORMAT:
+            raise InputError(f"it is of format {content['format']!r}, this program reads {FORMAT!r}")
+        return Card.model_validate(content), str(content["weights_sha256"])
     except KeyError as error:
         raise InputError(f"{path} is no card of a model (it lacks {error}); train it again") from None
     except (ValueError, TypeError, RecursionError) as error:
@@ -305,17 +305,17 @@ def read_state(path: Path, network: nn.Module) -> dict[str, Any]:
     import torch
 
     try:
-        found = torch.load(path, map_location="cpu", weights_only=True)
-        if found.keys() != {"history", "best", "network", "optimizer", "plateau"}:
+        state = torch.load(path, map_location="cpu", weights_only=True)
+        if state.keys() != {"history", "best", "network", "optimizer", "plateau"}:
             raise ValueError("it lacks a part")
-        if not all(np.isfinite([row[name] for name in ("val_loss", "train_loss")]).all() for row in found["history"]):
+        if not all(np.isfinite([row[name] for name in ("val_loss", "train_loss")]).all() for row in state["history"]):
             raise ValueError("its losses are no numbers")
-        due = {name: each.shape for name, each in network.state_dict().items()}
-        if {name: each.shape for name, each in found["best"].items()} != due:
+        shapes = {name: tensor.shape for name, tensor in network.state_dict().items()}
+        if {name: tensor.shape for name, tensor in state["best"].items()} != shapes:
             raise ValueError("it is of another network")
     except Exception as error:  # torch and zipfile raise what they like of a damaged file
         raise not_a_state(path, error) from None
-    return dict(found)
+    return dict(state)
 
 
 def not_a_state(path: Path, error: BaseException) -> InputError:

@@ -49,23 +49,27 @@ def scores_of(probabilities: np.ndarray, labels: np.ndarray) -> Scores:
     if not np.isfinite(probabilities).all():
         raise InputError("probabilities must be finite, got NaN or infinite ones; look at the model's weights")
     count = probabilities.shape[1]
-    told = probabilities.argmax(axis=1)
+    predicted = probabilities.argmax(axis=1)
     confusion = np.zeros((count, count), dtype=np.int64)
-    np.add.at(confusion, (labels, told), 1)
+    np.add.at(confusion, (labels, predicted), 1)
     confidence = probabilities.max(axis=1)
-    which = np.minimum((confidence * BINS).astype(int), BINS - 1)
+    bins = np.minimum((confidence * BINS).astype(int), BINS - 1)
     rows = []
     for number in range(BINS):
-        mask = which == number
-        some = mask.any()
+        mask = bins == number
+        occupied = mask.any()
         rows.append(
-            [confidence[mask].mean() if some else 0.0, (told == labels)[mask].mean() if some else 0.0, mask.sum()]
+            [
+                confidence[mask].mean() if occupied else 0.0,
+                (predicted == labels)[mask].mean() if occupied else 0.0,
+                mask.sum(),
+            ]
         )
     reliability = np.array(rows)
     error = (np.abs(reliability[:, 0] - reliability[:, 1]) * reliability[:, 2]).sum() / len(labels)
     return Scores(
-        accuracy=float(np.mean(told == labels)),
-        macro_f1=float(macro_f1(labels, told, count)),
+        accuracy=float(np.mean(predicted == labels)),
+        macro_f1=float(macro_f1(labels, predicted, count)),
         confusion=confusion,
         calibration_error=float(error),
         reliability=reliability,
@@ -100,12 +104,12 @@ def interval_of(
         _, number = np.unique(np.asarray(groups), return_inverse=True)
         count = int(number.max()) + 1
         weights *= rng.multinomial(count, np.full(count, 1.0 / count), size=DRAWS)[:, number]
-    every = np.vstack([np.ones(len(labels)), weights[weights.sum(axis=1) > 0]])
-    right = every @ (told == labels) / every.sum(axis=1)
+    all_weights = np.vstack([np.ones(len(labels)), weights[weights.sum(axis=1) > 0]])
+    right = all_weights @ (told == labels) / all_weights.sum(axis=1)
     parts = []
-    for each in range(classes):
-        hits = every @ ((labels == each) & (told == each))
-        either = every @ (labels == each) + every @ (told == each)
+    for label in range(classes):
+        hits = all_weights @ ((labels == label) & (told == label))
+        either = all_weights @ (labels == label) + all_weights @ (told == label)
         parts.append(np.where(either > 0, 2.0 * hits / np.maximum(either, 1e-300), np.nan))
     f1 = np.nanmean(parts, axis=0)
     low, high = np.percentile(np.stack([right, f1])[:, 1:], [2.5, 97.5], axis=1)
@@ -146,7 +150,7 @@ class EventScores:
 
     @property
     def false_alarms_per_hour(self) -> np.ndarray:
-        """Of each class, (K,)."""
+        """False alarms of each class in an hour, (K,)."""
         return self.false_alarms / self.hours
 
 
@@ -162,7 +166,7 @@ def event_scores(
     counts = np.zeros((2, classes), int)
     for sides in pairs:
         for count, side in zip(counts, sides, strict=True):
-            np.add.at(count, [each.label for each in side], 1)
+            np.add.at(count, [event.label for event in side], 1)
         true, told = sides
         alike = [(a, b, one.shared_s(other)) for a, one in enumerate(true) for b, other in enumerate(told)
                  if one.label == other.label and one.shared_s(other) > 0]  # fmt: skip

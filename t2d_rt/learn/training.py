@@ -109,8 +109,8 @@ def train_model(
         network = build(name, len(train.classes), train.size)
         if hasattr(network, "set_axes"):  # its features are of speeds and times
             network.set_axes(train.velocity_mps, train.duration_s)
-        told = {**(about or {}), "options": options.model_dump(mode="json")}
-        card = Card.of(name, train, dynamic_range_db, seed=options.seed, about=told)
+        details = {**(about or {}), "options": options.model_dump(mode="json")}
+        card = Card.of(name, train, dynamic_range_db, seed=options.seed, about=details)
         with _begun(output, card, train, val) as folder:
             keep_at = None if folder is None else folder / STATE
             history, seconds = fitted(network, (train, val), options, dynamic_range_db, keep_at, progress)
@@ -134,13 +134,13 @@ def _begun(output: str | Path | None, card: Card, train: LabelledMaps, val: Labe
         reason = error.strerror or error
         raise InputError(f"cannot make the folder {folder}: {reason}; choose a writable place for the model") from None
     data = hashlib.sha256()
-    for each in (train, val):
-        data.update(each.levels.tobytes() + each.labels.tobytes())
-    plain = json.dumps({"card": card.to_plain(), "data": data.hexdigest()}, sort_keys=True)
-    digest = hashlib.sha256(plain.encode()).hexdigest()
+    for maps in (train, val):
+        data.update(maps.levels.tobytes() + maps.labels.tobytes())
+    content = json.dumps({"card": card.to_plain(), "data": data.hexdigest()}, sort_keys=True)
+    digest = hashlib.sha256(content.encode()).hexdigest()
     with locked(folder):
         note, new = folder / NOTE, folder / f"{NOTE}.new"
-        others = {each.name for each in folder.iterdir()} - {LOCK, note.name, new.name}
+        others = {path.name for path in folder.iterdir()} - {LOCK, note.name, new.name}
         if others and not note.exists():
             raise InputError(f"{folder} holds other files; choose an empty or a new folder")
         if others & {STATE, WEIGHTS} and note.read_text("utf-8").strip() != digest:

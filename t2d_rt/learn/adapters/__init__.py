@@ -51,14 +51,14 @@ def of_recipe(data: Dataset, options: AdapterOptions) -> AdapterOptions:
     if "carrier_hz" in options.told and all(
         abs(carrier - (options.carrier_hz or 0.0)) > 1e-3 * carrier for carrier in carriers
     ):
-        told = ", ".join(f"{carrier / 1e9:g}" for carrier in carriers)
+        carriers_ghz = ", ".join(f"{carrier / 1e9:g}" for carrier in carriers)
         raise InputError(
-            f"{card} tells a carrier of {(options.carrier_hz or 0.0) / 1e9:g} GHz, the recipe {told} GHz; correct the card"
+            f"{card} tells a carrier of {(options.carrier_hz or 0.0) / 1e9:g} GHz, the recipe {carriers_ghz} GHz; correct the card"
         )
     if "mti" in options.told and mti is not None and options.mti != mti:
         raise InputError(f"{card} tells mti {options.mti}, the recipe {mti}; correct the card")
-    one = carriers[0] if len(carriers) == 1 else options.carrier_hz
-    return replace(options, carrier_hz=one, mti=mti)
+    carrier_hz = carriers[0] if len(carriers) == 1 else options.carrier_hz
+    return replace(options, carrier_hz=carrier_hz, mti=mti)
 
 
 DATASET = Adapter(
@@ -68,7 +68,7 @@ DATASET = Adapter(
     read=read_dataset,
     axes=lambda path: AXES,
 )
-ADAPTERS: dict[str, Adapter] = {each.name: each for each in (PARRAD, RADHAR, CI4R, PNG, HDF5, NPZ, DATASET)}
+ADAPTERS: dict[str, Adapter] = {adapter.name: adapter for adapter in (PARRAD, RADHAR, CI4R, PNG, HDF5, NPZ, DATASET)}
 """By name; a new kind of data is one module and its entry here."""
 
 __all__ = ["ADAPTERS", "Adapter", "AdapterOptions", "RealMaps", "adapter_for", "of_recipe", "read_real"]
@@ -95,7 +95,7 @@ def read_real(path: str | Path, adapter: str | None = None, options: AdapterOpti
     if name == DATASET.name:
         options = of_recipe(Dataset(source), options)
     maps, files = chosen.read(source, options)
-    card, known = card_path(source), set(chosen.axes(source))
+    card, axes_of_files = card_path(source), set(chosen.axes(source))
     return RealMaps(
         maps=maps.checked_for_training(),
         adapter=chosen.name,
@@ -104,7 +104,7 @@ def read_real(path: str | Path, adapter: str | None = None, options: AdapterOpti
         files=len(files),
         carrier_hz=options.carrier_hz,
         mti=options.mti,
-        assumed=tuple(axis for axis, names in AXES.items() if axis not in known and not names & options.told),
+        assumed=tuple(axis for axis, names in AXES.items() if axis not in axes_of_files and not names & options.told),
     )
 
 
@@ -117,7 +117,7 @@ def adapter_for(source: Path) -> str:
             return "parrad" if npz_arrays(source, RADARS) else "npz"
     elif (source / RECIPE).is_file():
         return "dataset"
-    elif any(each.suffix.lower() in ENDINGS for each in source.rglob("*")):
+    elif any(file.suffix.lower() in ENDINGS for file in source.rglob("*")):
         return picture_adapter(source)
     elif any(source.rglob("*.txt")):
         return "radhar"

@@ -43,25 +43,25 @@ def read_hdf5(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[P
         raise InputError(f"HDF5 files need h5py: {install('hdf5')}, or give an .npz file") from None
     try:
         with h5py.File(path, "r") as file:
-            found = {name: _array(file[name]) for name in file if isinstance(file[name], h5py.Dataset)}
+            arrays = {name: _array(file[name]) for name in file if isinstance(file[name], h5py.Dataset)}
     except Exception as error:  # h5py raises what it likes of a damaged file
         raise InputError(f"cannot read {path}: {error or type(error).__name__}; give an HDF5 file of arrays") from None
-    return _maps(path, found, options), [path]
+    return _maps(path, arrays, options), [path]
 
 
 def _array(stored: Any) -> np.ndarray:
     return np.asarray(stored.asstr()[()] if stored.dtype.kind == "O" else stored[()])
 
 
-def _maps(path: Path, found: dict[str, np.ndarray], options: AdapterOptions) -> LabelledMaps:
+def _maps(path: Path, arrays: dict[str, np.ndarray], options: AdapterOptions) -> LabelledMaps:
     """Maps of arrays by name, which are checked first."""
     for name in ("levels", "labels"):
-        if name not in found:
+        if name not in arrays:
             raise InputError(
                 f"{path} has no array '{name}'; it needs levels (sample, speed, time) and labels (sample,)"
             )
-    levels = numeric(f"levels of {path}", found["levels"])
-    labels = [each.decode() if isinstance(each, bytes) else str(each) for each in np.atleast_1d(found["labels"])]
+    levels = numeric(f"levels of {path}", arrays["levels"])
+    labels = [label.decode() if isinstance(label, bytes) else str(label) for label in np.atleast_1d(arrays["labels"])]
     if levels.ndim != 3 or len(labels) != len(levels) or len(levels) == 0:
         raise InputError(
             f"{path}: levels must have shape (sample, speed, time) and labels one text for each, "
@@ -71,15 +71,15 @@ def _maps(path: Path, found: dict[str, np.ndarray], options: AdapterOptions) -> 
         f"levels of {path}", levels, ("sample", "speed", "time"), limit=1e3, unit="dB", hint="leave damaged maps out"
     )
     card = options.of_cells(*levels.shape[1:])
-    if "velocity_mps" in found:
-        speed_mps = _greatest_speed(path, found["velocity_mps"], levels.shape[1])
+    if "velocity_mps" in arrays:
+        speed_mps = _greatest_speed(path, arrays["velocity_mps"], levels.shape[1])
         _agrees(path, "speeds", speed_mps, card.speed_mps, options, "m/s")
         options = replace(options, cell_mps=None, speed_mps=speed_mps)
-    if "duration_s" in found:
-        duration_s = float(array(f"duration_s of {path}", found["duration_s"], ()))
+    if "duration_s" in arrays:
+        duration_s = float(array(f"duration_s of {path}", arrays["duration_s"], ()))
         _agrees(path, "duration", duration_s, card.duration_s, options, "s")
         options = replace(options, rate_hz=None, duration_s=duration_s)
-    groups = {name[len(GROUP) :]: each for name, each in found.items() if name.startswith(GROUP)}
+    groups = {name[len(GROUP) :]: group for name, group in arrays.items() if name.startswith(GROUP)}
     for name, group in groups.items():
         if group.shape != (len(levels),):
             raise InputError(f"{path}: {GROUP}{name} must name each of {len(levels)} samples, got shape {group.shape}")
@@ -118,8 +118,8 @@ def _pieces(
     for place, label in enumerate(labels):
         if class_of(label, options) is not None:
             name = f"{path.name} {place}"
-            told = {kind: str(group[place]) for kind, group in groups.items()}
-            yield Piece(10.0 ** (levels[place] / 10.0), label, name, {"event": name} | told)
+            group_names = {kind: str(group[place]) for kind, group in groups.items()}
+            yield Piece(10.0 ** (levels[place] / 10.0), label, name, {"event": name} | group_names)
 
 
 def _greatest_speed(path: Path, value: np.ndarray, count: int) -> float:

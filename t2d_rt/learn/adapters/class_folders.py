@@ -17,7 +17,7 @@ from t2d_rt.learn.adapters.interface import MAX_BYTES, Adapter, AdapterOptions, 
 from t2d_rt.learn.maps import LabelledMaps
 
 LUMA = np.array([0.299, 0.587, 0.114])
-"""Of grey, by red, green and blue (ITU-R BT.601)."""
+"""Weights of red, green and blue in grey (ITU-R BT.601)."""
 ENDINGS = ".png", ".jpg", ".jpeg", ".bmp"
 MAX_CELLS = 16_000_000
 COLOUR_ERROR = 60.0
@@ -119,7 +119,7 @@ FEWEST_SPEEDS = 8
 LONGEST_S = 86_400.0
 """Longest time that the stamps of one file may span; a wrong stamp would make millions of empty windows."""
 LINES_BYTES = 1 << 20
-"""Of a file of points, read at a time."""
+"""Bytes of a file of points that are read at a time."""
 EMPTY_CELL = 1e-6
 """Power of a cell without points, relative to a point of 0 dB: no logarithm of zero."""
 
@@ -150,16 +150,16 @@ Cloud = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 def _windows(clouds: Mapping[Path, Cloud], rows: _Rows, options: AdapterOptions, path: Path) -> Iterator[Piece]:
     """A piece for every whole window of a file that has points."""
-    for each, (time_s, speed, power) in clouds.items():
-        event = each.relative_to(path).as_posix()
+    for file, (time_s, speed, power) in clouds.items():
+        event = file.relative_to(path).as_posix()
         windows = int((time_s[-1] - time_s[0]) / options.duration_s)
         begins_s = time_s[0] + options.duration_s * np.arange(windows + 1)
         borders = np.searchsorted(time_s, begins_s)
         for number in np.flatnonzero(np.diff(borders)):
-            some = slice(borders[number], borders[number + 1])
-            cells = rows.powers(speed[some], time_s[some] - begins_s[number], power[some], options)
+            in_window = slice(borders[number], borders[number + 1])
+            cells = rows.powers(speed[in_window], time_s[in_window] - begins_s[number], power[in_window], options)
             if cells.any():
-                yield Piece(cells + EMPTY_CELL, each.parent.name, f"{event} {number}", {"event": event})
+                yield Piece(cells + EMPTY_CELL, file.parent.name, f"{event} {number}", {"event": event})
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,37 +169,37 @@ class _Rows:
     step_mps: float
     """Distance of the speeds that the device tells [m/s]; 0 where they are continuous."""
     edges_mps: np.ndarray
-    """Of the rows, (row + 1,)."""
+    """Edges of the rows [m/s], (row + 1,)."""
 
     @classmethod
     def of(cls, speeds: Sequence[np.ndarray], options: AdapterOptions, path: Path) -> _Rows:
         """For points of these speeds [m/s]; refuses those of which too many lie beyond the axis."""
-        every = np.concatenate([*speeds, [0.0]])
-        beyond = np.abs(every) > options.speed_mps
+        all_speeds = np.concatenate([*speeds, [0.0]])
+        beyond = np.abs(all_speeds) > options.speed_mps
         worst = max((float((np.abs(speed) > options.speed_mps).mean()) for speed in speeds), default=0.0)
         if beyond.mean() > MOST_OUTLIERS or worst > MOST_OF_FILE:
             raise InputError(
-                f"{path} has points of up to {np.abs(every).max():.3g} m/s, {100 * beyond.mean():.2g} % of them beyond the axis of "
-                f"{options.speed_mps:g} m/s; raise speed_mps"
+                f"{path} has points of up to {np.abs(all_speeds).max():.3g} m/s, {100 * beyond.mean():.2g} % of them beyond the axis "
+                f"of {options.speed_mps:g} m/s; raise speed_mps"
             )
         if beyond.any():
             warn(
-                f"{int(beyond.sum())} of {len(every) - 1} points of {path} are faster than {options.speed_mps:g} m/s and were left "
-                "out; raise speed_mps if they are no errors"
+                f"{int(beyond.sum())} of {len(all_speeds) - 1} points of {path} are faster than {options.speed_mps:g} m/s and were "
+                "left out; raise speed_mps if they are no errors"
             )
-        told = np.unique(np.round(every[~beyond], 6))
-        step = float(np.diff(told).min()) if len(told) >= FEWEST_SPEEDS else 0.0
-        whole = np.abs(told / step - np.round(told / step)).max() < 0.1 if step > 0 else False
-        return cls(step if whole else 0.0, np.linspace(-options.speed_mps, options.speed_mps, options.size[0] + 1))
+        distinct = np.unique(np.round(all_speeds[~beyond], 6))
+        step = float(np.diff(distinct).min()) if len(distinct) >= FEWEST_SPEEDS else 0.0
+        regular = np.abs(distinct / step - np.round(distinct / step)).max() < 0.1 if step > 0 else False
+        return cls(step if regular else 0.0, np.linspace(-options.speed_mps, options.speed_mps, options.size[0] + 1))
 
     def powers(self, speed: np.ndarray, time_s: np.ndarray, power: np.ndarray, options: AdapterOptions) -> np.ndarray:
         """Power of points in each cell of a map (speed, time); that of each point is spread over its Doppler cell."""
         columns = np.minimum((time_s * options.size[1] / options.duration_s).astype(int), options.size[1] - 1)
         half = max(self.step_mps, 1e-9) / 2
         below = np.clip((self.edges_mps[:, None] - speed + half) / (2 * half), 0, 1)
-        found = np.zeros((options.size[1], options.size[0]))
-        np.add.at(found, columns, (np.diff(below, axis=0) * power).T)
-        return found.T
+        cells = np.zeros((options.size[1], options.size[0]))
+        np.add.at(cells, columns, (np.diff(below, axis=0) * power).T)
+        return cells.T
 
 
 def _points(path: Path) -> Cloud:
@@ -223,7 +223,7 @@ def _points(path: Path) -> Cloud:
             f"got {count} points and {len(columns['velocity'])} velocities"
         )
     values = {name: np.frombuffer(column) for name, column in columns.items()}
-    if not all(np.isfinite(each).all() for each in values.values()):
+    if not all(np.isfinite(column).all() for column in values.values()):
         raise InputError(f"{path} has NaN or infinite fields; repair the file")
     time_s = values["secs"] + 1e-9 * values["nsecs"]
     if np.ptp(time_s) > LONGEST_S:

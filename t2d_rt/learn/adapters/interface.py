@@ -74,12 +74,12 @@ class AdapterOptions:
         for name, unit in (("cell_mps", "m/s"), ("rate_hz", "Hz"), ("carrier_hz", "Hz")):
             if getattr(self, name) is not None:
                 positive(name, getattr(self, name), unit=unit)
-        for name, known in (("positive", ("approaching", "receding")), ("mti", ("mean", "none"))):
+        for name, choices in (("positive", ("approaching", "receding")), ("mti", ("mean", "none"))):
             if getattr(self, name) is not None:
-                choice(name, getattr(self, name), known)
+                choice(name, getattr(self, name), choices)
         if self.classes is not None and not (
             isinstance(self.classes, Mapping)
-            and all(isinstance(each, str) for pair in self.classes.items() for each in pair)
+            and all(isinstance(name, str) for pair in self.classes.items() for name in pair)
         ):
             raise InputError(f"classes must map labels to classes, as {{walk to bed: walk}}, got {shown(self.classes)}")
 
@@ -88,16 +88,16 @@ class AdapterOptions:
         path = card_path(source)
         if not path.is_file():
             return self
-        told: dict[str, Any] = read_yaml(
+        card: dict[str, Any] = read_yaml(
             path, noun="card of real data", example="names and values such as carrier_hz: 77.0e+9"
         )
-        for name in told:
+        for name in card:
             if name not in ON_CARD:
                 raise unknown_name(f"name in {path}", name, ON_CARD)
-        kept = [name for name in ("adapter", "classes") if getattr(self, name) is not None]
+        given_before = [name for name in ("adapter", "classes") if getattr(self, name) is not None]
         try:
-            found = {name: value for name, value in told.items() if name not in kept}
-            return replace(self, **found, told=frozenset(found))
+            values = {name: value for name, value in card.items() if name not in given_before}
+            return replace(self, **values, told=frozenset(values))
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 
@@ -159,14 +159,14 @@ class Piece:
 
 def content_hash(root: Path, files: list[Path]) -> str:
     """SHA-256 of the names below `root` and the content of files, in the order of their names."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for path in sorted(files):
         name = path.relative_to(root if root.is_dir() else root.parent).as_posix()
-        found.update(f"{name}\0{path.stat().st_size}\0".encode())
+        digest.update(f"{name}\0{path.stat().st_size}\0".encode())
         with regular_file(path, noun="file of real data") as file:
             while block := file.read(1 << 20):
-                found.update(block)
-    return found.hexdigest()
+                digest.update(block)
+    return digest.hexdigest()
 
 
 def class_of(label: str, options: AdapterOptions) -> str | None:
@@ -198,7 +198,7 @@ def maps_from(
     groups: dict[str, list[str]] = {}
     axes: AdapterOptions | None = None
     # A day of point clouds makes maps of gigabytes: they go into a file without a name, which the system frees with them.
-    with tempfile.TemporaryFile(prefix="t2d-rt-") as kept:
+    with tempfile.TemporaryFile(prefix="t2d-rt-") as file:
         for piece in pieces:
             if piece.power.ndim != 2 or min(piece.power.shape) < 2:
                 raise InputError(
@@ -206,25 +206,28 @@ def maps_from(
                 )
             if not np.isfinite(piece.power).all():
                 raise InputError(f"{path}: map {piece.name} has NaN or infinite cells; leave it out or repair it")
-            own = options.of_cells(*piece.power.shape)
-            axes = own if axes is None else axes
-            if own != axes:
+            piece_options = options.of_cells(*piece.power.shape)
+            axes = piece_options if axes is None else axes
+            if piece_options != axes:
                 raise InputError(
                     f"{path}: map {piece.name} has {piece.power.shape} cells and so other axes than those before it"
                 )
             levels = relative_levels(
-                piece.power[::-1] if mirrored else piece.power, own.size, own.dynamic_range_db, _rows(own, path)
+                piece.power[::-1] if mirrored else piece.power,
+                piece_options.size,
+                piece_options.dynamic_range_db,
+                _rows(piece_options, path),
             )
             check_varied(levels, f"{path}: map {piece.name}")
-            kept.write(levels.tobytes())
+            file.write(levels.tobytes())
             numbers.append(classes.index(str(class_of(piece.label, options))))
             names.append(piece.name)
             for kind, value in piece.groups.items():
                 groups.setdefault(kind, []).append(value)
         if axes is None:
             raise InputError(f"{path} holds no map of the classes {', '.join(classes)}; check the path and the classes")
-        kept.flush()
-        stored = np.memmap(kept, np.float32, "r", shape=(len(numbers), *axes.size))
+        file.flush()
+        stored = np.memmap(file, np.float32, "r", shape=(len(numbers), *axes.size))
     return LabelledMaps(
         levels=stored,
         labels=np.array(numbers),
@@ -240,7 +243,7 @@ def _rows(options: AdapterOptions, path: Path) -> tuple[float, float]:
     """The part of the files' speeds that maps show."""
     if options.cut_mps is None:
         return 0.0, 1.0
-    first, last = (0.5 + 0.5 * each / options.speed_mps for each in options.cut_mps)
+    first, last = (0.5 + 0.5 * speed_mps / options.speed_mps for speed_mps in options.cut_mps)
     if first < -1e-6 or last > 1 + 1e-6:
         low, high = options.cut_mps
         raise InputError(
@@ -255,10 +258,10 @@ def files_below(path: Path, endings: tuple[str, ...], noun: str) -> list[Path]:
     folder = file_path(f"the folder of {noun}", path)
     if not folder.is_dir():
         raise InputError(f"{folder} is no folder; give the folder that holds one folder for each class of {noun}")
-    some = (each for each in sorted(folder.rglob("*")) if each.suffix.lower() in endings)
-    found = [each for each in some if not each.name.startswith(".") and each.is_file()]
-    if not found:
+    candidates = (file for file in sorted(folder.rglob("*")) if file.suffix.lower() in endings)
+    files = [file for file in candidates if not file.name.startswith(".") and file.is_file()]
+    if not files:
         raise InputError(f"{folder} holds no {' or '.join(endings)} files; give the folder of {noun}")
-    if len(found) > MAX_FILES:
-        raise InputError(f"{folder} holds {len(found)} files, {MAX_FILES} are read at most; give a part of it")
-    return found
+    if len(files) > MAX_FILES:
+        raise InputError(f"{folder} holds {len(files)} files, {MAX_FILES} are read at most; give a part of it")
+    return files

@@ -66,11 +66,11 @@ def read_parrad(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list
     """
     if options.classes is None:
         options = replace(options, classes=FIVE)
-    found = _loaded(path)
-    labels = [str(each) for each in found["labels"]]
+    recording = _loaded(path)
+    labels = [str(label) for label in recording["labels"]]
     classes = class_names(labels, options, path)
-    floors = {radar: _above_floor(found[radar]) for radar in RADARS}
-    begins = aligned(found["starts"], found["stops"], floors)
+    floors = {radar: _above_floor(recording[radar]) for radar in RADARS}
+    begins = aligned(recording["starts"], recording["stops"], floors)
     chosen = [(event, label) for event, label in enumerate(labels) if class_of(label, options) is not None]
     each_map = [(event, label, radar) for event, label in chosen for radar in RADARS]
     levels = []
@@ -95,10 +95,10 @@ def read_parrad(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list
 
 def notched(levels_db: np.ndarray) -> np.ndarray:
     """Maps (..., row, bin) whose bins near zero are at the median of all others, so that static echoes are no greatest cell."""
-    found = np.array(levels_db, dtype=np.float64)
-    near = np.abs(np.arange(found.shape[-1]) - ZERO_BIN) <= NOTCH_BINS
-    found[..., near] = np.median(found[..., ~near], axis=(-2, -1))[..., None, None]
-    return found
+    levels = np.array(levels_db, dtype=np.float64)
+    near = np.abs(np.arange(levels.shape[-1]) - ZERO_BIN) <= NOTCH_BINS
+    levels[..., near] = np.median(levels[..., ~near], axis=(-2, -1))[..., None, None]
+    return levels
 
 
 def aligned(starts: np.ndarray, stops: np.ndarray, above_db: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -107,7 +107,7 @@ def aligned(starts: np.ndarray, stops: np.ndarray, above_db: Mapping[str, np.nda
     Motions meet where the moving power of both radars together is least, 1 to 3 s after each command. An event that is longer than
     a map gives its most powerful `ROWS` rows.
     """
-    power = sum(np.maximum(each - DETECTION_DB, 0.0).sum(axis=1) for each in above_db.values())
+    power = sum(np.maximum(radar_db - DETECTION_DB, 0.0).sum(axis=1) for radar_db in above_db.values())
     smooth = np.convolve(power, np.ones(SMOOTHED_ROWS) / SMOOTHED_ROWS, mode="same")
     rows = len(smooth)
     borders = []
@@ -125,46 +125,50 @@ def aligned(starts: np.ndarray, stops: np.ndarray, above_db: Mapping[str, np.nda
 
 def _above_floor(values: np.ndarray) -> np.ndarray:
     """Mean level over ranges [dB above the noise], (row, bin), without the bins of static echoes."""
-    found = notched(values / RANGE_CELLS)
-    return found - np.median(found)
+    levels = notched(values / RANGE_CELLS)
+    return levels - np.median(levels)
 
 
 def _loaded(path: Path) -> dict[str, np.ndarray]:
     """Maps of both radars (row, bin), and the commands, all of them checked."""
     needed = (*RADARS, "starts", "stops", "labels")
-    found = npz_arrays(path, needed)
+    recording = npz_arrays(path, needed)
     for name in needed:
-        if name not in found:
+        if name not in recording:
             raise InputError(f"{path} is no PARrad file: it lacks {name}; it needs {', '.join(needed)}")
     for radar in RADARS:
-        found[radar] = array(
-            f"{radar} of {path}", found[radar], ("row", BINS), limit=1e6, hint="give the recording as it was published"
+        recording[radar] = array(
+            f"{radar} of {path}",
+            recording[radar],
+            ("row", BINS),
+            limit=1e6,
+            hint="give the recording as it was published",
         )
-    rows = len(found[RADARS[0]])
-    if rows < ROWS + LATEST_ROW or len(found[RADARS[1]]) != rows:
+    rows = len(recording[RADARS[0]])
+    if rows < ROWS + LATEST_ROW or len(recording[RADARS[1]]) != rows:
         raise InputError(
-            f"{path} has {rows} and {len(found[RADARS[1]])} rows of its radars; both must have as many, "
+            f"{path} has {rows} and {len(recording[RADARS[1]])} rows of its radars; both must have as many, "
             f"{ROWS + LATEST_ROW} or more"
         )
-    _check_commands(path, found, rows)
-    return found
+    _check_commands(path, recording, rows)
+    return recording
 
 
-def _check_commands(path: Path, found: dict[str, np.ndarray], rows: int) -> None:
+def _check_commands(path: Path, recording: dict[str, np.ndarray], rows: int) -> None:
     """Texts, and a first and a last row for each, in ascending order."""
-    labels = found["labels"]
+    labels = recording["labels"]
     if labels.ndim != 1 or len(labels) == 0 or labels.dtype.kind not in "US":
         raise InputError(
             f"{path}: labels must be texts, one for each command, got {labels.dtype} of shape {labels.shape}"
         )
     if labels.dtype.kind == "S":
-        found["labels"] = np.char.decode(labels, "utf-8", "replace")
+        recording["labels"] = np.char.decode(labels, "utf-8", "replace")
     for name in ("starts", "stops"):
-        rowed = array(f"{name} of {path}", found[name], (len(labels),), hint="give one row for each label")
+        rowed = array(f"{name} of {path}", recording[name], (len(labels),), hint="give one row for each label")
         if np.any(rowed != np.rint(rowed)):
             raise InputError(f"{path}: {name} must be numbers of rows, got fractions; round them")
-        found[name] = rowed.astype(np.int64)
-    starts, stops = found["starts"], found["stops"]
+        recording[name] = rowed.astype(np.int64)
+    starts, stops = recording["starts"], recording["stops"]
     if np.any(np.diff(starts) <= 0) or np.any(stops <= starts) or starts[0] < 0 or stops.max() > rows:
         raise InputError(
             f"{path}: starts must ascend within its {rows} rows, each before its stop; give commands in order"

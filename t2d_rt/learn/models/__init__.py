@@ -89,33 +89,33 @@ def build(name: str, classes: int, size: tuple[int, int] = (64, 64), channels: i
 
     Raises InputError for an unknown name, for maps that are too small, and where PyTorch is not installed.
     """
-    network, wanted = _network(name), checked_size(size)
+    network, cells = _network(name), checked_size(size)
     integer("classes", classes, 2, 10_000)
     least = network.about.least_size
-    if min(wanted) < least:
+    if min(cells) < least:
         raise InputError(
-            f"{name} needs maps of {least} x {least} cells or more, got {wanted[0]} x {wanted[1]}; resize them"
+            f"{name} needs maps of {least} x {least} cells or more, got {cells[0]} x {cells[1]}; resize them"
         )
-    return network.build(classes, wanted, integer("channels", channels, 1, 16))
+    return network.build(classes, cells, integer("channels", channels, 1, 16))
 
 
 def _network(name: str) -> Network:
     """A network by its name, of t2d-rt or of another package."""
     others = plugins("models", OWN)
-    wanted = str(name).lower().replace("_", "-")
-    if wanted not in OWN and wanted not in others:
+    key = str(name).lower().replace("_", "-")
+    if key not in OWN and key not in others:
         raise unknown_name("model", name, model_names())
     require_learning()
-    if wanted in OWN:
-        module, value = OWN[wanted].split(".")
+    if key in OWN:
+        module, value = OWN[key].split(".")
         own: Network = getattr(import_module(f"t2d_rt.learn.models.{module}"), value)
         return own
-    found = loaded(others[wanted])
-    if not isinstance(getattr(found, "ABOUT", None), ModelCard) or not callable(getattr(found, "build", None)):
+    network = loaded(others[key])
+    if not isinstance(getattr(network, "ABOUT", None), ModelCard) or not callable(getattr(network, "build", None)):
         raise InputError(
-            f"the model {wanted} of another package must have ABOUT, a ModelCard, and build; see docs/extend.md"
+            f"the model {key} of another package must have ABOUT, a ModelCard, and build; see docs/extend.md"
         )
-    return Network(found.ABOUT, found.build)
+    return Network(network.ABOUT, network.build)
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,17 +138,17 @@ def count(network: nn.Module, size: tuple[int, int, int]) -> Count:
     import torch
     from torch.utils.flop_counter import FlopCounterMode
 
-    before = network.training
+    was_training = network.training
     network.eval()
     # Without oneDNN an LSTM runs as matrix products, which are counted; with it as one operation, which is not.
-    with_onednn = not any(isinstance(each, torch.nn.LSTM) for each in network.modules())
+    with_onednn = not any(isinstance(module, torch.nn.LSTM) for module in network.modules())
     with warnings.catch_warnings(), torch.no_grad(), FlopCounterMode(display=False) as counter:
         # PyTorch warns so when oneDNN is switched, on any machine without Intel's GPU.
         warnings.filterwarnings("ignore", message="TF32 acceleration")
         with torch.backends.mkldnn.flags(enabled=with_onednn):
             network(torch.zeros(1, *size))
-    network.train(before)
-    found = {str(kind): value for kind, value in counter.get_flop_counts()["Global"].items()}
-    attention = sum(value for kind, value in found.items() if "bmm" in kind or "attention" in kind)
-    parameters = sum(each.numel() for each in network.parameters())
-    return Count(parameters, sum(found.values()) / 2e9, attention / 2e9)
+    network.train(was_training)
+    operations = {str(kind): value for kind, value in counter.get_flop_counts()["Global"].items()}
+    attention = sum(value for kind, value in operations.items() if "bmm" in kind or "attention" in kind)
+    parameters = sum(parameter.numel() for parameter in network.parameters())
+    return Count(parameters, sum(operations.values()) / 2e9, attention / 2e9)

@@ -71,12 +71,12 @@ class Envelope(nn.Module):
     def forward(self, maps: Tensor) -> Tensor:
         """Scores (N, classes) of maps (N, channels, speed, time)."""
         levels = (maps.detach().cpu().numpy() - 1.0) * RANGE_DB
-        rows = [np.concatenate([self._known(channel) for channel in level]) for level in levels]
+        rows = [np.concatenate([self._cached_features(channel) for channel in level]) for level in levels]
         table = torch.from_numpy(np.stack(rows)).to(maps.device)
         scores: Tensor = self.layers(self.scaled(table).clamp(-FARTHEST, FARTHEST))
         return scores
 
-    def _known(self, levels: np.ndarray) -> np.ndarray:
+    def _cached_features(self, levels: np.ndarray) -> np.ndarray:
         """Features of a map, which are kept by a hash of the map and its axes: in training each map comes in every epoch."""
         axes = self.velocity_mps.cpu().numpy().tobytes() + self.duration_s.cpu().numpy().tobytes()
         key = hashlib.blake2b(axes + levels.tobytes(), digest_size=16).digest()
@@ -85,8 +85,8 @@ class Envelope(nn.Module):
     def _features(self, levels: np.ndarray) -> np.ndarray:
         """Features of a map [dB], float32, finite."""
         velocity, duration_s = self.velocity_mps.cpu().numpy(), float(self.duration_s)
-        found = {**features(levels, velocity, duration_s), **band_features(levels, velocity, duration_s)}
-        return np.nan_to_num(np.array([*found.values()], dtype=np.float32))
+        named = {**features(levels, velocity, duration_s), **band_features(levels, velocity, duration_s)}
+        return np.nan_to_num(np.array([*named.values()], dtype=np.float32))
 
 
 ENVELOPE = Network(

@@ -16,8 +16,8 @@ VGG_WIDTHS = 24, 48, 64, 64, 128, 128
 def vgg_7(classes: int, size: tuple[int, int], channels: int) -> nn.Module:
     """Six convolutions of 3 x 3 in pairs, each pair followed by pooling, the mean over the map, and one linear layer."""
     layers: list[nn.Module] = []
-    for number, (given, width) in enumerate(pairwise((channels, *VGG_WIDTHS))):
-        layers += [nn.Conv2d(given, width, 3, padding=1, bias=False), nn.BatchNorm2d(width), nn.ReLU()]
+    for number, (in_channels, width) in enumerate(pairwise((channels, *VGG_WIDTHS))):
+        layers += [nn.Conv2d(in_channels, width, 3, padding=1, bias=False), nn.BatchNorm2d(width), nn.ReLU()]
         if number % 2 == 1:
             layers.append(nn.MaxPool2d(2))
     return nn.Sequential(*layers, nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Linear(VGG_WIDTHS[-1], classes))

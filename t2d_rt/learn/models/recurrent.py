@@ -122,10 +122,10 @@ class Crnn(nn.Module):
     def __init__(self, classes: int, size: tuple[int, int], channels: int) -> None:
         super().__init__()
         layers: list[nn.Module] = []
-        given = channels
+        in_channels = channels
         for pool in (5, 4, 2) if size[0] >= 96 else (3, 2, 2):
-            layers += [nn.Conv2d(given, WIDTH, 5, padding=1), nn.MaxPool2d((pool, 2)), nn.ReLU()]
-            given = WIDTH
+            layers += [nn.Conv2d(in_channels, WIDTH, 5, padding=1), nn.MaxPool2d((pool, 2)), nn.ReLU()]
+            in_channels = WIDTH
         self.encoder = nn.Sequential(*layers)
         self.recurrent = nn.LSTM(WIDTH, HIDDEN, num_layers=2, batch_first=True, bidirectional=True)
         self.head = nn.Linear(2 * HIDDEN, classes)

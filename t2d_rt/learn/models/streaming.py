@@ -45,7 +45,7 @@ class Streaming(nn.Module):
             nn.ReLU(),
         )
         self.mixed = nn.Sequential(nn.Conv1d(16 * (-(-size[0] // 4)), WIDTH, 1), nn.BatchNorm1d(WIDTH), nn.ReLU())
-        self.causal = nn.ModuleList(nn.Conv1d(WIDTH, WIDTH, TAPS, dilation=each) for each in DILATIONS)
+        self.causal = nn.ModuleList(nn.Conv1d(WIDTH, WIDTH, TAPS, dilation=dilation) for dilation in DILATIONS)
         self.norms = nn.ModuleList(nn.BatchNorm1d(WIDTH) for _ in DILATIONS)
         self.recurrent = nn.GRU(WIDTH, WIDTH, batch_first=True)
         self.head = nn.Linear(2 * WIDTH, classes)
@@ -59,7 +59,7 @@ class Streaming(nn.Module):
         """The state before the first column of so many maps."""
         base = self.head.weight if like is None else like
         return StreamState(
-            before=tuple(base.new_zeros(count, WIDTH, (TAPS - 1) * each) for each in DILATIONS),
+            before=tuple(base.new_zeros(count, WIDTH, (TAPS - 1) * dilation) for dilation in DILATIONS),
             hidden=base.new_zeros(1, count, WIDTH),
             total=base.new_zeros(count, WIDTH),
             greatest=base.new_full((count, WIDTH), -torch.inf),
