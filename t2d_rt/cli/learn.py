@@ -137,7 +137,7 @@ def _about(dataset: Dataset, parts: Mapping[str, np.ndarray], by: str) -> dict[s
     """What the card tells of the data, for evaluation and prediction to compare with."""
     from t2d_rt.signal.doppler import checked_windows
 
-    recipe, seen = dataset.recipe, np.concatenate([parts["train"], parts["val"]])
+    recipe, training_places = dataset.recipe, np.concatenate([parts["train"], parts["val"]])
     radars = [recipe.radar if condition.radar is None else condition.radar for condition in recipe.conditions]
     cells = {
         float(
@@ -157,7 +157,7 @@ def _about(dataset: Dataset, parts: Mapping[str, np.ndarray], by: str) -> dict[s
         "cells_mps": sorted(cells),
         "carriers_hz": sorted({radar.carrier_hz for radar in radars}),
         "indices": {name: dataset.indices[places].tolist() for name, places in parts.items()},
-        "descriptions": sorted({str(dataset.records[place]["sentence"]) for place in seen}),
+        "descriptions": sorted({str(dataset.records[place]["sentence"]) for place in training_places}),
     }
 
 
@@ -306,8 +306,8 @@ def _labelled(source: str, networks: Ensemble, model: str) -> tuple[LabelledMaps
                 f"no sample of {source} was kept apart by all of {model}; train them with one seed of the split, or evaluate them "
                 "one by one"
             )
-        kept = maps.take([place for place, name in enumerate(maps.names) if int(name) in common])
-        return kept.relabelled(card.classes), f"the test of the split by {card.about.get('split', 'unknown')}"
+        test_maps = maps.take([place for place, name in enumerate(maps.names) if int(name) in common])
+        return test_maps.relabelled(card.classes), f"the test of the split by {card.about.get('split', 'unknown')}"
     for warning in card.unfamiliar(source, carrier_hz=options.carrier_hz, levels=maps.levels):
         warn(warning)
     return maps.relabelled(card.classes), "all samples, of another recipe than it was trained on"
@@ -333,11 +333,11 @@ def _speeds_of(dataset: Dataset, card: Card) -> tuple[float, float]:
     from t2d_rt.dataset.products import edges
     from t2d_rt.learn.maps import LEAST_SHARED, shared_speeds
 
-    own, (lowest, highest) = shared_speeds(dataset), edges(card.axis_mps)
-    covered = own[0] <= lowest + ROUNDED_MPS and own[1] >= highest - ROUNDED_MPS
-    if covered and highest - lowest >= LEAST_SHARED * (own[1] - own[0]):
-        return max(lowest, own[0]), min(highest, own[1])
-    return own
+    own_speeds, (lowest, highest) = shared_speeds(dataset), edges(card.axis_mps)
+    covered = own_speeds[0] <= lowest + ROUNDED_MPS and own_speeds[1] >= highest - ROUNDED_MPS
+    if covered and highest - lowest >= LEAST_SHARED * (own_speeds[1] - own_speeds[0]):
+        return max(lowest, own_speeds[0]), min(highest, own_speeds[1])
+    return own_speeds
 
 
 def _check_like(source: str, maps: LabelledMaps, mti: str | None, card: Card) -> None:
@@ -368,10 +368,10 @@ def _check_like(source: str, maps: LabelledMaps, mti: str | None, card: Card) ->
 
 def _warn_of_seen(source: str, maps: LabelledMaps, card: Card) -> None:
     """Warns where descriptions of a data set are among those of the training."""
-    seen = np.isin(maps.groups["description"], card.about.get("descriptions", []))
-    if seen.any():
+    repeated = np.isin(maps.groups["description"], card.about.get("descriptions", []))
+    if repeated.any():
         warn(
-            f"{seen.sum()} of {len(maps)} samples of {source} are of descriptions that the model was trained on; "
+            f"{repeated.sum()} of {len(maps)} samples of {source} are of descriptions that the model was trained on; "
             "its scores are better than for new ones"
         )
 

@@ -169,8 +169,10 @@ class Command:
                 raise InputError(f"unknown option {word[:60]}; t2d-rt {self.name} --help lists all")
             name, value = "file", word if option is None else option[2]
             if option is not None:
-                given = option[1][2:].replace("-", "_") or {short: name for name, short in SHORT.items()}[option[1]]
-                name = {"again": "file", "radar_file": "radar"}.get(given, given)
+                option_name = (
+                    option[1][2:].replace("-", "_") or {short: name for name, short in SHORT.items()}[option[1]]
+                )
+                name = {"again": "file", "radar_file": "radar"}.get(option_name, option_name)
             if (
                 value is None and getattr(actions.get(f"--{name}"), "nargs", None) in (0, "?")
             ) or name == "print_config":
@@ -301,17 +303,17 @@ def bounded_yaml(text: str) -> Any:
 def one_sentence(message: str, command: str, options: Collection[str] = ()) -> str:
     """What the parser found wrong, in plain words."""
     help_command = f"t2d-rt {command} --help"
-    wrong = re.match(r'Parser key "(.+?)":', message)
-    given = re.search(r"(?:Got|Given) value: (.*)", message, flags=re.DOTALL)
-    nested = given and re.match(r"NestedArg\(key='([^']*)'", given[1])
-    if wrong and nested:
-        return f"unknown option {wrong[1]}.{nested[1]}; {wrong[1]} takes one value here, see {help_command}"
-    if wrong and given:
+    key_match = re.match(r'Parser key "(.+?)":', message)
+    value_match = re.search(r"(?:Got|Given) value: (.*)", message, flags=re.DOTALL)
+    nested_match = value_match and re.match(r"NestedArg\(key='([^']*)'", value_match[1])
+    if key_match and nested_match:
+        return (
+            f"unknown option {key_match[1]}.{nested_match[1]}; {key_match[1]} takes one value here, see {help_command}"
+        )
+    if key_match and value_match:
         kinds = re.findall(r"Expected an? (.+?)(?:\. Got value|\n|$)", message)
         expected = dict.fromkeys(word for kind in kinds for word in _plain_type(kind))
-        return (
-            f"option {wrong[1]} must be {' or '.join(expected)}, got '{_one_line(given[1], 100)}'; see {help_command}"
-        )
+        return f"option {key_match[1]} must be {' or '.join(expected)}, got '{_one_line(value_match[1], 100)}'; see {help_command}"
     if "are required: file" in message:
         return f"no file given; name one, as in the examples of {help_command}"
     unknown = re.search(r"unrecognized arguments: (\S+)|Option '(.+)' is not accepted", message)

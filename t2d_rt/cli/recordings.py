@@ -355,12 +355,16 @@ def scene(
     if not 0 <= reflections <= 4:
         raise InputError(f"option reflections must lie in 0..4, got {reflections}")
     radar = radar_of(given)
-    whole = load_scene(file, **scene_options(scene_file), frequency_hz=radar.mid_frequency_hz)
-    if whole.report:
-        say(whole.report)
-    near = within_reach(whole, radar)
-    cut = "" if near in (None, whole) else f" of {len(whole.surfaces)}, within {radar.max_range_m:.3g} m"
-    drawn = near or whole
+    full_scene = load_scene(file, **scene_options(scene_file), frequency_hz=radar.mid_frequency_hz)
+    if full_scene.report:
+        say(full_scene.report)
+    scene_in_reach = within_reach(full_scene, radar)
+    cut = (
+        ""
+        if scene_in_reach in (None, full_scene)
+        else f" of {len(full_scene.surfaces)}, within {radar.max_range_m:.3g} m"
+    )
+    drawn = scene_in_reach or full_scene
     picture = Path(output or f"{drawn.name}.png")
     check_picture(picture, overwrite=overwrite)
     track, target = None, radar.tx_position_m + 2.5 * radar.axes[0]
@@ -368,7 +372,7 @@ def scene(
         motion = load_motion(motion_path(walk))
         track = place(motion, radar_position_m=radar.position_m, boresight=radar.boresight).joints[:, 0]
         target = track[len(track) // 2]
-    paths = [] if near is None else paths_to(near, radar, target, reflections=reflections)
+    paths = [] if scene_in_reach is None else paths_to(scene_in_reach, radar, target, reflections=reflections)
     figure = plot_scene(drawn, radar.tx_position_m, paths_m=paths, track_m=track, title=drawn.name)
     write_picture(figure, picture, overwrite=overwrite)
     where, names = ", ".join(f"{coordinate:.2f}" for coordinate in target), ", ".join(name for name, _ in paths)

@@ -156,14 +156,14 @@ def entries(text: str) -> list[str]:
     >>> entries("fan:3,-1,1,rpm=0:600:300|pet:3,-1,0")
     ['fan:3,-1,1,rpm=0', 'fan:3,-1,1,rpm=300', 'fan:3,-1,1,rpm=600', 'pet:3,-1,0']
     """
-    whole: list[str] = []
+    entry_texts: list[str] = []
     for part in text.split("|"):
-        if whole and not ENTRY.match(part):
-            whole[-1] += f"|{part}"  # one more value of the entry's last field
+        if entry_texts and not ENTRY.match(part):
+            entry_texts[-1] += f"|{part}"  # one more value of the entry's last field
         else:
-            whole.append(part)
+            entry_texts.append(part)
     combinations = []
-    for entry in whole:
+    for entry in entry_texts:
         kind, colon, rest = entry.partition(":")
         choices = []
         for word in rest.split(","):

@@ -337,10 +337,10 @@ def _meaning(dataset: Dataset, product: Product) -> str:
     if product == "points":
         return "(point, 6): time [s], range [m], azimuth [rad], elevation [rad], speed [m/s], SNR [dB]"
     if product == "truth":
-        seen = ", visible fraction" if definition.visible else ""
+        visible = ", visible fraction" if definition.visible else ""
         return (
             f"(time, {len(definition.columns)}) of the labelled person at {definition.rate_hz:g} Hz: time [s], 22 joints "
-            f"forward, left and up from the radar [m], then range [m], speed [m/s], azimuth [rad], elevation [rad]{seen} "
+            f"forward, left and up from the radar [m], then range [m], speed [m/s], azimuth [rad], elevation [rad]{visible} "
             "of 17 segments, whether heel and ball of the left and the right foot stand, and breathing [m]"
         )
     if product == "parts":

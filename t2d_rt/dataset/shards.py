@@ -319,8 +319,8 @@ def check_array(array: np.ndarray, dtype: np.dtype[Any], shape: Sizes, name: str
     if name in MAPS and dtype.kind == "f" and array.max(initial=-np.inf) > LEAST_ABOVE_DB:
         raise InputError(f"{name} has levels above 0 dB, its greatest cell")
     if name == "parts":
-        whole = array.sum(axis=-3)
-        if min(whole.min(initial=0.0), 1.0 - whole.max(initial=0.0)) < -BEYOND:
+        total = array.sum(axis=-3)
+        if min(total.min(initial=0.0), 1.0 - total.max(initial=0.0)) < -BEYOND:
             raise InputError("parts do not add up to 0..1, powers over that of the greatest cell")
 
 

@@ -68,9 +68,9 @@ class Split:
 
     def __str__(self) -> str:
         sides = ", ".join(f"{name} {len(indices)}" for name, indices in self.sides.items())
-        left = f"; {len(self.left_out)} samples left out" if self.left_out else ""
+        left_out = f"; {len(self.left_out)} samples left out" if self.left_out else ""
         shared = "".join(f"; {count} {kind}s on two sides" for kind, count in self.shared.items())
-        return f"{sides}; apart: {', '.join(self.apart)}{left}{shared}"
+        return f"{sides}; apart: {', '.join(self.apart)}{left_out}{shared}"
 
     def to_json(self) -> str:
         """Text that `read_split` takes."""
@@ -141,10 +141,10 @@ def split(
     side_fractions = _fractions(fractions)
     kinds = _kinds(apart)
     on = _sides(records, side_fractions, kinds, leave_out=leave_out, seed=seed)
-    kept = on.sum(axis=1) == 1
-    sides = {name: kept & on[:, side] for side, name in enumerate(side_fractions)}
+    on_one_side = on.sum(axis=1) == 1
+    sides = {name: on_one_side & on[:, side] for side, name in enumerate(side_fractions)}
     _check_sizes(records, sides, side_fractions, kinds, leave_out=leave_out)
-    return _checked_split(records, sides, kinds, ~kept)
+    return _checked_split(records, sides, kinds, ~on_one_side)
 
 
 def folds(

@@ -313,10 +313,10 @@ def _sheet(rows: int, columns: int) -> tuple[Figure, Any, Axes]:
 def _chosen(dataset: Dataset, number: int, columns: int) -> list[int]:
     """The first samples of a class, each of another description as far as there are others."""
     places = np.flatnonzero(dataset.labels == number).tolist()
-    seen: dict[str, int] = {}
+    place_by_sentence: dict[str, int] = {}
     for place in places:
-        seen.setdefault(dataset.records[place]["sentence"], place)
-    first = sorted(seen.values())
+        place_by_sentence.setdefault(dataset.records[place]["sentence"], place)
+    first = sorted(place_by_sentence.values())
     return (first + [place for place in places if place not in set(first)])[:columns]
 
 

@@ -37,8 +37,8 @@ class _Levels(BackendArray):
         if np.ndim(places) == 0:
             return np.asarray(self._dataset.values(int(places), self._product)[key[1:]])
         rows = [self._dataset.values(int(place), self._product) for place in places]
-        whole = np.stack(rows) if rows else np.zeros((0, *self.shape[1:]), self.dtype)
-        return np.asarray(whole[(slice(None), *key[1:])])
+        stacked = np.stack(rows) if rows else np.zeros((0, *self.shape[1:]), self.dtype)
+        return np.asarray(stacked[(slice(None), *key[1:])])
 
 
 def xarray_view(dataset: Dataset, product: Product) -> xr.Dataset:

@@ -195,15 +195,15 @@ class Lines:
         threshold_db = max(float(np.percentile(noise, 99)) + LINES_MARGIN_DB, float(smooth_db[moving].max()) - RANGE_DB)
         floor = 10 ** (floor_db / 10)
         above = (smooth_db > threshold_db) & moving[:, None]
-        kept = np.where(above, np.maximum(power - floor, 0.0), 0.0)
-        total = kept.sum(axis=0)
+        power_above = np.where(above, np.maximum(power - floor, 0.0), 0.0)
+        total = power_above.sum(axis=0)
         shown = total > 0
-        below = np.cumsum(kept, axis=0) / np.maximum(total, 1e-12)
+        below = np.cumsum(power_above, axis=0) / np.maximum(total, 1e-12)
         lower, middle, upper = (np.where(shown, velocity_mps[np.argmax(below >= part, axis=0)], 0.0) for part in PARTS)
-        mean = (kept * velocity_mps[:, None]).sum(axis=0) / np.maximum(total, 1e-12)
+        mean = (power_above * velocity_mps[:, None]).sum(axis=0) / np.maximum(total, 1e-12)
         level = np.where(shown, 10 * np.log10(np.maximum(total, 1e-12) / floor), 0.0)
         contrast_db = float(np.percentile(smooth_db[moving], 99.5)) - floor_db
-        return cls(lower, middle, upper, mean, np.maximum(level, 0.0), kept, float(above.mean()), contrast_db)
+        return cls(lower, middle, upper, mean, np.maximum(level, 0.0), power_above, float(above.mean()), contrast_db)
 
 
 def activity_features(levels_db: np.ndarray, velocity_mps: np.ndarray, duration_s: float) -> dict[str, float]:
@@ -259,13 +259,13 @@ def _peak(lines: Lines, step_s: float) -> dict[str, float]:
     fraction, centre, spread = _placed(square)
     fastest, away = int(np.argmax(fraction)), max(1, int(PEAK_S / step_s))
     before, after = fraction[: max(fastest - away, 1)], fraction[fastest + away :]
-    whole = fraction.mean() + 1e-12
+    mean_fraction = fraction.mean() + 1e-12
     return {
         "centre of the speed": centre,
         "spread of the speed": _log(spread, 0.02),
         "evenness of the speed": float(-(fraction * np.log(fraction + 1e-12)).sum()),
-        "before the fastest": _log(before.mean() / whole, 0.05),
-        "after the fastest": _log(after.mean() / whole if len(after) else 0.0, 0.05),
+        "before the fastest": _log(before.mean() / mean_fraction, 0.05),
+        "after the fastest": _log(after.mean() / mean_fraction if len(after) else 0.0, 0.05),
     }
 
 
@@ -351,16 +351,16 @@ def band_features(levels_db: np.ndarray, velocity_mps: np.ndarray, duration_s: f
     sides = above[-half:], above[:half][::-1]
     speed = velocity_mps[-half:]
     coming, going = (_bands(side, speed, EDGES_MPS) for side in sides)
-    both = decibel(10.0 ** (coming / 10.0) + 10.0 ** (going / 10.0))
+    both_sides = decibel(10.0 ** (coming / 10.0) + 10.0 ** (going / 10.0))
     return {
-        **_levels("both sides", both),
+        **_levels("both sides", both_sides),
         **_levels("weaker side", np.minimum(coming, going)),
         **_numbered("one-sided", np.abs((coming - going).mean(axis=1))),
         **_numbered("difference of sides", np.abs(coming - going).mean(axis=1)),
-        **_likeness(both, step_s),
+        **_likeness(both_sides, step_s),
         **_band_modulation(sides, speed, step_s),
         **_body(above, velocity_mps, step_s),
-        **_activity(both),
+        **_activity(both_sides),
     }
 
 
@@ -401,10 +401,12 @@ def _likeness(bands: np.ndarray, step_s: float) -> dict[str, float]:
     correlations = {}
     change = bands - bands.mean(axis=1, keepdims=True)
     for name, rows in (("torso", change[:SLOW_BANDS]), ("limbs", change[SLOW_BANDS:])):
-        whole = float((rows**2).mean(axis=1).sum()) + len(rows)
+        total_power = float((rows**2).mean(axis=1).sum()) + len(rows)
         for lag_s in LAGS_S:
             lag = min(max(1, round(lag_s / step_s)), rows.shape[1] - 1)
-            correlations[f"{name} after {lag_s} s"] = float((rows[:, lag:] * rows[:, :-lag]).mean(axis=1).sum()) / whole
+            correlations[f"{name} after {lag_s} s"] = (
+                float((rows[:, lag:] * rows[:, :-lag]).mean(axis=1).sum()) / total_power
+            )
     return correlations
 
 

@@ -142,8 +142,8 @@ class LabelledMaps:
         numbers = np.array([classes.index(of[name]) if name in of else -1 for name in self.classes])[self.labels]
         if not (numbers >= 0).any():
             raise InputError(f"there is no sample of {', '.join(classes)} among those of {', '.join(self.classes)}")
-        kept = self.take(np.flatnonzero(numbers >= 0))
-        return replace(kept, labels=numbers[numbers >= 0], classes=tuple(classes))
+        selected = self.take(np.flatnonzero(numbers >= 0))
+        return replace(selected, labels=numbers[numbers >= 0], classes=tuple(classes))
 
     def joined(self, *others: LabelledMaps) -> LabelledMaps:
         """These maps and those of others of the same classes and axes; a group that some lack holds each of their samples alone."""

@@ -117,8 +117,8 @@ def predict(
     duration_s = model.card.duration_s
     step_s = duration_s / STEPS if step_s is None else number("step_s", step_s, duration_s / MOST_STEPS, 1e4, unit="s")
     least_s = LEAST * duration_s if least_s is None else number("least_s", least_s, 0.0, 1e4, unit="s")
-    whole = model if isinstance(model, Ensemble) else Ensemble((model,))
-    starts_s, maps = windows_of([member.card for member in whole.members], recording, step_s)
+    ensemble = model if isinstance(model, Ensemble) else Ensemble((model,))
+    starts_s, maps = windows_of([member.card for member in ensemble.members], recording, step_s)
     length_s = float(starts_s[-1] - starts_s[0]) + duration_s
     if least_s > length_s * (1 + APART):
         raise InputError(
@@ -129,7 +129,7 @@ def predict(
         classes=model.card.classes,
         starts_s=starts_s,
         duration_s=model.card.duration_s,
-        probabilities=whole.mean_of(maps),
+        probabilities=ensemble.mean_of(maps),
         mti=_mti(model.card),
         least_s=least_s,
     )
@@ -177,9 +177,9 @@ def windows_of(cards: Sequence[Card], recording: Recording, step_s: float) -> tu
     recording's cells. A recording that is shorter than a window makes one, which goes on at the recording's floor.
     """
     card = cards[0]
-    whole = _Columns.of(recording.processed(mti=_mti(card)))
-    _check_speeds(whole, card)
-    last = _last_start_s(whole, card)
+    all_columns = _Columns.of(recording.processed(mti=_mti(card)))
+    _check_speeds(all_columns, card)
+    last = _last_start_s(all_columns, card)
     starts = np.append(np.arange(0.0, last - APART * step_s, step_s), last)
     # Networks of the same cells share their maps.
     kinds = {
@@ -187,10 +187,10 @@ def windows_of(cards: Sequence[Card], recording: Recording, step_s: float) -> tu
     }
     maps: dict[object, list[np.ndarray]] = {kind: [] for kind in kinds}
     for start in starts:
-        if _mti(card) == "none" or whole.length_s < card.duration_s * 0.999:
-            columns, begin_s = whole, whole.times[0] + start
+        if _mti(card) == "none" or all_columns.length_s < card.duration_s * 0.999:
+            columns, begin_s = all_columns, all_columns.times[0] + start
         else:
-            columns = _Columns.of(_piece(recording, start, card.duration_s, whole.length_s))
+            columns = _Columns.of(_piece(recording, start, card.duration_s, all_columns.length_s))
             begin_s = columns.times[0]
         columns = columns.until(begin_s + card.duration_s)
         for kind, kind_card in kinds.items():
@@ -198,54 +198,57 @@ def windows_of(cards: Sequence[Card], recording: Recording, step_s: float) -> tu
             speed_edges = _edges(kind_card.axis_mps)
             power = averaging(columns.speeds, speed_edges) @ columns.power @ averaging(columns.times, time_edges).T
             maps[kind].append(relative_levels(power, kind_card.size, kind_card.dynamic_range_db))
-            check_varied(maps[kind][-1], f"the window of the recording from {start + whole.times[0]:.3g} s")
+            check_varied(maps[kind][-1], f"the window of the recording from {start + all_columns.times[0]:.3g} s")
     stacked = {kind: np.stack(windows) for kind, windows in maps.items()}
     sentences = [
         sentence
         for member_card in cards
         for sentence in member_card.unfamiliar(
-            "the recording", carrier_hz=recording.radar.carrier_hz, cell_mps=float(np.diff(whole.speeds[:2])[0]),
+            "the recording", carrier_hz=recording.radar.carrier_hz, cell_mps=float(np.diff(all_columns.speeds[:2])[0]),
             levels=stacked[member_card.size, member_card.velocity_mps, member_card.dynamic_range_db],
         )
     ]  # fmt: skip
     for sentence in dict.fromkeys(sentences):
         warn(sentence)
-    return starts + whole.times[0], [
+    return starts + all_columns.times[0], [
         stacked[member_card.size, member_card.velocity_mps, member_card.dynamic_range_db] for member_card in cards
     ]
 
 
-def _check_speeds(whole: _Columns, card: Card) -> None:
+def _check_speeds(columns: _Columns, card: Card) -> None:
     """Refuses a recording that does not cover the speeds of the training, and warns of one that shows others as well."""
     speed_edges = _edges(card.axis_mps)
-    bin_mps = whole.speeds[1] - whole.speeds[0]
-    if speed_edges[0] < whole.speeds[0] - bin_mps or speed_edges[-1] > whole.speeds[-1] + bin_mps:
+    bin_mps = columns.speeds[1] - columns.speeds[0]
+    if speed_edges[0] < columns.speeds[0] - bin_mps or speed_edges[-1] > columns.speeds[-1] + bin_mps:
         raise InputError(
-            f"the recording shows {whole.speeds[0]:.3g} to {whole.speeds[-1]:.3g} m/s, the model was trained on "
-            f"{speed_edges[0]:.3g} to {speed_edges[-1]:.3g} m/s; record with a higher chirp rate, or train on a recipe whose speed_mps is lower"
+            f"the recording shows {columns.speeds[0]:.3g} to {columns.speeds[-1]:.3g} m/s, the model was trained on "
+            f"{speed_edges[0]:.3g} to {speed_edges[-1]:.3g} m/s; record with a higher chirp rate, or train on a recipe "
+            "whose speed_mps is lower"
         )
-    echoes = np.where(whole.power > OVER_NOISE * np.median(whole.power), whole.power, 0.0).sum(axis=1)
-    inside = (whole.speeds[1:] > speed_edges[0]) & (whole.speeds[:-1] < speed_edges[-1])
-    beyond = float(echoes[~inside].sum() / max(whole.power.sum(), 1e-300))
+    echoes = np.where(columns.power > OVER_NOISE * np.median(columns.power), columns.power, 0.0).sum(axis=1)
+    inside = (columns.speeds[1:] > speed_edges[0]) & (columns.speeds[:-1] < speed_edges[-1])
+    beyond = float(echoes[~inside].sum() / max(columns.power.sum(), 1e-300))
     if beyond > BEYOND:
         warn(
-            f"{100 * beyond:.0f} % of the recording's power is at speeds beyond {speed_edges[0]:.3g} to {speed_edges[-1]:.3g} m/s, which "
-            "the model does not see; train on a recipe whose speed_mps is higher"
+            f"{100 * beyond:.0f} % of the recording's power is at speeds beyond {speed_edges[0]:.3g} to {speed_edges[-1]:.3g} m/s, "
+            "which the model does not see; train on a recipe whose speed_mps is higher"
         )
 
 
-def _last_start_s(whole: _Columns, card: Card) -> float:
+def _last_start_s(columns: _Columns, card: Card) -> float:
     """Where the last window begins after the first [s]; warns of a recording that is shorter than one, and refuses half of one."""
-    lengths = f"the recording has {whole.length_s:.3g} s of spectrogram, a window of the model {card.duration_s:.3g} s"
-    if whole.length_s < LEAST_COVERED * card.duration_s:
+    lengths = (
+        f"the recording has {columns.length_s:.3g} s of spectrogram, a window of the model {card.duration_s:.3g} s"
+    )
+    if columns.length_s < LEAST_COVERED * card.duration_s:
         raise InputError(
             f"{lengths}; record longer, {LEAST_COVERED * card.duration_s:.3g} s or more, or train on a shorter duration_s"
         )
-    if whole.length_s < card.duration_s * 0.999:
+    if columns.length_s < card.duration_s * 0.999:
         warn(
             f"{lengths}; the one window goes on at the recording's floor, so do not trust its class as one of a whole window"
         )
-    return max(whole.length_s - card.duration_s, 0.0)
+    return max(columns.length_s - card.duration_s, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -179,8 +179,8 @@ class _Rows:
         worst = max((float((np.abs(speed) > options.speed_mps).mean()) for speed in speeds), default=0.0)
         if beyond.mean() > MOST_OUTLIERS or worst > MOST_OF_FILE:
             raise InputError(
-                f"{path} has points of up to {np.abs(all_speeds).max():.3g} m/s, {100 * beyond.mean():.2g} % of them beyond the axis "
-                f"of {options.speed_mps:g} m/s; raise speed_mps"
+                f"{path} has points of up to {np.abs(all_speeds).max():.3g} m/s, {100 * beyond.mean():.2g} % of them beyond "
+                f"the axis of {options.speed_mps:g} m/s; raise speed_mps"
             )
         if beyond.any():
             warn(
