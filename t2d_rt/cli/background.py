@@ -116,8 +116,8 @@ def _train(
     started = time.monotonic()
     with ProgressBar("training") as progress:
         model = learn_background(records, **steps, progress=progress)
-    with writing(target, overwrite=overwrite) as new:
-        model.save(new)
+    with writing(target, overwrite=overwrite) as temporary:
+        model.save(temporary)
     say(f"learned from {len(records)} records, {model.about['duration_s']:g} s, in {time.monotonic() - started:.0f} s")
     say(f"wrote {target}")
 
@@ -167,5 +167,5 @@ def _evaluate(source: str, folder: str, reading_options: Given, seed: int) -> No
 
 
 def _write(record: BackgroundRecord, folder: Path, overwrite: bool) -> None:
-    with writing(folder / f"{record.name}.npz", overwrite=overwrite) as new:
-        record.save(new)
+    with writing(folder / f"{record.name}.npz", overwrite=overwrite) as temporary:
+        record.save(temporary)

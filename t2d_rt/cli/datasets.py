@@ -114,8 +114,8 @@ def _make(name: str, output: str | None, options: Given) -> int:
     for index, reason in outcome.failures[:SHOWN_FAILURES]:
         say(f"t2d-rt: sample {index} failed: {reason}", file=sys.stderr)
     if len(outcome.failures) > SHOWN_FAILURES:
-        more = len(outcome.failures) - SHOWN_FAILURES
-        say(f"t2d-rt: {more} more samples failed; their records tell why", file=sys.stderr)
+        unshown = len(outcome.failures) - SHOWN_FAILURES
+        say(f"t2d-rt: {unshown} more samples failed; their records tell why", file=sys.stderr)
     return SOME_FAILED if outcome.failures else 0
 
 

@@ -192,14 +192,14 @@ def evaluate(
             check_picture(pictures / name, overwrite=overwrite)
     networks = _networks(model)
     if Path(source).suffix.lower() == ".zarr":
-        what, probabilities, labels = _windows_and_events(source, networks)
+        data_name, probabilities, labels = _windows_and_events(source, networks)
         groups: dict[str, np.ndarray] = {}
     else:
-        maps, what = _labelled(source, networks, model)
+        maps, data_name = _labelled(source, networks, model)
         probabilities, labels = networks.probabilities(maps.levels), maps.labels
         groups = {kind: maps.groups[kind] for kind in ("description", "subject", "event") if kind in maps.groups}
     scores, title = scores_of(probabilities, labels), ", ".join(member.card.model for member in networks.members)
-    say(f"{title} on {what}: {_told(scores)}")
+    say(f"{title} on {data_name}: {_told(scores)}")
     if groups:
         predicted = probabilities.argmax(axis=1)
         accuracy, f1 = interval_of(

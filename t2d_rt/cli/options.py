@@ -268,9 +268,9 @@ def _config_text(path: str) -> str:
     example = "options and values such as 'seed: 3'; --print_config shows all"
     values = read_yaml(path, noun="config file", example=example)
     if (kind := yaml_kind(values)) in ("experiment", "radar"):
-        what = "an experiment: give it in the place of the motion file"
-        what = what if kind == "experiment" else f"a radar: give it as --radar {path}"
-        raise InputError(f"{path} holds no options, it is {what}")
+        content = "an experiment: give it in the place of the motion file"
+        content = content if kind == "experiment" else f"a radar: give it as --radar {path}"
+        raise InputError(f"{path} holds no options, it is {content}")
     if isinstance(values.get("radar"), str):
         values["radar"] = _radar_fields(values["radar"])
     for section in ("radar", "motion", "signal", "accuracy"):

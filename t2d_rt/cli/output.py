@@ -40,14 +40,14 @@ def check_picture(picture: Path, *, overwrite: bool) -> None:
 
 def write_picture(figure: Figure, picture: Path, *, overwrite: bool) -> None:
     """Writes a figure whole or not at all."""
-    with writing(picture, overwrite=overwrite) as new:
-        figure.savefig(new)
+    with writing(picture, overwrite=overwrite) as temporary:
+        figure.savefig(temporary)
 
 
 def write_text(text: str, place: str | Path, *, overwrite: bool) -> None:
     """Writes a text whole or not at all."""
-    with writing(Path(place), overwrite=overwrite) as new:
-        new.write_text(text, encoding="utf-8")
+    with writing(Path(place), overwrite=overwrite) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def made_folder(place: str | Path) -> Path:

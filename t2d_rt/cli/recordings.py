@@ -63,8 +63,10 @@ def compare(
     sources = [Path(file) for file in files or ()]
     two = len(sources) == 2 and all(source.suffix.lower() in RECORDINGS for source in sources)
     if not two and (len(sources) != 1 or sources[0].suffix.lower() in RECORDINGS):
-        named = ", ".join(map(str, sources)) or "none"
-        raise InputError(f"compare takes one motion file, or two recordings ({', '.join(RECORDINGS)}), got {named}")
+        source_names = ", ".join(map(str, sources)) or "none"
+        raise InputError(
+            f"compare takes one motion file, or two recordings ({', '.join(RECORDINGS)}), got {source_names}"
+        )
     stem = "_".join(stem_of(source.with_suffix("") if two else source) for source in sources)
     picture = Path(output or f"{stem}_compare.png")
     check_picture(picture, overwrite=overwrite)
@@ -105,8 +107,8 @@ def process(
 
     sources = [Path(file) for file in files or ()]
     if not 1 <= len(sources) <= 2 or sources[0].suffix.lower() not in RECORDINGS[1:]:
-        named = ", ".join(map(str, sources)) or "none"
-        raise InputError(f"process takes one capture (.bin, .npy), and a result (.zarr) beside it, got {named}")
+        source_names = ", ".join(map(str, sources)) or "none"
+        raise InputError(f"process takes one capture (.bin, .npy), and a result (.zarr) beside it, got {source_names}")
     if len(sources) == 2 and sources[1].suffix.lower() != ".zarr":
         raise InputError(f"what a capture is set beside must be a result (.zarr), got {sources[1]}; simulate it first")
     names = [
@@ -364,8 +366,8 @@ def scene(
         if scene_in_reach in (None, full_scene)
         else f" of {len(full_scene.surfaces)}, within {radar.max_range_m:.3g} m"
     )
-    drawn = scene_in_reach or full_scene
-    picture = Path(output or f"{drawn.name}.png")
+    drawn_scene = scene_in_reach or full_scene
+    picture = Path(output or f"{drawn_scene.name}.png")
     check_picture(picture, overwrite=overwrite)
     track, target = None, radar.tx_position_m + 2.5 * radar.axes[0]
     if walk is not None:
@@ -373,10 +375,13 @@ def scene(
         track = place(motion, radar_position_m=radar.position_m, boresight=radar.boresight).joints[:, 0]
         target = track[len(track) // 2]
     paths = [] if scene_in_reach is None else paths_to(scene_in_reach, radar, target, reflections=reflections)
-    figure = plot_scene(drawn, radar.tx_position_m, paths_m=paths, track_m=track, title=drawn.name)
+    figure = plot_scene(drawn_scene, radar.tx_position_m, paths_m=paths, track_m=track, title=drawn_scene.name)
     write_picture(figure, picture, overwrite=overwrite)
-    where, names = ", ".join(f"{coordinate:.2f}" for coordinate in target), ", ".join(name for name, _ in paths)
-    say(f"{len(drawn.surfaces)} objects{cut}, {len(paths)} paths to ({where}) m: {names}")
+    target_text, path_names = (
+        ", ".join(f"{coordinate:.2f}" for coordinate in target),
+        ", ".join(name for name, _ in paths),
+    )
+    say(f"{len(drawn_scene.surfaces)} objects{cut}, {len(paths)} paths to ({target_text}) m: {path_names}")
     say(f"wrote {picture}")
 
 
@@ -472,7 +477,7 @@ def names(file: str | None = None) -> None:
 
     if file is not None and file not in KINDS:
         raise unknown_name("list", file, KINDS)
-    listed: dict[str, Callable[[], Iterator[tuple[str, str]]]] = {
+    listings: dict[str, Callable[[], Iterator[tuple[str, str]]]] = {
         "presets": _presets,
         "scenes": _scenes,
         "bodies": _bodies,
@@ -480,7 +485,7 @@ def names(file: str | None = None) -> None:
         "motions": _motions,
     }
     for kind in KINDS if file is None else (file,):
-        rows = list(listed[kind]())
+        rows = list(listings[kind]())
         width = max(len(name) for name, _ in rows) + 2
         say("\n".join([f"{kind}:", *(f"  {name:{width}}{about}" for name, about in rows)]))
 

@@ -45,17 +45,17 @@ class _Said(logging.Handler):
 @contextmanager
 def reports_said() -> Iterator[None]:
     """Reports of motion files and of rooms' meshes are printed as they are read."""
-    logs, said = [logging.getLogger(f"t2d_rt.{package}") for package in ("motion", "scene")], _Said()
-    levels = [log.level for log in logs]
-    for log in logs:
-        log.addHandler(said)
-        log.setLevel(logging.INFO)
+    loggers, handler = [logging.getLogger(f"t2d_rt.{package}") for package in ("motion", "scene")], _Said()
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.addHandler(handler)
+        logger.setLevel(logging.INFO)
     try:
         yield
     finally:
-        for log, level in zip(logs, levels, strict=True):
-            log.removeHandler(said)
-            log.setLevel(level)
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.removeHandler(handler)
+            logger.setLevel(level)
 
 
 def simulate(
@@ -111,8 +111,8 @@ def simulate(
     result = recorded(Job.of(file, given), signal)
     if background is not None:
         result = result.with_background(background, **added)
-    where = "" if result.settings["scene"] == "free_space" else f", {result.settings['scene']}"
-    figure = _drawn(result, f"{source.name}, {result.settings['method']}{where}")
+    scene_text = "" if result.settings["scene"] == "free_space" else f", {result.settings['scene']}"
+    figure = _drawn(result, f"{source.name}, {result.settings['method']}{scene_text}")
     result.save(target, overwrite=overwrite, figure=figure)
     if result.error_db is not None:
         say(f"measured error {result.error_db:.1f} dB")
@@ -288,14 +288,14 @@ def _model_of(job: Job) -> tuple[Model, Accuracy]:
     from t2d_rt.experiment.setup import set_up_again, set_up_stored
 
     machine: Any = dict(job.run)
-    tolerance_db, source, given = machine.pop("tolerance_db", None), job.experiment, job.accuracy
+    tolerance_db, source, accuracy_fields = machine.pop("tolerance_db", None), job.experiment, job.accuracy
     if isinstance(source, Experiment):
-        wanted = Wanted.of(given, tolerance_db)
+        wanted = Wanted.of(accuracy_fields, tolerance_db)
         with reports_said():
             setup = set_up_stored(source, {}, **machine)
     else:
         stored = source.accuracy if tolerance_db is None else None
-        wanted = Wanted.of(stored.replace(**given) if stored else given, tolerance_db)
+        wanted = Wanted.of(stored.replace(**accuracy_fields) if stored else accuracy_fields, tolerance_db)
         setup = set_up_again(source.experiment, source.inputs, **machine)
     plan = chosen(setup.model, wanted)
     warn_out_of_reach(plan)

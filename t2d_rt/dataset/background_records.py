@@ -70,11 +70,11 @@ def _record(
     if ending == ".zarr":
         recording = load_recording(path)
         return record_of(recording, path.stem, processing, calibrated=recording.experiment is not None)
-    own, common = path.with_suffix(".yaml"), path.with_name(RADAR_FILE)
-    radar = own if own.is_file() else common
+    own_radar, common_radar = path.with_suffix(".yaml"), path.with_name(RADAR_FILE)
+    radar = own_radar if own_radar.is_file() else common_radar
     if not radar.is_file():
         raise InputError(
-            f"{path} holds samples only, and there is neither {own.name} nor {RADAR_FILE} with its radar; write one"
+            f"{path} holds samples only, and there is neither {own_radar.name} nor {RADAR_FILE} with its radar; write one"
         )
     recording = load_recording(path, radar, lanes=lanes if ending == ".bin" else None, iq=iq, conjugate=conjugate)
     return record_of(recording, path.stem, processing, calibrated=False)

@@ -91,26 +91,26 @@ def export_dataset(
         raise InputError(f"{target} is a file and an export is a folder; choose another name")
     _check_apart(source.path, target)
     check_place(target, overwrite=overwrite)
-    with replacing(target, partial(check_taken, target, overwrite=overwrite)) as new:
-        new.mkdir()
-        (new / RECIPE).write_bytes((source.path / RECIPE).read_bytes())
+    with replacing(target, partial(check_taken, target, overwrite=overwrite)) as temporary:
+        temporary.mkdir()
+        (temporary / RECIPE).write_bytes((source.path / RECIPE).read_bytes())
         if to == "parquet":
-            (new / DATA).mkdir()
+            (temporary / DATA).mkdir()
             for name, positions in sides.items():
-                write_parquet(source, new / DATA, name, positions, chosen)
-            (new / "README.md").write_text(data_card(source, sides, chosen, split), encoding="utf-8")
+                write_parquet(source, temporary / DATA, name, positions, chosen)
+            (temporary / "README.md").write_text(data_card(source, sides, chosen, split), encoding="utf-8")
         elif to == "png":
-            _write_pictures(source, new, sides, range_db)
+            _write_pictures(source, temporary, sides, range_db)
         else:
             for name, positions in sides.items():
-                _write_npz(source, new / name, positions, chosen)
+                _write_npz(source, temporary / name, positions, chosen)
     return target
 
 
 def _check_apart(source: Path, target: Path) -> None:
     """Refuses a place that overlaps the data set, or that an export would replace though none wrote it."""
-    one, other = source.resolve(), target.resolve()
-    if one.is_relative_to(other) or other.is_relative_to(one):
+    source_path, target_path = source.resolve(), target.resolve()
+    if source_path.is_relative_to(target_path) or target_path.is_relative_to(source_path):
         raise InputError(f"{target} overlaps the data set {source} that is exported; choose another folder")
     if target.is_dir() and any(target.iterdir()) and ((target / SHARDS).exists() or not (target / RECIPE).is_file()):
         raise InputError(f"{target} holds something else than an export, which would be lost; choose another folder")

@@ -108,8 +108,8 @@ def on_this_machine(work: Work, tasks: Sequence[Task], workers: int) -> Iterator
     try:
         running = {executor.submit(in_worker, work, *task) for task in itertools.islice(coming, 2 * workers)}
         while running:
-            done, running = wait(running, return_when=FIRST_COMPLETED)
-            for future in done:
+            finished, running = wait(running, return_when=FIRST_COMPLETED)
+            for future in finished:
                 running |= {executor.submit(in_worker, work, *task) for task in itertools.islice(coming, 1)}
                 yield future.result()
         stopped = False
@@ -265,11 +265,15 @@ def _warn_of_versions(manifest: Path) -> None:
     """Warns where the samples that there are were made by other versions."""
     if not manifest.is_file():
         return
-    begun, now = read_manifest(manifest.parent).get("versions", {}), versions()
-    other = [f"{name} {begun.get(name)}" for name, version in now.items() if begun.get(name) != version]
-    if other:
+    begun_versions, current_versions = read_manifest(manifest.parent).get("versions", {}), versions()
+    differing = [
+        f"{name} {begun_versions.get(name)}"
+        for name, version in current_versions.items()
+        if begun_versions.get(name) != version
+    ]
+    if differing:
         warn(
-            f"{manifest.parent} was begun with other versions ({', '.join(other)}); new samples may differ from theirs"
+            f"{manifest.parent} was begun with other versions ({', '.join(differing)}); new samples may differ from theirs"
         )
 
 

@@ -212,15 +212,18 @@ class RangeDopplerProduct(_Map):
         power, recording = [], recording.processed(mti=self.mti)
         for time_s in times_s:
             image = recording.range_doppler_at(float(time_s))
-            near = image.range_m.values <= self.farthest_m
-            if near.sum() < 2:
+            nearby = image.range_m.values <= self.farthest_m
+            if nearby.sum() < 2:
                 raise InputError(
-                    f"a map within {self.farthest_m:g} m has {near.sum()} cells of range; raise farthest_m, or take a finer radar"
+                    f"a map within {self.farthest_m:g} m has {nearby.sum()} cells of range; raise farthest_m, or take a finer radar"
                 )
             rows = self.rows(image.velocity_mps.values)
-            power.append(resized(10.0 ** (image.values[rows][:, near].astype(np.float64) / 10.0), self.size))
+            power.append(resized(10.0 ** (image.values[rows][:, nearby].astype(np.float64) / 10.0), self.size))
         array, peak_db = self.encoded(np.stack(power))
-        axes = {"velocity_mps": edges(image.velocity_mps.values[rows]), "range_m": edges(image.range_m.values[near])}
+        axes = {
+            "velocity_mps": edges(image.velocity_mps.values[rows]),
+            "range_m": edges(image.range_m.values[nearby]),
+        }
         return array, {"peak_db": peak_db, "times_s": [round(float(time_s), 9) for time_s in times_s], **axes}
 
 
@@ -312,7 +315,9 @@ class Products(_Product):
                 raise InputError(
                     "recipe key products has parts, which are those of a spectrogram; give spectrogram, too"
                 )
-            if any(whole % coarse for whole, coarse in zip(self.spectrogram.size, self.parts.size, strict=True)):
+            if any(
+                cells % part_cells for cells, part_cells in zip(self.spectrogram.size, self.parts.size, strict=True)
+            ):
                 raise InputError(
                     f"the size of parts must divide that of the spectrogram, {list(self.spectrogram.size)}, got "
                     f"{list(self.parts.size)}; give its half or a quarter"

@@ -170,13 +170,13 @@ def _starts(motion: Motion, length_s: float, moving: float) -> list[float]:
     """First instants of the pieces of a motion [s]: those first in which the person moves for about that fraction of the time, to a
     twentieth; of these the liveliest, of the greatest sum of squared joint steps."""
     squares = np.sum(np.diff(motion.joints, axis=0) ** 2, axis=(1, 2))
-    total, moved = (np.concatenate([[0.0], np.cumsum(values)]) for values in (squares, moves(motion)))
+    energy_sum, moving_sum = (np.concatenate([[0.0], np.cumsum(values)]) for values in (squares, moves(motion)))
     starts = np.arange(0.0, motion.duration_s - length_s + 1e-9, STEP_S)
     frames = np.rint(starts * motion.rate_hz).astype(int)
     count = round(length_s * motion.rate_hz)
     ends = np.minimum(frames + count, len(squares))
-    energy, fraction = total[ends] - total[frames], (moved[ends] - moved[frames]) / count
-    return [float(starts[at]) for at in np.lexsort((-energy, np.rint(20.0 * np.abs(fraction - moving))))]
+    energy, fraction = energy_sum[ends] - energy_sum[frames], (moving_sum[ends] - moving_sum[frames]) / count
+    return [float(starts[index]) for index in np.lexsort((-energy, np.rint(20.0 * np.abs(fraction - moving))))]
 
 
 def arc_radius_m(motion: Motion, side: float) -> float:
@@ -302,12 +302,12 @@ def placing(recipe: Recipe, number: int, scene: str, motion: Motion, side: Side 
 
 def _angle_deg(rng: np.random.Generator, spans: Sequence[tuple[float, float]]) -> float:
     """An angle drawn evenly from ranges [deg]."""
-    at = float(rng.uniform(0.0, sum(high - low for low, high in spans)))
+    offset_deg = float(rng.uniform(0.0, sum(high - low for low, high in spans)))
     for low, high in spans:
-        if at <= high - low:
+        if offset_deg <= high - low:
             break
-        at -= high - low
-    return min(low + at, high)
+        offset_deg -= high - low
+    return min(low + offset_deg, high)
 
 
 def _start_m(pelvis: np.ndarray, range_m: float) -> float:
@@ -355,9 +355,9 @@ def range_gate(recipe: Recipe, drawn: Sample) -> tuple[float, float] | None:
 
 def _overlap(track: np.ndarray, low: np.ndarray, high: np.ndarray, boxes: np.ndarray) -> float:
     """How far (T, J, 3) goes at most beyond the walls, into boxes (B, 2, 3) or to within reach of the radar [m]."""
-    outside = np.maximum(low + CLEARANCE_M - track, track - high + CLEARANCE_M)[..., :2].max()
-    near = NEAREST_M - np.linalg.norm(track[..., :2], axis=-1).min()
-    overlap_m = max(0.0, float(outside), float(near))
+    wall_overlap_m = np.maximum(low + CLEARANCE_M - track, track - high + CLEARANCE_M)[..., :2].max()
+    radar_overlap_m = NEAREST_M - np.linalg.norm(track[..., :2], axis=-1).min()
+    overlap_m = max(0.0, float(wall_overlap_m), float(radar_overlap_m))
     for first, last in boxes:
         inside = np.minimum(
             track - first + [CLEARANCE_M, CLEARANCE_M, 0.0], last + [CLEARANCE_M, CLEARANCE_M, 0.0] - track
@@ -397,7 +397,7 @@ def reserved_walks(recipe: Recipe) -> tuple[Description, ...]:
 
     They are on all sides of every split, and no class can be told by them.
     """
-    used = {
+    used_sentences = {
         description.sentence
         for name in recipe.classes
         for description in descriptions(name, recipe.descriptions_per_class, recipe.seed)
@@ -405,7 +405,7 @@ def reserved_walks(recipe: Recipe) -> tuple[Description, ...]:
     count = WALKS
     while True:
         walks = descriptions("walking", count, recipe.seed + RESERVED_SEED)
-        unused = [walk for walk in walks if walk.sentence not in used]
+        unused = [walk for walk in walks if walk.sentence not in used_sentences]
         if len(unused) >= WALKS:
             return tuple(unused[:WALKS])
         count *= 2

@@ -326,12 +326,12 @@ def check_array(array: np.ndarray, dtype: np.dtype[Any], shape: Sizes, name: str
 
 def _check_kind(actual: np.dtype[Any], sizes: tuple[int, ...], dtype: np.dtype[Any], shape: Sizes, name: str) -> None:
     """Refuses an array of another type or shape; None in the shape is any length."""
-    fits = len(sizes) == len(shape) and all(
+    matches = len(sizes) == len(shape) and all(
         expected in (None, size) for expected, size in zip(shape, sizes, strict=True)
     )
-    if actual != dtype or not fits:
-        expected_shape = ", ".join("any" if length is None else str(length) for length in shape)
-        raise InputError(f"{name} must be {dtype} of shape ({expected_shape}), got {actual} of shape {sizes}")
+    if actual != dtype or not matches:
+        expected_sizes = ", ".join("any" if length is None else str(length) for length in shape)
+        raise InputError(f"{name} must be {dtype} of shape ({expected_sizes}), got {actual} of shape {sizes}")
 
 
 def read_array(path: Path, member: str, dtype: np.dtype[Any], shape: Sizes) -> np.ndarray:

@@ -191,14 +191,14 @@ def leaks(
 ) -> list[tuple[Kind, str, tuple[str, ...]]]:
     """What is on more than one side: its kind, its name, and the sides."""
     record_by_index = {int(record["index"]): record for record in records}
-    where: dict[tuple[Kind, str], set[str]] = defaultdict(set)
+    sides_by_trait: dict[tuple[Kind, str], set[str]] = defaultdict(set)
     for name, indices in sides.items():
         for index in indices:
             for trait in traits(record_by_index[int(index)], apart):
-                where[trait].add(name)
+                sides_by_trait[trait].add(name)
     return [
         (kind, value, tuple(name for name in sides if name in names))
-        for (kind, value), names in sorted(where.items())
+        for (kind, value), names in sorted(sides_by_trait.items())
         if len(names) > 1
     ]
 
@@ -208,8 +208,8 @@ def check_split(records: Records, sides: Mapping[str, Iterable[int]], *, apart: 
     kinds = _kinds(apart)
     record_indices = {int(record["index"]) for record in records}
     side_of_index: dict[int, str] = {}
-    listed = {name: [int(index) for index in indices] for name, indices in sides.items()}
-    for name, indices in listed.items():
+    indices_by_side = {name: [int(index) for index in indices] for name, indices in sides.items()}
+    for name, indices in indices_by_side.items():
         if not PLAIN.fullmatch(name):
             raise InputError(f"a side must be named by letters, digits, - and _, got {shown(name)}; rename it")
         for index in indices:
@@ -220,7 +220,7 @@ def check_split(records: Records, sides: Mapping[str, Iterable[int]], *, apart: 
             if index in side_of_index:
                 raise InputError(f"sample {index} is in {side_of_index[index]} and in {name}; put it on one side")
             side_of_index[index] = name
-    leaked = leaks(records, listed, kinds)
+    leaked = leaks(records, indices_by_side, kinds)
     if leaked:
         kind, value, names = leaked[0]
         more = f" ({len(leaked) - 1} more such)" if len(leaked) > 1 else ""
@@ -232,14 +232,14 @@ def check_split(records: Records, sides: Mapping[str, Iterable[int]], *, apart: 
 def _fractions(fractions: Any) -> dict[str, float]:
     """Fractions by the names of their sides."""
     if isinstance(fractions, Mapping):
-        named = {str(name): fractions[name] for name in fractions}
+        fraction_by_side = {str(name): fractions[name] for name in fractions}
     elif isinstance(fractions, (list, tuple)) and len(fractions) in (2, 3):
-        named = dict(zip(NAMES if len(fractions) == 3 else ("train", "test"), fractions, strict=True))
+        fraction_by_side = dict(zip(NAMES if len(fractions) == 3 else ("train", "test"), fractions, strict=True))
     else:
         raise InputError(
             f"fractions must be two or three numbers, or a mapping of names to numbers, got {shown(fractions)}"
         )
-    checked = {name: number(f"the fraction of {name}", value, 0, 1) for name, value in named.items()}
+    checked = {name: number(f"the fraction of {name}", value, 0, 1) for name, value in fraction_by_side.items()}
     if len(checked) < 2 or min(checked.values()) <= 0 or abs(sum(checked.values()) - 1) > 1e-6:
         raise InputError(
             "fractions must be two or more, each above 0, and add up to 1, got "
@@ -328,16 +328,16 @@ def _check_sizes(
     if not lacking and (leave_out or max(deviations) <= MOST_AWAY):
         return
     groups = grouped(records, kinds)
-    what = f"the {len(records)} samples make {len(groups)} groups by {', '.join(kinds)}, the largest of {max(map(len, groups))}"
+    grouping = f"the {len(records)} samples make {len(groups)} groups by {', '.join(kinds)}, the largest of {max(map(len, groups))}"
     name, label = lacking[0] if lacking else (next(iter(sides)), "")
-    why = f"{name} would lack {label}" if label else f"a side would be off by more than {MOST_AWAY:.0%} of them"
+    reason = f"{name} would lack {label}" if label else f"a side would be off by more than {MOST_AWAY:.0%} of them"
     if len(grouped(records, [kind for kind in kinds if kind != "clip"])) == len(groups):  # clips join nothing
         advice = "take more samples, fewer sides or other fractions"
     elif leave_out:
         advice = "take more samples or fewer sides, or hold description and seed apart only, and clips are on two sides"
     else:
         advice = "leave out those that join them (leave_out), or hold description and seed apart only, and clips are on two sides"
-    raise InputError(f"{what}, and {why}; {advice}")
+    raise InputError(f"{grouping}, and {reason}; {advice}")
 
 
 SPLITS = "file", "description", "clip"
@@ -443,11 +443,11 @@ def clip_sides(
         holds[row, list(pattern)] = 1
     unit = np.eye(len(fractions), dtype=bool)
     bound = (holds @ unit[_climbed(holds, with_total(sums), fractions, rng)].astype(np.int64) > 0)[rows]
-    fits = np.stack(
+    fitting = np.stack(
         [~bound[:, np.arange(len(fractions)) != side].any(axis=1) for side in range(len(fractions))], axis=1
     )
     classes = np.eye(labels.max() + 1)[labels]
-    options = np.stack([fits[group].astype(np.float64).T @ classes[group] for group in map(list, groups)])
+    options = np.stack([fitting[group].astype(np.float64).T @ classes[group] for group in map(list, groups)])
     for group, side in zip(groups, assigned(options, fractions, rng), strict=True):
         bound[list(group), side] = True
     return bound

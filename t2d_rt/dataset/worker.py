@@ -180,7 +180,7 @@ def _made(recipe: Recipe, plans: Plans, index: int) -> Made:
         try:
             begin, cpu = time.perf_counter(), time.process_time()
             drawn = sample(recipe, index)
-            moved = time.perf_counter()
+            motion_end = time.perf_counter()
             record |= _described(drawn)
             arrays, entries, seconds = _recorded(recipe, drawn, accuracy_of(cell, plans))
         except (MemoryError, KeyboardInterrupt):
@@ -195,7 +195,7 @@ def _made(recipe: Recipe, plans: Plans, index: int) -> Made:
         {str(warning.message) for warning in caught if issubclass(warning.category, T2DWarning)}
     )
     return Made(
-        record | {"failure": None}, arrays, {"motion": moved - begin, **seconds, "cpu": time.process_time() - cpu}
+        record | {"failure": None}, arrays, {"motion": motion_end - begin, **seconds, "cpu": time.process_time() - cpu}
     )
 
 

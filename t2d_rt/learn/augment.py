@@ -132,22 +132,26 @@ class Augmenter:
         return np.where(covered(middles, windows), filled, levels)
 
 
-def _shifted(levels: np.ndarray, by: int) -> np.ndarray:
+def _shifted(levels: np.ndarray, columns: int) -> np.ndarray:
     """Moved by so many columns; the end that comes in is mirrored."""
-    if by == 0:
+    if columns == 0:
         return levels
-    padded = np.pad(levels, ((0, 0), (max(by, 0), max(-by, 0))), mode="symmetric")
-    start = 0 if by > 0 else -by
+    padded = np.pad(levels, ((0, 0), (max(columns, 0), max(-columns, 0))), mode="symmetric")
+    start = 0 if columns > 0 else -columns
     return padded[:, start : start + levels.shape[1]]
 
 
-def _followed(levels: np.ndarray, other: np.ndarray, part: float, rng: np.random.Generator) -> np.ndarray:
+def _followed(levels: np.ndarray, neighbour: np.ndarray, part: float, rng: np.random.Generator) -> np.ndarray:
     """The map as a window sees it that is moved by a part of its length, to where another activity is seen, too."""
-    by = round(part * levels.shape[1])
-    if by == 0:
+    columns = round(part * levels.shape[1])
+    if columns == 0:
         return levels
-    other = other + np.float32(rng.uniform(-FOLLOW_DB, FOLLOW_DB))
-    parts = [other[:, -by:], levels[:, :-by]] if by > 0 else [levels[:, -by:], other[:, :-by]]
+    neighbour = neighbour + np.float32(rng.uniform(-FOLLOW_DB, FOLLOW_DB))
+    parts = (
+        [neighbour[:, -columns:], levels[:, :-columns]]
+        if columns > 0
+        else [levels[:, -columns:], neighbour[:, :-columns]]
+    )
     joined = np.concatenate(parts, axis=1)
     return np.asarray(joined - joined.max())
 
@@ -155,5 +159,5 @@ def _followed(levels: np.ndarray, other: np.ndarray, part: float, rng: np.random
 def _stretched(levels: np.ndarray, factor: float) -> np.ndarray:
     """All speeds multiplied by a factor; what comes in from beyond the axis is its end."""
     count = len(levels)
-    at = np.clip((np.arange(count) - 0.5 * (count - 1)) / factor + 0.5 * (count - 1), 0, count - 1)
-    return between(levels, at, 0)
+    source_rows = np.clip((np.arange(count) - 0.5 * (count - 1)) / factor + 0.5 * (count - 1), 0, count - 1)
+    return between(levels, source_rows, 0)

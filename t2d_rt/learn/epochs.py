@@ -72,8 +72,8 @@ def fitted(
         if keep_at is None or state is None or isinstance(error, InputError) or len(training.history) > first:
             raise
         raise not_a_state(keep_at, error) from None
-    done = len(training.history) - first
-    seconds = round((time.perf_counter() - started) / done, 3) if done else None
+    epochs_done = len(training.history) - first
+    seconds = round((time.perf_counter() - started) / epochs_done, 3) if epochs_done else None
     network.load_state_dict(training.best)
     network.to("cpu", memory_format=torch.contiguous_format)
     return training.history, seconds

@@ -131,10 +131,10 @@ def _modulation(lines: dict[str, np.ndarray], step_s: float) -> dict[str, float]
     return energies
 
 
-def _periodicity(shown: np.ndarray, step_s: float) -> dict[str, float]:
+def _periodicity(above_db: np.ndarray, step_s: float) -> dict[str, float]:
     """The highest peak of the autocorrelation in time of all rows together, and where it is."""
     width = round(SLOW_S / step_s)
-    rows = shown - np.stack([np.convolve(row, np.ones(width) / width, "same") for row in shown])
+    rows = above_db - np.stack([np.convolve(row, np.ones(width) / width, "same") for row in above_db])
     count = rows.shape[1]
     spectrum = np.abs(np.fft.rfft(rows, 2 * count, axis=1)) ** 2
     correlation = np.fft.irfft(spectrum.sum(axis=0))[:count] / np.arange(count, 0, -1)
@@ -197,11 +197,13 @@ class Lines:
         above = (smooth_db > threshold_db) & moving[:, None]
         power_above = np.where(above, np.maximum(power - floor, 0.0), 0.0)
         total = power_above.sum(axis=0)
-        shown = total > 0
+        present = total > 0
         below = np.cumsum(power_above, axis=0) / np.maximum(total, 1e-12)
-        lower, middle, upper = (np.where(shown, velocity_mps[np.argmax(below >= part, axis=0)], 0.0) for part in PARTS)
+        lower, middle, upper = (
+            np.where(present, velocity_mps[np.argmax(below >= part, axis=0)], 0.0) for part in PARTS
+        )
         mean = (power_above * velocity_mps[:, None]).sum(axis=0) / np.maximum(total, 1e-12)
-        level = np.where(shown, 10 * np.log10(np.maximum(total, 1e-12) / floor), 0.0)
+        level = np.where(present, 10 * np.log10(np.maximum(total, 1e-12) / floor), 0.0)
         contrast_db = float(np.percentile(smooth_db[moving], 99.5)) - floor_db
         return cls(lower, middle, upper, mean, np.maximum(level, 0.0), power_above, float(above.mean()), contrast_db)
 
@@ -232,9 +234,9 @@ def _smooth(line: np.ndarray, width: int) -> np.ndarray:
 def _placed(weight: np.ndarray) -> tuple[np.ndarray, float, float]:
     """Weights over time of sum 1, where their centre is, and how far they spread about it, in parts of the record."""
     fraction = weight / (weight.sum() + 1e-9)
-    at = np.arange(len(weight)) / len(weight)
-    centre = float((fraction * at).sum())
-    return fraction, centre, float(np.sqrt((fraction * (at - centre) ** 2).sum()))
+    time_fraction = np.arange(len(weight)) / len(weight)
+    centre = float((fraction * time_fraction).sum())
+    return fraction, centre, float(np.sqrt((fraction * (time_fraction - centre) ** 2).sum()))
 
 
 def _bursts(level: np.ndarray, step_s: float) -> dict[str, float]:
@@ -293,8 +295,11 @@ def _line_speeds(lines: Lines, speed: np.ndarray) -> dict[str, float]:
         for multiple in BEYOND
     }
     for level in LINES_LEVELS:
-        one, other = (_log(np.percentile(np.abs(line), level)) for line in (lines.lower, lines.upper))
-        line_features |= {f"outer line {level}": max(one, other), f"inner line {level}": min(one, other)}
+        lower_log, upper_log = (_log(np.percentile(np.abs(line), level)) for line in (lines.lower, lines.upper))
+        line_features |= {
+            f"outer line {level}": max(lower_log, upper_log),
+            f"inner line {level}": min(lower_log, upper_log),
+        }
         line_features[f"middle {level}"] = _log(np.percentile(np.abs(lines.middle), level))
         line_features[f"width {level}"] = _log(np.percentile(lines.upper - lines.lower, level))
     return line_features
@@ -307,8 +312,8 @@ def _cadence(lines: dict[str, np.ndarray], step_s: float) -> dict[str, float]:
         count = len(line)
         steps = (line - _smooth(line, int(DRIFT_S / step_s))) * np.hanning(count)
         rate = np.fft.rfftfreq(4 * count, step_s)
-        shown = (rate > CADENCE_HZ[0]) & (rate < CADENCE_HZ[1])
-        spectrum, rates = np.abs(np.fft.rfft(steps, 4 * count))[shown] ** 2, np.log(rate[shown])
+        in_band = (rate > CADENCE_HZ[0]) & (rate < CADENCE_HZ[1])
+        spectrum, rates = np.abs(np.fft.rfft(steps, 4 * count))[in_band] ** 2, np.log(rate[in_band])
         fraction = spectrum / (spectrum.sum() + 1e-12)
         strongest = int(np.argmax(fraction))
         cadence |= {
@@ -377,8 +382,8 @@ def _above_noise(levels_db: np.ndarray, velocity_mps: np.ndarray) -> np.ndarray:
 
 def _cuts(axis: np.ndarray, edges: tuple[float, ...]) -> list[slice]:
     """Places of each band on an ascending axis; a band that has no cell of its own takes the nearest one."""
-    at = np.minimum(np.searchsorted(axis, edges), len(axis) - 1)
-    return [slice(int(low), int(max(high, low + 1))) for low, high in pairwise(at)]
+    places = np.minimum(np.searchsorted(axis, edges), len(axis) - 1)
+    return [slice(int(low), int(max(high, low + 1))) for low, high in pairwise(places)]
 
 
 def _bands(side: np.ndarray, speed: np.ndarray, edges: tuple[float, ...]) -> np.ndarray:

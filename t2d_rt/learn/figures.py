@@ -72,10 +72,10 @@ def reliability_figure(scores: Scores, *, title: str) -> Figure:
     """Accuracy over confidence; the diagonal is a calibrated classifier."""
     figure = NotebookFigure(figsize=(4.8, 4.6), layout="constrained")
     ax = figure.subplots()
-    used = scores.reliability[scores.reliability[:, 2] > 0]
+    occupied_bins = scores.reliability[scores.reliability[:, 2] > 0]
     ax.plot([0, 100], [0, 100], color="0.6", linestyle=":", label="calibrated")
-    ax.bar(100 * used[:, 0], 100 * used[:, 1], width=6, color="C0", alpha=0.6, label="found")
-    for confidence, right, count in used:
+    ax.bar(100 * occupied_bins[:, 0], 100 * occupied_bins[:, 1], width=6, color="C0", alpha=0.6, label="found")
+    for confidence, right, count in occupied_bins:
         ax.text(100 * confidence, min(100 * right + 1.5, 96), f"{count:.0f}", ha="center", fontsize=8)
     ax.set(
         xlim=(0, 104),

@@ -98,12 +98,12 @@ class Events:
 
     def take(self, indices: np.ndarray | Sequence[int]) -> Events:
         """The events at these positions, in this order."""
-        chosen = np.asarray(indices)
+        positions = np.asarray(indices)
         return replace(
             self,
-            levels=self.levels[chosen],
-            labels=self.labels[chosen],
-            names=tuple(self.names[place] for place in chosen),
+            levels=self.levels[positions],
+            labels=self.labels[positions],
+            names=tuple(self.names[place] for place in positions),
         )
 
     @property
@@ -227,11 +227,11 @@ def fitted(
     weight = (len(labels) / len(counts) / counts)[labels]
     module.train()
     for _ in range(schedule.epochs):
-        for chosen in torch.randperm(len(labels), generator=generator).split(BATCH):
-            batch = augmented(inputs[chosen], generator) if augment else inputs[chosen]
-            loss = nn.functional.cross_entropy(module(batch), labels[chosen], reduction="none", label_smoothing=0.05)
+        for positions in torch.randperm(len(labels), generator=generator).split(BATCH):
+            batch = augmented(inputs[positions], generator) if augment else inputs[positions]
+            loss = nn.functional.cross_entropy(module(batch), labels[positions], reduction="none", label_smoothing=0.05)
             optimizer.zero_grad()
-            (loss * weight[chosen]).mean().backward()
+            (loss * weight[positions]).mean().backward()
             optimizer.step()
         rates.step()
     return module.eval()

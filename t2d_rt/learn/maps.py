@@ -107,19 +107,19 @@ class LabelledMaps:
 
     def take(self, indices: Sequence[int] | np.ndarray) -> LabelledMaps:
         """The samples at these positions, in this order."""
-        chosen = np.asarray(indices)
-        if chosen.dtype == bool and chosen.shape == (len(self),):
-            chosen = np.flatnonzero(chosen)
-        if chosen.ndim != 1 or chosen.size == 0 or not np.issubdtype(chosen.dtype, np.integer):
-            raise InputError(f"indices must be one or more positions of samples, got {shown(chosen)}")
-        if chosen.min() < 0 or chosen.max() >= len(self):
-            raise InputError(f"indices must lie in 0..{len(self) - 1}, got {chosen.min()}..{chosen.max()}")
+        positions = np.asarray(indices)
+        if positions.dtype == bool and positions.shape == (len(self),):
+            positions = np.flatnonzero(positions)
+        if positions.ndim != 1 or positions.size == 0 or not np.issubdtype(positions.dtype, np.integer):
+            raise InputError(f"indices must be one or more positions of samples, got {shown(positions)}")
+        if positions.min() < 0 or positions.max() >= len(self):
+            raise InputError(f"indices must lie in 0..{len(self) - 1}, got {positions.min()}..{positions.max()}")
         return replace(
             self,
-            levels=self.levels[chosen],
-            labels=self.labels[chosen],
-            groups={name: group[chosen] for name, group in self.groups.items()},
-            names=tuple(self.names[place] for place in chosen),
+            levels=self.levels[positions],
+            labels=self.labels[positions],
+            groups={name: group[positions] for name, group in self.groups.items()},
+            names=tuple(self.names[place] for place in positions),
         )
 
     def resized(self, size: tuple[int, int], speeds_mps: tuple[float, float] | None = None) -> LabelledMaps:

@@ -381,9 +381,9 @@ def _means(
     nearby = slice(max(first - 1, 0), after + 1)
     middles_s, scores = middles_s[nearby], scores[nearby]
     centres_s, spare_s = 0.5 * (starts_s + end_s), np.maximum(0.5 * (end_s - starts_s - duration_s), 0.0)
-    moved = np.maximum(np.abs(middles_s - centres_s[:, None]) - spare_s[:, None], 0.0) / duration_s
-    weights = np.maximum(1.0 - moved, 0.0) ** SHARPNESS
-    weights[np.arange(len(weights)), moved.argmin(axis=1)] += (
+    shift = np.maximum(np.abs(middles_s - centres_s[:, None]) - spare_s[:, None], 0.0) / duration_s
+    weights = np.maximum(1.0 - shift, 0.0) ** SHARPNESS
+    weights[np.arange(len(weights)), shift.argmin(axis=1)] += (
         LEAST_WEIGHT  # where there is none, the nearest one counts
     )
     return np.asarray(weights @ scores / weights.sum(axis=1)[:, None])

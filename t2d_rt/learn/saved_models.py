@@ -208,16 +208,16 @@ class Ensemble:
         for member in self.members[1:]:
             card = member.card
             treatment = first.about.get("mti", "mean"), card.about.get("mti", "mean")
-            for what, one, other in (
+            for quantity, expected, actual in (
                 ("classes", first.classes, card.classes),
                 ("speeds", first.speeds_mps, card.speeds_mps),
                 ("duration", first.duration_s, card.duration_s),
                 ("treatment of static echoes", *treatment),
             ):
-                if one != other:
+                if expected != actual:
                     raise InputError(
-                        f"networks that are averaged must be trained on maps alike, got {what} {one} and {other}; train them on "
-                        "the same data set"
+                        f"networks that are averaged must be trained on maps alike, got {quantity} {expected} and {actual}; "
+                        "train them on the same data set"
                     )
 
     @property
@@ -243,9 +243,9 @@ def write_model(folder: Path, saved: SavedModel) -> None:
     weights = save(arrays)
     content = {**saved.card.to_plain(), "weights_sha256": hashlib.sha256(weights).hexdigest()}
     for name, data in ((WEIGHTS, weights), (CARD, json.dumps(content, indent=1).encode() + b"\n")):
-        new = folder / f"{name}.new"
-        new.write_bytes(data)
-        new.replace(folder / name)
+        temporary = folder / f"{name}.new"
+        temporary.write_bytes(data)
+        temporary.replace(folder / name)
 
 
 def load_model(path: str | Path) -> SavedModel:

@@ -139,12 +139,12 @@ def _begun(output: str | Path | None, card: Card, train: LabelledMaps, val: Labe
     content = json.dumps({"card": card.to_plain(), "data": data.hexdigest()}, sort_keys=True)
     digest = hashlib.sha256(content.encode()).hexdigest()
     with locked(folder):
-        note, new = folder / NOTE, folder / f"{NOTE}.new"
-        others = {path.name for path in folder.iterdir()} - {LOCK, note.name, new.name}
+        note, new_note = folder / NOTE, folder / f"{NOTE}.new"
+        others = {path.name for path in folder.iterdir()} - {LOCK, note.name, new_note.name}
         if others and not note.exists():
             raise InputError(f"{folder} holds other files; choose an empty or a new folder")
         if others & {STATE, WEIGHTS} and note.read_text("utf-8").strip() != digest:
             raise InputError(f"{folder} holds a training of another model, data or options; choose another folder")
-        new.write_text(digest + "\n", "utf-8")
-        new.replace(note)
+        new_note.write_text(digest + "\n", "utf-8")
+        new_note.replace(note)
         yield folder

@@ -91,15 +91,15 @@ def read_real(path: str | Path, adapter: str | None = None, options: AdapterOpti
     name = adapter or options.adapter or adapter_for(source)
     if not isinstance(name, str) or name not in ADAPTERS:
         raise unknown_name("adapter", name, ADAPTERS)
-    chosen = ADAPTERS[name]
+    reader = ADAPTERS[name]
     if name == DATASET.name:
         options = of_recipe(Dataset(source), options)
-    maps, files = chosen.read(source, options)
-    card, axes_of_files = card_path(source), set(chosen.axes(source))
+    maps, files = reader.read(source, options)
+    card, axes_of_files = card_path(source), set(reader.axes(source))
     return RealMaps(
         maps=maps.checked_for_training(),
-        adapter=chosen.name,
-        licence=chosen.licence,
+        adapter=reader.name,
+        licence=reader.licence,
         sha256=content_hash(source, [*files, *([card] if card.is_file() else [])]),
         files=len(files),
         carrier_hz=options.carrier_hz,

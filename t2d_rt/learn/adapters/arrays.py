@@ -92,11 +92,11 @@ AWAY = 0.01
 """Relative difference up to which a card's axis is the file's: rates are given with few figures."""
 
 
-def _agrees(path: Path, axis: str, own: float, told: float, options: AdapterOptions, unit: str) -> None:
+def _agrees(path: Path, axis: str, file_value: float, card_value: float, options: AdapterOptions, unit: str) -> None:
     """Refuses a card that contradicts the file beside it."""
-    if AXES[axis] & options.told and abs(told - own) > AWAY * own:
+    if AXES[axis] & options.told and abs(card_value - file_value) > AWAY * file_value:
         raise InputError(
-            f"{path} itself tells {axis} of {own:g} {unit}, the card beside it {told:g} {unit}; correct one of them"
+            f"{path} itself tells {axis} of {file_value:g} {unit}, the card beside it {card_value:g} {unit}; correct one of them"
         )
 
 

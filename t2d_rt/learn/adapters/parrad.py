@@ -71,24 +71,24 @@ def read_parrad(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list
     classes = class_names(labels, options, path)
     floors = {radar: _above_floor(recording[radar]) for radar in RADARS}
     begins = aligned(recording["starts"], recording["stops"], floors)
-    chosen = [(event, label) for event, label in enumerate(labels) if class_of(label, options) is not None]
-    each_map = [(event, label, radar) for event, label in chosen for radar in RADARS]
+    labelled_events = [(event, label) for event, label in enumerate(labels) if class_of(label, options) is not None]
+    labelled_maps = [(event, label, radar) for event, label in labelled_events for radar in RADARS]
     levels = []
-    for event, _, radar in each_map:
+    for event, _, radar in labelled_maps:
         piece = floors[radar][begins[event] : begins[event] + ROWS].T
         levels.append(np.maximum(piece - piece.max(), -options.dynamic_range_db))
         check_varied(levels[-1], f"{path}: {radar} in event {event}")
     maps = LabelledMaps(
         levels=np.stack(levels),
-        labels=np.array([classes.index(str(class_of(label, options))) for _, label, _ in each_map]),
+        labels=np.array([classes.index(str(class_of(label, options))) for _, label, _ in labelled_maps]),
         classes=classes,
         groups={
-            "event": np.array([f"event {event}" for event, _, _ in each_map]),
-            "radar": np.array([radar for _, _, radar in each_map]),
+            "event": np.array([f"event {event}" for event, _, _ in labelled_maps]),
+            "radar": np.array([radar for _, _, radar in labelled_maps]),
         },
         velocity_mps=(np.arange(BINS) - ZERO_BIN) * BIN_MPS,
         duration_s=ROWS * ROW_S,
-        names=tuple(f"{event} {radar} {label}" for event, label, radar in each_map),
+        names=tuple(f"{event} {radar} {label}" for event, label, radar in labelled_maps),
     )
     return maps, [path]
 
@@ -96,8 +96,8 @@ def read_parrad(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list
 def notched(levels_db: np.ndarray) -> np.ndarray:
     """Maps (..., row, bin) whose bins near zero are at the median of all others, so that static echoes are no greatest cell."""
     levels = np.array(levels_db, dtype=np.float64)
-    near = np.abs(np.arange(levels.shape[-1]) - ZERO_BIN) <= NOTCH_BINS
-    levels[..., near] = np.median(levels[..., ~near], axis=(-2, -1))[..., None, None]
+    near_zero = np.abs(np.arange(levels.shape[-1]) - ZERO_BIN) <= NOTCH_BINS
+    levels[..., near_zero] = np.median(levels[..., ~near_zero], axis=(-2, -1))[..., None, None]
     return levels
 
 

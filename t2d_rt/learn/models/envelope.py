@@ -85,8 +85,8 @@ class Envelope(nn.Module):
     def _features(self, levels: np.ndarray) -> np.ndarray:
         """Features of a map [dB], float32, finite."""
         velocity, duration_s = self.velocity_mps.cpu().numpy(), float(self.duration_s)
-        named = {**features(levels, velocity, duration_s), **band_features(levels, velocity, duration_s)}
-        return np.nan_to_num(np.array([*named.values()], dtype=np.float32))
+        named_features = {**features(levels, velocity, duration_s), **band_features(levels, velocity, duration_s)}
+        return np.nan_to_num(np.array([*named_features.values()], dtype=np.float32))
 
 
 ENVELOPE = Network(

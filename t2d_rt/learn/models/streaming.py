@@ -71,9 +71,9 @@ class Streaming(nn.Module):
         sequence = self.mixed(self.column(columns).flatten(1, 2))
         before = []
         for convolution, norm, earlier in zip(self.causal, self.norms, state.before, strict=True):
-            whole = torch.cat([earlier, sequence], dim=2)
-            before.append(whole[:, :, whole.shape[2] - earlier.shape[2] :])
-            sequence = sequence + torch.relu(norm(convolution(whole)))
+            inputs = torch.cat([earlier, sequence], dim=2)
+            before.append(inputs[:, :, inputs.shape[2] - earlier.shape[2] :])
+            sequence = sequence + torch.relu(norm(convolution(inputs)))
         outputs, hidden = self.recurrent(sequence.transpose(1, 2), state.hidden)
         total = state.total + outputs.sum(dim=1)
         greatest = torch.maximum(state.greatest, outputs.amax(dim=1))
