@@ -94,33 +94,31 @@ def forget() -> None:
 def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray, times_s: np.ndarray | None = None) -> StaticPath:
     """A one-way path from the transmitters, ended at the receivers (3,), whose polarisation is `across` (3,), at times (T,) of a
     radar that moves."""
-    scene_path, places = path.in_scene(times_s), receivers
+    course, places = path.in_scene(times_s), receivers
     if path.passing is not None:
         back = passed(path.passing, times_s).back
         receivers, across = (np.broadcast_to(vector, back.shift_m.shape) for vector in (receivers, across))
         places, across = back.points(receivers), back.directions(across)
-    stops = vertices(scene_path, places + ASIDE_M)
+    stops = vertices(course, places + ASIDE_M)
     ahead = stops[-1] - stops[-2]
     ahead /= np.linalg.norm(ahead, axis=-1, keepdims=True)
     taken = across - np.einsum("...i,...i->...", ahead, across)[..., None] * ahead
     taken /= np.maximum(np.linalg.norm(taken, axis=-1, keepdims=True), 1e-12)
     departure = path.unfolded(receivers, times_s)
-    return StaticPath(
-        path=scene_path, stops_m=stops, departure_m=departure, taken=taken, arrival_m=path.place_m(times_s)
-    )
+    return StaticPath(path=course, stops_m=stops, departure_m=departure, taken=taken, arrival_m=path.place_m(times_s))
 
 
 def existing_over(paths: Sequence[StaticPath], samples_s: np.ndarray, unoccluded: Fraction | None) -> Fraction:
     """Which of a moving radar's paths exist, found at sample times [s] (S,) and faded in between, times what is not occluded."""
-    fractions_at_samples = np.stack([path.fraction for path in paths if path.fraction is not None], axis=1)
-    return partial(_existing, fractions_at_samples, samples_s, unoccluded)
+    sampled = np.stack([path.fraction for path in paths if path.fraction is not None], axis=1)
+    return partial(_existing, sampled, samples_s, unoccluded)
 
 
 def _existing(
-    fractions_at_samples: np.ndarray, samples_s: np.ndarray, unoccluded: Fraction | None, times_s: np.ndarray
+    sampled: np.ndarray, samples_s: np.ndarray, unoccluded: Fraction | None, times_s: np.ndarray
 ) -> np.ndarray:
     """The fractions of `existing_over` at times (K,) s, from those at its sample times, (K, N)."""
-    fractions = faded(times_s, samples_s, fractions_at_samples.__getitem__)
+    fractions = faded(times_s, samples_s, sampled.__getitem__)
     return fractions if unoccluded is None else fractions * unoccluded(times_s)
 
 

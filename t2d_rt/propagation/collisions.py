@@ -76,29 +76,27 @@ def checked_time(
     start, stop = time_s
     if (crossed := radar_crossing(scene, radar, start, stop, backend)) is not None:
         when_s, place, name = crossed
-        message = f"the radar goes through {name} of {scene.name} at {when_s - start:.2f} s, at {_place_text(place)}"
+        text = f"the radar goes through {name} of {scene.name} at {when_s - start:.2f} s, at {_place_text(place)}"
         if collisions == "stop":
-            raise InputError(f"{message}; give another track")
-        warn(f"{message}; give another track")
+            raise InputError(f"{text}; give another track")
+        warn(f"{text}; give another track")
     if not outside and (beyond := radar_outside(scene, radar, time_s, backend)) is not None:
         when_s, place = beyond
         moves = radar.track is not None
         when = f" at {when_s - start:.2f} s of the record" if moves else ""
-        message = f"the radar is at {_place_text(place)}{when}, outside {_reach_text(scene)}; "
-        message += "give another track" if moves else "move it (position_m)"
-        message += ", choose another room, or allow transmissions for paths through walls"
+        text = f"the radar is at {_place_text(place)}{when}, outside {_reach_text(scene)}; "
+        text += "give another track" if moves else "move it (position_m)"
+        text += ", choose another room, or allow transmissions for paths through walls"
         if collisions == "stop":
-            raise InputError(message)
-        warn(message)
+            raise InputError(text)
+        warn(text)
     for collision in find_collisions(scene, targets, radar, start, stop, outside=outside, backend=backend):
-        message = _collision_text(collision, scene, names, start)
+        text = _collision_text(collision, scene, names, start)
         if collisions == "warn":
             hint = " (distance_m, angle_deg)" if isinstance(targets[collision.target], Motion) else ""
-            warn(
-                f"{message}; place it elsewhere{hint}, choose another room, or end the record there (collisions 'stop')"
-            )
+            warn(f"{text}; place it elsewhere{hint}, choose another room, or end the record there (collisions 'stop')")
         elif collision.time_s - start < LEAST_S:
-            raise InputError(f"{message}, which leaves no record to stop at; place it elsewhere or choose another room")
+            raise InputError(f"{text}, which leaves no record to stop at; place it elsewhere or choose another room")
         else:
             stop = min(stop, collision.time_s)
     return start, stop

@@ -141,10 +141,8 @@ class Edges:
             assert times_s is not None
             fractions = np.empty((len(paths), *points.shape[:-1]), np.float32)
             for instant in np.unique(times_s):
-                at_instant = times_s == instant
-                fractions[:, at_instant] = self.fractions(
-                    [path.in_scene(instant[None]) for path in paths], points[at_instant]
-                )
+                now = times_s == instant
+                fractions[:, now] = self.fractions([path.in_scene(instant[None]) for path in paths], points[now])
             return fractions
         flat = points.reshape(-1, 3)
         corner, cell = np.unique(_codes(flat), return_inverse=True)

@@ -192,10 +192,10 @@ class Mirrors:
         waiting = [first]
         chains: list[Chain] = []
         while waiting:
-            in_flight = waiting.pop()
-            chains += in_flight.chains
-            if in_flight.reflections or in_flight.passages:
-                waiting += self._onward(in_flight, loss_db)
+            beams = waiting.pop()
+            chains += beams.chains
+            if beams.reflections or beams.passages:
+                waiting += self._onward(beams, loss_db)
         return sorted(chains, key=len)
 
     def parted(self, chains: Sequence[Chain]) -> tuple[Mirrors, list[Chain]]:
@@ -227,43 +227,32 @@ class Mirrors:
                         waiting.append(swapped)
         return replace(self, parts=parts), sorted(tried, key=len)
 
-    def _onward(self, in_flight: _Rays, loss_db: np.ndarray) -> list[_Rays]:
+    def _onward(self, beams: _Rays, loss_db: np.ndarray) -> list[_Rays]:
         """Rays after the next mirror: those reflected and those let through."""
         import drjit as dr
 
         mi = mitsuba(self.backend)
         normals = mi.Float(aligned(np.array([mirror.normal for mirror in self.parts]), np.float32))
         of_face = mi.UInt32(aligned(self.of_face, np.uint32))
-        hit = self.traced.ray_intersect_preliminary(
-            mi.Ray3f(in_flight.origin, in_flight.direction), active=in_flight.inside
-        )
-        inside = in_flight.inside & hit.is_valid()
+        hit = self.traced.ray_intersect_preliminary(mi.Ray3f(beams.origin, beams.direction), active=beams.inside)
+        inside = beams.inside & hit.is_valid()
         mirror = dr.gather(mi.UInt32, of_face, hit.prim_index, inside)
         inside &= ~dr.gather(mi.Bool, mi.Bool(self._ends()), mirror, inside)
         normal = dr.gather(mi.Vector3f, normals, mirror, inside)
-        cosine = dr.dot(in_flight.direction, normal)
-        place, off = (
-            in_flight.origin + dr.select(inside, hit.t, 0) * in_flight.direction,
-            SKIN_M * dr.sign(cosine) * normal,
-        )
+        cosine = dr.dot(beams.direction, normal)
+        place, off = (beams.origin + dr.select(inside, hit.t, 0) * beams.direction, SKIN_M * dr.sign(cosine) * normal)
         dr.eval(place, off, mirror, inside)
         met, onward = mirror.numpy(), []
-        if in_flight.reflections:
-            ahead = in_flight.direction - 2 * cosine * normal
+        if beams.reflections:
+            ahead = beams.direction - 2 * cosine * normal
             dr.eval(ahead)
-            on = replace(
-                in_flight, origin=place - off, direction=ahead, inside=inside, reflections=in_flight.reflections - 1
-            )
+            on = replace(beams, origin=place - off, direction=ahead, inside=inside, reflections=beams.reflections - 1)
             onward.append(on.over(met, through=False))
-        if in_flight.passages:
-            bearable = in_flight.bearable_db - dr.gather(
-                mi.Float, mi.Float(aligned(loss_db, np.float32)), mirror, inside
-            )
+        if beams.passages:
+            bearable = beams.bearable_db - dr.gather(mi.Float, mi.Float(aligned(loss_db, np.float32)), mirror, inside)
             passing = inside & (bearable >= 0)
             dr.eval(bearable, passing)
-            on = replace(
-                in_flight, origin=place + off, inside=passing, bearable_db=bearable, passages=in_flight.passages - 1
-            )
+            on = replace(beams, origin=place + off, inside=passing, bearable_db=bearable, passages=beams.passages - 1)
             onward.append(on.over(met, through=True))
         return [beam for beam in onward if beam.chains]
 

@@ -302,11 +302,8 @@ def _sums(
     """What each transmitter and receiver record of chirps at `position` [frames after window.start], block by block of these, of
     each of so many `parts`."""
     rate = len(position) / (window.stop - window.start)
-    both_ends = ends(window, radar)
-    outermost = (
-        end.only(antennas).extra_delays()
-        for end, antennas in zip(both_ends, np.transpose(radar.outermost), strict=True)
-    )
+    both = ends(window, radar)
+    outermost = (end.only(outer).extra_delays() for end, outer in zip(both, np.transpose(radar.outermost), strict=True))
     extremes = [] if window.apparent is None else [_both(*pair) for pair in zip(*outermost, strict=True)]
     tree = levels(window, sweep, rate, tolerance, extremes) if window.delay.size else []
     late = [0.0] * len(radar.tx_positions_m)
@@ -314,7 +311,7 @@ def _sums(
         late = [tx / radar.prf_hz / window.step_s for tx in range(len(late))]
     instants = [Instants(position + slot, window.step_s, sweep) for slot in late]
     if not tree:
-        for (tx, out), (rx, back) in itertools.product(*(enumerate(end.extra_delays()) for end in both_ends)):
+        for (tx, out), (rx, back) in itertools.product(*(enumerate(end.extra_delays()) for end in both)):
             extra, slope = _both(out, back)
             delayed = replace(window, delay=window.delay + extra, delay_slope=window.delay_slope + slope)
             for chirps in _chirp_blocks(len(position), window, parts):
@@ -325,7 +322,7 @@ def _sums(
         assert window.part is not None, "parts are numbered"
         tree, part_of = by_part(tree, np.maximum(window.part, 0), parts)
     echo_leaves = leaves(window, tree[0], sweep, backend)
-    send, receive = array_delays(both_ends, [level.mean for level in tree], backend)
+    send, receive = array_delays(both, [level.mean for level in tree], backend)
     at_once = max(1, MOST_SUMS // (RECEIVERS * 2 * tree[0].nodes * tree[0].rate))
     for tx_batch, rx_batch in itertools.product(_batches(len(send), at_once), _batches(len(receive), RECEIVERS)):
         deep, leaves_here = at_antennas(tree, echo_leaves, send.only(tx_batch), receive.only(rx_batch))

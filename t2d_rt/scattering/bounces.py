@@ -224,10 +224,8 @@ class TubeScatterer(Scatterer):
             for number, (frames, weight) in weights.items():
                 sample = samples.at(number)[bounces - 2]
                 column = of_bounces.columns(sample.codes)
-                for into, integrals in zip(
-                    (field, change), posed.sums(sample, column, carriers_m, frames), strict=True
-                ):
-                    into[frames[:, None], first + column[column >= 0]] += (integrals * weight).T
+                for into, sums in zip((field, change), posed.sums(sample, column, carriers_m, frames), strict=True):
+                    into[frames[:, None], first + column[column >= 0]] += (sums * weight).T
         # As E in eq. 3.
         scale = -1j * radar.link_amplitude * math.sqrt(4 * math.pi) / radar.wavelength_m
         per_hz = scale / radar.mid_frequency_hz

@@ -113,9 +113,7 @@ class StaticScatterer(Scatterer):
             echoes = self.static(block.times_s)
         else:
             shape = block.last - block.first
-            static = [
-                None if column is None else np.broadcast_to(column, (shape, *column.shape)) for column in self.static
-            ]
+            static = [None if array is None else np.broadcast_to(array, (shape, *array.shape)) for array in self.static]
             echoes = EchoArrays(*static)  # type: ignore[arg-type]
         unblocked = 1.0 if self.unblocked is None else seen[self.unblocked]
         return echoes._replace(

@@ -55,7 +55,7 @@ def ellipsoid_echoes(
         reflection=values_of(
             material,
             len(ellipsoids.semi_axes_m),
-            lambda part_material: part_material.reflection(radar.mid_frequency_hz).conjugate(),
+            lambda of_part: of_part.reflection(radar.mid_frequency_hz).conjugate(),
         ),  # IF = tx conj(rx)
         phase_from=phase_from,
         at_instants=at_instants,
@@ -103,25 +103,23 @@ class EllipsoidScatterer(Scatterer):
         centres, axes = poses[self.target]
         shown, near = _shown(views, block, seen, count)
         # An echo over each view, whose antennas stand in places of its own; one that is dark is where the centre is.
-        echo_centres, axes = np.tile(centres, (1, len(views), 1)), np.tile(axes, (1, len(views), 1, 1))
+        tiled, axes = np.tile(centres, (1, len(views), 1)), np.tile(axes, (1, len(views), 1, 1))
         places = [Pair.of(radar, view.paths).at(block.times_s).ends_m for view in views]
         tx, rx = (
-            np.broadcast_to(
-                np.repeat(np.stack(np.broadcast_arrays(*antennas_m), axis=-2), count, axis=-2), echo_centres.shape
-            )
-            for antennas_m in zip(*places, strict=True)
+            np.broadcast_to(np.repeat(np.stack(np.broadcast_arrays(*place), axis=-2), count, axis=-2), tiled.shape)
+            for place in zip(*places, strict=True)
         )
-        path = np.linalg.norm(echo_centres - tx, axis=-1) + np.linalg.norm(echo_centres - rx, axis=-1)
+        path = np.linalg.norm(tiled - tx, axis=-1) + np.linalg.norm(tiled - rx, axis=-1)
         field = np.zeros(path.shape)
         # Between an antenna and an image is a shadow and no reflection: it fades, and in line with both there is none to look for.
-        aside = np.linalg.norm(unit(tx - echo_centres) + unit(rx - echo_centres), axis=-1)
+        aside = np.linalg.norm(unit(tx - tiled) + unit(rx - tiled), axis=-1)
         fade = np.clip((aside - FORWARD[0]) / (FORWARD[1] - FORWARD[0]), 0, 1)
         lit = np.nonzero(near & (aside > FORWARD[0] / 2))
-        ends = [echo_centres.copy(), echo_centres.copy()]
+        ends = [tiled.copy(), tiled.copy()]
         semi_axes = self.ellipsoids.semi_axes_m[lit[1] % count]
         model = {"specular": _specular, "centre": _centre}[self.phase_from]
         with np.errstate(invalid="ignore"):
-            results = model(echo_centres[lit], axes[lit], semi_axes, tx[lit], rx[lit])
+            results = model(tiled[lit], axes[lit], semi_axes, tx[lit], rx[lit])
         # Almost in line with both the search may end nowhere: what has faded out is dark.
         finite = np.isfinite(results[0] + results[1])
         lit = (lit[0][finite], lit[1][finite])
@@ -164,7 +162,7 @@ def _shown(views: Sequence[View], block: FrameBlock, seen: Visibility, count: in
     frames = len(block.wider(REACH_FRAMES))
     visibilities = [product([seen[fraction] for fraction in view.visibility]) for view in views]
     fractions = np.concatenate(
-        [np.ones((frames, count)) if visibility is None else visibility for visibility in visibilities], axis=1
+        [np.ones((frames, count)) if values is None else values for values in visibilities], axis=1
     )
     begin = block.first - max(0, block.first - REACH_FRAMES)
     of_block = slice(begin, begin + block.last - block.first)

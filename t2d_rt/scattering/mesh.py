@@ -135,10 +135,8 @@ class MeshScatterer(Scatterer):
         patches = self.model.patches
         face = patches.base_face[patches.starts[:-1]]
         return EchoLabels.joined(
-            EchoLabels.of(
-                len(selection.patches), target=self.target, face=face[selection.patches], path=selection.view.name
-            )
-            for selection in self.selections
+            EchoLabels.of(len(part.patches), target=self.target, face=face[part.patches], path=part.view.name)
+            for part in self.selections
         )
 
     @override

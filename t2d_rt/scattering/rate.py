@@ -208,10 +208,8 @@ class SurfaceRate:
         """How much higher a rate the geometry asks for than its stand-in, by their fourth derivatives."""
         if self._stand_in is self._geometry:
             return 1.0
-        detailed, simple = (
-            self._mean_squares(geometry, self._probe_hz)[0] for geometry in (self._geometry, self._stand_in)
-        )
-        return float((detailed / simple) ** 0.125) if simple > 0 else 1.0
+        fine, rough = (self._mean_squares(target, self._probe_hz)[0] for target in (self._geometry, self._stand_in))
+        return float((fine / rough) ** 0.125) if rough > 0 else 1.0
 
     def _resolving_hz(self, tolerance_db: float) -> float:
         """The lowest rate that will do, from `LEAST_HZ` on."""

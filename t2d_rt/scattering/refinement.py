@@ -29,12 +29,12 @@ MOST_FACETS = 1_000_000
 """Of one mesh, unless a run may take more memory."""
 ROWS_AT_ONCE = 1_000
 """Vertices carried along at once: their positions at all instants of a block fit the cache."""
-_in_memory: OrderedDict[str, Refinement] = OrderedDict()
+_by_key: OrderedDict[str, Refinement] = OrderedDict()
 KEPT_FLAT = 200_000
 """Flat facets of curved refinements are kept, the last used ones, for as many of them."""
 _flat: OrderedDict[tuple[str, bytes], Refinement] = OrderedDict()
 _lock = threading.Lock()
-"""Held by the thread that looks into `_in_memory` and `_flat`."""
+"""Held by the thread that looks into `_by_key` and `_flat`."""
 Sagitta = float | np.ndarray
 """One phase sagitta [rad], or one for each vertex (V,)."""
 
@@ -72,10 +72,7 @@ def refined(
     """
     rest = surface.refined_rest
     common = rest, surface.faces, wavenumber, range_m, surface.crease_deg, surface.curved
-    keys = [
-        disk_cache.key("geometry", ("refinement", *common, np.asarray(sagitta_rad, float)))
-        for sagitta_rad in sagittas_rad
-    ]
+    keys = [disk_cache.key("geometry", ("refinement", *common, np.asarray(sagitta, float))) for sagitta in sagittas_rad]
     with _lock:
         missing = {key: sagitta for key, sagitta in zip(keys, sagittas_rad, strict=True) if _needed(key, max_facets)}
         if missing:
@@ -89,24 +86,21 @@ def refined(
                 max_faces=max_facets,
             )
             for key, refinement in zip(missing, new, strict=True):
-                _in_memory[key] = replace(refinement, key=key)
+                _by_key[key] = replace(refinement, key=key)
                 disk_cache.write(key, _as_arrays(refinement))
-        in_order = [_in_memory[key] for key in keys]
+        in_order = [_by_key[key] for key in keys]
         for key in keys:
-            _in_memory.move_to_end(key)
-        while (
-            len(_in_memory) > len(keys)
-            and sum(len(refinement.faces) for refinement in _in_memory.values()) > KEPT_FACETS
-        ):
-            _in_memory.popitem(last=False)
+            _by_key.move_to_end(key)
+        while len(_by_key) > len(keys) and sum(len(stored.faces) for stored in _by_key.values()) > KEPT_FACETS:
+            _by_key.popitem(last=False)
     return in_order
 
 
 def _needed(key: str, max_facets: int) -> bool:
     """Whether a refinement must be made: it is not kept, or has more facets than are allowed, which making it will tell."""
-    if key not in _in_memory and (arrays := disk_cache.read(key, _ARRAYS)) is not None:
-        _in_memory[key] = replace(_of_arrays(arrays), key=key)
-    return key not in _in_memory or len(_in_memory[key].faces) > max_facets
+    if key not in _by_key and (arrays := disk_cache.read(key, _ARRAYS)) is not None:
+        _by_key[key] = replace(_of_arrays(arrays), key=key)
+    return key not in _by_key or len(_by_key[key].faces) > max_facets
 
 
 _SPARSE = "data", "indices", "indptr", "shape"
@@ -168,7 +162,7 @@ def most_facets(memory: Budget) -> int:
 def forget() -> None:
     """Drops the refinements that this process keeps; without those on disk the next recording takes as long as a first one."""
     with _lock:
-        _in_memory.clear()
+        _by_key.clear()
         _flat.clear()
 
 

@@ -37,41 +37,34 @@ class Reflectors:
 
     def __init__(self, reflectors: Sequence[Reflector]) -> None:
         self._reflectors = reflectors
-        counts = [reflector.facets.operator.shape[0] for reflector in reflectors]
+        counts = [target.facets.operator.shape[0] for target in reflectors]
         first = np.cumsum([0, *counts[:-1]])
         self.vertex_count = int(sum(counts))
         self.faces = np.concatenate(
-            [reflector.facets.faces + start for reflector, start in zip(reflectors, first, strict=True)]
+            [target.facets.faces + start for target, start in zip(reflectors, first, strict=True)]
         )
         """Corners (F, 3)."""
         middles = [
-            reflector.facets.faces if (numbers := reflector.facets.middles) is None else numbers
-            for reflector in reflectors
+            target.facets.faces if (numbers := target.facets.middles) is None else numbers for target in reflectors
         ]
         self._middles = np.concatenate([numbers + start for numbers, start in zip(middles, first, strict=True)])
-        sizes = [len(reflector.facets.faces) for reflector in reflectors]
-        self.curved = np.repeat([reflector.facets.middles is not None for reflector in reflectors], sizes)
+        sizes = [len(target.facets.faces) for target in reflectors]
+        self.curved = np.repeat([target.facets.middles is not None for target in reflectors], sizes)
         """Which facets are (F,)."""
-        self.reflection = np.concatenate([reflector.reflection.conjugate() for reflector in reflectors])
+        self.reflection = np.concatenate([target.reflection.conjugate() for target in reflectors])
         """Of each facet conj(Gamma), as IF = tx conj(rx), complex (F,)."""
-        self.rest = np.concatenate([reflector.facets.at(reflector.surface.rest) for reflector in reflectors])
+        self.rest = np.concatenate([target.facets.at(target.surface.rest) for target in reflectors])
         """Vertices at rest (V, 3)."""
         self.target = np.repeat(np.arange(len(reflectors)), sizes)
         """The target that each facet belongs to (F,)."""
         self._crease = np.repeat(
-            [
-                180.0 if reflector.facets.middles is not None else reflector.surface.crease_deg
-                for reflector in reflectors
-            ],
-            sizes,
+            [180.0 if target.facets.middles is not None else target.surface.crease_deg for target in reflectors], sizes
         )
 
     def at(self, times_s: np.ndarray) -> np.ndarray:
         """Vertices (K, V, 3) m at these times."""
-        cages = (reflector.facets.controlled(reflector.surface.at(times_s)) for reflector in self._reflectors)
-        posed = (
-            carried(reflector.facets.operator, cage) for reflector, cage in zip(self._reflectors, cages, strict=True)
-        )
+        cages = (target.facets.controlled(target.surface.at(times_s)) for target in self._reflectors)
+        posed = (carried(target.facets.operator, cage) for target, cage in zip(self._reflectors, cages, strict=True))
         return np.concatenate(list(posed)).swapaxes(0, 1)
 
     @cached_property

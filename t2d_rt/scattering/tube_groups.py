@@ -221,23 +221,21 @@ class Frames:
             lengths = self.lengths(tubes.faces, tubes.coordinates, tubes.sense, frames[block])
             carriers = backend.lanes(carriers_m[:, frames[block]], backend.Float64)
             for chosen, nodes in ((used & tubes.curved, 6), (used & ~tubes.curved, 3)):
-                tube_numbers = np.flatnonzero(chosen)
-                if not len(tube_numbers):
+                numbers = np.flatnonzero(chosen)
+                if not len(numbers):
                     continue
-                group = sample.group[tube_numbers]
+                group = sample.group[numbers]
                 values = tube_fields(
                     Lengths(lengths, carriers, len(frames[block])),
-                    tubes.nodes[tube_numbers, :nodes],
+                    tubes.nodes[numbers, :nodes],
                     column[group],
-                    tubes.amplitude[tube_numbers],
+                    tubes.amplitude[numbers],
                     2 * math.pi / self.radar.wavelength_m,
                     backend,
                 )
                 starts = np.flatnonzero(np.append(True, group[1:] != group[:-1]))
                 for total, value in zip(totals, values, strict=True):
-                    total[row[group[starts]], block] += np.add.reduceat(
-                        value * tubes.factor[tube_numbers, None], starts
-                    )
+                    total[row[group[starts]], block] += np.add.reduceat(value * tubes.factor[numbers, None], starts)
         return totals[0], totals[1]
 
 

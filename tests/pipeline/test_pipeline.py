@@ -322,7 +322,7 @@ def test_a_body_is_refined_once(monkeypatch: pytest.MonkeyPatch) -> None:
         return refinements(*args, **options)
 
     monkeypatch.setattr("t2d_rt.scattering.refinement.refinements", counted)
-    monkeypatch.setattr("t2d_rt.scattering.refinement._in_memory", OrderedDict())
+    monkeypatch.setattr("t2d_rt.scattering.refinement._by_key", OrderedDict())
     rest, faces = icosphere(2, 0.1)
 
     def at(range_m: float) -> np.ndarray:
