@@ -22,9 +22,9 @@ DEEP_M = 0.05
 """As far on both sides of a surface a point has gone through it: feet dip into floors, doors close flush with their wall, people
 sink into a sofa. An antenna is a point, for which nothing of it is forgiven."""
 PARTS = 12
-"""Of a mesh, whose middles are tested: a hand that touches a table is not through it."""
+"""Parts of a mesh whose middles are tested: a hand that touches a table is not through it."""
 INSTANTS_AT_ONCE, VERTICES_AT_ONCE = 50, 2_500_000
-"""Of a mesh, for memory: as many instants, or fewer where it has many vertices."""
+"""Instants of a mesh at a time, for memory; fewer where it has many vertices."""
 MIDDLE = (
     ("left_knee", "right_knee", "left_ankle", "right_ankle"),
     ("left_knee", "right_knee"),
@@ -51,7 +51,7 @@ class Collision:
     target: int
     time_s: float
     place_m: np.ndarray
-    """(3,)."""
+    """Where that is, (3,)."""
     surface: str | None
     """What it goes through; None for a target that starts outside."""
 

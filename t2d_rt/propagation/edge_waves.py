@@ -46,7 +46,7 @@ class Straight(NamedTuple):
     """(3,)."""
     matrix: np.ndarray
     shift_m: np.ndarray
-    """To where the target appears: `matrix @ x + shift_m`."""
+    """Takes x to where the target appears: `matrix @ x + shift_m`."""
     begin: tuple[np.ndarray, float] | None
     end: tuple[np.ndarray, float] | None
     """Planes between which it runs; None where the antenna or the target is."""
@@ -93,13 +93,13 @@ class _Beam:
 
     part: Straight
     mesh: int
-    """The other."""
+    """Number of the other mesh."""
     apparent_m: np.ndarray
     """Where the points appear, (N, 3)."""
     near: np.ndarray
     """Which of them are near the edges, (N,)."""
     ends_m: np.ndarray
-    """Of pieces of edges that may be outline, around the mesh as it is seen from the origin, (2, M, 3)."""
+    """Ends of pieces of edges that may be outline, around the mesh as it is seen from the origin, (2, M, 3)."""
 
     def of(self, mask: np.ndarray) -> _Beam:
         """Some of the points, bool (N,)."""
@@ -112,7 +112,7 @@ class _Beam:
         return self.part.segments(self.part.origin_m + far_m * unit(middle + ASIDE_M * aside))
 
     def amplitude(self, hidden: np.ndarray, outline: np.ndarray, wavelength_m: float) -> np.ndarray:
-        """Of the field at the points, `hidden` by the mesh or not, from which of the pieces are `outline`, (M,): (N,)."""
+        """That of the field at points `hidden` by the mesh or not (N,), where pieces (M,) are of its `outline` or not."""
         amplitudes = np.where(hidden, 0.0, 1.0)
         if self.near.any() and outline.any():
             ends_m, apparent_m = self.ends_m[:, outline], self.apparent_m[self.near]
@@ -123,7 +123,7 @@ class _Beam:
 def _amplitude(
     part: Straight, ends_m: np.ndarray, apparent_m: np.ndarray, hidden: np.ndarray, wavelength_m: float
 ) -> np.ndarray:
-    """Of the field at apparent points (N, 3), hidden or not (N,), beside an outline of pieces (2, M, 3)."""
+    """Amplitude of the field at apparent points (N, 3), hidden or not (N,), beside an outline of pieces (2, M, 3)."""
     a, b = ends_m - part.origin_m
     ahead, distance = apparent_m - part.origin_m, norms((a + b) / 2)
     length = norms(ahead)
@@ -331,7 +331,7 @@ class _Alone(NamedTuple):
 
     scene: Any
     shift_m: dict[tuple[int, int], np.ndarray]
-    """To the cell of an instant and a mesh, (3,)."""
+    """How far each mesh at an instant is shifted to its cell, (3,)."""
     extent_m: float
     """How far from the middle of the meshes a cell extends."""
 

@@ -98,7 +98,7 @@ AXES = 3
 
 @dataclass(frozen=True, slots=True)
 class Edges:
-    """Of all mirrors of a scene."""
+    """Edges of all mirrors of a scene."""
 
     mirrors: Mirrors
     wavelength_m: float
@@ -113,7 +113,7 @@ class Edges:
 
     @classmethod
     def of(cls, mirrors: Mirrors, wavelength_m: float) -> Edges:
-        """Of the scene that these are of."""
+        """The edges of these mirrors."""
         along = [mirror.triangles.reshape(-1, 3) @ DIRECTIONS.T for mirror in mirrors.parts]
         return cls(
             mirrors,
@@ -163,7 +163,7 @@ class Edges:
     def _together(
         self, paths: Sequence[OneWayPath], points: np.ndarray, centres: np.ndarray, cell: np.ndarray
     ) -> np.ndarray:
-        """Those of paths of equal length at points (Q, 3) in cells (Q,) with centres (C, 3), (P, Q)."""
+        """Fractions of paths of equal length at points (Q, 3) in cells (Q,) with centres (C, 3), (P, Q)."""
         of_cells = _Courses.of(paths, [centres] * len(paths))
         cell_fractions, near, rims = self._cells(of_cells)
         fraction = cell_fractions.reshape(len(paths), -1)[:, cell]
@@ -176,7 +176,7 @@ class Edges:
         return fraction
 
     def _points(self, courses: _Courses, near: np.ndarray, rims: np.ndarray) -> np.ndarray:
-        """Of courses: their pieces that have something `near` (S, N), mirrors met near their `rims` (m, N)."""
+        """Fractions of courses; pieces that have something `near` (S, N), mirrors that are met near their `rims` (m, N)."""
         asked = courses.valid
         fraction = np.zeros(len(asked), np.float32)
         for places in (FEW, MANY):
@@ -322,7 +322,7 @@ class SceneBlockage:
     """What of a scene blocks one-way paths."""
 
     edges: Mapping[bytes, Edges]
-    """By the place of the antenna, as `OneWayPath.antenna_m.tobytes()`; none in free space."""
+    """Edges by the place of the antenna, as `OneWayPath.antenna_m.tobytes()`; none in free space."""
 
     def fraction(self, path: OneWayPath, points: np.ndarray, times_s: np.ndarray | None = None) -> np.ndarray:
         """Fraction of a path's field that reaches points (..., 3) m, faded at edges of mirrors and obstacles, float32 (...); points
@@ -332,7 +332,7 @@ class SceneBlockage:
     def fractions(
         self, paths: Sequence[OneWayPath], points: np.ndarray, times_s: np.ndarray | None = None
     ) -> np.ndarray:
-        """The same of P paths, float32 (P, ...)."""
+        """Fractions of the fields of P paths that arrive, float32 (P, ...)."""
         fractions = np.empty((len(paths), *points.shape[:-1]), np.float32)
         antennas = [path.antenna_m.tobytes() for path in paths]
         for place in set(antennas):
@@ -353,7 +353,7 @@ class _Courses(NamedTuple):
 
     @classmethod
     def of(cls, paths: Sequence[OneWayPath], points: Sequence[np.ndarray]) -> _Courses:
-        """Of each path to its own points (n, 3) m, path by path."""
+        """The courses of each path to its own points (n, 3) m, path by path."""
         unfolded = [unfolded_vertices(path, of_path) for path, of_path in zip(paths, points, strict=True)]
         valid, stops = zip(*unfolded, strict=True)
         chain = [
@@ -381,7 +381,7 @@ def _codes(points: np.ndarray) -> np.ndarray:
 
 
 def _places(codes: np.ndarray) -> np.ndarray:
-    """Of cells, in cells, (C, 3)."""
+    """Places of cells, in cells, (C, 3)."""
     return np.stack([codes >> 42, (codes >> 21) & ((1 << 21) - 1), codes & ((1 << 21) - 1)], axis=1) - (1 << 20)
 
 
@@ -398,7 +398,7 @@ def _outline(triangles: np.ndarray) -> np.ndarray:
 
 
 def _distance(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """From points (P, 3) to the nearest of edges (E, 2, 3), (P,) m."""
+    """Distances of points (P, 3) to the nearest of edges (E, 2, 3), (P,) m."""
     start, path = edges[:, 0], edges[:, 1] - edges[:, 0]
     offset = points[:, None] - start
     along = np.clip(np.einsum("pei,ei->pe", offset, path) / np.maximum(np.einsum("ei,ei->e", path, path), 1e-30), 0, 1)

@@ -15,7 +15,7 @@ from t2d_rt.types import MovingMesh, OneWayPath
 from t2d_rt.types.scatterer import Fraction
 
 POSES = 24
-"""Of a rotation, in which a rotor's blockage by the static scene is found."""
+"""Poses of a rotation in which a rotor's blockage by the static scene is found."""
 POINTS = 300
 """Points of it, about, whose mean visibility is that of all."""
 
@@ -39,7 +39,7 @@ class MeanVisibility:
         self._functions: dict[tuple[Hashable, int], Fraction] = {}
         """What `over` has given: scatterers that need the same fraction hold the same object."""
         self._known: dict[Hashable, tuple[np.ndarray, np.ndarray]] = {}
-        """Of one path, and of two that share the blockage by the scene, (K,)."""
+        """Mean over one path, and over two that share the blockage by the scene, (K,)."""
 
     def over(self, key: Hashable, viewpoint: OneWayPath, unblocked: Unblocked | None, path_count: int) -> Fraction:
         """Its function of times [s] (K,), (K, V), from a viewpoint of that name; the fraction `unblocked` by the scene counts for
@@ -56,7 +56,7 @@ class MeanVisibility:
         return np.broadcast_to(visibility, (len(times_s), len(self._mesh.rest)))
 
     def _find(self) -> None:
-        """From all viewpoints that are not known yet."""
+        """Finds the visibility from all viewpoints from which it is not known yet."""
         poses_s, pose = poses(self._mesh, self._samples_s)
         posed = self._mesh.at(poses_s)[:, :: self._stride]
         views = {key: view for key, view in self._views.items() if key not in self._known}
@@ -108,7 +108,7 @@ class MeanVisibility:
     def _between(
         self, viewpoint_m: np.ndarray, marked: np.ndarray, middle: np.ndarray, radius: np.ndarray
     ) -> np.ndarray:
-        """The same on a straight line from a place to the ball."""
+        """Which marks may be in the way of a straight line from a place to the ball."""
         towards = middle - viewpoint_m
         length = np.linalg.norm(towards, axis=2)
         reach = self._occluders.mark_reach_m

@@ -39,7 +39,7 @@ MOST_LOSS_DB = 40.0
 CLOSED = 0.9
 """Winding number beyond which triangles are closed around a place: 1 within a shell, less in a valley or an open box."""
 LEAST_FLOOR_M2, LEAST_HEIGHT_M = 2.0, 1.8
-"""Of a room."""
+"""Least floor and height of a room."""
 
 _last_chains = LastUsed[list[Chain]](16)
 """Chains by all that their search follows from."""
@@ -64,7 +64,7 @@ class Mirror:
 
     @classmethod
     def of(cls, name: str, surface: int, normal: np.ndarray, triangles: np.ndarray) -> Mirror:
-        """From triangles (F, 3, 3) of one plane."""
+        """A mirror of triangles (F, 3, 3) of one plane."""
         normals = edge_cross(triangles)
         inward = np.cross(normals[:, None], np.roll(triangles, -1, axis=1) - triangles)
         inward /= np.linalg.norm(inward, axis=2, keepdims=True)
@@ -270,7 +270,7 @@ class Mirrors:
     def first_of_local(
         self, origin_m: np.ndarray, direction: np.ndarray, length_m: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The same from places that are `local`."""
+        """What `first` finds, from places that are `local`."""
         length_m = None if length_m is None else np.maximum(length_m, 0)
         hit = self.traced.ray_intersect_preliminary(rays(mitsuba(self.backend), origin_m, direction, length_m))
         distance = hit.t.numpy().reshape(origin_m.shape[:-1])

@@ -41,7 +41,7 @@ class Posed:
 
     @cached_property
     def _at_instants(self) -> list[np.ndarray]:
-        """The same instant by instant, (K, 3, F) each."""
+        """`_corner_and_area` instant by instant, (K, 3, F) each."""
         return [np.ascontiguousarray(np.moveaxis(vectors, -1, 0)) for vectors in self._corner_and_area]
 
     @cached_property
@@ -92,7 +92,7 @@ class Occluders:
 
     @cached_property
     def faces(self) -> np.ndarray:
-        """Those of all meshes, as of one (F, 3)."""
+        """Faces of all meshes, as of one (F, 3)."""
         return _side_by_side([m.faces for m in self.meshes], [len(m.rest) for m in self.meshes])
 
     @cached_property
@@ -102,7 +102,7 @@ class Occluders:
 
     @cached_property
     def half_edges(self) -> list[_HalfEdges]:
-        """Those of each mesh."""
+        """Half-edges of each mesh."""
         faces = np.cumsum([0, *(len(m.faces) for m in self.meshes)])
         return [_HalfEdges.of(*row) for row in zip(self.meshes, self.starts, faces, strict=False)]
 
@@ -175,7 +175,7 @@ class Occluders:
         return _marks([m.rest for m in self.meshes], [refinement.operator for refinement in self._subdivided])
 
     def at(self, times_s: np.ndarray) -> Posed:
-        """Their shape at these times."""
+        """The meshes at these times."""
         posed = [mesh.at(times_s) for mesh in self.meshes]
         vertices = points = np.concatenate(posed, axis=1)
         if self._subdivision:
@@ -221,7 +221,7 @@ class Occluders:
 
     @cached_property
     def subdivided_faces(self) -> np.ndarray:
-        """Those between all points (F', 3)."""
+        """Faces between all points (F', 3)."""
         return _side_by_side([refinement.faces for refinement in self._subdivided], self._sizes)
 
     @cached_property
@@ -248,9 +248,9 @@ class _HalfEdges(NamedTuple):
     head: np.ndarray
     face: np.ndarray
     twin_face: np.ndarray
-    """On the other side."""
+    """Face on the other side (H,)."""
     border: np.ndarray
-    """Whether there is none."""
+    """Whether there is no such face (H,)."""
 
     @classmethod
     def of(cls, mesh: MovingMesh, first_vertex: int, first_face: int) -> _HalfEdges:

@@ -87,14 +87,14 @@ class Rays:
     """Triangles in one pose, in a scene that rays are traced in."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, backend: Backend) -> None:
-        """Of vertices (V, 3) m and triangles (F, 3)."""
+        """A scene of triangles (F, 3) of vertices (V, 3) m."""
         self._mitsuba = mitsuba(backend)
         self._middle = vertices.mean(axis=0)
         mesh = mitsuba_mesh(self._mitsuba, vertices - self._middle, faces)
         self._scene = traceable(self._mitsuba, mesh)
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> Hits:
-        """Of rays from (N, 3) m in unit directions (N, 3)."""
+        """What rays from (N, 3) m in unit directions (N, 3) meet first."""
         if not len(origins):  # Dr.Jit has no arrays of nothing
             return Hits(np.zeros(0, np.int64), np.zeros((0, 3)))
         import drjit as dr

@@ -255,7 +255,7 @@ PICTURE = frozenset(_PICTURE.split())
 NORMALS = frozenset({"face_normals", "flip_normals", "flip_tex_coords"})
 """Switches of a shape that change neither its place nor its form; surfaces reflect from both sides."""
 OWN_VALUES = ("relative_permittivity", "conductivity")
-"""Of a radio material."""
+"""Numbers of a radio material."""
 FILES = {"ply": ".ply", "obj": ".obj"}
 DEFAULT_THICKNESS_M = 0.1
 """Sionna's."""

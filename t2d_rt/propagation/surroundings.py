@@ -134,17 +134,17 @@ class Blockage:
 
     @classmethod
     def to_vertices(cls, mesh: MovingMesh, vertices: np.ndarray, samples_s: np.ndarray) -> Blockage:
-        """Of some vertices of a mesh."""
+        """Blockage of some vertices of a mesh."""
         return cls(partial(_vertices_at, mesh, vertices), samples_s, mesh)
 
     @classmethod
     def to_centres(cls, ellipsoids: Ellipsoids, samples_s: np.ndarray) -> Blockage:
-        """Of ellipsoids' centres alone."""
+        """Blockage of ellipsoids' centres alone."""
         return cls(partial(_centres_at, ellipsoids), samples_s)
 
     @classmethod
     def to_ellipsoids(cls, ellipsoids: Ellipsoids, samples_s: np.ndarray) -> Blockage:
-        """Of ellipsoids: their centres and far ends; across them, the field fades over about their width."""
+        """Blockage of ellipsoids, at their centres and far ends; across them, the field fades over about their width."""
         return cls(partial(_centres_and_ends_at, ellipsoids), samples_s)
 
     def over(self, paths: Sequence[OneWayPath], scene: SceneBlockage, *, in_the_mean: bool = False) -> list[Unblocked]:
@@ -183,11 +183,11 @@ class Unblocked:
     samples_s: np.ndarray
     """(S,)."""
     at_samples: np.ndarray
-    """At these, (S, N) or (S, 1)."""
+    """The fractions at these, (S, N) or (S, 1)."""
     count: int
     """N."""
 
     def __call__(self, times_s: np.ndarray) -> np.ndarray:
-        """(K, N) at times [s] (K,)."""
+        """The fractions (K, N) at times [s] (K,)."""
         fraction = faded(times_s, self.samples_s, self.at_samples.__getitem__)
         return np.broadcast_to(fraction, (len(times_s), self.count))

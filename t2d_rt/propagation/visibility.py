@@ -59,7 +59,7 @@ class VisibilitySamples:
     """Visibility of vertices from one point at a few instants, (K, V) each."""
 
     front: np.ndarray | None
-    """Which face it; None where meshes occlude nothing."""
+    """Which vertices face it; None where meshes occlude nothing."""
     visible: np.ndarray | None
     """Fraction of the field at these that no mesh occludes."""
     unblocked: np.ndarray
@@ -75,7 +75,7 @@ class Viewpoints:
     def __init__(
         self, meshes: Occluders, samples_s: np.ndarray, backend: Backend, *, wavelength_m: float = 0.0
     ) -> None:
-        """Of waves that long; at 0 meshes cast hard shadows on one another."""
+        """Viewpoints of waves that long; at 0 meshes cast hard shadows on one another."""
         self.meshes, self.samples_s, self.backend, self.wavelength_m = meshes, samples_s, backend, wavelength_m
         self._references: list[ref[Occlusion]] = []
 
@@ -89,7 +89,7 @@ class Viewpoints:
         self._references.append(ref(viewpoint))
 
     def traced(self, occlusions: Sequence[Occlusion], times_s: np.ndarray) -> list[np.ndarray]:
-        """From these viewpoints at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
+        """Visibility from these at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
         at = self.meshes.at(times_s)
         scene = self.scene(at)
         return [occlusion.fractions(occlusion.sampled(at, scene), 1) for occlusion in occlusions]
@@ -162,7 +162,7 @@ class Occlusion:
         backend: Backend,
         wavelength_m: float = 0.0,
     ) -> Occlusion:
-        """From the only viewpoint, sampled at these times [s]."""
+        """Visibility from the only viewpoint, sampled at these times [s]."""
         return cls(Viewpoints(meshes, samples_s, backend, wavelength_m=wavelength_m), viewpoint)
 
     def visibility(self, times_s: np.ndarray, path_count: int = 1) -> list[np.ndarray]:

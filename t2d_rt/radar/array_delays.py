@@ -74,7 +74,7 @@ class ArrayDelays:
     table: tuple[Any, Any] | None
     """The echoes' points [m] and steps [m per frame]: flat float32 (echo, frame, 4)."""
     groups: list[list[Delay]]
-    """Of each antenna and level: that of its groups' mean points, from which their members' are counted."""
+    """Delays of each antenna and level: those of its groups' mean points, from which their members' are counted."""
 
     def __len__(self) -> int:
         return len(self.groups)

@@ -43,7 +43,7 @@ class Members:
         per: int,
         size: int,
     ) -> Members:
-        """Of triples (slot, bin, member); `shape` is (slots, bins), `per` slots of an interval, `size` the number of echoes."""
+        """Members of triples (slot, bin, member); `shape` is (slots, bins), `per` slots of an interval, `size` echoes."""
         from scipy.sparse import coo_array
 
         # A counting sort: the rows of a CSR matrix are the members of the bins.
@@ -62,7 +62,7 @@ class Buckets:
     """Buckets of fixed delay."""
 
     origin_s: float
-    """Where they are counted from."""
+    """Delay that buckets are counted from."""
     centres: np.ndarray
     """theta of each bucket's middle, counted from there."""
     part: np.ndarray

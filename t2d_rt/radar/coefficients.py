@@ -20,7 +20,7 @@ from t2d_rt.radar.windows import Window
 
 
 def cubic(frames: list[Any], scale: Any | None) -> list[Any]:
-    """Between the second and the third of four frames, times a factor where there is one."""
+    """The cubic between the second and the third of four frames, times a factor where there is one."""
     middle = 0.5 * (frames[2] - frames[0]), 0.5 * (frames[3] - frames[1])
     return [c if scale is None else c * scale for c in hermite(frames[1], frames[2], *middle)]
 
@@ -229,7 +229,7 @@ class Lanes:
         backend: Backend,
         most_parts: int = MOST_PARTS,
     ) -> Lanes:
-        """For some instants."""
+        """Lanes for some instants."""
         import drjit as dr
 
         Float32, UInt32, members = backend.Float32, backend.UInt32, buckets.members

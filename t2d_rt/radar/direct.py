@@ -64,7 +64,7 @@ def between(
     antennas: np.ndarray,
     samples: np.ndarray,
 ) -> np.ndarray:
-    """The same of a stream at surface frames, for chirps that start at `starts_s` [s] after its first one."""
+    """`direct_sum` of a stream at surface frames, for chirps that start at `starts_s` [s] after its first one."""
     out = np.zeros((len(rows), len(samples)), np.complex128)
     step = float(source.times_s[1] - source.times_s[0])
     for k, (start, row, antenna) in enumerate(zip(starts_s, rows, antennas, strict=True)):
@@ -100,7 +100,7 @@ def _seen_from(echoes: Echoes | EchoArrays, radar: Radar, tx: int, rx: int) -> n
 
 
 def _pair(echoes: Echoes, radar: Radar, starts: np.ndarray, tx: int, rx: int, samples: np.ndarray) -> np.ndarray:
-    """The same of one transmitter and one receiver, for chirps that start at `starts` [s]."""
+    """`direct_sum` of one transmitter and one receiver, for chirps that start at `starts` [s]."""
     frames = len(echoes.times_s)
     step = 1 / echoes.rate_hz
     fast_time = radar.sample_times_s[samples]

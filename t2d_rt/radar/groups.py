@@ -20,7 +20,7 @@ frames, which leave -54 and -62 dB. Beyond these tolerances echoes are not merge
 FIRST_BINS = 0.35
 """Range bins that the smallest groups' echoes span at most."""
 MOST_BINS = 3.0
-"""The same of the largest groups."""
+"""Range bins that the largest groups' echoes span at most."""
 NARROW_BINS, WIDE_BINS = 3.0, 9.0
 """Width of a bucket of groups: wide ones have fewer nodes for each bin, but a group has to be summed at more of them."""
 WIDE_GROUPS = 2.0
@@ -51,7 +51,7 @@ class Level:
     delay: np.ndarray
     """Mean of the members' [s], (n + 3, K)."""
     delay_slope: np.ndarray
-    """[s per frame], likewise."""
+    """Slope of the mean delay [s per frame], (n + 3, K)."""
 
     def __len__(self) -> int:
         return self.delay.shape[1]

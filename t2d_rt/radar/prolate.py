@@ -53,7 +53,7 @@ def _interpolation(theta: float, tolerance: float, places: bytes) -> np.ndarray:
 
 
 def _through(nodes: np.ndarray, series: np.ndarray, at_x: np.ndarray) -> np.ndarray:
-    """From values at nodes to the sum of as many wave functions through them, at places where these are `at_x` (x, node)."""
+    """Matrix from values at nodes to the sum of as many wave functions through them, at places where these are `at_x` (x, node)."""
     return np.linalg.solve((legvander(nodes, len(series) - 1) @ series).T, at_x.T).T
 
 

@@ -26,7 +26,7 @@ from t2d_rt.types.echoes import Repetition
 from t2d_rt.types.scatterer import EchoParts, Scatterer
 
 TAPS, OVERSAMPLING = 6, 2
-"""Of the interpolation, which errs by less than -90 dB."""
+"""Taps of the interpolation, which errs by less than -90 dB."""
 BAND = 1.25
 """Steps of the table over those that the fastest points ask for."""
 END_FRAMES = 6
@@ -34,7 +34,7 @@ END_FRAMES = 6
 LEAST_GAIN = 3.0
 """Records that are so many times longer than the table are read from it."""
 ROWS_AT_ONCE = 4_096
-"""Of the record."""
+"""Rows of the record at a time."""
 TABLE_BYTES = 256e6
 """Greatest table, oversampled."""
 
@@ -42,7 +42,7 @@ TABLE_BYTES = 256e6
 def repetition(
     radar: Radar, period_s: float, speed_mps: float, frame_rate_hz: float, span_s: tuple[float, float]
 ) -> Repetition | None:
-    """For points of that greatest speed; None where nothing is gained by it.
+    """The repetition for points of that greatest speed; None where nothing is gained by it.
 
     Chirps do not overlap, so one period hardly ever has enough of them. Several have, at other angles each.
     """
@@ -62,7 +62,7 @@ def repetition(
 
 
 def duration_s(table: Repetition, frame_rate_hz: float) -> float:
-    """Of the echoes that the table is summed from."""
+    """Duration [s] of the echoes that the table is summed from."""
     return (table.first + table.rows + 1) * table.step_s + END_FRAMES / frame_rate_hz
 
 

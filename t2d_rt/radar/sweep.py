@@ -23,7 +23,7 @@ class Sweep:
 
     mid_hz: float
     slope: float
-    """[Hz/s]."""
+    """Slope of the frequency [Hz/s]."""
     half_time_s: float
     x: np.ndarray
     """(sample,)."""
@@ -124,7 +124,7 @@ def sin_cos(cycles: Any, *, within_half: bool = False) -> tuple[Any, Any]:
 
 @cache
 def _polynomials() -> tuple[list[float], list[float]]:
-    """Those of `sin_cos`."""
+    """Coefficients of the polynomials of `sin_cos`."""
     return sine_and_cosine(5, 6)
 
 
@@ -171,7 +171,7 @@ def times_phasor(values: list[Any], sin: Any, cos: Any) -> list[Any]:
 
 
 def spread_to(inner: int, outer: np.ndarray) -> Callable[[list[Any]], list[Any]]:
-    """From values at `inner` Chebyshev nodes of the sweep to the polynomial through them at `outer` nodes, pairs +x, -x."""
+    """Takes values at `inner` Chebyshev nodes of the sweep to the polynomial through them at `outer` nodes, pairs +x, -x."""
     if np.array_equal(nodes(inner), outer):
         return list
     # Nodes come in pairs +-x: even and odd parts apart halve the work.

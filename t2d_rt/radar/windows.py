@@ -56,9 +56,9 @@ class Window:
     step_s: float
     """Frame interval."""
     delay: np.ndarray
-    """[s], (n + 3, L)."""
+    """Delays [s], (n + 3, L)."""
     delay_slope: np.ndarray
-    """[s per frame], (n + 3, L)."""
+    """Slopes of the delays [s per frame], (n + 3, L)."""
     amplitude: np.ndarray
     """complex64 (n + 5, L): one frame more at either end."""
     sweep: np.ndarray | None
@@ -66,7 +66,7 @@ class Window:
     lit: tuple[np.ndarray, np.ndarray]
     """(interval, echo) of all echoes that are not dark in an interval, whose frames are four of the amplitude's."""
     apparent: tuple[ApparentPositions, ApparentPositions] | None
-    """For transmitters and for receivers."""
+    """Apparent positions for transmitters and for receivers."""
     part: np.ndarray | None = None
     """Number of the part of the recording that each echo belongs to, (L,); -1 is none, and its amplitude 0."""
 

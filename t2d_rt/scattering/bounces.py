@@ -108,7 +108,7 @@ class _Model:
 
     @classmethod
     def of(cls, reflectors: Reflectors, setting: Setting, samples_s: np.ndarray, detail: TubeDetail) -> _Model:
-        """With a lattice on the facets whose reflected rays ever meet a target."""
+        """A model with a lattice on the facets whose reflected rays ever meet a target."""
         wavelength = setting.radar.wavelength_m
         size_m = min(detail.cell_m, SWEEP_CYCLES * SPEED_OF_LIGHT / (2 * setting.radar.bandwidth_hz))
         test_lattice = setting.lattice(reflectors, np.arange(len(reflectors.faces)), TEST_WAVELENGTHS * wavelength)
@@ -169,7 +169,7 @@ class _Samples:
         self._held: OrderedDict[int, list[Sample]] = OrderedDict()
 
     def at(self, number: int) -> list[Sample]:
-        """By the number of bounces from 2."""
+        """Samples by the number of bounces from 2."""
         if number not in self._held:
             self._held[number] = self.model.sample(float(self.times_s[number]))
             while (
@@ -181,7 +181,7 @@ class _Samples:
         return self._held[number]
 
     def groups(self) -> Groups:
-        """Those of the whole record."""
+        """The groups of the whole record."""
         samples: list[Sample] = []
         powers: list[np.ndarray] = []
         for number, time_s in enumerate(self.times_s):

@@ -95,7 +95,7 @@ class StaticScatterer(Scatterer):
     unblocked: Fraction | None
     """(K, N)."""
     names: Sequence[str]
-    """Of the paths, (N,)."""
+    """Names of the paths, (N,)."""
 
     @property
     @override

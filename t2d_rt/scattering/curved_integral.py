@@ -51,7 +51,7 @@ Order = Literal[1, 2]
 SWITCH_RAD = {1: 2.0, 2: 3.0}
 
 EXPANSION_ORDER: Order = 2
-"""To which curved facets' bulges are expanded (docs/physics.md, eq. 30)."""
+"""Order to which curved facets' bulges are expanded (docs/physics.md, eq. 30)."""
 
 CENTRE = 1 / 13
 """The constant c over the sum of the bubbles: a little less than the mean of b, 1/12, since the mean of x^3, which is left out,
@@ -71,7 +71,7 @@ class Node(NamedTuple):
 
 
 class Averages(NamedTuple):
-    """Of powers of v in 0..1 and of the bubble phase beta, along the line of the middle phase, with some weight."""
+    """Averages of powers of v in 0..1 and of the bubble phase beta, along the line of the middle phase, with some weight."""
 
     one: Any
     v: Any
@@ -87,7 +87,7 @@ class Line(NamedTuple):
     exponential: Parts
     plain: Averages
     weighted: Averages
-    """With the amplitude."""
+    """The averages with the amplitude as weight."""
     centre: Any
     """The constant c."""
     mean_square: Any

@@ -238,8 +238,8 @@ def _seen_from(
 
 
 def _curvature(normal: np.ndarray, tangents: Sequence[np.ndarray], semi_axes_m: np.ndarray) -> list[np.ndarray]:
-    """Of sum (x_i/a_i)^2 = 1 along two tangents, (xx, xy, yy): p T^t diag(1/a^2) T, p = |D n| the distance of the tangent plane
-    from the centre."""
+    """Curvature of sum (x_i/a_i)^2 = 1 along two tangents, (xx, xy, yy): p T^t diag(1/a^2) T, p = |D n| the distance of the
+    tangent plane from the centre."""
     plane = _length(semi_axes_m * normal)
     scaled = [tangent / semi_axes_m**2 for tangent in tangents]
     return [dot(scaled[i], tangents[k]) * plane for i, k in ((0, 0), (0, 1), (1, 1))]
@@ -274,7 +274,7 @@ def _specular(
 def _centre(
     centres: np.ndarray, axes: np.ndarray, semi_axes_m: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """As `_specular`, of the centre: path [m] and sqrt(sigma)/(R_tx R_rx) (M,), the paper's eq. 1,
+    """What `_specular` gives, of the centre: path [m] and sqrt(sigma)/(R_tx R_rx) (M,), the paper's eq. 1,
 
     sigma = pi a^4 c^2/(a^2 sin^2 psi + c^2 cos^2 psi)^2, psi between the long axis (the third) and the bisector of the two paths;
     a^2 is the product of the two short semi-axes.
@@ -300,7 +300,7 @@ def _rotated(axes: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 
 def _length(vectors: np.ndarray) -> np.ndarray:
-    """Of vectors (3, M)."""
+    """Lengths of vectors (3, M)."""
     return np.asarray(np.sqrt(dot(vectors, vectors)))
 
 

@@ -44,7 +44,7 @@ class Pair:
     views_m: list[np.ndarray]
     """The same where only the form of the echoes matters (`one_view`)."""
     frequency_hz: float
-    """At mid-sweep."""
+    """Frequency at mid-sweep."""
     link_amplitude: float
     """sqrt(W) m: the received amplitude is link_amplitude sqrt(rcs)/(R_tx R_rx)."""
     delay_s: float = 0.0
@@ -72,12 +72,12 @@ class Pair:
         )
 
     def at(self, times_s: np.ndarray) -> Pair:
-        """At times [s] (T,)."""
+        """The pair as it is at times [s] (T,)."""
         return self if self.moving is None else self.moving(times_s)
 
     @property
     def ends_m(self) -> Ends:
-        """Of the transmitter and of the receiver."""
+        """Places of the transmitter and of the receiver."""
         return self.places_m[0], self.places_m[-1]
 
     def delays(self, at: Gather, ranges: list[Any]) -> Any:
@@ -173,7 +173,7 @@ class _Antennas(NamedTuple):
     """The antennas as each patch sees them."""
 
     centre: Vector
-    """Of the patch, relative to the origin [m]."""
+    """Centre of the patch, relative to the origin [m]."""
     places: list[Vector]
     """Relative to that centre [m]."""
     radians: Any
@@ -181,7 +181,7 @@ class _Antennas(NamedTuple):
 
     @classmethod
     def of(cls, at: Gather, posed: FacetVertices, number: Any, pair: Pair) -> _Antennas:
-        """For patches by their numbers."""
+        """The antennas for patches by their numbers."""
         Float32, Float64 = at.backend.Float32, at.backend.Float64
         origin = at.read(at.backend.lanes(posed.origin, Float64), 0)
         centre = tuple(Float32(x - o) for x, o in zip(at.read(posed.centres, number), origin, strict=True))
@@ -190,7 +190,7 @@ class _Antennas(NamedTuple):
         return cls(centre, places, wavenumber * (2 / len(places)))
 
     def phase(self, place: Vector) -> Any:
-        """Of a place relative to the centre [rad]."""
+        """Phase of a place relative to the centre [rad]."""
         return self.radians * sum(_extra_path(place, antenna) for antenna in self.places)
 
 

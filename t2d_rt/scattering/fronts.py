@@ -81,9 +81,9 @@ class Front:
     sense: np.ndarray
     """(N, B - 1)."""
     length_m: np.ndarray
-    """Of the paths so far (N,)."""
+    """Lengths of the paths so far (N,)."""
     place: np.ndarray
-    """On the last surface (N, 3) m."""
+    """Points on the last surface (N, 3) m."""
     normal: np.ndarray
     """(N, 3)."""
     incoming: np.ndarray
@@ -120,7 +120,7 @@ class Front:
 
 
 def launched(instant: Instant, lattice: Lattice) -> Front:
-    """On the first surface, where any corner of a part of the lattice is lit."""
+    """The front on the first surface, where any corner of a part of the lattice is lit."""
     posed = instant.posed
     place, normal = posed.places(lattice.face, lattice.weights), posed.normals_at(lattice.face, lattice.weights)
     range_m = norms(place - instant.transmitter_m)
@@ -159,7 +159,7 @@ class _Met:
     """Where the rays of a front meet a surface again."""
 
     direction: np.ndarray
-    """In which they left, 0 where they did not (N, 3)."""
+    """Direction in which they left, 0 where they did not (N, 3)."""
     face: np.ndarray
     """(N,), -1 where they meet none."""
     place: np.ndarray
@@ -190,7 +190,7 @@ class _Met:
 
 
 def reflected(instant: Instant, front: Front) -> Front:
-    """On the surfaces that tubes meet next.
+    """A front on the surfaces that tubes meet next.
 
     A tube whose corners lie on one surface goes on as it is. Of others each corner that meets a surface stands for a third of the
     tube, which goes on to the plane that touches the surface there.

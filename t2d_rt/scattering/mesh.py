@@ -161,7 +161,7 @@ class MeshScatterer(Scatterer):
         return side_by_side([selection.with_ends(radar, echoes, times_s, places) for selection in self.selections])
 
     def _weights(self, anchors: Anchors, block: FrameBlock, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of the path pairs of all selections at the anchors (T, A, 3) m: `faded_weights`, at instants none is faded."""
+        """Weights of the path pairs of all selections at the anchors (T, A, 3) m: `faded_weights`, at instants none is faded."""
         pairs = [selection.view.paths for selection in self.selections if selection.view.paths is not None]
         if self.model.at_instants:
             return Arrivals.of(self.radar, pairs, points_m, block.times_s).weights()
@@ -399,7 +399,7 @@ class _Selection:
     """Column of the first one."""
 
     def cut(self, most: int) -> list[_Selection]:
-        """The same in pieces of at most that many echoes."""
+        """The selection in pieces of at most that many echoes."""
         return [replace(self, patches=piece) for piece in np.split(self.patches, range(most, len(self.patches), most))]
 
     def with_ends(self, radar: Radar, echoes: EchoArrays, times_s: np.ndarray, places: np.ndarray) -> EchoArrays:
@@ -428,7 +428,7 @@ class Facing:
 
     @classmethod
     def of(cls, cage: np.ndarray, faces: np.ndarray) -> Facing:
-        """Of the cage's vertices (K, V, 3) m."""
+        """Facing of the cage's vertices (K, V, 3) m."""
         rows = np.ascontiguousarray(cage.T)  # whole rows of instants are read: a third of the time
         a, b, c = (rows.take(faces[:, i], axis=1) for i in range(3))
         across = np.stack(cross(b - a, c - a))
@@ -443,7 +443,7 @@ class Facing:
         return angle.min(axis=1) < math.pi / 2 + margin
 
     def _angle(self, place_m: np.ndarray) -> np.ndarray:
-        """Of the lines of sight to a place (3,) or (K, 3) with the normals [rad], (F, K)."""
+        """Angles of the lines of sight to a place (3,) or (K, 3) with the normals [rad], (F, K)."""
         key = place_m.tobytes()
         if key not in self._angles:
             line_of_sight = place_m.reshape(-1, 3).T[:, None] - self.middle
@@ -544,7 +544,7 @@ class Facets:
         )
 
     def visibility(self, seen: Seen, level: int) -> Any:
-        """Of the corners, flat Float32 (Vc, T) on the device; None: all are visible."""
+        """Visibility of the corners, flat Float32 (Vc, T) on the device; None: all are visible."""
         visibilities = self._over_paths("corners", seen, level)
         if seen.facet_visibility is not None and self.places is not None:
             triangles = self.corner_numbers[self.posed.patches.corners]
@@ -553,7 +553,7 @@ class Facets:
         return _product(visibilities)
 
     def visibility_of_points(self, seen: Seen, level: int) -> Any:
-        """Of the vertices that hold diffuse points, flat Float32 (Vp, T) on the device; None: all are visible."""
+        """Visibility of the vertices that hold diffuse points, flat Float32 (Vp, T) on the device; None: all are visible."""
         visibilities = self._over_paths("points", seen, level)
         if seen.facet_visibility is not None:
             assert self.posed.points is not None
@@ -576,7 +576,7 @@ class Facets:
 
 
 def _product(fields: Sequence[Any]) -> Any:
-    """Of arrays on the device; None: there is none."""
+    """Product of arrays on the device; None: there is none."""
     if not fields:
         return None
     return fields[0] if len(fields) == 1 else math.prod(fields[1:], start=fields[0])

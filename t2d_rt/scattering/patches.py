@@ -21,7 +21,7 @@ Csr = Any
 Ends = tuple[np.ndarray, np.ndarray]
 """Places of a transmitter and a receiver, or of their images [m], (3,) each, or (K, 3) of those that move."""
 SeenFrom = Callable[[np.ndarray], Sequence[Ends]]
-"""From where a target is seen at times [s] (K,)."""
+"""Places from which a target is seen at times [s] (K,)."""
 CYCLES_PER_STEP = 0.35
 """Greatest change, from one surface frame to the next, of the phase between two facets of a patch [cycles]: a walk's field errs by
 0.8 dB less than with 0.5, and by 0.1 dB more than with 0.25."""

@@ -62,7 +62,7 @@ class View:
 
 
 def product(fractions: Sequence[np.ndarray]) -> np.ndarray | None:
-    """That of some arrays; None: there is none."""
+    """Product of some arrays; None: there is none."""
     return np.asarray(np.prod(fractions, axis=0)) if fractions else None
 
 

@@ -122,7 +122,7 @@ class DiffusePoints:
         )
 
     def only(self, patches: np.ndarray) -> DiffusePoints:
-        """Those of some patches, by their indices."""
+        """Points of some patches, by their indices."""
         chosen, starts = members(self.starts, patches)
         return replace(
             self,
@@ -133,7 +133,7 @@ class DiffusePoints:
         )
 
     def facet_visibility(self, visibility: VertexVisibility, cage: np.ndarray) -> np.ndarray:
-        """That of the vertices that hold points (Vp, T), for control points (T, V, 3)."""
+        """Visibility of the vertices that hold points (Vp, T), for control points (T, V, 3)."""
         return sampled_visibility(visibility, carried(self.operator, cage), self.corners)
 
 
@@ -150,7 +150,7 @@ class VisibilityMesh:
 
     @classmethod
     def of(cls, surface: MovingMesh, fine: Refinement, points: DiffusePoints | None, level: int) -> VisibilityMesh:
-        """At a subdivision level."""
+        """The mesh at a subdivision level."""
         if not level:
             held = None if points is None else points.carrier.linear[points.used].astype(np.float32)
             return cls(surface.faces, fine.linear.astype(np.float32), held)

@@ -26,7 +26,7 @@ KEPT_FACETS = 300_000
 REFINING_BYTES = 1_700
 """What a facet takes while it is made (measured with 110 000 to 1 000 000 facets of a body)."""
 MOST_FACETS = 1_000_000
-"""Of one mesh, unless a run may take more memory."""
+"""Facets of one mesh, unless a run may take more memory."""
 ROWS_AT_ONCE = 1_000
 """Vertices carried along at once: their positions at all instants of a block fit the cache."""
 _by_key: OrderedDict[str, Refinement] = OrderedDict()
@@ -121,7 +121,7 @@ def _as_arrays(refinement: Refinement) -> dict[str, np.ndarray]:
 
 
 def _of_arrays(arrays: Mapping[str, np.ndarray]) -> Refinement:
-    """The same as it was."""
+    """The refinement that `_as_arrays` stored."""
     from scipy.sparse import csr_matrix
 
     operator, linear, control = (
@@ -155,7 +155,7 @@ def flattened(refinement: Refinement, rest: np.ndarray) -> Refinement:
 
 
 def most_facets(memory: Budget) -> int:
-    """Of one mesh, in the memory that a run may take."""
+    """Most facets of one mesh, in the memory that a run may take."""
     return int(memory.limit_bytes / REFINING_BYTES)
 
 

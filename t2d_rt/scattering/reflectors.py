@@ -100,7 +100,7 @@ class Reflectors:
         return of_vertex @ of_vertex.T
 
     def posed(self, vertices: np.ndarray) -> Posed:
-        """In a pose (V, 3) m."""
+        """The facets in a pose (V, 3) m."""
         corners = vertices[self.faces]
         after = np.roll(corners, -1, axis=1)
         bulges = np.where(self.curved[:, None, None], 4 * vertices[self._middles] - 2 * (corners + after), 0)
@@ -226,7 +226,7 @@ def lattice(reflectors: Reflectors, faces: np.ndarray, spacing_m: float) -> Latt
 
 
 def _with_middles(face: np.ndarray, weights: np.ndarray, triangles: np.ndarray) -> Lattice:
-    """Of triangles (M, 3) between points on facets (N,), (N, 3)."""
+    """A lattice of triangles (M, 3) between points on facets (N,), (N, 3)."""
     ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2)
     edges, inverse = np.unique(np.sort(ends, axis=2).reshape(-1, 2), axis=0, return_inverse=True)
     nodes = np.concatenate([triangles, len(face) + inverse.reshape(-1, 3)], axis=1)

@@ -21,7 +21,7 @@ from t2d_rt.types import Radar
 LEFT_OUT = 1e-4
 """Such a fraction of the power of all groups the weakest ones hold, which are left out."""
 MOST_LANES = 4_000_000
-"""Of a kernel."""
+"""Lanes of a kernel."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class Sample:
 
     @classmethod
     def of(cls, tubes: Tubes, cells: Cells) -> Sample:
-        """Of tubes in any order."""
+        """A sample of tubes in any order."""
         corner = tubes.nodes[:, 0]
         codes = cells.numbers(tubes.faces[corner], tubes.coordinates[corner])
         order = np.lexsort([-tubes.level, *codes.T[::-1]])
@@ -148,11 +148,11 @@ class Groups:
         return all_groups.only(chosen[np.sort(np.concatenate(counting))])
 
     def only(self, chosen: np.ndarray | slice) -> Groups:
-        """Those of the groups that are chosen."""
+        """The groups that are chosen."""
         return Groups(self.bounces[chosen], self.codes[chosen], self.faces[chosen], self.coordinates[chosen])
 
     def of_bounces(self, bounces: int) -> tuple[Groups, int]:
-        """Those of so many bounces, and the number of the first."""
+        """The groups of so many bounces, and the number of the first."""
         first, last = np.searchsorted(self.bounces, [bounces, bounces + 1])
         rows = slice(first, last)
         narrow = (column[rows, :bounces] for column in (self.codes, self.faces, self.coordinates))
@@ -176,7 +176,7 @@ class Frames:
     vertices: np.ndarray
     """(T, V, 3) m."""
     track: Track
-    """The same on the device."""
+    """The vertices on the device."""
     facets: np.ndarray
     """Corners (F, 3)."""
     radar: Radar
@@ -197,7 +197,7 @@ class Frames:
         return np.asarray(np.abs(sums[:, 0]) ** 2)
 
     def lengths(self, faces: np.ndarray, coordinates: np.ndarray, sense: np.ndarray, frames: np.ndarray) -> Any:
-        """Of paths (N, B) at some of the frames (K,), as `path_lengths`."""
+        """Lengths of paths (N, B) at some of the frames (K,), as `path_lengths`."""
         ends = self.radar.tx_position_m, self.radar.rx_position_m
         return path_lengths(self.track, frames, self.facets[faces], coordinates, sense, ends)
 

@@ -98,8 +98,8 @@ def reflecting(instant: Instant, lattice: Lattice) -> np.ndarray:
 
 
 def _received(instant: Instant, front: Front, target: np.ndarray, level: int) -> tuple[Tubes, np.ndarray]:
-    """By physical optics on the last surface, where the receiver sees it; and which parts of the lattice's triangles, which lie on
-    the `target`s of these numbers (M,), are to be made finer."""
+    """Tubes by physical optics on the last surface, where the receiver sees it; and which parts of the lattice's triangles, which
+    lie on the `target`s of these numbers (M,), are to be made finer."""
     towards = instant.receiver_m - front.place
     range_m = norms(towards)
     cosines = dot(towards, front.normal) / range_m - dot(front.incoming, front.normal)
