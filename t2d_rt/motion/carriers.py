@@ -71,10 +71,10 @@ PAIRS = {"crutches": "crutch"}
 def fields_of(entry: Any) -> dict[str, Any]:
     """Fields of a text such as "bag in the left hand", or of a mapping {thing: bag, hand: left, size_m: [...], material: ...}."""
     if isinstance(entry, str):
-        found = SAYING.fullmatch(entry.strip())
-        if found is None:
+        match = SAYING.fullmatch(entry.strip())
+        if match is None:
             raise InputError(f'a thing is written as "bag" or "bag in the left hand", got {shown(entry)}')
-        return {"thing": found[1]} | ({"hand": found[2]} if found[2] else {})
+        return {"thing": match[1]} | ({"hand": match[2]} if match[2] else {})
     if not isinstance(entry, Mapping) or "thing" not in entry:
         raise InputError(
             f'a thing is a text as "bag in the left hand" or a mapping as {{thing: bag}}, got {shown(entry)}'
@@ -98,8 +98,8 @@ class Wish:
     def of(cls, fields: Mapping[str, Any]) -> Wish:
         """From its fields: thing, hand, size_m and material."""
         for name in fields:
-            if name not in (known := ("thing", "hand", "size_m", "material")):
-                raise InputError(f"unknown field {shown(name)} of a thing; {names_advice(name, known)}")
+            if name not in (field_names := ("thing", "hand", "size_m", "material")):
+                raise InputError(f"unknown field {shown(name)} of a thing; {names_advice(name, field_names)}")
         thing, side = fields["thing"], fields.get("hand")
         if not isinstance(thing, str) or thing not in SIZES_M:
             raise unknown_name("thing", thing, [*SIZES_M, *PAIRS])
@@ -109,7 +109,7 @@ class Wish:
         meaning, default = SIZES_M[thing]
         sizes = array("size_m", fields.get("size_m", default), hint=f"of a {thing} {meaning} [m]")
         most = len(default) + (thing in FITTED)
-        least_m, greatest_m = (np.array(each) for each in RANGES_M[thing])
+        least_m, greatest_m = (np.array(limits_m) for limits_m in RANGES_M[thing])
         count = sizes.size
         if (
             sizes.ndim != 1
@@ -152,8 +152,8 @@ class Person:
         ahead = facing(points)
         angle = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
         slow = low_pass(angle[:, None], HEADING_HZ, motion.rate_hz)[:, 0]
-        own, seen = motion.rotations[:, motion.index("spine3")], poses.world()[1][:, INDEX["spine3"]]
-        chest = quaternions.calibrated(own, seen)
+        rotations, pose_rotations = motion.rotations[:, motion.index("spine3")], poses.world()[1][:, INDEX["spine3"]]
+        chest = quaternions.calibrated(rotations, pose_rotations)
         return cls(poses, points, stature_m(points), quaternions.about_axis(Z, slow), chest)
 
     def ahead(self, vector: Sequence[float] | np.ndarray) -> np.ndarray:

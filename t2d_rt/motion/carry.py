@@ -141,16 +141,16 @@ class _Stick:
         span = tip + self.length_m * up - hand_at - shoulder
         far = norms(span) / arm_m - STRAIGHT[0]
         room = STRAIGHT[1] - STRAIGHT[0]
-        kept = STRAIGHT[0] + np.where(far > 0, room * np.tanh(far / room), far)  # two derivatives go on
-        return shoulder + arm_m * kept[:, None] * unit(span) + hand_at, axes, far <= 0
+        stretch = STRAIGHT[0] + np.where(far > 0, room * np.tanh(far / room), far)  # two derivatives go on
+        return shoulder + arm_m * stretch[:, None] * unit(span) + hand_at, axes, far <= 0
 
 
 def _cane(person: Person, wish: Wish, side: str) -> Place:
     """A cane whose tip stands while the foot of the other side does, as long as the arm reaches it."""
     hands = {}
-    for each in SIDES if wish.paired else (side,):
-        wrist = person.hanging(each, CANE_BEND_RAD, CANE_OUT * person.stature_m)
-        hands[each] = wrist + person.ahead(_to_grip(person, each))
+    for stick_side in SIDES if wish.paired else (side,):
+        wrist = person.hanging(stick_side, CANE_BEND_RAD, CANE_OUT * person.stature_m)
+        hands[stick_side] = wrist + person.ahead(_to_grip(person, stick_side))
     fitted_m = float(np.mean([np.median(hand[:, 2]) for hand in hands.values()]))
     stick = _Stick(person, side, hands[side], wish.size_m[1] if len(wish.size_m) > 1 else fitted_m)
     origin, axes, _ = stick.held(_stepping(stick))
@@ -176,7 +176,7 @@ def _stepping(stick: _Stick) -> np.ndarray:
         hand = wish_at[frame]
         place = (hand + ((middle[frame] - hand) @ ahead[frame] + CANE_AHEAD * person.stature_m) * ahead[frame]) * level
         fits = stick.held(np.broadcast_to(place, wish_at.shape))[2][start:stop]
-        longest = max(runs(fits), key=lambda each: each[1] - each[0], default=None)
+        longest = max(runs(fits), key=lambda run: run[1] - run[0], default=None)
         if longest is not None:
             stands.append((start + longest[0], start + longest[1] - 1, place))
     last = len(wish_at) - 1
@@ -241,16 +241,16 @@ def carry(motion: Motion, things: str | Mapping[str, Any] | Sequence[str | Mappi
     Later edits take the things along. The floor is z = 0.
     """
     checked_motion(motion)
-    listed = [things] if isinstance(things, (str, Mapping)) else things
-    if not isinstance(listed, (list, tuple)):
+    entries = [things] if isinstance(things, (str, Mapping)) else things
+    if not isinstance(entries, (list, tuple)):
         raise InputError(f'things must be a text such as "bag", a mapping or a list of them, got {shown(things)}')
-    if motion.carries and listed:
+    if motion.carries and entries:
         raise InputError(f"the person carries a {motion.carries[0].thing} already; give all things to carry at once")
-    wishes = [wish for each in listed for wish in wishes_of(each)]
+    wishes = [wish for entry in entries for wish in wishes_of(entry)]
     if not wishes:
         return motion
-    named = [wish.thing for wish in wishes]
-    if named.count("backpack") > 1:
+    names = [wish.thing for wish in wishes]
+    if names.count("backpack") > 1:
         raise InputError("a back has room for one backpack, got several; leave one out, or give a bag")
     person, sides = Person.of(motion), _sides(wishes)
     lowest_m = float(soles(person.poses)[..., 2].min())
@@ -268,10 +268,10 @@ def carry(motion: Motion, things: str | Mapping[str, Any] | Sequence[str | Mappi
             motion, person = seated(motion, person, wish)
     places = [PLACES[wish.thing](person, wish, side) for wish, side in zip(wishes, sides, strict=True)]
     for wish, place in zip(wishes, places, strict=True):
-        given, (least_m, greatest_m) = place.size_m, RANGES_M[wish.thing]
-        if not all(low <= size <= high for low, size, high in zip(least_m, given, greatest_m, strict=False)):
+        size_m, (least_m, greatest_m) = place.size_m, RANGES_M[wish.thing]
+        if not all(low <= size <= high for low, size, high in zip(least_m, size_m, greatest_m, strict=False)):
             raise InputError(
-                f"a {wish.thing} that fits would have the dimensions {', '.join(f'{size:.2g}' for size in given)} m; "
+                f"a {wish.thing} that fits would have the dimensions {', '.join(f'{size:.2g}' for size in size_m)} m; "
                 "carry it in a walk"
             )
         if wish.thing == "box":
@@ -289,25 +289,25 @@ def carry(motion: Motion, things: str | Mapping[str, Any] | Sequence[str | Mappi
             )
     grips = {side: (place, grip) for place in places for side, grip in place.grips.items()}
     posed = _holding(motion, person, grips)
-    found = tuple(_attached(posed, wish, place) for wish, place in zip(wishes, places, strict=True))
-    return replace(posed, carries=found).edited(f"carries {', '.join(named)}")
+    carried = tuple(_attached(posed, wish, place) for wish, place in zip(wishes, places, strict=True))
+    return replace(posed, carries=carried).edited(f"carries {', '.join(names)}")
 
 
 def _sides(wishes: Sequence[Wish]) -> list[str]:
     """The hand of each thing, "" of one that needs none or both."""
-    free, found = ["right", "left"], []
-    for wish in sorted(wishes, key=lambda each: each.side is None):  # those that are told first
+    free, assigned = ["right", "left"], []
+    for wish in sorted(wishes, key=lambda thing: thing.side is None):  # those that are told first
         hands = HANDS_OF.get(wish.thing, 1)
         side = "" if hands != 1 else wish.side or next(iter(free), "")
-        taken = free[:hands] if hands != 1 else [side]
-        if len(taken) < hands or not set(taken) <= set(free):
+        needed = free[:hands] if hands != 1 else [side]
+        if len(needed) < hands or not set(needed) <= set(free):
             full = f"the {wish.side} hand is" if wish.side else "the hands are"
             raise InputError(
                 f"{full} full, so that a {wish.thing} cannot be carried as well; leave a thing out, or name other hands"
             )
-        free = [each for each in free if each not in taken]
-        found.append((wish, side))
-    return [next(side for other, side in found if other is wish) for wish in wishes]
+        free = [hand for hand in free if hand not in needed]
+        assigned.append((wish, side))
+    return [next(side for other, side in assigned if other is wish) for wish in wishes]
 
 
 def _refuse_legs_in(place: Place, motion: Motion) -> None:
@@ -338,13 +338,13 @@ def _holding(motion: Motion, person: Person, grips: Mapping[str, tuple[Place, Gr
         axes = quaternions.multiply(place.axes, grip.axes)
         fingers = quaternions.rotate(axes, SIGN[side] * Y)
         target = place.origin + quaternions.rotate(place.axes, grip.at) - GRIP * person.stature_m * fingers
-        own = person.points[f"{side}_shoulder"]
+        shoulder_m = person.points[f"{side}_shoulder"]
         pole = person.ahead(np.array(grip.elbow) * [1.0, SIGN[side], 1.0])
         limb = cast(Limb, f"{side}_arm")
-        poses, _ = reach(poses, limb, target - own + before[:, shoulder], pole=pole)
+        poses, _ = reach(poses, limb, target - shoulder_m + before[:, shoulder], pole=pole)
         there, now = poses.world()
         for name, joint in ((f"{side}_elbow", elbow), (f"{side}_wrist", wrist)):
-            joints[:, motion.index(name)] = own + there[:, joint] - there[:, shoulder]
+            joints[:, motion.index(name)] = shoulder_m + there[:, joint] - there[:, shoulder]
         for name, joint in ((f"{side}_shoulder", shoulder), (f"{side}_elbow", elbow)):
             carried = quaternions.multiply(now[:, joint], quaternions.conjugate(turned[:, joint]))
             rotations[:, motion.index(name)] = quaternions.multiply(carried, rotations[:, motion.index(name)])

@@ -77,8 +77,8 @@ def reach(poses: Poses, limb: Limb, targets: np.ndarray, *, pole: np.ndarray | N
     return replace(poses, local=quaternions.continuous(local)), np.linalg.norm(targets - reached, axis=-1)
 
 
-def _swing(bone: np.ndarray, wanted: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    return quaternions.multiply(quaternions.between(bone, wanted), rotation)
+def _swing(bone: np.ndarray, new_bone: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    return quaternions.multiply(quaternions.between(bone, new_bone), rotation)
 
 
 # --- when feet stand, and how to keep them standing: contacts of heel and ball, and legs that follow them by inverse
@@ -129,24 +129,24 @@ def soles(poses: Poses) -> np.ndarray:
     The heel lies as far below the ankle as the ball does in the rest pose, and a third as far behind it as the ball is ahead.
     """
     joints, rotations = poses.world()
-    found = np.empty((len(poses), 2, 2, 3))
+    positions = np.empty((len(poses), 2, 2, 3))
     for number, side in enumerate(SIDES):
         ankle, ball = INDEX[f"{side}_ankle"], INDEX[f"{side}_foot"]
         ahead = poses.skeleton.offsets[ball]
         heel = np.array([-ahead[0] / 3, ahead[1], ahead[2]])
-        found[:, number, 0] = joints[:, ankle] + quaternions.rotate(rotations[:, ankle], heel)
-        found[:, number, 1] = joints[:, ball]
-    return found
+        positions[:, number, 0] = joints[:, ankle] + quaternions.rotate(rotations[:, ankle], heel)
+        positions[:, number, 1] = joints[:, ball]
+    return positions
 
 
 def contacts(poses: Poses, *, speed_mps: float = CONTACT_SPEED_MPS) -> np.ndarray:
     """Whether heel and ball of each foot stand, bool (T, 2 sides, 2 heel and ball): low and slow, for more than a few frames."""
     low, velocity = _low_and_velocity(poses)
-    found = low & (np.linalg.norm(velocity[..., :2], axis=-1) < speed_mps)
+    standing = low & (np.linalg.norm(velocity[..., :2], axis=-1) < speed_mps)
     for side in range(2):
         for part in range(2):
-            found[:, side, part] = _tidied(found[:, side, part], poses.rate_hz)
-    return found
+            standing[:, side, part] = _tidied(standing[:, side, part], poses.rate_hz)
+    return standing
 
 
 def grown(poses: Poses, planted: np.ndarray) -> np.ndarray:
@@ -159,21 +159,21 @@ def grown(poses: Poses, planted: np.ndarray) -> np.ndarray:
     # What goes up or down by more is leaving for a jump, or landing from one.
     slow = (speed < LEAVING_MPS) & (np.abs(velocity[..., 2]) < CONTACT_SPEED_MPS)
     near, twists = (low & slow) | planted, low & (speed < TWIST_MPS)
-    found = planted.copy()
+    extended = planted.copy()
     for side in range(2):
         for part in range(2):
             for start, stop in runs(_with_twists(near[:, side, part], twists[:, side, part], poses.rate_hz)):
-                found[start:stop, side, part] = planted[start:stop, side, part].any()
-    return found
+                extended[start:stop, side, part] = planted[start:stop, side, part].any()
+    return extended
 
 
 def _with_twists(near: np.ndarray, twists: np.ndarray, rate_hz: float) -> np.ndarray:
     """Flags (T,) with the gaps of up to `TWIST_S` all of which may be of a foot that `twists` (T,)."""
-    found = near.copy()
+    filled = near.copy()
     for start, stop in runs(~near):
         if start > 0 and stop < len(near) and stop - start <= TWIST_S * rate_hz and twists[start:stop].all():
-            found[start:stop] = True
-    return found
+            filled[start:stop] = True
+    return filled
 
 
 def _low_and_velocity(poses: Poses) -> tuple[np.ndarray, np.ndarray]:
@@ -212,11 +212,11 @@ def steadying(values: np.ndarray, stands: np.ndarray, rate_hz: float) -> np.ndar
     """What is to be added to `values` (T, N) so that they stay, while a foot `stands` (T,), what they are in the contact's middle;
     between contacts it passes from one to the next."""
     # A foot that is off for a moment only, as at a seam, would have to turn round in it.
-    shift, found = np.zeros_like(values), runs(_tidied(stands, rate_hz, LEAP_S))
-    for start, stop in found:
+    shift, stretches = np.zeros_like(values), runs(_tidied(stands, rate_hz, LEAP_S))
+    for start, stop in stretches:
         shift[start:stop] = values[(start + stop) // 2] - values[start:stop]
-    if found:
-        _bridge(shift, found, rate_hz)
+    if stretches:
+        _bridge(shift, stretches, rate_hz)
     return shift
 
 
@@ -282,14 +282,14 @@ def runs(flags: np.ndarray) -> list[tuple[int, int]]:
 
 def _tidied(flags: np.ndarray, rate_hz: float, gap_s: float = LONGEST_GAP_S) -> np.ndarray:
     """Flags (T,) without gaps and then without runs that are too short."""
-    found = flags.copy()
-    for start, stop in runs(~found):
-        if start > 0 and stop < len(found) and stop - start <= gap_s * rate_hz:
-            found[start:stop] = True
-    for start, stop in runs(found):
+    tidied = flags.copy()
+    for start, stop in runs(~tidied):
+        if start > 0 and stop < len(tidied) and stop - start <= gap_s * rate_hz:
+            tidied[start:stop] = True
+    for start, stop in runs(tidied):
         if stop - start < SHORTEST_CONTACT_S * rate_hz:
-            found[start:stop] = False
-    return found
+            tidied[start:stop] = False
+    return tidied
 
 
 def _corrections(points: np.ndarray, planted: np.ndarray, rate_hz: float, floor_m: float | None) -> np.ndarray:
@@ -299,30 +299,30 @@ def _corrections(points: np.ndarray, planted: np.ndarray, rate_hz: float, floor_
     if not stands.any():
         return np.zeros((len(points), 3))
     # The ball is the pivot where it stands, else the heel; at the change the shift goes on without a jump.
-    own = [np.median(points[on, part, 2]) if on.any() else 0.0 for part, on in enumerate(planted.T)]
-    above = (points[..., 2] - np.array(own if floor_m is None else [floor_m, floor_m])).min(axis=1)
+    heights_m = [np.median(points[on, part, 2]) if on.any() else 0.0 for part, on in enumerate(planted.T)]
+    above = (points[..., 2] - np.array(heights_m if floor_m is None else [floor_m, floor_m])).min(axis=1)
     step = np.where(planted[1:, 1:] & planted[:-1, 1:], np.diff(points[:, 1], axis=0), np.diff(points[:, 0], axis=0))
     shift = np.zeros((len(points), 3))
-    found = runs(stands)
-    for start, stop in found:
+    stretches = runs(stands)
+    for start, stop in stretches:
         moved = np.concatenate([np.zeros((1, 3)), np.cumsum(-step[start : stop - 1], axis=0)])
         quarter = (stop - start) // 4
         shift[start:stop] = moved - moved[quarter : stop - start - quarter].mean(axis=0)
         shift[start:stop, 2] = -np.median(above[start:stop])
-    _bridge(shift, found, rate_hz)
+    _bridge(shift, stretches, rate_hz)
     return shift
 
 
-def _bridge(shift: np.ndarray, found: list[tuple[int, int]], rate_hz: float) -> None:
+def _bridge(shift: np.ndarray, stretches: list[tuple[int, int]], rate_hz: float) -> None:
     """Fill the gaps between stretches, and what is before the first and after the last.
 
     The shift eases from one end to the other; its slope at either end dies out within `FADE_S`, so that value and slope go on.
     """
     near = max(1, round(0.025 * rate_hz))
     ends = [
-        (0, None, found[0]),
-        *((low[1], low, high) for low, high in pairwise(found)),
-        (found[-1][1], found[-1], None),
+        (0, None, stretches[0]),
+        *((low[1], low, high) for low, high in pairwise(stretches)),
+        (stretches[-1][1], stretches[-1], None),
     ]
     for start, before, after in ends:
         stop = len(shift) if after is None else after[0]

@@ -99,16 +99,18 @@ def place(
     angle = math.atan2(-aim[1], -aim[0]) - math.atan2(heading[1], heading[0]) + math.radians(angle_deg)
     start = motion.joints[0, 0] * np.array([1.0, 1.0, 0.0])
     joints, rotations = _rotated(motion.joints - start, motion.rotations, np.array(angle))
-    found = distance_m
+    start_m = distance_m
     if distance_m is None:
-        found = _closest_start(joints[..., :2] @ aim, joints[..., :2] @ np.array([-aim[1], aim[0]]))
-    there = np.array([*(position + found * aim), 0.0])
-    note = f"placed {found:.3g} m before the radar" + (
+        start_m = _closest_start(joints[..., :2] @ aim, joints[..., :2] @ np.array([-aim[1], aim[0]]))
+    there = np.array([*(position + start_m * aim), 0.0])
+    note = f"placed {start_m:.3g} m before the radar" + (
         f", {CLOSEST_APPROACH_M:g} m at closest approach" if distance_m is None else ""
     )
     note += f", turned by {angle_deg:g} degrees" if angle_deg else ""
-    kept = [each for each in motion.report.split("; ") if each and not each.startswith(PLACED)]
-    return motion.edited(note, joints=joints + there, rotations=rotations, placed=True, report="; ".join([*kept, note]))
+    clauses = [clause for clause in motion.report.split("; ") if clause and not clause.startswith(PLACED)]
+    return motion.edited(
+        note, joints=joints + there, rotations=rotations, placed=True, report="; ".join([*clauses, note])
+    )
 
 
 def place_together(
@@ -131,21 +133,23 @@ def place_together(
     )
     turn = quaternions.multiply(there.rotations[0, 0], quaternions.conjugate(first.rotations[0, 0]))
     shift = there.joints[0, 0] - quaternions.rotate(turn, first.joints[0, 0])
-    placed = {name: quaternions.rotate(turn, each.joints) + shift for name, each in motions.items()}
+    placed = {name: quaternions.rotate(turn, motion.joints) + shift for name, motion in motions.items()}
     aim = np.array([*np.asarray(boresight, float)[:2], 0.0])
     aim /= np.linalg.norm(aim)
     nearest = min(float(((joints - radar_position_m) @ aim).min()) for joints in placed.values())
     more = aim * max(0.0, CLOSEST_APPROACH_M - nearest) if distance_m is None else np.zeros(3)
     note = f"{PLACED}before the radar with {len(motions) - 1} more of its capture"
     return {
-        name: each.edited(
+        name: motion.edited(
             note,
             joints=placed[name] + more,
-            rotations=quaternions.multiply(turn, each.rotations),
+            rotations=quaternions.multiply(turn, motion.rotations),
             placed=True,
-            report="; ".join([*(part for part in each.report.split("; ") if not part.startswith(PLACED)), note]),
+            report="; ".join(
+                [*(clause for clause in motion.report.split("; ") if not clause.startswith(PLACED)), note]
+            ),
         )
-        for name, each in motions.items()
+        for name, motion in motions.items()
     }
 
 
@@ -161,7 +165,7 @@ def aside(motion: Motion, distance_m: float, boresight: tuple[float, float, floa
 
 def placement(motion: Motion) -> str:
     """Where a motion's coordinates come from: what `place` did, or that they are its own."""
-    notes = [each for each in motion.report.split("; ") if each.startswith(PLACED)]
+    notes = [clause for clause in motion.report.split("; ") if clause.startswith(PLACED)]
     return notes[-1] if notes else "own coordinates"
 
 
@@ -272,8 +276,8 @@ def _best_cycle(motion: Motion, window: int) -> tuple[int, int]:
             f"the motion has no two instants of like pose to repeat between ({why}); give a longer recording or a shorter duration"
         )
     # Of the cycles that are about as good, the longest: more of the person's own variation.
-    good = np.where(distance <= 1.3 * best, span, -1.0)
-    first, last = np.unravel_index(int(good.argmax()), good.shape)
+    candidate_spans = np.where(distance <= 1.3 * best, span, -1.0)
+    first, last = np.unravel_index(int(candidate_spans.argmax()), candidate_spans.shape)
     return int(picked[first]), int(picked[last])
 
 

@@ -153,9 +153,9 @@ def smooth(motion: Motion, cutoff_hz: float = JITTER_CUTOFF_HZ) -> Motion:
     return smoothed(motion, parts(motion), cutoff_hz)
 
 
-def smoothed(motion: Motion, found: tuple[np.ndarray, np.ndarray], cutoff_hz: float) -> Motion:
+def smoothed(motion: Motion, skeleton_parts: tuple[np.ndarray, np.ndarray], cutoff_hz: float) -> Motion:
     """The motion low-passed as `smooth` does it, whose `parts` are found already."""
-    low = low_pass(np.concatenate(found[::-1], axis=-1), cutoff_hz, motion.rate_hz)
+    low = low_pass(np.concatenate(skeleton_parts[::-1], axis=-1), cutoff_hz, motion.rate_hz)
     joints, rotations = compose(low[..., 4:], quaternions.normalise(low[..., :4]), motion.parents)
     return motion.edited(f"smoothed at {cutoff_hz:g} Hz", joints=joints, rotations=rotations)
 
@@ -194,8 +194,8 @@ def _butterworth(values: np.ndarray, warped: float) -> np.ndarray:
     right[1:] += 2 * x[:-1]
     right[2:] += x[:-2]
     right *= warped**2 / damped
-    found = solve_banded((2, 0), np.outer(recursive, np.ones(len(x))), right, overwrite_b=True, check_finite=False)
-    return found.reshape(values.shape) + start
+    filtered = solve_banded((2, 0), np.outer(recursive, np.ones(len(x))), right, overwrite_b=True, check_finite=False)
+    return filtered.reshape(values.shape) + start
 
 
 def jitter_mps(motion: Motion, cutoff_hz: float = JITTER_CUTOFF_HZ) -> float:
@@ -230,34 +230,36 @@ def decompose(joints: np.ndarray, rotations: np.ndarray, parents: tuple[int, ...
 def compose(offsets: np.ndarray, local: np.ndarray, parents: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Inverse of `decompose`: forward kinematics."""
     # Components first: each is a whole array in memory, at a third of the time.
-    bones, own = (np.ascontiguousarray(np.moveaxis(each, 0, -1).swapaxes(0, 1)) for each in (offsets, local))
-    place, turned = composed(bones, own, parents)
+    bones, rotations = (
+        np.ascontiguousarray(np.moveaxis(components, 0, -1).swapaxes(0, 1)) for components in (offsets, local)
+    )
+    place, turned = composed(bones, rotations, parents)
     return np.ascontiguousarray(place.transpose(2, 1, 0)), np.ascontiguousarray(turned.transpose(2, 1, 0))
 
 
 def composed(
-    bones: np.ndarray, own: np.ndarray, parents: Sequence[int], *, normalised: bool = False
+    bones: np.ndarray, rotations: np.ndarray, parents: Sequence[int], *, normalised: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
     """Joints (3, J, T) and orientations (4, J, T) of offsets and rotations in the parents' frames, all of like shape and components
     first; all joints of one depth at a time.
 
     normalised: whether each orientation is scaled to unit length before others are turned by it.
     """
-    place, turned = bones.copy(), own.copy()
+    place, turned = bones.copy(), rotations.copy()
     for here, above in _levels(tuple(parents)):
         x, y, z, w = turned[:, above]
-        bone, inner = bones[:, here], own[:, here]
+        bone, inner = bones[:, here], rotations[:, here]
         u = x, y, z
-        twice = [2.0 * each for each in _cross(u, bone)]
+        twice = [2.0 * component for component in _cross(u, bone)]
         aside = _cross(u, twice)
         for k in range(3):
             place[k, here] = place[k, above] + (bone[k] + w * twice[k] + aside[k])
         aside, scalar = _cross(u, inner[:3]), inner[3]
-        found = [w * inner[k] + scalar * u[k] + aside[k] for k in range(3)]
-        found.append(w * scalar - dot(u, inner))
-        size = np.sqrt(dot(found, found) + found[3] * found[3]) if normalised else 1.0
+        product = [w * inner[k] + scalar * u[k] + aside[k] for k in range(3)]
+        product.append(w * scalar - dot(u, inner))
+        size = np.sqrt(dot(product, product) + product[3] * product[3]) if normalised else 1.0
         for k in range(4):
-            turned[k, here] = found[k] / size if normalised else found[k]
+            turned[k, here] = product[k] / size if normalised else product[k]
     return place, turned
 
 
@@ -267,11 +269,11 @@ def _levels(parents: tuple[int, ...]) -> list[tuple[list[int], list[int]]]:
     depth: list[int] = []
     for parent in parents:
         depth.append(depth[parent] + 1 if parent >= 0 else 0)
-    found = []
+    levels = []
     for level in range(1, max(depth) + 1):
-        here = [joint for joint, each in enumerate(depth) if each == level]
-        found.append((here, [parents[joint] for joint in here]))
-    return found
+        here = [joint for joint, joint_depth in enumerate(depth) if joint_depth == level]
+        levels.append((here, [parents[joint] for joint in here]))
+    return levels
 
 
 def _cross(first: Iterable[np.ndarray], second: Iterable[np.ndarray]) -> list[np.ndarray]:

@@ -71,7 +71,7 @@ def jumps(joints: np.ndarray, names: Sequence[str], rate_hz: float) -> list[Jump
     """Jumps of joints (T, J, 3) [m] in the order of time, each once: of the whole body, of single joints, or left for right."""
     column = {name: place for place, name in enumerate(names)}
     middle = joints[:, [column[name] for name in TRUNK]].mean(axis=1, keepdims=True)
-    found: list[Jump] = []
+    jump_list: list[Jump] = []
     for frames in SPREAD:
         if frames > max(LONGEST, LONGEST_S * rate_hz) or len(joints) < 4 * frames:
             break
@@ -80,23 +80,28 @@ def jumps(joints: np.ndarray, names: Sequence[str], rate_hz: float) -> list[Jump
             for points, limit in ((middle, TRUNK_LIMIT), (joints, JOINT_LIMIT))
         ):
             continue
-        body, each = deviations(middle, frames), deviations(joints, frames)
-        excess = _excess(each, JOINT_LIMIT, rate_hz / frames)
-        whole, joint = _excess(body, TRUNK_LIMIT, rate_hz / frames)[:, 0] > 0, excess.argmax(axis=1)
-        for start in _peaks(np.where(whole, 10.0 * body[:, 0], 0.0) + np.maximum(excess.max(axis=1), 0.0), frames):
-            frame, size = start + frames, body[start, 0] if whole[start] else each[start, joint[start]]
+        body_deviations, joint_deviations = deviations(middle, frames), deviations(joints, frames)
+        excess = _excess(joint_deviations, JOINT_LIMIT, rate_hz / frames)
+        whole, joint = _excess(body_deviations, TRUNK_LIMIT, rate_hz / frames)[:, 0] > 0, excess.argmax(axis=1)
+        for start in _peaks(
+            np.where(whole, 10.0 * body_deviations[:, 0], 0.0) + np.maximum(excess.max(axis=1), 0.0), frames
+        ):
+            frame, size = (
+                start + frames,
+                body_deviations[start, 0] if whole[start] else joint_deviations[start, joint[start]],
+            )
             moved = tuple(names) if whole[start] else tuple(np.array(names)[excess[start] > 0])
             what = "the whole body" if whole[start] else names[int(joint[start])]
-            _add(found, Jump(what, frame, frames, (frame + frames) / rate_hz, float(size), moved))
+            _add(jump_list, Jump(what, frame, frames, (frame + frames) / rate_hz, float(size), moved))
     for jump in _swaps(joints, column, rate_hz):
-        _add(found, jump)
-    return sorted(found, key=attrgetter("frame"))
+        _add(jump_list, jump)
+    return sorted(jump_list, key=attrgetter("frame"))
 
 
-def told(found: Sequence[Jump]) -> str:
+def told(jump_list: Sequence[Jump]) -> str:
     """The jumps in a few words, the largest by name."""
-    largest = sorted(sorted(found, key=attrgetter("by_m"), reverse=True)[:SHOWN], key=attrgetter("frame"))
-    more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
+    largest = sorted(sorted(jump_list, key=attrgetter("by_m"), reverse=True)[:SHOWN], key=attrgetter("frame"))
+    more = f" and {len(jump_list) - SHOWN} more" if len(jump_list) > SHOWN else ""
     return f"{TOLD}{', '.join(map(str, largest))}{more}"
 
 
@@ -139,24 +144,24 @@ def _peaks(size: np.ndarray, frames: int) -> list[int]:
     ]
 
 
-def _add(found: list[Jump], jump: Jump) -> None:
+def _add(jump_list: list[Jump], jump: Jump) -> None:
     """Adds a jump; of those that overlap, being the same seen over fewer or more frames, the larger stays."""
-    same = [
-        each
-        for each in found
-        if each.frame - jump.frames <= jump.frame <= each.frame + each.frames + jump.frames - 1
-        and not (jump.frames == each.frames == 1 and jump.frame != each.frame)
+    overlapping = [
+        other
+        for other in jump_list
+        if other.frame - jump.frames <= jump.frame <= other.frame + other.frames + jump.frames - 1
+        and not (jump.frames == other.frames == 1 and jump.frame != other.frame)
     ]
-    if all(jump.by_m > LARGER * each.by_m for each in same):
-        found[:] = [each for each in found if each not in same]
-        found.append(jump)
+    if all(jump.by_m > LARGER * other.by_m for other in overlapping):
+        jump_list[:] = [other for other in jump_list if other not in overlapping]
+        jump_list.append(jump)
 
 
 def _swaps(joints: np.ndarray, column: dict[str, int], rate_hz: float) -> list[Jump]:
     """Steps in which left and right of two pairs of joints exchange their places."""
     if len(joints) < 4:
         return []
-    found = []
+    swaps = []
     for pair in PAIRS:
         if not all(f"left_{joint}" in column for joint in pair):
             continue
@@ -173,8 +178,8 @@ def _swaps(joints: np.ndarray, column: dict[str, int], rate_hz: float) -> list[J
             crossed = np.linalg.norm(here - 0.5 * (before + after), axis=-1)[:, 0]
             exchanged &= (same > SWAPPED_M) & (crossed < SWAPPED * same)
         names = tuple(f"{side}_{joint}" for joint in pair for side in ("left", "right"))
-        found += [
+        swaps += [
             Jump(f"left and right {pair[0]} and {pair[1]}", int(at) + 1, 1, (at + 2) / rate_hz, 0.0, names)
             for at in np.flatnonzero(exchanged)[:MOST]
         ]
-    return found
+    return swaps

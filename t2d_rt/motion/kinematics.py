@@ -131,10 +131,10 @@ class Poses:
     def _world(self) -> tuple[np.ndarray, np.ndarray]:
         offsets = np.broadcast_to(self.skeleton.offsets, (len(self), *self.skeleton.offsets.shape)).copy()
         offsets[:, 0] = self.root
-        found = compose(offsets, self.local, PARENTS)
-        for each in found:
-            each.flags.writeable = False  # others ask for them again
-        return found
+        world = compose(offsets, self.local, PARENTS)
+        for array in world:
+            array.flags.writeable = False  # others ask for them again
+        return world
 
     def joint(self, name: str) -> np.ndarray:
         """Positions of a joint [m], (T, 3)."""
@@ -152,10 +152,11 @@ def poses_of(motion: Motion) -> Poses:
     skeleton's by one rotation, the mean over time of what positions show, and so that its bone lies along its axis.
     """
     points = _with_ends(motion)
-    shown = frames(points)
-    given = {name: motion.rotations[:, motion.index(name)] for name in motion.names}
+    by_positions = frames(points)
+    recorded = {name: motion.rotations[:, motion.index(name)] for name in motion.names}
     turned = {
-        name: quaternions.calibrated(given[name], shown[name]) if name in given else shown[name] for name in NAMES
+        name: quaternions.calibrated(recorded[name], by_positions[name]) if name in recorded else by_positions[name]
+        for name in NAMES
     }
     turned[LOWER_BACK] = turned["pelvis"]
     turned |= {name: _aligned(name, turned[name], points) for name in _CHILD}
@@ -176,10 +177,10 @@ def motion_of(poses: Poses, *, origin: tuple[str, ...] = ()) -> Motion:
     """The motion of a skeleton's poses, with all optional ends."""
     joints, rotations = poses.world()
     names = (*CANONICAL_JOINTS, *OPTIONAL_JOINTS)
-    kept = [INDEX[name] for name in names]
+    columns = [INDEX[name] for name in names]
     return Motion(
-        joints=joints[:, kept],
-        rotations=quaternions.continuous(quaternions.normalise(rotations[:, kept])),
+        joints=joints[:, columns],
+        rotations=quaternions.continuous(quaternions.normalise(rotations[:, columns])),
         rate_hz=poses.rate_hz,
         names=names,
         parents=(*CANONICAL_PARENTS, *(names.index(name) for name in OPTIONAL_JOINTS.values())),
@@ -193,7 +194,7 @@ def skeleton_of(rest: Mapping[str, np.ndarray]) -> Skeleton:
     points = {name: np.asarray(point, dtype=float)[None] for name, point in rest.items()}
     points[LOWER_BACK] = points["pelvis"]
     turned = frames(points)
-    joints, rotations = (np.stack([each[name] for name in NAMES], axis=1) for each in (points, turned))
+    joints, rotations = (np.stack([tracks[name] for name in NAMES], axis=1) for tracks in (points, turned))
     return Skeleton(offsets=_rest_offsets(decompose(joints, rotations, PARENTS)[0][0], joints))
 
 
@@ -212,9 +213,9 @@ def at_frames(poses: Poses, numbers: np.ndarray) -> Poses:
 
     values = np.concatenate([poses.root, quaternions.continuous(poses.local).reshape(len(poses), -1)], axis=1)
     spline = make_interp_spline(np.arange(len(poses)), values, k=min(3, len(poses) - 1))
-    found = spline(np.clip(numbers, 0, len(poses) - 1))
-    local = quaternions.normalise(found[:, 3:].reshape(len(numbers), -1, 4))
-    return replace(poses, root=found[:, :3], local=local)
+    splined = spline(np.clip(numbers, 0, len(poses) - 1))
+    local = quaternions.normalise(splined[:, 3:].reshape(len(numbers), -1, 4))
+    return replace(poses, root=splined[:, :3], local=local)
 
 
 def frames(points: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -224,19 +225,19 @@ def frames(points: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     across_hips = points["left_hip"] - points["right_hip"]
     across_shoulders = points["left_shoulder"] - points["right_shoulder"]
     spine = ("pelvis", "spine1", "spine2", "spine3")
-    found: dict[str, np.ndarray] = {}
+    orientations: dict[str, np.ndarray] = {}
     for number, (name, above) in enumerate(zip(spine, (*spine[1:], "neck"), strict=True)):
         left = unit(across_hips) * (1 - number / 3) + unit(across_shoulders) * (number / 3)
-        found[name] = axes_along("z", points[above] - points[name], "y", left)
-    found[LOWER_BACK] = found["pelvis"]
-    found["neck"] = _swung(found["spine3"], [0.0, 0.0, 1.0], points["head"] - points["neck"])
-    found["head"] = _swung(found["neck"], [0.0, 0.0, 1.0], points["head_top"] - points["head"])
+        orientations[name] = axes_along("z", points[above] - points[name], "y", left)
+    orientations[LOWER_BACK] = orientations["pelvis"]
+    orientations["neck"] = _swung(orientations["spine3"], [0.0, 0.0, 1.0], points["head"] - points["neck"])
+    orientations["head"] = _swung(orientations["neck"], [0.0, 0.0, 1.0], points["head_top"] - points["head"])
     for side, sign in (("left", 1.0), ("right", -1.0)):
-        _arm(found, points, side, sign)
-        _leg(found, points, side)
+        _arm(orientations, points, side, sign)
+        _leg(orientations, points, side)
     for name, parent in OPTIONAL_JOINTS.items():
-        found[name] = found[parent]
-    return found
+        orientations[name] = orientations[parent]
+    return orientations
 
 
 _CHILD = {
@@ -254,31 +255,31 @@ _CHILD = {
 """Joints whose bone lies along an axis: the joint at its end, the axis and the sign."""
 
 
-def _arm(found: dict[str, np.ndarray], points: Mapping[str, np.ndarray], side: str, sign: float) -> None:
+def _arm(orientations: dict[str, np.ndarray], points: Mapping[str, np.ndarray], side: str, sign: float) -> None:
     along = [0.0, sign, 0.0]
     shoulder, elbow, wrist, hand = (points[f"{side}_{name}"] for name in ("shoulder", "elbow", "wrist", "hand"))
-    found[f"{side}_collar"] = _swung(found["spine3"], along, shoulder - points[f"{side}_collar"])
+    orientations[f"{side}_collar"] = _swung(orientations["spine3"], along, shoulder - points[f"{side}_collar"])
     upper, fore = elbow - shoulder, wrist - elbow
-    straight = _swung(found[f"{side}_collar"], along, upper)
+    straight = _swung(orientations[f"{side}_collar"], along, upper)
     # A bent elbow brings the forearm towards +x of the rest pose: about -z on the left, +z on the right.
     hinge = _hinge(straight, [0.0, 0.0, 1.0], -sign * np.cross(unit(upper), unit(fore)))
-    found[f"{side}_shoulder"] = axes_along("y", sign * upper, "z", hinge)
-    found[f"{side}_elbow"] = axes_along("y", sign * fore, "z", hinge)
-    found[f"{side}_wrist"] = _swung(found[f"{side}_elbow"], along, hand - wrist)
+    orientations[f"{side}_shoulder"] = axes_along("y", sign * upper, "z", hinge)
+    orientations[f"{side}_elbow"] = axes_along("y", sign * fore, "z", hinge)
+    orientations[f"{side}_wrist"] = _swung(orientations[f"{side}_elbow"], along, hand - wrist)
 
 
-def _leg(found: dict[str, np.ndarray], points: Mapping[str, np.ndarray], side: str) -> None:
+def _leg(orientations: dict[str, np.ndarray], points: Mapping[str, np.ndarray], side: str) -> None:
     hip, knee, ankle, foot, toe = (points[f"{side}_{name}"] for name in ("hip", "knee", "ankle", "foot", "toe"))
     thigh, shank, sole = knee - hip, ankle - knee, foot - ankle
-    straight = _swung(found["pelvis"], [0.0, 0.0, -1.0], thigh)
+    straight = _swung(orientations["pelvis"], [0.0, 0.0, -1.0], thigh)
     # With the leg straight the hinge is square to the plane of leg and foot, which shows better than the pelvis's axis.
     level = _hinge(straight, [0.0, 1.0, 0.0], np.cross(unit(sole), unit(shank)))
     hinge = _hinge(axes_along("z", -thigh, "y", level), [0.0, 1.0, 0.0], np.cross(unit(thigh), unit(shank)))
-    found[f"{side}_hip"] = axes_along("z", -thigh, "y", hinge)
-    found[f"{side}_knee"] = axes_along("z", -shank, "y", hinge)
+    orientations[f"{side}_hip"] = axes_along("z", -thigh, "y", hinge)
+    orientations[f"{side}_knee"] = axes_along("z", -shank, "y", hinge)
     # The sole's frame has x along the level part of the bone in standing: the bone itself falls by a constant angle.
-    found[f"{side}_ankle"] = axes_along("x", _levelled(ankle, foot, hinge), "y", hinge)
-    found[f"{side}_foot"] = axes_along("x", toe - foot, "y", hinge)
+    orientations[f"{side}_ankle"] = axes_along("x", _levelled(ankle, foot, hinge), "y", hinge)
+    orientations[f"{side}_foot"] = axes_along("x", toe - foot, "y", hinge)
 
 
 def _levelled(ankle: np.ndarray, ball: np.ndarray, hinge: np.ndarray) -> np.ndarray:
@@ -326,13 +327,13 @@ def _aligned(name: str, rotation: np.ndarray, points: Mapping[str, np.ndarray]) 
 
 def _rest_offsets(offsets: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """Offsets with each bone exactly along its axis and the pelvis at its height over the feet in the rest pose."""
-    found = offsets.copy()
+    rest = offsets.copy()
     for name, (child, axis, sign) in _CHILD.items():
         length = np.median(np.linalg.norm(joints[:, INDEX[child]] - joints[:, INDEX[name]], axis=-1))
-        found[INDEX[child]] = sign * length * np.eye(3)["xyz".index(axis)]
-    found[0] = 0.0
-    found[0, 2] = _standing_m(Skeleton(offsets=found))
-    return found
+        rest[INDEX[child]] = sign * length * np.eye(3)["xyz".index(axis)]
+    rest[0] = 0.0
+    rest[0, 2] = _standing_m(Skeleton(offsets=rest))
+    return rest
 
 
 def _standing_m(skeleton: Skeleton) -> float:

@@ -82,8 +82,8 @@ def from_matrix(matrix: np.ndarray) -> np.ndarray:
     return normalise(np.take_along_axis(forms, best[..., None, None], axis=-2)[..., 0, :])
 
 
-def calibrated(given: np.ndarray, shown: np.ndarray) -> np.ndarray:
+def calibrated(recorded: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """A joint's own orientations (T, 4), turned by the constant that brings them nearest to those that positions show."""
-    offset = multiply(conjugate(given), shown)
+    offset = multiply(conjugate(recorded), expected)
     values, vectors = np.linalg.eigh(np.einsum("ti,tj->ij", offset, offset))
-    return multiply(given, vectors[:, int(values.argmax())])
+    return multiply(recorded, vectors[:, int(values.argmax())])

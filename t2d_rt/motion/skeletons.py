@@ -68,7 +68,7 @@ def _of_side(source: Any, side: str) -> Any:
     if isinstance(source, str):
         for mark, word in (("{Side}", side), ("{side}", side.lower()), ("{S}", side[0]), ("{s}", side[0].lower())):
             source = source.replace(mark, word)
-    return tuple(_of_side(each, side) for each in source) if isinstance(source, (list, tuple)) else source
+    return tuple(_of_side(part, side) for part in source) if isinstance(source, (list, tuple)) else source
 
 
 # --- a flavour as a YAML file, for skeletons whose joints are to be named by hand ---
@@ -136,20 +136,20 @@ def _source(key: Any, value: Any) -> Source:
         return _name(f"the joint for {shown(key)}", value)
     if len(value) != 3:
         raise InputError(f"the source of {shown(key)} must be a joint or [joint, joint, fraction], got {shown(value)}")
-    first, last = (_name(f"a joint for {shown(key)}", each) for each in value[:2])
+    first, last = (_name(f"a joint for {shown(key)}", joint) for joint in value[:2])
     return first, last, number(f"the fraction for {shown(key)}", value[2], *FRACTIONS)
 
 
 def _lost_bones(rows: Any) -> dict[str, tuple[str, str, float]]:
     if not isinstance(rows, Mapping) or len(rows) > MOST_ROWS:
         raise InputError(f"lost_bones must be a mapping of joints to [joint, joint, factor], got {shown(rows)}")
-    found = {}
+    lost_bones = {}
     for key, row in rows.items():
         source = _source(key, row)
         if isinstance(source, str):
             raise InputError(f"the lost bone of {shown(key)} must be [joint, joint, factor], got {shown(row)}")
-        found[_name("a joint", key)] = source
-    return found
+        lost_bones[_name("a joint", key)] = source
+    return lost_bones
 
 
 # --- naming flavours: which joints of a file are the canonical ones ---
@@ -198,14 +198,14 @@ class Flavour:
 
 
 @cache
-def _known() -> dict[str, Flavour]:
+def _registry() -> dict[str, Flavour]:
     """Flavours by name, those of the package first; `register_flavour` adds to them."""
     return {name: _flavour_of({"name": name} | values) for name, values in tables()["flavours"].items()}
 
 
 def flavours() -> Mapping[str, Flavour]:
     """All known flavours by name; those registered last are preferred when several fit equally well."""
-    return MappingProxyType(_known())
+    return MappingProxyType(_registry())
 
 
 def register_flavour(name: str, joints: Mapping[str, Source]) -> Flavour:
@@ -213,39 +213,39 @@ def register_flavour(name: str, joints: Mapping[str, Source]) -> Flavour:
     text("name", name)
     instance("joints", joints, Mapping, "a mapping of canonical joints to the file's names")
     flavour = Flavour(name=name, joints=dict(joints))
-    _known().pop(name, None)
-    _known()[name] = flavour
+    _registry().pop(name, None)
+    _registry()[name] = flavour
     return flavour
 
 
 def plain_names(names: tuple[str, ...]) -> tuple[str, ...]:
     """Names without the namespace that they have in common (`mixamorig:Hips`, `mixamorig1_Hips`, `actor:rig:Hips` -> `Hips`)."""
-    own = [name for name in names if not name.endswith(":end")]
-    match = re.match(r"(.*:|mixamorig\d*_?)", own[0]) if own else None
+    joint_names = [name for name in names if not name.endswith(":end")]
+    match = re.match(r"(.*:|mixamorig\d*_?)", joint_names[0]) if joint_names else None
     prefix = match.group(1) if match else ""
-    if not prefix or not all(name.startswith(prefix) and len(name) > len(prefix) for name in own):
+    if not prefix or not all(name.startswith(prefix) and len(name) > len(prefix) for name in joint_names):
         return names
     return tuple(name.removeprefix(prefix) for name in names)
 
 
 def detect_flavour(names: tuple[str, ...], parents: tuple[int, ...]) -> Flavour | None:
     """The flavour whose joints are all there, hang in the canonical order, and cover most of the file's names, if any."""
-    fitting = [flavour for flavour in reversed(_known().values()) if not misfit(flavour, names, parents)]
+    fitting = [flavour for flavour in reversed(_registry().values()) if not misfit(flavour, names, parents)]
     covered = [len(set(names) & {*_sources(flavour), *flavour.lost_bones}) for flavour in fitting]
     return fitting[int(np.argmax(covered))] if fitting else None
 
 
 def chosen_flavour(
-    wanted: str, spellings: Sequence[tuple[str, ...]], parents: tuple[int, ...]
+    name_or_path: str, spellings: Sequence[tuple[str, ...]], parents: tuple[int, ...]
 ) -> tuple[Flavour, tuple[str, ...]]:
     """The flavour that the user wants, a registered name or a YAML file, and that of several spellings of the file's names which it
     fits; an InputError where it fits none."""
-    if wanted not in _known() and not wanted.lower().endswith((".yaml", ".yml")):
+    if name_or_path not in _registry() and not name_or_path.lower().endswith((".yaml", ".yml")):
         raise InputError(
-            f"flavour {shown(wanted)} is unknown; choose one of {', '.join(_known())}, give a flavour file (.yaml) or "
+            f"flavour {shown(name_or_path)} is unknown; choose one of {', '.join(_registry())}, give a flavour file (.yaml) or "
             "register_flavour() it"
         )
-    flavour = _known().get(wanted) or read_flavour(wanted)
+    flavour = _registry().get(name_or_path) or read_flavour(name_or_path)
     problems = {names: misfit(flavour, names, parents) for names in spellings}
     for names, problem in problems.items():
         if not problem:
@@ -265,7 +265,8 @@ def _absent(flavour: Flavour, names: Sequence[str]) -> list[str]:
 def nearest_flavour(names: Sequence[str]) -> tuple[Flavour, list[str]]:
     """The flavour of bones whose parents the file does not tell, and what they lack of it."""
     best = min(
-        reversed(_known().values()), key=lambda each: (len(_absent(each, names)), -len(_sources(each) & set(names)))
+        reversed(_registry().values()),
+        key=lambda candidate: (len(_absent(candidate, names)), -len(_sources(candidate) & set(names))),
     )
     return best, _absent(best, names)
 
@@ -274,8 +275,8 @@ def misfit(flavour: Flavour, names: tuple[str, ...], parents: tuple[int, ...]) -
     """What keeps a file from being of a flavour, in words; empty if it is. Optional ends may lack."""
     absent = _absent(flavour, names)
     if absent:
-        told = [f"{name:.60}" for name in absent[:8]]
-        return f"lacks {', '.join(told)}{' ...' if len(absent) > 8 else ''}"
+        first_absent = [f"{name:.60}" for name in absent[:8]]
+        return f"lacks {', '.join(first_absent)}{' ...' if len(absent) > 8 else ''}"
     return "" if _hangs_together(flavour, names, parents) else "hangs together differently"
 
 

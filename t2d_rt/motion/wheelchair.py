@@ -61,15 +61,15 @@ def _rolling(motion: Motion, person: Person) -> tuple[np.ndarray, np.ndarray]:
     rise_m = float(np.ptp(person.points["pelvis"][:, 2]))
     others = {name for name, _ in motion.activities} - {"walk", "run", "stand"}
     if others or rise_m > RISE * person.stature_m or speed.mean() < ROLLS_MPS[0] or not forward[along[:, 0] > 0].all():
-        found = ", ".join(sorted(others)) or (
+        description = ", ".join(sorted(others)) or (
             f"a pelvis that goes at {speed.mean():.2g} m/s on average, {'not all ' if not forward.all() else ''}forward, and "
             f"up and down by {rise_m:.2g} m"
         )
         raise InputError(
-            f"a wheelchair goes the way of a forward walk or run, got {found}; give a walk, or trim the motion to it"
+            f"a wheelchair goes the way of a forward walk or run, got {description}; give a walk, or trim the motion to it"
         )
-    seen = ahead + along * (velocity / np.maximum(speed, 1e-9) - ahead)
-    return path, quaternions.about_axis(Z, np.unwrap(np.arctan2(seen[:, 1], seen[:, 0])))
+    direction = ahead + along * (velocity / np.maximum(speed, 1e-9) - ahead)
+    return path, quaternions.about_axis(Z, np.unwrap(np.arctan2(direction[:, 1], direction[:, 0])))
 
 
 def seated(motion: Motion, person: Person, wish: Wish) -> tuple[Motion, Person]:
@@ -103,9 +103,9 @@ def seated(motion: Motion, person: Person, wish: Wish) -> tuple[Motion, Person]:
             raise InputError(
                 f"hands or feet stay {max(far_m.max(), short_m.max()):.2g} m short of the wheelchair; give another size_m"
             )
-    found = motion_of(replace(poses, local=quaternions.continuous(poses.local)))
-    same = {name: getattr(found, name) for name in ("joints", "rotations", "names", "parents")}
-    motion = replace(motion, **same, activities=())
+    seated_motion = motion_of(replace(poses, local=quaternions.continuous(poses.local)))
+    changes = {name: getattr(seated_motion, name) for name in ("joints", "rotations", "names", "parents")}
+    motion = replace(motion, **changes, activities=())
     return motion, replace(Person.of(motion), heading=heading, stature_m=person.stature_m)
 
 
@@ -149,14 +149,14 @@ class _Rims:
 
     def fitting_seat_m(self) -> float:
         """Height of the seat at which elbows have `TOP_ELBOW_RAD` with hands at the top of the rims, as far as seats go."""
-        found = []
+        heights_m = []
         for side, shoulder in self.shoulders.items():
             first, second = self.person.arm_m(side)
             span2 = first**2 + second**2 - 2 * first * second * np.cos(TOP_ELBOW_RAD)
             off = self.local(side, np.zeros(1)) - shoulder.mean(axis=0)
-            found.append(off[0, 2] + np.sqrt(max(span2 - off[0, 0] ** 2 - off[0, 1] ** 2, 0.0)))
+            heights_m.append(off[0, 2] + np.sqrt(max(span2 - off[0, 0] ** 2 - off[0, 1] ** 2, 0.0)))
         (_, least_m), (_, greatest_m) = RANGES_M["wheelchair"]
-        return float(np.clip(np.mean(found), least_m, greatest_m))
+        return float(np.clip(np.mean(heights_m), least_m, greatest_m))
 
     def arc(self, seat_m: float) -> tuple[float, float]:
         """Angle at which hands grasp the rims and angle of a push [rad], the longest up to `PUSH_RAD` whose way arms reach bent."""
@@ -164,7 +164,7 @@ class _Rims:
         for side, shoulder in self.shoulders.items():
             off = norms(self.local(side, angles)[:, None] - shoulder - seat_m * Z)
             reached &= off.max(axis=1) < RIM_STRAIGHT * sum(self.person.arm_m(side))
-        first, stop = max(runs(reached), key=lambda each: each[1] - each[0], default=(0, 1))
+        first, stop = max(runs(reached), key=lambda run: run[1] - run[0], default=(0, 1))
         low, high = angles[first], angles[stop - 1]
         for push in np.linspace(PUSH_RAD[1], PUSH_RAD[0], 60):
             over = float(pushing(np.linspace(push, CYCLE_RAD, 200), 0.0, push).max() - push)

@@ -31,9 +31,9 @@ def save_motion(motion: Motion, path: str | Path, *, overwrite: bool = False) ->
     checked_motion(motion)
     target = check_target(path, overwrite=overwrite)
     if motion.carries:
-        named = " and ".join(f"the {each.thing}" for each in motion.carries)
+        things = " and ".join(f"the {carried.thing}" for carried in motion.carries)
         verb, again = ("are", "them") if len(motion.carries) > 1 else ("is", "it")
-        warn(f"a .bvh file holds joints alone, and {named} {verb} not among them; carry {again} again once it is read")
+        warn(f"a .bvh file holds joints alone, and {things} {verb} not among them; carry {again} again once it is read")
     text = bvh_text(motion)
     with replacing(target, partial(check_taken, target, overwrite=overwrite)) as new:
         new.write_text(text, encoding="ascii")
@@ -80,10 +80,10 @@ def _joint(
         f"{indent}\tCHANNELS {channels} Zrotation Xrotation Yrotation",
     ]
     children = [child for child, parent in enumerate(PARENTS) if parent == joint]
-    there = [child for child in children if NAMES[child] in called]
-    for child in there:
+    present = [child for child in children if NAMES[child] in called]
+    for child in present:
         _joint(lines, order, child, offsets, called, indent + "\t")
-    if not there:
+    if not present:
         end = offsets[children[0]] if children else 0.2 * offsets[joint]
         lines += [f"{indent}\tEnd Site", f"{indent}\t{{", _offset(end, indent + "\t"), f"{indent}\t}}"]
     lines.append(f"{indent}}}")

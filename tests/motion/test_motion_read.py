@@ -279,7 +279,7 @@ def test_a_user_can_add_a_flavour_with_gaps(tmp_path: Path, momask_text: str) ->
         register_flavour("mine", {"pelvis": "hub", "spine3": "upper", "head": "Head"} | limbs)
         motion = load_motion(write(tmp_path, text))
     finally:
-        skeletons._known().pop("mine", None)
+        skeletons._registry().pop("mine", None)
     assert "flavour mine;" in motion.report
     assert "mine" not in flavours()
     at = points(motion)
@@ -299,7 +299,7 @@ def test_the_flavour_that_covers_most_joints_wins() -> None:
         assert "flavour momask;" in load_motion(MOMASK).report
         assert "flavour sparse;" in load_motion(MOMASK, flavour="sparse").report
     finally:
-        skeletons._known().pop("sparse", None)
+        skeletons._registry().pop("sparse", None)
 
 
 def test_flavour_tables_are_checked() -> None:

@@ -58,27 +58,27 @@ def match(
     tree = Tree(names, parents, np.asarray(positions, float))
     person, margin = find_person(tree, rest)
     legs, arms = person.legs.limbs, _alike(tree, person)
-    votes, named = _votes(tree, person, legs, arms)
+    votes, names_vote = _votes(tree, person, legs, arms)
     body = sum(votes.values())
-    total = body if abs(body) >= DECISIVE else body + NAMES * named
+    total = body if abs(body) >= DECISIVE else body + NAMES * names_vote
     if total < 0:
-        legs, arms, body, named = legs[::-1], arms[::-1], -body, -named
+        legs, arms, body, names_vote = legs[::-1], arms[::-1], -body, -names_vote
         votes = {name: -vote for name, vote in votes.items()}
     sources = canonical_sources(tree, person, (legs, arms))
     made_up = [name for name in CANONICAL_JOINTS if name not in sources] + ["head"] * isinstance(sources["head"], tuple)
     agree = _agreement(tree, sources)
     sure = _sureness(margin, abs(total), agree, body, headless=isinstance(sources["head"], tuple))
     joints = {name: _by_name(names, sources[name]) for name in (*CANONICAL_JOINTS, *OPTIONAL_JOINTS) if name in sources}
-    by = "names and form" if agree >= 0.5 else "form" if agree < 0.1 else "form, few by names"
+    basis = "names and form" if agree >= 0.5 else "form" if agree < 0.1 else "form, few by names"
     signs_told = ", ".join(name for name, vote in votes.items() if vote * body > 0.15) or "nothing in the pose"
-    signs_told += " and names" if named > 0.5 else ""
-    told = [
-        f"joints matched by {by} ({sure}; {round(agree * 100)} % are named as expected; sides from {signs_told}): "
+    signs_told += " and names" if names_vote > 0.5 else ""
+    clauses = [
+        f"joints matched by {basis} ({sure}; {round(agree * 100)} % are named as expected; sides from {signs_told}): "
         + ", ".join(f"{name} {_shown(source)}" for name, source in joints.items())
     ]
     if made_up:
-        told.append(f"made up: {', '.join(made_up)}")
-    return Match(joints, "; ".join(told), tuple(_doubts(sure, named)))
+        clauses.append(f"made up: {', '.join(made_up)}")
+    return Match(joints, "; ".join(clauses), tuple(_doubts(sure, names_vote)))
 
 
 def _alike(tree: Tree, person: Person) -> tuple[Limb, Limb]:
@@ -95,19 +95,21 @@ def _votes(
     """Votes of body and names (-1 to 1) for the first limbs being the left ones."""
     sources = canonical_sources(tree, person, (legs, arms))
     points = {name: tree.positions[:, source] for name, source in sources.items() if isinstance(source, int)}
-    named = [
-        (1.0 if tree.labels[joint].side == own else 0.0 if tree.labels[joint].side is None else -1.0)
+    name_votes = [
+        (1.0 if tree.labels[joint].side == side else 0.0 if tree.labels[joint].side is None else -1.0)
         for pair in (legs, arms)
-        for own, limb in zip(("left", "right"), pair, strict=True)
+        for side, limb in zip(("left", "right"), pair, strict=True)
         for joint in limb.joints
     ]
-    return signs(points), float(np.mean(named))
+    return signs(points), float(np.mean(name_votes))
 
 
 def _agreement(tree: Tree, sources: dict[str, Source]) -> float:
     """Share of pelvis, head and the joints of the limbs that are named as what they were taken for."""
-    wanted = {"pelvis", "head", "hip", "knee", "ankle", "shoulder", "elbow", "wrist"}
-    checked = [(name.rpartition("_")[2], joint) for name, joint in sources.items() if name.rpartition("_")[2] in wanted]
+    counted_parts = {"pelvis", "head", "hip", "knee", "ankle", "shoulder", "elbow", "wrist"}
+    checked = [
+        (name.rpartition("_")[2], joint) for name, joint in sources.items() if name.rpartition("_")[2] in counted_parts
+    ]
     fits = [isinstance(joint, int) and part in tree.labels[joint].parts for part, joint in checked]
     return float(np.mean(fits))
 
@@ -115,23 +117,23 @@ def _agreement(tree: Tree, sources: dict[str, Source]) -> float:
 def _sureness(margin: float, sided: float, agree: float, body: float, *, headless: bool) -> Sureness:
     if margin < MARGINS[0] or sided < 0.5 or headless:
         return "unsure"
-    named = agree >= 0.8 and sided >= NAMES
-    return "sure" if named or (margin >= MARGINS[1] and body >= DECISIVE) else "fairly sure"
+    well_named = agree >= 0.8 and sided >= NAMES
+    return "sure" if well_named or (margin >= MARGINS[1] and body >= DECISIVE) else "fairly sure"
 
 
-def _doubts(sure: Sureness, named: float) -> list[str]:
-    found = []
-    if named < -0.5:
-        found.append(
+def _doubts(sure: Sureness, names_vote: float) -> list[str]:
+    doubts = []
+    if names_vote < -0.5:
+        doubts.append(
             "joints named left lie on the person's right, so the file seems to be mirrored: left and right are taken as "
             "feet and knees have them"
         )
     if sure == "unsure":
-        found.append(
+        doubts.append(
             "the skeleton's joints were matched with little certainty: check the report, or name the joints in a flavour file "
             "(flavour=FILE.yaml, --motion.flavour FILE.yaml)"
         )
-    return found
+    return doubts
 
 
 def _by_name(names: tuple[str, ...], source: Source) -> str | tuple[str, str, float]:

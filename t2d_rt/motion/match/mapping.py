@@ -46,25 +46,29 @@ def find_person(tree: Tree, rest: np.ndarray | None) -> tuple[Person, float]:
 
     rest: positions (N, 3) with all rotations zero, where the file has them.
     """
-    found = limb_pairs(tree)
-    if len(found) < 2:
-        what = "no two limbs of like bones" if not found else "one pair of limbs only"
+    pairs = limb_pairs(tree)
+    if len(pairs) < 2:
+        what = "no two limbs of like bones" if not pairs else "one pair of limbs only"
         raise InputError(
             f"the skeleton of {len(tree.names)} joints has {what} where a person has two arms and two legs; {HELP}"
         )
-    built = [reading for legs, arms in permutations(found, 2) if (reading := _person(tree, legs, arms)) is not None]
-    readings = [_with_head(tree, each) for each in sorted(built, key=attrgetter("score"), reverse=True)[:8]]
+    candidates = [person for legs, arms in permutations(pairs, 2) if (person := _person(tree, legs, arms)) is not None]
+    readings = [
+        _with_head(tree, candidate) for candidate in sorted(candidates, key=attrgetter("score"), reverse=True)[:8]
+    ]
     if not readings:
         raise InputError(
             f"the skeleton's limbs and trunk have no person's proportions (its largest pairs of limbs hang from "
-            f"{tree.names[found[0].branch]!r:.60} and {tree.names[found[1].branch]!r:.60}); {HELP}"
+            f"{tree.names[pairs[0].branch]!r:.60} and {tree.names[pairs[1].branch]!r:.60}); {HELP}"
         )
     best = max(readings, key=attrgetter("score"))
     _check_upright(tree, best, rest)
     others = [
-        each.score for each in readings if {_tops(each.legs), _tops(each.arms)} != {_tops(best.legs), _tops(best.arms)}
+        reading.score
+        for reading in readings
+        if {_tops(reading.legs), _tops(reading.arms)} != {_tops(best.legs), _tops(best.arms)}
     ]
-    others += [each.score for each in readings if _tops(each.legs) == _tops(best.arms)]
+    others += [reading.score for reading in readings if _tops(reading.legs) == _tops(best.arms)]
     return best, best.score - max(others, default=-np.inf)
 
 
@@ -94,13 +98,13 @@ def _person(tree: Tree, legs: Pair, arms: Pair) -> Person | None:
         np.log(legs.length / arms.length / 1.5) / 0.22,
         np.log(trunk / legs.length / 0.58) / 0.25,
     )
-    if max(abs(each) for each in build) > FARTHEST:
+    if max(abs(deviation) for deviation in build) > FARTHEST:
         return None
     up = unit(shoulders - hips)
     level = [_tilt(tree, pair, up) / 0.3 for pair in (legs, arms)]
     level.append((1.0 - _parallel(tree, legs, arms)) / 0.2)  # a leg and a tail are not abreast as shoulders are
     named = _named(tree, legs, PARTS_OF_LEG, PARTS_OF_ARM) + _named(tree, arms, PARTS_OF_ARM, PARTS_OF_LEG)
-    unlikely = 0.5 * sum(each * each for each in (*build, *level))
+    unlikely = 0.5 * sum(deviation * deviation for deviation in (*build, *level))
     return Person(legs, arms, (), float(legs.score + arms.score - 2.0 * np.log(tree.size) + 3.0 * named - unlikely))
 
 
@@ -123,10 +127,10 @@ def _parallel(tree: Tree, legs: Pair, arms: Pair) -> float:
     return abs(float(np.median(np.sum(hips * shoulders, axis=-1))))
 
 
-def _named(tree: Tree, pair: Pair, own: frozenset[str], other: frozenset[str]) -> float:
+def _named(tree: Tree, pair: Pair, own_parts: frozenset[str], other_parts: frozenset[str]) -> float:
     """Share of a pair's joints that are named as parts of such limbs, minus that of those named as parts of others."""
     parts = [tree.labels[joint].parts for limb in pair.limbs for joint in limb.joints]
-    return sum(bool(each & own) - bool(each & other) for each in parts) / len(parts)
+    return sum(bool(part & own_parts) - bool(part & other_parts) for part in parts) / len(parts)
 
 
 def _head_of(tree: Tree, legs: Pair, arms: Pair) -> tuple[int, ...]:
@@ -134,12 +138,12 @@ def _head_of(tree: Tree, legs: Pair, arms: Pair) -> tuple[int, ...]:
     shoulders = tree.middle(joints_of(arms, 0))
     up = unit(shoulders - tree.middle(joints_of(legs, 0)))
     trunk = tree.path(legs.branch, arms.branch)
-    taken = {*legs.stems, *arms.stems, *trunk}
+    excluded = {*legs.stems, *arms.stems, *trunk}
     stems = [
         (stem, child)
         for base in trunk
         for stem in tree.children[base]
-        if stem not in taken
+        if stem not in excluded
         for child in tree.below(stem, 12, 60)
     ]
     stems = stems[:300]
@@ -223,13 +227,13 @@ def signs(points: dict[str, np.ndarray]) -> dict[str, float]:
 
 def _bends(points: dict[str, np.ndarray], joints: tuple[str, str, str]) -> list[np.ndarray]:
     """From the straight line of a limb to its middle joint, (T, 3) for each side that the points have."""
-    found = []
+    offsets = []
     for side in ("left", "right"):
         upper, middle, lower = (points[f"{side}_{joint}"] for joint in joints)
         along = unit(lower - upper)
         offset = middle - upper
-        found.append(offset - np.sum(offset * along, axis=-1, keepdims=True) * along)
-    return found
+        offsets.append(offset - np.sum(offset * along, axis=-1, keepdims=True) * along)
+    return offsets
 
 
 def _vote(vectors: list[np.ndarray], forward: np.ndarray, least: float) -> float:
@@ -262,23 +266,23 @@ def canonical_sources(tree: Tree, person: Person, sided: Sequence[tuple[Limb, Li
 
     sided: left and right leg, then left and right arm.
     """
-    found: dict[str, Source] = {}
+    sources: dict[str, Source] = {}
     for side, leg, arm in zip(("left", "right"), *sided, strict=True):
         names = "hip", "knee", "ankle", "shoulder", "elbow", "wrist"
-        own = dict(zip(names, (*leg.joints, *arm.joints), strict=True)) | _feet(tree, leg) | _hand(tree, arm)
-        found |= {f"{side}_{name}": joint for name, joint in own.items()}
+        limb_joints = dict(zip(names, (*leg.joints, *arm.joints), strict=True)) | _feet(tree, leg) | _hand(tree, arm)
+        sources |= {f"{side}_{name}": joint for name, joint in limb_joints.items()}
         collar = _collar(tree, person, arm)
         if collar is not None:
-            found[f"{side}_collar"] = collar
-    return found | _trunk(tree, person)
+            sources[f"{side}_collar"] = collar
+    return sources | _trunk(tree, person)
 
 
 def _carrier(tree: Tree, joint: int, tip: int) -> int:
     """Of several joints in one place on the chain to a tip, the last, which carries what follows."""
-    for each in tree.path(joint, tip)[1:]:
-        if not tree.together(joint, each) or each == tip:
+    for following in tree.path(joint, tip)[1:]:
+        if not tree.together(joint, following) or following == tip:
             break
-        joint = each
+        joint = following
     return joint
 
 
@@ -301,10 +305,10 @@ def _feet(tree: Tree, leg: Limb) -> dict[str, Source]:
     if not chain:
         return {}
     ball = next((j for j in chain if tree.labels[j].parts & {"foot", "toe"}), chain[0])
-    found: dict[str, Source] = {"ankle": _carrier(tree, leg.lower, ball), "foot": _carrier(tree, ball, chain[-1])}
+    sources: dict[str, Source] = {"ankle": _carrier(tree, leg.lower, ball), "foot": _carrier(tree, ball, chain[-1])}
     if not tree.together(ball, chain[-1]):
-        found["toe"] = chain[-1]
-    return found
+        sources["toe"] = chain[-1]
+    return sources
 
 
 def _hand(tree: Tree, arm: Limb) -> dict[str, Source]:
@@ -340,7 +344,7 @@ def _trunk(tree: Tree, person: Person) -> dict[str, Source]:
     trunk = median_length(shoulders - hips)
     height = partial(_height, tree, shoulders, up, leg)
     pelvis = _pelvis(tree, person, hips)
-    found: dict[str, Source] = {"pelvis": pelvis}
+    sources: dict[str, Source] = {"pelvis": pelvis}
     spine = [joint for joint in tree.path(pelvis, person.arms.branch) if not tree.together(pelvis, joint)]
     head, neck, above = _head(tree, person.head, person.arms.branch, height)
     if (
@@ -353,16 +357,16 @@ def _trunk(tree: Tree, person: Person) -> dict[str, Source]:
     ):
         neck = spine.pop()
     spine = _rising(tree, pelvis, [*spine, *above], height)
-    found |= _spine(spine, {joint: 1.0 + height(joint) * leg / trunk for joint in spine})
+    sources |= _spine(spine, {joint: 1.0 + height(joint) * leg / trunk for joint in spine})
     if neck is not None:
-        found["neck"] = neck
+        sources["neck"] = neck
     if head is None:
-        return found | {"head": _made_up_head(pelvis, neck if neck is not None else (spine or [pelvis])[-1], height)}
-    found["head"] = head
+        return sources | {"head": _made_up_head(pelvis, neck if neck is not None else (spine or [pelvis])[-1], height)}
+    sources["head"] = head
     top = person.head[-1]
     if top != head and HEAD_TOP[0] < height(top) - height(head) < HEAD_TOP[1]:
-        found["head_top"] = top
-    return found
+        sources["head_top"] = top
+    return sources
 
 
 def _height(tree: Tree, shoulders: np.ndarray, up: np.ndarray, leg: float, joint: int) -> float:
@@ -396,7 +400,7 @@ def _head(tree: Tree, chain: tuple[int, ...], base: int, height: Height) -> tupl
         unlike.append(abs(heights[i] - HEAD_HEIGHT) - 0.06 * face - 0.04 * last + 0.03 * end)
     at = named[0] if named else unlike.index(min(unlike))
     head = _carrier(tree, chain[at], chain[-1])
-    before = [i for i in range(at) if not any(tree.together(chain[i], each) for each in (chain[at], base))]
+    before = [i for i in range(at) if not any(tree.together(chain[i], other) for other in (chain[at], base))]
     if not before:
         return head, None, []
     necks = [i for i in before if "neck" in tree.labels[chain[i]].parts] or [i for i in before if heights[i] > -0.03]
@@ -406,11 +410,11 @@ def _head(tree: Tree, chain: tuple[int, ...], base: int, height: Height) -> tupl
 
 def _rising(tree: Tree, pelvis: int, joints: list[int], height: Height) -> list[int]:
     """Joints one above the other from the pelvis on, in different places."""
-    found = [pelvis]
+    rising = [pelvis]
     for joint in joints:
-        if not tree.together(found[-1], joint) and height(joint) > height(found[-1]):
-            found.append(joint)
-    return found[1:]
+        if not tree.together(rising[-1], joint) and height(joint) > height(rising[-1]):
+            rising.append(joint)
+    return rising[1:]
 
 
 def _spine(joints: list[int], along: dict[int, float]) -> dict[str, Source]:

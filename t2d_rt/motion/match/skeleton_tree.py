@@ -46,12 +46,12 @@ def label(name: str) -> Label:
     """Side and parts of a joint's name; end sites (`<parent>:end`) say nothing."""
     if name.endswith(":end"):
         return Label()
-    own = _plain(name[-80:].rpartition(":")[2])
-    if re.fullmatch(r"[jJ]?[LTS]\d{1,2}([LTS]\d{1,2})?", own):  # a vertebra
+    plain_name = _plain(name[-80:].rpartition(":")[2])
+    if re.fullmatch(r"[jJ]?[LTS]\d{1,2}([LTS]\d{1,2})?", plain_name):  # a vertebra
         return Label(parts=frozenset({"spine"}))
-    if re.fullmatch(r"[jJ]?C[1-7]([CT]\d)?(Head)?", own):
+    if re.fullmatch(r"[jJ]?C[1-7]([CT]\d)?(Head)?", plain_name):
         return Label(parts=frozenset({"neck"}))
-    kinds = [kind for run in RUN.findall(own) for kind in _kinds(run.casefold())]
+    kinds = [kind for run in RUN.findall(plain_name) for kind in _kinds(run.casefold())]
     sides = {kind for kind in kinds if kind in ("left", "right")}
     side = sides.pop() if len(sides) == 1 else None
     return Label(side=side, parts=_parts(set(kinds), side), middle="middle" in kinds)
@@ -87,10 +87,10 @@ def _parts(kinds: set[str], side: str | None) -> frozenset[str]:
         ("pelvis", {"pelvis"} if not side else set()),
         ("root", {"root"}),
     )
-    found = next((parts for kind, parts in rules if kind in kinds), set[str]())
-    if "twist" in kinds and found <= {"hip", "knee", "shoulder", "elbow"}:
-        return frozenset({"twist"}) | found
-    return frozenset(found)
+    named_parts = next((parts for kind, parts in rules if kind in kinds), set[str]())
+    if "twist" in kinds and named_parts <= {"hip", "knee", "shoulder", "elbow"}:
+        return frozenset({"twist"}) | named_parts
+    return frozenset(named_parts)
 
 
 def _plain(text: str) -> str:
@@ -145,11 +145,11 @@ class Tree:
     @cached_property
     def children(self) -> list[list[int]]:
         """Children of each joint."""
-        found: list[list[int]] = [[] for _ in self.names]
+        children: list[list[int]] = [[] for _ in self.names]
         for joint, parent in enumerate(self.parents):
             if parent >= 0:
-                found[parent].append(joint)
-        return found
+                children[parent].append(joint)
+        return children
 
     @cached_property
     def labels(self) -> list[Label]:
@@ -184,13 +184,13 @@ class Tree:
 
     def below(self, joint: int, depth: int, most: int) -> list[int]:
         """A joint and those below it, breadth first: `depth` generations and `most` joints at most."""
-        found, generation = [joint], [joint]
+        joints, generation = [joint], [joint]
         for _ in range(depth):
-            generation = [child for each in generation for child in self.children[each]]
-            found += generation
-            if not generation or len(found) >= most:
+            generation = [child for parent in generation for child in self.children[parent]]
+            joints += generation
+            if not generation or len(joints) >= most:
                 break
-        return found[:most]
+        return joints[:most]
 
     def path(self, first: int, last: int) -> list[int]:
         """Joints from the first to the last along the bones, both included."""
@@ -258,8 +258,8 @@ def limb_pairs(tree: Tree) -> list[Pair]:
         stems = [child for child in children if "helper" not in tree.labels[child].parts]
         if len(stems) < 2:
             continue
-        limbs = {stem: found for stem in stems if (found := _limbs(tree, stem, branch))}
-        lengths = {stem: max(limb.length for limb in found) for stem, found in limbs.items()}
+        limbs = {stem: stem_limbs for stem in stems if (stem_limbs := _limbs(tree, stem, branch))}
+        lengths = {stem: max(limb.length for limb in candidates) for stem, candidates in limbs.items()}
         largest = sorted(limbs, key=lengths.__getitem__, reverse=True)[:12]
         for first, second in combinations(largest, 2):
             pairs += _best(tree, branch, (first, second), (limbs[first], limbs[second]))
@@ -278,15 +278,15 @@ def _limbs(tree: Tree, stem: int, branch: int) -> list[Limb]:
     from_joint: dict[int, list[tuple[int, float, int]]] = {}
     for upper, lower, length, skipped in bones:
         from_joint.setdefault(upper, []).append((lower, length, skipped))
-    found = []
+    limbs = []
     for upper, middle, thigh, over in bones:
         for lower, shank, more in from_joint.get(middle, ()):
             # Thigh to shank is 0.74 to 1.05 and upper arm to forearm 0.87 to 1.23 in recorded skeletons.
             unequal = abs(np.log(thigh / shank / 1.03))
             if unequal < np.log(2.2):
                 score = float(np.log(thigh + shank) - unequal - 0.2 * (over + more))
-                found.append(Limb(upper, middle, lower, (thigh, shank), score + _named(tree, (upper, middle, lower))))
-    return sorted(found, key=attrgetter("score"), reverse=True)[:BEST]
+                limbs.append(Limb(upper, middle, lower, (thigh, shank), score + _named(tree, (upper, middle, lower))))
+    return sorted(limbs, key=attrgetter("score"), reverse=True)[:BEST]
 
 
 def _bones(tree: Tree, joints: list[int], branch: int) -> list[tuple[int, int, float, int]]:
@@ -323,7 +323,13 @@ def _named(tree: Tree, joints: tuple[int, int, int]) -> float:
     """How well names fit the places in a leg or, if better, in an arm: -1 to 1."""
     parts = [tree.labels[joint].parts for joint in joints]
     roles = (("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist"))
-    return max(sum(_fit(role, own) for role, own in zip(each, parts, strict=True)) for each in roles) / 3.0
+    return (
+        max(
+            sum(_fit(role, joint_parts) for role, joint_parts in zip(limb_roles, parts, strict=True))
+            for limb_roles in roles
+        )
+        / 3.0
+    )
 
 
 def _fit(role: str, parts: frozenset[str]) -> float:

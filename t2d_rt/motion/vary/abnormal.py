@@ -232,8 +232,8 @@ def _scaled(rotation: np.ndarray, factor: float) -> np.ndarray:
 
 def _product(*rotations: np.ndarray) -> np.ndarray:
     first, *others = rotations
-    for each in others:
-        first = quaternions.multiply(first, each)
+    for other in others:
+        first = quaternions.multiply(first, other)
     return first
 
 
@@ -253,7 +253,7 @@ def placed_feet(
     length = float(poses.root[-1, 0])
     left, right = (track[on, 1].mean() for track, on in zip(tracks, stands.T, strict=True))
     width = 0.5 * float(left - right)
-    found = {}
+    placed = {}
     for number, (side, sign) in enumerate(zip(SIDES, (1.0, -1.0), strict=True)):
         track = tracks[number].copy()
         draws = evened(rng.standard_normal((len(runs(stands[:, number])), 2)))
@@ -268,30 +268,32 @@ def placed_feet(
         highest = rise * swing[:, number] if change.lift[number] < 1 else rise.max() * _mid_swing(stands[:, number])
         track[:, 2] += (change.lift[number] - 1) * highest
         track[:, 2] = np.maximum(track[:, 2], np.percentile(tracks[number][:, 2], 1))
-        found[side] = track
-    return found
+        placed[side] = track
+    return placed
 
 
 def _mid_swing(stands: np.ndarray) -> np.ndarray:
     """Bumps (T,), 1 in the middle of each whole swing and flat at its ends, where the toes still touch the floor."""
-    found = np.zeros(len(stands))
+    bumps = np.zeros(len(stands))
     for start, stop in [run for run in runs(~stands) if run[0] > 0 and run[1] < len(stands)]:
-        found[start:stop] = np.sin(np.pi * np.arange(1, stop - start + 1) / (stop - start + 1)) ** 4
-    return found
+        bumps[start:stop] = np.sin(np.pi * np.arange(1, stop - start + 1) / (stop - start + 1)) ** 4
+    return bumps
 
 
 def _while_standing(values: np.ndarray, stands: np.ndarray) -> np.ndarray:
     """Values (steps, K) as tracks (T, K), constant while the foot stands, with smooth steps between."""
-    found = runs(stands)
+    standing = runs(stands)
     out = np.zeros((len(stands), values.shape[1]))
-    if not found:
+    if not standing:
         return out
-    out[: found[0][0]], out[found[-1][0] :] = values[0], values[-1]
-    for number, (start, stop) in enumerate(found):
+    out[: standing[0][0]], out[standing[-1][0] :] = values[0], values[-1]
+    for number, (start, stop) in enumerate(standing):
         out[start:stop] = values[number]
-        if number + 1 < len(found):
-            x = np.linspace(0, 1, found[number + 1][0] - stop + 2)[1:-1, None]
-            out[stop : found[number + 1][0]] = values[number] + (values[number + 1] - values[number]) * minimum_jerk(x)
+        if number + 1 < len(standing):
+            x = np.linspace(0, 1, standing[number + 1][0] - stop + 2)[1:-1, None]
+            out[stop : standing[number + 1][0]] = values[number] + (values[number + 1] - values[number]) * minimum_jerk(
+                x
+            )
     return out
 
 
@@ -330,12 +332,12 @@ def lifted_toes(poses: Poses, change: GaitChange, swing: np.ndarray) -> Poses:
 
 def pivots(planted: np.ndarray, change: GaitChange) -> np.ndarray:
     """Contacts (T, 2, 2) of the changed walk: a hanging foot and one on its toes stand on the ball alone."""
-    found = planted.copy()
+    changed = planted.copy()
     for side in range(2):
         if change.equinus_rad > 0.05 or change.foot_drop_rad[side] > 0.05:
-            found[:, side, 1] = planted[:, side].any(axis=1)
-            found[:, side, 0] = False
-    return found
+            changed[:, side, 1] = planted[:, side].any(axis=1)
+            changed[:, side, 0] = False
+    return changed
 
 
 def turned_knees(poses: Poses, change: GaitChange) -> Poses:
@@ -402,10 +404,12 @@ def trembling(poses: Poses, change: GaitChange, frames: np.ndarray, rng: np.rand
     local = poses.local.copy()
     if change.hand_tremor_rad:
         for side in SIDES:
-            own = (
+            amplitude_rad = (
                 change.hand_tremor_rad * rng.uniform(0.3, 1.0) * (1 + 0.3 * slow_noise(len(poses), poses.rate_hz, rng))
             )
-            shake = about("x", own * np.sin(2 * np.pi * rng.uniform(4.0, 6.0) * times + rng.uniform(0, 2 * np.pi)))
+            shake = about(
+                "x", amplitude_rad * np.sin(2 * np.pi * rng.uniform(4.0, 6.0) * times + rng.uniform(0, 2 * np.pi))
+            )
             joint = INDEX[f"{side}_elbow"]
             local[:, joint] = quaternions.multiply(local[:, joint], shake)
     poses = replace(poses, local=local)
@@ -493,11 +497,10 @@ def _drawn(name: str, mild: float, severe: float, severity: float, rng: np.rando
     if name in SQUARED:
         severity **= 2
     spread = TEMPO_SPREAD if name in ("stride", "cadence") else SPREAD
-    none = (
-        1.0 if name.startswith("hurried_stance") else 0.0
-    )  # of haste what is beyond 1 differs, else that drowns the severity
-    own = float(np.exp(spread * np.clip(rng.standard_normal(), -2, 2)))
-    return none + (mild + severity * (severe - mild) - none) * own
+    # Of a hurried stance only what is beyond 1 is scattered, else the scatter drowns the severity.
+    neutral = 1.0 if name.startswith("hurried_stance") else 0.0
+    factor = float(np.exp(spread * np.clip(rng.standard_normal(), -2, 2)))
+    return neutral + (mild + severity * (severe - mild) - neutral) * factor
 
 
 def _change(drawn: dict[str, float], side: int, both: bool, rng: np.random.Generator) -> GaitChange:
@@ -512,12 +515,12 @@ def _change(drawn: dict[str, float], side: int, both: bool, rng: np.random.Gener
             affected, other = min(value, 1.0), min(1.5 * value, 1.0)
         if both or whose == "both":
             other = affected
-        own = side if whose != "other" else 1 - side
-        fields[field] = ((affected, other) if own == 0 else (other, affected)) if whose else value
+        affected_side = side if whose != "other" else 1 - side
+        fields[field] = ((affected, other) if affected_side == 0 else (other, affected)) if whose else value
     if "freezes_s" in drawn:
         fraction = float(rng.uniform(0.3, 0.7))  # of one halt, or of the first of two
         fields["freezes_s"] = tuple(
-            drawn["freezes_s"] * each for each in ((1.0,), (fraction, 1 - fraction))[rng.integers(2)]
+            drawn["freezes_s"] * portion for portion in ((1.0,), (fraction, 1 - fraction))[rng.integers(2)]
         )
         fields["tremble_hz"] = float(rng.uniform(4.0, 7.0))
     return GaitChange(**fields)

@@ -48,9 +48,9 @@ def arc(motion: Motion, radius_m: float) -> Motion:
     )
     leaning = _leaning(round_it, ahead, np.arctan(speed**2 / (STANDARD_GRAVITY * radius_m)))
     note = f"bent to an arc of {abs(radius_m):.2f} m to the {'left' if radius_m > 0 else 'right'}"
-    found = motion_of(leaning)
-    same = {name: getattr(found, name) for name in ("joints", "rotations", "names", "parents")}
-    return motion.edited(note, **same)
+    leaning_motion = motion_of(leaning)
+    changes = {name: getattr(leaning_motion, name) for name in ("joints", "rotations", "names", "parents")}
+    return motion.edited(note, **changes)
 
 
 def bent(poses: Poses, planted: np.ndarray, angle_rad: np.ndarray) -> Poses:
@@ -80,7 +80,7 @@ def _leaning(poses: Poses, ahead: np.ndarray, lean_rad: np.ndarray) -> Poses:
     """Poses that lean over their feet by an angle (T,) to the left of where they go, `ahead` (T, 3); feet stay where they are."""
     joints, _ = poses.world()
     ankles = {side: joints[:, INDEX[f"{side}_ankle"]] for side in SIDES}
-    floor_m = min(float(each[:, 2].min()) for each in ankles.values())
+    floor_m = min(float(ankle[:, 2].min()) for ankle in ankles.values())
     up = poses.root[:, 2:] - floor_m
     tilt = quaternions.about_axis(ahead, -lean_rad)
     root = poses.root + quaternions.rotate(tilt, up * UP) - up * UP

@@ -27,12 +27,12 @@ def mirror(motion: Motion) -> Motion:
     rotations = motion.rotations[:, order] * np.array([-1.0, 1.0, -1.0, 1.0])
     carries = tuple(
         replace(
-            each,
-            joint=_other_side(each.joint),
-            position_m=(each.position_m[0], -each.position_m[1], each.position_m[2]),
-            rotation=(-each.rotation[0], each.rotation[1], -each.rotation[2], each.rotation[3]),
+            carried,
+            joint=_other_side(carried.joint),
+            position_m=(carried.position_m[0], -carried.position_m[1], carried.position_m[2]),
+            rotation=(-carried.rotation[0], carried.rotation[1], -carried.rotation[2], carried.rotation[3]),
         )
-        for each in motion.carries
+        for carried in motion.carries
     )
     return motion.edited("mirrored", joints=joints, rotations=rotations, carries=carries)
 
@@ -118,8 +118,8 @@ def hold(motion: Motion, duration_s: float, *, sway_seed: int | None = None) -> 
     x = np.clip((times - begin_s) / max(stopping_s, 1e-12), 0.0, 1.0)
     # What is shown goes on at speed 1 - minimum_jerk(x): the integral of that from 0 to x.
     slowed_s = begin_s + stopping_s * (x - x**4 * (2.5 + x * (x - 3.0)))
-    shown = np.where(times < begin_s, times, np.minimum(slowed_s, motion.duration_s))
-    joints, rotations = sample(motion, shown)
+    shown_s = np.where(times < begin_s, times, np.minimum(slowed_s, motion.duration_s))
+    joints, rotations = sample(motion, shown_s)
     if sway_seed is not None:
         rests = minimum_jerk((times - begin_s) / max(stopping_s, 1e-12))
         joints = joints + rests[:, None, None] * _swaying(motion, joints[-1], times, sway_seed)
@@ -159,8 +159,8 @@ EASE_S = 0.08
 def step_times_s(motion: Motion) -> np.ndarray:
     """Times [s] at which a foot is at the top of its swing, both feet, in order: one for each step."""
     checked_motion(motion)
-    found = [_peaks(motion.joints[:, motion.index(f"{side}_ankle"), 2], motion.rate_hz) for side in ("left", "right")]
-    return np.sort(np.concatenate(found)) / motion.rate_hz
+    peaks = [_peaks(motion.joints[:, motion.index(f"{side}_ankle"), 2], motion.rate_hz) for side in ("left", "right")]
+    return np.sort(np.concatenate(peaks)) / motion.rate_hz
 
 
 def vary_gait(motion: Motion, factor: float = 1.0, *, spread: float = 0.0, seed: int = 0) -> Motion:
@@ -202,9 +202,9 @@ def _warped(knots: np.ndarray, factors: np.ndarray, rate_hz: float) -> np.ndarra
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
     slowness = np.convolve(np.pad(slowness, reach, mode="edge"), kernel / kernel.sum(), mode="valid")
     steps = 0.5 * (slowness[1:] + slowness[:-1]) * np.diff(fine)
-    shown = np.concatenate([[0.0], np.cumsum(steps)])
-    frames = np.arange(int(np.floor(shown[-1] * rate_hz + 1e-6)) + 1) / rate_hz
-    return np.interp(frames, shown, fine)
+    shown_s = np.concatenate([[0.0], np.cumsum(steps)])
+    frames = np.arange(int(np.floor(shown_s[-1] * rate_hz + 1e-6)) + 1) / rate_hz
+    return np.interp(frames, shown_s, fine)
 
 
 def _peaks(height: np.ndarray, rate_hz: float) -> np.ndarray:
@@ -213,11 +213,11 @@ def _peaks(height: np.ndarray, rate_hz: float) -> np.ndarray:
         height = low_pass(height[:, None], STEP_CUTOFF_HZ, rate_hz)[:, 0]
     inner = np.flatnonzero((height[1:-1] > height[:-2]) & (height[1:-1] >= height[2:])) + 1
     lift = height - height.min()
-    kept: list[int] = []
+    peaks: list[int] = []
     for peak in inner[lift[inner] > LEAST_LIFT * max(lift.max(), 0.02)]:
         # Between two steps the foot comes down; of two peaks without a stance between them the higher one is the step.
-        if kept and height[kept[-1] : peak].min() > height.min() + LEAST_LIFT * lift.max():
-            kept[-1] = int(peak) if height[peak] > height[kept[-1]] else kept[-1]
+        if peaks and height[peaks[-1] : peak].min() > height.min() + LEAST_LIFT * lift.max():
+            peaks[-1] = int(peak) if height[peak] > height[peaks[-1]] else peaks[-1]
         else:
-            kept.append(int(peak))
-    return np.array(kept, dtype=int)
+            peaks.append(int(peak))
+    return np.array(peaks, dtype=int)
