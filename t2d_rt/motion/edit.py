@@ -107,9 +107,9 @@ def place(
         f", {CLOSEST_APPROACH_M:g} m at closest approach" if distance_m is None else ""
     )
     note += f", turned by {angle_deg:g} degrees" if angle_deg else ""
-    clauses = [clause for clause in motion.report.split("; ") if clause and not clause.startswith(PLACED)]
+    notes = [part for part in motion.report.split("; ") if part and not part.startswith(PLACED)]
     return motion.edited(
-        note, joints=joints + there, rotations=rotations, placed=True, report="; ".join([*clauses, note])
+        note, joints=joints + there, rotations=rotations, placed=True, report="; ".join([*notes, note])
     )
 
 
@@ -145,9 +145,7 @@ def place_together(
             joints=placed[name] + more,
             rotations=quaternions.multiply(turn, motion.rotations),
             placed=True,
-            report="; ".join(
-                [*(clause for clause in motion.report.split("; ") if not clause.startswith(PLACED)), note]
-            ),
+            report="; ".join([*(part for part in motion.report.split("; ") if not part.startswith(PLACED)), note]),
         )
         for name, motion in motions.items()
     }
@@ -165,7 +163,7 @@ def aside(motion: Motion, distance_m: float, boresight: tuple[float, float, floa
 
 def placement(motion: Motion) -> str:
     """Where a motion's coordinates come from: what `place` did, or that they are its own."""
-    notes = [clause for clause in motion.report.split("; ") if clause.startswith(PLACED)]
+    notes = [part for part in motion.report.split("; ") if part.startswith(PLACED)]
     return notes[-1] if notes else "own coordinates"
 
 

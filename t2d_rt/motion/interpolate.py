@@ -230,10 +230,8 @@ def decompose(joints: np.ndarray, rotations: np.ndarray, parents: tuple[int, ...
 def compose(offsets: np.ndarray, local: np.ndarray, parents: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Inverse of `decompose`: forward kinematics."""
     # Components first: each is a whole array in memory, at a third of the time.
-    bones, rotations = (
-        np.ascontiguousarray(np.moveaxis(components, 0, -1).swapaxes(0, 1)) for components in (offsets, local)
-    )
-    place, turned = composed(bones, rotations, parents)
+    bones, turns = (np.ascontiguousarray(np.moveaxis(part, 0, -1).swapaxes(0, 1)) for part in (offsets, local))
+    place, turned = composed(bones, turns, parents)
     return np.ascontiguousarray(place.transpose(2, 1, 0)), np.ascontiguousarray(turned.transpose(2, 1, 0))
 
 

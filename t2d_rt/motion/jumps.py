@@ -80,16 +80,11 @@ def jumps(joints: np.ndarray, names: Sequence[str], rate_hz: float) -> list[Jump
             for points, limit in ((middle, TRUNK_LIMIT), (joints, JOINT_LIMIT))
         ):
             continue
-        body_deviations, joint_deviations = deviations(middle, frames), deviations(joints, frames)
-        excess = _excess(joint_deviations, JOINT_LIMIT, rate_hz / frames)
-        whole, joint = _excess(body_deviations, TRUNK_LIMIT, rate_hz / frames)[:, 0] > 0, excess.argmax(axis=1)
-        for start in _peaks(
-            np.where(whole, 10.0 * body_deviations[:, 0], 0.0) + np.maximum(excess.max(axis=1), 0.0), frames
-        ):
-            frame, size = (
-                start + frames,
-                body_deviations[start, 0] if whole[start] else joint_deviations[start, joint[start]],
-            )
+        body_m, joint_m = deviations(middle, frames), deviations(joints, frames)
+        excess = _excess(joint_m, JOINT_LIMIT, rate_hz / frames)
+        whole, joint = _excess(body_m, TRUNK_LIMIT, rate_hz / frames)[:, 0] > 0, excess.argmax(axis=1)
+        for start in _peaks(np.where(whole, 10.0 * body_m[:, 0], 0.0) + np.maximum(excess.max(axis=1), 0.0), frames):
+            frame, size = start + frames, body_m[start, 0] if whole[start] else joint_m[start, joint[start]]
             moved = tuple(names) if whole[start] else tuple(np.array(names)[excess[start] > 0])
             what = "the whole body" if whole[start] else names[int(joint[start])]
             _add(jump_list, Jump(what, frame, frames, (frame + frames) / rate_hz, float(size), moved))

@@ -152,11 +152,10 @@ def poses_of(motion: Motion) -> Poses:
     skeleton's by one rotation, the mean over time of what positions show, and so that its bone lies along its axis.
     """
     points = _with_ends(motion)
-    by_positions = frames(points)
+    posed = frames(points)
     recorded = {name: motion.rotations[:, motion.index(name)] for name in motion.names}
     turned = {
-        name: quaternions.calibrated(recorded[name], by_positions[name]) if name in recorded else by_positions[name]
-        for name in NAMES
+        name: quaternions.calibrated(recorded[name], posed[name]) if name in recorded else posed[name] for name in NAMES
     }
     turned[LOWER_BACK] = turned["pelvis"]
     turned |= {name: _aligned(name, turned[name], points) for name in _CHILD}

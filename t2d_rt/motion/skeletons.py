@@ -265,8 +265,7 @@ def _absent(flavour: Flavour, names: Sequence[str]) -> list[str]:
 def nearest_flavour(names: Sequence[str]) -> tuple[Flavour, list[str]]:
     """The flavour of bones whose parents the file does not tell, and what they lack of it."""
     best = min(
-        reversed(_registry().values()),
-        key=lambda candidate: (len(_absent(candidate, names)), -len(_sources(candidate) & set(names))),
+        reversed(_registry().values()), key=lambda kind: (len(_absent(kind, names)), -len(_sources(kind) & set(names)))
     )
     return best, _absent(best, names)
 

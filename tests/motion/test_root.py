@@ -94,7 +94,7 @@ def test_recordings_are_not_told(path: Path) -> None:
 def test_who_stays_in_place_is_not_told(sentence: str) -> None:
     for seed in (1, 2):
         motion = t2d.motion_from_text(sentence, seed=seed)
-        assert not rooted(tracks_of(points_of(motion), motion.rate_hz), None).told
+        assert not rooted(tracks_of(points_of(motion), motion.rate_hz), None).clauses
 
 
 def test_pieces_of_a_dance_are_not_told() -> None:
@@ -103,7 +103,7 @@ def test_pieces_of_a_dance_are_not_told() -> None:
     for frames in (15, 30):
         for start in range(0, len(dance.joints) - frames, 4):
             piece = {name: track[start : start + frames] for name, track in points_of(dance).items()}
-            assert not rooted(tracks_of(piece, dance.rate_hz), None).told, start
+            assert not rooted(tracks_of(piece, dance.rate_hz), None).clauses, start
 
 
 def test_a_root_is_the_file_s_or_the_feet_s() -> None:

@@ -139,7 +139,7 @@ def test_gaps_are_bridged_by_splines(gap: int) -> None:
     found = samples.whole(Tracks(form="a", points=points(lost), rate_hz=60.0))
     error = np.linalg.norm(found.points["left_wrist"] - joints[:, 4], axis=-1).max()
     assert error < 2 * 0.2 * (2 * np.pi * (gap + 1) / 60) ** 4 / 384 + 1e-9
-    assert f"{gap} missing joint position(s) bridged, up to {gap / 60:.2f} s (left_wrist)" in found.told
+    assert f"{gap} missing joint position(s) bridged, up to {gap / 60:.2f} s (left_wrist)" in found.clauses
 
 
 def test_bones_keep_their_lengths_over_lost_frames(tmp_path: Path) -> None:
@@ -190,7 +190,7 @@ def test_held_samples_are_missing(held: int, lost: bool) -> None:
     joints = body(90)
     joints[30 : 31 + held] = joints[30]
     found = samples.whole(Tracks(form="a", points=points(joints), rate_hz=60.0))
-    assert any("bridged" in each for each in found.told) == lost
+    assert any("bridged" in each for each in found.clauses) == lost
     if lost:
         np.testing.assert_allclose(found.points["left_hip"], body(90)[:, 0], atol=1e-9)
 
@@ -212,7 +212,7 @@ def test_who_stands_still_is_not_held() -> None:
     joints[..., 0] += 1.5 * times[:, None] ** 2
     joints[70:] = joints[70]
     found = samples.whole(Tracks(form="a", points=points(joints), rate_hz=60.0))
-    assert not found.told
+    assert not found.clauses
     np.testing.assert_array_equal(found.points["left_wrist"], joints[:, 4])
 
 
@@ -231,7 +231,7 @@ def test_repeated_frames_are_dropped(source_hz: float, file_hz: float, still: bo
     assert abs(len(found.points["left_hip"]) - len(source)) <= (1 if still else 0)
     if not still:
         np.testing.assert_array_equal(found.points["left_hip"], source[:, 0])
-    assert "each frame stood" in found.told[0]
+    assert "each frame stood" in found.clauses[0]
 
 
 # --- noise of rotations ---

@@ -564,7 +564,7 @@ def test_no_names_swap_the_sides(data: st.DataObject, base: str) -> None:
     side = dict(zip(names, (name.partition("_")[0] for name in skeleton.names), strict=True))
     for joint, source in found.joints.items():
         if joint.startswith(("left", "right")) and isinstance(source, str):
-            assert side[source] == joint.partition("_")[0], (joint, source, found.told)
+            assert side[source] == joint.partition("_")[0], (joint, source, found.summary)
 
 
 # --- nobody ---------------------------------------------------------------------------------------------------------

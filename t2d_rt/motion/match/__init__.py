@@ -40,7 +40,7 @@ class Match:
 
     joints: dict[str, str | tuple[str, str, float]]
     """Canonical joint -> joint of the file, or a point between two, as a `Flavour` has them."""
-    told: str
+    summary: str
     """For the report."""
     doubts: tuple[str, ...]
     """Sentences that are to be warnings."""
@@ -106,9 +106,9 @@ def _votes(
 
 def _agreement(tree: Tree, sources: dict[str, Source]) -> float:
     """Share of pelvis, head and the joints of the limbs that are named as what they were taken for."""
-    counted_parts = {"pelvis", "head", "hip", "knee", "ankle", "shoulder", "elbow", "wrist"}
+    counted = {"pelvis", "head", "hip", "knee", "ankle", "shoulder", "elbow", "wrist"}
     checked = [
-        (name.rpartition("_")[2], joint) for name, joint in sources.items() if name.rpartition("_")[2] in counted_parts
+        (name.rpartition("_")[2], joint) for name, joint in sources.items() if name.rpartition("_")[2] in counted
     ]
     fits = [isinstance(joint, int) and part in tree.labels[joint].parts for part, joint in checked]
     return float(np.mean(fits))

@@ -52,10 +52,8 @@ def find_person(tree: Tree, rest: np.ndarray | None) -> tuple[Person, float]:
         raise InputError(
             f"the skeleton of {len(tree.names)} joints has {what} where a person has two arms and two legs; {HELP}"
         )
-    candidates = [person for legs, arms in permutations(pairs, 2) if (person := _person(tree, legs, arms)) is not None]
-    readings = [
-        _with_head(tree, candidate) for candidate in sorted(candidates, key=attrgetter("score"), reverse=True)[:8]
-    ]
+    persons = [person for legs, arms in permutations(pairs, 2) if (person := _person(tree, legs, arms)) is not None]
+    readings = [_with_head(tree, body) for body in sorted(persons, key=attrgetter("score"), reverse=True)[:8]]
     if not readings:
         raise InputError(
             f"the skeleton's limbs and trunk have no person's proportions (its largest pairs of limbs hang from "
@@ -64,11 +62,9 @@ def find_person(tree: Tree, rest: np.ndarray | None) -> tuple[Person, float]:
     best = max(readings, key=attrgetter("score"))
     _check_upright(tree, best, rest)
     others = [
-        reading.score
-        for reading in readings
-        if {_tops(reading.legs), _tops(reading.arms)} != {_tops(best.legs), _tops(best.arms)}
+        body.score for body in readings if {_tops(body.legs), _tops(body.arms)} != {_tops(best.legs), _tops(best.arms)}
     ]
-    others += [reading.score for reading in readings if _tops(reading.legs) == _tops(best.arms)]
+    others += [body.score for body in readings if _tops(body.legs) == _tops(best.arms)]
     return best, best.score - max(others, default=-np.inf)
 
 

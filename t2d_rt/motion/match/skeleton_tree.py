@@ -323,13 +323,7 @@ def _named(tree: Tree, joints: tuple[int, int, int]) -> float:
     """How well names fit the places in a leg or, if better, in an arm: -1 to 1."""
     parts = [tree.labels[joint].parts for joint in joints]
     roles = (("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist"))
-    return (
-        max(
-            sum(_fit(role, joint_parts) for role, joint_parts in zip(limb_roles, parts, strict=True))
-            for limb_roles in roles
-        )
-        / 3.0
-    )
+    return max(sum(map(_fit, limb_roles, parts)) for limb_roles in roles) / 3.0
 
 
 def _fit(role: str, parts: frozenset[str]) -> float:

@@ -105,8 +105,8 @@ def _named(path: Path) -> Iterator[None]:
     except UnknownSubject:
         raise
     except InputError as error:
-        told = str(error)
-        raise InputError(told if path.name in told else f"{path}: {told}") from None
+        message = str(error)
+        raise InputError(message if path.name in message else f"{path}: {message}") from None
 
 
 def _checked(motion: Motion, path: Path) -> Motion:
@@ -141,39 +141,39 @@ def load_motions(
     cut away. Who is not complete is left out, with a warning. A motion of a file with one person has the name "1".
     """
     path = file_path("path", path)
-    plain = Reading(units, up or "file", floor, None, smooth_hz, flavour, rate_hz)
-    names = _subjects(path, plain)
+    reading = Reading(units, up or "file", floor, None, smooth_hz, flavour, rate_hz)
+    names = _subjects(path, reading)
     if len(names) < 2:
-        return {"1": _checked(_read(path, replace(plain, up=up)), path)}
-    persons: dict[str, Callable[[Reading], Found]] = {}
-    found: dict[str, Found] = {}
+        return {"1": _checked(_read(path, replace(reading, up=up)), path)}
+    readers: dict[str, Callable[[Reading], Found]] = {}
+    people: dict[str, Found] = {}
     for name in names:
         try:
             with _named(path):
-                persons[name] = _opened(path, replace(plain, subject=name))
-                found[name] = persons[name](plain)
+                readers[name] = _opened(path, replace(reading, subject=name))
+                people[name] = readers[name](reading)
         except InputError as error:
             warn(f"{name} is left out: {error}")
-    if not found:
+    if not people:
         raise InputError(f"{path}: nobody of {', '.join(names)} is complete; repair the file")
-    frames = [each.frame for each in found.values()]
-    if len({f"{each.unit_m:.4g}" for each in frames}) > 1:
-        told = ", ".join(sorted(f"{each.unit_m:.4g} m (stature {each.tall_m:.2f} m)" for each in frames))
-        raise InputError(f"{path}: by their bodies its persons have different units, {told}; give units")
+    frames = [person.frame for person in people.values()]
+    if len({f"{frame.unit_m:.4g}" for frame in frames}) > 1:
+        statures = ", ".join(sorted(f"{frame.unit_m:.4g} m (stature {frame.tall_m:.2f} m)" for frame in frames))
+        raise InputError(f"{path}: by their bodies its persons have different units, {statures}; give units")
     axis = frames[0].up
-    one_axis = all(each.up == axis for each in frames)
+    one_axis = all(frame.up == axis for frame in frames)
     if floor is None or not one_axis:
-        level = min(each.floor_m for each in found.values() if each.frame.up == axis) if floor is None else floor
-        common = replace(plain, up=plain.up if one_axis else axis, floor=level)
+        level = min(person.floor_m for person in people.values() if person.frame.up == axis) if floor is None else floor
+        common = replace(reading, up=reading.up if one_axis else axis, floor=level)
         with _named(path):
-            found = {name: persons[name](common) for name in found}
-    tilts = [f"by {each.tilt_deg:.1f} degrees as {name} stands" for name, each in found.items() if each.tilt_deg]
+            people = {name: readers[name](common) for name in people}
+    tilts = [f"by {person.tilt_deg:.1f} degrees as {name} stands" for name, person in people.items() if person.tilt_deg]
     if tilts:
         warn(
             f"{path.name} is tilted against its axis, {', '.join(tilts)}; its persons keep it: "
             "give up as a vector in the file's axes"
         )
-    return {name: _checked(each, path) for name, each in _together(found).items()}
+    return {name: _checked(motion, path) for name, motion in _together(people).items()}
 
 
 def _subjects(path: Path, reading: Reading) -> tuple[str, ...]:
@@ -194,19 +194,19 @@ NOBODY = "\x00"
 
 def _together(people: dict[str, Found]) -> dict[str, Motion]:
     """Motions cut to the time that all have, at the highest of their rates."""
-    found = {name: each.motion for name, each in people.items()}
-    starts = {name: each.start_s for name, each in people.items()}
-    rate_hz = max(each.rate_hz for each in found.values())
+    motions = {name: person.motion for name, person in people.items()}
+    starts = {name: person.start_s for name, person in people.items()}
+    rate_hz = max(motion.rate_hz for motion in motions.values())
     first = max(starts.values())
-    last = min(starts[name] + each.duration_s for name, each in found.items())
+    last = min(starts[name] + motion.duration_s for name, motion in motions.items())
     if last - first < SHORT_S:
-        raise InputError(f"{', '.join(found)} are never seen at the same time; read them one by one, by subject")
+        raise InputError(f"{', '.join(motions)} are never seen at the same time; read them one by one, by subject")
     cut = {}
-    for name, motion in found.items():
-        motion = motion if motion.rate_hz == rate_hz else resample(motion, rate_hz)
-        low, high = (min(max(t - starts[name], 0.0), motion.duration_s) for t in (first, last))
-        whole = high - low >= motion.duration_s - 1e-9
-        cut[name] = motion if whole else trim(motion, low, high)
+    for name, piece in motions.items():
+        piece = piece if piece.rate_hz == rate_hz else resample(piece, rate_hz)
+        low, high = (min(max(t - starts[name], 0.0), piece.duration_s) for t in (first, last))
+        whole = high - low >= piece.duration_s - 1e-9
+        cut[name] = piece if whole else trim(piece, low, high)
     return cut
 
 

@@ -70,7 +70,7 @@ def read_amass(arrays: Arrays) -> Tracks:
     stated_hz = stated_rate(arrays, len(poses))
     if "poses" in arrays and stated_hz is None and times_of(arrays, len(poses)) is None:
         raise InputError(f"{arrays.path} has no mocap_framerate; store it, or give rate_hz")
-    # Parameters of smplx that say none were fitted to a video.
+    # Parameters of smplx that state no rate were fitted to a video.
     rate_hz = stated_hz or (60.0 if "poses" in arrays else 30.0)
     rows, lost = filled(np.concatenate([moved, poses[:, :BODY_ANGLES]], axis=1), f"{arrays.path}", slice(3))
     moved = rows[:, :3]
@@ -79,12 +79,12 @@ def read_amass(arrays: Arrays) -> Tracks:
     about = _forward(turned)
     # A lying body rests on a floor along z as well: another axis must keep the lowest joint's level better.
     up = stance_axis({name: moved + STATURE_M * point for name, point in about.items()}, "z", margin=0.01)
-    stature, told = _stature(about, moved, rate_hz, up)
+    stature, stature_source = _stature(about, moved, rate_hz, up)
     points = {name: moved + stature * point for name, point in about.items()}
     form = "parameters of smplx" if arrays.first("global_orient") else FORMS[poses.shape[1]]
     turned = {name: turned[name] for name in points}
     tracks = Tracks(form=form, points=points, turned=turned, rate_hz=rate_hz, unit_m=1.0, up=up)
-    clause = f"bone lengths of SMPL's mean body, {stature:.2f} m tall ({told}), betas not used"
+    clause = f"bone lengths of SMPL's mean body, {stature:.2f} m tall ({stature_source}), betas not used"
     return replace(tracks.without(lost), rate_assumed=stated_hz is None).saying(clause)
 
 
@@ -101,13 +101,11 @@ def _tell_of_zeros(body: np.ndarray) -> None:
 
 def _joined(arrays: Arrays) -> np.ndarray:
     """Poses (T, 66) of files that keep the root apart."""
-    root, body = (arrays.first(*each) for each in (ROOT, BODY))
+    root, body = (arrays.first(*names) for names in (ROOT, BODY))
     if root is None or body is None:
         raise InputError(f"{arrays.path} lacks {' or '.join(BODY)}; store the body's 21 rotations beside the root's")
-    turn, rest = (
-        _vectors(arrays, root, 3),
-        _vectors(arrays, body, BODY_ANGLES - 3, BODY_ANGLES + 3),
-    )  # SMPL has two more
+    # SMPL has two joints more.
+    turn, rest = _vectors(arrays, root, 3), _vectors(arrays, body, BODY_ANGLES - 3, BODY_ANGLES + 3)
     if len(turn) != len(rest):
         raise InputError(f"{arrays.path}: {root} has {len(turn)} frames and {body} {len(rest)}; store as many of both")
     return np.concatenate([turn, rest[:, : BODY_ANGLES - 3]], axis=1)
@@ -115,12 +113,12 @@ def _joined(arrays: Arrays) -> np.ndarray:
 
 def _vectors(arrays: Arrays, name: str, *widths: int) -> np.ndarray:
     """Axis-angle vectors (T, N) of (T, N) or (T, N / 3, 3), N one of `widths`; an InputError where they are none."""
-    found = arrays.samples(name, (2, 3, 4))
-    flat = found.reshape(len(found), -1)
-    if flat.shape[1] not in widths or found.ndim == 4 or (found.ndim == 3 and found.shape[2] != 3):
+    vectors = arrays.samples(name, (2, 3, 4))
+    flat = vectors.reshape(len(vectors), -1)
+    if flat.shape[1] not in widths or vectors.ndim == 4 or (vectors.ndim == 3 and vectors.shape[2] != 3):
         raise InputError(
             f"{arrays.path}: {name} must be axis-angle vectors, {' or '.join(map(str, widths))} numbers a frame, got shape "
-            f"{found.shape}; convert rotation matrices and the like"
+            f"{vectors.shape}; convert rotation matrices and the like"
         )
     return flat
 
@@ -153,11 +151,11 @@ def _stature(about: dict[str, np.ndarray], moved: np.ndarray, rate_hz: float, ax
     each low and slow foot's speed ask for.
     """
     up, sign = "xyz".index(axis[-1]), -1.0 if axis[0] == "-" else 1.0
-    level = [each for each in range(3) if each != up]
+    level = [k for k in range(3) if k != up]
     if np.linalg.norm(np.ptp(moved[:, level], axis=0)) < 0.8 or len(moved) < 3:
         return STATURE_M, "assumed"
     root = np.diff(moved, axis=0)[:, level] * rate_hz
-    rows, wanted = [], []
+    rows, root_velocities = [], []
     for name in ("left_foot", "right_foot"):
         foot = moved + STATURE_M * about[name]
         velocity = np.diff(foot, axis=0) * rate_hz
@@ -165,13 +163,13 @@ def _stature(about: dict[str, np.ndarray], moved: np.ndarray, rate_hz: float, ax
         low = height[1:] < np.percentile(height, 5) + LOW_M
         planted = low & (np.linalg.norm(velocity, axis=-1) < SLOW_MPS)
         rows.append((np.diff(about[name], axis=0)[:, level] * rate_hz)[planted])
-        wanted.append(-root[planted])
-    slope, target = np.concatenate(rows).ravel(), np.concatenate(wanted).ravel()
+        root_velocities.append(-root[planted])
+    slope, target = np.concatenate(rows).ravel(), np.concatenate(root_velocities).ravel()
     # A median, and of fast components only: a foot that rolls or slips gives an outlier, a slow one noise over noise.
     strong = np.abs(slope) > 0.25
     if np.count_nonzero(strong) < 20:
         return STATURE_M, "assumed"
-    found = float(np.median(target[strong] / slope[strong]))
-    if not SCALES[0] <= found / STATURE_M <= SCALES[1]:
+    stature = float(np.median(target[strong] / slope[strong]))
+    if not SCALES[0] <= stature / STATURE_M <= SCALES[1]:
         return STATURE_M, "assumed"
-    return found, "at which planted feet slide least"
+    return stature, "at which planted feet slide least"

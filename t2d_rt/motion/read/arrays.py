@@ -43,8 +43,8 @@ class Arrays:
 
     def get(self, name: str) -> np.ndarray:
         """An array; an InputError where it holds Python objects or is damaged."""
-        found = self.texts[name]
-        return found if isinstance(found, np.ndarray) else _decoded(found, f"{self.path}{f': {name}' if name else ''}")
+        text = self.texts[name]
+        return text if isinstance(text, np.ndarray) else _decoded(text, f"{self.path}{f': {name}' if name else ''}")
 
     def samples(self, name: str, dims: tuple[int, ...]) -> np.ndarray:
         """As `samples_of` has them."""
@@ -55,12 +55,12 @@ class Arrays:
         name = self.first(*names)
         if name is None:
             return None
-        found = self.get(name)
-        if found.size != 1 or not np.issubdtype(found.dtype, np.number) or not np.isfinite(found).all():
+        value = self.get(name)
+        if value.size != 1 or not np.issubdtype(value.dtype, np.number) or not np.isfinite(value).all():
             raise InputError(
-                f"{self.path}: {name} must be one number, got {shown(found.item() if found.size == 1 else found)}"
+                f"{self.path}: {name} must be one number, got {shown(value.item() if value.size == 1 else value)}"
             )
-        return float(np.real(found).reshape(()))
+        return float(np.real(value).reshape(()))
 
 
 def read_arrays(path: Path) -> Arrays:
@@ -83,17 +83,17 @@ def _members(data: bytes, path: Path) -> dict[str, bytes]:
                 raise InputError(
                     f"{path} holds more than {size(MAX_BYTES)} or {MAX_ARRAYS} arrays; keep the joints only"
                 )
-            found = {}
+            members = {}
             for entry in entries:
                 with archive.open(entry) as member:
-                    found[entry.filename.removesuffix(".npy")] = member.read(entry.file_size)
+                    members[entry.filename.removesuffix(".npy")] = member.read(entry.file_size)
     except InputError:
         raise
     except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError, ValueError):
         raise InputError(f"{path} is not a valid .npz file: it is cut short or damaged") from None
-    if not found:
+    if not members:
         raise InputError(f"{path} holds no arrays; save the joints with numpy.savez")
-    return found
+    return members
 
 
 def _decoded(text: bytes, what: str) -> np.ndarray:
@@ -113,16 +113,16 @@ def _decoded(text: bytes, what: str) -> np.ndarray:
         raise InputError(f"{what} is damaged: its data cannot be read") from None
 
 
-def samples_of(found: Any, what: str, dims: tuple[int, ...]) -> np.ndarray:
+def samples_of(values: Any, what: str, dims: tuple[int, ...]) -> np.ndarray:
     """Real numbers as float64 of one of some numbers of dimensions, NaN where they are absurd; leading dimensions of 1 too many are
     dropped."""
-    if not (np.issubdtype(found.dtype, np.floating) or np.issubdtype(found.dtype, np.integer)):
-        hint = "; a radar's samples are no motion, load_recording reads them" if np.iscomplexobj(found) else ""
-        raise InputError(f"{what} must hold real numbers, got {shown(found)}{hint}")
-    while found.ndim > max(dims) and found.shape[0] == 1:
-        found = found[0]
-    if found.ndim not in dims or not found.size:
+    if not (np.issubdtype(values.dtype, np.floating) or np.issubdtype(values.dtype, np.integer)):
+        hint = "; a radar's samples are no motion, load_recording reads them" if np.iscomplexobj(values) else ""
+        raise InputError(f"{what} must hold real numbers, got {shown(values)}{hint}")
+    while values.ndim > max(dims) and values.shape[0] == 1:
+        values = values[0]
+    if values.ndim not in dims or not values.size:
         raise InputError(
-            f"{what} must have {' or '.join(map(str, dims))} dimensions and some frames, got {shown(found)}"
+            f"{what} must have {' or '.join(map(str, dims))} dimensions and some frames, got {shown(values)}"
         )
-    return plausible(found.astype(np.float64))
+    return plausible(values.astype(np.float64))

@@ -70,8 +70,8 @@ def read_asf_amc(path: Path) -> Tracks:
     missing = sorted(
         {
             bone
-            for each in ENDS.values()
-            for bone in each
+            for pair in ENDS.values()
+            for bone in pair
             if bone not in turned and not bone.endswith(("head", "toes", "fingers"))
         }
     )
@@ -97,7 +97,7 @@ def _skeleton_beside(path: Path) -> Path:
         for suffix in (".asf", ".ASF"):
             if (folder / f"{stem}{suffix}").is_file():
                 return folder / f"{stem}{suffix}"
-    others = sorted(each for each in folder.glob("*.[aA][sS][fF]"))
+    others = sorted(folder.glob("*.[aA][sS][fF]"))
     if len(others) == 1:
         return others[0]
     raise InputError(
@@ -170,8 +170,8 @@ def _degrees(word: str) -> bool:
 def _bone(block: list[list[str]], degrees: bool) -> tuple[str, Bone]:
     entries = {words[0].lower(): words[1:] for words in block}
     direction = _numbers(entries["direction"][:3])
-    angles = tuple(each.lower() for each in entries.get("dof", ()))
-    if not all(re.fullmatch(r"[rt][xyz]|l", each) for each in angles):
+    angles = tuple(angle.lower() for angle in entries.get("dof", ()))
+    if not all(re.fullmatch(r"[rt][xyz]|l", angle) for angle in angles):
         raise ValueError(angles)
     axis = _euler(entries["axis"][3], _numbers(entries["axis"][:3]), degrees)
     norm = float(np.linalg.norm(direction))
@@ -181,18 +181,18 @@ def _bone(block: list[list[str]], degrees: bool) -> tuple[str, Bone]:
 
 def _root(lines: list[list[str]], degrees: bool) -> Bone:
     entries = {words[0].lower(): words[1:] for words in lines}
-    order = tuple(each.lower() for each in entries["order"])
-    if not order or not all(re.fullmatch(r"[rt][xyz]", each) for each in order):
+    order = tuple(angle.lower() for angle in entries["order"])
+    if not order or not all(re.fullmatch(r"[rt][xyz]", angle) for angle in order):
         raise ValueError(order)
     turn = _numbers(entries.get("orientation", ["0", "0", "0"])[:3])
     return Bone(np.zeros(3), 0.0, _euler(entries["axis"][0], turn, degrees), order)
 
 
 def _numbers(words: list[str]) -> np.ndarray:
-    found = np.array([float(word) for word in words])
-    if np.isnan(plausible(found)).any():
+    values = np.array([float(word) for word in words])
+    if np.isnan(plausible(values)).any():
         raise ValueError(words)
-    return found
+    return values
 
 
 def _euler(order: str, angles: np.ndarray, degrees: bool) -> np.ndarray:
@@ -223,8 +223,8 @@ def _parents(lines: list[list[str]]) -> dict[str, str]:
 
 def _frames(path: Path, skeleton: Skeleton) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Values (T, angles) of every bone that has any, and which frames (T,) lack some."""
-    wanted = {name: len(bone.angles) for name, bone in skeleton.bones.items() if bone.angles}
-    rows: dict[str, list[list[str]]] = {name: [] for name in wanted}
+    widths = {name: len(bone.angles) for name, bone in skeleton.bones.items() if bone.angles}
+    rows: dict[str, list[list[str]]] = {name: [] for name in widths}
     numbers: list[int] = []
     count = 0
     degrees = skeleton.degrees
@@ -235,7 +235,7 @@ def _frames(path: Path, skeleton: Skeleton) -> tuple[dict[str, np.ndarray], np.n
         elif len(words) == 1 and words[0].isdigit():
             count += 1
             numbers.append(int(words[0]))
-        elif count and len(words) - 1 == wanted.get(words[0]) and len(rows[words[0]]) == count - 1:
+        elif count and len(words) - 1 == widths.get(words[0]) and len(rows[words[0]]) == count - 1:
             rows[words[0]].append(words[1:])
         else:
             raise InputError(
@@ -243,23 +243,22 @@ def _frames(path: Path, skeleton: Skeleton) -> tuple[dict[str, np.ndarray], np.n
             )
         if count > MAX_FRAMES:
             raise InputError(f"{path} has more than {MAX_FRAMES} frames; cut the motion into shorter files")
-    short = [name for name, each in rows.items() if len(each) != count]
+    short = [name for name, row in rows.items() if len(row) != count]
     if count < 2 or short:
         raise InputError(f"{path} is cut short or no AMC file: {count} frames, {shown(short)} not in all of them")
     try:
-        values = {name: np.array(each, dtype=float) for name, each in rows.items()}
+        values = {name: np.array(row, dtype=float) for name, row in rows.items()}
     except ValueError:
         raise InputError(f"{path} must hold numbers only behind the names of bones; it is damaged") from None
     table = np.concatenate(list(values.values()), axis=1)
-    place = [
-        column for column, angle in enumerate(skeleton.bones[ROOT].angles) if angle.startswith("t")
-    ]  # the root is first
-    table, lost = filled(plausible(_numbered(table, np.array(numbers))), f"{path}", place)
-    stops = np.cumsum([each.shape[1] for each in values.values()])
+    # The root's columns come first.
+    root_columns = [column for column, angle in enumerate(skeleton.bones[ROOT].angles) if angle.startswith("t")]
+    table, lost = filled(plausible(_numbered(table, np.array(numbers))), f"{path}", root_columns)
+    stops = np.cumsum([part.shape[1] for part in values.values()])
     values = dict(zip(values, np.split(table, stops[:-1], axis=1), strict=True))
-    for name, each in values.items():
-        turns = [place for place, angle in enumerate(skeleton.bones[name].angles) if angle.startswith("r")]
-        each[:, turns] = np.radians(each[:, turns]) if degrees else each[:, turns]
+    for name, value in values.items():
+        turns = [column for column, angle in enumerate(skeleton.bones[name].angles) if angle.startswith("r")]
+        value[:, turns] = np.radians(value[:, turns]) if degrees else value[:, turns]
     return values, lost
 
 
@@ -268,9 +267,9 @@ def _numbered(table: np.ndarray, numbers: np.ndarray) -> np.ndarray:
     place = numbers - numbers[0]
     if not (np.diff(numbers) > 0).all() or place[-1] >= min(2 * len(table), MAX_FRAMES):
         return table
-    found = np.full((place[-1] + 1, table.shape[1]), np.nan)
-    found[place] = table
-    return found
+    spaced = np.full((place[-1] + 1, table.shape[1]), np.nan)
+    spaced[place] = table
+    return spaced
 
 
 def _forward(

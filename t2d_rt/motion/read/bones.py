@@ -43,17 +43,17 @@ def of_bones(form: str, bones: Bones, rate_hz: float) -> Tracks:
             f"{form}: bones {shown(list(bones))} lack {', '.join(absent[:8])} of the names that are nearest, {flavour.name}; "
             "export the skeleton with its usual names"
         )
-    values: np.ndarray = np.stack([plausible(each) for each in bones.values()], axis=1)
+    values: np.ndarray = np.stack([plausible(bone) for bone in bones.values()], axis=1)
     rows, lost = filled(values.reshape(len(values), -1), form, slice(3))
     values = rows.reshape(len(rows), len(bones), -1)
-    own = values.shape[2] == 7
-    turned = values[..., 3:] if own else np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(rows), len(bones), 4))
-    # Files have four digits and more.
+    has_turns = values.shape[2] == 7
+    turned = values[..., 3:] if has_turns else np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(rows), len(bones), 4))
+    # Files write four digits or more.
     if not np.abs(np.linalg.norm(turned, axis=-1) - 1).max() < 0.05:
         raise InputError(f"{form}: rotations must be unit quaternions; the file is of another kind or damaged")
     points, turns = canonical(list(bones), flavour, values[..., :3], normalise(turned))
-    told = (f"bones named as {flavour.name}",)
-    return Tracks(form=form, points=points, turned=turns if own else {}, rate_hz=rate_hz, told=told).without(lost)
+    tracks = Tracks(form=form, points=points, turned=turns if has_turns else {}, rate_hz=rate_hz)
+    return tracks.saying(f"bones named as {flavour.name}").without(lost)
 
 
 # --- MVNX, the XML of Xsens' MVN: segments with origin [m] and quaternion w, x, y, z, z up, facing x ---
@@ -64,7 +64,7 @@ def read_mvnx(path: Path, subject: str | None = None) -> Tracks:
     data = read_bytes(path, limit=MAX_BYTES, noun="MVNX file")
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
         raise InputError(f"{path} has a document type (<!DOCTYPE), which no MVNX file needs; delete it")
-    found: dict[str, tuple[list[str], list[np.ndarray], list[float], float]] = {}
+    subjects: dict[str, tuple[list[str], list[np.ndarray], list[float], float]] = {}
     segments: list[str] = []
     rows: list[np.ndarray] = []
     times: list[float] = []
@@ -81,22 +81,22 @@ def read_mvnx(path: Path, subject: str | None = None) -> Tracks:
                         raise InputError(f"{path} has more than {MAX_FRAMES} frames; cut the motion into shorter files")
                 element.clear()
             elif tag == "subject":
-                name = printable(element.get("label", "")) or str(len(found) + 1)
-                found[name] = segments, rows, times, float(element.get("frameRate", "nan"))
+                name = printable(element.get("label", "")) or str(len(subjects) + 1)
+                subjects[name] = segments, rows, times, float(element.get("frameRate", "nan"))
                 segments, rows, times = [], [], []
     except InputError:
         raise
     except (ElementTree.ParseError, ValueError) as error:
         raise InputError(f"{path} is not a whole MVNX file ({error}); export it again") from None
-    if not found:
+    if not subjects:
         raise InputError(f"{path} has no <subject>; give the .mvnx that MVN exports")
-    tracks, who = chosen(found, subject, _of_subject)
+    tracks, who = chosen(subjects, subject, _of_subject)
     return tracks.saying(*who)
 
 
 def _segments(frame: ElementTree.Element, count: int) -> np.ndarray:
     """Places and turns x, y, z, w of all segments in a frame, (N, 7)."""
-    texts = {each.tag.rpartition("}")[2]: each.text or "" for each in frame}
+    texts = {child.tag.rpartition("}")[2]: child.text or "" for child in frame}
     if not {"position", "orientation"} <= texts.keys():
         raise InputError("its frames lack position or orientation; export both, of all segments")
     place, turn = (np.array(texts[name].split(), float) for name in ("position", "orientation"))
@@ -107,15 +107,15 @@ def _segments(frame: ElementTree.Element, count: int) -> np.ndarray:
     return np.concatenate([place.reshape(-1, 3), turn.reshape(-1, 4)[:, [1, 2, 3, 0]]], axis=1)
 
 
-def _of_subject(found: tuple[list[str], list[np.ndarray], list[float], float]) -> Tracks:
-    segments, rows, times, rate_hz = found
+def _of_subject(subject: tuple[list[str], list[np.ndarray], list[float], float]) -> Tracks:
+    segments, rows, times, rate_hz = subject
     if not rows:
         raise InputError("it holds no frames of type normal; record a motion")
     values = np.stack(rows)
     bones = {label: values[:, place] for place, label in enumerate(segments)}
-    given = np.isfinite(times).all() and len(times) > 1
+    has_times = np.isfinite(times).all() and len(times) > 1
     tracks = of_bones("MVNX", bones, rate_hz if rate_hz > 0 else 60.0)
-    clock = Times(values=np.array(times), name="time", unit_s=1e-3, rate_name="frameRate") if given else None
+    clock = Times(values=np.array(times), name="time", unit_s=1e-3, rate_name="frameRate") if has_times else None
     return replace(tracks, unit_m=1.0, up="z", times=clock, rate_assumed=not rate_hz > 0)
 
 
@@ -156,21 +156,21 @@ def _plain(rows: list[list[str]], path: Path, subject: str | None) -> Tracks:
     table = _values(rows[1:], len(header), path)
     places: dict[str, dict[str, int]] = {}
     for column, name in enumerate(header):
-        if (found := COLUMN.fullmatch(name)) is not None:
-            places.setdefault(found[1], {})[found[2].lower()] = column
+        if (match := COLUMN.fullmatch(name)) is not None:
+            places.setdefault(match[1], {})[match[2].lower()] = column
     markers = {name: table[:, [at[axis] for axis in "xyz"]] for name, at in places.items() if len(at) == 3}
     if not markers or len(markers) > MAX_MARKERS:
         raise InputError(
             f"{path} has columns {shown(header[:12])}, none of which are NAME_X, NAME_Y and NAME_Z; name the points so"
         )
-    points, told = joints_from(markers, subject)
+    points, clauses = joints_from(markers, subject)
     times = None
     for column, name in enumerate(header):
         if (match := TIME_FIELD.fullmatch(name)) is not None:
             unit_s = UNITS_S[match[1].lower()] if match[1] else None
             times = Times(values=table[:, column], name=name, unit_s=unit_s)
             break
-    return Tracks(form="CSV", points=points, rate_hz=30.0, rate_assumed=True, times=times, told=told)
+    return Tracks(form="CSV", points=points, rate_hz=30.0, rate_assumed=True, times=times, clauses=clauses)
 
 
 def _motive(rows: list[list[str]], path: Path, subject: str | None) -> Tracks:
@@ -184,8 +184,8 @@ def _motive(rows: list[list[str]], path: Path, subject: str | None) -> Tracks:
         raise InputError(
             f"{path}: Motive's table needs rows Type and Name above its frames; export it again with headers"
         )
-    said = dict(zip(map(str.lower, rows[0][::2]), rows[0][1::2], strict=False))
-    if said.get("coordinate space", "global").strip().lower() != "global":
+    header = dict(zip(map(str.lower, rows[0][::2]), rows[0][1::2], strict=False))
+    if header.get("coordinate space", "global").strip().lower() != "global":
         raise InputError(f"{path} tells bones in their parents' frames; export it with Coordinate Space: Global")
     width = len(rows[head])
     coded = [column for column, name in enumerate(rows[head]) if name.strip().lower() == "timecode"]
@@ -203,9 +203,9 @@ def _motive(rows: list[list[str]], path: Path, subject: str | None) -> Tracks:
     tracks = _of_motive(places, table, path, subject)
     rate_hz = 0.0
     with suppress(ValueError):
-        rate_hz = float(said.get("export frame rate", said.get("capture frame rate", "")))
+        rate_hz = float(header.get("export frame rate", header.get("capture frame rate", "")))
     times = Times(values=table[:, 1], name="Time", unit_s=1.0, rate_name="Export Frame Rate")
-    unit_m = UNITS_M.get(said.get("length units", "").strip().lower())
+    unit_m = UNITS_M.get(header.get("length units", "").strip().lower())
     return replace(
         tracks, rate_hz=rate_hz or 120.0, rate_assumed=not rate_hz, times=times, unit_m=unit_m, up="y", up_certain=False
     )
@@ -213,8 +213,8 @@ def _motive(rows: list[list[str]], path: Path, subject: str | None) -> Tracks:
 
 def _hip(name: str, names: Mapping[str, object]) -> str:
     """A bone's name; the root of a skeleton, which may be called as the skeleton is, is its Hip."""
-    space, _, own = name.rpartition(":")
-    called_so = own == space if space else any(other.startswith(f"{name}:") for other in names)
+    space, _, bone_name = name.rpartition(":")
+    called_so = bone_name == space if space else any(other.startswith(f"{name}:") for other in names)
     return f"{space or name}:Hip" if called_so else name
 
 
@@ -226,14 +226,14 @@ def _of_motive(
     if bones:
         turned = all({"RX", "RY", "RZ", "RW"} <= at.keys() for at in bones.values())
         columns = ("PX", "PY", "PZ", *(("RX", "RY", "RZ", "RW") if turned else ()))
-        tracks = {_hip(name, bones): table[:, [at[each] for each in columns]] for name, at in bones.items()}
+        tracks = {_hip(name, bones): table[:, [at[column] for column in columns]] for name, at in bones.items()}
 
-        def read(own: Labels) -> Tracks:
-            return of_bones("Motive", {name: tracks[label] for name, label in own.items()}, 120.0)
+        def read(labels: Labels) -> Tracks:
+            return of_bones("Motive", {name: tracks[label] for name, label in labels.items()}, 120.0)
 
-        found, who = of_labels(numbered(tracks, "#"), lambda names: nearest_flavour(names)[1], subject, read)
+        skeleton_tracks, who = of_labels(numbered(tracks, "#"), lambda names: nearest_flavour(names)[1], subject, read)
         euler = any("RX" in at for at in bones.values()) and not turned
-        return found.saying(
+        return skeleton_tracks.saying(
             *who, *(["its Euler angles are left out; export quaternions to keep rotations"] if euler else [])
         )
     markers = {
@@ -247,5 +247,5 @@ def _of_motive(
         raise InputError(
             f"{path} holds {', '.join(places) or 'nothing'} and no skeleton; export Bones, or labelled Markers of a whole person"
         )
-    points, told = joints_from(markers, subject)
-    return Tracks(form="Motive", points=points, rate_hz=120.0, told=told)
+    points, clauses = joints_from(markers, subject)
+    return Tracks(form="Motive", points=points, rate_hz=120.0, clauses=clauses)

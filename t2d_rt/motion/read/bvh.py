@@ -104,24 +104,24 @@ def forward_kinematics(
 
 
 def _with_ancestors(joints: Collection[int], parents: tuple[int, ...]) -> set[int]:
-    found: set[int] = set()
+    reached: set[int] = set()
     for joint in joints:
-        while joint >= 0 and joint not in found:
-            found.add(joint)
+        while joint >= 0 and joint not in reached:
+            reached.add(joint)
             joint = parents[joint]
-    return found
+    return reached
 
 
 def _rotations(channels: list[tuple[str, ...]], firsts: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Rotations (4, N, T) of joints against their parents, components first: about the axes of their channels, whose first columns
     (N,) of the values (T, C) these are, in turn."""
-    found = np.zeros((4, len(channels), len(values)))
-    found[3] = 1.0
+    rotations = np.zeros((4, len(channels), len(values)))
+    rotations[3] = 1.0
     for kinds in set(channels):
-        same = np.array([joint for joint, each in enumerate(channels) if each == kinds])
-        turned = found[:, same]
+        joints = np.array([joint for joint, channel in enumerate(channels) if channel == kinds])
+        turned = rotations[:, joints]
         for place in (place for place, kind in enumerate(kinds) if kind.endswith("rotation")):
-            half = 0.5 * np.radians(values[:, firsts[same] + place].T)
+            half = 0.5 * np.radians(values[:, firsts[joints] + place].T)
             sine, cosine, k = np.sin(half), np.cos(half), "xyz".index(kinds[place][0])
             i, j = (k + 1) % 3, (k + 2) % 3
             # The product of quaternions, of which the second has components k and w alone.
@@ -131,8 +131,8 @@ def _rotations(channels: list[tuple[str, ...]], firsts: np.ndarray, values: np.n
                 turned[3] * sine + cosine * turned[k],
                 turned[3] * cosine - turned[k] * sine,
             )
-        found[:, same] = turned
-    return found
+        rotations[:, joints] = turned
+    return rotations
 
 
 def _translation(channels: tuple[str, ...], values: np.ndarray, offset: np.ndarray) -> np.ndarray:
@@ -141,12 +141,12 @@ def _translation(channels: tuple[str, ...], values: np.ndarray, offset: np.ndarr
     placed = ["xyz".index(channel[0]) for channel in channels if channel.endswith("position")]
     if placed:
         moved = moved.copy()
-        given = values[:, [i for i, channel in enumerate(channels) if channel.endswith("position")]]
+        positions = values[:, [i for i, channel in enumerate(channels) if channel.endswith("position")]]
         # By the format positions add to the offset, but many writers give the whole offset again. Somebody who walks far comes
         # nearest to the truth in some frame: shifts start from nothing, whole offsets never fall to nothing.
-        from_offset, from_zero = (np.linalg.norm(given - start, axis=-1).min() for start in (offset[placed], 0.0))
+        from_offset, from_zero = (np.linalg.norm(positions - start, axis=-1).min() for start in (offset[placed], 0.0))
         repeats_offset = from_offset <= from_zero
-        moved[:, placed] = given if repeats_offset else given + offset[placed]
+        moved[:, placed] = positions if repeats_offset else positions + offset[placed]
     return moved
 
 
@@ -201,7 +201,7 @@ def _hierarchy(text: bytes, path: str | Path) -> tuple[list[str], list[int], lis
     channels: dict[int, tuple[str, ...]] = {}
     stack: list[int] = []
     opens = False  # a joint is named and its brace is to come
-    taken: set[str] = set()
+    body_names: set[str] = set()
     for token in _tokens(text, path):
         word, _, rest = token.replace(b"\t", b" ").partition(b" ")
         keyword, last = word.upper(), len(names) - 1
@@ -209,9 +209,9 @@ def _hierarchy(text: bytes, path: str | Path) -> tuple[list[str], list[int], lis
             if opens or (keyword == b"ROOT") != (not stack):
                 raise InputError(f"{path}: expected a ROOT that holds every joint, found {_shown(token)} out of place")
             if keyword == b"ROOT":
-                taken = set()  # of one body; another may have the same
+                body_names = set()  # of one body; another may have the same
             name = f"{names[stack[-1]]}:end" if keyword == b"END" else _text(rest)
-            if not name or name in taken:
+            if not name or name in body_names:
                 raise InputError(
                     f"{path}: joint name {shown(name)} is empty or occurs twice; every joint needs its own name"
                 )
@@ -221,7 +221,7 @@ def _hierarchy(text: bytes, path: str | Path) -> tuple[list[str], list[int], lis
                 )
             parents.append(stack[-1] if stack else -1)
             names.append(name)
-            taken.add(name)
+            body_names.add(name)
             opens = True
         elif keyword == b"{" and opens:
             stack.append(last)
@@ -277,11 +277,11 @@ def _channels(rest: bytes, name: str, path: str | Path) -> tuple[str, ...]:
 def _motion(text: bytes, channel_count: int, path: str | Path) -> tuple[np.ndarray, float]:
     start = MOTION.search(text, 0, MAX_HEAD_BYTES).end()  # type: ignore[union-attr]
     header: list[bytes] = []
-    for wanted in (b"frames", b"frame time"):
+    for expected_label in (b"frames", b"frame time"):
         line = LINE.match(text, start)
         assert line is not None  # of an empty text too
         label, _, value = line[1].partition(b":")
-        if b" ".join(label.lower().split()) != wanted:
+        if b" ".join(label.lower().split()) != expected_label:
             raise InputError(
                 f"{path}: MOTION must begin with 'Frames:' and 'Frame Time:'; the file is cut short or damaged"
             )

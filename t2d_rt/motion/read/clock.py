@@ -44,18 +44,18 @@ def times_of(arrays: Arrays, frames: int) -> Times | None:
     """Times of the frames in a file of arrays, if there are any."""
     rate_name = arrays.first(*RATE_FIELDS, *STEP_FIELDS) or ""
     for name, unit in _time_fields(arrays):
-        found = arrays.get(name)
-        if found.dtype.kind == "M":
-            found = found.astype("datetime64[ns]").astype(np.int64)
-        if found.dtype.kind in "US":
+        values = arrays.get(name)
+        if values.dtype.kind == "M":
+            values = values.astype("datetime64[ns]").astype(np.int64)
+        if values.dtype.kind in "US":
             with suppress(ValueError):  # dates, or no times
-                found = found.astype(np.float64)
-        if found.size > 1 and found.size == max(found.shape) and found.dtype.kind in "fiu":
-            if found.size == frames:
+                values = values.astype(np.float64)
+        if values.size > 1 and values.size == max(values.shape) and values.dtype.kind in "fiu":
+            if values.size == frames:
                 unit_s = UNITS_S[unit.lower()] if unit else None
-                return Times(values=found.ravel().astype(np.float64), name=name, unit_s=unit_s, rate_name=rate_name)
+                return Times(values=values.ravel().astype(np.float64), name=name, unit_s=unit_s, rate_name=rate_name)
             warn(
-                f"{arrays.path.name}: {name} has {found.size} entries for {frames} frames and is left unread; store one for each"
+                f"{arrays.path.name}: {name} has {values.size} entries for {frames} frames and is left unread; store one for each"
             )
     return None
 
@@ -69,9 +69,9 @@ def stated_rate(arrays: Arrays, frames: int) -> float | None:
     """The rate [Hz] that was given, or that a file of arrays states; a warning where it states another one besides."""
     if arrays.given_hz is not None:
         return arrays.given_hz
-    found = {name: arrays.scalar(name) for name in RATE_FIELDS if name in arrays}
-    found |= {name: 1.0 / step for name in STEP_FIELDS if name in arrays and (step := arrays.scalar(name))}
-    rates = {name: checked_rate(rate) for name, rate in found.items() if rate is not None}
+    stated = {name: arrays.scalar(name) for name in RATE_FIELDS if name in arrays}
+    stated |= {name: 1.0 / step for name in STEP_FIELDS if name in arrays and (step := arrays.scalar(name))}
+    rates = {name: checked_rate(rate) for name, rate in stated.items() if rate is not None}
     length_s = arrays.scalar(LENGTH_FIELD) if LENGTH_FIELD in arrays else None
     if not rates:
         return tidy(frames / length_s) if length_s else None
@@ -107,26 +107,27 @@ def on_clock(tracks: Tracks) -> Tracks:
             "reverse the times if the frames stand in their own order"
         )
         tracks, times = tracks.at(np.arange(frames)[::-1]), replace(times, values=times.values[::-1])
-    seconds, kept = _seconds(times, stated_hz)
+    seconds, in_order = _seconds(times, stated_hz)
     if seconds is None:
         return tracks.saying(f"its clock ({times.name}) tells no rate")
-    tracks = tracks.at(np.flatnonzero(kept))
-    told = [f"{frames - len(seconds)} frame(s) left out whose {times.name} does not go on"] if not kept.all() else []
+    tracks = tracks.at(np.flatnonzero(in_order))
+    lost = frames - len(seconds)
+    clauses = [f"{lost} frame(s) left out whose {times.name} does not go on"] if not in_order.all() else []
     step_s, places = _grid(seconds)
     rate_hz = tidy(1.0 / step_s)
     if places is None:
         steps = np.diff(seconds)
         rate_hz = max(1.0, float(round(1.0 / steps[steps < 1.5 * step_s].mean())))
-        told.append(f"frames {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms apart brought onto an even clock")
+        clauses.append(f"frames {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms apart brought onto an even clock")
         tracks = _resampled(tracks, seconds, rate_hz)
     elif len(places) < places[-1] + 1:
-        told.append(f"{places[-1] + 1 - len(places)} frame(s) lost by its {times.name}")
+        clauses.append(f"{places[-1] + 1 - len(places)} frame(s) lost by its {times.name}")
         tracks = _spread(tracks, places)
     if stated_hz is not None and not same_rate(rate_hz, stated_hz):
-        taken = f"{times.name}, whose steps of {1e3 * step_s:.4g} ms are {rate_hz:g} Hz, which is taken"
-        warn_of_contradiction(f"{times.rate_name} of {stated_hz:g} Hz contradicts {taken}", stated_hz)
+        chosen_clock = f"{times.name}, whose steps of {1e3 * step_s:.4g} ms are {rate_hz:g} Hz, which is taken"
+        warn_of_contradiction(f"{times.rate_name} of {stated_hz:g} Hz contradicts {chosen_clock}", stated_hz)
     checked_rate(rate_hz)
-    return replace(tracks, rate_hz=rate_hz, rate_assumed=False).saying(f"rate by its {times.name}", *told)
+    return replace(tracks, rate_hz=rate_hz, rate_assumed=False).saying(f"rate by its {times.name}", *clauses)
 
 
 def warn_of_contradiction(sentence: str, other_hz: float) -> None:
@@ -148,17 +149,17 @@ def _seconds(times: Times, stated_hz: float | None) -> tuple[np.ndarray | None, 
     """Ascending times [s] and which frames they are of, (T,); None where they are no times."""
     values = times.values - times.values[np.isfinite(times.values)][:1].sum()  # those since 1970 have no digits left
     before = np.maximum.accumulate(np.concatenate([[-np.inf], np.nan_to_num(values, nan=-np.inf)[:-1]]))
-    kept = values > before
-    ascending = values[kept]
+    in_order = values > before
+    ascending = values[in_order]
     if np.count_nonzero(values <= before) > 0.05 * len(values) and len(ascending) >= LEAST_FRAMES:
-        # Digits too few to tell neighbours apart, or no times.
+        # The digits are too few to tell neighbours apart, or these are no times.
         frames = np.arange(len(values))
         line = np.polyfit(frames, values, 1) if np.isfinite(values).all() else np.zeros(2)
         even = np.polyval(line, frames)
         coarse = line[0] > 0 and np.abs(values - even).max() <= np.diff(ascending).max()
-        kept, ascending = np.ones(len(values), bool), even if coarse else ascending[:0]
+        in_order, ascending = np.ones(len(values), bool), even if coarse else ascending[:0]
     if len(ascending) < LEAST_FRAMES:
-        return None, kept
+        return None, in_order
     step = float(np.median(np.diff(ascending)))
     unit_s = times.unit_s
     if unit_s is None and stated_hz is not None:
@@ -166,8 +167,8 @@ def _seconds(times: Times, stated_hz: float | None) -> tuple[np.ndarray | None, 
     if unit_s is None:
         unit_s = next((unit for low, high, unit in STEPS if low <= step < high), None)
     if unit_s is None or not 1e-4 < step * unit_s < 1.0:
-        return None, kept
-    return ascending * unit_s, kept
+        return None, in_order
+    return ascending * unit_s, in_order
 
 
 def _grid(seconds: np.ndarray) -> tuple[float, np.ndarray | None]:
@@ -175,7 +176,7 @@ def _grid(seconds: np.ndarray) -> tuple[float, np.ndarray | None]:
     frames, step_s = np.arange(len(seconds)), float(np.median(np.diff(seconds)))
     mean_s, start_s = np.polyfit(frames, seconds, 1).tolist()
     digit = next((10.0**-power for power in range(1, 10) if _whole(seconds * 10.0**power)), 0.0)
-    # Of the last digit, where times are rounded or cut.
+    # The error of the last digit, where times are rounded or cut.
     rounding = 0.55 * digit if digit < 0.99 * mean_s else 0.0
     # A walker's foot at 4 m/s is 3 mm off at 60 Hz by 0.05 steps.
     if np.abs(seconds - start_s - mean_s * frames).max() <= max(0.05 * mean_s, rounding):
@@ -196,9 +197,9 @@ def _whole(values: np.ndarray) -> bool:
 
 def _spread(tracks: Tracks, places: np.ndarray) -> Tracks:
     """Each frame at its place, NaN between."""
-    every = np.arange(places[-1] + 1)
-    before = np.searchsorted(places, every, side="right") - 1
-    return tracks.at(before).without(places[before] != every)
+    frames = np.arange(places[-1] + 1)
+    before = np.searchsorted(places, frames, side="right") - 1
+    return tracks.at(before).without(places[before] != frames)
 
 
 def _resampled(tracks: Tracks, seconds: np.ndarray, rate_hz: float) -> Tracks:
@@ -222,9 +223,9 @@ def _splined(track: np.ndarray, seconds: np.ndarray, even: np.ndarray, lost: np.
     """
     from scipy.interpolate import make_interp_spline
 
-    seen = np.isfinite(track).all(axis=-1)
-    if seen.sum() < 2:
+    present = np.isfinite(track).all(axis=-1)
+    if present.sum() < 2:
         return np.full((len(even), track.shape[1]), np.nan)
-    spline = make_interp_spline(seconds[seen], track[seen], k=min(3, int(seen.sum()) - 1))
-    unseen = np.interp(even, seconds, ~seen) > 0
-    return np.where((lost | unseen)[:, None], np.nan, spline(np.minimum(even, seconds[-1])))
+    spline = make_interp_spline(seconds[present], track[present], k=min(3, int(present.sum()) - 1))
+    absent = np.interp(even, seconds, ~present) > 0
+    return np.where((lost | absent)[:, None], np.nan, spline(np.minimum(even, seconds[-1])))

@@ -27,24 +27,24 @@ def complete(points: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list
     hips, shoulders = (0.5 * (at[f"left_{joint}"] + at[f"right_{joint}"]) for joint in ("hip", "shoulder"))
     trunk = median_length(shoulders - hips)
     axes = trunk * _axes(at, shoulders - hips)
-    told = []
+    clauses = []
     head = at.get("head")
     # A head so low above the shoulders is the joint of head and trunk.
     if head is not None and ((head - shoulders) * axes[..., 2]).sum(axis=-1).mean() < 0.1 * trunk**2:
         at["neck"] = at.pop("head")
-        told.append("the head's joint taken as the neck")
+        clauses.append("the head's joint taken as the neck")
     filled = [name for name in ("pelvis", "neck", "head", "spine1", "spine2", "spine3") if name not in at]
-    # 6 cm, between iClone's 2 and CMU's 10.
+    # The pelvis lies 6 cm above the hips, between iClone's 2 and CMU's 10.
     at.setdefault("pelvis", hips + 0.12 * axes[..., 2])
     at.setdefault("neck", shoulders + axes @ np.array([-0.03, 0.0, 0.21]))
     if "head" in at:
         # Sources mean the base, the middle or the top of the skull by it: its direction holds, its distance is the canonical one.
         up = at["head"] - at["neck"]
         at["head"] = at["neck"] + np.linalg.norm(HEAD) * trunk * unit(up)
-        told.append("head at the base of the skull")
+        clauses.append("head at the base of the skull")
     at.setdefault("head", at["neck"] + axes @ HEAD)
-    known = [name for name in SPINE if name in at]
-    for low, high in pairwise(known):
+    spine_joints = [name for name in SPINE if name in at]
+    for low, high in pairwise(spine_joints):
         for name, height in SPINE.items():
             if SPINE[low] < height < SPINE[high]:
                 fraction = (height - SPINE[low]) / (SPINE[high] - SPINE[low])
@@ -53,7 +53,7 @@ def complete(points: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list
         if f"{side}_collar" not in at:
             filled.append(f"{side}_collar")
             at[f"{side}_collar"] = shoulders + 0.05 * axes[..., 2] + 0.13 * (at[f"{side}_shoulder"] - shoulders)
-    return at, [*([f"filled {', '.join(filled)}"] if filled else []), *told]
+    return at, [*([f"filled {', '.join(filled)}"] if filled else []), *clauses]
 
 
 def _axes(at: dict[str, np.ndarray], up: np.ndarray) -> np.ndarray:

@@ -41,9 +41,9 @@ ENDS: Mapping[str, tuple[str, list[float]]] = tables()["humanoid3d_ends"]
 """Canonical joint that the humanoid lacks -> the joint that carries it and where."""
 
 
-def read_deepmimic(found: dict[str, Any], path: Path) -> Tracks:
+def read_deepmimic(tree: dict[str, Any], path: Path) -> Tracks:
     """Joints with the rotations of a JSON tree."""
-    frames, lost = _frames(found["Frames"], path)
+    frames, lost = _frames(tree["Frames"], path)
     steps = frames[:-1, 0] if len(frames) > 1 else frames[:, 0]
     if not (steps.min() >= SHORTEST_S and steps.max() <= LONGEST_S):
         raise InputError(
@@ -65,9 +65,9 @@ def read_deepmimic(found: dict[str, Any], path: Path) -> Tracks:
         points[name] = at[carrier] + rotate(turned[carrier], np.array(offset))
         orientations[name] = turned[carrier]
     rate_hz = tidy(1.0 / step_s, 2e-4)
-    told = ("humanoid3d's bone lengths", "feet, hands and head rigid on ankles, forearms and neck")
+    clauses = ("humanoid3d's bone lengths", "feet, hands and head rigid on ankles, forearms and neck")
     return Tracks(
-        form="DeepMimic", points=points, turned=orientations, rate_hz=rate_hz, rate_assumed=uneven, times=times, told=told,
+        form="DeepMimic", points=points, turned=orientations, rate_hz=rate_hz, rate_assumed=uneven, times=times, clauses=clauses,
         unit_m=1.0, up="y",
     ).without(lost)  # fmt: skip
 
@@ -76,13 +76,13 @@ def _frames(rows: Any, path: Path) -> tuple[np.ndarray, np.ndarray]:
     """All frames (T, 44), and which hold no pose, (T,)."""
     if not isinstance(rows, list) or not rows:
         raise InputError(f'{path} has no list "Frames"; expected a DeepMimic motion of {WIDTH} numbers a frame')
-    plain = all(
+    well_formed = all(
         isinstance(row, list)
         and len(row) == WIDTH
-        and all(type(each) in (int, float) and not abs(each) >= LARGEST for each in row)
+        and all(type(number) in (int, float) and not abs(number) >= LARGEST for number in row)
         for row in rows
     )
-    if not plain:
+    if not well_formed:
         lengths = sorted({len(row) if isinstance(row, list) else 0 for row in rows})
         raise InputError(
             f"{path}: every frame must hold {WIDTH} finite numbers; these hold {shown(lengths)}, or other than numbers"
@@ -90,7 +90,7 @@ def _frames(rows: Any, path: Path) -> tuple[np.ndarray, np.ndarray]:
     frames = np.array(rows, dtype=float)
     frames[:, 1:], lost = filled(frames[:, 1:], f"{path}", slice(3))
     # The published kick deviates by 0.42, by linear interpolation.
-    if not all((np.abs(np.linalg.norm(frames[:, each], axis=-1) - 1) < 0.5).all() for each in QUATERNIONS):
+    if not all((np.abs(np.linalg.norm(frames[:, columns], axis=-1) - 1) < 0.5).all() for columns in QUATERNIONS):
         raise InputError(
             f"{path}: rotations must be unit quaternions w, x, y, z; the file is of another character or damaged"
         )

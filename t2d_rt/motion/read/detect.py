@@ -145,7 +145,7 @@ def up_axis(points: dict[str, np.ndarray], rest: dict[str, np.ndarray] | None = 
     if other == axis or not _standing_fraction(still, other) > 0.0:
         return axis
     tall = stature_m(points)
-    spread = {each: floor_spread(points, each) for each in (axis, other)}
+    spread = {candidate: floor_spread(points, candidate) for candidate in (axis, other)}
     steady, loose = sorted(spread, key=spread.__getitem__)
     if spread[loose] > 0.1 * tall and spread[steady] < 0.5 * spread[loose]:
         return steady
@@ -158,28 +158,28 @@ def up_axis(points: dict[str, np.ndarray], rest: dict[str, np.ndarray] | None = 
     return axis
 
 
-def stance_axis(points: dict[str, np.ndarray], own: Up | None, *, margin: float = 0.0) -> Up:
-    """The format's `own` upward axis, unless the body stands along another one, whose floor it keeps better.
+def stance_axis(points: dict[str, np.ndarray], nominal: Up | None, *, margin: float = 0.0) -> Up:
+    """The format's `nominal` upward axis, unless the body stands along another one, whose floor it keeps better.
 
     margin: by how much better, in statures. One who keeps either floor and stands on the other axis's zero is a doubt.
     """
-    found = up_axis(points)
-    if own is None or found == own:
-        return found
+    axis = up_axis(points)
+    if nominal is None or axis == nominal:
+        return axis
     posture = ankles_to_head(points)
-    along = abs(np.median(posture, axis=0)["xyz".index(found[-1])])
+    along = abs(np.median(posture, axis=0)["xyz".index(axis[-1])])
     if not along > 0.8 * float(np.percentile(norms(posture), 90)):
-        return own
-    better = floor_spread(points, own) - floor_spread(points, found)
+        return nominal
+    better = floor_spread(points, nominal) - floor_spread(points, axis)
     if better > margin * stature_m(points):
-        return found
-    lowest = np.median(np.min([track @ _along(found) for track in points.values()], axis=0))
+        return axis
+    lowest = np.median(np.min([track @ _along(axis) for track in points.values()], axis=0))
     if better > 0 and abs(lowest) < 0.1 * stature_m(points):
         warn(
-            f"the body is upright along {found} throughout and rests on {found} = 0, but files of this format have {own} up: "
-            f"up is taken as {own}; give up={found!r} (--motion.up {found}) if the person stands"
+            f"the body is upright along {axis} throughout and rests on {axis} = 0, but files of this format have {nominal} up: "
+            f"up is taken as {nominal}; give up={axis!r} (--motion.up {axis}) if the person stands"
         )
-    return own
+    return nominal
 
 
 def ankles_to_head(points: dict[str, np.ndarray]) -> np.ndarray:

@@ -45,10 +45,10 @@ class _Gltf:
 
     def list(self, name: str) -> list[Any]:
         """One of its lists of objects."""
-        found = self.tree.get(name, [])
-        if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
+        objects = self.tree.get(name, [])
+        if not isinstance(objects, list) or not all(isinstance(item, dict) for item in objects):
             raise InputError(f"{self.path}: {name} must be a list of objects; the file is damaged")
-        return found
+        return objects
 
     def numbers(self, accessor: int) -> np.ndarray:
         """The rows (K, N) of an accessor."""
@@ -66,14 +66,14 @@ class _Gltf:
                 )
             if not (0 < count <= 1_000_000 and start >= 0 and row <= step <= 255):
                 raise ValueError
-            found = np.ndarray((count, width), kind, self.binary, start, (step, np.dtype(kind).itemsize))
+            values = np.ndarray((count, width), kind, self.binary, start, (step, np.dtype(kind).itemsize))
         except InputError:
             raise
         except (KeyError, IndexError, TypeError, ValueError, OverflowError):
             raise InputError(
                 f"{self.path}: accessor {accessor} cannot be read; the file is cut short or damaged"
             ) from None
-        return np.maximum(found.astype(float) / whole, -1.0) if whole > 1 else found.astype(float)
+        return np.maximum(values.astype(float) / whole, -1.0) if whole > 1 else values.astype(float)
 
 
 def read_gltf(path: Path) -> RawSkeleton:
@@ -85,15 +85,15 @@ def read_gltf(path: Path) -> RawSkeleton:
     if not nodes or len(nodes) > MAX_NODES:
         raise InputError(f"{path} holds {len(nodes)} nodes; expected 1 to {MAX_NODES}")
     if len(animations) > 1:
-        known = [printable(str(each.get("name", number)))[:60] for number, each in enumerate(animations)]
+        titles = [printable(str(entry.get("name", number)))[:60] for number, entry in enumerate(animations)]
         warn(
-            f"{path.name} holds {len(animations)} animations, {', '.join(known[:9])}: the first is read; export one alone"
+            f"{path.name} holds {len(animations)} animations, {', '.join(titles[:9])}: the first is read; export one alone"
         )
     above = _parents(nodes, path)
     moved = _channels(file, animations[0], len(nodes))
     times, rate_hz = _clock(moved, path)
     joints = _joints(file, nodes, above, {node for node, _ in moved})
-    # Of 128 bytes each: ten minutes of 100 joints at 60 Hz.
+    # Each transform takes 128 bytes; the limit is ten minutes of 100 joints at 60 Hz.
     if len(times) * len(nodes) > 4_000_000:
         raise InputError(
             f"{path}: {len(times)} frames of {len(nodes)} nodes are too many; cut the motion, or export the bones alone"
@@ -127,11 +127,11 @@ def _opened(path: Path) -> _Gltf:
     return _Gltf(path, tree, binary)
 
 
-def _list_of(found: Any, path: Path) -> list[Any]:
+def _list_of(numbers: Any, path: Path) -> list[Any]:
     """Numbers of nodes."""
-    if not isinstance(found, list) or not all(type(each) is int for each in found):
-        raise InputError(f"{path}: nodes must be listed by their numbers, got {shown(found)}; the file is damaged")
-    return found
+    if not isinstance(numbers, list) or not all(type(number) is int for number in numbers):
+        raise InputError(f"{path}: nodes must be listed by their numbers, got {shown(numbers)}; the file is damaged")
+    return numbers
 
 
 def _parents(nodes: list[Any], path: Path) -> list[int]:
@@ -147,7 +147,7 @@ def _parents(nodes: list[Any], path: Path) -> list[int]:
 
 def _channels(file: _Gltf, animation: dict[str, Any], nodes: int) -> dict[tuple[int, str], Curve]:
     """Keys by node and by what of it they move."""
-    found: dict[tuple[int, str], Curve] = {}
+    curves: dict[tuple[int, str], Curve] = {}
     try:
         for channel in animation["channels"]:
             node, what = channel["target"].get("node"), channel["target"]["path"]
@@ -160,37 +160,37 @@ def _channels(file: _Gltf, animation: dict[str, Any], nodes: int) -> dict[tuple[
             sound = np.isfinite(keys).all() and np.isfinite(values).all() and (np.diff(keys) > 0).all()
             if not (fits and sound and 0 <= node < nodes and values.shape[1] == len(DEFAULTS[what])):
                 raise InputError(f"{file.path}: the keys of node {node} are not times in order with a {what} each")
-            found[node, what] = keys, values, how
+            curves[node, what] = keys, values, how
     except (KeyError, IndexError, TypeError, AttributeError):
         raise InputError(f"{file.path}: its animation cannot be read; the file is damaged") from None
-    if not found:
+    if not curves:
         raise InputError(f"{file.path}: its animation moves no node; export one of a skeleton")
-    return found
+    return curves
 
 
 def _clock(moved: Mapping[tuple[int, str], Curve], path: Path) -> tuple[np.ndarray, float]:
     """Instants [s] from the first key to the last one and their rate, that of the keys that lie nearest."""
-    every = np.unique(np.concatenate([keys for keys, *_ in moved.values()]))
+    instants = np.unique(np.concatenate([keys for keys, *_ in moved.values()]))
     steps = np.concatenate([np.diff(keys) for keys, *_ in moved.values()])
     if not len(steps):
         raise InputError(f"{path}: its animation has a single instant; a motion needs at least 2 frames")
     rate_hz = min(tidy(1.0 / float(np.percentile(steps, 5)), 5e-3), 240.0)
-    count = round(float(every[-1] - every[0]) * rate_hz) + 1
+    count = round(float(instants[-1] - instants[0]) * rate_hz) + 1
     if not 2 <= count <= MAX_FRAMES:
         raise InputError(f"{path}: {count} frames at {rate_hz:g} Hz; expected 2 to {MAX_FRAMES}")
-    return np.minimum(every[0] + np.arange(count) / rate_hz, every[-1]), rate_hz
+    return np.minimum(instants[0] + np.arange(count) / rate_hz, instants[-1]), rate_hz
 
 
 def _joints(file: _Gltf, nodes: list[Any], above: list[int], moved: set[int]) -> list[int]:
     """The nodes that are joints, parents before children."""
-    wanted = {node for skin in file.list("skins") for node in _list_of(skin.get("joints", []), file.path)} or set(moved)
-    if not all(isinstance(node, int) and 0 <= node < len(nodes) for node in wanted):
+    joints = {node for skin in file.list("skins") for node in _list_of(skin.get("joints", []), file.path)} or set(moved)
+    if not all(isinstance(node, int) and 0 <= node < len(nodes) for node in joints):
         raise InputError(f"{file.path}: a skin names a joint that is no node; the file is damaged")
     if not file.list("skins"):  # ends of limbs are not animated
-        wanted |= {node for node in range(len(nodes)) if above[node] in wanted and "mesh" not in nodes[node]}
-    if len(wanted) > MAX_JOINTS:
-        raise InputError(f"{file.path} has {len(wanted)} joints, more than {MAX_JOINTS}")
-    return [node for node in _downward(above, file.path) if node in wanted]
+        joints |= {node for node in range(len(nodes)) if above[node] in joints and "mesh" not in nodes[node]}
+    if len(joints) > MAX_JOINTS:
+        raise InputError(f"{file.path} has {len(joints)} joints, more than {MAX_JOINTS}")
+    return [node for node in _downward(above, file.path) if node in joints]
 
 
 def _downward(above: list[int], path: Path) -> list[int]:
@@ -210,17 +210,17 @@ def _global(
     nodes: list[Any], above: list[int], moved: Mapping[tuple[int, str], Curve], times: np.ndarray, path: Path
 ) -> dict[int, np.ndarray]:
     """Transforms (T, 4, 4) of all nodes to the scene's axes."""
-    found: dict[int, np.ndarray] = {}
+    transforms: dict[int, np.ndarray] = {}
     for node in _downward(above, path):
         try:
-            own = _own(nodes[node], {what: moved[node, what] for what in DEFAULTS if (node, what) in moved}, times)
+            local = _local(nodes[node], {what: moved[node, what] for what in DEFAULTS if (node, what) in moved}, times)
         except (TypeError, ValueError):
             raise InputError(f"{path}: the transform of node {node} is none; the file is damaged") from None
-        found[node] = own if above[node] < 0 else found[above[node]] @ own
-    return found
+        transforms[node] = local if above[node] < 0 else transforms[above[node]] @ local
+    return transforms
 
 
-def _own(node: dict[str, Any], moved: Mapping[str, Curve], times: np.ndarray) -> np.ndarray:
+def _local(node: dict[str, Any], moved: Mapping[str, Curve], times: np.ndarray) -> np.ndarray:
     """The transforms (T, 4, 4), or (1, 4, 4) where nothing moves it, of a node against the one above."""
     if "matrix" in node and not moved:
         return np.array(node["matrix"], float).reshape(1, 4, 4).swapaxes(1, 2)

@@ -81,27 +81,27 @@ def levelled(tracks: Tracks, up: object) -> tuple[Tracks, Ground | None]:
 
     up: what the user said. An axis or a vector is kept, with a warning where the motion is tilted against it; "file" without.
     """
-    found = ground(tracks.points, tracks.rate_hz)
-    if found is None:
+    floor = ground(tracks.points, tracks.rate_hz)
+    if floor is None:
         return tracks, None
-    seen = f"planted feet rise by {found.rise_m:.2f} m against the axis, residual {1e3 * found.residual_m:.0f} mm"
-    if not found.tilted:
-        return tracks.saying(f"the floor inclines ({seen}) under an upright body and is kept"), found
+    rise = f"planted feet rise by {floor.rise_m:.2f} m against the axis, residual {1e3 * floor.residual_m:.0f} mm"
+    if not floor.tilted:
+        return tracks.saying(f"the floor inclines ({rise}) under an upright body and is kept"), floor
     if up is not None:
         if not (isinstance(up, str) and up == "file"):
             warn(
-                f"floor and body are tilted together by {found.angle_deg:.1f} degrees ({seen}), as a tilted camera sees them; "
-                "leave up (--motion.up) out to have them levelled"
+                f"floor and body are tilted together by {floor.angle_deg:.1f} degrees ({rise}), as a tilted camera "
+                "sees them; leave up (--motion.up) out to have them levelled"
             )
-        return tracks.saying(f"tilted by {found.angle_deg:.1f} degrees ({seen})"), found
-    turn = between(found.vertical, np.array([0.0, 0.0, 1.0]))
+        return tracks.saying(f"tilted by {floor.angle_deg:.1f} degrees ({rise})"), floor
+    turn = between(floor.vertical, np.array([0.0, 0.0, 1.0]))
     level = replace(
         tracks,
         points={name: rotate(turn, track) for name, track in tracks.points.items()},
         turned={name: multiply(turn, track) for name, track in tracks.turned.items()},
     )
-    told = f"turned level by {found.angle_deg:.1f} degrees, as planted feet and balance have it ({seen})"
-    return level.saying(told), found
+    clause = f"turned level by {floor.angle_deg:.1f} degrees, as planted feet and balance have it ({rise})"
+    return level.saying(clause), floor
 
 
 def ground(points: dict[str, np.ndarray], rate_hz: float) -> Ground | None:
@@ -147,10 +147,10 @@ def planted_feet(
     ankles = [averaged(points[f"{side}_ankle"], width) for side in ("left", "right")]
     legs = [points[f"{side}_hip"] - points[f"{side}_ankle"] for side in ("left", "right")]
     carries = [upright & (norms(leg) > EXTENDED * length) & (unit(leg)[:, 2] > UPRIGHT_LEG) for leg in legs]
-    found = carries[0] | carries[1]
-    if not found.any():
+    standing = carries[0] | carries[1]
+    if not standing.any():
         return carries[0], carries[1]
-    axis = unit(np.median((hips - 0.5 * (ankles[0] + ankles[1]))[found], axis=0))
+    axis = unit(np.median((hips - 0.5 * (ankles[0] + ankles[1]))[standing], axis=0))
     most = max(SLOW_MPS, SLOW_PART * float(np.median(_speed(averaged(hips, width), rate_hz))))
     planted = []
     for side, other in ((0, 1), (1, 0)):
@@ -197,7 +197,7 @@ def _balance(
     both = planted[0] & planted[1]
     one = [vectors[flags & ~both] for vectors, flags in zip((left, right), planted, strict=True)]
     total, frames = (0.5 * (left + right))[both].sum(axis=0), int(both.sum())
-    if min(len(each) for each in one) > 2:
+    if min(len(stance) for stance in one) > 2:
         total = total + 0.5 * (len(one[0]) + len(one[1])) * (one[0].mean(axis=0) + one[1].mean(axis=0))
         frames += len(one[0]) + len(one[1])
     return (unit(total) if frames else None), frames
@@ -266,8 +266,8 @@ def rooted(tracks: Tracks, root: Root | None) -> Tracks:
         if fixed:
             shift[:, 2] = lowest[0] - averaged(lowest, GROUND_SMOOTH_S * rate_hz)
         shift = shift if turn is None else rotate(conjugate(turn), shift)
-        told = f"root motion from planted feet, {_path_m(ground, rate_hz) * rate_hz / len(hips):.2f} m/s"
-        return replace(tracks, points={name: track + shift for name, track in points.items()}).saying(told)
+        clause = f"root motion from planted feet, {_path_m(ground, rate_hz) * rate_hz / len(hips):.2f} m/s"
+        return replace(tracks, points={name: track + shift for name, track in points.items()}).saying(clause)
     if not fixed and upright_trunk(points).mean() <= 0.5:
         return tracks
     gone_m = _path_m(np.gradient(hips, 1.0 / rate_hz, axis=0)[:, :2], rate_hz)
@@ -308,7 +308,7 @@ def _ground_mps(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndarr
 
     Feet stand on that point of theirs below which the ground goes most steadily.
     """
-    found = []
+    candidates = []
     for tip in TIPS:
         feet = np.stack(
             [(1 + tip) * points[f"{side}_foot"] - tip * points[f"{side}_ankle"] for side in ("left", "right")], axis=1
@@ -326,8 +326,8 @@ def _ground_mps(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndarr
             if len(stands) > 0.25 * len(frames):
                 ground = np.stack([np.interp(frames, stands, column[stands]) for column in ground.T], axis=-1)
         steady = _path_m(ground, rate_hz) / max(float(norms(ground).sum()) / rate_hz, 1e-9)
-        found.append((steady, ground, lowest))
-    _, ground, lowest = max(found, key=itemgetter(0))
+        candidates.append((steady, ground, lowest))
+    _, ground, lowest = max(candidates, key=itemgetter(0))
     return averaged(ground, GROUND_SMOOTH_S * rate_hz), lowest
 
 

@@ -27,7 +27,7 @@ CHAINS = ((0, 2, 5, 8, 11), (0, 1, 4, 7, 10), (0, 3, 6, 9, 12, 15), (9, 14, 17, 
 _REST = "oo +x -x +y -y -y +y -y -y +y +z +z +y +x -x +z -y -y -y -y -y -y"
 _DIRECTIONS = {f"{sign}{axis}": float(f"{sign}1") * np.eye(3)["xyz".index(axis)] for sign in "+-" for axis in "xyz"}
 
-REFERENCE = np.array([_DIRECTIONS.get(each, np.zeros(3)) for each in _REST.split(" ")])
+REFERENCE = np.array([_DIRECTIONS.get(word, np.zeros(3)) for word in _REST.split(" ")])
 """Direction of the bone that ends at each joint, where its rotation is none."""
 
 
@@ -54,7 +54,7 @@ def read_vectors(vectors: np.ndarray) -> Tracks:
     rows, lost = filled(vectors, "the HumanML3D vectors (T, 263)")
     # Steps and turns add up: they are bridged before, however long, and long gaps are cut away afterwards.
     vectors = spline(rows, lost)
-    joints, seen, steps = decode(vectors)
+    joints, directions, steps = decode(vectors)
     tracks = read_joints(joints)
     if not unlikeness(tracks.points) < LEAST_LIKELY:
         raise InputError(
@@ -64,15 +64,15 @@ def read_vectors(vectors: np.ndarray) -> Tracks:
     parents = {joint: chain[i] for chain in CHAINS for i, joint in enumerate(chain[1:])}
     bones = np.stack([joints[:, j] - joints[:, parents[j]] for j in range(1, 22)], axis=1)
     # Rotations count from the direction faced, smoothed in time, positions from the first frame's: one angle about y lies between.
-    sine = (bones[..., 0] * seen[..., 2] - bones[..., 2] * seen[..., 0]).sum()
-    between = np.arctan2(sine, (bones[..., [0, 2]] * seen[..., [0, 2]]).sum())
-    cosine = (bones * _about_y(np.full(bones.shape[:2], between), seen)).sum(axis=-1)
+    sine = (bones[..., 0] * directions[..., 2] - bones[..., 2] * directions[..., 0]).sum()
+    between = np.arctan2(sine, (bones[..., [0, 2]] * directions[..., [0, 2]]).sum())
+    cosine = (bones * _about_y(np.full(bones.shape[:2], between), directions)).sum(axis=-1)
     cosine /= np.maximum(np.linalg.norm(bones, axis=-1), 1e-9)
-    told = (
+    clauses = (
         f"its joint steps agree with the positions within {1e3 * moved:.1f} mm",
         f"its 6D rotations within {np.degrees(np.arccos(np.clip(cosine, -1, 1)).mean()):.1f} degrees",
     )
-    return replace(tracks, form="HumanML3D vectors", told=told).without(lost)
+    return replace(tracks, form="HumanML3D vectors", clauses=clauses).without(lost)
 
 
 def read_joints(joints: np.ndarray) -> Tracks:
@@ -94,12 +94,12 @@ def _directions(six: np.ndarray, heading: np.ndarray) -> np.ndarray:
     third = np.cross(first, six[..., 3:])
     third /= np.maximum(np.linalg.norm(third, axis=-1, keepdims=True), 1e-12)
     local = np.stack([first, np.cross(third, first), third], axis=-1)
-    found = np.zeros((len(six), 22, 3))
+    directions = np.zeros((len(six), 22, 3))
     # Chains begin with the rotation of the world into the root's axes, the inverse of the heading.
     axes = np.stack([_about_y(-heading, np.tile(axis, (len(heading), 1))) for axis in np.eye(3)], axis=-1)
     for chain in CHAINS:
         turned = axes
         for joint in chain[1:]:
             turned = turned @ local[:, joint - 1]
-            found[:, joint] = turned @ REFERENCE[joint]
-    return found[:, 1:]
+            directions[:, joint] = turned @ REFERENCE[joint]
+    return directions[:, 1:]

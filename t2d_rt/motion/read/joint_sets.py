@@ -41,22 +41,22 @@ def canonical_sources(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     if set(CANONICAL_JOINTS) <= set(names):
         return {joint: (joint,) for joint in PARENT_OF if joint in names}
     parts = {side_and_part(name): name for name in reversed(names)}
-    found: dict[str, tuple[str, ...]] = {}
+    sources: dict[str, tuple[str, ...]] = {}
     for side, prefix, section in (
         ("left", "left_", "sided_parts"),
         ("right", "right_", "sided_parts"),
         ("", "", "central_parts"),
     ):
-        taken: set[str] = set()
-        for joint, known in tables()[section].items():
-            part = next((part for part in known.split() if (side, part) in parts and part not in taken), None)
+        used: set[str] = set()
+        for joint, part_names in tables()[section].items():
+            part = next((part for part in part_names.split() if (side, part) in parts and part not in used), None)
             if part is not None:
-                found[f"{prefix}{joint}"] = (parts[side, part],)
-                taken.add(part)
+                sources[f"{prefix}{joint}"] = (parts[side, part],)
+                used.add(part)
     ears = tuple(parts[side, "ear"] for side in ("left", "right") if (side, "ear") in parts)
-    if "head" not in found and len(ears) == 2:
-        found["head"] = ears
-    return found
+    if "head" not in sources and len(ears) == 2:
+        sources["head"] = ears
+    return sources
 
 
 def side_and_part(name: str) -> tuple[str, str]:

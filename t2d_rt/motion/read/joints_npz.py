@@ -25,7 +25,7 @@ from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.motion.skeletons import tables
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
-# --- kimodo's .npz -> tracks: posed_joints (T, 30, 3) [m], global_rot_mats (T, 30, 3, 3), 30 frames a second, y up,
+# --- Kimodo's .npz -> tracks: posed_joints (T, 30, 3) [m], global_rot_mats (T, 30, 3, 3), 30 frames a second, y up,
 # facing z ---
 
 
@@ -92,19 +92,19 @@ def read_plain(arrays: Arrays, subject: str | None = None) -> Tracks:
     what = f"{arrays.path}: {key or 'the array'}"
     values, who = chosen(persons, None if "" in persons else subject, partial(samples_of, what=what, dims=(2, 3)))
     tracks = _of_one(values, arrays, subject if "" in persons else None)
-    return replace(tracks, told=(*who, *tracks.told))
+    return replace(tracks, clauses=(*who, *tracks.clauses))
 
 
 def _persons(arrays: Arrays, key: str) -> dict[str, np.ndarray]:
     """Persons by number of an array (T, P, K, 3) or (P, T, K, 3), those who are seen at all; an only one has no name."""
-    found = arrays.get(key)
-    if found.ndim != 4 or found.shape[3] not in (3, 4, 5) or min(found.shape) < 2 or found.dtype.kind not in "fiu":
-        return {"": found}
-    people = np.moveaxis(found, int(found.shape[1] < found.shape[0]), 0)
+    array = arrays.get(key)
+    if array.ndim != 4 or array.shape[3] not in (3, 4, 5) or min(array.shape) < 2 or array.dtype.kind not in "fiu":
+        return {"": array}
+    people = np.moveaxis(array, int(array.shape[1] < array.shape[0]), 0)
     if len(people) > 30:
-        return {"": found}
-    there = {str(number): each for number, each in enumerate(people, 1) if np.nan_to_num(each).any()}
-    return there if len(there) > 1 else {"": next(iter(there.values()), found)}
+        return {"": array}
+    present = {str(number): person for number, person in enumerate(people, 1) if np.nan_to_num(person).any()}
+    return present if len(present) > 1 else {"": next(iter(present.values()), array)}
 
 
 def _of_one(values: np.ndarray, arrays: Arrays, subject: str | None) -> Tracks:
@@ -115,26 +115,26 @@ def _of_one(values: np.ndarray, arrays: Arrays, subject: str | None) -> Tracks:
         check_only(subject)
         if values.ndim == 2 and values.shape[1] == WIDTH:
             return _at_rate(read_vectors(values), arrays)
-        joints, told = _joints(values, arrays, names)
-        return _at_rate(_in_order(joints, arrays), arrays).saying(*told)
-    (joints, laid), labels = _joints(values, arrays, names), numbered(names, "#")
+        joints, clauses = _joints(values, arrays, names)
+        return _at_rate(_in_order(joints, arrays), arrays).saying(*clauses)
+    (joints, layout), labels = _joints(values, arrays, names), numbered(names, "#")
     if len(set(names)) < len(names) and not subjects(labels, absent_joints):
         named_points(joints, names)  # refuses names that are repeated by mistake
     place = {label: number for number, label in enumerate(labels)}
     (points, sources), who = of_labels(labels, absent_joints, subject, partial(_of_subject, joints, place))
-    told = (
-        *who, f"{len({each for source in sources.values() for each in source})} of its {len(names)} named joints", *laid,
+    clauses = (
+        *who, f"{len({name for source in sources.values() for name in source})} of its {len(names)} named joints", *layout,
     )  # fmt: skip
     return _at_rate(
-        Tracks(form="named joints", points=points, rate_hz=NAMED_RATE_HZ, told=told, up=_up(arrays)), arrays
+        Tracks(form="named joints", points=points, rate_hz=NAMED_RATE_HZ, clauses=clauses, up=_up(arrays)), arrays
     )
 
 
 def _of_subject(
-    joints: np.ndarray, place: Mapping[str, int], own: Labels
+    joints: np.ndarray, place: Mapping[str, int], labels: Labels
 ) -> tuple[dict[str, np.ndarray], dict[str, tuple[str, ...]]]:
     """Points of the subject who has these labels, and which of them stand for which joint."""
-    return named_points(joints[:, [place[each] for each in own.values()]], tuple(own))
+    return named_points(joints[:, [place[label] for label in labels.values()]], tuple(labels))
 
 
 def _at_rate(tracks: Tracks, arrays: Arrays) -> Tracks:
@@ -145,18 +145,18 @@ def _at_rate(tracks: Tracks, arrays: Arrays) -> Tracks:
 def _joints(values: np.ndarray, arrays: Arrays, names: Sequence[str] | None) -> tuple[np.ndarray, tuple[str, ...]]:
     """(T, K, 3), and clauses on how they were found: from (T, K, 3), with a confidence behind each point or without, from (T, 3 K),
     all of a joint or all x first (MARS), or from (K, 3, T) as motion diffusion models write it."""
-    told: tuple[str, ...] = ()
+    clauses: tuple[str, ...] = ()
     if values.ndim == 3 and values.shape[2] in (4, 5) and values.shape[1] != 3:
-        values, told = _of_confidence(values, arrays.path)
-    laid = _layouts(values)
-    fitting = [each for each in laid.values() if each.shape[1] <= MOST_JOINTS]
+        values, clauses = _of_confidence(values, arrays.path)
+    layouts = _layouts(values)
+    fitting = [layout for layout in layouts.values() if layout.shape[1] <= MOST_JOINTS]
     if not fitting:
         raise InputError(f"{arrays.path} holds an array of shape {shown(values.shape)}; expected {FORMS}")
-    if names is not None and all(len(names) != each.shape[1] for each in fitting):
+    if names is not None and all(len(names) != layout.shape[1] for layout in fitting):
         raise InputError(f"{arrays.path} names {len(names)} joints but holds {fitting[0].shape[1]}")
-    found = {how: seen(each) for how, each in laid.items() if each.shape[1] <= MOST_JOINTS}
-    how = min(found, key=lambda each: _unlikely(found[each], names)) if len(found) > 1 else next(iter(found))
-    return found[how], (*told, how) if how else told
+    joints = {label: seen(layout) for label, layout in layouts.items() if layout.shape[1] <= MOST_JOINTS}
+    how = min(joints, key=lambda label: _unlikely(joints[label], names)) if len(joints) > 1 else next(iter(joints))
+    return joints[how], (*clauses, how) if how else clauses
 
 
 def _layouts(values: np.ndarray) -> dict[str, np.ndarray]:
@@ -184,17 +184,17 @@ def _unlikely(joints: np.ndarray, names: Sequence[str] | None) -> float:
 
 def _of_confidence(values: np.ndarray, path: Path) -> tuple[np.ndarray, tuple[str, ...]]:
     """Points (T, K, 3) of an estimator, NaN where its confidence is none, and what is told of it."""
-    points, sure = values[..., :3], values[..., 3]
-    known = np.isfinite(sure)
-    if not ((sure[known] >= 0) & (sure[known] <= 1)).all():
+    points, confidence = values[..., :3], values[..., 3]
+    stated = np.isfinite(confidence)
+    if not ((confidence[stated] >= 0) & (confidence[stated] <= 1)).all():
         raise InputError(
-            f"{path}: the fourth number of each point must be a confidence from 0 to 1, got {shown(np.nanmax(np.abs(sure)))}; "
-            "store x, y, z alone if it is another"
+            f"{path}: the fourth number of each point must be a confidence from 0 to 1, got "
+            f"{shown(np.nanmax(np.abs(confidence)))}; store x, y, z alone if it is another"
         )
-    unseen, guessed = ~(sure > 0), known & (sure > 0) & (sure < SURE)
-    told = [f"{np.mean(unseen):.1%} of the points have no confidence and count as not seen"] * bool(unseen.any())
-    told += [f"{np.mean(guessed):.1%} of the points have a confidence under {SURE:g}"] * bool(guessed.any())
-    return np.where(unseen[..., None], np.nan, points), tuple(told)
+    unseen, guessed = ~(confidence > 0), stated & (confidence > 0) & (confidence < SURE)
+    clauses = [f"{np.mean(unseen):.1%} of the points have no confidence and count as not seen"] * bool(unseen.any())
+    clauses += [f"{np.mean(guessed):.1%} of the points have a confidence under {SURE:g}"] * bool(guessed.any())
+    return np.where(unseen[..., None], np.nan, points), tuple(clauses)
 
 
 def _in_order(joints: np.ndarray, arrays: Arrays) -> Tracks:
@@ -206,12 +206,12 @@ def _in_order(joints: np.ndarray, arrays: Arrays) -> Tracks:
         )
         raise InputError(
             f"{arrays.path}: {joints.shape[1]} joints without names{unseen} make no person in any known order "
-            f"({', '.join(f'{name}: {len(each)}' for name, each in ORDERS.items())}); store their `names`"
+            f"({', '.join(f'{name}: {len(joint_names)}' for name, joint_names in ORDERS.items())}); store their `names`"
         )
     if order == "HumanML3D":
         tracks = read_joints(joints[:, : len(CANONICAL_JOINTS)])
         more = joints.shape[1] - len(CANONICAL_JOINTS)
-        return tracks if not more else replace(tracks, told=(f"the first 22 of its {joints.shape[1]} joints",))
+        return tracks if not more else replace(tracks, clauses=(f"the first 22 of its {joints.shape[1]} joints",))
     if order.startswith("MediaPipe") and np.nanmin(joints[..., :2]) >= 0 and np.nanmax(joints[..., :2]) <= 1:
         raise InputError(
             f"{arrays.path} holds MediaPipe's landmarks in the picture, x and y from 0 to 1, of which no lengths follow; store its "
@@ -226,17 +226,17 @@ def _names(arrays: Arrays) -> tuple[str, ...] | None:
     key = arrays.first("names", "joint_names", "joints_names")
     if key is None:
         return None
-    found = arrays.get(key)
-    if found.ndim != 1 or found.dtype.kind not in "US":
-        raise InputError(f"{arrays.path}: {key} must be a list of joint names, got {shown(found)}")
-    return tuple(each.decode("utf-8", "replace") if isinstance(each, bytes) else str(each) for each in found.tolist())
+    stored = arrays.get(key)
+    if stored.ndim != 1 or stored.dtype.kind not in "US":
+        raise InputError(f"{arrays.path}: {key} must be a list of joint names, got {shown(stored)}")
+    return tuple(name.decode("utf-8", "replace") if isinstance(name, bytes) else str(name) for name in stored.tolist())
 
 
 def _up(arrays: Arrays) -> Up | None:
     if "up" not in arrays:
         return None
-    found: Any = arrays.get("up")
-    word = str(found.reshape(-1)[0]).lower() if found.size == 1 and found.dtype.kind in "US" else ""
+    stored: Any = arrays.get("up")
+    word = str(stored.reshape(-1)[0]).lower() if stored.size == 1 and stored.dtype.kind in "US" else ""
     if word.lstrip("+") not in ("x", "y", "z", "-x", "-y", "-z"):
-        raise InputError(f"{arrays.path}: up must be an axis such as 'z' or '-y', got {shown(found)}")
+        raise InputError(f"{arrays.path}: up must be an axis such as 'z' or '-y', got {shown(stored)}")
     return cast(Up, word.lstrip("+"))

@@ -72,10 +72,10 @@ def read_ntu(path: Path) -> Arrays:
 
 
 def _count(word: bytes, most: int) -> int:
-    found = int(word)
-    if not 0 <= found <= most:
+    number = int(word)
+    if not 0 <= number <= most:
         raise ValueError
-    return found
+    return number
 
 
 def _take(words: Iterator[bytes], count: int) -> np.ndarray:
@@ -101,16 +101,16 @@ def read_json(tree: Any, path: Path) -> Arrays:
             raise InputError(f"{path}: frame {number} holds no points x, y, z; got {shown(frame)}") from None
         openpose = openpose or (isinstance(frame, dict) and "people" in frame)
     joints = _followed(people, path)
-    found = {"joints": joints if joints.shape[1] > 1 else joints[:, 0]}
+    arrays = {"joints": joints if joints.shape[1] > 1 else joints[:, 0]}
     if openpose and joints.shape[2] == len(ORDERS["OpenPose BODY_25"]):
-        found["names"] = np.array(ORDERS["OpenPose BODY_25"])
-    found |= {name: np.array(top[name], float) for name in RATE_FIELDS if isinstance(top.get(name), int | float)}
+        arrays["names"] = np.array(ORDERS["OpenPose BODY_25"])
+    arrays |= {name: np.array(top[name], float) for name in RATE_FIELDS if isinstance(top.get(name), int | float)}
     stamps = next((name for name in _fields(frames[0]) if TIME_FIELD.fullmatch(name)), None)
     if stamps is not None and all(
         isinstance(frame, dict) and isinstance(frame.get(stamps), int | float) for frame in frames
     ):
-        found[stamps] = np.array([frame[stamps] for frame in frames], float)
-    return Arrays(path, found)
+        arrays[stamps] = np.array([frame[stamps] for frame in frames], float)
+    return Arrays(path, arrays)
 
 
 def _fields(frame: Any) -> Sequence[str]:
@@ -121,12 +121,12 @@ def _people(frame: Any) -> list[Person]:
     """The persons of one frame."""
     if isinstance(frame, dict):
         if "people" in frame:
-            return [each for person in frame["people"] if (each := _of_openpose(person))]
-        plain = {key.replace("_", "").lower(): value for key, value in frame.items()}
-        found = next((plain[name] for name in (*WORLD, *IN_PICTURE) if plain.get(name) is not None), None)
-        return [] if found is None and not set(plain) - {"timestamp"} else _people(found)
+            return [points for person in frame["people"] if (points := _of_openpose(person))]
+        fields = {key.replace("_", "").lower(): value for key, value in frame.items()}
+        landmarks = next((fields[name] for name in (*WORLD, *IN_PICTURE) if fields.get(name) is not None), None)
+        return [] if landmarks is None and not set(fields) - {"timestamp"} else _people(landmarks)
     if isinstance(frame, list):
-        frame = [each for each in frame if each != []]
+        frame = [entry for entry in frame if entry != []]
     if not frame:  # nobody is seen
         return []
     if isinstance(frame[0], list) and isinstance(frame[0][0], list | dict):
@@ -145,20 +145,20 @@ def _of_openpose(person: dict[str, Any]) -> Person:
 
 def _landmarks(points: Any) -> Person:
     """Points as [x, y, z] or {"x": ..., "y": ..., "z": ...}, with a visibility or without."""
-    found = []
+    rows = []
     for point in points:
         if isinstance(point, dict):
             sure = [point[name] for name in ("visibility", "score", "confidence") if name in point]
             point = [point["x"], point["y"], point["z"], *sure[:1]]
-        found.append([float(number) for number in point])
-    return found
+        rows.append([float(number) for number in point])
+    return rows
 
 
 def _followed(people: Sequence[Sequence[Person]], path: Path) -> np.ndarray:
     """Joints (T, P, K, N) of persons who are told apart by where they were last: estimators list them in any order."""
     from scipy.optimize import linear_sum_assignment
 
-    shapes = {(len(person), len(point)) for each in people for person in each for point in person}
+    shapes = {(len(person), len(point)) for frame_people in people for person in frame_people for point in person}
     most = max(map(len, people))
     if len(shapes) != 1 or next(iter(shapes))[1] not in (3, 4, 5) or most > MOST_BODIES:
         raise InputError(

@@ -10,6 +10,7 @@ import sys
 import tempfile
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -80,20 +81,21 @@ def joints_from(
     markers: positions (T, 3) by label in any unit and axes; no numbers, or 0, 0, 0 and the like, where one was not seen.
     """
     positions = np.moveaxis(seen(np.stack(list(markers.values()), axis=1)), 1, 0)
-    there = {label: track for label, track in zip(markers, positions, strict=True) if np.isfinite(track).any()}
-    never = [label for label in markers if label not in there]
+    visible = {label: track for label, track in zip(markers, positions, strict=True) if np.isfinite(track).any()}
+    never = [label for label in markers if label not in visible]
     try:
-        (points, told), who = of_labels(tuple(there), lacking, subject, partial(_joints, there))
+        (points, clauses), who = of_labels(tuple(visible), lacking, subject, partial(_joints, visible))
     except InputError as error:
         raise (InputError(f"{error}; {shown(never)} are never seen") if never else error) from None
-    return points, (*who, *told, *([f"{shown(never)} never seen"] if never else []))
+    return points, (*who, *clauses, *([f"{shown(never)} never seen"] if never else []))
 
 
 def lacking(labels: Sequence[str]) -> list[str]:
     """Which labels are absent of joint centres or, where half of these are, of markers on the skin; none where one set is whole."""
     upper = set(_as_plug_in_gait(labels))
     modelled = [label for label, joint in MODELLED.items() if joint in NEEDED and label not in upper]
-    absent = [f"{s}{label}" for each in SIDED.values() for label in each for s in "LR" if f"{s}{label}" not in upper]
+    needed = [f"{s}{label}" for sided_labels in SIDED.values() for label in sided_labels for s in "LR"]
+    absent = [label for label in needed if label not in upper]
     skin = absent if _pelvis(upper) else [*PELVIS_SETS[0], *absent]
     centres = min(absent_joints(labels), modelled, key=len)
     return centres if len(centres) <= len(NEEDED) // 2 and skin else skin
@@ -103,9 +105,9 @@ def _as_plug_in_gait(labels: Iterable[str]) -> dict[str, str]:
     """Labels by their names in upper case, and by those of Plug-in Gait where another set's are told."""
     upper = {label.upper(): label for label in labels}
     for label, others in RENAMED.items():
-        known = next((upper[each] for each in others if each in upper), None)
-        if known is not None:
-            upper.setdefault(label, known)
+        equivalent = next((upper[other] for other in others if other in upper), None)
+        if equivalent is not None:
+            upper.setdefault(label, equivalent)
     return upper
 
 
@@ -113,19 +115,19 @@ def _pelvis(upper: Collection[str]) -> tuple[str, ...] | None:
     return next((labels for labels in PELVIS_SETS if all(label in upper for label in labels)), None)
 
 
-def _joints(tracks: dict[str, np.ndarray], own: Labels) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+def _joints(tracks: dict[str, np.ndarray], labels: Labels) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """Points (T, 3) of the subject who has these labels, by canonical name, and a clause on what they are made of."""
-    plain = {label: tracks[source] for label, source in own.items()}
-    if absent := lacking(tuple(plain)):
+    by_label = {label: tracks[source] for label, source in labels.items()}
+    if absent := lacking(tuple(by_label)):
         raise InputError(
-            f"markers {shown(list(plain))} give no joints: they lack {', '.join(absent[:8])}; expected joint centres by name, "
+            f"markers {shown(list(by_label))} give no joints: they lack {', '.join(absent[:8])}; expected joint centres by name, "
             "or the markers of Plug-in Gait, CMU's, OpenSim's, Qualisys', Motive's or BTS' set"
         )
-    upper = {label: plain[own] for label, own in _as_plug_in_gait(plain).items()}
-    if not absent_joints(tuple(plain)):
-        used = {name for names in canonical_sources(tuple(plain)).values() for name in names}
-        centres = [label for label in plain if label in used]
-        points, _ = named_points(np.stack([plain[label] for label in centres], axis=1), centres)
+    upper = {label: by_label[source] for label, source in _as_plug_in_gait(by_label).items()}
+    if not absent_joints(tuple(by_label)):
+        used = {name for names in canonical_sources(tuple(by_label)).values() for name in names}
+        centres = [label for label in by_label if label in used]
+        points, _ = named_points(np.stack([by_label[label] for label in centres], axis=1), centres)
         return points, (f"joint centres {', '.join(centres)}",)
     if all(label in upper for label, joint in MODELLED.items() if joint in NEEDED):
         centres = [label for label in MODELLED if label in upper]
@@ -139,8 +141,8 @@ def _from_skin(markers: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], t
     needed = [f"{s}{label}" for labels in SIDED.values() for label in labels for s in "LR"]
     inner = [f"{s}{label}" for label in MEDIAL for s in "LR"]
     optional = [label for label in (*HEAD, "LTOE", "RTOE", "LFIN", "RFIN", *inner) if label in markers]
-    wanted = dict.fromkeys([*pelvis, *needed, *optional])
-    at = {label: markers[label] for label in wanted}
+    used_labels = dict.fromkeys([*pelvis, *needed, *optional])
+    at = {label: markers[label] for label in used_labels}
     front, back = 0.5 * (at[pelvis[0]] + at[pelvis[1]]), 0.5 * (at[pelvis[2]] + at[pelvis[3]])
     tall = float(np.nanmedian([np.linalg.norm(at[f"{s}KNE"] - at[f"{s}ANK"], axis=-1) for s in "LR"])) / SHANK
     left = unit(at[pelvis[0]] - at[pelvis[1]])
@@ -194,7 +196,7 @@ def _square(vectors: np.ndarray, to: np.ndarray) -> np.ndarray:
     return vectors - (vectors * axis).sum(axis=-1, keepdims=True) * axis
 
 
-# --- c3D files of marker positions -> tracks, decoded by ezc3d (extra [c3d]) ---
+# --- C3D files of marker positions -> tracks, decoded by ezc3d (extra [c3d]) ---
 
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -218,7 +220,7 @@ np.savez(sys.argv[2], labels=np.array(labels, dtype=str), rate=point["RATE"]["va
 def read_c3d(path: Path, subject: str | None = None) -> Tracks:
     """Joints of the file's joint centres or markers."""
     data = read_bytes(path, limit=250_000_000, noun="C3D file")
-    # Second byte of every C3D file.
+    # The second byte of every C3D file is 0x50.
     if len(data) < 1024 or data[1] != 0x50:
         raise InputError(f"{path} is not a C3D file, or cut short")
     markers, rate_hz, unit = _markers(path)
@@ -227,9 +229,9 @@ def read_c3d(path: Path, subject: str | None = None) -> Tracks:
         warn_of_contradiction(
             f"the header's {header_hz:g} Hz contradict POINT:RATE of {rate_hz:g} Hz, which is taken", header_hz
         )
-    points, told = joints_from(markers, subject)
+    points, clauses = joints_from(markers, subject)
     unit_m = UNITS_M.get(unit)
-    return Tracks(form="C3D", points=points, rate_hz=rate_hz, told=told, unit_m=unit_m, up="z", up_certain=False)
+    return Tracks(form="C3D", points=points, rate_hz=rate_hz, clauses=clauses, unit_m=unit_m, up="z", up_certain=False)
 
 
 def _header_rate(data: bytes) -> float:
@@ -258,8 +260,8 @@ def _decoded(path: Path) -> tuple[list[str], float, str, np.ndarray]:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "points.npz"
         try:
-            program, own = [sys.executable, "-c", DECODE, str(path.resolve()), str(out)], Path(folder)
-            done = run_guarded(program, folder=own, env=os.environ, limit_s=LONGEST_S, temporary=[own])
+            program, work_folder = [sys.executable, "-c", DECODE, str(path.resolve()), str(out)], Path(folder)
+            done = run_guarded(program, folder=work_folder, env=os.environ, limit_s=LONGEST_S, temporary=[work_folder])
         except subprocess.TimeoutExpired:
             raise InputError(f"{path} was not decoded within {LONGEST_S} s; it is damaged or too large") from None
         if done.returncode or not out.is_file():
@@ -267,12 +269,12 @@ def _decoded(path: Path) -> tuple[list[str], float, str, np.ndarray]:
             raise InputError(
                 f"{path} cannot be read as C3D ({shown(''.join(last) or 'its decoder crashed')}); it is damaged or unusual"
             )
-        with np.load(out, allow_pickle=False) as found:
-            labels, points = [str(each) for each in found["labels"]], found["points"].astype(np.float64)
-            return labels, float(found["rate"]), str(found["unit"]), points
+        with np.load(out, allow_pickle=False) as decoded:
+            labels, points = [str(label) for label in decoded["labels"]], decoded["points"].astype(np.float64)
+            return labels, float(decoded["rate"]), str(decoded["unit"]), points
 
 
-# --- openSim's .trc, a table of labelled points, tab between columns -> tracks. Pose estimators write their joints in
+# --- OpenSim's .trc, a table of labelled points, tab between columns -> tracks. Pose estimators write their joints in
 # it too ---
 
 
@@ -304,11 +306,10 @@ def read_trc(path: Path, subject: str | None = None) -> Tracks:
         raise InputError(f"{path}: its fourth line must name 1 to {MAX_MARKERS} markers, got {len(columns)}")
     times_s, table = _table(lines[5:], len(labels), path)
     markers = {label: table[:, place : place + 3] for label, place in columns.items() if place + 3 <= table.shape[1]}
-    points, told = joints_from(markers, subject)
+    points, clauses = joints_from(markers, subject)
     times = Times(values=times_s, name="Time column", unit_s=1.0, rate_name="DataRate")
-    return Tracks(
-        form="TRC", points=points, rate_hz=rate_hz, times=times, told=told, unit_m=unit_m, up="y", up_certain=False
-    )
+    tracks = Tracks(form="TRC", points=points, rate_hz=rate_hz, times=times, clauses=clauses)
+    return replace(tracks, unit_m=unit_m, up="y", up_certain=False)
 
 
 def _table(lines: list[str], width: int, path: Path) -> tuple[np.ndarray, np.ndarray]:

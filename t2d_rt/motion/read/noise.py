@@ -59,24 +59,24 @@ def without_noise(tracks: Tracks) -> tuple[Tracks, str | None]:
     points, cutoffs_hz, error_mps = denoised(tracks.points, noise, rate_hz)
     if not cutoffs_hz:
         return tracks, None
-    told = f"noise of {1e3 * math.sqrt(float(noise.mean())):.1f} mm"
-    told = told_noise("joints'", told, "from bone lengths", cutoffs_hz, error_mps, rate_hz=rate_hz)
-    return replace(tracks, points=points), told
+    clause = f"noise of {1e3 * math.sqrt(float(noise.mean())):.1f} mm"
+    clause = told_noise("joints'", clause, "from bone lengths", cutoffs_hz, error_mps, rate_hz=rate_hz)
+    return replace(tracks, points=points), clause
 
 
 def told_noise(
-    whose: str, noise: str, seen: str, cutoffs_hz: tuple[float, ...], error_mps: float, *, rate_hz: float
+    whose: str, noise: str, source: str, cutoffs_hz: tuple[float, ...], error_mps: float, *, rate_hz: float
 ) -> str:
     """A clause for the report on noise that was smoothed away, and a warning where too much remains."""
-    told = f"joint speeds err by about {error_mps:.2f} m/s"
+    error = f"joint speeds err by about {error_mps:.2f} m/s"
     # A little more than what a window of 25 ms resolves at 77 GHz, 0.078 m/s (lambda / 2 T).
     if error_mps > 0.1:
         warn(
-            f"the {whose} {noise} at {rate_hz:g} Hz leaves too much after smoothing: {told}; micro-Doppler finer "
+            f"the {whose} {noise} at {rate_hz:g} Hz leaves too much after smoothing: {error}; micro-Doppler finer "
             "than that is noise"
         )
     span = " to ".join(f"{cutoff:g}" for cutoff in dict.fromkeys(cutoffs_hz[:1] + cutoffs_hz[-1:])) or "no"
-    return f"{noise} ({seen}) smoothed at {span} Hz{', joint by joint' if len(cutoffs_hz) > 1 else ''} ({told})"
+    return f"{noise} ({source}) smoothed at {span} Hz{', joint by joint' if len(cutoffs_hz) > 1 else ''} ({error})"
 
 
 def noise_power(points: dict[str, np.ndarray]) -> np.ndarray:
@@ -106,7 +106,7 @@ def denoised(
     and the RMS error of the joints' speed that remains, by estimate."""
     smooth, used, errors = {}, set(), []
     for name, track in points.items():
-        cutoff, error = best_cutoff(track, _own(track, 3.0 * noise), rate_hz)
+        cutoff, error = best_cutoff(track, _track_noise(track, 3.0 * noise), rate_hz)
         smooth[name] = track if cutoff is None else low_pass(track, cutoff, rate_hz)
         used |= set() if cutoff is None else {cutoff}
         errors.append(error)
@@ -133,7 +133,7 @@ def best_cutoff(track: np.ndarray, noise: np.ndarray, rate_hz: float) -> tuple[f
     return best, errors[best]
 
 
-def _own(track: np.ndarray, noise: np.ndarray) -> np.ndarray:
+def _track_noise(track: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """The noise of a track (T, N), which is that of bones (T,) or as many times as much as its highest frequencies have."""
     top = slice(int(TOP * len(noise)), None)
     more = float(np.median(_track_power(track)[top])) / max(float(np.median(noise[top])), 1e-300)
@@ -196,31 +196,31 @@ def without_rotation_noise(
         return None
     offsets, local = parts
     root, angles = motion.joints[:, :1], 2.0 * local  # twice a quaternion's step is the angle
-    levels = np.concatenate([_levels(each, motion.rate_hz) for each in (root, angles)])
+    levels = np.concatenate([_levels(values, motion.rate_hz) for values in (root, angles)])
     usual = _usual(levels[1:])
     reach = _reach(motion)
     omega = _omega(len(local), motion.rate_hz)
-    kept = low_pass_gain(len(omega), min(JITTER_CUTOFF_HZ, 0.49 * motion.rate_hz), motion.rate_hz) if filtered else 1.0
+    gain = low_pass_gain(len(omega), min(JITTER_CUTOFF_HZ, 0.49 * motion.rate_hz), motion.rate_hz) if filtered else 1.0
     calm = np.array([levels[0], *np.minimum(levels[1:], usual)])
-    left = _speed_mps(calm * float((omega**2 * kept**2).mean()), reach)
+    left = _speed_mps(calm * float((omega**2 * gain**2).mean()), reach)
     limit = FOUND / motion.rate_hz * (2.0 if motion.duration_s < SHORT_S else 1.0)
     # Recordings have up to 1.6 mm of noise in the root.
     if left <= limit and levels[0] <= 3.0 * 2e-3**2:
         return None
     levels = np.array([levels[0], *np.minimum(levels[1:], 4.0 * usual)])
     tracks = [root[:, 0], *np.moveaxis(angles, 1, 0)]
-    found = [
+    fits = [
         best_cutoff(track, np.full(len(track), level), motion.rate_hz)
         for track, level in zip(tracks, levels, strict=True)
     ]
-    smooth = [t if cut is None else low_pass(t, cut, motion.rate_hz) for t, (cut, _) in zip(tracks, found, strict=True)]
+    smooth = [t if cut is None else low_pass(t, cut, motion.rate_hz) for t, (cut, _) in zip(tracks, fits, strict=True)]
     offsets = np.concatenate([smooth[0][:, None], offsets[:, 1:]], axis=1)
     joints, rotations = compose(offsets, quaternions.normalise(np.stack(smooth[1:], axis=1)), motion.parents)
-    used = tuple(sorted({cut for cut, _ in found if cut is not None}))
+    used = tuple(sorted({cut for cut, _ in fits if cut is not None}))
     noise = f"noise of {_degrees(usual):.1f} degrees and {1e3 * math.sqrt(levels[0] / 3):.1f} mm"
-    error = _speed_mps(np.array([each for _, each in found]), reach)
-    told = told_noise("rotations' and the root's", noise, "in calm frames", used, error, rate_hz=motion.rate_hz)
-    return motion.edited("smoothed as its noise asks for", joints=joints, rotations=rotations), told
+    error = _speed_mps(np.array([squared_error for _, squared_error in fits]), reach)
+    clause = told_noise("rotations' and the root's", noise, "in calm frames", used, error, rate_hz=motion.rate_hz)
+    return motion.edited("smoothed as its noise asks for", joints=joints, rotations=rotations), clause
 
 
 def _levels(tracks: np.ndarray, rate_hz: float) -> np.ndarray:
@@ -248,15 +248,15 @@ def _degrees(level: float) -> float:
 
 def _reach(motion: Motion) -> np.ndarray:
     """Mean squared distances [m^2] (J, J) of joints (rows) from those above them in the skeleton (columns), else 0."""
-    found = np.zeros((len(motion.names), len(motion.names)))
+    reach = np.zeros((len(motion.names), len(motion.names)))
     places = np.ascontiguousarray(motion.joints.transpose(2, 1, 0))
     chains: list[list[int]] = []
     for joint, parent in enumerate(motion.parents):
         chains.append([parent, *chains[parent]] if parent >= 0 else [])
         above = chains[joint]
         away = places[:, joint, None] - places[:, above]
-        found[joint, above] = dot(away, away).mean(axis=-1)
-    return found
+        reach[joint, above] = dot(away, away).mean(axis=-1)
+    return reach
 
 
 def _speed_mps(squares: np.ndarray, reach: np.ndarray) -> float:
@@ -280,23 +280,23 @@ LONGEST = 3
 def told_flips(local: np.ndarray, names: Sequence[str], rate_hz: float) -> str:
     """A clause for the report on flips of joints, from their rotations (T, J, 4) against their parents, the three largest by name;
     empty where there is none."""
-    found: list[tuple[float, str]] = []
+    flips: list[tuple[float, str]] = []
     steps = _angle(local[:-1], local[1:])
     for joint, name in enumerate(names):
-        step, own = steps[:, joint], local[:, joint]
+        step, rotations = steps[:, joint], local[:, joint]
         turned, after = np.flatnonzero(step > LEAST_DEG).tolist(), -1
         for start in turned:
             stops = [stop for stop in turned if start < stop <= start + LONGEST]
-            back = next((stop for stop in stops if _angle(own[start], own[stop + 1]) < 45.0), None)
+            back = next((stop for stop in stops if _angle(rotations[start], rotations[stop + 1]) < 45.0), None)
             if start > after and back is not None:
                 lasts = "one frame" if back - start == 1 else f"{back - start} frames"
                 when = f"for {lasts} at {(start + 1) / rate_hz:.3f} s"
-                found.append((float(step[start]), f"{name} turns by {step[start]:.0f} degrees {when}"))
+                flips.append((float(step[start]), f"{name} turns by {step[start]:.0f} degrees {when}"))
                 after = back
-    if not found:
+    if not flips:
         return ""
-    largest = [told for _, told in sorted(found, key=itemgetter(0), reverse=True)]
-    more = f" and {len(found) - 3} more" if len(found) > 3 else ""
+    largest = [flip for _, flip in sorted(flips, key=itemgetter(0), reverse=True)]
+    more = f" and {len(flips) - 3} more" if len(flips) > 3 else ""
     return f"single-frame flips: {', '.join(largest[:3])}{more}"
 
 

@@ -148,7 +148,7 @@ def _understood(tracks: Tracks, reading: Reading) -> tuple[Tracks, Frame]:
     """Canonical joints of one person, z up, and the file's frame; refuses what is none."""
     if tracks.rate_assumed:
         assumed = f"{tracks.rate_hz:g} Hz assumed, the file does not say"
-        tracks = replace(tracks, told=(assumed, *tracks.told))
+        tracks = replace(tracks, clauses=(assumed, *tracks.clauses))
     # Noise of 3 cm adds 0.2 to the score of limbs.
     if not tracks.turned and not unlikeness(tracks.points) <= 2 * LEAST_LIKELY:
         raise InputError(
@@ -168,16 +168,16 @@ def _understood(tracks: Tracks, reading: Reading) -> tuple[Tracks, Frame]:
 def upright(tracks: Tracks, frame: Frame) -> Tracks:
     """Tracks in metres, z up."""
     points, turned = to_z_up(tracks.points, tracks.turned, frame.up, frame.unit_m)
-    told = f"1 unit = {frame.unit_m:.4g} m (stature {frame.tall_m:.2f} m)", f"up {frame.up}"
-    return replace(tracks, points=points, turned=turned).saying(*told)
+    clauses = f"1 unit = {frame.unit_m:.4g} m (stature {frame.tall_m:.2f} m)", f"up {frame.up}"
+    return replace(tracks, points=points, turned=turned).saying(*clauses)
 
 
 def placed(tracks: Tracks, frame: Frame, reading: Reading) -> Found:
     """The motion of tracks in metres, z up; its floor is at z = 0."""
-    own = bool(tracks.turned)
+    has_rotations = bool(tracks.turned)
     tracks = _without_tpose(tracks, reading.drop_tpose)
     tracks = without_leaps(tracks)
-    tracks, smoothing = (tracks, None) if own or reading.smooth_hz != "auto" else without_noise(tracks)
+    tracks, smoothing = (tracks, None) if has_rotations or reading.smooth_hz != "auto" else without_noise(tracks)
     tracks, ground = levelled(tracks, reading.up)
     tracks = _with_feet(tracks, frame.tall_m)
     tracks = rooted(tracks, reading.root)
@@ -185,18 +185,18 @@ def placed(tracks: Tracks, frame: Frame, reading: Reading) -> Found:
         tracks, _ = levelled(tracks, reading.up)
     level = floor_level(tracks.points) if reading.floor is None else float(reading.floor)
     tracks = tracks.saying(f"floor at {level:.3f} m")
-    if not own:
+    if not has_rotations:
         turned = orientations_from_positions(tracks.points, tracks.rate_hz)
         tracks = replace(tracks, turned=turned).saying("rotations from positions")
     motion = assemble(tracks.points, tracks.turned, tracks.rate_hz, level)
-    form, told, start_s = tracks.form, tracks.told, tracks.start_s
+    form, clauses, start_s = tracks.form, tracks.clauses, tracks.start_s
     if start_s:
-        told = (*told, f"begins at {start_s:.6g} s of the file")
+        clauses = (*clauses, f"begins at {start_s:.6g} s of the file")
     del tracks  # half of the memory that a long motion takes
-    local = parts(motion) if own else None
+    local = parts(motion) if has_rotations else None
     if local is not None and (flipped := told_flips(local[1], motion.names, motion.rate_hz)):
-        told = (*told, flipped)
-        warn(f"{told[-1]}; mend them in the file, for a radar sees them as fast movement")
+        clauses = (*clauses, flipped)
+        warn(f"{clauses[-1]}; mend them in the file, for a radar sees them as fast movement")
     if smoothing is None:
         motion, smoothing = _smoothed(motion, reading.smooth_hz, local)
     # Frames alone then leave errors of 0.1 m/s and more in the speed of a walker's joints, of 0.2 m/s in a runner's.
@@ -206,7 +206,7 @@ def placed(tracks: Tracks, frame: Frame, reading: Reading) -> Found:
             "move faster: joint speeds err by 0.1 m/s and more; record at 20 Hz or above"
         )
     frames = f"{form}, {len(motion.joints)} frames at {motion.rate_hz:g} Hz"
-    motion = replace(motion, report="; ".join([frames, *told, smoothing]))
+    motion = replace(motion, report="; ".join([frames, *clauses, smoothing]))
     tilt_deg = ground.angle_deg if ground is not None and ground.tilted and reading.up is not None else 0.0
     return Found(motion=motion, frame=frame, floor_m=level, start_s=start_s, tilt_deg=tilt_deg)
 
@@ -223,13 +223,13 @@ def _smoothed(
     if smooth_hz != "auto":
         return smooth(motion, float(smooth_hz)), f"smoothed at {float(smooth_hz):g} Hz"
     jitter = jitter_mps(motion)
-    found = without_rotation_noise(motion, local, filtered=jitter > JITTER_LIMIT_MPS) if local else None
-    if found is not None:
-        return found
+    denoised = without_rotation_noise(motion, local, filtered=jitter > JITTER_LIMIT_MPS) if local else None
+    if denoised is not None:
+        return denoised
     if jitter <= JITTER_LIMIT_MPS:
         return motion, f"not smoothed (jitter {jitter:.3f} m/s above {JITTER_CUTOFF_HZ:g} Hz)"
-    told = f"smoothed at {JITTER_CUTOFF_HZ:g} Hz (jitter {jitter:.2f} m/s above it)"
-    return smoothed(motion, local or parts(motion), JITTER_CUTOFF_HZ), told
+    clause = f"smoothed at {JITTER_CUTOFF_HZ:g} Hz (jitter {jitter:.2f} m/s above it)"
+    return smoothed(motion, local or parts(motion), JITTER_CUTOFF_HZ), clause
 
 
 def _check_together(tracks: Tracks) -> None:
@@ -237,9 +237,9 @@ def _check_together(tracks: Tracks) -> None:
     at = tracks.points
     between = [at[f"left_{joint}"] - at[f"right_{joint}"] for joint in ("hip", "shoulder")]
     apart = [middle(at, "hip") - middle(at, "shoulder"), *between]
-    width = max(median_length(each) for each in apart)
+    width = max(median_length(vectors) for vectors in apart)
     legs = width / max(leg_m(at), 1e-12)
-    # Trunks have 0.6.
+    # A trunk is 0.6 legs long.
     if legs > 1.5:
         raise InputError(
             f"{tracks.form}: hips and shoulders lie {legs:.1f} lengths of a leg apart, as of several persons; give each person's "
@@ -260,7 +260,7 @@ def _without_coincident(tracks: Tracks) -> Tracks:
     if not left_out:
         return tracks
     points, turned = (
-        {name: track for name, track in each.items() if name not in left_out} for each in (points, tracks.turned)
+        {name: track for name, track in by_name.items() if name not in left_out} for by_name in (points, tracks.turned)
     )
     return replace(tracks, points=points, turned=turned).saying(f"left out {', '.join(left_out)} (on the joint before)")
 
@@ -275,8 +275,8 @@ def _whole(tracks: Tracks) -> Tracks:
     if all(name in tracks.points or name.endswith("_foot") for name in CANONICAL_JOINTS):
         return tracks
     assert not tracks.turned, "formats with rotations give every joint"
-    points, told = complete(tracks.points)
-    return replace(tracks, points=points).saying(*told)
+    points, clauses = complete(tracks.points)
+    return replace(tracks, points=points).saying(*clauses)
 
 
 def _unit(points: dict[str, np.ndarray], nominal_m: float | None, units: float | str | None) -> tuple[float, float]:
@@ -319,11 +319,11 @@ def _with_feet(tracks: Tracks, tall_m: float) -> Tracks:
 def _without_tpose(tracks: Tracks, drop: bool | None) -> Tracks:
     """Tracks without a calibration pose at the start: as it is found, one frame at least or none as the user says."""
     frames = 0 if drop is False else max(tpose_frames(tracks.points), int(drop is True))
-    found = f"first {frames} frame(s) dropped (T-pose)" if frames else "no T-pose"
+    clause = f"first {frames} frame(s) dropped (T-pose)" if frames else "no T-pose"
     if stays_in_tpose(tracks.points):
-        found = "a T-pose in all frames"
+        clause = "a T-pose in all frames"
         warn(
             "the body stays in one pose with its arms held out to the sides, a T-pose, in all frames, as where all rotations are "
             "zero; store the rotations of its joints"
         )
-    return tracks.piece(frames).saying(found)
+    return tracks.piece(frames).saying(clause)

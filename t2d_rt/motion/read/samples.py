@@ -38,21 +38,21 @@ def new_frames(joints: np.ndarray) -> tuple[np.ndarray, float] | None:
     new = np.flatnonzero(steps > 0.1 * nearby) + 1
     if len(steps) - len(new) < max(LEAST_REPEATS, REPEATED * len(steps)) or len(new) < 4:
         return None
-    runs = np.split(new, np.flatnonzero(np.diff(new) > MOST_REPEATS) + 1)
-    ratio = _ratio(max(runs, key=len))
-    if ratio is None or not all(_spread(run, ratio) < 1.0 for run in runs):
+    stretches = np.split(new, np.flatnonzero(np.diff(new) > MOST_REPEATS) + 1)
+    ratio = _ratio(max(stretches, key=len))
+    if ratio is None or not all(_spread(run, ratio) < 1.0 for run in stretches):
         return None
     # Somebody who stands still makes no new frames; the source's clock goes on.
-    starts = [float((run - ratio * np.arange(len(run))).mean()) for run in runs]
-    first = int(runs[0][0])
-    kept = np.linspace(0, first, max(1, int(first / ratio)), endpoint=False).round().astype(int).tolist()
-    for place, run in enumerate(runs):
+    starts = [float((run - ratio * np.arange(len(run))).mean()) for run in stretches]
+    first = int(stretches[0][0])
+    frames = np.linspace(0, first, max(1, int(first / ratio)), endpoint=False).round().astype(int).tolist()
+    for place, run in enumerate(stretches):
         if place:
-            before = runs[place - 1]
+            before = stretches[place - 1]
             pause = max(1, round((starts[place] - starts[place - 1]) / ratio) - len(before) + 1)
-            kept += np.linspace(before[-1], run[0], pause, endpoint=False).round().astype(int).tolist()[1:]
-        kept += run.tolist()
-    return np.array(kept), ratio
+            frames += np.linspace(before[-1], run[0], pause, endpoint=False).round().astype(int).tolist()[1:]
+        frames += run.tolist()
+    return np.array(frames), ratio
 
 
 def _ratio(new: np.ndarray) -> float | None:
@@ -74,9 +74,9 @@ def rms_steps(joints: np.ndarray) -> np.ndarray:
     """RMS step (T - 1,) of the points (T, K, 3) that are known in both frames, NaN where none is."""
     steps = np.diff(joints, axis=0)
     square = inner(steps, steps)
-    known = np.isfinite(square)
-    count = known.sum(axis=1)
-    mean = np.where(known, square, 0.0).sum(axis=1) / np.maximum(count, 1)
+    both_seen = np.isfinite(square)
+    count = both_seen.sum(axis=1)
+    mean = np.where(both_seen, square, 0.0).sum(axis=1) / np.maximum(count, 1)
     return np.where(count > 0, np.sqrt(mean), np.nan)
 
 
@@ -121,33 +121,33 @@ def seen(positions: np.ndarray) -> np.ndarray:
     A body that is centred on one of its points keeps that point at 0, 0, 0.
     """
     x, y, z = np.moveaxis(np.isfinite(positions), -1, 0)
-    found = np.where((x & y & z)[..., None], positions, np.nan)
-    same = (found[..., 0] == found[..., 1]) & (found[..., 1] == found[..., 2])
+    visible = np.where((x & y & z)[..., None], positions, np.nan)
+    same = (visible[..., 0] == visible[..., 1]) & (visible[..., 1] == visible[..., 2])
     if not same.any():
-        return found
-    true = np.where(same[..., None], np.nan, found)
+        return visible
+    true = np.where(same[..., None], np.nan, visible)
     middle, extent = _frame_of(true)
     for point in np.flatnonzero(same.any(axis=0)):
         stands, there = np.flatnonzero(same[:, point]), np.flatnonzero(np.isfinite(true[:, point, 0]))
         if not len(there):
-            if found.shape[1] == 1:
+            if visible.shape[1] == 1:
                 continue
-            # The centre of the body, or never seen.
-            reach = norms(found[:, point] - middle)
-            if found[:, point].any() or not np.nanmax(reach, initial=0.0) < extent:
-                found[:, point] = np.nan
+            # This point is the centre of the body, or was never seen.
+            reach = norms(visible[:, point] - middle)
+            if visible[:, point].any() or not np.nanmax(reach, initial=0.0) < extent:
+                visible[:, point] = np.nan
             continue
         place = np.searchsorted(there, stands)
         nearest = [there[np.clip(place - 1, 0, len(there) - 1)], there[np.clip(place, 0, len(there) - 1)]]
-        away = np.min([norms(found[stands, point] - true[near, point]) for near in nearest], axis=0)
+        away = np.min([norms(visible[stands, point] - true[near, point]) for near in nearest], axis=0)
         steps = rms_steps(true[:, point : point + 1])
         fast = float(np.nanpercentile(steps, 90)) if np.isfinite(steps).any() else 0.0
         # A walk may begin at 0, 0, 0.
-        found[stands[away > 0.05 * extent + 3.0 * fast], point] = np.nan
-    alone = np.isfinite(found[..., 0]).sum(axis=1) == 1  # the centre of a body that was not seen
-    if found.shape[1] > 2:
-        found[alone & same.any(axis=1)] = np.nan
-    return found
+        visible[stands[away > 0.05 * extent + 3.0 * fast], point] = np.nan
+    alone = np.isfinite(visible[..., 0]).sum(axis=1) == 1  # the centre of a body that was not seen
+    if visible.shape[1] > 2:
+        visible[alone & same.any(axis=1)] = np.nan
+    return visible
 
 
 def _frame_of(points: np.ndarray) -> tuple[np.ndarray, float]:
@@ -190,32 +190,32 @@ def whole(samples: Tracks) -> Tracks:
 
 def without_leaps(samples: Tracks) -> Tracks:
     """Samples in metres without joints that leap away and back; a warning of the jumps that remain."""
-    found = jumps(samples.joints, tuple(samples.points), samples.rate_hz)
-    leaps = _leaps(samples, found)
+    jump_list = jumps(samples.joints, tuple(samples.points), samples.rate_hz)
+    leaps = _leaps(samples, jump_list)
     if leaps:
         points = {name: track.copy() for name, track in samples.points.items()}
         for first, last in leaps:
             for name in points if samples.turned else {*first.joints, *last.joints}:
                 points[name][first.frame + 1 : last.frame + 1] = np.nan
         samples = _bridged(replace(samples, points=points), "leaping")
-        found = jumps(samples.joints, tuple(samples.points), samples.rate_hz)
-    if not found:
+        jump_list = jumps(samples.joints, tuple(samples.points), samples.rate_hz)
+    if not jump_list:
         return samples
-    warn(f"{told(found)}; a radar sees that as fast movement: cut or repair the motion there")
-    return samples.saying(told(found))
+    warn(f"{told(jump_list)}; a radar sees that as fast movement: cut or repair the motion there")
+    return samples.saying(told(jump_list))
 
 
 def _at_own_rate(samples: Tracks) -> Tracks:
     """Samples without frames that a slower source repeats."""
-    found = new_frames(samples.joints)
-    if found is None:
+    source_frames = new_frames(samples.joints)
+    if source_frames is None:
         return samples
-    kept, ratio = found
+    frames, ratio = source_frames
     rate_hz = samples.rate_hz / ratio
     rate_hz = float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) < 0.01 * rate_hz else rate_hz
     often = f"{ratio:.0f} times" if abs(ratio - round(ratio)) < 1e-6 else f"{ratio:.3g} times on average"
     clause = f"each frame stood {often} at {samples.rate_hz:g} Hz"
-    return replace(samples.at(kept), rate_hz=rate_hz).saying(clause)
+    return replace(samples.at(frames), rate_hz=rate_hz).saying(clause)
 
 
 # --- samples held while a tracker saw nothing ---
@@ -229,9 +229,9 @@ def _held(samples: Tracks) -> Tracks:
     joints, points = samples.joints, dict(samples.points)
     extent, most = _frame_of(joints)[1], LONGEST_GAP_S * samples.rate_hz
     of_body = _holds(joints, extent)
-    known = _flags(of_body, len(joints), np.inf)
+    body_held = _flags(of_body, len(joints), np.inf)
     for name in ("pelvis",) if samples.turned else tuple(points):
-        holds = [hold for hold in _holds(points[name][:, None], extent) if not known[slice(*hold)].all()]
+        holds = [hold for hold in _holds(points[name][:, None], extent) if not body_held[slice(*hold)].all()]
         _warn_of_long(name, [hold for hold in holds if _length(hold) > most], samples.rate_hz)
         held = _flags(holds, len(joints), most)
         if not samples.turned:
@@ -245,10 +245,10 @@ def _held(samples: Tracks) -> Tracks:
 
 def _flags(holds: Sequence[tuple[int, int]], frames: int, most: float) -> np.ndarray:
     """Frames (T,) of holds that are no longer than `most`."""
-    found = np.zeros(frames, dtype=bool)
+    flags = np.zeros(frames, dtype=bool)
     for start, stop in holds:
-        found[start:stop] = stop - start <= most
-    return found
+        flags[start:stop] = stop - start <= most
+    return flags
 
 
 def _warn_of_long(name: str, holds: Sequence[tuple[int, int]], rate_hz: float) -> None:
@@ -262,16 +262,16 @@ def _warn_of_long(name: str, holds: Sequence[tuple[int, int]], rate_hz: float) -
 
 def _holds(points: np.ndarray, extent: float) -> list[tuple[int, int]]:
     """Runs of frames, from start to before stop, in which points (T, K, D) are held before they leap."""
-    steps, found = rms_steps(points), []
+    steps, holds = rms_steps(points), []
     # Equal but for what rounding differs by.
     for first, out in runs(steps <= 1e-9 * extent):  # frames first ... out are equal
         if first == 0 or out == len(steps) or steps[out] <= 0.003 * extent:
             continue
         ends = points[max(0, first - 3) : first + 1], points[out + 1 : out + 5]
-        paces = [float(rms_steps(each[[0, -1]])[0]) / (len(each) - 1) for each in ends if len(each) > 1]
+        paces = [float(rms_steps(end[[0, -1]])[0]) / (len(end) - 1) for end in ends if len(end) > 1]
         if steps[out] > HELD * max(paces, default=0.0):
-            found.append((first + 1, out + 1))
-    return found
+            holds.append((first + 1, out + 1))
+    return holds
 
 
 # --- gaps ---
@@ -280,13 +280,13 @@ def _holds(points: np.ndarray, extent: float) -> list[tuple[int, int]]:
 def _cut(samples: Tracks) -> Tracks:
     """The longest piece in which no gap is longer than what is bridged, with a warning where one was."""
     missing = {name: np.isnan(track).any(axis=1) for name, track in samples.points.items()}
-    if not any(each.any() for each in missing.values()):
+    if not any(flags.any() for flags in missing.values()):
         return samples
-    lost = {name: _unbridged(each, LONGEST_GAP_S * samples.rate_hz) for name, each in missing.items()}
+    lost = {name: _unbridged(flags, LONGEST_GAP_S * samples.rate_hz) for name, flags in missing.items()}
     there = ~np.any([lost[name] for name in lost if name in NEEDED], axis=0)
-    rare = [name for name, each in lost.items() if name not in NEEDED and (each & there).sum() > RARE * there.sum()]
+    rare = [name for name, flags in lost.items() if name not in NEEDED and (flags & there).sum() > RARE * there.sum()]
     if rare and not samples.turned:
-        lost = {name: each for name, each in lost.items() if name not in rare}
+        lost = {name: flags for name, flags in lost.items() if name not in rare}
         samples = replace(samples, points={name: samples.points[name] for name in lost})
         samples = samples.saying(f"{', '.join(rare)} seen too seldom")
     pieces = runs(~np.any(list(lost.values()), axis=0))
@@ -300,7 +300,7 @@ def _cut(samples: Tracks) -> Tracks:
             f"bridged at most, and between them no {SHORTEST_S} s are left; fill the gaps, or take another record"
         )
     if len(pieces) > 1:
-        gaps = {name: max(runs(each), key=_length) for name, each in lost.items() if each.any()}
+        gaps = {name: max(runs(flags), key=_length) for name, flags in lost.items() if flags.any()}
         first, last = max(gaps.values(), key=_length)
         name = next(name for name, gap in gaps.items() if _length(gap) == last - first)
         warn(
@@ -321,16 +321,16 @@ def _length(run: tuple[int, int]) -> int:
 
 def _unbridged(missing: np.ndarray, most: float) -> np.ndarray:
     """Those of the missing frames (T,) that cannot be bridged: of gaps longer than `most`, and ends."""
-    found = np.zeros(len(missing), dtype=bool)
+    unbridged = np.zeros(len(missing), dtype=bool)
     for start, stop in runs(missing):
-        found[start:stop] = stop - start > most or start == 0 or stop == len(missing)
-    return found
+        unbridged[start:stop] = stop - start > most or start == 0 or stop == len(missing)
+    return unbridged
 
 
 def _bridged(samples: Tracks, kind: str) -> Tracks:
     """Samples without NaN, which lie within the record: bones of files with rotations keep their lengths."""
     missing = {name: np.isnan(track).any(axis=1) for name, track in samples.points.items()}
-    names = [name for name, each in missing.items() if each.any()]
+    names = [name for name, flags in missing.items() if flags.any()]
     if not names:
         return samples
     longest = max(stop - start for name in names for start, stop in runs(missing[name])) / samples.rate_hz
@@ -349,13 +349,13 @@ def _bridged_pose(samples: Tracks, lost: np.ndarray) -> Tracks:
     """Samples with lost frames from splines of offsets and rotations in the parents' frames."""
     there, names = samples.at(~lost), [name for name in PARENT_OF if name in samples.points]
     parents = parents_of(names)
-    placed, rotations = (np.stack([each[name] for name in names], axis=1) for each in (there.points, there.turned))
+    placed, rotations = (np.stack([tracks[name] for name in names], axis=1) for tracks in (there.points, there.turned))
     offsets, local = decompose(placed, rotations, parents)
     values = np.zeros((len(lost), len(names), 7))
     values[~lost] = np.concatenate([quaternions.continuous(local), offsets], axis=-1)
     values = spline(values.reshape(len(lost), -1), lost).reshape(values.shape)[lost]
     joints, rotations = compose(values[..., 4:], quaternions.normalise(values[..., :4]), parents)
-    points, turned = ({name: each[name].copy() for name in names} for each in (samples.points, samples.turned))
+    points, turned = ({name: tracks[name].copy() for name in names} for tracks in (samples.points, samples.turned))
     for place, name in enumerate(names):
         points[name][lost], turned[name][lost] = joints[:, place], rotations[:, place]
     return replace(samples, points=points, turned=turned)
@@ -368,21 +368,21 @@ def spline(track: np.ndarray, lost: np.ndarray) -> np.ndarray:
     from scipy.interpolate import make_interp_spline
 
     there = np.flatnonzero(~lost & np.isfinite(track).all(axis=1))
-    found = track.copy()
-    found[lost] = make_interp_spline(there, track[there], k=min(3, len(there) - 1))(np.flatnonzero(lost))
-    return found
+    bridged = track.copy()
+    bridged[lost] = make_interp_spline(there, track[there], k=min(3, len(there) - 1))(np.flatnonzero(lost))
+    return bridged
 
 
 # --- joints that leap away and back ---
 
 
-def _leaps(samples: Tracks, found: Sequence[Jump]) -> list[tuple[Jump, Jump]]:
+def _leaps(samples: Tracks, jump_list: Sequence[Jump]) -> list[tuple[Jump, Jump]]:
     """Pairs of jumps of which the second takes back the first within a gap that is bridged."""
     pairs, after = [], -1
-    steps = [each for each in found if each.frames == 1]
+    steps = [jump for jump in jump_list if jump.frames == 1]
     for first in steps:
-        near = [each for each in steps if 0 < each.frame - first.frame <= LONGEST_GAP_S * samples.rate_hz]
-        last = next((each for each in near if _returns(samples, first, each)), None)
+        near = [step for step in steps if 0 < step.frame - first.frame <= LONGEST_GAP_S * samples.rate_hz]
+        last = next((step for step in near if _returns(samples, first, step)), None)
         if first.frame > after and last is not None:
             pairs.append((first, last))
             after = last.frame

@@ -42,7 +42,7 @@ def bodies(raw: RawSkeleton) -> dict[str, RawSkeleton]:
     names = [raw.names[tree[0]] for tree in large]
     spaces = [name.rpartition(":")[0] for name in names]
     numbers = [str(number) for number in range(1, len(large) + 1)]
-    called = next(each for each in (spaces, names, numbers) if len({*each} - {""}) == len(large) or each is numbers)
+    called = next(kind for kind in (spaces, names, numbers) if len({*kind} - {""}) == len(large) or kind is numbers)
     return {name if len(large) > 1 else "": _piece(raw, tree) for name, tree in zip(called, large, strict=True)}
 
 
@@ -51,22 +51,22 @@ def _twins(raw: RawSkeleton) -> dict[str, RawSkeleton]:
     for joint in range(len(raw.names)):
         trees = [_below(raw, child) for child, parent in enumerate(raw.parents) if parent == joint]
         large = [tree for tree in trees if len(tree) >= FEWEST_LABELS]
-        found: dict[str, RawSkeleton] = {}
+        twins: dict[str, RawSkeleton] = {}
         for other in large[1:]:
-            ours, theirs, plain = _affixes(
-                *([raw.names[each].removesuffix(":end") for each in tree] for tree in (large[0], other))
+            ours, theirs, common_names = _affixes(
+                *([raw.names[index].removesuffix(":end") for index in tree] for tree in (large[0], other))
             )
-            if {side_and_part(name)[0] for name in plain} >= {"left", "right"}:  # two legs have one side each
+            if {side_and_part(name)[0] for name in common_names} >= {"left", "right"}:  # two legs have one side each
                 above = _above(raw, joint)
                 for affix, tree in ((ours, large[0]), (theirs, other)):
-                    names = [*(raw.names[each] for each in above), *plain]
+                    names = [*(raw.names[index] for index in above), *common_names]
                     named = [
                         f"{n}:end" if raw.names[e].endswith(":end") else n
                         for n, e in zip(names, above + tree, strict=True)
                     ]
-                    found[affix] = replace(_piece(raw, above + tree), names=tuple(named))
-        if len(found) > 1:
-            return found
+                    twins[affix] = replace(_piece(raw, above + tree), names=tuple(named))
+        if len(twins) > 1:
+            return twins
     return {}
 
 
@@ -78,28 +78,28 @@ def _affixes(ours: list[str], theirs: list[str]) -> tuple[str, str, list[str]]:
             (place for place, (one, other) in enumerate(ends) if one != other), min(len(ours[0]), len(theirs[0]))
         )
         first, second = (names[0][::turn][: len(names[0]) - tail] for names in (ours, theirs))
-        plain = [name[::turn].removeprefix(first)[::turn] for name in ours]
-        same = plain == [name[::turn].removeprefix(second)[::turn] for name in theirs] and first != second
+        common_names = [name[::turn].removeprefix(first)[::turn] for name in ours]
+        same = common_names == [name[::turn].removeprefix(second)[::turn] for name in theirs] and first != second
         if same and all(name[::turn].startswith(first) for name in ours):
-            return first[::turn].strip(SIGNS), second[::turn].strip(SIGNS), [name.strip(SIGNS) for name in plain]
+            return first[::turn].strip(SIGNS), second[::turn].strip(SIGNS), [name.strip(SIGNS) for name in common_names]
     return "", "", []
 
 
 def _below(raw: RawSkeleton, root: int) -> list[int]:
     """A joint and all that it carries, in the file's order."""
-    found = {root}
+    joints = {root}
     for joint in range(root + 1, len(raw.parents)):
-        if raw.parents[joint] in found:
-            found.add(joint)
-    return sorted(found)
+        if raw.parents[joint] in joints:
+            joints.add(joint)
+    return sorted(joints)
 
 
 def _above(raw: RawSkeleton, joint: int) -> list[int]:
     """A joint and those that carry it, the root first."""
-    found = [joint]
-    while raw.parents[found[0]] >= 0:
-        found.insert(0, raw.parents[found[0]])
-    return found
+    chain = [joint]
+    while raw.parents[chain[0]] >= 0:
+        chain.insert(0, raw.parents[chain[0]])
+    return chain
 
 
 def _piece(raw: RawSkeleton, joints: list[int]) -> RawSkeleton:
@@ -117,28 +117,28 @@ def _piece(raw: RawSkeleton, joints: list[int]) -> RawSkeleton:
     )
 
 
-# --- bVH skeleton -> `Motion`: the file's joints are mapped to the canonical ones, what it does not say is found from
+# --- BVH skeleton -> `Motion`: the file's joints are mapped to the canonical ones, what it does not say is found from
 # the body ---
 
 
 def read_skeletal(path: Path, reading: Reading) -> Callable[[Reading], Found]:
     """One skeleton of a .bvh, .bvh.gz or .glb file: its motion for a reading, by other axes or another floor too."""
     form, read = ("GLB", read_gltf) if path.suffix.lower() == ".glb" else ("BVH", read_bvh)
-    found = bodies(read(path))
-    (raw, kind, matched), who = chosen(found, reading.subject, partial(_mapped, wanted=reading.flavour))
+    skeletons = bodies(read(path))
+    (raw, kind, matched), who = chosen(skeletons, reading.subject, partial(_mapped, flavour_name=reading.flavour))
     offsets, restored = restored_offsets(raw, raw.names, kind)
-    told = *who, f"flavour {kind.name}" if matched is None else matched.told
+    clauses = *who, f"flavour {kind.name}" if matched is None else matched.summary
     if restored:
-        told = *told, f"lost bones restored at {', '.join(restored)}"
+        clauses = *clauses, f"lost bones restored at {', '.join(restored)}"
     points, turned = _canonical(raw, kind, offsets)
-    tracks = Tracks(form=form, points=points, turned=turned, rate_hz=raw.rate_hz, told=told)
+    tracks = Tracks(form=form, points=points, turned=turned, rate_hz=raw.rate_hz, clauses=clauses)
     return partial(_motion, tracks.without(raw.lost), raw, kind, matched is None)
 
 
-def _motion(tracks: Tracks, raw: RawSkeleton, kind: Flavour, known: bool, reading: Reading) -> Found:
-    """The motion of one skeleton's canonical joints, with its report; known: whether its names are those of a flavour."""
+def _motion(tracks: Tracks, raw: RawSkeleton, kind: Flavour, of_flavour: bool, reading: Reading) -> Found:
+    """The motion of one skeleton's canonical joints, with its report; of_flavour: whether its names are those of a flavour."""
     tracks = sampled(tracks, reading)
-    if known:
+    if of_flavour:
         _check_sides(tracks.points, kind)
     unit_m, tall_m = unit(tracks.points, reading.units, cmu_units=kind.cmu_units)
     axis = reading.axis or up_axis(tracks.points, _canonical(_at_rest(raw), kind)[0])
@@ -146,18 +146,18 @@ def _motion(tracks: Tracks, raw: RawSkeleton, kind: Flavour, known: bool, readin
     return placed(upright(tracks, frame), frame, reading)
 
 
-def _mapped(raw: RawSkeleton, wanted: str | None) -> tuple[RawSkeleton, Flavour, Match | None]:
+def _mapped(raw: RawSkeleton, flavour_name: str | None) -> tuple[RawSkeleton, Flavour, Match | None]:
     """The skeleton with the names that its flavour knows, the flavour, and how it was matched if it is none that is known."""
-    plain = plain_names(raw.names)
-    if wanted is not None:
-        flavour, names = chosen_flavour(wanted, (plain, raw.names), raw.parents)
+    bare_names = plain_names(raw.names)
+    if flavour_name is not None:
+        flavour, names = chosen_flavour(flavour_name, (bare_names, raw.names), raw.parents)
         return replace(raw, names=names), flavour, None
-    raw = replace(raw, names=plain)
-    known = detect_flavour(plain, raw.parents)
-    if known is not None:
-        return raw, known, None
-    some = forward_kinematics(replace(raw, values=raw.values[_spread(len(raw.values))]))[0]
-    matched = match(plain, raw.parents, some, forward_kinematics(_at_rest(raw))[0][0])
+    raw = replace(raw, names=bare_names)
+    detected = detect_flavour(bare_names, raw.parents)
+    if detected is not None:
+        return raw, detected, None
+    positions = forward_kinematics(replace(raw, values=raw.values[_spread(len(raw.values))]))[0]
+    matched = match(bare_names, raw.parents, positions, forward_kinematics(_at_rest(raw))[0][0])
     for doubt in matched.doubts:
         warn(doubt)
     return raw, Flavour(name="matched", joints=matched.joints), matched

@@ -16,7 +16,7 @@ from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError, printable, warn
 
 Source = TypeVar("Source")
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 
 SIGNS = ":_.-|/# "
 
@@ -47,71 +47,72 @@ class UnknownSubject(InputError):
 def of_labels(
     labels: Sequence[str],
     lacking: Callable[[Sequence[str]], Sequence[str]],
-    wanted: str | None,
-    read: Callable[[Labels], Found],
-) -> tuple[Found, tuple[str, ...]]:
+    subject: str | None,
+    read: Callable[[Labels], Result],
+) -> tuple[Result, tuple[str, ...]]:
     """What is read of one subject's labels, and clauses for the report on who it is; as `chosen` chooses.
 
     lacking: which labels a person needs beside some.
     """
-    found = subjects(labels, lacking)
-    if found:
-        return chosen(found, wanted, read)
+    by_subject = subjects(labels, lacking)
+    if by_subject:
+        return chosen(by_subject, subject, read)
     # Prefixes of one person, of its parts, or none; of equal points the first.
     prefixes = [*dict.fromkeys(printable(label.rpartition(":")[0]) for label in labels)]
-    own: Labels = {}
+    labels_by_point: Labels = {}
     for label in labels:
-        own.setdefault(label.rpartition(":")[2].strip(), label)
-    result, who = chosen({prefixes[0] if len(prefixes) == 1 else "": own}, wanted, read)
+        labels_by_point.setdefault(label.rpartition(":")[2].strip(), label)
+    result, who = chosen({prefixes[0] if len(prefixes) == 1 else "": labels_by_point}, subject, read)
     return result, who if len(prefixes) == 1 else (
         f"labels with {shown(prefixes)} before the colon taken as one person's",
     )
 
 
 def chosen(
-    found: Mapping[str, Source], wanted: str | None, read: Callable[[Source], Found]
-) -> tuple[Found, tuple[str, ...]]:
+    people: Mapping[str, Source], subject: str | None, read: Callable[[Source], Result]
+) -> tuple[Result, tuple[str, ...]]:
     """What is read of one subject, and clauses for the report on who it is: the one that is wanted, or the first that can be read,
     with a warning that names the others.
 
-    found: subjects by name, in the order of the file. read: raises an InputError where a subject lacks anything.
+    people: subjects by name, in the order of the file. read: raises an InputError where a subject lacks anything.
     """
-    names = list(found)
-    if wanted is not None:
-        names = [name for name in found if name == wanted] or [name for name in found if name.lower() == wanted.lower()]
+    names = list(people)
+    if subject is not None:
+        alike = [name for name in people if name.lower() == subject.lower()]
+        names = [name for name in alike if name == subject] or alike
         if not names or not names[0]:
-            known = (
-                f"its subjects are {', '.join(found)}"
-                if any(found)
+            choices = (
+                f"its subjects are {', '.join(people)}"
+                if any(people)
                 else "it holds one, without a name; leave subject out"
             )
-            raise UnknownSubject(f"subject {shown(wanted)} is not in the file; {known}", found)
+            raise UnknownSubject(f"subject {shown(subject)} is not in the file; {choices}", people)
     faults: list[str] = []
     for name in names:
         try:
-            result = read(found[name])
+            result = read(people[name])
         except InputError as error:
             faults.append(f"{name}: {error}" if name else str(error))
         else:
             break
     else:
-        also = f"; the file's subjects are {', '.join(found)}" if len(found) > 1 else ""
+        also = f"; the file's subjects are {', '.join(people)}" if len(people) > 1 else ""
         raise InputError(f"{faults[0]}{also}")
-    if len(found) == 1:
+    if len(people) == 1:
         return result, ()
-    if wanted is None:
+    if subject is None:
         others = names[names.index(name) + 1 :]
         why = f" ({faults[0].partition(';')[0]})" if faults else ""
         advice = f"; give subject={others[0]!r} (--motion.subject {others[0]}) for another" if others else ""
-        warn(f"the file holds {len(found)} subjects, {', '.join(found)}: {name} is taken{why}{advice}")
-    return result, (f"subject {name} of {', '.join(found)}",)
+        warn(f"the file holds {len(people)} subjects, {', '.join(people)}: {name} is taken{why}{advice}")
+    return result, (f"subject {name} of {', '.join(people)}",)
 
 
-def check_only(wanted: str | None) -> None:
+def check_only(subject: str | None) -> None:
     """Refuses a subject's name where a file holds one person."""
-    if wanted is not None:
+    if subject is not None:
         raise UnknownSubject(
-            f"subject {shown(wanted)} is not in the file; it holds one, without a name; leave subject out", ("",)
+            f"subject {shown(subject)} is not in the file; it holds one, without a name; leave subject out", ("",)
         )
 
 
@@ -125,21 +126,21 @@ def subjects(labels: Sequence[str], lacking: Callable[[Sequence[str]], Sequence[
                 groups.setdefault(("before", head + between), {})[tail] = label
             if head and tail and (between or tail[0].isdigit()):
                 groups.setdefault(("after", between + tail), {})[head] = label
-    whole = {key for key, own in groups.items() if len(own) >= FEWEST_LABELS and not lacking(tuple(own))}
+    whole = {key for key, group in groups.items() if len(group) >= FEWEST_LABELS and not lacking(tuple(group))}
     # Without a complete subject two prefixes before a colon are two incomplete ones where they share points.
     manners = {_manner(key) for key in whole} or {("before", ":")}
     alike = [key for key in groups if _manner(key) in manners]
     times = Counter(point for key in whole or alike for point in groups[key])
-    known = {point for point, count in times.items() if whole or count > 1}
-    found = {key: groups[key] for key in alike if key in whole or len(groups[key].keys() & known) >= ALIKE}
-    taken = {label for own in found.values() for label in own.values()}
-    rest = {label: label for label in labels if label not in taken}
-    if found and not lacking(tuple(rest)):
-        found["", ""] = rest
+    shared = {point for point, count in times.items() if whole or count > 1}
+    by_affix = {key: groups[key] for key in alike if key in whole or len(groups[key].keys() & shared) >= ALIKE}
+    assigned = {label for group in by_affix.values() for label in group.values()}
+    rest = {label: label for label in labels if label not in assigned}
+    if by_affix and not lacking(tuple(rest)):
+        by_affix["", ""] = rest
     place = {label: number for number, label in enumerate(labels)}
-    first = {key: min(place[label] for label in own.values()) for key, own in found.items()}
-    order = sorted(found, key=first.__getitem__)
-    return {printable(affix.strip(SIGNS))[:60] or "unnamed": found[kind, affix] for kind, affix in order}
+    first = {key: min(place[label] for label in group.values()) for key, group in by_affix.items()}
+    order = sorted(by_affix, key=first.__getitem__)
+    return {printable(affix.strip(SIGNS))[:60] or "unnamed": by_affix[kind, affix] for kind, affix in order}
 
 
 def _manner(affix: Affix) -> Affix:

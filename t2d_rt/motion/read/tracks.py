@@ -40,7 +40,7 @@ class Tracks:
     """When on the file's clock the first frame is that is left of it [s]."""
     rate_assumed: bool = False
     """Whether the rate is the format's usual one, which the file does not give."""
-    told: tuple[str, ...] = ()
+    clauses: tuple[str, ...] = ()
     """What was assumed and done, in clauses for the report."""
     unit_m: float | None = None
     """The format's own unit [m]; None is found from the body."""
@@ -60,7 +60,7 @@ class Tracks:
 
     def at(self, frames: slice | np.ndarray) -> Tracks:
         """Some of the frames."""
-        points, turned = ({name: track[frames] for name, track in each.items()} for each in (self.points, self.turned))
+        points, turned = ({name: track[frames] for name, track in kind.items()} for kind in (self.points, self.turned))
         return replace(self, points=points, turned=turned)
 
     def piece(self, start: int, stop: int | None = None) -> Tracks:
@@ -73,4 +73,4 @@ class Tracks:
 
     def saying(self, *clauses: str) -> Tracks:
         """With further clauses for the report."""
-        return replace(self, told=(*self.told, *clauses))
+        return replace(self, clauses=(*self.clauses, *clauses))

@@ -282,19 +282,18 @@ def _mid_swing(stands: np.ndarray) -> np.ndarray:
 
 def _while_standing(values: np.ndarray, stands: np.ndarray) -> np.ndarray:
     """Values (steps, K) as tracks (T, K), constant while the foot stands, with smooth steps between."""
-    standing = runs(stands)
-    out = np.zeros((len(stands), values.shape[1]))
-    if not standing:
-        return out
-    out[: standing[0][0]], out[standing[-1][0] :] = values[0], values[-1]
-    for number, (start, stop) in enumerate(standing):
-        out[start:stop] = values[number]
-        if number + 1 < len(standing):
-            x = np.linspace(0, 1, standing[number + 1][0] - stop + 2)[1:-1, None]
-            out[stop : standing[number + 1][0]] = values[number] + (values[number + 1] - values[number]) * minimum_jerk(
-                x
-            )
-    return out
+    steps = runs(stands)
+    tracks = np.zeros((len(stands), values.shape[1]))
+    if not steps:
+        return tracks
+    tracks[: steps[0][0]], tracks[steps[-1][0] :] = values[0], values[-1]
+    for number, (start, stop) in enumerate(steps):
+        tracks[start:stop] = values[number]
+        if number + 1 < len(steps):
+            after = steps[number + 1][0]
+            x = np.linspace(0, 1, after - stop + 2)[1:-1, None]
+            tracks[stop:after] = values[number] + (values[number + 1] - values[number]) * minimum_jerk(x)
+    return tracks
 
 
 def pitched_feet(poses: Poses, change: GaitChange, swing: np.ndarray) -> Poses:
@@ -407,9 +406,8 @@ def trembling(poses: Poses, change: GaitChange, frames: np.ndarray, rng: np.rand
             amplitude_rad = (
                 change.hand_tremor_rad * rng.uniform(0.3, 1.0) * (1 + 0.3 * slow_noise(len(poses), poses.rate_hz, rng))
             )
-            shake = about(
-                "x", amplitude_rad * np.sin(2 * np.pi * rng.uniform(4.0, 6.0) * times + rng.uniform(0, 2 * np.pi))
-            )
+            phase_rad = 2 * np.pi * rng.uniform(4.0, 6.0) * times + rng.uniform(0, 2 * np.pi)
+            shake = about("x", amplitude_rad * np.sin(phase_rad))
             joint = INDEX[f"{side}_elbow"]
             local[:, joint] = quaternions.multiply(local[:, joint], shake)
     poses = replace(poses, local=local)
