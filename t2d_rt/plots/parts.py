@@ -100,8 +100,8 @@ def plot_parts(
         label_axes(axes, LABELS[x_name], LABELS[y_name], None)
         label_axes(strip, "", "", title)
         draw_poses(strip, poses, hues)
-        for time_s in poses.times_s:
-            axes.axvline(time_s, color="white", linewidth=0.5, linestyle=(0, (1, 3)), alpha=0.6)
+        for pose_s in poses.times_s:
+            axes.axvline(pose_s, color="white", linewidth=0.5, linestyle=(0, (1, 3)), alpha=0.6)
     half_y, half_x = (float(axis[-1] - axis[0]) / max(1, len(axis) - 1) / 2 for axis in (y, x))
     extent = (x[0] - half_x, x[-1] + half_x, y[0] - half_y, y[-1] + half_y)
     axes.imshow(picture, extent=extent, origin="lower", aspect="auto", interpolation="nearest")

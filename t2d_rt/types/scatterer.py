@@ -76,9 +76,7 @@ class EchoLabels:
     def joined(cls, labels: Iterable[EchoLabels]) -> EchoLabels:
         """Labels of different echoes, one after the other."""
         parts = list(labels)
-        return cls(
-            **{field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)}
-        )
+        return cls(**{item.name: np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(cls)})
 
 
 @dataclass(frozen=True, slots=True)

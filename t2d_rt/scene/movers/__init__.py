@@ -61,16 +61,16 @@ def kind_named(name: str) -> type[Mover]:
     others = plugins("movers", KINDS)
     if name not in others:
         raise unknown_name("mover", name, [*KINDS, *others])
-    mover = loaded(others[name])
-    if not (isinstance(mover, type) and issubclass(mover, OwnMover) and "kind" in mover.model_fields):
+    kind = loaded(others[name])
+    if not (isinstance(kind, type) and issubclass(kind, OwnMover) and "kind" in kind.model_fields):
         raise InputError(
-            f"the mover {name} of another package must be a class on OwnMover with a field kind, got {shown(mover)}"
+            f"the mover {name} of another package must be a class on OwnMover with a field kind, got {shown(kind)}"
         )
-    if mover.model_fields["kind"].default != name:
+    if kind.model_fields["kind"].default != name:
         raise InputError(
             f"the mover {name} of another package must have kind '{name}' by default; correct that package"
         )
-    return mover
+    return kind
 
 
 def with_words(entry: Any, key: str, value: Any, fields: Mapping[str, Any]) -> dict[str, Any]:
