@@ -330,7 +330,7 @@ class _Run:
         self._made_on: set[str] = set(manifest.get("made_on", []))
         """Processors and kernels that samples were made with."""
         self._seen: set[str] = set()
-        """Those of this run."""
+        """Those that samples of this run were made with."""
         self._waiting: dict[int, dict[int, Made]] = {}
         self._inputs = recipe.files()
         self._log: list[dict[str, Any]] = []

@@ -72,7 +72,7 @@ class _Map(_Product):
     """"float16" [dB, 0 at the greatest cell], or "uint8" as of a picture: 255 at the greatest cell, 0 at the end of the dynamic
     range and below."""
     dynamic_range_db: Annotated[Number, Field(gt=0, le=200)] = 60.0
-    """Of "uint8" [dB]."""
+    """Dynamic range of "uint8" [dB]."""
     speed_mps: Annotated[Number, Field(gt=0, le=1000)] | None = None
     """Greatest speed, towards the radar and away from it [m/s]; all that the radar measures by default."""
     mti: Literal["mean", "none"] = "mean"

@@ -207,7 +207,7 @@ MAPS = {"spectrogram": ("velocity_mps", "time_s"), "range_doppler": ("velocity_m
 BEYOND = 1e-3
 """By how much the sum of the parts in a cell may lie beyond 0..1, powers over that of the greatest cell."""
 APART = 1e-6
-"""By how much they may differ from what the spectrogram has there, relative to the greatest cell, beside the map's rounding."""
+"""By how much that sum may differ from what the spectrogram has there, relative to the greatest cell, beside the map's rounding."""
 LARGEST_BYTES = 4e9
 """Largest array that is unpacked: packed it may have a thousandth of that, and a stranger's file may ask for any memory."""
 LEAST_ABOVE_DB = 1e-3

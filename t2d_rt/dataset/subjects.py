@@ -16,7 +16,7 @@ KINDS = tuple(dict.fromkeys(kind for kinds in STATURE_M.values() for kind, *_ in
 """Bodies that subjects take in turns."""
 
 ANYBODY = ("adult", "woman", "man")
-"""Those that a description of a person may mean."""
+"""Bodies that a description of a person may mean."""
 
 BMI_SPREAD = 0.14
 """Standard deviation of the logarithm of the body mass index about that of the shipped body: 14.2 kg of 85.5 kg of soldiers whose

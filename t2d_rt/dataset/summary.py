@@ -47,7 +47,7 @@ class ClassSummary:
     passed: int
     """Motions that the filter takes for one of the class."""
     reason: str | None
-    """The one for which most of the others do not pass."""
+    """Reason for which most of the others do not pass."""
     made_s: np.ndarray
     """Lengths of the motions before they were cut or held [s]."""
     snr_db: np.ndarray

@@ -32,7 +32,7 @@ class TrainOptions(Fields):
     rate: Annotated[Number, Field(gt=0, le=10)] = 1e-3
     """Learning rate of Adam."""
     factor: Annotated[Number, Field(gt=0, lt=1)] = 0.1
-    """By which the rate falls where the loss of the validation no longer does."""
+    """Factor by which the rate falls where the loss of the validation no longer does."""
     plateau: Annotated[Count, Field(ge=0, le=10_000)] = 5
     """Epochs without a lower loss after which it falls; with 10, as the early stop has, it would fall in the last epoch only."""
     patience: Annotated[Count, Field(ge=1, le=10_000)] = 10
@@ -43,20 +43,20 @@ class TrainOptions(Fields):
     smoothing: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
     """Part of the probability that the classes share, so that no network becomes certain (Szegedy et al. 2016)."""
     decay: Annotated[Number, Field(ge=0, le=10)] = 0.0
-    """By which weights shrink in each step, relative to the rate (Loshchilov and Hutter 2019)."""
+    """Decay of weights in each step, relative to the rate (Loshchilov and Hutter 2019)."""
     epochs: Annotated[Count, Field(ge=1, le=10_000)] = 100
     """Epochs at most."""
     batch: Annotated[Count, Field(ge=2, le=100_000)] = 64
     """Samples of a step."""
     seed: Annotated[Count, Field(ge=0, le=2**31)] = 0
-    """Of the weights, the order of the samples and the augmentations."""
+    """Seed of the weights, the order of the samples and the augmentations."""
     threads: Annotated[Count, Field(ge=1, le=256)] = 1
-    """Of torch; the same seed gives the same weights, bit for bit on one machine, with one."""
+    """Threads of torch; the same seed gives the same weights, bit for bit on one machine, with one."""
     precision: Literal["float32", "bfloat16"] = "float32"
     """Numbers of convolutions and matrix products in training; weights are kept in float32. With bfloat16 a processor that has
     AVX512_BF16 or AMX trains networks of pictures in half the time, and others take longer."""
     device: Literal["cpu", "gpu"] = "cpu"
-    """Where it runs."""
+    """Device on which it runs."""
     augment: Augment = Augment()
     """How samples are changed on the fly; by default they are not."""
 

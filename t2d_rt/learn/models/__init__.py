@@ -53,7 +53,7 @@ class ModelCard:
 
     title: str
     source: str
-    """Where its structure is from."""
+    """Publication or code that its structure is from."""
     least_size: int = 16
     """Cells of speed and of time at least."""
     usual_size: int = 64
