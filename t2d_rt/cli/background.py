@@ -151,14 +151,8 @@ def _evaluate(source: str, folder: str, reading_options: Given, seed: int) -> No
     rows: list[tuple[str, ...]] = [
         ("", "profile dB", "profiles dB", "levels dB", "autocorr.", "classifier", "perplexity")
     ]
-    for name, (distances, perplexity) in comparisons.items():
-        columns = (
-            distances.profile_db,
-            distances.profiles_db,
-            distances.levels_db,
-            distances.autocorrelation,
-            distances.classifier,
-        )
+    for name, (gap, perplexity) in comparisons.items():
+        columns = gap.profile_db, gap.profiles_db, gap.levels_db, gap.autocorrelation, gap.classifier
         rows.append(
             (name, *(f"{distance:.3f}" for distance in columns), "" if perplexity is None else f"{perplexity:.1f}")
         )

@@ -290,16 +290,12 @@ def _labelled(source: str, networks: Ensemble, model: str) -> tuple[LabelledMaps
         maps = maps.relabelled(class_names(list(maps.classes), options, data.path), options.classes)
     _check_like(source, maps, options.mti, card)
     cards = [member.card for member in networks.members]
-    trained_on = [member_card.about.get("recipe_hash") == data.recipe.hash for member_card in cards]
-    for member_card, same_recipe in zip(cards, trained_on, strict=True):
-        if not same_recipe:
-            _warn_of_seen(source, maps, member_card)
+    trained_on = [member.about.get("recipe_hash") == data.recipe.hash for member in cards]
+    for member, same in zip(cards, trained_on, strict=True):
+        if not same:
+            _warn_of_seen(source, maps, member)
     if any(trained_on):
-        kept_apart = [
-            set(_kept_apart(member_card, model))
-            for member_card, same_recipe in zip(cards, trained_on, strict=True)
-            if same_recipe
-        ]
+        kept_apart = [set(_kept_apart(member, model)) for member, same in zip(cards, trained_on, strict=True) if same]
         common = sorted(set.intersection(*kept_apart))
         if not common:
             raise InputError(

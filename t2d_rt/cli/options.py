@@ -169,10 +169,8 @@ class Command:
                 raise InputError(f"unknown option {word[:60]}; t2d-rt {self.name} --help lists all")
             name, value = "file", word if option is None else option[2]
             if option is not None:
-                option_name = (
-                    option[1][2:].replace("-", "_") or {short: name for name, short in SHORT.items()}[option[1]]
-                )
-                name = {"again": "file", "radar_file": "radar"}.get(option_name, option_name)
+                typed = option[1][2:].replace("-", "_") or {short: name for name, short in SHORT.items()}[option[1]]
+                name = {"again": "file", "radar_file": "radar"}.get(typed, typed)
             if (
                 value is None and getattr(actions.get(f"--{name}"), "nargs", None) in (0, "?")
             ) or name == "print_config":
@@ -337,17 +335,13 @@ def capture(command: Command, *, radar: bool = True) -> None:
     """Options of measured samples as `load_recording` takes them; their radar, unless there is one already."""
     from t2d_rt.recording.read import load_recording
 
-    hints, defaults, help_texts = (
-        get_type_hints(load_recording),
-        defaults_of(load_recording),
-        parameter_help(load_recording),
-    )
-    help_texts["radar"] = (
+    hints, defaults, texts = get_type_hints(load_recording), defaults_of(load_recording), parameter_help(load_recording)
+    texts["radar"] = (
         "Radar of measured samples: a preset's name, a .yaml file or a .cfg file; --radar_file is the same."
     )
     if not radar:
         del defaults["radar"]
-    command.add_fields(help_texts, hints | {"radar": str | None}, defaults)
+    command.add_fields(texts, hints | {"radar": str | None}, defaults)
 
 
 def reading(command: Command) -> None:

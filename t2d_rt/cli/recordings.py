@@ -357,16 +357,12 @@ def scene(
     if not 0 <= reflections <= 4:
         raise InputError(f"option reflections must lie in 0..4, got {reflections}")
     radar = radar_of(given)
-    full_scene = load_scene(file, **scene_options(scene_file), frequency_hz=radar.mid_frequency_hz)
-    if full_scene.report:
-        say(full_scene.report)
-    scene_in_reach = within_reach(full_scene, radar)
-    cut = (
-        ""
-        if scene_in_reach in (None, full_scene)
-        else f" of {len(full_scene.surfaces)}, within {radar.max_range_m:.3g} m"
-    )
-    drawn_scene = scene_in_reach or full_scene
+    room = load_scene(file, **scene_options(scene_file), frequency_hz=radar.mid_frequency_hz)
+    if room.report:
+        say(room.report)
+    reachable = within_reach(room, radar)
+    cut = "" if reachable in (None, room) else f" of {len(room.surfaces)}, within {radar.max_range_m:.3g} m"
+    drawn_scene = reachable or room
     picture = Path(output or f"{drawn_scene.name}.png")
     check_picture(picture, overwrite=overwrite)
     track, target = None, radar.tx_position_m + 2.5 * radar.axes[0]
@@ -374,14 +370,11 @@ def scene(
         motion = load_motion(motion_path(walk))
         track = place(motion, radar_position_m=radar.position_m, boresight=radar.boresight).joints[:, 0]
         target = track[len(track) // 2]
-    paths = [] if scene_in_reach is None else paths_to(scene_in_reach, radar, target, reflections=reflections)
+    paths = [] if reachable is None else paths_to(reachable, radar, target, reflections=reflections)
     figure = plot_scene(drawn_scene, radar.tx_position_m, paths_m=paths, track_m=track, title=drawn_scene.name)
     write_picture(figure, picture, overwrite=overwrite)
-    target_text, path_names = (
-        ", ".join(f"{coordinate:.2f}" for coordinate in target),
-        ", ".join(name for name, _ in paths),
-    )
-    say(f"{len(drawn_scene.surfaces)} objects{cut}, {len(paths)} paths to ({target_text}) m: {path_names}")
+    position, path_names = ", ".join(f"{metres:.2f}" for metres in target), ", ".join(name for name, _ in paths)
+    say(f"{len(drawn_scene.surfaces)} objects{cut}, {len(paths)} paths to ({position}) m: {path_names}")
     say(f"wrote {picture}")
 
 

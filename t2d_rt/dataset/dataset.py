@@ -160,10 +160,9 @@ class Dataset:
     @property
     def sides(self) -> dict[str, np.ndarray]:
         """Positions of the samples of each side, (M,), where the recipe makes sides."""
-        sample_sides = [self.recipe.side_at(record["description"]) for record in self.records]
+        of_samples = [self.recipe.side_at(record["description"]) for record in self.records]
         return {
-            side.name: np.flatnonzero([sample_side == side for sample_side in sample_sides])
-            for side in self.recipe.sides
+            side.name: np.flatnonzero([of_sample == side for of_sample in of_samples]) for side in self.recipe.sides
         }
 
     @property

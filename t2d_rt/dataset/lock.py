@@ -104,7 +104,5 @@ def _alive(pid: object) -> bool:
 
 
 def _in_use(folder: Path, holder: dict[str, object]) -> InputError:
-    holder_text = f"process {holder.get('pid', 'unknown')} on {holder.get('host', 'this machine')}"
-    return InputError(
-        f"{folder} is being written by {holder_text}; wait for it, or remove {folder / LOCK} if it is gone"
-    )
+    process = f"process {holder.get('pid', 'unknown')} on {holder.get('host', 'this machine')}"
+    return InputError(f"{folder} is being written by {process}; wait for it, or remove {folder / LOCK} if it is gone")

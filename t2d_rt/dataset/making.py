@@ -265,12 +265,8 @@ def _warn_of_versions(manifest: Path) -> None:
     """Warns where the samples that there are were made by other versions."""
     if not manifest.is_file():
         return
-    begun_versions, current_versions = read_manifest(manifest.parent).get("versions", {}), versions()
-    differing = [
-        f"{name} {begun_versions.get(name)}"
-        for name, version in current_versions.items()
-        if begun_versions.get(name) != version
-    ]
+    begun, current = read_manifest(manifest.parent).get("versions", {}), versions()
+    differing = [f"{name} {begun.get(name)}" for name, version in current.items() if begun.get(name) != version]
     if differing:
         warn(
             f"{manifest.parent} was begun with other versions ({', '.join(differing)}); new samples may differ from theirs"

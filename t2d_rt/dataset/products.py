@@ -212,18 +212,15 @@ class RangeDopplerProduct(_Map):
         power, recording = [], recording.processed(mti=self.mti)
         for time_s in times_s:
             image = recording.range_doppler_at(float(time_s))
-            nearby = image.range_m.values <= self.farthest_m
-            if nearby.sum() < 2:
+            near = image.range_m.values <= self.farthest_m
+            if near.sum() < 2:
                 raise InputError(
-                    f"a map within {self.farthest_m:g} m has {nearby.sum()} cells of range; raise farthest_m, or take a finer radar"
+                    f"a map within {self.farthest_m:g} m has {near.sum()} cells of range; raise farthest_m, or take a finer radar"
                 )
             rows = self.rows(image.velocity_mps.values)
-            power.append(resized(10.0 ** (image.values[rows][:, nearby].astype(np.float64) / 10.0), self.size))
+            power.append(resized(10.0 ** (image.values[rows][:, near].astype(np.float64) / 10.0), self.size))
         array, peak_db = self.encoded(np.stack(power))
-        axes = {
-            "velocity_mps": edges(image.velocity_mps.values[rows]),
-            "range_m": edges(image.range_m.values[nearby]),
-        }
+        axes = {"velocity_mps": edges(image.velocity_mps.values[rows]), "range_m": edges(image.range_m.values[near])}
         return array, {"peak_db": peak_db, "times_s": [round(float(time_s), 9) for time_s in times_s], **axes}
 
 
@@ -272,11 +269,7 @@ class TruthProduct(_Product):
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns."""
-        return (
-            TRUTH_COLUMNS
-            if self.visible
-            else tuple(column for column in TRUTH_COLUMNS if not column.endswith("_visible"))
-        )
+        return TRUTH_COLUMNS if self.visible else tuple(name for name in TRUTH_COLUMNS if not name.endswith("_visible"))
 
     def made(self, recording: Recording) -> tuple[np.ndarray, dict[str, Any]]:
         """The array (time, column), its columns those of `columns`, float32, and what goes into the record."""
@@ -315,9 +308,7 @@ class Products(_Product):
                 raise InputError(
                     "recipe key products has parts, which are those of a spectrogram; give spectrogram, too"
                 )
-            if any(
-                cells % part_cells for cells, part_cells in zip(self.spectrogram.size, self.parts.size, strict=True)
-            ):
+            if any(fine % coarse for fine, coarse in zip(self.spectrogram.size, self.parts.size, strict=True)):
                 raise InputError(
                     f"the size of parts must divide that of the spectrogram, {list(self.spectrogram.size)}, got "
                     f"{list(self.parts.size)}; give its half or a quarter"

@@ -254,23 +254,19 @@ class Recipe(Fields):
     def _check_sides(self) -> None:
         """Refuses sides that cannot be held apart, or whose conditions there are not."""
         condition_names = [condition.name for condition in self.conditions]
-        side_names = [side.name for side in self.sides]
+        names = [side.name for side in self.sides]
         for side in self.sides:
             for condition in side.conditions:
                 if condition not in condition_names:
                     raise unknown_name(f"condition of side {side.name}", condition, condition_names)
-        if side_names and (
-            "train" not in side_names or "test" not in side_names or len(set(side_names)) < len(side_names)
-        ):
-            raise InputError(f"recipe key sides needs train and test, each side once, got {', '.join(side_names)}")
-        if side_names and (self.subjects is None or self.each_condition):
+        if names and ("train" not in names or "test" not in names or len(set(names)) < len(names)):
+            raise InputError(f"recipe key sides needs train and test, each side once, got {', '.join(names)}")
+        if names and (self.subjects is None or self.each_condition):
             raise InputError("recipe key sides needs subjects to hold apart, and no each_condition; change one of them")
-        total_weight = sum(side.weight for side in self.sides)
-        if side_names and (
-            total_weight > self.descriptions_per_class or total_weight > (self.subjects or 0) // BODY_KINDS
-        ):
+        total = sum(side.weight for side in self.sides)
+        if names and (total > self.descriptions_per_class or total > (self.subjects or 0) // BODY_KINDS):
             raise InputError(
-                f"the weights of the sides add up to {total_weight}, more than descriptions of a class "
+                f"the weights of the sides add up to {total}, more than descriptions of a class "
                 f"({self.descriptions_per_class}) or subjects of a shape ({(self.subjects or 0) // BODY_KINDS}); lower the weights"
             )
 

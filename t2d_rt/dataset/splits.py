@@ -173,16 +173,11 @@ def _checked_split(
 ) -> Split:
     """A split of these masks (N,) by side, searched for leaks before it is given; left: what was left out, (N,)."""
     indices = np.array([int(record["index"]) for record in records])
-    indices_by_side = {name: tuple(sorted(indices[mask].tolist())) for name, mask in sides.items()}
-    check_split(records, indices_by_side, apart=kinds)
-    shared = Counter(
-        str(kind) for kind, _, _ in leaks(records, indices_by_side, [kind for kind in KINDS if kind not in kinds])
-    )
+    members = {name: tuple(sorted(indices[mask].tolist())) for name, mask in sides.items()}
+    check_split(records, members, apart=kinds)
+    shared = Counter(str(kind) for kind, _, _ in leaks(records, members, [kind for kind in KINDS if kind not in kinds]))
     return Split(
-        MappingProxyType(indices_by_side),
-        kinds,
-        tuple(sorted(indices[left_out].tolist())),
-        MappingProxyType(dict(shared)),
+        MappingProxyType(members), kinds, tuple(sorted(indices[left_out].tolist())), MappingProxyType(dict(shared))
     )
 
 
@@ -470,9 +465,7 @@ def _climbed(holds: np.ndarray, sums: np.ndarray, fractions: np.ndarray, rng: np
             for clips in _moves(holds, rng):
                 on = holds @ unit[sides] - holds[:, clips] @ unit[sides[clips]]
                 weight = holds[:, clips].sum(axis=1, keepdims=True)
-                values = [
-                    objective(_placed(on + weight * unit_side > 0, sums), fractions, totals) for unit_side in unit
-                ]
+                values = [objective(_placed(on + weight * row > 0, sums), fractions, totals) for row in unit]
                 side = int(np.argmax(values))
                 if values[side] > value + 1e-9:
                     sides[clips], value = side, values[side]

@@ -104,16 +104,16 @@ class Summary:
             "receding [m/s]",
             "approaching [m/s]",
         )
-        lines += _table([head, *(_row(class_summary) for class_summary in self.classes)])
+        lines += _table([head, *(_row(summary) for summary in self.classes)])
         balance = "class", "angle [deg]", "range [m]", "moving", "approaching"
-        lines += _table([balance, *(_balance(class_summary) for class_summary in self.classes)])
+        lines += _table([balance, *(_balance(summary) for summary in self.classes)])
         lines.append(
             "three figures: of 5 %, 50 % and 95 % of the samples; those of the second table should be alike in all classes"
         )
         lines += [
-            f"{class_summary.name}: most that do not pass: {class_summary.reason}"
-            for class_summary in self.classes
-            if class_summary.reason is not None
+            f"{summary.name}: most that do not pass: {summary.reason}"
+            for summary in self.classes
+            if summary.reason is not None
         ]
         if len(self.conditions) > 1:
             lines.append("conditions: " + ", ".join(f"{name} {count}" for name, count in self.conditions.items()))
@@ -202,11 +202,11 @@ def _seconds_left(dataset: Dataset) -> float | None:
     if len(finished) < 2 or not in_use(dataset.path):
         return None
     # The time between two shards is that of the later one's samples; the median, for a run may have been stopped between.
-    seconds_per_sample = [
+    sample_s = [
         (last - first) / max(1, path.read_bytes().count(b"\n")) for (first, _), (last, path) in pairwise(finished)
     ]
     missing = dataset.recipe.samples - len(dataset) - len(dataset.failed)
-    return float(np.median(seconds_per_sample)) * missing
+    return float(np.median(sample_s)) * missing
 
 
 def _row(summary: ClassSummary) -> tuple[str, ...]:

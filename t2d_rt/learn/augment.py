@@ -143,15 +143,11 @@ def _shifted(levels: np.ndarray, columns: int) -> np.ndarray:
 
 def _followed(levels: np.ndarray, neighbour: np.ndarray, part: float, rng: np.random.Generator) -> np.ndarray:
     """The map as a window sees it that is moved by a part of its length, to where another activity is seen, too."""
-    columns = round(part * levels.shape[1])
-    if columns == 0:
+    shift = round(part * levels.shape[1])
+    if shift == 0:
         return levels
     neighbour = neighbour + np.float32(rng.uniform(-FOLLOW_DB, FOLLOW_DB))
-    parts = (
-        [neighbour[:, -columns:], levels[:, :-columns]]
-        if columns > 0
-        else [levels[:, -columns:], neighbour[:, :-columns]]
-    )
+    parts = [neighbour[:, -shift:], levels[:, :-shift]] if shift > 0 else [levels[:, -shift:], neighbour[:, :-shift]]
     joined = np.concatenate(parts, axis=1)
     return np.asarray(joined - joined.max())
 
