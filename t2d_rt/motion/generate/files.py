@@ -25,8 +25,7 @@ from t2d_rt.motion.read.humanml3d import read_joints
 from t2d_rt.motion.read.passes import Reading, motion_of
 from t2d_rt.types.motion import Motion
 
-# --- what MDM saves with `np.save` of a dictionary, read without the pickle module: nothing is called and no class is
-# looked up ---
+# --- what MDM saves with `np.save` of a dictionary, read without the pickle module: nothing is called and no class is looked up ---
 #
 # The few operations are carried out here (`pickletools` tells them apart) on dictionaries, lists, tuples, words,
 # numbers, and arrays of plain types, whose bytes are as many as their shape has. Anything else is refused: no file
@@ -217,11 +216,11 @@ def unpickled(data: bytes) -> Any:
 #
 # What is where:
 #
-# - MDM: `results.npy` (positions of all samples), `results.txt` (a prompt for each). - MoMask:
-# `joints/K/sampleK_repeatR_lenL_ik.npy`, and the file of prompts that it was given (`prompts.txt` or
-# `text_prompt.txt`, line K, "text#frames") copied beside it, for MoMask does not keep them. - Kimodo: `NAME.npz` and
-# `NAME.json` with "text" or "texts". - MotionGPT: `K_out.npy` and `K_in.txt`. - Any other motion file with `NAME.txt`
-# beside it.
+# - MDM: `results.npy` (positions of all samples), `results.txt` (a prompt for each).
+# - MoMask: `joints/K/sampleK_repeatR_lenL_ik.npy`, and the file of prompts that it was given (`prompts.txt` or
+#   `text_prompt.txt`, line K, "text#frames") copied beside it, for MoMask does not keep them.
+# - Kimodo: `NAME.npz` and `NAME.json` with "text" or "texts".
+# - MotionGPT: `K_out.npy` and `K_in.txt`. Any other motion file: `NAME.txt` beside it.
 
 
 MOST_TEXT_BYTES = 10_000_000

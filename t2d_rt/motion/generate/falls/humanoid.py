@@ -13,8 +13,7 @@ from t2d_rt.geometry.vectors import unit, vector_product
 from t2d_rt.motion import quaternions
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, Motion
 
-# --- anatomical frames of a motion's segments: x left, y up, z forward on trunk and head; -y along each limb's bone
-# ---
+# --- anatomical frames of a motion's segments: x left, y up, z forward on trunk and head; -y along each limb's bone ---
 #
 # They are the frames of the CMU humanoid. A motion's own rotations have any zero, so a constant rotation per joint
 # leads from one to the other, found over the whole motion: bones lie along -y, knees and elbows flex about x, pelvis
@@ -266,8 +265,7 @@ def skeleton(root_m: np.ndarray, segments: np.ndarray, offsets: np.ndarray) -> n
     return joints
 
 
-# --- the CMU humanoid of dm_control, fitted to one person: bones as long as the motion's, girth by stature, mass as
-# given ---
+# --- the CMU humanoid of dm_control, fitted to one person: bones as long as the motion's, girth by stature, mass as given ---
 #
 # Its tree, joints, muscles, contacts and masses stand in humanoid.xml, whose head says what is changed from the original.
 

@@ -146,8 +146,7 @@ def _exponential(vector: np.ndarray) -> np.ndarray:
     return np.concatenate([0.5 * vector * np.sinc(half / np.pi), np.cos(half)], axis=-1)
 
 
-# --- getting up: the body that lies goes over into a recorded getup on its own skeleton, its lowest points on the
-# floor ---
+# --- getting up: the body that lies goes over into a recorded getup on its own skeleton, its lowest points on the floor ---
 
 
 BLEND_S, ROLL_S = 1.0, 1.8

@@ -35,8 +35,7 @@ from t2d_rt.motion.interpolate import low_pass, resample
 from t2d_rt.motion.kinematics import facing, stature_m
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
 
-# --- heel strikes and swings of a walk or run, from ankles relative to the pelvis (Zeni, Richards, Higginson 2008)
-# ---
+# --- heel strikes and swings of a walk or run, from ankles relative to the pelvis (Zeni, Richards, Higginson 2008) ---
 
 
 STEP_M = 0.15

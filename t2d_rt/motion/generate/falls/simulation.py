@@ -196,8 +196,7 @@ def hinge_tones(body: Humanoid, tones: dict[str, np.ndarray]) -> np.ndarray:
     return np.stack([tones[of_hinge[int(hinge)]] for hinge in hinges], axis=1)
 
 
-# --- a fall, step by step in MuJoCo: contacts, muscles, the foot that slips or is caught, and the ledger of energy
-# ---
+# --- a fall, step by step in MuJoCo: contacts, muscles, the foot that slips or is caught, and the ledger of energy ---
 
 
 PELVIS = frozenset({"root", "lowerback"})

@@ -25,8 +25,7 @@ from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, low_pass, minimum_jerk
 from t2d_rt.motion.kinematics import INDEX, NAMES, Poses, Skeleton, at_frames
 from t2d_rt.motion.vary import arcs
 
-# --- changes of a piece: its time, its mirror image, its path, its stride. Feet are planted afterwards, by the
-# piece's contacts ---
+# --- changes of a piece: its time, its mirror image, its path, its stride. Feet are planted afterwards, by the piece's contacts ---
 
 
 OTHER = {"left": "right", "right": "left"}

@@ -14,8 +14,7 @@ from t2d_rt.motion.generate.made.hands import Anatomy, Figure, Goal, Hand, Hang
 from t2d_rt.motion.interpolate import decompose, wander
 from t2d_rt.motion.kinematics import LOWER_BACK, NAMES, PARENTS, Poses, axes_along
 
-# --- what keeps a body from moving like a machine: sway, and noise of the muscles that grows with the
-# movement ---
+# --- what keeps a body from moving like a machine: sway, and noise of the muscles that grows with the movement ---
 
 
 SWAY_HZ = 0.08, 1.2
