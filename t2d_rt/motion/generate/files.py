@@ -312,8 +312,8 @@ def _listed(place: Path) -> Iterator[Result]:
         yield from _momask(place)
         return
     for path in sorted(place.iterdir()):
-        if path.suffix.lower() in MOTION_SUFFIXES and (prompt := _prompt_beside(path)) is not None:
-            yield Result(file=path, prompt=prompt)
+        if path.suffix.lower() in MOTION_SUFFIXES and (beside := _prompt_beside(path)) is not None:
+            yield Result(file=path, prompt=beside)
 
 
 def _momask(place: Path) -> Iterator[Result]:
