@@ -23,6 +23,8 @@ WHOLE, NONE = 2.2, 3.4
 """Clearances of an outline, as Fresnel's parameter, up to which its wave counts in full and from which it does not count."""
 PIECE, SHORTEST_M = 0.7, 3e-3
 """Length of an outline's pieces, as Fresnel's parameter, and what they are not cut below."""
+LONGEST_RAD = 0.5
+"""Edges are cut to about that before they are chosen, so that a place and a direction stand for the whole of each."""
 ASIDE_M = 5e-4
 """An edge is outline where nothing of its mesh lies so far beside it."""
 ROOMY = 1.5
@@ -196,8 +198,8 @@ def beside_others(
                 for other in range(len(at.meshes.meshes))
                 if other != mesh and _near(at, instant, part, mesh, other, wavelength_m)
             ]
-            if near:
-                numbers = np.flatnonzero(of.front[instant] & (of.owner == mesh))
+            numbers = np.flatnonzero(of.front[instant] & (of.owner == mesh))
+            if near and len(numbers):
                 here_m = of.places_m[instant, numbers]
                 here_m = here_m + LIFT_M * (of.normals[instant, numbers] + unit(images(path)[-1] - here_m))
                 beams = [_beam(at, instant, part, other, part.appear(here_m), wavelength_m) for part, other in near]
@@ -239,10 +241,14 @@ def _beam(at: Posed, instant: int, part: Straight, other: int, apparent_m: np.nd
         distance = np.maximum(norms(ends_m.mean(axis=0) - part.origin_m), SHORTEST_M)
         reach = NONE * np.sqrt(wavelength_m * np.maximum(farthest - distance, 0) / (2 * distance * farthest))
         directions = unit(ends_m - part.origin_m)
-        beside = (directions.min(axis=0) - reach[:, None] > high) | (directions.max(axis=0) + reach[:, None] < low)
+        # The directions of what lies between two ends bulge beyond their chord.
+        bulge = 1 - np.sqrt(1 - np.minimum(inner(*2 * [directions[1] - directions[0]]) / 4, 1))
+        margin = (reach + bulge)[:, None]
+        beside = (directions.min(axis=0) - margin > high) | (directions.max(axis=0) + margin < low)
         return np.where(beside.any(axis=1), 0, reach)
 
     near, ends_m = np.zeros(len(apparent_m), bool), at.folds(instant, other, part.origin_m)
+    ends_m = _cut(ends_m, LONGEST_RAD * np.maximum(norms(ends_m.mean(axis=0) - part.origin_m), LEAST_M))
     across = norms(np.diff(unit(ends_m - part.origin_m), axis=0)[0]) * norms(ends_m[0] - part.origin_m)
     ends_m = ends_m[:, (close(ends_m) > 0) & (across > END_ON * norms(ends_m[1] - ends_m[0]))]
     distance = norms(ends_m.mean(axis=0) - part.origin_m)

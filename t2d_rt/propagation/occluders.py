@@ -254,9 +254,17 @@ class _HalfEdges(NamedTuple):
 
     @classmethod
     def of(cls, mesh: MovingMesh, first_vertex: int, first_face: int) -> _HalfEdges:
-        twin = topology(mesh.faces, len(mesh.rest)).twin
-        tail, head = (numbers.ravel() + first_vertex for numbers in (mesh.faces, mesh.faces[:, [1, 2, 0]]))
-        face = np.arange(len(twin)) // 3 + first_face
+        # Vertices that lie in one place are one, or faces that share none would each have borders of their own; a face that is
+        # there twice counts once, and one without area not at all.
+        place = np.unique(mesh.rest.round(6), axis=0, return_inverse=True)[1].ravel()
+        faces = place[mesh.faces]
+        least = faces.argmin(axis=1)[:, None] + np.arange(3)
+        rolled = np.take_along_axis(faces, least % 3, axis=1)
+        _, once = np.unique(rolled, axis=0, return_index=True)
+        once = np.sort(once[(np.diff(np.sort(faces[once], axis=1), axis=1) > 0).all(axis=1)])
+        twin = topology(faces[once], len(mesh.rest)).twin
+        tail, head = (numbers[once].ravel() + first_vertex for numbers in (mesh.faces, mesh.faces[:, [1, 2, 0]]))
+        face = np.repeat(once, 3) + first_face
         return cls(tail, head, face, face[twin], twin < 0)
 
 

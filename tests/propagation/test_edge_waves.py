@@ -139,6 +139,44 @@ def test_a_ghost_past_a_rim_is_what_the_unfolded_path_passes(clear_m: float, par
     np.testing.assert_allclose(decibel(found_there), decibel(knife_edge(v)), atol=0.3)
 
 
+@pytest.mark.filterwarnings("ignore:.*not watertight")
+@pytest.mark.parametrize("kind", ["long edges", "a soup of triangles", "a double sheet", "doubled faces"])
+def test_meshes_of_all_kinds_have_one_outline(kind: str, backend: Backend) -> None:
+    covered_m = 0.01
+    if kind == "long edges":
+        mesh = box(extents=[0.01, 2.0, 2.0])
+        others = static_mesh(mesh.vertices + [HALF_M, covered_m - 1, 1], mesh.faces)
+    elif kind == "a soup of triangles":
+        whole = screen(covered_m)
+        others = static_mesh(whole.rest[whole.faces].reshape(-1, 3), np.arange(3 * len(whole.faces)).reshape(-1, 3))
+    elif kind == "doubled faces":
+        whole = screen(covered_m)
+        others = static_mesh(whole.rest, np.concatenate([whole.faces, whole.faces[:, [1, 2, 0]], whole.faces[:1, [0, 0, 1]]]))
+    else:
+        corners = np.array([[HALF_M, y, z] for y in (covered_m - 2, covered_m) for z in (0.0, 2.0)])
+        front = np.array([[0, 1, 2], [1, 3, 2]])
+        others = static_mesh(np.concatenate([corners, corners]), np.concatenate([front, front[:, ::-1] + 4]))
+    _, found = one_way([others], backend)
+    np.testing.assert_allclose(decibel(found), decibel(knife_edge(covered_m * PER_M)), atol=0.3)
+
+
+@pytest.mark.filterwarnings("ignore:.*not watertight")
+def test_a_target_of_which_nothing_faces_the_antenna_has_no_field(backend: Backend) -> None:
+    sheet = static_mesh(np.array([[3.0, -0.1, 0.9], [3, 0.1, 0.9], [3, 0, 1.1]]), np.array([[0, 1, 2]]))
+    meshes = Occluders([screen(0.0), sheet])
+    view = Occlusion.alone(meshes, SIGHT, samples_s=np.zeros(2) + [0, 1], backend=backend, wavelength_m=WAVELENGTH_M)
+    turned = static_mesh(sheet.rest, sheet.faces[:, ::-1])
+    other = Occlusion.alone(
+        Occluders([screen(0.0), turned]),
+        SIGHT,
+        samples_s=np.array([0.0, 1.0]),
+        backend=backend,
+        wavelength_m=WAVELENGTH_M,
+    )
+    dark, lit = (each.visibility(np.zeros(1))[1] for each in (view, other))
+    assert sorted([bool(dark.any()), bool(lit.any())]) == [False, True]
+
+
 def test_nothing_changes_without_an_outline_near_the_path(backend: Backend) -> None:
     ball, far = (static_mesh(0.2 * VERTICES + [3, y, 1], FACES) for y in (0.0, 1.5))
     behind = static_mesh(0.05 * VERTICES + [3.4, 0, 1], FACES)  # deep in the ball's shadow
