@@ -288,3 +288,7 @@ def test_one_figure_far_outside_makes_a_walk_abnormal_and_pace_or_carriage_do_no
     for name in limits.gait:
         assert told(name) == (name not in ONE_S_OWN), name
     assert told("step_length", "trunk_lean_deg", "knee_lift_deg")
+    # A slow pace is one figure, and nobody walks too evenly.
+    even = {name: 0.0 for name in limits.gait if name.endswith(("asymmetry", "variation"))}
+    gait: Any = SimpleNamespace(**middle | even | {"cadence_per_min": 55.0, "step_length": 0.2})
+    assert not gait_faults(Evidence(None, gait, limits))  # type: ignore[arg-type]

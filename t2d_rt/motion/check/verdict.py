@@ -90,7 +90,8 @@ FARTHEST, MOST_AWAY = 4, 1.85
 in halves of their range; and that of a normal walk at most. The recorded ones reach 1.64. Both were chosen on walks of the seeds
 from 1000 on: none of 96 normal ones is beyond it, one of 96 with hardly anything of a gait, and 86 of 96 with gaits of patients."""
 
-ONE_S_OWN, MOST_ALONE = ("cadence_per_min", "step_length", "halted_s", "trunk_lean_deg"), 2.5
+PACE = ("cadence_per_min", "step_length")
+ONE_S_OWN, MOST_ALONE = (*PACE, "halted_s", "trunk_lean_deg"), 2.5
 """Pace and carriage, and their greatest departure that counts: strollers take short steps at a low cadence, anyone may pause, and
 who stoops does so standing as well. One of them alone, however far, makes no gait abnormal, two may."""
 
@@ -207,12 +208,18 @@ def _on_stairs(evidence: Evidence) -> bool:
 
 
 def departures(gait: Gait, limits: Limits) -> dict[str, float]:
-    """How far each figure of a gait is from the middle of recorded normal walks, over half their range; 0 of what has no figure."""
+    """How far each figure of a gait is from the middle of recorded normal walks, over half their range; 0 of what has no figure.
+
+    Nobody walks too evenly: asymmetries and variations count where they are greater. Of a low cadence and short steps, which
+    are one slow pace, the farther one counts.
+    """
     departure = {}
     for name, (low, high) in limits.gait.items():
         value, half = float(getattr(gait, name)), 0.5 * (high - low or LEAST_RANGE)
-        away = 0.0 if math.isnan(value) else abs(value - 0.5 * (low + high)) / half
+        away = 0.0 if math.isnan(value) else (value - 0.5 * (low + high)) / half
+        away = max(away, 0.0) if name.endswith(("asymmetry", "variation")) else abs(away)
         departure[name] = min(away, MOST_ALONE) if name in ONE_S_OWN else away
+    departure[min(PACE, key=departure.__getitem__)] = 0.0
     return departure
 
 
