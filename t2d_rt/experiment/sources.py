@@ -143,8 +143,8 @@ class MotionFile(_Placed):
         return motion
 
 
-NOWHERE: Mapping[str, object] = {"distance_m": None, "angle_deg": 0.0, "aside_m": 0.0}
-"""Fields of the source of a motion that stands nowhere."""
+NOWHERE: Mapping[str, object] = {"distance_m": None, "angle_deg": 0.0, "aside_m": 0.0, "carries": ()}
+"""Fields of the source of a motion that stands nowhere, with nothing in hand."""
 WHOLE: Mapping[str, object] = {"start_s": 0.0, "stop_s": None, "radius_m": 0.0}
 """Fields of one that is neither cut nor bent."""
 

@@ -57,21 +57,21 @@ def fitted(
     training = Training(network, maps, options, dynamic_range_db)
     first = 0 if state is None else len(state["history"])
     started = time.perf_counter()
-    try:
-        if state is not None:
+    if state is not None and keep_at is not None:
+        try:
             training.go_on(state)
-        while len(training.history) < options.epochs and not training.stopped:
-            training.epoch()
-            if keep_at is not None:
-                temporary = keep_at.with_suffix(".new")
-                torch.save(training.state, temporary)
-                temporary.replace(keep_at)
-            if progress is not None:
-                progress(len(training.history) / options.epochs)
-    except Exception as error:  # PyTorch raises what it likes of a state that another has written
-        if keep_at is None or state is None or isinstance(error, InputError) or len(training.history) > first:
+        except InputError:
             raise
-        raise not_a_state(keep_at, error) from None
+        except Exception as error:  # PyTorch raises what it likes of a state that another has written
+            raise not_a_state(keep_at, error) from None
+    while len(training.history) < options.epochs and not training.stopped:
+        training.epoch()
+        if keep_at is not None:
+            temporary = keep_at.with_suffix(".new")
+            torch.save(training.state, temporary)
+            temporary.replace(keep_at)
+        if progress is not None:
+            progress(len(training.history) / options.epochs)
     epochs_done = len(training.history) - first
     seconds = round((time.perf_counter() - started) / epochs_done, 3) if epochs_done else None
     network.load_state_dict(training.best)

@@ -35,6 +35,9 @@ END_ON = 1e-3
 """Edges that are seen so nearly from their end, as an angle, are a point of the outline."""
 NUDGE = 1e-7 * np.array([0.51, 0.67, 0.54])
 """Rays are rotated so far: none meets an outline where two of its pieces do."""
+NARROW_M = 0.02
+"""Radius of the first zone, projected to the points, up to which edges are hard; from twice of it their waves count in full. Close
+behind an edge, as that of a thing carried, they ripple more finely than the points lie at which visibility is asked."""
 LEAST_RAD = 1e-9
 """Pieces that turn less are seen as points."""
 AT_EDGE = 0.15
@@ -151,8 +154,9 @@ def _amplitude(
     v_squared = 4 / wavelength_m * scaled * w_squared / (np.sqrt(left**2 + scaled * w_squared) + left)
     slope = inner(w, s) * scaled / (wavelength_m * np.maximum(left, SHORTEST_M))
     v_squared, slope, angle = (term.astype(np.float32) for term in (v_squared, slope, angle))
-    fade = np.clip((NONE - np.sqrt(v_squared)) / (NONE - WHOLE), 0, 1)
-    wave, phase = angle * fade**2 * (3 - 2 * fade) * np.sinc(slope), np.float32(np.pi / 2) * v_squared
+    zone_m = np.sqrt(wavelength_m * np.maximum(left, 0) * length / distance)  # as it is wide where the points are
+    fade = _smoothstep((NONE - np.sqrt(v_squared)) / (NONE - WHOLE)) * _smoothstep((zone_m - NARROW_M) / NARROW_M)
+    wave, phase = angle * fade * np.sinc(slope), np.float32(np.pi / 2) * v_squared
 
     def total(of: np.ndarray) -> np.ndarray:
         return np.bincount(point, of, len(apparent_m))
@@ -161,6 +165,12 @@ def _amplitude(
     hidden = np.where(total(v_squared < AT_EDGE**2) > 0, total(angle * (v_squared < 1)) > 0, hidden)
     in_phase, across = (total(wave * function(phase)) / (2 * np.pi) for function in (np.cos, np.sin))
     return np.asarray(np.hypot(1 - hidden + in_phase, across))
+
+
+def _smoothstep(x: np.ndarray) -> np.ndarray:
+    """From 0 at 0 to 1 at 1, and constant beyond."""
+    x = np.clip(x, 0, 1)
+    return np.asarray(x * x * (3 - 2 * x))
 
 
 class Points(NamedTuple):

@@ -151,7 +151,9 @@ def test_meshes_of_all_kinds_have_one_outline(kind: str, backend: Backend) -> No
         others = static_mesh(whole.rest[whole.faces].reshape(-1, 3), np.arange(3 * len(whole.faces)).reshape(-1, 3))
     elif kind == "doubled faces":
         whole = screen(covered_m)
-        others = static_mesh(whole.rest, np.concatenate([whole.faces, whole.faces[:, [1, 2, 0]], whole.faces[:1, [0, 0, 1]]]))
+        others = static_mesh(
+            whole.rest, np.concatenate([whole.faces, whole.faces[:, [1, 2, 0]], whole.faces[:1, [0, 0, 1]]])
+        )
     else:
         corners = np.array([[HALF_M, y, z] for y in (covered_m - 2, covered_m) for z in (0.0, 2.0)])
         front = np.array([[0, 1, 2], [1, 3, 2]])
@@ -181,7 +183,8 @@ def test_nothing_changes_without_an_outline_near_the_path(backend: Backend) -> N
     ball, far = (static_mesh(0.2 * VERTICES + [3, y, 1], FACES) for y in (0.0, 1.5))
     behind = static_mesh(0.05 * VERTICES + [3.4, 0, 1], FACES)  # deep in the ball's shadow
     samples_s = np.array([0.0, 1.0])
-    for meshes, same in (([ball], 1), ([ball, far], 2), ([ball, screen(0.0, half_m=6.0)], 1)):
+    held = static_mesh(0.03 * VERTICES + [3.07, 0.2, 1], FACES)  # at the ball's outline, where waves ripple finely
+    for meshes, same in (([ball], 1), ([ball, far], 2), ([ball, screen(0.0, half_m=6.0)], 1), ([ball, held], 2)):
         hard, soft = (
             Occlusion.alone(Occluders(meshes), SIGHT, samples_s=samples_s, backend=backend, wavelength_m=each)
             for each in (0.0, WAVELENGTH_M)
