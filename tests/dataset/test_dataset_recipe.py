@@ -107,6 +107,9 @@ def test_people_wear_and_carry_what_a_condition_says_and_move_alike_without() ->
     assert alone == carrying.model_copy(update={"carries": ()})
     person = carrying.put(loaded.cut.motion, loaded.experiment.radar)
     assert [each.thing for each in person.carries] == ["bag", "ball"]
+    assert (
+        carrying.piece().joints.shape == person.joints.shape
+    )  # by the sentence, which is kept without what is carried
     again = Recipe.model_validate_json(whole.model_dump_json())
     assert again == whole
     assert (
