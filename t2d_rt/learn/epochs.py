@@ -124,6 +124,8 @@ class Training:
         self._network.load_state_dict(state["network"])
         self._optimizer.load_state_dict(state["optimizer"])
         self._plateau.load_state_dict(state["plateau"])
+        if not all(math.isfinite(group["lr"]) for group in self._optimizer.param_groups):
+            raise ValueError("its learning rate is not finite")
 
     @property
     def stopped(self) -> bool:
