@@ -175,27 +175,27 @@ def yardstick_s(backend: Backend) -> float:
         shape=(rows, rows),
     )
     values, lanes = np.ones((rows, 30), np.float32), backend.lanes(rng.random(YARDSTICK_SIZE * 4), backend.Float32)
-    taken = []
+    durations_s = []
     for _ in range(YARDSTICK_TRIES):
         start = time.perf_counter()
-        found = lanes
+        sines = lanes
         for _ in range(YARDSTICK_SINES):
-            found = dr.sin(found + lanes)
-        np.asarray(found)
+            sines = dr.sin(sines + lanes)
+        np.asarray(sines)
         matrix @ values
-        taken.append(time.perf_counter() - start)
-    return min(taken[1:])
+        durations_s.append(time.perf_counter() - start)
+    return min(durations_s[1:])
 
 
 def recent_yardstick_s(backend: Backend) -> float:
     """`yardstick_s`, measured at most once a minute for a backend and a number of threads: it takes as long as the rest of a plan
     of a short record."""
     key, now = (backend.name, thread_count()), time.monotonic()
-    measured, found = _yardsticks.get(key, (-math.inf, math.nan))
+    measured, seconds = _yardsticks.get(key, (-math.inf, math.nan))
     if now - measured > YARDSTICK_KEPT_S:
-        measured, found = now, yardstick_s(backend)
-        _yardsticks[key] = measured, found
-    return found
+        measured, seconds = now, yardstick_s(backend)
+        _yardsticks[key] = measured, seconds
+    return seconds
 
 
 @functools.cache
@@ -204,9 +204,9 @@ def require_llvm() -> None:
 
     A path that the user gave in DRJIT_LIBLLVM_PATH is checked, not replaced.
     """
-    given = os.environ.get(_PATH_VARIABLE)
-    if given:
-        _check_given(given)
+    path = os.environ.get(_PATH_VARIABLE)
+    if path:
+        _check_library(path)
     elif sys.platform.startswith("linux"):  # elsewhere Dr.Jit's own search is all there is
         os.environ[_PATH_VARIABLE] = _newest_installed()
     import drjit as dr
@@ -236,7 +236,7 @@ def _has_cuda() -> bool:
     return bool(dr.has_backend(dr.JitBackend.CUDA))
 
 
-def _check_given(path: str) -> None:
+def _check_library(path: str) -> None:
     try:
         version = _llvm_version(path)
     except OSError as error:
@@ -247,7 +247,7 @@ def _check_given(path: str) -> None:
 
 def _newest_installed() -> str:
     """Path of the newest good library; raises where there is none."""
-    seen = []
+    too_old = []
     for path in _installed():
         try:
             version = _llvm_version(path)
@@ -255,17 +255,17 @@ def _newest_installed() -> str:
             continue
         if version >= OLDEST_LLVM:
             return path
-        seen.append(f"{path} ({_named(version)})")
-    if seen:
-        raise BackendError(f"LLVM is too old: found {', '.join(seen)}; {_REMEDY}")
+        too_old.append(f"{path} ({_named(version)})")
+    if too_old:
+        raise BackendError(f"LLVM is too old: found {', '.join(too_old)}; {_REMEDY}")
     raise BackendError(f"LLVM was not found; {_REMEDY}")
 
 
 def _installed() -> list[str]:
     """Libraries of this machine, newest first by file name, so that no old one need be loaded to be passed over."""
-    found = {str(path.resolve()) for pattern in _LIBRARY_GLOBS for path in _ROOT.glob(pattern)} | _from_wheel()
+    paths = {str(path.resolve()) for pattern in _LIBRARY_GLOBS for path in _ROOT.glob(pattern)} | _from_wheel()
     # a bare name lets the loader search LD_LIBRARY_PATH and an environment's own folder, as Dr.Jit does
-    return [*sorted(found, key=_version_in_name, reverse=True), "libLLVM.so"]
+    return [*sorted(paths, key=_version_in_name, reverse=True), "libLLVM.so"]
 
 
 def _from_wheel() -> set[str]:
@@ -276,7 +276,7 @@ def _from_wheel() -> set[str]:
         files = metadata.files(_LLVM_WHEEL) or []
     except metadata.PackageNotFoundError:
         return set()
-    return {str(Path(each.locate()).resolve()) for each in files if each.name.startswith("libLLVM.so")}
+    return {str(Path(file.locate()).resolve()) for file in files if file.name.startswith("libLLVM.so")}
 
 
 def _version_in_name(path: str) -> tuple[int, ...]:
@@ -398,6 +398,6 @@ def normal_numbers(count: int, *, key: int, scale: float = 1.0) -> np.ndarray:
     backend = select("cpu")  # the same bits on a machine with a GPU
     arrays = backend.arrays
     lane = dr.arange(backend.UInt32, -(-count // 4))
-    found = arrays.Philox4x32(dr.opaque(arrays.UInt64, key), lane).next_float32x4_normal()
-    numbers: Any = dr.ravel(found * dr.opaque(backend.Float32, scale))
+    normals = arrays.Philox4x32(dr.opaque(arrays.UInt64, key), lane).next_float32x4_normal()
+    numbers: Any = dr.ravel(normals * dr.opaque(backend.Float32, scale))
     return np.asarray(numbers.numpy()[:count])

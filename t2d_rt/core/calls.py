@@ -26,19 +26,19 @@ def public(value: T) -> T:
     """A function, or a class with its methods, whose wrong calls are a CallError. A class is changed; a function takes the place of
     the given one in its module, as pickle expects."""
     if isinstance(value, type):
-        for name, own in list(vars(value).items()):
+        for name, member in list(vars(value).items()):
             if name == "__init__" or not name.startswith("_"):
-                kind = type(own)
+                kind = type(member)
                 if kind in (staticmethod, classmethod):
-                    setattr(value, name, kind(_checked(own.__func__)))
-                elif inspect.isfunction(own):
-                    setattr(value, name, _checked(own))
+                    setattr(value, name, kind(_checked(member.__func__)))
+                elif inspect.isfunction(member):
+                    setattr(value, name, _checked(member))
         return value
     if not inspect.isfunction(value):
         return value
-    made: Any = _checked(value)
-    setattr(sys.modules[value.__module__], value.__name__, made)
-    return made  # type: ignore[no-any-return]
+    checked_function: Any = _checked(value)
+    setattr(sys.modules[value.__module__], value.__name__, checked_function)
+    return checked_function  # type: ignore[no-any-return]
 
 
 def _checked(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -51,16 +51,16 @@ def _checked(function: Callable[..., Any]) -> Callable[..., Any]:
             return function(*values, **options)
         except CallError as error:
             # An option that was handed on to another function: it may have been meant for this one.
-            own = _optional(function)
-            if error.option not in options or error.option in own:
+            own_options = _optional(function)
+            if error.option not in options or error.option in own_options:
                 raise
-            both = list(dict.fromkeys([*own, *error.known]))
+            both = list(dict.fromkeys([*own_options, *error.known]))
             raise _unknown(_name(function, values), error.option, both, both) from None
         except TypeError:
-            found = _error(function, values, options)
-            if found is None:
+            call_error = _error(function, values, options)
+            if call_error is None:
                 raise
-            raise found from None
+            raise call_error from None
 
     call.checked = True  # type: ignore[attr-defined]
     return call
@@ -72,8 +72,12 @@ def _name(function: Callable[..., Any], values: tuple[Any, ...]) -> str:
 
 def _optional(function: Callable[..., Any]) -> list[str]:
     parameters = inspect.signature(function).parameters.values()
-    plain = inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY
-    return [each.name for each in parameters if each.kind in plain and each.default is not each.empty]
+    optional_kinds = inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY
+    return [
+        parameter.name
+        for parameter in parameters
+        if parameter.kind in optional_kinds and parameter.default is not parameter.empty
+    ]
 
 
 def _unknown(name: str, option: str, names: Sequence[str], known: Sequence[str]) -> CallError:
@@ -91,11 +95,15 @@ def _error(function: Callable[..., Any], values: tuple[Any, ...], options: dict[
         signature.bind(*values, **options)
     except TypeError as error:
         several = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
-        known = list(signature.parameters.values())
-        names = [each.name for each in known if each.kind not in several and each.name not in ("self", "cls")]
-        unknown = [each for each in options if each not in names]
-        if unknown and names and known[-1].kind is not several[1]:
+        parameters = list(signature.parameters.values())
+        names = [
+            parameter.name
+            for parameter in parameters
+            if parameter.kind not in several and parameter.name not in ("self", "cls")
+        ]
+        unknown = [option for option in options if option not in names]
+        if unknown and names and parameters[-1].kind is not several[1]:
             return _unknown(name, unknown[0], names, _optional(function))
-        more = ["options by name"] if any(each.kind is several[1] for each in known) else []
+        more = ["options by name"] if any(parameter.kind is several[1] for parameter in parameters) else []
         return CallError(f"{name}: {error}; it takes {', '.join(names + more) or 'nothing'}")
     return None

@@ -54,32 +54,32 @@ def number(
     name: str, value: Any, low: float = -math.inf, high: float = math.inf, *, unit: str = "", hint: str = ""
 ) -> float:
     """A finite number in low..high, both included."""
-    found = _scalar(value)
-    if isinstance(found, (bool, np.bool_)) or not isinstance(found, Real):
+    scalar = _scalar(value)
+    if isinstance(scalar, (bool, np.bool_)) or not isinstance(scalar, Real):
         raise InputError(f"{name} must be a number, got {shown(value)}{_then(hint)}")
-    found = _finite_float(found)
-    if not (low <= found <= high and -GREATEST < found < GREATEST):
+    scalar = _finite_float(scalar)
+    if not (low <= scalar <= high and -GREATEST < scalar < GREATEST):
         raise InputError(f"{name} must {_range(low, high, unit)}, got {shown(value)}{_then(hint)}")
-    return found
+    return scalar
 
 
 def positive(name: str, value: Any, high: float = math.inf, *, unit: str = "", hint: str = "") -> float:
     """A number above 0, and `high` at most."""
-    found = number(name, value, unit=unit, hint=hint)
-    if not found > 0:
+    scalar = number(name, value, unit=unit, hint=hint)
+    if not scalar > 0:
         raise InputError(f"{name} must be positive, got {shown(value)}{_then(hint)}")
-    return number(name, found, high=high, unit=unit, hint=hint)
+    return number(name, scalar, high=high, unit=unit, hint=hint)
 
 
 def integer(name: str, value: Any, low: int = 0, high: int | None = None, *, hint: str = "") -> int:
     """An integer in low..high, both included; a float is refused, 128.0 too."""
-    found = _scalar(value)
-    whole = isinstance(found, (int, np.integer)) and not isinstance(found, bool)
-    found = int(found) if whole else 0
-    if not whole or found < low or (high is not None and found > high):
+    scalar = _scalar(value)
+    whole = isinstance(scalar, (int, np.integer)) and not isinstance(scalar, bool)
+    scalar = int(scalar) if whole else 0
+    if not whole or scalar < low or (high is not None and scalar > high):
         limits = f"of {low} or more" if high is None else f"in {low}..{high}"
         raise InputError(f"{name} must be an integer {limits}, got {shown(value)}{_then(hint)}")
-    return found
+    return scalar
 
 
 def flag(name: str, value: Any) -> bool:
@@ -99,7 +99,7 @@ def text(name: str, value: Any, *, hint: str = "") -> str:
 def choice(name: str, value: Any, choices: Collection[str], *, hint: str = "") -> str:
     """One of some words."""
     if not isinstance(value, str) or value not in choices:
-        *first, last = (repr(each) for each in choices)
+        *first, last = (repr(word) for word in choices)
         expected = f"{', '.join(first)} or {last}" if first else last
         raise InputError(f"{name} must be {expected}, got {shown(value)}{_then(hint)}")
     return value
@@ -120,10 +120,10 @@ def unknown_name(noun: str, value: Any, known: Collection[str], *, hint: str = "
 
 def names_advice(value: Any, known: Collection[str], *, hint: str = "") -> str:
     """End of a sentence about a name that is not known: the one that it is close to, or else all of them and the hint."""
-    plain = {_plain_name(each): each for each in known}
-    close = difflib.get_close_matches(_plain_name(str(value)[:LONGEST_NAME]), plain, n=1)
-    apart = "; " if any("," in each for each in known) else ", "
-    return f"did you mean {plain[close[0]]}?" if close else f"choose one of {apart.join(known)}{hint}"
+    by_plain_name = {_plain_name(name): name for name in known}
+    close = difflib.get_close_matches(_plain_name(str(value)[:LONGEST_NAME]), by_plain_name, n=1)
+    apart = "; " if any("," in name for name in known) else ", "
+    return f"did you mean {by_plain_name[close[0]]}?" if close else f"choose one of {apart.join(known)}{hint}"
 
 
 def _plain_name(name: str) -> str:
@@ -157,7 +157,7 @@ def instance(name: str, value: Any, kind: type | tuple[type, ...], expected: str
 
 def listed(name: str, value: Any, kind: type, expected: str) -> tuple[Any, ...]:
     """The items of a list or tuple that are all of some type, which the sentence calls `expected`."""
-    if not isinstance(value, (list, tuple)) or not all(isinstance(each, kind) for each in value):
+    if not isinstance(value, (list, tuple)) or not all(isinstance(item, kind) for item in value):
         raise InputError(f"{name} must be {expected}, got {shown(value)}")
     return tuple(value)
 
@@ -179,54 +179,54 @@ def array(
     hint: str = "",
 ) -> np.ndarray:
     """Finite numbers as float64 of a shape; a word in it names a dimension of any length, `limit` bounds their size."""
-    found = numeric(name, value)
-    if np.iscomplexobj(found):
-        raise InputError(f"{name} must hold real numbers, got {found.dtype}{_then(hint)}")
+    numbers = numeric(name, value)
+    if np.iscomplexobj(numbers):
+        raise InputError(f"{name} must hold real numbers, got {numbers.dtype}{_then(hint)}")
     if shape is not None:
-        check_shape(name, found, shape, hint=hint)
-    found = np.asarray(found, dtype=np.float64)
-    greatest = float(np.abs(found).max(initial=0))
+        check_shape(name, numbers, shape, hint=hint)
+    numbers = np.asarray(numbers, dtype=np.float64)
+    greatest = float(np.abs(numbers).max(initial=0))
     if not np.isfinite(greatest):
-        wrong = int(np.count_nonzero(~np.isfinite(found)))
+        wrong = int(np.count_nonzero(~np.isfinite(numbers)))
         raise InputError(f"{name} must be finite, got {wrong} NaN or infinite values{_then(hint)}")
     if greatest > limit:
         raise InputError(
             f"{name} must not exceed {_limit(limit)}{f' {unit}' if unit else ''}, got {greatest:.4g}{_then(hint)}"
         )
-    return found
+    return numbers
 
 
 def numeric(name: str, value: Any) -> np.ndarray:
     """Numbers of any kind as an array. Masked arrays are refused: their masked values would be taken for data."""
     within = value if isinstance(value, (list, tuple)) else [value]
-    if any(isinstance(each, np.ma.MaskedArray) for each in within):
+    if any(isinstance(part, np.ma.MaskedArray) for part in within):
         raise InputError(f"{name} must not be a masked array: fill or cut what is masked first")
     try:
-        found = np.asarray(value)
+        numbers = np.asarray(value)
     except (ValueError, TypeError):
         raise InputError(f"{name} must be an array of numbers, got {shown(value)}") from None
-    if not (np.issubdtype(found.dtype, np.number)):
-        raise InputError(f"{name} must be an array of numbers, got {_kind(found, value)}")
-    return found
+    if not (np.issubdtype(numbers.dtype, np.number)):
+        raise InputError(f"{name} must be an array of numbers, got {_kind(numbers, value)}")
+    return numbers
 
 
 def check_shape(name: str, value: Any, shape: tuple[int | str, ...], *, hint: str = "") -> None:
     """Refuses another shape; a word names a dimension of any length."""
     fits = value.ndim == len(shape) and all(
-        isinstance(wanted, str) or wanted == given for wanted, given in zip(shape, value.shape, strict=True)
+        isinstance(extent, str) or extent == length for extent, length in zip(shape, value.shape, strict=True)
     )
     if not fits:
-        wanted = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
-        raise InputError(f"{name} must have shape ({wanted}), got {value.shape}{_then(hint)}")
+        expected = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
+        raise InputError(f"{name} must have shape ({expected}), got {value.shape}{_then(hint)}")
 
 
 def interval(name: str, value: Any, *, unit: str = "") -> tuple[float, float]:
     """Two finite numbers, the lower one first."""
-    found = numeric(name, value) if isinstance(value, (list, tuple, np.ndarray)) else None
-    if found is None or found.shape != (2,) or np.iscomplexobj(found) or np.isnan(found).any() or found[0] > found[1]:
+    pair = numeric(name, value) if isinstance(value, (list, tuple, np.ndarray)) else None
+    if pair is None or pair.shape != (2,) or np.iscomplexobj(pair) or np.isnan(pair).any() or pair[0] > pair[1]:
         expected = f"two numbers, least and greatest{f', in {unit}' if unit else ''}"
         raise InputError(f"{name} must be {expected}, got {shown(value)}")
-    return float(found[0]), float(found[1])
+    return float(pair[0]), float(pair[1])
 
 
 def options(name: str, value: Any, known: Collection[str]) -> Mapping[str, Any]:
@@ -254,8 +254,8 @@ def _finite_float(value: Any) -> float:
         return math.inf
 
 
-def _kind(found: np.ndarray, value: Any) -> str:
-    return shown(value) if found.ndim == 0 else f"an array of {found.dtype}"
+def _kind(numbers: np.ndarray, value: Any) -> str:
+    return shown(value) if numbers.ndim == 0 else f"an array of {numbers.dtype}"
 
 
 def _range(low: float, high: float, unit: str) -> str:
@@ -279,12 +279,12 @@ def _then(hint: str) -> str:
 
 def numbered(names: Iterable[str], sign: str = " ", taken: Iterable[str] = ()) -> list[str]:
     """Names of which each occurs once, and none is `taken`: a number follows one that is there already, as in "adult 2"."""
-    given, counts, found = set(taken), Counter[str](), list[str]()
+    used, counts, distinct = set(taken), Counter[str](), list[str]()
     for name in names:
-        own = name
-        while own in given:
+        candidate = name
+        while candidate in used:
             counts[name] += 1
-            own = f"{name}{sign}{counts[name] + 1}"
-        given.add(own)
-        found.append(own)
-    return found
+            candidate = f"{name}{sign}{counts[name] + 1}"
+        used.add(candidate)
+        distinct.append(candidate)
+    return distinct

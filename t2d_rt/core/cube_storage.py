@@ -173,10 +173,10 @@ class SavedRows:
 
     def _state_now(self) -> tuple[int, ...]:
         try:
-            found = (self.folder / NAME / "zarr.json").stat()
+            status = (self.folder / NAME / "zarr.json").stat()
         except OSError as error:
             raise _damaged(self.folder, error.strerror or str(error)) from error
-        return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
+        return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns
 
     def _check_chunks(self, start: int, stop: int) -> None:
         """Every chunk of these rows is a whole file."""
@@ -184,11 +184,11 @@ class SavedRows:
         expected = rows * row_bytes(self.shape) + CHECKSUM_BYTES
         for chunk in range(start // rows, -(-stop // rows)):
             try:
-                found = (self.folder / NAME / "c" / str(chunk) / "0" / "0").stat()
+                status = (self.folder / NAME / "c" / str(chunk) / "0" / "0").stat()
             except OSError as error:
                 raise _damaged(self.folder, f"chunk {chunk}: {error.strerror}") from error
-            if not stat.S_ISREG(found.st_mode) or found.st_size != expected:
-                raise _damaged(self.folder, f"chunk {chunk} has {found.st_size} bytes, expected {expected}")
+            if not stat.S_ISREG(status.st_mode) or status.st_size != expected:
+                raise _damaged(self.folder, f"chunk {chunk} has {status.st_size} bytes, expected {expected}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,13 +217,13 @@ class FileRows:
         """Numbers of rows start..stop as they stand in the file, (row, number)."""
         if self.held is not None:
             return self.held[start:stop]
-        found = np.empty((stop - start, self.row_numbers), self.dtype)
+        values = np.empty((stop - start, self.row_numbers), self.dtype)
         with regular_file(self.path, noun="recording") as file:
             file.seek(self.begin + start * self.row_numbers * self.dtype.itemsize)
-            count = file.readinto(found.reshape(-1).view(np.uint8).data)  # type: ignore[attr-defined]
-            if count != found.nbytes or self._state(os.fstat(file.fileno())) != self.state:
+            count = file.readinto(values.reshape(-1).view(np.uint8).data)  # type: ignore[attr-defined]
+            if count != values.nbytes or self._state(os.fstat(file.fileno())) != self.state:
                 raise InputError(f"{self.path} has changed since it was loaded; load it again")
-        return found
+        return values
 
     def read(self, start: int, stop: int) -> np.ndarray:
         """Samples of rows start..stop, complex64 (row, antenna, sample)."""
@@ -231,8 +231,8 @@ class FileRows:
         return self.decode(self.numbers(start, stop)).reshape(stop - start, *self.shape[1:])
 
     @staticmethod
-    def _state(found: os.stat_result) -> tuple[int, int]:
-        return found.st_size, found.st_mtime_ns
+    def _state(status: os.stat_result) -> tuple[int, int]:
+        return status.st_size, status.st_mtime_ns
 
 
 def new_array(folder: Path, shape: tuple[int, ...]) -> Any:

@@ -78,8 +78,8 @@ class DiskCube:
         """As of a NumPy array, for chirps by number, slice or list and the other axes by number or slice."""
         axes = place if isinstance(place, tuple) else (place,)
         if any(axis is Ellipsis for axis in axes):
-            found = next(n for n, axis in enumerate(axes) if axis is Ellipsis)
-            axes = (*axes[:found], *[slice(None)] * (self.ndim + 1 - len(axes)), *axes[found + 1 :])
+            ellipsis_place = next(n for n, axis in enumerate(axes) if axis is Ellipsis)
+            axes = (*axes[:ellipsis_place], *[slice(None)] * (self.ndim + 1 - len(axes)), *axes[ellipsis_place + 1 :])
         axes = (*axes, *[slice(None)] * (self.ndim - len(axes)))
         if len(axes) > self.ndim or not all(isinstance(axis, int | np.integer | slice) for axis in axes[1:]):
             raise IndexError("a cube on disk takes chirps, antenna, sample; read it into memory first (numpy.asarray)")
@@ -107,19 +107,19 @@ class DiskCube:
         if isinstance(axes[0], slice) and axes[0].step in (None, 1) and all(map(_is_all, axes[1:])):
             start, stop, _ = axes[0].indices(len(self))
             return self.rows.read(start, max(start, stop))
-        wanted = np.arange(len(self))[axes[0]]
+        numbers = np.arange(len(self))[axes[0]]
         places: Any
-        if not isinstance(axes[0], slice) and wanted.ndim == 1:
-            chirps, places = np.unique(wanted, return_inverse=True)
+        if not isinstance(axes[0], slice) and numbers.ndim == 1:
+            chirps, places = np.unique(numbers, return_inverse=True)
         else:
-            chirps, places = np.atleast_1d(wanted), slice(None)
-        found = np.empty((len(chirps), *_taken(np.empty((0, *self.shape[1:]), DTYPE), axes[1:]).shape[1:]), DTYPE)
+            chirps, places = np.atleast_1d(numbers), slice(None)
+        samples = np.empty((len(chirps), *_selected(np.empty((0, *self.shape[1:]), DTYPE), axes[1:]).shape[1:]), DTYPE)
         cuts = np.flatnonzero(np.diff(chirps // block_rows(self.shape))) + 1
         for part in np.split(np.arange(len(chirps)), cuts) if len(chirps) else ():
             first, last = sorted((int(chirps[part[0]]), int(chirps[part[-1]])))
             block = self.rows.read(first, last + 1)
-            found[part[0] : part[-1] + 1] = _taken(block[chirps[part] - first], axes[1:])
-        return found[0] if wanted.ndim == 0 else found[places]
+            samples[part[0] : part[-1] + 1] = _selected(block[chirps[part] - first], axes[1:])
+        return samples[0] if numbers.ndim == 0 else samples[places]
 
     def __setitem__(self, place: slice, values: np.ndarray) -> None:
         start, stop, step = place.indices(len(self))
@@ -137,7 +137,7 @@ def _is_all(axis: Any) -> bool:
     return isinstance(axis, slice) and axis == slice(None)
 
 
-def _taken(block: np.ndarray, axes: tuple[Any, ...]) -> np.ndarray:
+def _selected(block: np.ndarray, axes: tuple[Any, ...]) -> np.ndarray:
     """Rows indexed along their other axes, one axis after another; from the last on, because an integer removes its axis."""
     for number in range(len(axes), 0, -1):
         block = block[(slice(None),) * number + (axes[number - 1],)]
@@ -296,6 +296,6 @@ def column_sums(samples: np.ndarray) -> np.ndarray:
         return np.asarray(samples.sum(axis=0, dtype=np.complex128))
     parts = np.ascontiguousarray(samples).reshape(len(samples), -1).view(np.float32)
     whole = len(parts) // SINGLE_ROWS**2 * SINGLE_ROWS**2
-    some = parts[:whole].reshape(-1, SINGLE_ROWS, SINGLE_ROWS, parts.shape[1]).sum(axis=1).sum(axis=1)
-    found = some.sum(axis=0, dtype=np.float64) + parts[whole:].sum(axis=0, dtype=np.float64)
-    return np.asarray(found.view(np.complex128).reshape(samples.shape[1:]))
+    block_sums = parts[:whole].reshape(-1, SINGLE_ROWS, SINGLE_ROWS, parts.shape[1]).sum(axis=1).sum(axis=1)
+    sums = block_sums.sum(axis=0, dtype=np.float64) + parts[whole:].sum(axis=0, dtype=np.float64)
+    return np.asarray(sums.view(np.complex128).reshape(samples.shape[1:]))

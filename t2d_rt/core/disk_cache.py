@@ -39,11 +39,11 @@ Arrays = Mapping[str, np.ndarray]
 
 def folder() -> Path | None:
     """Where entries are kept; None where they are not."""
-    given = os.environ.get(VARIABLE)
+    setting = os.environ.get(VARIABLE)
     base = os.environ.get("XDG_CACHE_HOME", "")
     try:
-        if given is not None:
-            return None if given.strip().lower() in ("", "off") else Path(given).expanduser()
+        if setting is not None:
+            return None if setting.strip().lower() in ("", "off") else Path(setting).expanduser()
         return (Path(base) if Path(base).is_absolute() else Path.home() / ".cache") / "t2d-rt"
     except RuntimeError:  # there is no home
         return None
@@ -75,8 +75,8 @@ def _scipy_version() -> str:
     return str(scipy.__version__)
 
 
-def read(name: str, wanted: Iterable[str]) -> dict[str, np.ndarray] | None:
-    """The `wanted` arrays of an entry; None where there is none that can be read."""
+def read(name: str, array_names: Iterable[str]) -> dict[str, np.ndarray] | None:
+    """The arrays of an entry by their names; None where there is none that can be read."""
     home = folder()
     if home is None:
         return None
@@ -85,18 +85,18 @@ def read(name: str, wanted: Iterable[str]) -> dict[str, np.ndarray] | None:
         with own_file(path, LARGEST_BYTES + _HEADERS) as opened:
             file = np.load(opened, allow_pickle=False)
             if (
-                sum(each.file_size for each in file.zip.infolist()) > LARGEST_BYTES + _HEADERS
+                sum(member.file_size for member in file.zip.infolist()) > LARGEST_BYTES + _HEADERS
                 or str(file["name"]) != name
             ):
                 return None
-            found = {each: file[each] for each in wanted}
-            if str(file[_CHECK]) != _content(found):
+            arrays = {array_name: file[array_name] for array_name in array_names}
+            if str(file[_CHECK]) != _content(arrays):
                 return None
     except Exception:  # NumPy and zipfile raise what they like of a damaged file
         return None
     with contextlib.suppress(OSError):  # a folder that may only be read
         os.utime(path)
-    return found
+    return arrays
 
 
 @contextlib.contextmanager
@@ -104,9 +104,9 @@ def own_file(path: Path, most_bytes: float) -> Iterator[BinaryIO]:
     """An entry, open for reading; OSError for one that somebody else has put there, a link, a pipe, or one of more bytes."""
     descriptor = os.open(path, OPENING | getattr(os, "O_NOFOLLOW", 0))
     with os.fdopen(descriptor, "rb") as file:
-        found = os.fstat(descriptor)
-        own = not hasattr(os, "getuid") or found.st_uid == os.getuid()
-        if not own or not stat.S_ISREG(found.st_mode) or found.st_size > most_bytes:
+        status = os.fstat(descriptor)
+        is_own = not hasattr(os, "getuid") or status.st_uid == os.getuid()
+        if not is_own or not stat.S_ISREG(status.st_mode) or status.st_size > most_bytes:
             raise OSError(f"{path} is no entry of this user's")
         yield file
 
@@ -114,15 +114,15 @@ def own_file(path: Path, most_bytes: float) -> Iterator[BinaryIO]:
 def _content(arrays: Arrays) -> str:
     """Hash of the arrays of an entry, their names, types and shapes."""
     digest = hashlib.sha256()
-    for name, each in sorted(arrays.items()):
-        digest.update(repr((name, each.dtype.str, each.shape)).encode() + np.ascontiguousarray(each).tobytes())
+    for name, array in sorted(arrays.items()):
+        digest.update(repr((name, array.dtype.str, array.shape)).encode() + np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
 
 
 def write(name: str, arrays: Arrays) -> None:
     """Keeps an entry, if the disk allows it."""
     home = folder()
-    if home is None or sum(each.nbytes for each in arrays.values()) > LARGEST_BYTES:
+    if home is None or sum(array.nbytes for array in arrays.values()) > LARGEST_BYTES:
         return
     try:
         home.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -139,13 +139,13 @@ def write(name: str, arrays: Arrays) -> None:
         return
 
 
-def kept(name: str, wanted: Iterable[str], make: Callable[[], Arrays]) -> Arrays:
+def kept(name: str, array_names: Iterable[str], make: Callable[[], Arrays]) -> Arrays:
     """The arrays of an entry, made and kept where they are missing."""
-    found: Arrays | None = read(name, wanted)
-    if found is None:
-        found = make()
-        write(name, found)
-    return found
+    arrays: Arrays | None = read(name, array_names)
+    if arrays is None:
+        arrays = make()
+        write(name, arrays)
+    return arrays
 
 
 def _make_room(home: Path) -> None:
@@ -153,8 +153,8 @@ def _make_room(home: Path) -> None:
     entries = []
     for path in home.iterdir():
         if _OWN.fullmatch(path.name):
-            found = path.stat()
-            entries.append((found.st_mtime, found.st_size, path))
+            status = path.stat()
+            entries.append((status.st_mtime, status.st_size, path))
     room = MOST_BYTES
     for _, size, path in sorted(entries, reverse=True):
         room -= size

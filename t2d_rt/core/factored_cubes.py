@@ -83,20 +83,20 @@ class Piece:
         """Samples, with the phase, times a matrix (sample, cell), complex64 (chirp, cell): it meets the few functions of the sample
         first."""
         functions = matrix if self.weights is None else _functions(self)[1].astype(DTYPE) @ matrix
-        found = self.coefficients @ functions
-        return found if self.phase is None else (found * self.phase[:, None]).astype(DTYPE)
+        cells = self.coefficients @ functions
+        return cells if self.phase is None else (cells * self.phase[:, None]).astype(DTYPE)
 
     def _multiply(self, out: np.ndarray) -> None:
         assert self.weights is not None
         size = max(1, BASIS_NUMBERS // max(1, len(self.theta) * len(self.weights)))
         for first in range(0, len(self.x), size):
-            some = slice(first, first + size)
-            carriers = np.exp(1j * np.outer(self.theta, self.x[some]))
-            basis = (carriers[:, None] * self.weights[:, some]).astype(DTYPE)
+            samples = slice(first, first + size)
+            carriers = np.exp(1j * np.outer(self.theta, self.x[samples]))
+            basis = (carriers[:, None] * self.weights[:, samples]).astype(DTYPE)
             basis = basis.reshape(-1, basis.shape[2])
             for start in range(0, len(out), PRODUCT_CHIRPS):
                 chirps = slice(start, start + PRODUCT_CHIRPS)
-                np.matmul(self.coefficients[chirps], basis, out=out[chirps, some])
+                np.matmul(self.coefficients[chirps], basis, out=out[chirps, samples])
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,8 +126,8 @@ class Product:
             if not used.all():
                 used[~used] = numbers[:, ~used].any(axis=(0, 2))
             phase = None if self.phase is None else self.phase[chirps]
-            found = (part if used.all() else part[:, used]).reshape(len(part), -1)
-            yield chirps, Piece(found, self.theta[used], self.weights, self.x, phase, self.band)
+            coefficients = (part if used.all() else part[:, used]).reshape(len(part), -1)
+            yield chirps, Piece(coefficients, self.theta[used], self.weights, self.x, phase, self.band)
 
 
 def together(pieces: Sequence[Piece]) -> Piece:
@@ -136,16 +136,16 @@ def together(pieces: Sequence[Piece]) -> Piece:
         return pieces[0]
     first = pieces[0]
     assert first.weights is not None, "samples have no buckets"
-    theta, place = np.unique(np.concatenate([each.theta for each in pieces]), return_inverse=True)
+    theta, place = np.unique(np.concatenate([piece.theta for piece in pieces]), return_inverse=True)
     shape = len(first.coefficients), len(theta), len(first.weights)
     total = np.zeros(shape, DTYPE)
-    ends = np.cumsum([len(each.theta) for each in pieces])
-    for each, own in zip(pieces, np.split(place, ends[:-1]), strict=True):
-        if len(own):
+    ends = np.cumsum([len(piece.theta) for piece in pieces])
+    for piece, buckets in zip(pieces, np.split(place, ends[:-1]), strict=True):
+        if len(buckets):
             # Those of a part mostly lie side by side: a slice takes a third of the time.
-            side_by_side = own[-1] - own[0] == len(own) - 1 and bool(np.all(np.diff(own) > 0))
-            where: Any = slice(own[0], own[-1] + 1) if side_by_side else own
-            total[:, where] += each.coefficients.reshape(shape[0], len(own), shape[2])
+            side_by_side = buckets[-1] - buckets[0] == len(buckets) - 1 and bool(np.all(np.diff(buckets) > 0))
+            where: Any = slice(buckets[0], buckets[-1] + 1) if side_by_side else buckets
+            total[:, where] += piece.coefficients.reshape(shape[0], len(buckets), shape[2])
     return replace(first, coefficients=total.reshape(shape[0], -1), theta=theta)
 
 
@@ -183,9 +183,9 @@ class ProductRows:
     def add_samples(self, row: int, samples: np.ndarray) -> None:
         """Samples (row, antenna, sample) from a row on, to the last layer; where they are zero nothing is kept."""
         for first in range(0, len(samples), PIECE_CHIRPS):
-            for antenna, some in enumerate(samples[first : first + PIECE_CHIRPS].swapaxes(0, 1)):
-                if some.any():
-                    self._append(row + first, antenna, Piece.of_samples(some))
+            for antenna, chirp_samples in enumerate(samples[first : first + PIECE_CHIRPS].swapaxes(0, 1)):
+                if chirp_samples.any():
+                    self._append(row + first, antenna, Piece.of_samples(chirp_samples))
 
     def _append(self, row: int, antenna: int, piece: Piece) -> None:
         offset = self._file.add(piece.coefficients)
@@ -201,10 +201,10 @@ class ProductRows:
 
     def phases(self, start: int, stop: int) -> tuple[float, float]:
         """Least and greatest phase over x of anything in rows start..stop; zeros where there is nothing."""
-        pieces = (each.piece for layer in self._layers for each in layer.within(start, stop))
-        some = [piece for piece in pieces if len(piece.theta)]
-        low = min((float(piece.theta.min()) - piece.band for piece in some), default=0.0)
-        return low, max((float(piece.theta.max()) + piece.band for piece in some), default=0.0)
+        pieces = (stored.piece for layer in self._layers for stored in layer.within(start, stop))
+        nonempty = [piece for piece in pieces if len(piece.theta)]
+        low = min((float(piece.theta.min()) - piece.band for piece in nonempty), default=0.0)
+        return low, max((float(piece.theta.max()) + piece.band for piece in nonempty), default=0.0)
 
     def read(self, start: int, stop: int, every: int = 1) -> np.ndarray:
         """Rows start..stop, complex64 (row, antenna, sample), of `every` so many samples; the same bits whatever rows are read."""
@@ -214,21 +214,23 @@ class ProductRows:
         rows: np.ndarray | None = None
         with _alone, one_blas_thread:
             for layer in self._layers:
-                found = np.zeros((stop - start, self.shape[1], len(range(0, self.shape[2], every))), DTYPE)
-                for each in layer.within(start, stop):
-                    self._put(each, start, found, samples)
-                rows = found if rows is None else rows + found
+                layer_rows = np.zeros((stop - start, self.shape[1], len(range(0, self.shape[2], every))), DTYPE)
+                for stored in layer.within(start, stop):
+                    self._put(stored, start, layer_rows, samples)
+                rows = layer_rows if rows is None else rows + layer_rows
         assert rows is not None, "a whole sum has a layer"
         return rows
 
     def through(self, matrix: np.ndarray, start: int, stop: int) -> np.ndarray:
         """Rows start..stop times a matrix (sample, cell), complex64 (row, antenna, cell), of which no samples are made."""
-        found = np.zeros((stop - start, self.shape[1], matrix.shape[1]), DTYPE)
+        cells = np.zeros((stop - start, self.shape[1], matrix.shape[1]), DTYPE)
         for layer in self._layers:
-            for each in layer.within(start, stop):
-                first, last = max(start, each.start), min(stop, each.stop)
-                found[first - start : last - start, each.antenna] += each.rows(self._file, first, last).through(matrix)
-        return found
+            for stored in layer.within(start, stop):
+                first, last = max(start, stored.start), min(stop, stored.stop)
+                cells[first - start : last - start, stored.antenna] += stored.rows(self._file, first, last).through(
+                    matrix
+                )
+        return cells
 
     def mixed(self, matrix: np.ndarray, start: int, every: int = 1) -> np.ndarray:
         """A matrix (mixture, row) times the rows from `start` on, complex64 (mixture, antenna, sample), of `every` so many samples.
@@ -236,50 +238,50 @@ class ProductRows:
         It meets the coefficients first, which are fewer than the samples: short-time spectra take half the time of rows and FFT.
         Bits depend on how BLAS is called.
         """
-        found = np.zeros((len(matrix), self.shape[1], len(range(0, self.shape[2], every))), DTYPE)
+        mixtures = np.zeros((len(matrix), self.shape[1], len(range(0, self.shape[2], every))), DTYPE)
         for layer in self._layers:
-            for each in layer.within(start, start + matrix.shape[1]):
-                first, last = max(start, each.start), min(start + matrix.shape[1], each.stop)
-                piece = each.rows(self._file, first, last).at(slice(None, None, every))
-                some = matrix[:, first - start : last - start]
-                with_phase = some if piece.phase is None else (some * piece.phase).astype(DTYPE)
-                found[:, each.antenna] += replace(
+            for stored in layer.within(start, start + matrix.shape[1]):
+                first, last = max(start, stored.start), min(start + matrix.shape[1], stored.stop)
+                piece = stored.rows(self._file, first, last).at(slice(None, None, every))
+                weights = matrix[:, first - start : last - start]
+                with_phase = weights if piece.phase is None else (weights * piece.phase).astype(DTYPE)
+                mixtures[:, stored.antenna] += replace(
                     piece, coefficients=with_phase @ piece.coefficients, phase=None
                 ).samples()
-        return found
+        return mixtures
 
     def column_sums(self) -> np.ndarray:
         """Sum of all rows, complex128 (antenna, sample): coefficients of the same carriers are summed first."""
-        found = np.zeros(self.shape[1:], np.complex128)
+        sums = np.zeros(self.shape[1:], np.complex128)
         summed: dict[tuple[int, bytes], tuple[Piece, dict[float, np.ndarray]]] = {}
         for layer in self._layers:
-            for each in layer.within(0, self.shape[0]):
-                piece = each.rows(self._file, each.start, each.stop)
+            for stored in layer.within(0, self.shape[0]):
+                piece = stored.rows(self._file, stored.start, stored.stop)
                 ones = np.ones(len(piece.coefficients), DTYPE) if piece.phase is None else piece.phase.astype(DTYPE)
                 total = (ones @ piece.coefficients).astype(np.complex128)
                 if piece.weights is None:
-                    found[each.antenna] += total
+                    sums[stored.antenna] += total
                     continue
                 if not len(piece.theta):
                     continue
-                key = each.antenna, piece.weights.tobytes() + piece.x.tobytes()
+                key = stored.antenna, piece.weights.tobytes() + piece.x.tobytes()
                 _, by_theta = summed.setdefault(key, (piece, {}))
-                for theta, one in zip(piece.theta.tolist(), total.reshape(len(piece.theta), -1), strict=True):
-                    by_theta[theta] = by_theta.get(theta, 0) + one
+                for theta, value in zip(piece.theta.tolist(), total.reshape(len(piece.theta), -1), strict=True):
+                    by_theta[theta] = by_theta.get(theta, 0) + value
         for (antenna, _), (piece, by_theta) in summed.items():
             coefficients = np.concatenate(list(by_theta.values()))[None].astype(DTYPE)
             theta = np.array(list(by_theta))
-            found[antenna] += replace(piece, coefficients=coefficients, theta=theta, phase=None).samples()[0]
-        return found
+            sums[antenna] += replace(piece, coefficients=coefficients, theta=theta, phase=None).samples()[0]
+        return sums
 
-    def _put(self, each: _Stored, start: int, rows: np.ndarray, samples: slice) -> None:
+    def _put(self, stored: _Stored, start: int, rows: np.ndarray, samples: slice) -> None:
         """Puts some samples of a stored piece into rows from `start` on."""
-        first, last = max(start, each.start), min(start + len(rows), each.stop)
-        inside = rows[first - start : last - start, each.antenna]
+        first, last = max(start, stored.start), min(start + len(rows), stored.stop)
+        inside = rows[first - start : last - start, stored.antenna]
         # Whole blocks of chirps, counted from the piece's first.
-        low = each.start + (first - each.start) // PRODUCT_CHIRPS * PRODUCT_CHIRPS
-        high = min(each.start - (each.start - last) // PRODUCT_CHIRPS * PRODUCT_CHIRPS, each.stop)
-        piece = each.rows(self._file, low, high).at(samples)
+        low = stored.start + (first - stored.start) // PRODUCT_CHIRPS * PRODUCT_CHIRPS
+        high = min(stored.start - (stored.start - last) // PRODUCT_CHIRPS * PRODUCT_CHIRPS, stored.stop)
+        piece = stored.rows(self._file, low, high).at(samples)
         if (low, high) == (first, last):
             piece.put(inside)
         else:
@@ -291,79 +293,88 @@ class ProductRows:
     def in_one_basis(self, start: int, stop: int) -> tuple[np.ndarray, Piece]:
         """Rows start..stop as coefficients, complex64 (row, antenna, K), of the same K functions of the sample, and these: a piece
         without rows. Few where the rows' beats lie close, else all samples."""
-        stored = [each for layer in self._layers for each in layer.within(start, stop) if len(each.piece.theta)]
+        stored_pieces = [
+            stored for layer in self._layers for stored in layer.within(start, stop) if len(stored.piece.theta)
+        ]
         all_samples = Piece.of_samples(np.empty((0, self.shape[2]), DTYPE))
-        if not stored or any(each.piece.weights is None for each in stored):
+        if not stored_pieces or any(stored.piece.weights is None for stored in stored_pieces):
             return self.read(start, stop), all_samples
-        basis = _orthonormal(list(dict(_functions(each.piece) for each in stored).values()))
+        basis = _orthonormal(list(dict(_functions(stored.piece) for stored in stored_pieces).values()))
         if len(basis) > self.shape[2] // 2:
             return self.read(start, stop), all_samples
-        found = np.zeros((stop - start, self.shape[1], len(basis)), DTYPE)
-        for each in stored:
-            first, last = max(start, each.start), min(stop, each.stop)
-            onto = (_functions(each.piece)[1] @ basis.conj().T).astype(DTYPE)
-            found[first - start : last - start, each.antenna] += each.rows(self._file, first, last).coefficients @ onto
-        low = min(float(each.piece.theta.min()) - each.piece.band for each in stored)
-        high = max(float(each.piece.theta.max()) + each.piece.band for each in stored)
-        x, middle = stored[0].piece.x, (low + high) / 2
+        rows = np.zeros((stop - start, self.shape[1], len(basis)), DTYPE)
+        for stored in stored_pieces:
+            first, last = max(start, stored.start), min(stop, stored.stop)
+            onto = (_functions(stored.piece)[1] @ basis.conj().T).astype(DTYPE)
+            rows[first - start : last - start, stored.antenna] += (
+                stored.rows(self._file, first, last).coefficients @ onto
+            )
+        low = min(float(stored.piece.theta.min()) - stored.piece.band for stored in stored_pieces)
+        high = max(float(stored.piece.theta.max()) + stored.piece.band for stored in stored_pieces)
+        x, middle = stored_pieces[0].piece.x, (low + high) / 2
         weights = basis * np.exp(-1j * middle * x)
-        return found, Piece(np.empty((0, len(basis)), DTYPE), np.array([middle]), weights, x, None, (high - low) / 2)
+        return rows, Piece(np.empty((0, len(basis)), DTYPE), np.array([middle]), weights, x, None, (high - low) / 2)
 
     @classmethod
-    def sum_of(cls, each: Sequence[ProductRows], file: ScratchFile | None = None) -> ProductRows:
+    def sum_of(cls, summands: Sequence[ProductRows], file: ScratchFile | None = None) -> ProductRows:
         """Rows that are the sums of those of cubes of one shape, in a file of their own or the one given."""
-        found = cls(each[0].shape, file)
-        for rows in each:
+        total = cls(summands[0].shape, file)
+        for rows in summands:
             for layer in rows._layers:
-                found.begin()
-                for stored in layer.within(0, found.shape[0]):
-                    found._append(stored.start, stored.antenna, stored.rows(rows._file, stored.start, stored.stop))
-        found._whole = all(rows._whole for rows in each)
-        return found
+                total.begin()
+                for stored in layer.within(0, total.shape[0]):
+                    total._append(stored.start, stored.antenna, stored.rows(rows._file, stored.start, stored.stop))
+        total._whole = all(rows._whole for rows in summands)
+        return total
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All that it takes to make the rows again (`from_arrays`), as plain arrays for a file."""
-        every = [(number, each) for number, layer in enumerate(self._layers) for each in layer.within(0, self.shape[0])]
+        numbered_pieces = [
+            (number, stored) for number, layer in enumerate(self._layers) for stored in layer.within(0, self.shape[0])
+        ]
         matrices: dict[bytes, tuple[int, Piece]] = {}
-        table, numbers = [], np.empty(sum(each.numbers for _, each in every), DTYPE)
-        taken = 0
-        for number, each in every:
-            piece, matrix = each.piece, -1
+        table, numbers = [], np.empty(sum(stored.numbers for _, stored in numbered_pieces), DTYPE)
+        written = 0
+        for number, stored in numbered_pieces:
+            piece, matrix = stored.piece, -1
             if piece.weights is not None:
                 key = piece.weights.tobytes() + piece.x.tobytes()
                 matrix, _ = matrices.setdefault(key, (len(matrices), piece))
             phases = 0 if piece.phase is None else len(piece.phase)
             row = (
                 number,
-                each.start,
-                each.stop,
-                each.antenna,
-                taken * DTYPE.itemsize,
+                stored.start,
+                stored.stop,
+                stored.antenna,
+                written * DTYPE.itemsize,
                 piece.coefficients.shape[1],
                 matrix,
             )
             table.append([*row, len(piece.theta), phases])
-            numbers[taken : taken + each.numbers] = each.rows(self._file, each.start, each.stop).coefficients.ravel()
-            taken += each.numbers
-        found = {
+            numbers[written : written + stored.numbers] = stored.rows(
+                self._file, stored.start, stored.stop
+            ).coefficients.ravel()
+            written += stored.numbers
+        pieces = [stored.piece for _, stored in numbered_pieces]
+        description = {
             "shape": np.array(self.shape), "layers": np.array(len(self._layers)),
-            "table": np.array(table, np.int64).reshape(-1, 9), "band": np.array([each.piece.band for _, each in every]),
-            "theta": np.concatenate([np.zeros(0), *(each.piece.theta for _, each in every)]),
-            "phase": np.concatenate([np.zeros(0, DTYPE), *(each.piece.phase for _, each in every if each.piece.phase is not None)]),
+            "table": np.array(table, np.int64).reshape(-1, 9), "band": np.array([piece.band for piece in pieces]),
+            "theta": np.concatenate([np.zeros(0), *(piece.theta for piece in pieces)]),
+            "phase": np.concatenate([np.zeros(0, DTYPE), *(piece.phase for piece in pieces if piece.phase is not None)]),
             "coefficients": numbers,
         }  # fmt: skip
         for matrix, piece in matrices.values():
             assert piece.weights is not None  # such pieces have no matrix
-            found |= {f"weights{matrix}": piece.weights, f"x{matrix}": piece.x}
-        return found
+            description |= {f"weights{matrix}": piece.weights, f"x{matrix}": piece.x}
+        return description
 
     @classmethod
-    def from_arrays(cls, given: Mapping[str, np.ndarray], file: ScratchFile | None = None) -> ProductRows:
+    def from_arrays(cls, description: Mapping[str, np.ndarray], file: ScratchFile | None = None) -> ProductRows:
         """The rows that `arrays` described, in a file of their own or the one given."""
-        arrays = {name: given[name] for name in given}
-        found = cls(tuple(arrays["shape"].tolist()), file)
-        before = found._file.add(arrays["coefficients"])
-        found._layers = [_Layer() for _ in range(int(arrays["layers"]))]
+        arrays = {name: description[name] for name in description}
+        rows = cls(tuple(arrays["shape"].tolist()), file)
+        before = rows._file.add(arrays["coefficients"])
+        rows._layers = [_Layer() for _ in range(int(arrays["layers"]))]
         buckets, phases = 0, 0
         for row, band in zip(arrays["table"].tolist(), arrays["band"].tolist(), strict=True):
             layer, start, stop, antenna, offset, width, matrix, count, many = row
@@ -371,9 +382,9 @@ class ProductRows:
             buckets, phases = buckets + count, phases + many
             weights, x = (None, np.zeros(0)) if matrix < 0 else (arrays[f"weights{matrix}"], arrays[f"x{matrix}"])
             piece = Piece(np.empty((0, width), DTYPE), theta, weights, x, phase if many else None, band)
-            found._layers[layer].add(_Stored(start, stop, antenna, before + offset, piece))
-        found.end()
-        return found
+            rows._layers[layer].add(_Stored(start, stop, antenna, before + offset, piece))
+        rows.end()
+        return rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -397,10 +408,10 @@ class _Stored:
     def rows(self, file: ScratchFile, first: int, last: int) -> Piece:
         """Some rows of it."""
         width, skipped = self.piece.coefficients.shape[1], first - self.start
-        found = file.read(self.offset + skipped * width * DTYPE.itemsize, (last - first, width))
+        coefficients = file.read(self.offset + skipped * width * DTYPE.itemsize, (last - first, width))
         phase = self.piece.phase
         return replace(
-            self.piece, coefficients=found, phase=None if phase is None else phase[skipped : last - self.start]
+            self.piece, coefficients=coefficients, phase=None if phase is None else phase[skipped : last - self.start]
         )
 
 
@@ -415,8 +426,8 @@ def _functions(piece: Piece) -> tuple[bytes, np.ndarray]:
 def _orthonormal(functions: Sequence[np.ndarray]) -> np.ndarray:
     """Orthonormal functions (K, sample) of which all of these (several, sample) are sums."""
     scaled, basis = functions[0][:0], functions[0][:0]
-    for each in functions:
-        _, values, basis = np.linalg.svd(np.concatenate([scaled, each]), full_matrices=False)
+    for function in functions:
+        _, values, basis = np.linalg.svd(np.concatenate([scaled, function]), full_matrices=False)
         basis = basis[values > LEFT_OUT * values[0]]
         scaled = values[: len(basis), None] * basis
     return basis
@@ -437,6 +448,6 @@ class _Layer:
     def within(self, start: int, stop: int) -> Iterator[_Stored]:
         """Pieces that hold any of rows start..stop."""
         if self._bounds is None:
-            self._bounds = np.array([(each.start, each.stop) for each in self._pieces]).reshape(-1, 2).T
+            self._bounds = np.array([(piece.start, piece.stop) for piece in self._pieces]).reshape(-1, 2).T
         first, last = self._bounds
         return (self._pieces[k] for k in np.flatnonzero((first < stop) & (last > start)).tolist())

@@ -25,15 +25,15 @@ def _features() -> tuple[set[str], list[str]]:
     """Instructions that this process may use, and the sets of them for which NumPy has kernels, the newest last."""
     from numpy._core import _multiarray_umath as numpy_core  # type: ignore[attr-defined]
 
-    return {name for name, there in numpy_core.__cpu_features__.items() if there}, numpy_core.__cpu_dispatch__
+    return {name for name, available in numpy_core.__cpu_features__.items() if available}, numpy_core.__cpu_dispatch__
 
 
 def common_kernels() -> dict[str, str]:
     """Environment in which a process takes the kernels that all machines have; empty where this one has no AVX2, as on ARM, and it
     takes its own, or where the user wants that. Raises InputError where T2D_RT_KERNELS is neither own nor common."""
-    wanted = choice(VARIABLE, os.environ.get(VARIABLE) or "common", ("own", "common"))
+    chosen = choice(VARIABLE, os.environ.get(VARIABLE) or "common", ("own", "common"))
     used, built = _features()
-    if wanted == "own" or not {"AVX2", "FMA3"} <= used:
+    if chosen == "own" or not {"AVX2", "FMA3"} <= used:
         return {}
     newer = " ".join(name for name in built if name.startswith(NEWER))
     return {"OPENBLAS_CORETYPE": "Haswell", "NPY_DISABLE_CPU_FEATURES": newer}
@@ -46,11 +46,11 @@ def kernels() -> tuple[str, ...]:
     from threadpoolctl import threadpool_info
 
     blas = {
-        f"{each['internal_api']} {each.get('architecture', '')}"
-        for each in threadpool_info()
-        if each["user_api"] == "blas"
+        f"{library['internal_api']} {library.get('architecture', '')}"
+        for library in threadpool_info()
+        if library["user_api"] == "blas"
     }
-    return (*sorted(each.strip().replace("openblas", "OpenBLAS") for each in blas), f"NumPy {_numpy_level()}")
+    return (*sorted(library.strip().replace("openblas", "OpenBLAS") for library in blas), f"NumPy {_numpy_level()}")
 
 
 def _numpy_level() -> str:

@@ -99,7 +99,7 @@ def reused(size: int, larger: float = LARGER) -> np.ndarray:
 
     A cube of 100 MB costs the system as much to hand out, page by page, as its samples cost to make.
     """
-    fitting = [(each.size, key) for key, each in list(_left.items()) if size <= each.size <= larger * size]
+    fitting = [(block.size, key) for key, block in list(_left.items()) if size <= block.size <= larger * size]
     memory = _left.pop(min(fitting)[1], None) if fitting else None
     if memory is None or memory.size < size:  # a little more: the next one may be a little larger
         memory = np.empty(size + size // 8, np.uint8)
@@ -123,7 +123,7 @@ class _Lent:
 
     def __del__(self) -> None:
         _left[next(_numbers)] = self._memory
-        while sum(each.size for each in list(_left.values())) > LEFT_BYTES:
+        while sum(block.size for block in list(_left.values())) > LEFT_BYTES:
             _left.pop(next(iter(list(_left)), 0), None)
 
 
@@ -191,7 +191,7 @@ class LastUsed(Generic[Value]):
 
 def array_bytes(value: np.ndarray | list[np.ndarray]) -> int:
     """Memory of an array, or of several."""
-    return value.nbytes if isinstance(value, np.ndarray) else sum(each.nbytes for each in value)
+    return value.nbytes if isinstance(value, np.ndarray) else sum(part.nbytes for part in value)
 
 
 def release_above(held_bytes: float) -> None:

@@ -31,15 +31,15 @@ def _version(name: str) -> str:
 
 def plugins(group: Group, built_in: Collection[str]) -> dict[str, EntryPoint]:
     """Entry points of the group t2d_rt.GROUP by name, none of them loaded; a name that t2d-rt or another package has is refused."""
-    found: dict[str, EntryPoint] = {}
-    for each in _registered(group, tuple(sys.path)):
-        if each.name in built_in or each.name in found:
-            owner = "t2d-rt itself" if each.name in built_in else f"the package {_package(found[each.name])}"
+    by_name: dict[str, EntryPoint] = {}
+    for entry in _registered(group, tuple(sys.path)):
+        if entry.name in built_in or entry.name in by_name:
+            owner = "t2d-rt itself" if entry.name in built_in else f"the package {_package(by_name[entry.name])}"
             raise InputError(
-                f"the package {_package(each)} adds {each.name} to the {group}, a name that {owner} has; rename or uninstall it"
+                f"the package {_package(entry)} adds {entry.name} to the {group}, a name that {owner} has; rename or uninstall it"
             )
-        found[each.name] = each
-    return found
+        by_name[entry.name] = entry
+    return by_name
 
 
 @cache

@@ -85,8 +85,8 @@ def _guard(words: Sequence[str]) -> int:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(program.pid, signal.SIGKILL)
             program.wait()
-            for each in temporary:
-                shutil.rmtree(each, ignore_errors=True)
+            for folder in temporary:
+                shutil.rmtree(folder, ignore_errors=True)
             return 1
     return code if code >= 0 else 128 - code
 

@@ -100,8 +100,8 @@ def split_progress(progress: Callable[[float], None] | None, count: int) -> Iter
 
 def stretch(progress: Callable[[float], None] | None, start: float, stop: float) -> Callable[[float], None] | None:
     """What tells the progress of that stretch of a run, 0..1 of it."""
-    return None if progress is None else partial(_told, progress, start, stop)
+    return None if progress is None else partial(_report_within, progress, start, stop)
 
 
-def _told(progress: Callable[[float], None], start: float, stop: float, fraction: float) -> None:
+def _report_within(progress: Callable[[float], None], start: float, stop: float, fraction: float) -> None:
     progress(start * (1 - fraction) + stop * fraction)

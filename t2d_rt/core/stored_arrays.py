@@ -42,12 +42,12 @@ class Store:
 
 def named_arrays(inputs: Inputs, key: str, names: Sequence[str]) -> dict[str, np.ndarray]:
     """The arrays of that hash, which must have these names."""
-    found = inputs.get(key)
-    if found is None or set(found) != set(names):
+    arrays = inputs.get(key)
+    if arrays is None or set(arrays) != set(names):
         raise InputError(
             f"the experiment names arrays {key} of {', '.join(names)}, and they are not there; give the recording's whole folder"
         )
-    return dict(found)
+    return dict(arrays)
 
 
 def packed(arrays: Mapping[str, np.ndarray]) -> bytes:
@@ -62,7 +62,7 @@ def unpacked(path: Path) -> dict[str, np.ndarray]:
     data = read_bytes(path, limit=LARGEST_INPUT_BYTES, noun="file of arrays")
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as members:
-            size = sum(each.file_size for each in members.infolist())
+            size = sum(member.file_size for member in members.infolist())
         if size > LARGEST_INPUT_BYTES:
             raise InputError(f"{path} unpacks to {size / 1e9:.1f} GB, more than {LARGEST_INPUT_BYTES / 1e9:.1f} GB")
         with np.load(io.BytesIO(data), allow_pickle=False) as file:

@@ -60,10 +60,10 @@ def examples() -> list[str]:
 
 def example(name: str) -> Motion:
     """A bundled motion by its name, e.g. "walk", or by that of its file."""
-    found = _example_path(text("name", name, hint="examples() lists them"))
-    if found is None:
+    path = _example_path(text("name", name, hint="examples() lists them"))
+    if path is None:
         raise unknown_name("example motion", name, EXAMPLES)
-    return motion.load_motion(found)
+    return motion.load_motion(path)
 
 
 def motion_path(source: str | Path) -> Path:
@@ -89,7 +89,7 @@ def target_named(target: Any) -> Any:
     if isinstance(target, (str, os.PathLike)):
         return motion.load_motion(motion_path(file_path("target", target)))
     if isinstance(target, Sequence):
-        return [target_named(each) if isinstance(each, (str, os.PathLike)) else each for each in target]
+        return [target_named(item) if isinstance(item, (str, os.PathLike)) else item for item in target]
     return target
 
 

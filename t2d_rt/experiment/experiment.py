@@ -47,24 +47,26 @@ SETTINGS = ".yaml", ".yml", ".cfg"
 """Endings of radars and of noise that are found beside it."""
 
 
-def _told_material(value: Any) -> Any:
+def _checked_material(value: Any) -> Any:
     """A material or an outfit; a mapping with the fields of neither is refused."""
     if not isinstance(value, Mapping):
         return value
-    own, worn = ([each.name for each in fields_of(kind)] for kind in (Material, Outfit))
-    unknown = [name for name in value if name not in (*own, *worn)]
+    material_fields, outfit_fields = ([field.name for field in fields_of(kind)] for kind in (Material, Outfit))
+    unknown = [name for name in value if name not in (*material_fields, *outfit_fields)]
     if unknown:
-        raise unknown_name("field of a material or an outfit", unknown[0], list(dict.fromkeys((*own, *worn))))
+        raise unknown_name(
+            "field of a material or an outfit", unknown[0], list(dict.fromkeys((*material_fields, *outfit_fields)))
+        )
     if not set(value) - {"name"}:
         raise InputError(
             f"a material must tell its relative_permittivity, an outfit its cloth or shoes, got {shown(value)}"
         )
-    if set(value) <= set(worn):  # which tells the field that is wrong
-        Outfit(**{name: each for name, each in value.items() if not isinstance(each, Mapping)})
+    if set(value) <= set(outfit_fields):  # which tells the field that is wrong
+        Outfit(**{name: setting for name, setting in value.items() if not isinstance(setting, Mapping)})
     return value
 
 
-BodyMaterial = Annotated[Substance | Outfit | None, BeforeValidator(_told_material)]
+BodyMaterial = Annotated[Substance | Outfit | None, BeforeValidator(_checked_material)]
 """Of bodies: a material, or an outfit, which they wear; None is each one's own."""
 
 
@@ -122,7 +124,7 @@ class Experiment(Plain):
     @field_validator("targets", mode="before")
     @classmethod
     def _movers_of_others(cls, value: Any) -> Any:
-        return [with_others(each) for each in value] if isinstance(value, (list, tuple)) else value
+        return [with_others(mover) for mover in value] if isinstance(value, (list, tuple)) else value
 
     @field_validator("radar", mode="before")
     @classmethod
@@ -143,9 +145,11 @@ class Experiment(Plain):
         # A text or a float, 2.0 too, is no count in Python; in YAML and on the command line pydantic reads them.
         counts = [name for name, field in cls.model_fields.items() if field.annotation is int and name in fields]
         fields |= {name: integer(name, fields[name]) for name in counts}
-        known = Radar.preset("table2") if radar is None else radar_named(radar)
-        instance("radar", known, Radar, "a Radar", hint="Radar.preset(name) makes one of a preset's name")
-        return cls.from_options(targets=[Unknown(description="a target that is not stored yet")], radar=known, **fields)
+        named_radar = Radar.preset("table2") if radar is None else radar_named(radar)
+        instance("radar", named_radar, Radar, "a Radar", hint="Radar.preset(name) makes one of a preset's name")
+        return cls.from_options(
+            targets=[Unknown(description="a target that is not stored yet")], radar=named_radar, **fields
+        )
 
     def stored_with(self, targets: Sequence[TargetLike], scene: Scene | None, store: Store) -> Experiment:
         """The same experiment of these targets in this scene, whose arrays go into the store."""
@@ -169,11 +173,11 @@ class Experiment(Plain):
     @property
     def lost(self) -> str | None:
         """Description of a target that was not stored, so that a recording cannot be made again; None where all were."""
-        return next((each.description for each in self.targets if isinstance(each, Unknown)), None)
+        return next((target.description for target in self.targets if isinstance(target, Unknown)), None)
 
     def targets_from(self, inputs: Inputs, folder: Path | None = None) -> list[TargetLike]:
         """The targets themselves; file names are relative to `folder`."""
-        return [target_from(each, inputs, self.radar, folder) for each in self.targets]
+        return [target_from(target, inputs, self.radar, folder) for target in self.targets]
 
     def scene_from(self, inputs: Inputs) -> str | Scene:
         """The scene, or its name."""
@@ -189,12 +193,16 @@ class Experiment(Plain):
             )
         arrays = named_arrays(inputs, self.scene.input, ("vertices", "faces"))
         vertices, faces, surfaces = arrays["vertices"], arrays["faces"], []
-        for each in self.scene.surfaces:
-            mine, vertices = vertices[: each.vertices], vertices[each.vertices :]
-            triangles, faces = faces[: each.faces], faces[each.faces :]
+        for surface in self.scene.surfaces:
+            mine, vertices = vertices[: surface.vertices], vertices[surface.vertices :]
+            triangles, faces = faces[: surface.faces], faces[surface.faces :]
             surfaces.append(
                 Surface(
-                    name=each.name, vertices=mine, faces=triangles, material=each.material, thickness_m=each.thickness_m
+                    name=surface.name,
+                    vertices=mine,
+                    faces=triangles,
+                    material=surface.material,
+                    thickness_m=surface.thickness_m,
                 )
             )
         return Scene(name=self.scene.name, surfaces=tuple(surfaces))
@@ -216,12 +224,12 @@ class Experiment(Plain):
         values = {**values, **{name: beside(value, folder, SETTINGS) for name, value in named.items()}}
         if isinstance(values.get("radar"), Mapping):
             values = {**values, "radar": with_track_beside(values["radar"], path)}
-        found = cls.of_file(path, values)
-        targets = tuple(found_beside(each, folder) for each in found.targets)
-        scene = beside(found.scene, folder, FILES)
+        experiment = cls.of_file(path, values)
+        targets = tuple(found_beside(target, folder) for target in experiment.targets)
+        scene = beside(experiment.scene, folder, FILES)
         if isinstance(scene, SceneFile):
             scene = scene.model_copy(update={"file": beside(scene.file, folder, FILES)})
-        return found.model_copy(update={"targets": targets, "scene": scene})
+        return experiment.model_copy(update={"targets": targets, "scene": scene})
 
     def to_yaml(self) -> str:
         """Text that `from_yaml` reads back as the same."""

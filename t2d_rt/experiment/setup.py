@@ -84,8 +84,10 @@ class Setup:
             "phase_from": model.phase_from,
             "bounces": model.bounces,
             "device": model.backend.name,
-            "targets": [each.report if isinstance(each, Motion) else repr(each) for each in model.targets],
-            "placement": [placement(each) if isinstance(each, Motion) else "own coordinates" for each in model.targets],
+            "targets": [target.report if isinstance(target, Motion) else repr(target) for target in model.targets],
+            "placement": [
+                placement(target) if isinstance(target, Motion) else "own coordinates" for target in model.targets
+            ],
             **({} if pairs is None else {**pairs.describe(), **room}),
         }
 
@@ -104,17 +106,18 @@ def set_up(
         check_receiver(radar, experiment.noise)
     backend = select(device)
     modelled = targets_of(targets, experiment.method, experiment.body, experiment.material, radar)
-    geometries = [each.geometry for each in modelled]
+    geometries = [modelled_target.geometry for modelled_target in modelled]
     span_s = shared_time(geometries)
-    sources = [each.source for each in modelled]
+    sources = [modelled_target.source for modelled_target in modelled]
     _tell_of_cuts(sources, geometries, span_s[1])
-    if experiment.method == "ellipsoid" and any(isinstance(each, Motion) and each.carries for each in sources):
+    if experiment.method == "ellipsoid" and any(isinstance(source, Motion) and source.carries for source in sources):
         warn("by ellipsoids a body and what it carries do not hide each other; take method='mesh' where that matters")
     if radar.track is not None:
         _tell_of_track(sources, span_s)
     if scene is not None:
         moving = [
-            source if isinstance(source, Motion) else each.world for source, each in zip(sources, modelled, strict=True)
+            source if isinstance(source, Motion) else modelled_target.world
+            for source, modelled_target in zip(sources, modelled, strict=True)
         ]
         span_s = checked_time(
             experiment.collisions,
@@ -145,7 +148,7 @@ def set_up(
         )
     paths_on = switched_on(ranked, experiment.only_paths, experiment.without_paths)
     _tell_of_bistatic(
-        [each for each in ranked if paths_on is None or each.pair.name in paths_on], geometries, radar, span_s
+        [entry for entry in ranked if paths_on is None or entry.pair.name in paths_on], geometries, radar, span_s
     )
     model = Model(
         radar,
@@ -172,12 +175,16 @@ def placed_targets(target: Any, radar: Radar) -> list[TargetLike]:
     """What was given as a target or several, checked, with motions in their places before the radar."""
     target = target_named(target)
     targets = [target] if isinstance(target, TargetLike) else target
-    if not isinstance(targets, Sequence) or not targets or not all(isinstance(each, TargetLike) for each in targets):
+    if (
+        not isinstance(targets, Sequence)
+        or not targets
+        or not all(isinstance(candidate, TargetLike) for candidate in targets)
+    ):
         raise InputError(
             f"target must be a Motion, a MovingMesh, Ellipsoids, a mover or a list of them, got {shown(targets)}; "
             "load_motion reads a file"
         )
-    return [_placed(each, radar) if isinstance(each, Motion) else each for each in targets]
+    return [_placed(candidate, radar) if isinstance(candidate, Motion) else candidate for candidate in targets]
 
 
 def set_up_stored(
@@ -215,14 +222,14 @@ def repeatable(experiment: Experiment | None) -> Experiment:
 
 def _placed(motion: Motion, radar: Radar) -> Motion:
     """The motion placed before the radar; a warning if its coordinates may have been those of the world already."""
-    found = placed(motion, radar)
-    _check_steps(found)
+    placed_motion = placed(motion, radar)
+    _check_steps(placed_motion)
     if motion.placed is None:
         warn(
-            f"the motion was {placement(found)}, as it does not say whether its coordinates are those of the world; give "
+            f"the motion was {placement(placed_motion)}, as it does not say whether its coordinates are those of the world; give "
             "motion_from_joints placed=True to keep them, or placed=False to have it placed"
         )
-    return found
+    return placed_motion
 
 
 def _tell_of_cuts(targets: Sequence[TargetLike], geometries: Sequence[Geometry], stop_s: float) -> None:
@@ -249,8 +256,8 @@ def _tell_of_cuts(targets: Sequence[TargetLike], geometries: Sequence[Geometry],
 def _tell_of_track(sources: Sequence[Any], span_s: tuple[float, float]) -> None:
     """Warns of a record that begins or ends with the radar's track, while all of its targets are known."""
     start_s, stop_s = span_s
-    begin_s = max(float(each.times_s[0]) for each in sources if not isinstance(each, Mover))
-    ends_s = [float(each.times_s[-1]) for each in sources if not isinstance(each, Mover)]
+    begin_s = max(float(source.times_s[0]) for source in sources if not isinstance(source, Mover))
+    ends_s = [float(source.times_s[-1]) for source in sources if not isinstance(source, Mover)]
     if start_s > begin_s:
         warn(
             f"the record begins with the radar's track at {start_s:.6g} s, and the targets at {begin_s:.6g} s, of which the first "
@@ -272,9 +279,9 @@ def _check_steps(motion: Motion) -> None:
             f"the motion jumps: {motion.names[joint]} moves by {speeds[frame, joint] / motion.rate_hz:.3g} m from frame {frame} to "
             f"{frame + 1} ({frame / motion.rate_hz:.4g} s), at {speeds[frame, joint]:.3g} m/s; cut or repair the motion there"
         )
-    found = jumps(motion.joints, motion.names, motion.rate_hz)
-    if found and not told_before(motion.report):
-        warn(f"{told(found)}; a radar sees that as fast movement: cut or repair the motion there")
+    found_jumps = jumps(motion.joints, motion.names, motion.rate_hz)
+    if found_jumps and not told_before(motion.report):
+        warn(f"{told(found_jumps)}; a radar sees that as fast movement: cut or repair the motion there")
 
 
 def _scene_of(scene: Any, radar: Radar) -> Scene | None:
@@ -282,7 +289,7 @@ def _scene_of(scene: Any, radar: Radar) -> Scene | None:
     if isinstance(scene, Room):
         scene = scene.scene()
     if isinstance(scene, Scene):
-        check_values((each.material for each in scene.surfaces), radar.mid_frequency_hz)
+        check_values((surface.material for surface in scene.surfaces), radar.mid_frequency_hz)
         return scene
     if not isinstance(scene, (str, Path)):
         raise InputError(f"scene must be a name, a path, a Room or a Scene, got {shown(scene)}")
@@ -337,14 +344,14 @@ def _tell_of_bistatic(
     """
     if np.linalg.norm(radar.tx_position_m - radar.rx_position_m) <= ONE_VIEW_M:
         return
-    weighty = [each for each in ranked if each.mean_db >= BISTATIC_DB and each.pair.order]
+    weighty = [entry for entry in ranked if entry.mean_db >= BISTATIC_DB and entry.pair.order]
     points, when = probes(geometries, *span_s) if weighty else (np.zeros((0, 3)), np.zeros(0))
-    for each in weighty:
-        out, back = (unit(path.place_m(when) - points) for path in (each.pair.out, each.pair.back))
+    for entry in weighty:
+        out, back = (unit(path.place_m(when) - points) for path in (entry.pair.out, entry.pair.back))
         angle_deg = np.degrees(np.arccos(np.clip(inner(out, back), -1, 1)))
         if angle_deg.max() > BISTATIC_DEG:
             warn(
-                f"over the path pair {each.pair.name!r}, {each.mean_db:.0f} dB from the strongest, a target sees transmitter and "
+                f"over the path pair {entry.pair.name!r}, {entry.mean_db:.0f} dB from the strongest, a target sees transmitter and "
                 f"receiver {angle_deg.max():.0f} degrees apart at {when[angle_deg.argmax()]:.3g} s; beyond {BISTATIC_DEG:g} "
                 "degrees echoes may be 2.5 dB off: move the antennas, or leave the pair out (without_paths)"
             )
@@ -360,7 +367,7 @@ def _check_outside_ellipsoids(geometry: Ellipsoids, radar: Radar, times_s: np.nd
             raise _radar_within(radar, antenna, times_s[frame], f"is inside {geometry.names[index]}")
 
 
-def _radar_within(radar: Radar, antenna_m: np.ndarray, time_s: float, told: str) -> InputError:
+def _radar_within(radar: Radar, antenna_m: np.ndarray, time_s: float, relation: str) -> InputError:
     """The refusal of a radar inside a target, which tells where its antenna (3,) is at that time."""
     place_m, mend = antenna_m, "move the radar"
     if radar.track is not None:
@@ -368,7 +375,7 @@ def _radar_within(radar: Radar, antenna_m: np.ndarray, time_s: float, told: str)
         mend = "give the radar another track"
     where = ", ".join(f"{x:.3g}" for x in place_m)
     return InputError(
-        f"the radar at ({where}) m {told} at {time_s:.3g} s; place the target farther away (distance_m) or {mend}"
+        f"the radar at ({where}) m {relation} at {time_s:.3g} s; place the target farther away (distance_m) or {mend}"
     )
 
 

@@ -49,12 +49,12 @@ class Plain(Fields):
 
 def _things(value: Any) -> Any:
     """What a person carries, checked, as a list also where it is one thing."""
-    found = (value,) if isinstance(value, (str, Mapping)) else value
-    if not isinstance(found, (list, tuple)):
+    things = (value,) if isinstance(value, (str, Mapping)) else value
+    if not isinstance(things, (list, tuple)):
         raise InputError(f'carries must be a text such as "bag", a mapping or a list of them, got {shown(value)}')
-    for each in found:
-        wishes_of(each)
-    return found
+    for thing in things:
+        wishes_of(thing)
+    return things
 
 
 Things = Annotated[tuple[str | dict[str, Any], ...], BeforeValidator(_things)]
@@ -130,10 +130,10 @@ class MotionFile(_Placed):
     @field_validator("reading")
     @classmethod
     def _options_of_reading(cls, value: dict[str, Any]) -> dict[str, Any]:
-        known = [name for name in inspect.signature(load_motion).parameters if name not in ("path", "subject")]
+        option_names = [name for name in inspect.signature(load_motion).parameters if name not in ("path", "subject")]
         for name in value:
-            if name not in known:
-                raise InputError(f"unknown option of reading {shown(name)}; {names_advice(name, known)}")
+            if name not in option_names:
+                raise InputError(f"unknown option of reading {shown(name)}; {names_advice(name, option_names)}")
         return value
 
     def read(self, folder: Path) -> Motion:
@@ -206,12 +206,12 @@ class MotionText(_Placed):
 
 
 def _generated(source: MotionText) -> Motion:
-    wanted = understood(source.text)[0]
+    description = understood(source.text)[0]
     if source.stand_s:
         stand = Step(action="stand", duration_s=source.stand_s)
-        wanted = wanted.model_copy(update={"after": (*wanted.after, stand)})
-    made = motion_from_text(
-        wanted,
+        description = description.model_copy(update={"after": (*description.after, stand)})
+    motion = motion_from_text(
+        description,
         provider=source.provider,
         seed=source.seed,
         body=source.body,
@@ -220,8 +220,8 @@ def _generated(source: MotionText) -> Motion:
         duration_s=source.duration_s,
     )
     if source.gait_factor == 1.0 and source.gait_spread == 0.0:
-        return made
-    return vary_gait(made, source.gait_factor, spread=source.gait_spread, seed=source.seed)
+        return motion
+    return vary_gait(motion, source.gait_factor, spread=source.gait_spread, seed=source.seed)
 
 
 _composed = functools.lru_cache(maxsize=8)(_generated)
@@ -424,7 +424,7 @@ def found_beside(source: Any, folder: Path) -> Any:
 
 def sources_of(targets: Sequence[TargetLike], store: Store) -> tuple[Any, ...]:
     """Sources of targets, their arrays in the store."""
-    return tuple(_source(each, store) for each in targets)
+    return tuple(_source(target, store) for target in targets)
 
 
 def stored_scene(scene: Scene | None, store: Store) -> str | StoredScene:
@@ -433,18 +433,18 @@ def stored_scene(scene: Scene | None, store: Store) -> str | StoredScene:
         return "free_space"
     surfaces = scene.surfaces
     key = store.keep(
-        vertices=np.concatenate([each.vertices for each in surfaces]),
-        faces=np.concatenate([each.faces for each in surfaces]),
+        vertices=np.concatenate([surface.vertices for surface in surfaces]),
+        faces=np.concatenate([surface.faces for surface in surfaces]),
     )
     stored = tuple(
         StoredSurface(
-            name=each.name,
-            material=each.material,
-            thickness_m=float(each.thickness_m),
-            vertices=len(each.vertices),
-            faces=len(each.faces),
+            name=surface.name,
+            material=surface.material,
+            thickness_m=float(surface.thickness_m),
+            vertices=len(surface.vertices),
+            faces=len(surface.faces),
         )
-        for each in surfaces
+        for surface in surfaces
     )
     return StoredScene(name=scene.name, input=key, surfaces=stored)
 
@@ -464,10 +464,10 @@ def _source(target: TargetLike, store: Store) -> Any:
         return BodyMesh(kind=made.by, **{**made.arguments, "motion": _source(made.arguments["motion"], store)})
     if made is None or made.by != "arrays":
         return Unknown(description=repr(target))
-    own, part = target.material, dict[str, np.ndarray]()
-    if isinstance(own, ByPart):
-        part["part"] = own.part
-    material = own.materials if isinstance(own, ByPart) else own
+    target_material, part = target.material, dict[str, np.ndarray]()
+    if isinstance(target_material, ByPart):
+        part["part"] = target_material.part
+    material = target_material.materials if isinstance(target_material, ByPart) else target_material
     if isinstance(target, MovingMesh):
         sagitta = np.asarray(target.sagitta_rad, float)
         key = store.keep(**made.arguments, faces=target.faces, times_s=target.times_s, sagitta_rad=sagitta, **part)

@@ -141,10 +141,10 @@ def range_angle(
     directions = unit_vectors(azimuth_rad, elevation_rad)
     weights = steering_vectors(radar, directions)
     power = np.empty((len(range_m), len(directions)))
-    for index, (here, distance) in enumerate(zip(spectrum, range_m, strict=True)):
+    for index, (bin_spectrum, distance) in enumerate(zip(spectrum, range_m, strict=True)):
         if not far_field:
             weights = steering_vectors(radar, directions, np.full(len(directions), distance))
-        beams = here @ (weights.conj().T / weights.shape[1]).astype(here.dtype)
+        beams = bin_spectrum @ (weights.conj().T / weights.shape[1]).astype(bin_spectrum.dtype)
         power[index] = np.sum(beams.real**2 + beams.imag**2, axis=0)
     slow = taper(doppler_window, len(cells.velocity_mps), periodic=True)
     return RangeAngle(power=power / (len(slow) * float(slow @ slow)), range_m=range_m, azimuth_rad=azimuth_rad)

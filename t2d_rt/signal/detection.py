@@ -88,14 +88,14 @@ def sensors() -> list[str]:
 
 def sensor(name: str, **changes: object) -> tuple[Radar, Detection]:
     """Radar and detection of the sensor of a published set of points, "mars" or "radhar"; `changes` override the radar's fields."""
-    own, wanted = _packaged(), str(name).lower().replace("_", "-")
-    if wanted not in own:
-        raise unknown_name("sensor", name, sorted(own))
-    told = read_yaml(own[wanted], noun="sensor", example="radar, changes and detection")
-    return Radar.preset(told["radar"], **{**told["changes"], **changes}), Detection(**told["detection"])
+    sensor_files, key = _packaged(), str(name).lower().replace("_", "-")
+    if key not in sensor_files:
+        raise unknown_name("sensor", name, sorted(sensor_files))
+    settings = read_yaml(sensor_files[key], noun="sensor", example="radar, changes and detection")
+    return Radar.preset(settings["radar"], **{**settings["changes"], **changes}), Detection(**settings["detection"])
 
 
 @cache
 def _packaged() -> dict[str, Path]:
     folder = Path(str(files("t2d_rt"))) / "signal" / "sensors"
-    return {each.stem: each for each in folder.glob("*.yaml")}
+    return {path.stem: path for path in folder.glob("*.yaml")}

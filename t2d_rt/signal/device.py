@@ -43,11 +43,11 @@ def device_points(adc: Any, radar: Radar, detection: Detection | None = None) ->
         )
     n_fft = 2 ** math.ceil(math.log2(radar.samples))
     search = _over_azimuth if detection.over == "azimuth" else _over_doppler
-    found = []
+    frames = []
     for time_s, part in intervals(adc, radar):
         distance, azimuth, elevation, speed, snr = search(part, radar, detection, n_fft)
-        found.append(np.stack([np.full(len(snr), time_s), distance, azimuth, elevation, speed, 10 * np.log10(snr)]))
-    return cloud_of(found, nearest_m=detection.range_skip[0] * radar.max_range_m / n_fft)
+        frames.append(np.stack([np.full(len(snr), time_s), distance, azimuth, elevation, speed, 10 * np.log10(snr)]))
+    return cloud_of(frames, nearest_m=detection.range_skip[0] * radar.max_range_m / n_fft)
 
 
 def _over_azimuth(part: np.ndarray, radar: Radar, detection: Detection, n_fft: int) -> np.ndarray:
@@ -62,12 +62,12 @@ def _over_azimuth(part: np.ndarray, radar: Radar, detection: Detection, n_fft: i
     across = steering_vectors(radar, _along(sines[0], 0.0))
     inverse = _inverses(cells[:, row], detection.loading[0])
     heat = 1 / np.einsum("as,rst,at->ra", across[:, row].conj(), inverse, across[:, row]).real
-    found, angles, snr = _detected(heat, detection)
-    strongest = np.argsort(-heat[found, angles], kind="stable")[: detection.most_points]
+    range_bins, angles, snr = _detected(heat, detection)
+    strongest = np.argsort(-heat[range_bins, angles], kind="stable")[: detection.most_points]
     bins = 2 ** math.ceil(math.log2(cells.shape[2]))
     range_m, speed_mps = radar.range_axis_m(n_fft), radar.speed_axis_mps(bins)
     points = []
-    for place, angle, ratio in zip(found[strongest], angles[strongest], snr[strongest], strict=True):
+    for place, angle, ratio in zip(range_bins[strongest], angles[strongest], snr[strongest], strict=True):
         inverse = _inverses(cells[place : place + 1], detection.loading[1])[0]
         steered = steering_vectors(radar, _along(sines[0][angle], sines[1]))
         power = 1 / np.einsum("es,st,et->e", steered.conj(), inverse, steered).real
@@ -82,8 +82,8 @@ def _over_azimuth(part: np.ndarray, radar: Radar, detection: Detection, n_fft: i
 
 def _over_doppler(part: np.ndarray, radar: Radar, detection: Detection, n_fft: int) -> np.ndarray:
     """The same of a search over Doppler."""
-    found = array_spectrum(part, radar, range_window=detection.range_window, mti="mean", n_fft=n_fft)
-    cells = found.spectrum.transpose(2, 0, 1)  # (range, velocity, antenna)
+    spectra = array_spectrum(part, radar, range_window=detection.range_window, mti="mean", n_fft=n_fft)
+    cells = spectra.spectrum.transpose(2, 0, 1)  # (range, velocity, antenna)
     power = cells.real**2 + cells.imag**2
     levels = np.log(np.maximum(power, np.finfo(power.dtype).tiny)).mean(axis=2)
     near, far = detection.range_skip
@@ -96,7 +96,7 @@ def _over_doppler(part: np.ndarray, radar: Radar, detection: Detection, n_fft: i
             loud &= levels[near : len(levels) - far] >= np.maximum(*beside)
     row, column = np.nonzero(loud)
     # From rest over receding, which are the negative speeds, to approaching, as an FFT orders them.
-    order = np.lexsort((row, -found.velocity_mps[column] % (2 * radar.max_speed_mps)))
+    order = np.lexsort((row, -spectra.velocity_mps[column] % (2 * radar.max_speed_mps)))
     row, column = row[order], column[order]
     snr = np.exp(levels[row + near, column] - noise[row, column])
     which, left, up = _two_angles(cells[row + near, column], radar, detection)
@@ -106,7 +106,7 @@ def _over_doppler(part: np.ndarray, radar: Radar, detection: Detection, n_fft: i
     inside &= np.abs(azimuth) <= math.radians(detection.field_of_view_deg[0])
     sent = np.flatnonzero(inside)[: detection.most_points]
     which = which[sent]
-    distance, speed = found.range_m[row + near][which], found.velocity_mps[column][which]
+    distance, speed = spectra.range_m[row + near][which], spectra.velocity_mps[column][which]
     return np.stack([distance, azimuth[sent], np.arcsin(up[sent]), speed, snr[which]])
 
 
@@ -137,7 +137,7 @@ def _two_angles(snapshots: np.ndarray, radar: Radar, detection: Detection) -> tu
 def _rows(radar: Radar) -> list[np.ndarray]:
     """Antennas of each height, those of the longest row first."""
     heights = np.round(radar.virtual_offsets_m[:, 2] / radar.wavelength_m, 3)
-    return sorted((np.flatnonzero(heights == each) for each in np.unique(heights)), key=len, reverse=True)
+    return sorted((np.flatnonzero(heights == height) for height in np.unique(heights)), key=len, reverse=True)
 
 
 def _along(left: Any, up: Any) -> np.ndarray:
@@ -188,7 +188,7 @@ def _quieter_side(values: np.ndarray, detection: Detection, axis: int) -> np.nda
     """Mean of the training cells before or after each cell, whichever is less; azimuths go round, ranges end."""
     training, guard = detection.training_cells[axis], detection.guard_cells[axis]
     width, length = training + guard, values.shape[axis]
-    pads = [(width, width) if each == axis else (0, 0) for each in (0, 1)]
+    pads = [(width, width) if dimension == axis else (0, 0) for dimension in (0, 1)]
     padded = np.pad(values, pads, mode="wrap") if axis else np.pad(values, pads, constant_values=np.inf)
     means = np.lib.stride_tricks.sliding_window_view(padded, training, axis=axis).mean(axis=-1)
     before = np.take(means, range(length), axis=axis)

@@ -54,9 +54,9 @@ def _step_of(window: str, samples: int, spread: int) -> int:
         return 1
     whole = fft.fft(power, count)[: apart + 1]
     for step in range(MOST_STEP, 1, -1):
-        some = np.zeros(samples)
-        some[::step] = step * power[::step]
-        if np.abs(fft.fft(some, count)[: apart + 1] - whole).max() <= THINNED * power.sum():
+        thinned = np.zeros(samples)
+        thinned[::step] = step * power[::step]
+        if np.abs(fft.fft(thinned, count)[: apart + 1] - whole).max() <= THINNED * power.sum():
             return step
     return 1
 
@@ -161,9 +161,9 @@ class FastTime:
     def of(cls, radar: Radar, window: str, gate_m: tuple[float, float] | None, combine: str) -> FastTime:
         """From options of `spectrogram`, which are checked."""
         bins, weights = gate(radar.range_axis_m(), gate_m), taper(window, radar.samples)
-        every = bins == slice(0, radar.samples)
-        _check_combine(combine, every, weights)
-        return cls(window, weights, bins, combine == "coherent", every and combine == "noncoherent")
+        all_bins = bins == slice(0, radar.samples)
+        _check_combine(combine, all_bins, weights)
+        return cls(window, weights, bins, combine == "coherent", all_bins and combine == "noncoherent")
 
     @property
     def bandwidth_bins(self) -> float:
@@ -177,9 +177,9 @@ class FastTime:
             return range_fft(part, window=self.window, bins=self.bins)
         # Parseval: over all bins the powers add up to those of the samples, to which slow time does the same.
         part = np.asarray(part)
-        some = slice(None, None, step) if step > 1 else weighed(self.weights)
-        part = part if step > 1 else part[..., some]
-        return part * (self.weights[some] * np.sqrt(step * len(self.weights))).astype(part.real.dtype)
+        chosen = slice(None, None, step) if step > 1 else weighed(self.weights)
+        part = part if step > 1 else part[..., chosen]
+        return part * (self.weights[chosen] * np.sqrt(step * len(self.weights))).astype(part.real.dtype)
 
 
 def spectrogram(
@@ -233,14 +233,14 @@ def part_spectrograms(parts: Sequence[Any], radar: Radar, **options: Any) -> lis
     With S_p the short-time spectrum of a part and S that of the sum, it is Re(S_p S*): of what two parts have in common by
     interference each has half. All of them add up to |S|^2, and that of a part which lowers the sum is negative.
     """
-    given = _defaults() | options
-    given["mti"] = Mti.of(given["mti"], given.pop("cutoff_mps"), given.pop("kernel"))
-    windows = given.pop("n_window"), given.pop("overlap"), given.pop("n_fft")
-    return _spectrograms(parts, radar, windows=windows, **given)
+    settings = _defaults() | options
+    settings["mti"] = Mti.of(settings["mti"], settings.pop("cutoff_mps"), settings.pop("kernel"))
+    windows = settings.pop("n_window"), settings.pop("overlap"), settings.pop("n_fft")
+    return _spectrograms(parts, radar, windows=windows, **settings)
 
 
 def _defaults() -> dict[str, Any]:
-    return {name: each.default for name, each in [*inspect.signature(spectrogram).parameters.items()][2:]}
+    return {name: parameter.default for name, parameter in [*inspect.signature(spectrogram).parameters.items()][2:]}
 
 
 def _spectrograms(
@@ -248,9 +248,9 @@ def _spectrograms(
     window: str, windows: tuple[int | None, int | None, int | None],
 ) -> list[Spectrogram]:  # fmt: skip
     """What each of some cubes of one shape adds to the spectrogram of their sum; windows: n_window, overlap and n_fft."""
-    for each in cubes:
-        check_recording(each, radar)
-    pairs = [separated(each, radar) for each in cubes]
+    for cube in cubes:
+        check_recording(cube, radar)
+    pairs = [separated(cube, radar) for cube in cubes]
     cubes, radar = [cube for cube, _ in pairs], pairs[0][1]
     adc = cubes[0]
     fast = FastTime.of(radar, range_window, range_gate_m, combine)
@@ -270,27 +270,27 @@ def _spectrograms(
         step_of = partial(sample_step, adc, range_window)
     elif fast.by_samples and len(cubes) > 1:  # one step for all, because beats of one part meet those of the others
         step = _common_step(cubes, range_window)
-        cubes = cubes if step == 1 else [_Thinned(each, step) for each in cubes]
+        cubes = cubes if step == 1 else [_Thinned(cube, step) for cube in cubes]
         cells_of = partial(fast.cells, step=step)
-    pieces = [filtered(each, radar, starts, n_window, cells_of, mti, step_of) for each in cubes]
+    pieces = [filtered(cube, radar, starts, n_window, cells_of, mti, step_of) for cube in cubes]
     for together in zip(*pieces, strict=True):
         first, columns, _ = together[0]
         parts = [cells.sum(axis=-1, keepdims=True) if fast.coherent else cells for *_, cells in together]
-        powers.append(_summed_powers([each.reshape(len(each), -1) for each in parts], columns - first, slow, n_fft))
+        powers.append(_summed_powers([part.reshape(len(part), -1) for part in parts], columns - first, slow, n_fft))
     power = np.concatenate(powers, axis=2)
     check_finite(power)
     axes = {
         "velocity_mps": radar.speed_axis_mps(n_fft),
         "time_s": radar.chirp_starts_s(adc.shape[0])[starts] + n_window / 2 * radar.loop_interval_s,
     }
-    return [Spectrogram(power=ascending(each / (fast.bandwidth_bins * antennas)), **axes) for each in power]
+    return [Spectrogram(power=ascending(part_power / (fast.bandwidth_bins * antennas)), **axes) for part_power in power]
 
 
 def _common_step(cubes: Sequence[Any], window: str) -> int:
     """Step of samples for the sum of cubes over the whole record, by how far any two beats in any of them lie apart."""
-    if not all(isinstance(each, DiskCube) and isinstance(each.rows, ProductRows) for each in cubes):
+    if not all(isinstance(cube, DiskCube) and isinstance(cube.rows, ProductRows) for cube in cubes):
         return 1
-    return sample_step(DiskCube(ProductRows.sum_of([each.rows for each in cubes])), window, 0, len(cubes[0]))
+    return sample_step(DiskCube(ProductRows.sum_of([cube.rows for cube in cubes])), window, 0, len(cubes[0]))
 
 
 def _gated_cells(rows: GatedRows, fast: FastTime) -> np.ndarray:
@@ -328,10 +328,10 @@ def check_names(processing: Mapping[str, Any]) -> None:
         raise InputError(f"unknown spectrogram option {unknown[0]!r}; choose from {', '.join(options)}")
 
 
-def check_processing(radar: Radar, chirps: int, given: Mapping[str, Any]) -> None:
+def check_processing(radar: Radar, chirps: int, processing: Mapping[str, Any]) -> None:
     """Refuses options of `spectrogram` that no record of so many chirps can be processed with, before there is one."""
     rows = chirps // len(radar.tx_offsets_m) if radar.multiplexing == "ddm" else chirps
-    options = _defaults() | dict(given)
+    options = _defaults() | dict(processing)
     gate(radar.range_axis_m(), options["range_gate_m"])
     taper(options["range_window"], radar.samples)
     choice("MTI method", "none" if options["mti"] is None else options["mti"], METHODS)
@@ -401,18 +401,18 @@ def _summed_powers(parts: Sequence[np.ndarray], starts: np.ndarray, weights: np.
     columns = np.ascontiguousarray(weights.astype(real)[:, None])
     power = np.zeros((len(parts), len(starts), n_fft), dtype=real)
     # Real and imaginary parts in turn, as weights are real.
-    given = [np.ascontiguousarray(each).view(real) for each in parts]
+    real_parts = [np.ascontiguousarray(part).view(real) for part in parts]
 
     def run(chunk: np.ndarray) -> None:
-        for first in range(0, given[0].shape[1], 2 * CELLS):
-            some = [each[:, first : first + 2 * CELLS] for each in given]
+        for first in range(0, real_parts[0].shape[1], 2 * CELLS):
+            cells = [part[:, first : first + 2 * CELLS] for part in real_parts]
             for index in chunk:
                 cut = slice(starts[index], starts[index] + len(weights))
-                weighted = [(each[cut] * columns).view(dtype) for each in some]
-                spectra = [fft.fft(each, n_fft, axis=0, overwrite_x=True).view(real) for each in weighted]
+                weighted = [(part[cut] * columns).view(dtype) for part in cells]
+                spectra = [fft.fft(part, n_fft, axis=0, overwrite_x=True).view(real) for part in weighted]
                 whole = spectra[0] if len(spectra) == 1 else np.sum(spectra, axis=0)
-                for into, each in zip(power, spectra, strict=True):
-                    into[index] += np.vecdot(each, whole)
+                for into, spectrum in zip(power, spectra, strict=True):
+                    into[index] += np.vecdot(spectrum, whole)
 
     threads = min(os.cpu_count() or 1, len(starts))
     with ThreadPoolExecutor(threads) as pool:

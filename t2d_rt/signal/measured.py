@@ -141,12 +141,12 @@ def _check_samples(cube: Cube, path: Path) -> None:
 
 def _at_ends(parts: np.ndarray) -> int:
     """How many samples (..., 2) have I or Q at an end of a converter's scale: the greatest is 2^n - 1, or the least -2^n."""
-    found = np.zeros(parts.shape[:-1], bool)
+    at_end = np.zeros(parts.shape[:-1], bool)
     for end in (float(parts.max()), float(parts.min())):
         codes = end + 1 if end > 0 else -end
         if codes >= 2**7 and math.log2(codes).is_integer():
-            found |= (parts == end).any(axis=-1)
-    return int(np.count_nonzero(found))
+            at_end |= (parts == end).any(axis=-1)
+    return int(np.count_nonzero(at_end))
 
 
 def warn_of_mirror(cube: Cube, path: Path, iq: str) -> None:
@@ -171,16 +171,16 @@ def warn_of_period(cube: Cube, radar: Radar, path: Path) -> None:
     """Tells of rows that are more like those some rows on than like the next ones: neighbours were not recorded alike."""
     if radar.multiplexing == "ddm" or (radar.loops_per_frame or AT_ONCE) < AT_ONCE or len(cube) < AT_ONCE:
         return
-    found = np.zeros(LARGEST_LAG + 1)
+    alike = np.zeros(LARGEST_LAG + 1)
     for part in spread_rows(len(cube)):
         rows = np.asarray(cube[part.start : part.stop])
         rows = rows - rows.mean(axis=2, keepdims=True)
         for lag in range(LARGEST_LAG + 1):
             one, two = rows[: len(rows) - LARGEST_LAG], rows[lag : len(rows) - LARGEST_LAG + lag]
-            found[lag] += np.abs(np.sum(one.conj() * two, axis=(0, 2))).sum() / math.sqrt(_energy(one) * _energy(two))
-    found /= found[0] or 1.0
-    best = 1 + int(found[1:].argmax())
-    if found[best] > LIKE and found[1] < LESS_LIKE * found[best]:
+            alike[lag] += np.abs(np.sum(one.conj() * two, axis=(0, 2))).sum() / math.sqrt(_energy(one) * _energy(two))
+    alike /= alike[0] or 1.0
+    best = 1 + int(alike[1:].argmax())
+    if alike[best] > LIKE and alike[1] < LESS_LIKE * alike[best]:
         warn(
             f"{path} has chirps that are more like those {best} rows on than like the next ones, as {best} transmitters in turn "
             "leave them, or another number of samples or receivers than the radar's; give the radar that recorded it"
@@ -224,8 +224,8 @@ def load_cube(path: str | Path, *, iq: str = "IQ", conjugate: bool = False) -> C
     words = _are_words(rows)
     offset = 0
     if words:
-        seen = [_words(rows.numbers(part.start, part.stop)) for part in spread_rows(rows.shape[0])]
-        offset = code_offset(np.concatenate([each.ravel() for each in seen]))
+        word_blocks = [_words(rows.numbers(part.start, part.stop)) for part in spread_rows(rows.shape[0])]
+        offset = code_offset(np.concatenate([block.ravel() for block in word_blocks]))
         warn_of_offset(rows.path, offset)
     decode = partial(_decoded, samples=rows.shape[2], words=words, offset=offset, iq=iq, conjugate=conjugate)
     return cube_of(replace(rows, decode=decode))
@@ -345,19 +345,19 @@ def load_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str = "IQ", 
         )
     shape = size // (2 * row), senders * receivers, radar.samples
     raw = FileRows(source, shape, 0, WORD, row)
-    seen = np.concatenate([raw.numbers(part.start, part.stop).ravel() for part in spread_rows(shape[0])])
-    offset = code_offset(seen)
-    given = f"{'real' if iq == 'I' else 'complex'} samples over {lanes} lanes"
-    _check_order(signed(seen, offset, radar.samples), radar.samples, given, source)
+    words = np.concatenate([raw.numbers(part.start, part.stop).ravel() for part in spread_rows(shape[0])])
+    offset = code_offset(words)
+    order = f"{'real' if iq == 'I' else 'complex'} samples over {lanes} lanes"
+    _check_order(signed(words, offset, radar.samples), radar.samples, order, source)
     used: np.ndarray | None = None
     if str(lanes) == "4":
-        used = np.asarray(seen.reshape(-1, 4).any(axis=0))
+        used = np.asarray(words.reshape(-1, 4).any(axis=0))
         if np.count_nonzero(used) != receivers:
             raise InputError(
                 f"{path} holds {np.count_nonzero(used)} receivers, the radar has {receivers}; give the radar that recorded it"
             )
-    some = raw.numbers(0, min(ROWS_OF_PERIOD, shape[0])).ravel()
-    _check_period(signed(some, offset, radar.samples), LAYOUTS[given][0]["together"], row, senders, source)
+    first_words = raw.numbers(0, min(ROWS_OF_PERIOD, shape[0])).ravel()
+    _check_period(signed(first_words, offset, radar.samples), LAYOUTS[order][0]["together"], row, senders, source)
     if radar.loops_per_frame and shape[0] % radar.loops_per_frame:
         raise InputError(
             f"{path} holds {shape[0]} loops of chirps, and a burst of this radar has {radar.loops_per_frame}, so that it ends "
@@ -365,7 +365,7 @@ def load_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str = "IQ", 
         )
     warn_of_offset(source, offset)
     decode = partial(
-        _decoded_capture, order=given, samples=radar.samples, used=used, offset=offset, iq=iq, conjugate=conjugate
+        _decoded_capture, order=order, samples=radar.samples, used=used, offset=offset, iq=iq, conjugate=conjugate
     )
     return cube_of(replace(raw, decode=decode))
 
@@ -402,10 +402,10 @@ def _decoded_capture(
     words: np.ndarray, *, order: str, samples: int, used: np.ndarray | None, offset: int, iq: str, conjugate: bool
 ) -> np.ndarray:
     """Samples of rows of words (row, word), complex64 (chirp of a receiver, sample)."""
-    found = _ordered(signed(words, offset, samples).ravel(), samples, **LAYOUTS[order][0])
+    chirps = _ordered(signed(words, offset, samples).ravel(), samples, **LAYOUTS[order][0])
     if used is not None:
-        found = found.reshape(-1, 4, samples)[:, used].reshape(-1, samples)
-    return oriented(found, iq, conjugate=conjugate)
+        chirps = chirps.reshape(-1, 4, samples)[:, used].reshape(-1, samples)
+    return oriented(chirps, iq, conjugate=conjugate)
 
 
 ALIKE, LESS_THAN_ROW, REPEATED = 0.9, 0.8, 0.7
@@ -445,9 +445,9 @@ def _check_period(codes: np.ndarray, together: int, row: int, senders: int, path
         )
 
 
-def _check_order(codes: np.ndarray, samples: int, given: str, path: Path) -> None:
+def _check_order(codes: np.ndarray, samples: int, order: str, path: Path) -> None:
     """Refuses codes that have a flatter spectrum in the order that is given than in another."""
-    found = {}
+    flatnesses_db = {}
     for name, (layout, _) in LAYOUTS.items():
         try:
             chirps = _ordered(codes, samples, **layout)
@@ -456,11 +456,11 @@ def _check_order(codes: np.ndarray, samples: int, given: str, path: Path) -> Non
         chirps = chirps[chirps.any(axis=1)]
         if len(chirps) >= FEWEST_CHIRPS:
             rounding = 1 / 6 if np.iscomplexobj(chirps) else 1 / 12
-            found[name] = flatness_db(chirps, noise=rounding)
-    best = min(found, key=found.__getitem__, default=given)
-    if given not in found or found[given] - found[best] < FLATTER_DB:
+            flatnesses_db[name] = flatness_db(chirps, noise=rounding)
+    best = min(flatnesses_db, key=flatnesses_db.__getitem__, default=order)
+    if order not in flatnesses_db or flatnesses_db[order] - flatnesses_db[best] < FLATTER_DB:
         return
     raise InputError(
-        f"{path} does not hold {given}: taken as {best} its chirps have a spectrum that is less flat by "
-        f"{found[given] - found[best]:.1f} dB; {LAYOUTS[best][1]}"
+        f"{path} does not hold {order}: taken as {best} its chirps have a spectrum that is less flat by "
+        f"{flatnesses_db[order] - flatnesses_db[best]:.1f} dB; {LAYOUTS[best][1]}"
     )

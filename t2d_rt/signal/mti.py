@@ -46,10 +46,10 @@ def mti(
 
 
 def _checked_profile(profile: np.ndarray) -> np.ndarray:
-    found = numeric("profile", profile)
-    if found.ndim < 1 or 0 in found.shape or not np.issubdtype(found.dtype, np.complexfloating):
-        raise InputError(f"profile must be complex, of shape (chirp, ...), got {found.dtype} of shape {found.shape}")
-    return found
+    cells = numeric("profile", profile)
+    if cells.ndim < 1 or 0 in cells.shape or not np.issubdtype(cells.dtype, np.complexfloating):
+        raise InputError(f"profile must be complex, of shape (chirp, ...), got {cells.dtype} of shape {cells.shape}")
+    return cells
 
 
 def _highpass(profile: np.ndarray, prf_hz: float | None, cutoff_hz: float | None, order: int) -> np.ndarray:

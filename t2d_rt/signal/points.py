@@ -99,14 +99,16 @@ def _checked_correlation(cells: int | np.ndarray) -> np.ndarray:
         return np.eye(
             integer("cells", cells, 1, MOST_CELLS, hint="a number of training cells, or their correlation matrix")
         )
-    found = numeric("cells", cells)
-    fits = found.ndim == 2 and len(found) == len(found.T) >= 2 and np.isfinite(found).all()
-    if not (fits and np.allclose(found, found.conj().T, atol=1e-6) and np.allclose(np.diagonal(found), 1, atol=1e-6)):
+    matrix = numeric("cells", cells)
+    fits = matrix.ndim == 2 and len(matrix) == len(matrix.T) >= 2 and np.isfinite(matrix).all()
+    if not (
+        fits and np.allclose(matrix, matrix.conj().T, atol=1e-6) and np.allclose(np.diagonal(matrix), 1, atol=1e-6)
+    ):
         raise InputError(
             f"cells must be a number of training cells, or their correlation matrix (cell, cell), Hermitian with ones on its "
             f"diagonal, got {shown(cells)}"
         )
-    return found
+    return matrix
 
 
 def _ca_log_rate(correlation: np.ndarray, looks: int) -> Callable[[float], float]:
@@ -158,7 +160,7 @@ def _offsets(
     for name, pair in pairs:
         if not isinstance(pair, (list, tuple)) or len(pair) != 2:
             raise InputError(f"{name} must be two integers, along velocity and range, got {shown(pair)}")
-    counts = [[integer(name, each, -MOST_CELLS, MOST_CELLS) for each in pair] for name, pair in pairs]
+    counts = [[integer(name, count, -MOST_CELLS, MOST_CELLS) for count in pair] for name, pair in pairs]
     for axis, (guard, training) in enumerate(zip(*counts, strict=True)):
         if guard < 0 or training < 0 or (training and 2 * (guard + training) + 1 > shape[axis]):
             raise InputError(
@@ -269,8 +271,8 @@ def point_cloud(
         noise = np.maximum(noise, power[:, tested].max() * 10 ** (-dynamic_range_db / 10))
         row, column = np.nonzero((power[:, tested] > factor * noise) & _is_peak(power)[:, tested])
         snr = power[:, tested][row, column] / noise[row, column]
-        found = row, column + first
-        columns.append(_report(cells, power, snr, found, radar, time_s))
+        peaks = row, column + first
+        columns.append(_report(cells, power, snr, peaks, radar, time_s))
     return cloud_of(columns, nearest_m=nearest_m)
 
 
@@ -278,12 +280,12 @@ def _report(
     cells: ArraySpectrum,
     power: np.ndarray,
     snr: np.ndarray,
-    found: tuple[np.ndarray, ...],
+    peaks: tuple[np.ndarray, ...],
     radar: Radar,
     time_s: float,
 ) -> np.ndarray:
     """The fields of the points of one frame, (6, point)."""
-    row, column = found
+    row, column = peaks
     speed_step, range_step = cells.velocity_mps[1] - cells.velocity_mps[0], cells.range_m[1] - cells.range_m[0]
     speed = cells.velocity_mps[row] + speed_step * _between(power, row, column, axis=0)
     distance = cells.range_m[column] + range_step * _between(power, row, column, axis=1)
@@ -318,7 +320,7 @@ def _directions(snapshots: np.ndarray, range_m: np.ndarray, radar: Radar) -> np.
             step = np.zeros(2)
             step[axis] = steps[axis] / 2**shrink
             nearby = (steering_vectors(radar, _upright(at), range_m) for at in (place - step, place, place + step))
-            shift = _vertex(*(np.abs(np.sum(snapshots * each.conj(), axis=1)) ** 2 for each in nearby))
+            shift = _vertex(*(np.abs(np.sum(snapshots * weights.conj(), axis=1)) ** 2 for weights in nearby))
             place = place + shift[:, None] * step
     return _upright(place)
 

@@ -77,9 +77,9 @@ def range_fft(
     instance("bins", bins, slice, "a slice of the range bins, as `gate` gives")
     block = integer("block", block, 1, LONGEST_WINDOW)
     if n_fft > samples:
-        kept = 8 * math.prod(adc.shape[:-1]) * len(range(*bins.indices(n_fft)))
+        profile_bytes = 8 * math.prod(adc.shape[:-1]) * len(range(*bins.indices(n_fft)))
         at_once = 16 * min(block, adc.shape[0]) * math.prod(adc.shape[1:-1]) * n_fft
-        check_size(kept + at_once, f"a range profile by FFTs of {n_fft} bins", "lower n_fft")
+        check_size(profile_bytes + at_once, f"a range profile by FFTs of {n_fft} bins", "lower n_fft")
     weights = taper(window, samples)
     blocks = []
     for start in range(0, adc.shape[0], block):

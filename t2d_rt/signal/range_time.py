@@ -143,5 +143,5 @@ def range_doppler_over(
             maps.append(ascending((spectra.real**2 + spectra.imag**2).mean(axis=1)))
     power = np.stack(maps)
     check_finite(power)
-    found = RangeDoppler(power=power, velocity_mps=radar.speed_axis_mps(n_window), range_m=radar.range_axis_m())
-    return middles_s[nearest], found
+    result = RangeDoppler(power=power, velocity_mps=radar.speed_axis_mps(n_window), range_m=radar.range_axis_m())
+    return middles_s[nearest], result

@@ -108,13 +108,13 @@ def vital_signs(adc: Any, radar: Radar, *, range_gate_m: tuple[float, float] | N
     axis_m = radar.range_axis_m(RANGE_ZOOM * radar.samples)
     bins = gate(axis_m, None if range_gate_m is None else interval("range_gate_m", range_gate_m, unit="m"))
     profile = range_fft(slow, window=RANGE_WINDOW, n_fft=RANGE_ZOOM * radar.samples, bins=bins)
-    found = signs_of(profile, axis_m[bins], time_s, radar.wavelength_m)
-    if found.range_m < (near_m := LEAKAGE_BINS * radar.range_resolution_m):
+    signs = signs_of(profile, axis_m[bins], time_s, radar.wavelength_m)
+    if signs.range_m < (near_m := LEAKAGE_BINS * radar.range_resolution_m):
         warn(
-            f"what varies most is at {found.range_m:.2f} m, where the radar's leakage and flicker noise lie (below {near_m:.2g} m) "
+            f"what varies most is at {signs.range_m:.2f} m, where the radar's leakage and flicker noise lie (below {near_m:.2g} m) "
             "and may be no person; give range_gate_m"
         )
-    return found
+    return signs
 
 
 def signs_of(profile: np.ndarray, range_m: np.ndarray, time_s: np.ndarray, wavelength_m: float) -> VitalSigns:
@@ -168,8 +168,8 @@ def _clearest(
     the scatter. Of cells that are as good the strongest is taken. Noise keeps to no circle and is no person while others do.
     """
     varying = np.flatnonzero(variance >= WEAKEST * variance.max())
-    moved, each_scatter = zip(*(_displacement(profile[:, :, cell], wavelength_m) for cell in varying), strict=True)
-    scatter = np.array(each_scatter)
+    moved, scatters = zip(*(_displacement(profile[:, :, cell], wavelength_m) for cell in varying), strict=True)
+    scatter = np.array(scatters)
     likely = (scatter < NOISY) | (scatter.min() >= NOISY)
     most = varying[int(np.where(likely, variance[varying], -np.inf).argmax())]
     beside = likely & (np.abs(range_m[varying] - range_m[most]) <= CHEST_M)
@@ -195,9 +195,9 @@ def _displacement(cell: np.ndarray, wavelength_m: float) -> tuple[np.ndarray, fl
     """
     moving = cell - np.array([circle_centre(antenna) for antenna in cell.T])
     phase = np.cumsum(np.angle(np.sum(moving[1:] * moving[:-1].conj(), axis=1)))
-    found = -wavelength_m / (4 * math.pi) * np.concatenate([[0.0], phase])
+    displacement_m = -wavelength_m / (4 * math.pi) * np.concatenate([[0.0], phase])
     radii = np.abs(moving)
-    return found - found.mean(), float(radii.var(axis=0).sum() / np.sum(radii.mean(axis=0) ** 2))
+    return displacement_m - displacement_m.mean(), float(radii.var(axis=0).sum() / np.sum(radii.mean(axis=0) ** 2))
 
 
 def circle_centre(points: np.ndarray) -> complex:
@@ -263,7 +263,7 @@ def _beat(values: np.ndarray, time_s: np.ndarray, breath: float) -> tuple[float,
         on = part > 1 or off_hz < near_hz / 4
         harmonics = multiple - 1 if on else BREATH_HARMONICS
         pulses = [k * rate for k in range(1, BEAT_HARMONICS + 1)]
-        moves = _fitted(values, time_s, [(breath, harmonics), *((each, 1) for each in pulses)])[1][1:]
+        moves = _fitted(values, time_s, [(breath, harmonics), *((pulse, 1) for pulse in pulses)])[1][1:]
         if np.argmax(moves) > 0:
             line = pulses[int(np.argmax(moves))] if part == 1 else line
         elif on:
@@ -297,24 +297,24 @@ def _beats(values: np.ndarray, time_s: np.ndarray, breath: float) -> tuple[np.nd
 
     bounds = breath - 0.5 / span_s, breath + 0.5 / span_s
     fitted = minimize_scalar(lambda rate: float(np.sum(breathing(rate)[1] ** 2)) * 1e6, bounds=bounds, method="bounded")
-    base, rest = breathing(float(fitted.x))
+    base, residual = breathing(float(fitted.x))
     # Products of a cosine and a sine of each frequency with what is left and with the columns, and with one another.
-    products = np.fft.rfft(np.column_stack([rest, base]) * window[:, None], ZOOM * count, axis=0)
+    products = np.fft.rfft(np.column_stack([residual, base]) * window[:, None], ZOOM * count, axis=0)
     twice = np.fft.fft(window**2, ZOOM * count)[2 * np.arange(len(products)) % (ZOOM * count)]
     cosine, sine = products.real[:, 1:], -products.imag[:, 1:]
     even = (1 + LEAST_OWN) * count / 2 + twice.real / 2 - np.sum(cosine**2, axis=1)
     odd = (1 + LEAST_OWN) * count / 2 - twice.real / 2 - np.sum(sine**2, axis=1)
     mixed = -twice.imag / 2 - np.sum(cosine * sine, axis=1)
-    own = products[:, 0]
-    explained = (odd * own.real**2 + 2 * mixed * own.real * own.imag + even * own.imag**2) / (even * odd - mixed**2)
+    left = products[:, 0]
+    explained = (odd * left.real**2 + 2 * mixed * left.real * left.imag + even * left.imag**2) / (even * odd - mixed**2)
     axis = np.fft.rfftfreq(ZOOM * count, span_s / (count - 1))
     explained[axis > axis[-1] - 1 / span_s] = 0  # aliases
     inside = np.flatnonzero((axis >= BEATS_HZ[0]) & (axis <= BEATS_HZ[1]))
     harmonics = np.arange(1, BEAT_HARMONICS + 1)[:, None] * inside
-    of_each = np.where(harmonics < len(axis), explained[np.minimum(harmonics, len(axis) - 1)], 0)
+    of_harmonics = np.where(harmonics < len(axis), explained[np.minimum(harmonics, len(axis) - 1)], 0)
     # The first harmonic of a pulse is its strongest, unless the breath hides it.
     hidden = even[inside] + odd[inside] < count / 2
-    return axis[inside], np.minimum(of_each, np.where(hidden, np.inf, of_each[0])).sum(axis=0)
+    return axis[inside], np.minimum(of_harmonics, np.where(hidden, np.inf, of_harmonics[0])).sum(axis=0)
 
 
 def _depths(values: np.ndarray, time_s: np.ndarray, breath: float, beat: float, harmonics: int) -> list[float]:
