@@ -52,8 +52,8 @@ class OcclusionMask(Fields):
         count = int(rng.poisson(self.windows))
         lengths = rng.uniform(self.shortest_s, self.longest_s, count)
         starts = rng.uniform(-lengths, duration_s)
-        found = np.clip(np.stack([starts, starts + lengths], axis=1), 0, duration_s)
-        return np.asarray(found[np.argsort(found[:, 0], kind="stable")])
+        windows = np.clip(np.stack([starts, starts + lengths], axis=1), 0, duration_s)
+        return np.asarray(windows[np.argsort(windows[:, 0], kind="stable")])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,7 +111,7 @@ def covered(times_s: np.ndarray, windows_s: np.ndarray) -> np.ndarray:
 
 def _power(name: str, values: Any, shape: tuple[int | str, ...]) -> np.ndarray:
     """Powers [W] of a shape, none of them below 0."""
-    found = array(name, values, shape, limit=1e60, unit="W")
-    if found.size and found.min() < 0:
-        raise InputError(f"{name} must be 0 W or more, got {found.min():g}; give powers, not decibels or amplitudes")
-    return found
+    powers = array(name, values, shape, limit=1e60, unit="W")
+    if powers.size and powers.min() < 0:
+        raise InputError(f"{name} must be 0 W or more, got {powers.min():g}; give powers, not decibels or amplitudes")
+    return powers

@@ -87,7 +87,7 @@ class Comparison:
             lines.append(f"{self.labels[1]} {order} by {abs(self.shift_s):.3f} s, which is taken out")
         if self.parts_db:
             lines += ["", f"{'level by part [dB]':24}" + "".join(f"{label:>{width}}" for label in self.labels)]
-            changed = sorted(self.parts_db.items(), key=lambda each: -abs(each[1]))
+            changed = sorted(self.parts_db.items(), key=lambda part: -abs(part[1]))
             lines += [f"{name:24}{0:{width}.2f}{level_db:{width}.2f}" for name, level_db in changed]
         return "\n".join(lines)
 
@@ -125,7 +125,7 @@ def compare(
     names = _labels(first, second) if labels is None else checked_labels(labels)
     one, two = first.spectrogram, second.spectrogram
     speeds = _common(one.velocity_mps.values, two.velocity_mps.values, "speeds", "m/s")
-    images = [_resampled(each.values, each.velocity_mps.values, speeds, 0) for each in (one, two)]
+    images = [_resampled(spectrogram.values, spectrogram.velocity_mps.values, speeds, 0) for spectrogram in (one, two)]
     clocks = [one.time_s.values, two.time_s.values]
     shift_s = _lag_s(images, clocks) if align else 0.0
     clocks[1] = clocks[1] - shift_s if shift_s else clocks[1]
@@ -156,14 +156,16 @@ def compare(
 
 def _parts_db(first: Recording, second: Recording) -> dict[str, float]:
     """Levels of parts of the same name against each other; the one person's segments are those of a person among other targets."""
-    one, two = ({name.removeprefix("person: "): name for name in each.parts} for each in (first, second))
-    common = [name for name in one if name in two]
-    if one and two and not common:
+    first_names, second_names = (
+        {name.removeprefix("person: "): name for name in recording.parts} for recording in (first, second)
+    )
+    common = [name for name in first_names if name in second_names]
+    if first_names and second_names and not common:
         warn("the recordings have no part of one name; simulate both with the same split to have their parts compared")
     if not common:
         return {}
-    before, after = (each.parts.levels().level_db for each in (first, second))
-    return {name: float(after.sel(part=two[name]) - before.sel(part=one[name])) for name in common}
+    before, after = (recording.parts.levels().level_db for recording in (first, second))
+    return {name: float(after.sel(part=second_names[name]) - before.sel(part=first_names[name])) for name in common}
 
 
 def _common(one: np.ndarray, two: np.ndarray, noun: str, unit: str) -> np.ndarray:
@@ -174,22 +176,22 @@ def _common(one: np.ndarray, two: np.ndarray, noun: str, unit: str) -> np.ndarra
     coarser = one if steps[0] >= steps[1] * (1 - 1e-6) else two
     slack = 1e-6 * min(steps) if math.isfinite(min(steps)) else 0.0
     low, high = max(one[0], two[0]) - slack, min(one[-1], two[-1]) + slack
-    found = coarser[(coarser >= low) & (coarser <= high)]
-    if len(found) < (2 if noun == "speeds" else 1):
+    common = coarser[(coarser >= low) & (coarser <= high)]
+    if len(common) < (2 if noun == "speeds" else 1):
         raise InputError(
             f"the recordings have no {noun} in common: {one[0]:.4g} to {one[-1]:.4g} and {two[0]:.4g} to {two[-1]:.4g} {unit}; "
             "compare longer records, or others"
         )
-    return found
+    return common
 
 
-def _resampled(power_db: np.ndarray, axis: np.ndarray, wanted: np.ndarray, number: int) -> np.ndarray:
+def _resampled(power_db: np.ndarray, axis: np.ndarray, new_axis: np.ndarray, number: int) -> np.ndarray:
     """Levels at other values of one axis; powers are interpolated in between."""
-    if axis.shape == wanted.shape and np.allclose(axis, wanted):
+    if axis.shape == new_axis.shape and np.allclose(axis, new_axis):
         return power_db
     power = np.moveaxis(10 ** (power_db / 10), number, -1)
-    found = np.stack([np.interp(wanted, axis, row) for row in power])
-    return np.moveaxis(decibel(found), -1, number)
+    powers = np.stack([np.interp(new_axis, axis, row) for row in power])
+    return np.moveaxis(decibel(powers), -1, number)
 
 
 def _lag_s(images: Sequence[np.ndarray], clocks: Sequence[np.ndarray]) -> float:
@@ -202,9 +204,9 @@ def _lag_s(images: Sequence[np.ndarray], clocks: Sequence[np.ndarray]) -> float:
     for image, clock in zip(images, clocks, strict=True):
         even = _resampled(image, clock, np.arange(clock[0], clock[-1] + 0.01 * step, step), 1)
         levels.append(np.maximum(even, even.max() - 40))  # what lies lower is noise, or nothing
-    first, second = (each - each.mean() for each in levels)
+    first, second = (level - level.mean() for level in levels)
     length = first.shape[1] + second.shape[1] - 1
-    spectra = [np.fft.rfft(each, length) for each in (first, second)]
+    spectra = [np.fft.rfft(level, length) for level in (first, second)]
     lags = np.arange(1 - first.shape[1], second.shape[1])
     cross = np.fft.irfft(np.sum(spectra[1] * spectra[0].conj(), axis=0), length)[lags]
     start = np.maximum(0, -lags)
@@ -229,10 +231,10 @@ def _sums(values: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray
 def _labels(first: Recording, second: Recording) -> tuple[str, str]:
     """The first of method and scene that tells them apart; numbers where neither does."""
     kinds = [
-        str(each.settings.get("method") or ("measured" if each.experiment is None else "simulated"))
-        for each in (first, second)
+        str(recording.settings.get("method") or ("measured" if recording.experiment is None else "simulated"))
+        for recording in (first, second)
     ]
-    scenes = [str(each.settings.get("scene", kinds[0])) for each in (first, second)]
+    scenes = [str(recording.settings.get("scene", kinds[0])) for recording in (first, second)]
     for one, two in (kinds, scenes):
         if one != two:
             return one, two
@@ -266,18 +268,18 @@ def field_difference_db(first: Recording, second: Recording) -> float:
             means[place] = means[place] + part.sum(axis=0, dtype=np.complex128) / chirps
     moving = [energy - chirps * np.sum(np.abs(mean) ** 2) for energy, mean in zip(energies, means, strict=True)]
     # What float64 sums leave of a static record is less than that, and nothing that moves.
-    apart, own = (part if part > 1e-14 * energies.max() else 0.0 for part in moving)
-    if not (apart and own):
-        return math.inf if apart else -math.inf
-    return 10 * math.log10(apart / own)
+    difference, signal = (part if part > 1e-14 * energies.max() else 0.0 for part in moving)
+    if not (difference and signal):
+        return math.inf if difference else -math.inf
+    return 10 * math.log10(difference / signal)
 
 
 def same_axes(first: Recording, second: Recording) -> bool:
     """Whether speeds and times of the spectrograms, and numbers and ranges of the samples, are the same."""
     axes = [
-        (image.velocity_mps.values, image.time_s.values, np.array(each.cube.shape), each.radar.range_axis_m())
-        for each in (first, second)
-        for image in (each.spectrogram,)
+        (image.velocity_mps.values, image.time_s.values, np.array(recording.cube.shape), recording.radar.range_axis_m())
+        for recording in (first, second)
+        for image in (recording.spectrogram,)
     ]
     return all(np.array_equal(one, two) for one, two in zip(*axes, strict=True))
 

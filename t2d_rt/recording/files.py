@@ -101,19 +101,19 @@ def _read(source: Path) -> dict[str, Any]:
         raise InputError(f"{source} is not a result folder; give a .zarr folder that `simulate` wrote")
     try:
         metadata = _metadata(source)
-        found = metadata["attributes"]
-        if found["format"] != str(FORMAT):
-            raise InputError(f"{source} has format {found['format']}, expected {FORMAT}; simulate it again")
-        if found["checksum"] != _checksum(source, metadata):
+        attributes = metadata["attributes"]
+        if attributes["format"] != str(FORMAT):
+            raise InputError(f"{source} has format {attributes['format']}, expected {FORMAT}; simulate it again")
+        if attributes["checksum"] != _checksum(source, metadata):
             raise InputError(f"{source} is damaged: it is not as it was written; simulate it again")
-        known = {name: json.loads(found[name]) for name in ("settings", "processing", "versions")}
-        experiment, accuracy = (json.loads(found[name]) for name in ("experiment", "accuracy"))
+        contents = {name: json.loads(attributes[name]) for name in ("settings", "processing", "versions")}
+        experiment, accuracy = (json.loads(attributes[name]) for name in ("experiment", "accuracy"))
         rows = SavedRows.of(source)
         on_disk = DiskCube(rows)
         cube = on_disk if is_large(rows.shape) else np.asarray(on_disk)
-        known |= {
+        contents |= {
             "cube": cube,
-            "radar": Radar(**json.loads(found["radar"])),
+            "radar": Radar(**json.loads(attributes["radar"])),
             "experiment": None if experiment is None else Experiment.model_validate(experiment),
             "accuracy": None if accuracy is None else Accuracy.model_validate(accuracy),
             "inputs": {file.stem: unpacked(file) for file in sorted((source / INPUTS).glob("*.npz"))},
@@ -121,7 +121,7 @@ def _read(source: Path) -> dict[str, Any]:
         }
         if rows.sha256 != _sha256(cube):
             raise InputError(f"the ADC samples in {source} are damaged; simulate it again")
-        return known
+        return contents
     except InputError:
         raise
     except Exception as error:  # files of any content
@@ -165,12 +165,12 @@ def check_replaceable(target: Path, picture: Path | None = None, *, overwrite: b
     try:
         attributes = _metadata(target)["attributes"]
         marked = attributes.get("made_by") == MADE_BY
-        known = (
+        unmarked = (
             attributes.get("format") in UNMARKED_FORMATS and {"radar", "settings", "processing"} <= attributes.keys()
         )
     except (OSError, ValueError, LookupError, TypeError, AttributeError):
-        marked = known = False
-    if not (marked or known):
+        marked = unmarked = False
+    if not (marked or unmarked):
         raise InputError(f"{target} is a folder but not a result, so it is not replaced; choose another name")
     for path in target.rglob("*"):
         if not path.is_dir() and not FILES.fullmatch(path.relative_to(target).as_posix()):
@@ -182,10 +182,10 @@ def check_replaceable(target: Path, picture: Path | None = None, *, overwrite: b
 def _state(folder: Path) -> tuple[int, ...] | None:
     """What identifies a folder: it changes when the folder is replaced or written to."""
     try:
-        found = folder.stat()
+        status = folder.stat()
     except OSError:
         return None
-    return found.st_dev, found.st_ino, found.st_mtime_ns
+    return status.st_dev, status.st_ino, status.st_mtime_ns
 
 
 def _metadata(folder: Path) -> dict[str, Any]:
@@ -193,10 +193,10 @@ def _metadata(folder: Path) -> dict[str, Any]:
     path = folder / "zarr.json"
     if not path.is_file() or path.stat().st_size > LARGEST_METADATA_BYTES:
         raise ValueError("its zarr.json is missing or too large")
-    found = json.loads(path.read_text(encoding="utf-8"))
-    if not isinstance(found, dict):
+    metadata = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(metadata, dict):
         raise ValueError("its zarr.json is no JSON object")
-    return found
+    return metadata
 
 
 def _checksum(folder: Path, metadata: Mapping[str, Any]) -> str:

@@ -109,7 +109,7 @@ class Maps:
 
 def labelled_map(name: str, result: Any, attributes: Mapping[str, str]) -> xr.DataArray:
     """Levels of a map [dB re 1 W] with their axes, which are the fields of the map in order."""
-    axes = {each.name: getattr(result, each.name) for each in fields(result) if each.name != "power"}
+    axes = {field.name: getattr(result, field.name) for field in fields(result) if field.name != "power"}
     return labelled(name, decibel(result.power), tuple(axes), axes, {**attributes, "units": "dB re 1 W"})
 
 
@@ -136,11 +136,11 @@ def drawn(
     """A labelled map in a figure of its own, or in axes of the user's, which are returned; with the strongest of `paths` marked."""
     kind: Any = image.name
     y, x = (image[axis].values for axis in image.dims)
-    made = plotted(kind, y, x, image.values, ax, Style(**style), title, note)
+    result = plotted(kind, y, x, image.values, ax, Style(**style), title, note)
     if paths is not None:
-        drawn_on: Any = made.axes if ax is None else [ax]
+        drawn_on: Any = result.axes if ax is None else [ax]
         mark_ghosts(drawn_on[0], paths, float(y[-1] - y[0]) * len(y) / (len(y) - 1))
-    return made
+    return result
 
 
 def interval_told(image: xr.DataArray) -> str:
@@ -156,7 +156,7 @@ def mark_ghosts(axes: Axes, paths: xr.Dataset, speeds_mps: float) -> None:
     (left, right), (low, high) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
     shown = (range_m > left) & (range_m < right) & (folded_mps > low) & (folded_mps < high)
     level = paths.level_dbm.values[..., 0]
-    arriving = [np.unravel_index(each, level.shape) for each in np.argsort(-level, axis=None)]
+    arriving = [np.unravel_index(flat_index, level.shape) for flat_index in np.argsort(-level, axis=None)]
     arriving = [at for at in arriving if np.isfinite(level[at])]
     inside = [at for at in arriving if shown[at]]
     marked = inside[:GHOSTS]
@@ -206,7 +206,7 @@ def _beside(axes: Axes, places: np.ndarray) -> list[np.ndarray]:
     figure.draw_without_rendering()  # a layout sets the axes' size
     to_points = 72 / figure.dpi
     marks, box = axes.transData.transform(places) * to_points, axes.get_window_extent().get_points() * to_points
-    taken, offsets = list(marks), []
+    occupied, offsets = list(marks), []
     angles = 2 * np.pi * (np.arange(16) + 1.5) / 16
     spots = [far * np.array([np.cos(angle), np.sin(angle)]) for far in APART_PT * np.arange(1, 9) for angle in angles]
     for mark in marks:
@@ -214,10 +214,10 @@ def _beside(axes: Axes, places: np.ndarray) -> list[np.ndarray]:
             spot
             for spot in spots
             if np.all(np.abs(mark + spot - box.mean(axis=0)) < np.ptp(box, axis=0) / 2 - APART_PT / 2)
-            and min(np.linalg.norm(mark + spot - other) for other in taken) > APART_PT - 1e-6
+            and min(np.linalg.norm(mark + spot - other) for other in occupied) > APART_PT - 1e-6
         ]
         offsets.append(free[0] if free else spots[0])
-        taken.append(mark + offsets[-1])
+        occupied.append(mark + offsets[-1])
     return offsets
 
 
@@ -280,8 +280,8 @@ def check_axes(model: str | Path, radar: Radar, processing: Mapping[str, Any]) -
     """Refuses a radar and options of the spectrogram whose axes the model cannot serve, before anything is simulated."""
     radar = radar.separated
     plenty = radar.loops_per_frame or 1 << 20
-    given = [processing.get(name) for name in ("n_window", "overlap", "n_fft")]
-    n_window, overlap, n_fft = checked_windows(radar, plenty, *given)
+    options = [processing.get(name) for name in ("n_window", "overlap", "n_fft")]
+    n_window, overlap, n_fft = checked_windows(radar, plenty, *options)
     step = n_window - overlap
     bursts = radar.loops_per_frame is not None
     if bursts and n_window + step <= plenty:

@@ -82,49 +82,49 @@ class Parts(Mapping[str, "Recording"]):
         """
         members = self.members(groups)
         file = ScratchFile()
-        found = {name: _sum([self._cubes[each] for each in own], file) for name, own in members.items()}
-        return Parts(self._whole, found)
+        cubes = {name: _sum([self._cubes[part] for part in parts], file) for name, parts in members.items()}
+        return Parts(self._whole, cubes)
 
     def members(self, groups: Mapping[str, Sequence[str]] = GROUPS) -> dict[str, list[str]]:
         """The parts that each group holds, by its name; those in no group by their own."""
         if groups is not GROUPS:
             self._check(groups)
-        found: dict[str, list[str]] = {}
+        members_by_group: dict[str, list[str]] = {}
         # Where there are several targets, the name of each stands before its segments.
-        whose = dict.fromkeys(each.rpartition(": ")[0] for each in self._cubes)
+        whose = dict.fromkeys(cube.rpartition(": ")[0] for cube in self._cubes)
         for target, (name, members) in itertools.product(whose, groups.items()):
             before = f"{target}: " if target else ""
-            mine = [each for each in self._cubes if each in members or each.removeprefix(before) in members]
-            mine = [each for each in mine if each.rpartition(": ")[0] == target]
+            mine = [cube for cube in self._cubes if cube in members or cube.removeprefix(before) in members]
+            mine = [part for part in mine if part.rpartition(": ")[0] == target]
             if mine:
-                found[before + name] = mine
-        taken = set(itertools.chain(*found.values()))
-        rest = {name: [name] for name in self._cubes if name not in taken}
-        if twice := sorted(found.keys() & rest.keys()):
+                members_by_group[before + name] = mine
+        grouped_parts = set(itertools.chain(*members_by_group.values()))
+        single_parts = {name: [name] for name in self._cubes if name not in grouped_parts}
+        if twice := sorted(members_by_group.keys() & single_parts.keys()):
             raise InputError(f"groups has {twice[0]!r} for a name, which another part has; choose another one")
-        return found | rest
+        return members_by_group | single_parts
 
     def _check(self, groups: Any) -> None:
         """Refuses groups that are no texts, name what is no part, or hold a part twice."""
         instance("groups", groups, Mapping, "a mapping of names to lists of parts")
-        known = {each.rpartition(": ")[2] for each in self._cubes} | self._cubes.keys()
+        part_names = {cube.rpartition(": ")[2] for cube in self._cubes} | self._cubes.keys()
         held: set[str] = set()
         for name, members in groups.items():
-            texts = isinstance(members, list | tuple) and all(isinstance(each, str) for each in members)
+            texts = isinstance(members, list | tuple) and all(isinstance(member, str) for member in members)
             if not isinstance(name, str) or not texts:
                 raise InputError(f"groups must map names to lists of parts, got {shown({name: members})}")
-            for each in members:
-                if each not in known:
-                    raise InputError(f"groups: {unknown_name('part', each, sorted(known))}")
-                if each in held:
-                    raise InputError(f"groups has the part {each} twice; name it once")
-                held.add(each)
+            for member in members:
+                if member not in part_names:
+                    raise InputError(f"groups: {unknown_name('part', member, sorted(part_names))}")
+                if member in held:
+                    raise InputError(f"groups has the part {member} twice; name it once")
+                held.add(member)
 
     @property
     def spectrogram(self) -> xr.DataArray:
         """Spectrograms of the parts, power [dB re 1 W] (part, velocity_mps, time_s), as the whole's is made."""
         if self._spectrogram is None:
-            self._spectrogram = self._stacked([each.spectrogram for each in self.values()])
+            self._spectrogram = self._stacked([part.spectrogram for part in self.values()])
         return self._spectrogram
 
     @property
@@ -139,34 +139,36 @@ class Parts(Mapping[str, "Recording"]):
         if not self._cubes:
             raise InputError(NONE)
         options = {**whole.processing, "mti": whole._mti}
-        made = part_spectrograms([*self._cubes.values()], whole.radar, **options)
-        found = {name: each.power.astype(np.float64) for name, each in zip(self, made, strict=True)}
+        spectrograms = part_spectrograms([*self._cubes.values()], whole.radar, **options)
+        powers = {
+            name: spectrogram.power.astype(np.float64) for name, spectrogram in zip(self, spectrograms, strict=True)
+        }
         image, settings = whole.spectrogram, whole.settings.get("background")
-        left = 10.0 ** (image.values.astype(np.float64) / 10.0) - np.sum([*found.values()], axis=0)
+        left = 10.0 ** (image.values.astype(np.float64) / 10.0) - np.sum([*powers.values()], axis=0)
         added: dict[str, np.ndarray] = {}
         if settings is not None:
             learned = background(image.velocity_mps.values, image.time_s.values, settings)
             added["background"] = learned.power_w(settings["level_db"]).astype(np.float64)
         if whole.noise_dbm is not None:
             added["receiver"] = left - sum(added.values())
-        if taken := sorted(found.keys() & added.keys()):
+        if common_names := sorted(powers.keys() & added.keys()):
             raise InputError(
-                f"a part has the name {taken[0]}, which another one of the contributions has; group it by another name"
+                f"a part has the name {common_names[0]}, which another one of the contributions has; group it by another name"
             )
-        axes = {"velocity_mps": made[0].velocity_mps, "time_s": made[0].time_s}
-        found |= added
-        coordinates = {"part": [*found], **axes}
-        return labelled("contributions", np.stack([*found.values()]), ("part", *axes), coordinates, {"units": "W"})
+        axes = {"velocity_mps": spectrograms[0].velocity_mps, "time_s": spectrograms[0].time_s}
+        powers |= added
+        coordinates = {"part": [*powers], **axes}
+        return labelled("contributions", np.stack([*powers.values()]), ("part", *axes), coordinates, {"units": "W"})
 
     def range_doppler_at(self, time_s: float | None = None, *, interval_s: float | None = None) -> xr.DataArray:
         """Range-Doppler maps of the parts, power [dB re 1 W] (part, velocity_mps, range_m); options as of `Recording`."""
-        return self._stacked([each.range_doppler_at(time_s, interval_s=interval_s) for each in self.values()])
+        return self._stacked([part.range_doppler_at(time_s, interval_s=interval_s) for part in self.values()])
 
     def range_angle(
         self, time_s: float | None = None, *, interval_s: float | None = None, **options: Any
     ) -> xr.DataArray:
         """Range-azimuth maps of the parts, power [dB re 1 W] (part, range_m, azimuth_rad); options as of `Recording`."""
-        return self._stacked([each.range_angle(time_s, interval_s=interval_s, **options) for each in self.values()])
+        return self._stacked([part.range_angle(time_s, interval_s=interval_s, **options) for part in self.values()])
 
     def levels(self, start_s: float = 0.0, stop_s: float | None = None) -> xr.Dataset:
         """How strong the parts are (part): `level_db` [dB re 1 W], power of the spectrogram over all speeds in the mean over its
@@ -180,8 +182,8 @@ class Parts(Mapping[str, "Recording"]):
         first, last = number("start_s", start_s), times_s[-1] if stop_s is None else number("stop_s", stop_s)
         inside = (times_s >= first) & (times_s <= last)
         if not inside.any():
-            told = f"the spectrogram has no column in {first:.4g}..{last:.4g} s, but in {times_s[0]:.4g}..{times_s[-1]:.4g} s"
-            raise InputError(f"{told}; change start_s and stop_s")
+            problem = f"the spectrogram has no column in {first:.4g}..{last:.4g} s, but in {times_s[0]:.4g}..{times_s[-1]:.4g} s"
+            raise InputError(f"{problem}; change start_s and stop_s")
         shape = len(self._whole.spectrogram), int(inside.sum())
         totals, greatest, owner = np.zeros(len(self)), np.zeros(shape), np.full(shape, -1)
         for row, name in enumerate(self):
@@ -202,8 +204,8 @@ class Parts(Mapping[str, "Recording"]):
         """
         import xarray as xr
 
-        own, whole = self.spectrogram, self._whole.spectrogram
-        speeds, times = own.velocity_mps.values, own.time_s.values
+        part_levels, whole = self.spectrogram, self._whole.spectrogram
+        speeds, times = part_levels.velocity_mps.values, part_levels.time_s.values
         for name, value, axis in (("velocity_mps", velocity_mps, speeds), ("time_s", time_s, times)):
             half = abs(axis[1] - axis[0]) / 2 if len(axis) > 1 else np.inf
             low, high = axis.min() - half, axis.max() + half
@@ -213,10 +215,10 @@ class Parts(Mapping[str, "Recording"]):
             "velocity_mps": int(np.abs(speeds - velocity_mps).argmin()),
             "time_s": int(np.abs(times - time_s).argmin()),
         }
-        level, total = own.isel(place), float(whole.isel(place))
-        found = xr.Dataset({"level_db": level, "relative_db": level - total}).sortby("level_db", ascending=False)
-        found.level_db.attrs, found.relative_db.attrs = {"units": "dB re 1 W"}, {"units": "dB"}
-        return found.assign_attrs(level_db=total)
+        level, total = part_levels.isel(place), float(whole.isel(place))
+        levels = xr.Dataset({"level_db": level, "relative_db": level - total}).sortby("level_db", ascending=False)
+        levels.level_db.attrs, levels.relative_db.attrs = {"units": "dB re 1 W"}, {"units": "dB"}
+        return levels.assign_attrs(level_db=total)
 
     def _stacked(self, maps: Sequence[xr.DataArray]) -> xr.DataArray:
         import xarray as xr
@@ -241,7 +243,7 @@ def poses_of(model: Model, split: Any, members: Mapping[str, Sequence[str]], cou
     axes = np.stack([right, np.cross(right, [0.0, 0.0, 1.0]), [0.0, 0.0, 1.0]])
     first, last = model.span_s
     times_s = (np.arange(count) + 0.5) / count * (last - first)
-    group = {part: name for name, own in members.items() for part in own}
+    group = {part: name for name, member_parts in members.items() for part in member_parts}
     corners, names, called = [], [], PartNames(split, model)
     for target, geometry in enumerate(model.geometries):
         solid = geometry.solid()
@@ -249,17 +251,17 @@ def poses_of(model: Model, split: Any, members: Mapping[str, Sequence[str]], cou
         kind = "ellipsoid" if isinstance(geometry, Ellipsoids) else "face"
         place = face * len(geometry.names) // len(face) if isinstance(geometry, Ellipsoids) else face
         labels = EchoLabels.of(len(face), target=target, **{kind: place})
-        names += [group.get(each, each) for each in called.of(labels)]
+        names += [group.get(part, part) for part in called.of(labels)]
         corners.append((solid.vertices_at(first + times_s) @ axes.T)[:, solid.faces])
-    found = np.concatenate(corners, axis=1)
-    across = found[..., 0]
+    corners_m = np.concatenate(corners, axis=1)
+    across = corners_m[..., 0]
     across -= (across.max(axis=(1, 2)) + across.min(axis=(1, 2)))[:, None, None] / 2  # each above its own time
-    found[..., 2] -= found[..., 2].min()
-    return Poses(times_s=times_s, corners_m=found, parts=names)
+    corners_m[..., 2] -= corners_m[..., 2].min()
+    return Poses(times_s=times_s, corners_m=corners_m, parts=names)
 
 
 def _sum(cubes: Sequence[DiskCube], file: ScratchFile) -> DiskCube:
-    return cubes[0] if len(cubes) == 1 else DiskCube(ProductRows.sum_of([_rows(each) for each in cubes], file))
+    return cubes[0] if len(cubes) == 1 else DiskCube(ProductRows.sum_of([_rows(cube) for cube in cubes], file))
 
 
 def _rows(cube: DiskCube) -> ProductRows:
@@ -277,9 +279,9 @@ def write_parts(folder: Path, cubes: Mapping[str, DiskCube]) -> None:
 
 def read_parts(folder: Path) -> dict[str, DiskCube]:
     """The cubes of the parts that `write_parts` wrote, by their names."""
-    found: dict[str, DiskCube] = {}
+    cubes: dict[str, DiskCube] = {}
     scratch = ScratchFile()
-    for path in sorted(folder.glob("[0-9]*.npz"), key=lambda each: int(each.stem)):
+    for path in sorted(folder.glob("[0-9]*.npz"), key=lambda file_path: int(file_path.stem)):
         with np.load(path, allow_pickle=False) as file:
-            found[str(file["name"])] = DiskCube(ProductRows.from_arrays(file, scratch))
-    return found
+            cubes[str(file["name"])] = DiskCube(ProductRows.from_arrays(file, scratch))
+    return cubes

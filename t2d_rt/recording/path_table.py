@@ -68,14 +68,14 @@ def path_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = No
     pairs = pairs_of(model, accuracy)
     names, points = target_names(model.modelled), reference_points(model, times_s)
     nearby_s = Nearby.instants(times_s, model.span_s)
-    before, after = (reference_points(model, each) for each in (nearby_s.earlier, nearby_s.later))
+    before, after = (reference_points(model, instants_s) for instants_s in (nearby_s.earlier, nearby_s.later))
     velocity = (after - before) / (nearby_s.later - nearby_s.earlier)[:, None]
-    at = Nearby(*(np.clip(model.span_s[0] + each, *model.span_s) for each in nearby_s))
+    at = Nearby(*(np.clip(model.span_s[0] + instants_s, *model.span_s) for instants_s in nearby_s))
     rows = _rows(model, pairs, points, velocity, at)
     dims = ("target", "pair", "time_s")
     data = {name: (dims, np.stack(values, axis=1), {"units": unit_of(name)}) for name, values in rows.items()}
     stops, meets = _polylines(pairs, points, at.now, ~np.isnan(np.stack(rows["delay_s"], axis=1)))
-    found = xr.Dataset(
+    table = xr.Dataset(
         {**data, "points_m": ((*dims, "point", "xyz"), stops, {"units": "m"}), "meets": (("pair", "point"), meets)},
         coords={
             "target": names,
@@ -90,8 +90,8 @@ def path_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = No
             "level": "of a reflector of 1 m^2 at the target's reference point, at mid-sweep",
         },
     )
-    found.time_s.attrs["units"] = "s"
-    return found
+    table.time_s.attrs["units"] = "s"
+    return table
 
 
 def pairs_of(model: Model, accuracy: Accuracy) -> list[PathPair]:
@@ -118,7 +118,7 @@ def record_times(span_s: tuple[float, float], rate_hz: float) -> np.ndarray:
 
 def target_names(targets: Sequence[Target]) -> list[str]:
     """A name of each target, that of its body or mesh; "adult", "adult 2" where two have the same."""
-    return numbered(each.template if each.mesh is None else each.mesh.name for each in targets)
+    return numbered(target.template if target.mesh is None else target.mesh.name for target in targets)
 
 
 def reference_points(model: Model, times_s: np.ndarray) -> np.ndarray:
@@ -127,10 +127,10 @@ def reference_points(model: Model, times_s: np.ndarray) -> np.ndarray:
     at_s = np.clip(model.span_s[0] + times_s, *model.span_s)
     return np.stack(
         [
-            in_frame(model.radar, at_s, track(each.source)(at_s)[0][:, 0])
-            if isinstance(each.source, Motion)
-            else each.geometry.points_at(at_s).mean(axis=1)
-            for each in model.modelled
+            in_frame(model.radar, at_s, track(target.source)(at_s)[0][:, 0])
+            if isinstance(target.source, Motion)
+            else target.geometry.points_at(at_s).mean(axis=1)
+            for target in model.modelled
         ]
     )
 
@@ -148,7 +148,7 @@ def speeds_and_ranges(
     """Speeds, positive = approaching [m/s], and ranges [m] at instants of the record (K,) of points (K, N, 3) that are given at
     times of the model's clock, (K, N) each."""
     _, *sides_s = Nearby.instants(times_s, model.span_s)
-    before, after = (mean_range_m(model.radar, points_at(model.span_s[0] + each)) for each in sides_s)
+    before, after = (mean_range_m(model.radar, points_at(model.span_s[0] + side_s)) for side_s in sides_s)
     return (before - after) / (sides_s[1] - sides_s[0])[:, None], (before + after) / 2
 
 
@@ -175,10 +175,12 @@ def _rows(
     for number, pair in enumerate(pairs):
         both = pair.out, pair.back
         towards = [points - path.place_m(at.now) for path in both]
-        lengths = [np.linalg.norm(each, axis=-1) for each in towards]
+        lengths = [np.linalg.norm(toward, axis=-1) for toward in towards]
         passes = free[pair.out.key] * free[pair.back.key]
-        own = [velocity - (path.place_m(at.later) - path.place_m(at.earlier)) / apart_s for path in both]
-        rate = sum(np.einsum("...i,...i->...", *each) / m for *each, m in zip(towards, own, lengths, strict=True))
+        velocities = [velocity - (path.place_m(at.later) - path.place_m(at.earlier)) / apart_s for path in both]
+        rate = sum(
+            np.einsum("...i,...i->...", *vectors) / m for *vectors, m in zip(towards, velocities, lengths, strict=True)
+        )
         field = arrivals.spectra(np.array([number]))[0, 0].T
         power = radar.received_power_w(1.0, *lengths) * np.abs(field) ** 2 * passes**2
         with np.errstate(divide="ignore"):
@@ -186,25 +188,25 @@ def _rows(
         departure, arrival = (
             seen_from_radar(radar, path.unfolded(in_time, at.now).swapaxes(0, 1) - path.antenna_m) for path in both
         )
-        there = np.where(passes > 0, 1.0, np.nan)
-        found: dict[str, Any] = {
-            "delay_s": there * (sum(lengths) / SPEED_OF_LIGHT + pair.delay_s),
-            "length_m": there * sum(lengths),
-            "speed_mps": -there * rate / 2,
+        present = np.where(passes > 0, 1.0, np.nan)
+        quantities: dict[str, Any] = {
+            "delay_s": present * (sum(lengths) / SPEED_OF_LIGHT + pair.delay_s),
+            "length_m": present * sum(lengths),
+            "speed_mps": -present * rate / 2,
             "level_dbm": level_dbm,
             "blocked": 1 - passes,
-            "departure_azimuth_rad": there * departure[0],
-            "departure_elevation_rad": there * departure[1],
-            "arrival_azimuth_rad": there * arrival[0],
-            "arrival_elevation_rad": there * arrival[1],
+            "departure_azimuth_rad": present * departure[0],
+            "departure_elevation_rad": present * departure[1],
+            "arrival_azimuth_rad": present * arrival[0],
+            "arrival_elevation_rad": present * arrival[1],
         }
-        for name, values in found.items():
+        for name, values in quantities.items():
             rows[name].append(values)
     return rows
 
 
 def _polylines(
-    pairs: Sequence[PathPair], points: np.ndarray, at_s: np.ndarray, there: np.ndarray
+    pairs: Sequence[PathPair], points: np.ndarray, at_s: np.ndarray, arriving: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points (target, pair, time, point, 3) of the pairs, NaN where they are not `there` and beyond their last one, and what they
     meet (pair, point), "" beyond the last one."""
@@ -216,7 +218,7 @@ def _polylines(
         out, back = (vertices(path.in_scene(at_s, 3), in_time) for path in (pair.out, pair.back))
         course = np.concatenate([out, back[-2::-1]])
         stops[:, number, :, : len(course)] = course.transpose(2, 1, 0, 3)
-    stops[~there] = np.nan
+    stops[~arriving] = np.nan
     meets = [["radar", *course, "radar"] + [""] * (longest - len(course) - 2) for course in courses]
     return stops, np.array(meets)
 
@@ -235,13 +237,13 @@ def csv_text(table: xr.Dataset) -> str:
         ["target", "pair", "time_s", *columns, "meets", *(f"{axis}{k}_m" for k in range(most) for axis in "xyz")]
     )
     values = {name: table[name].values for name in (*columns, "points_m")}
-    met = [" > ".join(filter(None, each)) for each in table.meets.values.tolist()]
+    met = [" > ".join(filter(None, value)) for value in table.meets.values.tolist()]
     for t, target in enumerate(table.target.values.tolist()):
         for k, time_s in enumerate(table.time_s.values.tolist()):
             for p, pair in enumerate(table.pair.values.tolist()):
                 if values["blocked"][t, p, k] < 1:
                     numbers = [_number(values[name][t, p, k]) for name in columns]
-                    places = [_number(each) for each in values["points_m"][t, p, k].ravel()]
+                    places = [_number(coordinate) for coordinate in values["points_m"][t, p, k].ravel()]
                     rows.writerow([target, pair, _number(time_s), *numbers, met[p], *places])
     return text.getvalue()
 
@@ -255,9 +257,9 @@ def screen_text(table: xr.Dataset) -> str:
     at = table.isel(time_s=0)
     lines = []
     for target in at.target.values.tolist():
-        here = at.sel(target=target)
-        order = np.argsort(-here.level_dbm.values)
-        order = order[np.isfinite(here.level_dbm.values[order])]
+        of_target = at.sel(target=target)
+        order = np.argsort(-of_target.level_dbm.values)
+        order = order[np.isfinite(of_target.level_dbm.values[order])]
         lines += [
             f"{target} at {float(at.time_s):.3g} s: {len(order)} path pair{'s' * (len(order) != 1)}; level of 1 m^2, "
             "azimuth, left > 0, and elevation",
@@ -265,16 +267,16 @@ def screen_text(table: xr.Dataset) -> str:
             "     dBm       ns       m     m/s        deg        deg        %",
         ]
         for number in order[:SCREEN_ROWS]:
-            row = {name: float(here[name].values[number]) for name in VARIABLES}
+            row = {name: float(of_target[name].values[number]) for name in VARIABLES}
             angles = [
-                " ".join(f"{round(np.degrees(row[f'{end}_{each}_rad'])) + 0:d}" for each in ("azimuth", "elevation"))
+                " ".join(f"{round(np.degrees(row[f'{end}_{angle}_rad'])) + 0:d}" for angle in ("azimuth", "elevation"))
                 for end in ("departure", "arrival")
             ]
             figures = (
                 f"{row['level_dbm']:8.1f} {1e9 * row['delay_s']:8.2f} {row['length_m'] / 2:7.2f} "
                 f"{round(row['speed_mps'], 2) + 0:7.2f} {angles[0]:>10} {angles[1]:>10} {100 * row['blocked']:8.0f}"
             )
-            lines.append(f"{figures}  {here.pair.values[number]}")
+            lines.append(f"{figures}  {of_target.pair.values[number]}")
         if len(order) > SCREEN_ROWS:
             lines.append(f"and {len(order) - SCREEN_ROWS} weaker ones")
     return "\n".join(lines)

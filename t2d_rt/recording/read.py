@@ -64,14 +64,14 @@ def load_recording(
         raise InputError(
             f"{source} holds samples only; give its radar, a Radar, a preset's name, a .yaml or a .cfg file"
         )
-    known = radar_named(radar)
-    instance("radar", known, Radar, "a Radar", hint="Radar.preset('table2') makes one")
+    measuring_radar = radar_named(radar)
+    instance("radar", measuring_radar, Radar, "a Radar", hint="Radar.preset('table2') makes one")
     if lanes is not None:
-        cube = load_dca1000(source, known, lanes=lanes, iq=iq, conjugate=mirrored)
+        cube = load_dca1000(source, measuring_radar, lanes=lanes, iq=iq, conjugate=mirrored)
     else:
         cube = load_cube(source, iq=iq, conjugate=mirrored)
-    found = Recording(cube, known)
-    warn_of_period(cube, known, source)
+    recording = Recording(cube, measuring_radar)
+    warn_of_period(cube, measuring_radar, source)
     if conjugate is None:
         warn_of_mirror(cube, source, iq)
-    return found
+    return recording

@@ -71,14 +71,14 @@ def cube_size(shape: tuple[int, ...], radar: Radar) -> str:
 
 def made_with(settings: Mapping[str, Any], *, measured: bool) -> str:
     """Method, scene, error and SNR, as far as the settings tell them; else whether the recording was measured."""
-    known = [str(settings[name]) for name in ("method", "scene") if name in settings]
+    parts = [str(settings[name]) for name in ("method", "scene") if name in settings]
     if settings.get("error_db") is not None:
-        known.append(f"measured error {settings['error_db']:.1f} dB")
+        parts.append(f"measured error {settings['error_db']:.1f} dB")
     if (
         settings.get("snr_db") is not None and settings.get("noise_dbm") is not None
     ):  # earlier versions had one over white noise
-        known.append(f"SNR {settings['snr_db']:.1f} dB")
-    return printable(", ".join(known)) or ("measured" if measured else "simulated")
+        parts.append(f"SNR {settings['snr_db']:.1f} dB")
+    return printable(", ".join(parts)) or ("measured" if measured else "simulated")
 
 
 def at_a_glance(
@@ -155,9 +155,9 @@ class Recording:
         """How finely it was modelled."""
         self.inputs = dict(inputs or {})
         """Arrays that the experiment names, by their hash."""
-        for name, given in (("settings", settings), ("versions", versions), ("processing", processing)):
-            if given is not None:
-                instance(name, given, Mapping, "a mapping of names to values")
+        for name, mapping in (("settings", settings), ("versions", versions), ("processing", processing)):
+            if mapping is not None:
+                instance(name, mapping, Mapping, "a mapping of names to values")
         self.settings = dict(settings or {})
         self.versions = dict(versions or {})
         self.processing = dict(processing or {})
@@ -167,8 +167,8 @@ class Recording:
         self._spectrogram: xr.DataArray | None = None
 
     def __repr__(self) -> str:
-        made = made_with(self.settings, measured=self.experiment is None)
-        return f"Recording({made}, {self.radar.carrier_hz / 1e9:.4g} GHz, {cube_size(self.cube.shape, self.radar)})"
+        how = made_with(self.settings, measured=self.experiment is None)
+        return f"Recording({how}, {self.radar.carrier_hz / 1e9:.4g} GHz, {cube_size(self.cube.shape, self.radar)})"
 
     def _repr_html_(self) -> str:
         measured = self.experiment is None
@@ -229,8 +229,8 @@ class Recording:
         """Range FFT of every chirp [sqrt(W)], complex (chirp, antenna, range_m), in memory."""
         profile = range_profile(self.cube, self.radar, window=self.processing.get("range_window", "hann"))
         axes = {"range_m": profile.range_m, "chirp_time_s": ("chirp", profile.time_s)}
-        dims, told = ("chirp", "antenna", "range_m"), {**self.attributes, "units": "sqrt(W)"}
-        return labelled("range_profile", profile.profile, dims, axes, told)
+        dims, attributes = ("chirp", "antenna", "range_m"), {**self.attributes, "units": "sqrt(W)"}
+        return labelled("range_profile", profile.profile, dims, axes, attributes)
 
     @property
     def spectrogram(self) -> xr.DataArray:
@@ -307,9 +307,9 @@ class Recording:
 
     def _of_part(self, name: str, cube: DiskCube) -> Recording:
         """A part of this recording, with its processing; without an experiment, which makes the whole."""
-        known: dict[str, Any] = {key: self.settings[key] for key in ("method", "scene") if key in self.settings}
+        settings: dict[str, Any] = {key: self.settings[key] for key in ("method", "scene") if key in self.settings}
         processing = {**self.processing, "mti": self._mti}
-        return Recording(cube, self.radar, settings={**known, "part": name}, processing=processing)
+        return Recording(cube, self.radar, settings={**settings, "part": name}, processing=processing)
 
     def strongest(self, velocity_mps: float, time_s: float) -> xr.Dataset:
         """The parts that make a cell of the spectrogram, strongest first, and how much: see `Parts.strongest`."""
@@ -416,8 +416,8 @@ class Recording:
         """`point_cloud` from above and from the side; in `ax` from above. `cmap` and `width_in` as of `plot`."""
         from t2d_rt.plots import plot_point_cloud
 
-        found = self.point_cloud()
-        return plot_point_cloud(found.xyz_m, found.speed_mps, ax=ax, title=title, **style)
+        cloud = self.point_cloud()
+        return plot_point_cloud(cloud.xyz_m, cloud.speed_mps, ax=ax, title=title, **style)
 
     def plot_parts(
         self, title: str | None = None, *, groups: Mapping[str, Sequence[str]] | None = None, stacked: bool = False,
@@ -477,8 +477,8 @@ class Recording:
     def _write(self, folder: Path) -> None:
         labelled, adc = self._labelled_spectrogram(), self.adc
         labelled.attrs = self.attributes
-        own = {"units": adc.attrs["units"], "coordinates": " ".join(map(str, adc.coords))}
-        write_folder(folder, self.cube, labelled, own, self.inputs, self.parts.cubes)
+        adc_attributes = {"units": adc.attrs["units"], "coordinates": " ".join(map(str, adc.coords))}
+        write_folder(folder, self.cube, labelled, adc_attributes, self.inputs, self.parts.cubes)
 
     def _labelled_spectrogram(self) -> xr.Dataset:
         """The spectrogram, whose attributes are its units alone, with the axes of the samples."""
@@ -493,9 +493,9 @@ class Recording:
     def load(cls, path: str | Path) -> Recording:
         """Read what `save` wrote."""
         source = file_path("path", path).resolve()
-        known = read_folder(source)
+        contents = read_folder(source)
         try:
-            return cls(**known)
+            return cls(**contents)
         except InputError:
             raise
         except Exception as error:  # attributes of any content

@@ -34,8 +34,8 @@ def again(
     if isinstance(experiment, Experiment):
         return experiment, {}, accuracy, {}
     whole(experiment.settings)
-    recording, made = experiment, repeatable(experiment.experiment)
-    kept = {"split": recording.settings["split"]} if "split" in recording.settings else {}
+    recording, original = experiment, repeatable(experiment.experiment)
+    split = {"split": recording.settings["split"]} if "split" in recording.settings else {}
     then, now = recording.settings.get("scatterers", []), sorted(plugin_finders())
     if then != now:
         had, have = (", ".join(names) or "none" for names in (then, now))
@@ -44,9 +44,9 @@ def again(
             "install or uninstall these packages"
         )
     if accuracy is not None or tolerance_db is not None:
-        return made, recording.inputs, accuracy, kept
-    known: dict[str, Any] = {name: recording.settings[name] for name in KNOWN if name in recording.settings}
-    return made, recording.inputs, recording.accuracy, known | kept
+        return original, recording.inputs, accuracy, split
+    measured: dict[str, Any] = {name: recording.settings[name] for name in KNOWN if name in recording.settings}
+    return original, recording.inputs, recording.accuracy, measured | split
 
 
 @one_blas_thread
@@ -60,17 +60,17 @@ def add_noise(
     """
     instance("recording", recording, Recording, "a Recording")
     whole(recording.settings)
-    made = recording.experiment
-    if made is None:
+    original = recording.experiment
+    if original is None:
         raise InputError("the recording was measured, so its receiver's noise is in it; give a simulated one")
-    if made.noise != "none":
+    if original.noise != "none":
         raise InputError(
             "the recording has the noise of a receiver already; give one that was simulated with noise='none'"
         )
     receiver = noise_named(noise, recording.radar)
     if isinstance(receiver, Receiver) and seed is not None:
         receiver = receiver.replace(seed=integer("seed", seed))
-    experiment = made.model_copy(update={"noise": receiver})
+    experiment = original.model_copy(update={"noise": receiver})
     cube = recording.cube if isinstance(recording.cube, DiskCube) else recording.cube.copy()
     cube, levels = received(cube, experiment)
     return recording._with(cube=cube, experiment=experiment, settings=recording.settings | levels)

@@ -90,9 +90,9 @@ def truth_table(
     times_s = record_times(model.span_s, TRUTH_RATE_HZ) if times_s is None else times_s
     nearby = Nearby.instants(times_s, model.span_s)
     names, people = target_names(model.modelled), persons(model)
-    optional = [name for name in OPTIONAL_JOINTS if people and all(name in each.motion.names for each in people)]
+    optional = [name for name in OPTIONAL_JOINTS if people and all(name in person.motion.names for person in people)]
     joints = [*CANONICAL_JOINTS, *optional]
-    points = Nearby(*(reference_points(model, each) for each in nearby))
+    points = Nearby(*(reference_points(model, instants_s) for instants_s in nearby))
     overall = _polar(model.radar, points, nearby.later - nearby.earlier)
     data = xr.Dataset(
         {
@@ -102,17 +102,17 @@ def truth_table(
         coords={
             "time_s": times_s,
             "target": names,
-            "person": [names[each.number] for each in people],
+            "person": [names[person.number] for person in people],
             "joint": joints,
             "xyz": list(XYZ),
             "segment": list(SEGMENTS),
             "foot": list(SIDES),
             "part": list(PARTS),
-            "made_for": ("person", np.array([made_for(each.motion) for each in people], dtype=np.str_)),
+            "made_for": ("person", np.array([made_for(person.motion) for person in people], dtype=np.str_)),
             **{
                 f"{name}_hz": (
                     "person",
-                    np.array([cycle.rate_hz if (cycle := getattr(each.motion, name)) else 0.0 for each in people]),
+                    np.array([cycle.rate_hz if (cycle := getattr(person.motion, name)) else 0.0 for person in people]),
                 )
                 for name in CYCLES
             },
@@ -120,8 +120,8 @@ def truth_table(
     )
     if visible:
         at_s = np.clip(model.span_s[0] + nearby.now, *model.span_s)
-        seen = visible_fractions(model, accuracy, people, at_s)
-        data["segment_visible"] = ("person", "time_s", "segment"), seen
+        fractions = visible_fractions(model, accuracy, people, at_s)
+        data["segment_visible"] = ("person", "time_s", "segment"), fractions
     for name, values in data.variables.items():
         values.attrs["units"] = unit_of(str(name))
     return data
@@ -130,13 +130,13 @@ def truth_table(
 def person_rows(truth: xr.Dataset) -> np.ndarray:
     """The truth of the first person as a table with the columns of `TRUTH_COLUMNS`, float32 (time, column); without visible
     fractions where these were left out."""
-    own = truth.isel(person=0)
+    person = truth.isel(person=0)
     columns = [
         truth.time_s.values[:, None],
-        own.joints_m.sel(joint=list(CANONICAL_JOINTS)).values.reshape(len(truth.time_s), -1),
-        *(own[f"segment_{name}"].values for name in OF_SEGMENTS if f"segment_{name}" in own),
-        own.contact.values.reshape(len(truth.time_s), -1),
-        own.breathing_m.values[:, None],
+        person.joints_m.sel(joint=list(CANONICAL_JOINTS)).values.reshape(len(truth.time_s), -1),
+        *(person[f"segment_{name}"].values for name in OF_SEGMENTS if f"segment_{name}" in person),
+        person.contact.values.reshape(len(truth.time_s), -1),
+        person.breathing_m.values[:, None],
     ]
     return np.concatenate(columns, axis=1).astype(np.float32)
 
@@ -150,20 +150,20 @@ def _of_persons(
     model: Model, people: Sequence[Person], joints: Sequence[str], nearby_s: Nearby
 ) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
     """Joints, contacts, and the segments' places and speeds."""
-    at = Nearby(*(np.clip(model.span_s[0] + each, *model.span_s) for each in nearby_s))
+    at = Nearby(*(np.clip(model.span_s[0] + instants_s, *model.span_s) for instants_s in nearby_s))
     shape = len(people), len(at.now)
     middles = Nearby(*(np.zeros((*shape, len(SEGMENTS), 3)) for _ in at))
     places, stands = np.zeros((*shape, len(joints), 3)), np.zeros((*shape, 2, 2), bool)
     cycles, does = {name: np.zeros(shape) for name in CYCLES}, list[np.ndarray]()
     for row, (number, motion, body, worn) in enumerate(people):
-        own = in_frame(model.radar, at.now, track(motion)(at.now)[0][:, [motion.index(name) for name in joints]])
-        places[row] = (own - np.asarray(model.radar.position_m)) @ model.radar.axes.T
+        joints_m = in_frame(model.radar, at.now, track(motion)(at.now)[0][:, [motion.index(name) for name in joints]])
+        places[row] = (joints_m - np.asarray(model.radar.position_m)) @ model.radar.axes.T
         own_limbs = model.geometries[number]
         limbs = own_limbs
         if not isinstance(limbs, Ellipsoids):
             limbs = passing(segments(motion, body, material=worn), model.radar)
-        for each, some_s in zip(middles, at, strict=True):
-            each[row] = limbs.at(some_s)[0]
+        for middle, instants_s in zip(middles, at, strict=True):
+            middle[row] = limbs.at(instants_s)[0]
         frames = np.clip(np.rint(at.now * motion.rate_hz).astype(int), 0, len(motion.joints) - 1)
         stands[row] = contacts(poses_of(motion))[frames]
         does.append(motion.activity_at(at.now))
@@ -182,14 +182,14 @@ def _of_persons(
 
 def persons(model: Model) -> list[Person]:
     """The targets that a skeleton moves: motions, and the meshes and ellipsoids that `skin` and `segments` made of them."""
-    found = []
+    people = []
     for number, source in enumerate(model.targets):
         if isinstance(source, Motion):
-            found.append(Person(number, source, model.body, "skin" if model.material is None else model.material))
+            people.append(Person(number, source, model.body, "skin" if model.material is None else model.material))
         elif isinstance(source, (MovingMesh, Ellipsoids)) and source.made and source.made.by in ("skin", "segments"):
             arguments: Mapping[str, Any] = source.made.arguments
-            found.append(Person(number, arguments["motion"], arguments["body"], arguments["material"]))
-    return found
+            people.append(Person(number, arguments["motion"], arguments["body"], arguments["material"]))
+    return people
 
 
 class Doing(NamedTuple):
@@ -203,25 +203,25 @@ class Doing(NamedTuple):
 
 def doings(model: Model) -> list[Doing]:
     """What each person does and from when to when [s], as far as motions tell it, in order for each person."""
-    names, (first_s, last_s), found = target_names(model.modelled), model.span_s, []
+    names, (first_s, last_s), activities = target_names(model.modelled), model.span_s, []
     for number, motion, *_ in persons(model):
         begins = [*motion.activities, ("", np.inf)]
         for (activity, begin_s), (_, end_s) in pairwise(begins):
             begin_s, end_s = max(begin_s - first_s, 0.0), min(end_s, last_s) - first_s
             if end_s > begin_s:
-                found.append(Doing(names[number], activity, begin_s, end_s))
-    return found
+                activities.append(Doing(names[number], activity, begin_s, end_s))
+    return activities
 
 
 def made_for(motion: Motion) -> str:
     """The class that a motion was made for; "" where its origin tells none."""
-    found = MADE_FOR.match(motion.origin[0]) if motion.origin else None
-    return found[1] if found else ""
+    match = MADE_FOR.match(motion.origin[0]) if motion.origin else None
+    return match[1] if match else ""
 
 
 def _polar(radar: Radar, points: Nearby, apart_s: np.ndarray) -> dict[str, np.ndarray]:
     """Range, speed and direction of points (..., 3) whose earlier and later places are that much time apart."""
-    ranges = Nearby(*(mean_range_m(radar, each) for each in points))
+    ranges = Nearby(*(mean_range_m(radar, point) for point in points))
     azimuth, elevation = seen_from_radar(radar, points.now - np.asarray(radar.position_m))
     return {
         "range_m": ranges.now,
@@ -235,18 +235,18 @@ def visible_fractions(model: Model, accuracy: Accuracy, people: Sequence[Person]
     """Of what of each segment faces the radar, the fraction that is not hidden, (person, K, segment), at times [s] (K,): by the
     projected area of the skin's faces, over the lines of sight of transmitters and receivers. Where these are apart, the area is
     the geometric mean of those seen from both. A segment of which nothing faces the radar is 0: it hides itself."""
-    found = np.zeros((len(people), len(at_s), len(SEGMENTS)))
+    fractions = np.zeros((len(people), len(at_s), len(SEGMENTS)))
     if not people:
-        return found
+        return fractions
     skinned = with_method(model, "mesh")
     fast = skinned.fast_rotating(accuracy)
     meshes = {k: mesh for k, mesh in enumerate(skinned.geometries) if isinstance(mesh, MovingMesh) and not fast[k]}
     meshes |= {
-        each.number: passing(skin(each.motion, each.body, material=each.worn), model.radar)
-        for each in people
-        if each.number not in meshes
+        person.number: passing(skin(person.motion, person.body, material=person.worn), model.radar)
+        for person in people
+        if person.number not in meshes
     }
-    occluders, order, owners = Occluders(list(meshes.values())), list(meshes), [_owners(each) for each in people]
+    occluders, order, owners = Occluders(list(meshes.values())), list(meshes), [_owners(person) for person in people]
     viewpoints = Viewpoints(occluders, at_s, model.backend)
     views = [
         Occlusion(
@@ -257,17 +257,20 @@ def visible_fractions(model: Model, accuracy: Accuracy, people: Sequence[Person]
         for end, view in enumerate(viewpoints_at(model.radar.views_m))
     ]
     for first in range(0, len(at_s), viewpoints.at_once):
-        some_s = at_s[first : first + viewpoints.at_once]
-        seen = [occluders.split(each) for each in viewpoints.traced(views, some_s)]
+        chunk_s = at_s[first : first + viewpoints.at_once]
+        vertex_fractions = [occluders.split(occlusion) for occlusion in viewpoints.traced(views, chunk_s)]
         for row, person in enumerate(people):
             mesh = meshes[person.number]
-            for k, posed in enumerate(mesh.at(some_s)):
+            for k, posed in enumerate(mesh.at(chunk_s)):
                 corners = posed[mesh.faces]
                 facing = projected_areas(corners, model.radar.views_m)
-                free = np.prod([each[order.index(person.number)][k][mesh.faces].mean(axis=1) for each in seen], axis=0)
-                whole, visible = (np.bincount(owners[row], each, len(SEGMENTS)) for each in (facing, facing * free))
-                found[row, first + k] = visible / np.maximum(whole, 1e-12)
-    return found
+                free = np.prod(
+                    [fraction[order.index(person.number)][k][mesh.faces].mean(axis=1) for fraction in vertex_fractions],
+                    axis=0,
+                )
+                whole, visible = (np.bincount(owners[row], areas, len(SEGMENTS)) for areas in (facing, facing * free))
+                fractions[row, first + k] = visible / np.maximum(whole, 1e-12)
+    return fractions
 
 
 def _owners(person: Person) -> np.ndarray:
@@ -278,9 +281,9 @@ def _owners(person: Person) -> np.ndarray:
 def projected_areas(corners: np.ndarray, places: Sequence[np.ndarray]) -> np.ndarray:
     """Twice the area of triangles (F, 3, 3) as seen from a place, in the geometric mean over the places: 0 of those that show their
     back to one of them, (F,)."""
-    seen = []
+    areas = []
     for place in places:
         ahead = place - corners.mean(axis=1)
         across = np.einsum("fi,fi->f", edge_cross(corners), ahead) / np.linalg.norm(ahead, axis=1)
-        seen.append(np.maximum(across, 0.0))
-    return np.prod(seen, axis=0) ** (1 / len(seen))
+        areas.append(np.maximum(across, 0.0))
+    return np.prod(areas, axis=0) ** (1 / len(areas))

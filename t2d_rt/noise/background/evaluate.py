@@ -47,12 +47,12 @@ def distances(recorded: Sequence[np.ndarray], sampled: Sequence[np.ndarray]) -> 
 
     Raises InputError where a set has fewer than two, or one is shorter than a patch.
     """
-    for name, some in (("recorded", recorded), ("sampled", sampled)):
-        if len(some) < 2 or min(each.shape[1] for each in some) < PATCH_COLUMNS:
+    for name, spectrograms in (("recorded", recorded), ("sampled", sampled)):
+        if len(spectrograms) < 2 or min(spectrogram.shape[1] for spectrogram in spectrograms) < PATCH_COLUMNS:
             raise InputError(
                 f"an evaluation needs two {name} spectrograms or more of {PATCH_COLUMNS} columns or more; give longer ones"
             )
-    lags = min(LONGEST_LAG, *(each.shape[1] // 2 for each in (*recorded, *sampled)))
+    lags = min(LONGEST_LAG, *(spectrogram.shape[1] // 2 for spectrogram in (*recorded, *sampled)))
     correlation = _autocorrelation(recorded, lags) - _autocorrelation(sampled, lags)
     return Distances(
         profile_db=float(np.sqrt(np.mean((_profile(recorded) - _profile(sampled)) ** 2))),
@@ -72,18 +72,18 @@ def evaluation(
         raise InputError(
             f"the recordings have {recorded[0].grid}, the model {model.grid}; process them as those it was trained on"
         )
-    levels = [each.relative_db for each in recorded]
-    found: dict[str, tuple[Distances, float | None]] = {}
+    levels = [record.relative_db for record in recorded]
+    results: dict[str, tuple[Distances, float | None]] = {}
     drawn: dict[str, Codes] = {"prior": "prior", "uniform codes": "uniform"}
     for name, codes in drawn.items():
-        some = [
-            model.columns(each.shape[1], seed=seed + number, codes=codes)
-            for number, each in enumerate(levels * SAMPLES)
+        samples = [
+            model.columns(level.shape[1], seed=seed + number, codes=codes)
+            for number, level in enumerate(levels * SAMPLES)
         ]
-        used = perplexity(np.concatenate([each.codes for each in some]), model.architecture.codes)
-        found[name] = distances(levels, [decibel(each.power.astype(np.float64)) for each in some]), used
+        used = perplexity(np.concatenate([sample.codes for sample in samples]), model.architecture.codes)
+        results[name] = distances(levels, [decibel(sample.power.astype(np.float64)) for sample in samples]), used
     noise = gaussian_noise(levels * SAMPLES, np.random.default_rng(seed))
-    return {**found, "Gaussian noise": (distances(levels, noise), None)}
+    return {**results, "Gaussian noise": (distances(levels, noise), None)}
 
 
 def perplexity(codes: np.ndarray, size: int) -> float:
@@ -98,19 +98,21 @@ def perplexity(codes: np.ndarray, size: int) -> float:
 
 def gaussian_noise(like: Sequence[np.ndarray], rng: np.random.Generator) -> list[np.ndarray]:
     """Levels [dB] of white complex Gaussian noise, one look in each cell, whose mean power is that of `like`."""
-    power_db = 10 * np.log10(np.mean([np.mean(10 ** (each / 10)) for each in like]))
-    return [power_db + 10 * np.log10(rng.exponential(size=each.shape) + 1e-12) for each in like]
+    power_db = 10 * np.log10(np.mean([np.mean(10 ** (level_db / 10)) for level_db in like]))
+    return [power_db + 10 * np.log10(rng.exponential(size=level_db.shape) + 1e-12) for level_db in like]
 
 
 def _profile(records: Sequence[np.ndarray]) -> np.ndarray:
     """Mean level of each bin [dB], records counting alike."""
-    return np.asarray(np.mean([each.mean(axis=1) for each in records], axis=0))
+    return np.asarray(np.mean([record.mean(axis=1) for record in records], axis=0))
 
 
 def _profiles_distance(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:
     """Distance of the distributions of a bin's mean level in patches."""
-    one, other = (np.concatenate([_patches(each).mean(axis=2) for each in some], axis=1) for some in (first, second))
-    return _mean_wasserstein(list(one), list(other))
+    first_levels, second_levels = (
+        np.concatenate([_patches(level).mean(axis=2) for level in levels], axis=1) for levels in (first, second)
+    )
+    return _mean_wasserstein(list(first_levels), list(second_levels))
 
 
 def _levels_distance(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:
@@ -122,7 +124,7 @@ def _mean_wasserstein(first: Sequence[np.ndarray], second: Sequence[np.ndarray])
     """Wasserstein-1 distance of each pair of sets of numbers, the mean difference of their quantiles; mean over the pairs."""
     at = (np.arange(QUANTILES) + 0.5) / QUANTILES
     pairs = zip(first, second, strict=True)
-    return float(np.mean([np.mean(np.abs(np.quantile(one, at) - np.quantile(other, at))) for one, other in pairs]))
+    return float(np.mean([np.mean(np.abs(np.quantile(row, at) - np.quantile(other, at))) for row, other in pairs]))
 
 
 def _patches(record: np.ndarray) -> np.ndarray:
@@ -139,26 +141,26 @@ def _banded(records: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 def _autocorrelation(records: Sequence[np.ndarray], lags: int) -> np.ndarray:
     """Autocorrelation in time of the levels about their mean over all records, mean over the bins of a band, (band, lag)."""
-    mean = np.mean([each.mean(axis=1) for each in records], axis=0)[:, None]
-    found = np.zeros((len(mean), lags))
-    for each in records:
-        values = each - mean
+    mean = np.mean([record.mean(axis=1) for record in records], axis=0)[:, None]
+    correlation = np.zeros((len(mean), lags))
+    for record in records:
+        values = record - mean
         size = values.shape[1]
-        found += [[np.mean(row[: size - k] * row[k:]) for k in range(lags)] for row in values]
-    found /= np.maximum(found[:, :1], 1e-9)
-    return np.stack([band.mean(axis=0) for band in np.array_split(found, min(BANDS, len(mean)))])
+        correlation += [[np.mean(row[: size - k] * row[k:]) for k in range(lags)] for row in values]
+    correlation /= np.maximum(correlation[:, :1], 1e-9)
+    return np.stack([band.mean(axis=0) for band in np.array_split(correlation, min(BANDS, len(mean)))])
 
 
 def two_sample_accuracy(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:
     """Accuracy, both sets counting alike, of a logistic regression on features of patches; records are never on both sides."""
-    features = [_features(each) for each in (*first, *second)]
-    labels = [np.full(len(each), float(k >= len(first))) for k, each in enumerate(features)]
+    features = [_features(levels) for levels in (*first, *second)]
+    labels = [np.full(len(feature), float(k >= len(first))) for k, feature in enumerate(features)]
     fold = np.r_[np.arange(len(first)) % FOLDS, np.arange(len(second)) % FOLDS]
     right = []
     for left_out in range(min(FOLDS, len(first), len(second))):
-        seen = [k for k in range(len(features)) if fold[k] != left_out]
+        training = [k for k in range(len(features)) if fold[k] != left_out]
         tried = [k for k in range(len(features)) if fold[k] == left_out]
-        x, y = np.concatenate([features[k] for k in seen]), np.concatenate([labels[k] for k in seen])
+        x, y = np.concatenate([features[k] for k in training]), np.concatenate([labels[k] for k in training])
         mean, scale = x.mean(axis=0), x.std(axis=0) + 1e-6
         weights = _regression((x - mean) / scale, y)
         score = (np.concatenate([features[k] for k in tried]) - mean) / scale @ weights[:-1] + weights[-1]
@@ -183,17 +185,17 @@ def _regression(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Coefficients and constant of a logistic regression with a ridge."""
     from scipy.optimize import minimize
 
-    given = np.c_[x, np.ones(len(x))]
+    design = np.c_[x, np.ones(len(x))]
     sign = 2 * y - 1
     balance = np.where(y > 0, 0.5 / np.mean(y), 0.5 / np.mean(1 - y))
-    start = np.zeros(given.shape[1])
-    found = minimize(_loss, start, (given, sign, balance), jac=True, method="L-BFGS-B", options={"maxiter": 300})
-    return np.asarray(found.x)
+    start = np.zeros(design.shape[1])
+    minimum = minimize(_loss, start, (design, sign, balance), jac=True, method="L-BFGS-B", options={"maxiter": 300})
+    return np.asarray(minimum.x)
 
 
-def _loss(weights: np.ndarray, given: np.ndarray, sign: np.ndarray, balance: np.ndarray) -> tuple[float, np.ndarray]:
+def _loss(weights: np.ndarray, design: np.ndarray, sign: np.ndarray, balance: np.ndarray) -> tuple[float, np.ndarray]:
     """Loss of the regression and its gradient."""
-    margin = sign * (given @ weights)
+    margin = sign * (design @ weights)
     value = np.sum(balance * np.logaddexp(0, -margin)) + RIDGE / 2 * np.sum(weights[:-1] ** 2)
-    slope = -given.T @ (balance * sign * np.exp(-np.logaddexp(0, margin))) + RIDGE * np.r_[weights[:-1], 0]
+    slope = -design.T @ (balance * sign * np.exp(-np.logaddexp(0, margin))) + RIDGE * np.r_[weights[:-1], 0]
     return float(value), slope

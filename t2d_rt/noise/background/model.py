@@ -73,36 +73,34 @@ WIDEST = 2.0
 """Greatest factor by which bins, and columns, may be wider or narrower: beyond it windows blur or split what moves."""
 
 
-def step_ratio(own: Grid, wanted: Grid) -> float:
+def step_ratio(own: Grid, grid: Grid) -> float:
     """Columns of a model for each column that is wanted; an InputError where the axes cannot be had from the model's."""
-    columns = wanted.time_step_s / own.time_step_s
-    bins = wanted.bin_mps / own.bin_mps
-    speeds, reach = wanted.velocity_mps, own.velocity_mps
-    inside = speeds[0] >= reach[0] - wanted.bin_mps and speeds[-1] <= reach[-1] + wanted.bin_mps
+    columns = grid.time_step_s / own.time_step_s
+    bins = grid.bin_mps / own.bin_mps
+    speeds, reach = grid.velocity_mps, own.velocity_mps
+    inside = speeds[0] >= reach[0] - grid.bin_mps and speeds[-1] <= reach[-1] + grid.bin_mps
     if not (inside and 1 / WIDEST <= columns <= WIDEST and 1 / WIDEST <= bins <= WIDEST):
         raise InputError(
-            f"the spectrogram has {wanted}, the background model {own}; bins and columns may differ by a factor of {WIDEST:g} and "
+            f"the spectrogram has {grid}, the background model {own}; bins and columns may differ by a factor of {WIDEST:g} and "
             "speeds may not exceed the model's: choose n_window and overlap alike, or train a model for this radar"
         )
     return float(columns)
 
 
 def resampled(
-    mean: np.ndarray, looks: np.ndarray, time: np.ndarray, doppler: np.ndarray, own: Grid, wanted: Grid, columns: int
+    mean: np.ndarray, looks: np.ndarray, time: np.ndarray, doppler: np.ndarray, own: Grid, grid: Grid, columns: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Mean [nat] and looks on the wanted axes, and the speckle's correlations at their steps; all interpolated linearly.
 
     That a window of another length has other looks is left out.
     """
-    at = np.arange(columns) * wanted.time_step_s / own.time_step_s
-    speeds = np.clip((wanted.velocity_mps - own.velocity_mps[0]) / own.bin_mps, 0, len(mean) - 1)
-    both = np.stack([between(between(each, at, 1), speeds, 0) for each in (mean, looks)])
-    steps = np.arange(time.shape[1]) * wanted.time_step_s / own.time_step_s
+    at = np.arange(columns) * grid.time_step_s / own.time_step_s
+    speeds = np.clip((grid.velocity_mps - own.velocity_mps[0]) / own.bin_mps, 0, len(mean) - 1)
+    both = np.stack([between(between(values, at, 1), speeds, 0) for values in (mean, looks)])
+    steps = np.arange(time.shape[1]) * grid.time_step_s / own.time_step_s
     ending = np.pad(time, ((0, 0), (0, 1)))  # beyond the lags that are kept there is no correlation
     lags = between(between(ending, np.minimum(steps, time.shape[1]), 1), speeds, 0)
-    bins = np.interp(
-        np.arange(len(doppler)) * wanted.bin_mps / own.bin_mps, np.arange(len(doppler)), doppler, right=0.0
-    )
+    bins = np.interp(np.arange(len(doppler)) * grid.bin_mps / own.bin_mps, np.arange(len(doppler)), doppler, right=0.0)
     return both[0], both[1], lags, bins
 
 
@@ -155,11 +153,11 @@ class BackgroundModel:
         """A model; raises InputError where arrays lack, have another shape or are not finite, and where axes do not fit them."""
         for name, size in _sizes(architecture).items():
             if name not in arrays or arrays[name].shape != size:
-                found = arrays[name].shape if name in arrays else "nothing"
-                raise InputError(f"array {name} of a background model must have shape {size}, got {found}")
-        if not all(np.isfinite(each).all() for each in arrays.values()):
+                shape = arrays[name].shape if name in arrays else "nothing"
+                raise InputError(f"array {name} of a background model must have shape {size}, got {shape}")
+        if not all(np.isfinite(values).all() for values in arrays.values()):
             raise InputError("arrays of a background model must be finite; train it again")
-        levels = tuple(checked_level(each) for each in levels_db)
+        levels = tuple(checked_level(level_db) for level_db in levels_db)
         if not levels or len(grid.velocity_mps) != architecture.bins:
             raise InputError("a background model must have the levels of its records and a speed for each Doppler bin")
         return cls(
@@ -179,10 +177,10 @@ class BackgroundModel:
     @property
     def digest(self) -> str:
         """A text that is the same for models of the same arrays and axes."""
-        found = hashlib.sha256(f"{self.architecture!r} {self.grid} {self.levels_db} {self.calibrated}".encode())
+        digest = hashlib.sha256(f"{self.architecture!r} {self.grid} {self.levels_db} {self.calibrated}".encode())
         for name in sorted(self.arrays):
-            found.update(np.ascontiguousarray(self.arrays[name]).tobytes())
-        return found.hexdigest()[:32]
+            digest.update(np.ascontiguousarray(self.arrays[name]).tobytes())
+        return digest.hexdigest()[:32]
 
     def sample(
         self, duration_s: float, *, seed: int = 0, grid: Grid | None = None, codes: Codes = "prior"
@@ -203,10 +201,11 @@ class BackgroundModel:
         choice("codes", codes, ("prior", "uniform"))
         ratio = step_ratio(self.grid, grid)
         of_codes, of_speckle, of_level = (
-            np.random.default_rng(each) for each in np.random.SeedSequence(integer("seed", seed)).spawn(3)
+            np.random.default_rng(seed_sequence)
+            for seed_sequence in np.random.SeedSequence(integer("seed", seed)).spawn(3)
         )
-        own = int(np.ceil((count - 1) * ratio)) + 2 if not self.grid.same_as(grid) else count
-        steps = -(-own // self.architecture.columns) + 2 * HALO
+        model_columns = int(np.ceil((count - 1) * ratio)) + 2 if not self.grid.same_as(grid) else count
+        steps = -(-model_columns // self.architecture.columns) + 2 * HALO
         with one_blas_thread:
             if codes == "prior":
                 drawn = prior_codes(self.architecture, self.arrays, steps, of_codes)
@@ -232,7 +231,7 @@ class BackgroundModel:
         """Writes the model as a safetensors file."""
         from safetensors.numpy import save
 
-        told = {
+        metadata = {
             "version": VERSION,
             "architecture": self.architecture.model_dump(),
             "first_velocity_mps": float(self.grid.velocity_mps[0]),
@@ -245,7 +244,7 @@ class BackgroundModel:
         }
         arrays = {name: np.ascontiguousarray(self.arrays[name]) for name in sorted(self.arrays)}
         # One text: the library writes several in any order, and the same model is to be the same bytes.
-        data = save(arrays, {FORMAT: json.dumps(told, sort_keys=True)})
+        data = save(arrays, {FORMAT: json.dumps(metadata, sort_keys=True)})
         path.write_bytes(data)
 
 
@@ -287,19 +286,19 @@ def _read(path: Path) -> BackgroundModel:
     try:
         from safetensors.numpy import load
 
-        told, arrays = json.loads(metadata[FORMAT]), load(data)
-        if told["version"] != VERSION:
-            raise InputError(f"it is of version {shown(told['version'])}, this program reads version {VERSION}")
-        architecture = Architecture.model_validate(told["architecture"])
-        speeds = told["first_velocity_mps"] + told["bin_mps"] * np.arange(architecture.bins)
+        about_model, arrays = json.loads(metadata[FORMAT]), load(data)
+        if about_model["version"] != VERSION:
+            raise InputError(f"it is of version {shown(about_model['version'])}, this program reads version {VERSION}")
+        architecture = Architecture.model_validate(about_model["architecture"])
+        speeds = about_model["first_velocity_mps"] + about_model["bin_mps"] * np.arange(architecture.bins)
         return BackgroundModel.of(
             architecture,
-            {name: array(name, each).astype(np.float32) for name, each in arrays.items()},
-            Grid.of(speeds, told["time_step_s"]),
-            levels_db=told["levels_db"],
-            carrier_hz=told["carrier_hz"],
-            calibrated=told["calibrated"],
-            about=told["about"],
+            {name: array(name, values).astype(np.float32) for name, values in arrays.items()},
+            Grid.of(speeds, about_model["time_step_s"]),
+            levels_db=about_model["levels_db"],
+            carrier_hz=about_model["carrier_hz"],
+            calibrated=about_model["calibrated"],
+            about=about_model["about"],
         )
     except Exception as error:  # a damaged file may hold anything
         raise InputError(
@@ -319,7 +318,7 @@ def _sizes(architecture: Architecture) -> dict[str, tuple[int, ...]]:
     """Shapes of the arrays that sampling needs."""
     size = architecture
     embedded = 12 * size.heads
-    found: dict[str, tuple[int, ...]] = {
+    shapes: dict[str, tuple[int, ...]] = {
         "codebook": (size.heads, size.codes, size.code_size),
         "decoder.spread.weight": (size.channels * size.rows, size.latent),
         "decoder.spread.bias": (size.channels * size.rows,),
@@ -339,11 +338,11 @@ def _sizes(architecture: Architecture) -> dict[str, tuple[int, ...]]:
         "speckle.doppler": (BINS,),
     }
     for block in range(size.blocks):
-        found[f"decoder.blocks.{block}.inner.weight"] = (size.residual, size.channels, 3, 3)
-        found[f"decoder.blocks.{block}.inner.bias"] = (size.residual,)
-        found[f"decoder.blocks.{block}.outer.weight"] = (size.channels, size.residual, 1, 1)
-        found[f"decoder.blocks.{block}.outer.bias"] = (size.channels,)
-    for stage, (given, out, times) in enumerate(size.stages):
-        found[f"decoder.stages.{stage}.weight"] = (out, given, 3, 3 if times == 2 else 1)
-        found[f"decoder.stages.{stage}.bias"] = (out,)
-    return found
+        shapes[f"decoder.blocks.{block}.inner.weight"] = (size.residual, size.channels, 3, 3)
+        shapes[f"decoder.blocks.{block}.inner.bias"] = (size.residual,)
+        shapes[f"decoder.blocks.{block}.outer.weight"] = (size.channels, size.residual, 1, 1)
+        shapes[f"decoder.blocks.{block}.outer.bias"] = (size.channels,)
+    for stage, (channels, out, times) in enumerate(size.stages):
+        shapes[f"decoder.stages.{stage}.weight"] = (out, channels, 3, 3 if times == 2 else 1)
+        shapes[f"decoder.stages.{stage}.bias"] = (out,)
+    return shapes

@@ -183,21 +183,21 @@ def prior_codes(architecture: Architecture, arrays: Arrays, steps: int, rng: np.
     gates_of = embedding @ arrays["prior.gru.weight_ih_l0"].T
     mixing, mixing_bias, among = arrays["prior.mixing"], arrays["prior.mixing_bias"], arrays["prior.among"]
     readout, readout_bias = arrays["prior.readout"], arrays["prior.readout_bias"]
-    found = np.empty((steps, architecture.heads), np.int64)
+    codes = np.empty((steps, architecture.heads), np.int64)
     state = np.zeros(architecture.hidden, np.float32)
-    given = arrays["prior.start"] @ arrays["prior.gru.weight_ih_l0"].T
+    gate_inputs = arrays["prior.start"] @ arrays["prior.gru.weight_ih_l0"].T
     uniform = rng.random((steps, architecture.heads))
     for step in range(steps):
-        state = _next_state(state, given + bias_in, hidden_in @ state + bias_hidden)
+        state = _next_state(state, gate_inputs + bias_in, hidden_in @ state + bias_hidden)
         units = (mixing @ state).reshape(architecture.heads, -1) + mixing_bias
-        given = np.zeros_like(bias_in)
+        gate_inputs = np.zeros_like(bias_in)
         for head in heads:
             logits = readout[head] @ np.maximum(units[head], 0) + readout_bias[head]
             code = _drawn(logits, uniform[step, head])
-            found[step, head] = code
+            codes[step, head] = code
             units = units + among[head, code]  # to the heads that follow; zero for the others
-            given = given + gates_of[head, code]
-    return found
+            gate_inputs = gate_inputs + gates_of[head, code]
+    return codes
 
 
 def uniform_codes(architecture: Architecture, steps: int, rng: np.random.Generator) -> np.ndarray:
@@ -205,11 +205,14 @@ def uniform_codes(architecture: Architecture, steps: int, rng: np.random.Generat
     return rng.integers(architecture.codes, size=(steps, architecture.heads))
 
 
-def _next_state(state: np.ndarray, given: np.ndarray, kept: np.ndarray) -> np.ndarray:
+def _next_state(state: np.ndarray, from_input: np.ndarray, from_state: np.ndarray) -> np.ndarray:
     """A gated recurrent unit (Cho et al. 2014), gates in the order reset, update, new."""
     size = len(state)
-    reset, update = _sigmoid(given[:size] + kept[:size]), _sigmoid(given[size : 2 * size] + kept[size : 2 * size])
-    new = np.tanh(given[2 * size :] + reset * kept[2 * size :])
+    reset, update = (
+        _sigmoid(from_input[:size] + from_state[:size]),
+        _sigmoid(from_input[size : 2 * size] + from_state[size : 2 * size]),
+    )
+    new = np.tanh(from_input[2 * size :] + reset * from_state[2 * size :])
     return np.asarray((1 - update) * new + update * state)
 
 

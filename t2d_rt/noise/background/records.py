@@ -121,9 +121,9 @@ class BackgroundRecord:
 
     def save(self, path: Path) -> None:
         """Writes the record as an .npz file."""
-        told = {"time_step_s": self.grid.time_step_s, "carrier_hz": self.carrier_hz, "calibrated": self.calibrated}
+        about = {"time_step_s": self.grid.time_step_s, "carrier_hz": self.carrier_hz, "calibrated": self.calibrated}
         np.savez_compressed(
-            path, power_w=self.power, velocity_mps=self.grid.velocity_mps, about=np.array(json.dumps(told))
+            path, power_w=self.power, velocity_mps=self.grid.velocity_mps, about=np.array(json.dumps(about))
         )
 
     @classmethod
@@ -132,7 +132,7 @@ class BackgroundRecord:
         data = read_bytes(path, limit=LARGEST_BYTES, noun="background record")
         try:
             with zipfile.ZipFile(io.BytesIO(data)) as members:
-                if sum(each.file_size for each in members.infolist()) > LARGEST_BYTES:
+                if sum(member.file_size for member in members.infolist()) > LARGEST_BYTES:
                     raise ValueError("it unpacks to more than 2 GiB")
             with np.load(io.BytesIO(data), allow_pickle=False) as file:
                 power, speeds, about = file["power_w"], file["velocity_mps"], json.loads(str(file["about"]))
@@ -150,11 +150,11 @@ class BackgroundRecord:
 def common_grid(records: list[BackgroundRecord]) -> Grid:
     """The axes that all records must have."""
     first = records[0]
-    for each in records[1:]:
-        if not each.grid.same_as(first.grid):
+    for record in records[1:]:
+        if not record.grid.same_as(first.grid):
             raise InputError(
-                f"all recordings of a background must have the same axes: {first.name} has {first.grid}, {each.name} has "
-                f"{each.grid}; process them alike, or train a model for each radar"
+                f"all recordings of a background must have the same axes: {first.name} has {first.grid}, {record.name} has "
+                f"{record.grid}; process them alike, or train a model for each radar"
             )
     return first.grid
 

@@ -41,8 +41,8 @@ def correlations(scores: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     median of all, about each bin's mean in its record: what the codes do not tell of the few bins of interferers is no speckle.
     """
     time, doppler, weight = np.zeros((len(scores[0]), LAGS)), np.zeros(BINS), 0
-    for each in scores:
-        values = np.clip(each, -4, 4).astype(np.float64)
+    for score in scores:
+        values = np.clip(score, -4, 4).astype(np.float64)
         size = values.shape[1]
         total = np.sum(values**2, axis=1) + 1e-12
         for lag in range(min(LAGS, size - 1)):
@@ -87,10 +87,10 @@ def _filter(lags: np.ndarray) -> tuple[np.ndarray, float]:
 
     # Estimates that are no correlation of anything would make an unstable filter: as much as they lack is added at lag 0.
     lacking = -float(eigvalsh(toeplitz(lags[: ORDER + 1]))[0])
-    given = np.r_[lags[0] + RIDGE + max(0.0, lacking), lags[1:ORDER]]
-    wanted = lags[1 : ORDER + 1]
-    predictor = solve_toeplitz(given, wanted)
-    return predictor, float(np.sqrt(max(1e-6, 1 - predictor @ wanted / given[0])))
+    column = np.r_[lags[0] + RIDGE + max(0.0, lacking), lags[1:ORDER]]
+    next_lags = lags[1 : ORDER + 1]
+    predictor = solve_toeplitz(column, next_lags)
+    return predictor, float(np.sqrt(max(1e-6, 1 - predictor @ next_lags / column[0])))
 
 
 @lru_cache(maxsize=16)

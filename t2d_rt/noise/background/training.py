@@ -46,12 +46,12 @@ class Encoder(nn.Module):
     def __init__(self, architecture: Architecture) -> None:
         super().__init__()
         layers: list[nn.Module] = []
-        given = 1
+        channels = 1
         for first, _, times in reversed(architecture.stages):
             kernel, padding = (4, 2 + times), (1, 1)
-            layers += [nn.Conv2d(given, first, kernel, (2, times), padding), nn.ReLU()]
-            given = first
-        layers.append(nn.Conv2d(given, architecture.channels, 3, padding=1))
+            layers += [nn.Conv2d(channels, first, kernel, (2, times), padding), nn.ReLU()]
+            channels = first
+        layers.append(nn.Conv2d(channels, architecture.channels, 3, padding=1))
         layers += [Residual(architecture.channels, architecture.residual) for _ in range(architecture.blocks)]
         self.layers = nn.Sequential(*layers)
         self.gather = nn.Linear(architecture.channels * architecture.rows, architecture.latent)
@@ -74,8 +74,8 @@ class Decoder(nn.Module):
         )
         self.times = [times for *_, times in architecture.stages]
         self.stages = nn.ModuleList(
-            nn.Conv2d(given, out, (3, 3 if times == 2 else 1), padding=(1, 1 if times == 2 else 0))
-            for given, out, times in architecture.stages
+            nn.Conv2d(channels, out, (3, 3 if times == 2 else 1), padding=(1, 1 if times == 2 else 0))
+            for channels, out, times in architecture.stages
         )
         self.profile = nn.Parameter(profile)
 
@@ -92,16 +92,16 @@ class Decoder(nn.Module):
             wider = functional.interpolate(functional.relu(maps), scale_factor=(2.0, float(times)), mode="nearest")
             maps = stage(wider)
         maps, times, half = functional.relu(maps), self.times[-1], len(last.weight) // 2
-        found = []
-        for some, given in (
+        outputs = []
+        for kernels, features in (
             (slice(None, half), maps),
             (slice(half, None), OF_VARIANCE * maps + (1 - OF_VARIANCE) * maps.detach()),
         ):
-            out = functional.conv2d(given, last.weight[some], last.bias[some], padding=last.padding)
+            out = functional.conv2d(features, last.weight[kernels], last.bias[kernels], padding=last.padding)
             batch, _, rows, columns = out.shape
             out = out.reshape(batch, 2, times, rows, columns).permute(0, 3, 1, 4, 2)
-            found.append(out.reshape(batch, 2 * rows, times * columns))
-        return found[0] * NATS_PER_UNIT + self.profile[0][:, None], found[1] + self.profile[1][:, None]
+            outputs.append(out.reshape(batch, 2 * rows, times * columns))
+        return outputs[0] * NATS_PER_UNIT + self.profile[0][:, None], outputs[1] + self.profile[1][:, None]
 
 
 class Codec(nn.Module):
@@ -152,8 +152,8 @@ class Prior(nn.Module):
         batch, _, heads = codes.shape
         head = torch.arange(heads)
         embedded = self.embedding[head, codes].sum(dim=2)
-        given = torch.cat([self.start.expand(batch, 1, -1), embedded[:, :-1]], dim=1)
-        state, _ = self.gru(functional.dropout(given, dropout))
+        inputs = torch.cat([self.start.expand(batch, 1, -1), embedded[:, :-1]], dim=1)
+        state, _ = self.gru(functional.dropout(inputs, dropout))
         units = (functional.dropout(state, dropout) @ self.mixing.T).unflatten(
             2, self.mixing_bias.shape
         ) + self.mixing_bias
@@ -162,7 +162,7 @@ class Prior(nn.Module):
 
     def arrays(self) -> dict[str, Tensor]:
         """What the sampler reads; codes act on later heads only."""
-        return {**{name: each for name, each in self.named_parameters()}, "among": self.among * self.later}
+        return {**{name: parameter for name, parameter in self.named_parameters()}, "among": self.among * self.later}
 
 
 NATS_PER_DB = float(np.log(10) / 10)
@@ -204,22 +204,22 @@ def train(
     torch.manual_seed(training.seed)
     rng = np.random.default_rng(training.seed)
     try:
-        levels = [each.relative_db * np.float32(NATS_PER_DB) for each in records]
+        levels = [record.relative_db * np.float32(NATS_PER_DB) for record in records]
         codec = _codec(levels, architecture, training, rng, progress)
-        codes = [encoded(codec, architecture, each) for each in levels]
+        codes = [encoded(codec, architecture, level) for level in levels]
         prior, loss = _prior(codes, architecture, training, rng, progress)
     finally:
         torch.set_num_threads(before)
         torch.random.set_rng_state(state)
-    arrays = {f"encoder.{name}": each for name, each in codec.encoder.named_parameters()}
-    arrays |= {f"decoder.{name}": each for name, each in codec.decoder.named_parameters()}
-    arrays |= {f"prior.{name}": each for name, each in prior.arrays().items()}
+    arrays = {f"encoder.{name}": parameter for name, parameter in codec.encoder.named_parameters()}
+    arrays |= {f"decoder.{name}": parameter for name, parameter in codec.decoder.named_parameters()}
+    arrays |= {f"prior.{name}": parameter for name, parameter in prior.arrays().items()}
     arrays["codebook"] = codebook(codec, architecture)
-    plain = {name: np.ascontiguousarray(each.detach().numpy(), np.float32) for name, each in arrays.items()}
-    plain["speckle.time"], plain["speckle.doppler"] = _residuals(architecture, plain, levels, codes)
+    stored = {name: np.ascontiguousarray(array.detach().numpy(), np.float32) for name, array in arrays.items()}
+    stored["speckle.time"], stored["speckle.doppler"] = _residuals(architecture, stored, levels, codes)
     about = {
         "records": len(records),
-        "duration_s": round(sum(each.duration_s for each in records), 1),
+        "duration_s": round(sum(record.duration_s for record in records), 1),
         "codec_steps": training.codec_steps,
         "prior_steps": training.prior_steps,
         "seed": training.seed,
@@ -227,11 +227,11 @@ def train(
     }
     model = BackgroundModel.of(
         architecture,
-        plain,
+        stored,
         grid,
-        levels_db=[round(each.level_db, 3) for each in records],
+        levels_db=[round(record.level_db, 3) for record in records],
         carrier_hz=records[0].carrier_hz,
-        calibrated=all(each.calibrated for each in records),
+        calibrated=all(record.calibrated for record in records),
         about=about,
     )
     return _calibrated(model, levels)
@@ -245,7 +245,7 @@ def _codec(
     progress: Progress | None,
 ) -> Codec:
     """Encoder, code books and decoder, trained on random tiles of the records."""
-    padded = [_padded(each, architecture) for each in levels]
+    padded = [_padded(record_levels, architecture) for record_levels in levels]
     codec = Codec(architecture, torch.from_numpy(_profile(padded)))
     optimizer = torch.optim.Adam(codec.parameters(), lr=RATE)
     schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, partial(_rate_factor, steps=training.codec_steps))
@@ -259,9 +259,9 @@ def _codec(
         if step == first:  # the code books begin with the clusters of many vectors
             with torch.no_grad():
                 batches = [torch.from_numpy(_tiles(padded, width, rng)) for _ in range(FIRST_BATCHES)]
-                codec.quantizer(torch.cat([codec.encoder(each / NATS_PER_UNIT) for each in batches]))
+                codec.quantizer(torch.cat([codec.encoder(batch / NATS_PER_UNIT) for batch in batches]))
         level, variance, commitment = codec(tiles / NATS_PER_UNIT, quantized)
-        cells, level, variance = (each[:, :, edge : width - edge] for each in (tiles, level, variance))
+        cells, level, variance = (maps[:, :, edge : width - edge] for maps in (tiles, level, variance))
         square = (cells - level) ** 2
         loss = square.mean() + 0.5 * (square.detach() * torch.exp(-variance) + variance).mean() + commitment
         _stepped(optimizer, schedule, loss)
@@ -279,24 +279,24 @@ def _prior(
     progress: Progress | None,
 ) -> tuple[Prior, float]:
     """The prior that is best on the codes that it was not trained on, and its surprise there [nat per code]."""
-    used, kept = split_codes(codes)
+    used, held_out = split_codes(codes)
     prior = Prior(architecture)
     optimizer = torch.optim.Adam(prior.parameters(), lr=RATE, weight_decay=1e-5)
     schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, partial(_rate_factor, steps=training.prior_steps))
-    length = min(len(each) for each in used)
-    best, best_loss = {name: each.clone() for name, each in prior.state_dict().items()}, np.inf
+    length = min(len(code) for code in used)
+    best, best_loss = {name: tensor.clone() for name, tensor in prior.state_dict().items()}, np.inf
     for step in range(training.prior_steps):
         prior.train()
-        some = torch.from_numpy(_stretches(used, length, rng))
-        loss = _surprise_of_codes(prior, some, DROPOUT)
+        batch = torch.from_numpy(_stretches(used, length, rng))
+        loss = _surprise_of_codes(prior, batch, DROPOUT)
         _stepped(optimizer, schedule, loss)
         if step % CHECK_EVERY == CHECK_EVERY - 1:
             prior.eval()
             with torch.no_grad():
-                found = [float(_surprise_of_codes(prior, torch.from_numpy(each)[None], 0.0)) for each in kept]
-            if np.mean(found) < best_loss:
-                best_loss = float(np.mean(found))
-                best = {name: each.clone() for name, each in prior.state_dict().items()}
+                losses = [float(_surprise_of_codes(prior, torch.from_numpy(code)[None], 0.0)) for code in held_out]
+            if np.mean(losses) < best_loss:
+                best_loss = float(np.mean(losses))
+                best = {name: tensor.clone() for name, tensor in prior.state_dict().items()}
             if progress is not None:
                 progress(0.8 + 0.2 * step / training.prior_steps)
     prior.load_state_dict(best)
@@ -312,11 +312,11 @@ def _surprise_of_codes(prior: Prior, codes: Tensor, dropout: float) -> Tensor:
 def split_codes(codes: list[np.ndarray]) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Codes to train on and to choose by: whole records where there are eight or more, else the end of each."""
     if len(codes) >= 8:
-        kept = max(1, round(VALIDATION * len(codes)))
-        return codes[:-kept], codes[-kept:]
-    cuts = [max(1, round((1 - VALIDATION) * len(each))) for each in codes]
+        held_out = max(1, round(VALIDATION * len(codes)))
+        return codes[:-held_out], codes[-held_out:]
+    cuts = [max(1, round((1 - VALIDATION) * len(code))) for code in codes]
     pairs = list(zip(codes, cuts, strict=True))
-    return [each[:cut] for each, cut in pairs], [each[cut:] for each, cut in pairs if cut < len(each)]
+    return [code[:cut] for code, cut in pairs], [code[cut:] for code, cut in pairs if cut < len(code)]
 
 
 @torch.no_grad()
@@ -340,11 +340,11 @@ def _residuals(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Correlations of what the decoder leaves of the records."""
     scores = []
-    for each, code in zip(levels, codes, strict=True):
+    for level, code in zip(levels, codes, strict=True):
         if len(code) > 2 * HALO:
             mean, looks = decoded(architecture, arrays, code)
             start = 2 * HALO * architecture.columns
-            ratio = np.exp(each[:, start : start + mean.shape[1]] - mean)
+            ratio = np.exp(level[:, start : start + mean.shape[1]] - mean)
             scores.append(normal_scores(ratio, looks))
     time_correlation, doppler_correlation = correlations(scores)
     return time_correlation.astype(np.float32), doppler_correlation.astype(np.float32)
@@ -355,10 +355,10 @@ def _calibrated(model: BackgroundModel, levels: list[np.ndarray], samples: int =
 
     Levels and not powers: the mean power of a bin is that of the few records in which a mover has just that speed.
     """
-    length = round(np.mean([each.shape[1] for each in levels]))
+    length = round(np.mean([level.shape[1] for level in levels]))
     drawn = [np.log(model.columns(length, seed=seed).power).mean(axis=1) for seed in range(samples)]
     profile = model.arrays["decoder.profile"].copy()
-    profile[0, : model.architecture.bins] += np.mean([each.mean(axis=1) for each in levels], axis=0) - np.mean(
+    profile[0, : model.architecture.bins] += np.mean([level.mean(axis=1) for level in levels], axis=0) - np.mean(
         drawn, axis=0
     )
     return replace(model, arrays={**model.arrays, "decoder.profile": profile})
@@ -369,8 +369,8 @@ def _profile(padded: list[np.ndarray]) -> np.ndarray:
 
     Not those of all cells: the few records with a mover have most of the variance, and the floor of the others would stay unsteady.
     """
-    level = np.median([each.mean(axis=1) for each in padded], axis=0)
-    variance = np.median([each.var(axis=1) for each in padded], axis=0)
+    level = np.median([record.mean(axis=1) for record in padded], axis=0)
+    variance = np.median([record.var(axis=1) for record in padded], axis=0)
     return np.stack([level, np.log(variance + 1e-4)]).astype(np.float32)
 
 
@@ -381,7 +381,7 @@ def _padded(levels: np.ndarray, architecture: Architecture) -> np.ndarray:
 
 def _tiles(padded: list[np.ndarray], width: int, rng: np.random.Generator) -> np.ndarray:
     """Random tiles (batch, padded bins, width), of records in proportion to their length."""
-    room = np.array([each.shape[1] - width + 1 for each in padded])
+    room = np.array([record.shape[1] - width + 1 for record in padded])
     which = rng.choice(len(padded), size=BATCH, p=room / room.sum())
     starts = [int(rng.integers(room[k])) for k in which]
     return np.stack([padded[k][:, start : start + width] for k, start in zip(which, starts, strict=True)])
@@ -441,10 +441,10 @@ def learn_background(
         halvings += 1
     architecture = Architecture(bins=len(grid.velocity_mps), codes=codes, heads=heads, time_halvings=max(1, halvings))
     least = (LEAST_STEPS + 2 * HALO) * architecture.columns
-    for each in records:
-        if each.power.shape[1] < least:
+    for record in records:
+        if record.power.shape[1] < least:
             raise InputError(
-                f"{each.name} has {each.power.shape[1]} columns, and a background is learned from {least} or more "
+                f"{record.name} has {record.power.shape[1]} columns, and a background is learned from {least} or more "
                 f"({least * grid.time_step_s:.3g} s) of each recording; leave it out, or give a longer one"
             )
     require_torch()

@@ -56,9 +56,9 @@ def receive(cube: Cube, radar: Radar, receiver: Receiver, seed: int) -> tuple[Cu
     blocks = -(-block_rows(cube.shape) // rows) * rows
     for start in range(0, len(cube), blocks):
         block = np.ascontiguousarray(cube[start : start + blocks], np.complex64)
-        found = effects.received(block, start, levels.reference(block))
-        levels.add(block, found)
-        result[start : start + len(block)] = found.samples
+        received = effects.received(block, start, levels.reference(block))
+        levels.add(block, received)
+        result[start : start + len(block)] = received.samples
     levels.warn()
     _warn_of_angles(radar, receiver)
     return result, levels.described()
@@ -112,8 +112,8 @@ def _first_effects(radar: Radar, receiver: Receiver, draws: Draws, thermal_w: fl
     """What comes before the stages of each sample: phase noise of the oscillator, then the interferers in their order."""
     if receiver.phase_noise is not None:
         yield PhaseNoise(radar, receiver.phase_noise, draws, thermal_w=thermal_w)
-    for number, other in enumerate(receiver.interferers):
-        yield Interference(radar, other, draws, number)
+    for number, interferer in enumerate(receiver.interferers):
+        yield Interference(radar, interferer, draws, number)
 
 
 SILENT = 1e-13
@@ -210,28 +210,28 @@ class ReceiverLevels:
 
     def described(self) -> dict[str, Any]:
         """Levels by the names that a recording's settings have for them; those that are not known are left out."""
-        found: dict[str, Any] = {"noise": ", ".join(self.receiver.effects) or "none"}
+        settings: dict[str, Any] = {"noise": ", ".join(self.receiver.effects) or "none"}
         floor_w = self.receiver.noise_floor_w(self.radar)
         if floor_w > 0:
-            found["noise_floor_dbm"] = _db(floor_w) + 30
+            settings["noise_floor_dbm"] = _db(floor_w) + 30
         if not self.clean.count:
-            return found
+            return settings
         clean_w, all_w = self.clean.mean_w, self.clean.mean_w + self.added.mean_w
         moving_w, static_w = _heard(self.clean.moving_w, clean_w), _heard(self.clean.static_w, clean_w)
         noise_w = _heard(self.added.moving_w, all_w)
         if noise_w > 0:
-            found["noise_dbm"] = _db(noise_w) + 30
+            settings["noise_dbm"] = _db(noise_w) + 30
             if moving_w > 0:
-                found["snr_db"] = _db(moving_w / noise_w)
+                settings["snr_db"] = _db(moving_w / noise_w)
             if static_w > 0:
-                found["clutter_to_noise_db"] = _db(static_w / noise_w)
+                settings["clutter_to_noise_db"] = _db(static_w / noise_w)
         if self.receiver.adc:
             peak_w = self.peak**2 / self.receiver.adc.full_scale_w
-            found |= {
+            settings |= {
                 "adc_peak_dbfs": _db(peak_w) if peak_w > 0 else None,
                 "clipped": self.clipped / self.clean.count,
             }
-        return found
+        return settings
 
     def warn(self) -> None:
         """Tells of saturation, and of a step that is too coarse for what comes in."""
@@ -276,46 +276,46 @@ PHASES = 4096
 class Interference:
     """The chirps of one other radar, heard by all receivers over the line of sight (eq. 37)."""
 
-    def __init__(self, radar: Radar, other: Interferer, draws: Draws, number: int) -> None:
+    def __init__(self, radar: Radar, interferer: Interferer, draws: Draws, number: int) -> None:
         if radar.track is not None:
             raise InputError(
                 "interferers are heard by radars that stand still; leave out interferers or the radar's track"
             )
-        self._radar, self._other, self._draws = radar, other, draws
+        self._radar, self._interferer, self._draws = radar, interferer, draws
         self._slots, self._name = TimeSlots(radar), f"interferer {number}"
-        apart = np.array(other.position_m) - radar.rx_positions_m
+        apart = np.array(interferer.position_m) - radar.rx_positions_m
         ranges = np.linalg.norm(apart, axis=1)
         if ranges.min() < 1e-3:
-            raise InputError(f"interferer at {other.position_m} m is at a receive antenna; move it away")
+            raise InputError(f"interferer at {interferer.position_m} m is at a receive antenna; move it away")
         direction = apart.mean(axis=0) / np.linalg.norm(apart.mean(axis=0)) @ radar.axes.T
         gain = 10 ** ((radar.rx_gain_dbi + radar.if_gain_db) / 10) * float(radar.rx_pattern.gain(direction))
-        self.power_w = received_w(other.eirp_dbm, gain, radar.wavelength_m, float(ranges.mean()))
+        self.power_w = received_w(interferer.eirp_dbm, gain, radar.wavelength_m, float(ranges.mean()))
         phase = np.exp(2j * np.pi * radar.mid_frequency_hz / SPEED_OF_LIGHT * (ranges - ranges.mean()))
         channels = self._slots.channels
         self._channels = (math.sqrt(self.power_w) * np.resize(phase, channels)).astype(np.complex64)
-        drawn_s = other.interval_s * draws.of(f"{self._name} start").random()
-        self._first_s = drawn_s if other.first_s is None else other.first_s
+        drawn_s = interferer.interval_s * draws.of(f"{self._name} start").random()
+        self._first_s = drawn_s if interferer.first_s is None else interferer.first_s
         self._phases: dict[int, np.ndarray] = {}
 
     def __call__(self, samples: np.ndarray, first_row: int) -> np.ndarray:
         """Samples (row, antenna, sample), from a row on, and the bursts in them."""
-        found = samples.astype(np.complex64)
-        view = self._slots.by_slot(found)
+        received = samples.astype(np.complex64)
+        view = self._slots.by_slot(received)
         starts = self._slots.starts_s(first_row, len(samples))
-        other, length = self._other, self._radar.sweep_time_s
-        low = np.floor((starts - self._first_s - other.duration_s) / other.interval_s).astype(np.int64)
-        if other.first_s is not None:
+        interferer, length = self._interferer, self._radar.sweep_time_s
+        low = np.floor((starts - self._first_s - interferer.duration_s) / interferer.interval_s).astype(np.int64)
+        if interferer.first_s is not None:
             low = np.maximum(low, 0)  # where the start is drawn, it chirped before the record
-        high = np.floor((starts + length - self._first_s) / other.interval_s).astype(np.int64)
+        high = np.floor((starts + length - self._first_s) / interferer.interval_s).astype(np.int64)
         for step in range(int((high - low).max(initial=-1)) + 1):
             chirp = low + step
-            begins = self._first_s + chirp * other.interval_s - starts
+            begins = self._first_s + chirp * interferer.interval_s - starts
             for row, slot in np.argwhere(chirp <= high).tolist():
                 place, part = self.burst(float(begins[row, slot]))
                 if len(part):
                     burst = part * self._phase(int(chirp[row, slot]))
                     view[row, slot, :, place] += self._channels[:, None] * burst.astype(np.complex64)
-        return found
+        return received
 
     def burst(self, begins_s: float) -> tuple[slice, np.ndarray]:
         """What a chirp that begins so long after the first ADC sample leaves at IF: which samples, and these, of power 1.
@@ -323,10 +323,10 @@ class Interference:
         Where the two frequencies are f0 + slope t apart, the IF filter, ideal from 0 to the sample rate, lets through a burst of
         the length rate / |slope|: Fresnel integrals between its edges.
         """
-        radar, other, rate = self._radar, self._other, self._radar.sample_rate_hz
-        slope = radar.slope_hz_per_s - other.slope_hz_per_s
-        at_start_hz = radar.carrier_hz - other.carrier_hz + other.slope_hz_per_s * begins_s
-        heard = [begins_s, begins_s + other.duration_s]
+        radar, interferer, rate = self._radar, self._interferer, self._radar.sample_rate_hz
+        slope = radar.slope_hz_per_s - interferer.slope_hz_per_s
+        at_start_hz = radar.carrier_hz - interferer.carrier_hz + interferer.slope_hz_per_s * begins_s
+        heard = [begins_s, begins_s + interferer.duration_s]
         parallel = abs(slope) * radar.sweep_time_s**2 < PARALLEL_CYCLES
         if parallel:
             if not 0 <= at_start_hz + slope * radar.mid_time_s < rate:

@@ -43,8 +43,8 @@ class Draws:
 
     def words(self, name: str) -> tuple[int, int]:
         """A key of an effect, two words of 32 bits."""
-        found = self._digest(name, 0)
-        return int.from_bytes(found[:4], "little"), int.from_bytes(found[4:8], "little")
+        digest = self._digest(name, 0)
+        return int.from_bytes(digest[:4], "little"), int.from_bytes(digest[4:8], "little")
 
     def _digest(self, name: str, number: int) -> bytes:
         """Hash of seed, effect and number; streams of different hashes have nothing in common."""

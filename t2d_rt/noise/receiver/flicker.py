@@ -63,11 +63,11 @@ def filter_of(samples: int) -> Filter:
     )
     start[0] -= _error(start, frequency).mean()
     # Rounded: the last bits of a fit are not those of the next machine.
-    found = np.round(least_squares(_error, start, method="lm", args=(frequency,)).x, 6)
-    poles, zeros = _roots(found)
+    fit = np.round(least_squares(_error, start, method="lm", args=(frequency,)).x, 6)
+    poles, zeros = _roots(fit)
     # Partial fractions: there is one zero less than there are poles.
     apart = poles[:, None] - poles + np.eye(len(poles))
-    gains = math.exp(found[0] / 2) * (poles[:, None] - zeros).prod(axis=1) / apart.prod(axis=1)
+    gains = math.exp(fit[0] / 2) * (poles[:, None] - zeros).prod(axis=1) / apart.prod(axis=1)
     covariance = np.outer(gains, gains) / (1 - np.outer(poles, poles))
     return Filter(poles, gains, np.linalg.cholesky(covariance))
 
@@ -82,7 +82,7 @@ def _roots(fitted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _error(fitted: np.ndarray, frequency: np.ndarray) -> np.ndarray:
     """ln of the filter's density over 1 / f, at frequencies [cycles per sample]."""
     cosine = np.cos(2 * np.pi * frequency)[:, None]
-    poles, zeros = (np.log(1 - 2 * each * cosine + each**2).sum(axis=1) for each in _roots(fitted))
+    poles, zeros = (np.log(1 - 2 * root * cosine + root**2).sum(axis=1) for root in _roots(fitted))
     return np.asarray(fitted[0] + zeros - poles + np.log(frequency))
 
 
@@ -96,8 +96,8 @@ class _SlowFlicker:
 
     def __call__(self, frequency_hz: np.ndarray) -> np.ndarray:
         frequency = np.maximum(np.abs(frequency_hz), 1e-9) / self.rate_hz
-        found = 1 / frequency - filter_of(self.samples).density(frequency.ravel()).reshape(frequency.shape)
-        return np.asarray(self.power_w / self.rate_hz * np.maximum(found, 0.0))
+        density = 1 / frequency - filter_of(self.samples).density(frequency.ravel()).reshape(frequency.shape)
+        return np.asarray(self.power_w / self.rate_hz * np.maximum(density, 0.0))
 
 
 class Flicker:
@@ -130,5 +130,5 @@ class Flicker:
     def slow(self, first_row: int, rows: int) -> np.ndarray:
         """What changes from chirp to chirp alone, complex64 (row, antenna), of rows from the first on."""
         places = self._slots.numbers(first_row, rows)
-        found = np.stack([slow.at(places) for slow in self._slow], axis=2)  # (row, slot, channel)
-        return found.reshape(rows, -1).astype(np.complex64)
+        values = np.stack([slow.at(places) for slow in self._slow], axis=2)  # (row, slot, channel)
+        return values.reshape(rows, -1).astype(np.complex64)

@@ -60,9 +60,9 @@ def receive_gated(
         stop = min(first + block, count)
         cells[first:stop] = work.cells(rows, first, stop)
     work.levels.warn()
-    told = work.levels.described()
-    told.pop("adc_peak_dbfs", None)  # of rows without samples there is none
-    return cells, told
+    settings = work.levels.described()
+    settings.pop("adc_peak_dbfs", None)  # of rows without samples there is none
+    return cells, settings
 
 
 class _Gated:
@@ -88,36 +88,36 @@ class _Gated:
                 weights.T @ matmul_toeplitz(covariance, weights.conj()),
                 2 * self._direct * self._image * stages.thermal_w * weights.T @ weights,
             )
-        every = max(1, count // LEVEL_SAMPLES)
-        self._every, self._width = every, matrix.shape[1]
+        stride = max(1, count // LEVEL_SAMPLES)
+        self._stride, self._width = stride, matrix.shape[1]
         self._both = np.concatenate(
-            [self._direct * weights, np.eye(count, dtype=np.complex64)[:, every // 2 :: every]], axis=1
+            [self._direct * weights, np.eye(count, dtype=np.complex64)[:, stride // 2 :: stride]], axis=1
         ).astype(np.complex64)
 
     def cells(self, rows: ProductRows, first: int, stop: int) -> np.ndarray:
         """Those of some rows, from the first of a group on, complex64 (row, antenna, cell)."""
         both = rows.through(self._both, first, stop)
-        found, some = both[..., : self._width], both[..., self._width :]
-        if self._acts_on_samples(some, rows.phases(first, stop)):
+        cells, strided = both[..., : self._width], both[..., self._width :]
+        if self._acts_on_samples(strided, rows.phases(first, stop)):
             return self._by_samples(rows.read(first, stop), first)
-        drawn = self._draws.normal("noise of cells", first, found.shape).view(np.float32)
-        noise = (drawn.reshape(-1, 2 * self._width) @ self._factor).view(np.complex64).reshape(found.shape)
-        constants = np.zeros(some.shape[:2], np.complex64)
+        drawn = self._draws.normal("noise of cells", first, cells.shape).view(np.float32)
+        noise = (drawn.reshape(-1, 2 * self._width) @ self._factor).view(np.complex64).reshape(cells.shape)
+        constants = np.zeros(strided.shape[:2], np.complex64)
         if self._effects.flicker:
             constants = self._effects.flicker.slow(first, stop - first)
         noise += (constants + self._effects.offsets)[..., None] * self._matrix.sum(axis=0)
         departure = (
-            np.complex64(self._direct - 1) * some + np.complex64(self._image) * some.conj() + constants[..., None]
+            np.complex64(self._direct - 1) * strided + np.complex64(self._image) * strided.conj() + constants[..., None]
         )
-        self._count(some, departure, self._noise_w)
-        return found + noise
+        self._count(strided, departure, self._noise_w)
+        return cells + noise
 
-    def _acts_on_samples(self, some: np.ndarray, phases: tuple[float, float]) -> bool:
+    def _acts_on_samples(self, strided: np.ndarray, phases: tuple[float, float]) -> bool:
         """Whether an effect that is not linear may count in rows of these samples, whose beats lie between such phases over x."""
         stages, count = self._effects.stages, self._radar.samples
         if not len(self._factor):
             return True
-        power_w = float((some.real**2 + some.imag**2).mean(axis=2).max())
+        power_w = float((strided.real**2 + strided.imag**2).mean(axis=2).max())
         low, high = (0, count) if not np.isfinite(phases).all() else _bins(phases, count)
         if self._image and self._bins.start < count - low + IMAGE_BINS and count - high - IMAGE_BINS < self._bins.stop:
             return True
@@ -136,19 +136,19 @@ class _Gated:
         departure = received.samples - samples - self._effects.offsets[:, None]
         # A burst may lie between the samples that powers are told by.
         added_w = (departure.real**2 + departure.imag**2).sum(axis=2)
-        some, departure = (each[..., self._every // 2 :: self._every] for each in (samples, departure))
-        self._count(some, departure, 0.0, added_w)
+        strided, departure = (values[..., self._stride // 2 :: self._stride] for values in (samples, departure))
+        self._count(strided, departure, 0.0, added_w)
         self.levels.note(received)
         return received.samples @ self._matrix
 
     def _count(
-        self, some: np.ndarray, departure: np.ndarray, noise_w: float, added_w: np.ndarray | None = None
+        self, strided: np.ndarray, departure: np.ndarray, noise_w: float, added_w: np.ndarray | None = None
     ) -> None:
         """Counts rows for the levels: some of their clean samples, and what is added to these beside noise of that power; `added_w`
         (row, antenna) is the energy of that in all samples, where they are known."""
-        levels, shape = self.levels, (*some.shape[:2], self._radar.samples)
+        levels, shape = self.levels, (*strided.shape[:2], self._radar.samples)
         for power, values, about, more_w in (
-            (levels.clean, some, levels.reference(some), 0.0),
+            (levels.clean, strided, levels.reference(strided), 0.0),
             (levels.added, departure, 0.0, noise_w),
         ):
             power.reference = about
@@ -161,7 +161,7 @@ class _Gated:
 
 def _bins(phases: tuple[float, float], count: int) -> tuple[int, int]:
     """The range bins, as first and one after the last, that beats between two phases over x lie in."""
-    low, high = (each * count / (math.pi * (count - 1)) for each in phases)
+    low, high = (phase * count / (math.pi * (count - 1)) for phase in phases)
     return max(0, math.floor(low)), min(count, math.ceil(high) + 1)
 
 
@@ -172,11 +172,11 @@ def _real_factor(covariance: np.ndarray, relation: np.ndarray) -> np.ndarray:
     covariance, relation: mean of z z^H and of z z^T, (cell, cell).
     """
     cells = len(covariance)
-    found = np.empty((2 * cells, 2 * cells))
-    for part, each in enumerate((covariance + relation, relation - covariance)):
+    matrix = np.empty((2 * cells, 2 * cells))
+    for part, block in enumerate((covariance + relation, relation - covariance)):
         sign = 1 - 2 * part
-        found[part::2, part::2] = sign * each.real / 2
-        found[1 - part :: 2, part::2] = each.imag / 2
+        matrix[part::2, part::2] = sign * block.real / 2
+        matrix[1 - part :: 2, part::2] = block.imag / 2
     # By eigenvalues: a window of zeros at its ends leaves the covariance of all cells singular.
-    values, vectors = np.linalg.eigh(found)
+    values, vectors = np.linalg.eigh(matrix)
     return np.asarray((vectors * np.sqrt(2 * np.maximum(values, 0.0))).T, np.float32)

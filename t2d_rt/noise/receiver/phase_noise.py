@@ -88,16 +88,16 @@ class _Design:
         delays = bin_delays_s(radar)
         nodes = nodes_for(delays, frequencies, powers)
         delayed = np.exp(-2j * np.pi * np.outer(nodes.delays_s, frequencies))
-        tried = _some(len(powers) - 1) + 1
+        tried = _lower_ones(len(powers) - 1) + 1
         between = np.linspace(0, float(np.abs(delays).max()), TRIED)
         correlated = 4 * np.sin(np.pi * frequencies[tried] * between[:, None]) ** 2
         fastest = (correlated * (powers[tried] * (2 * radar.samples))).max(axis=1)
         slow = between**2 * rate.greatest() * radar.samples
         greatest = np.interp(np.abs(delays), between, np.maximum(fastest, slow))
-        found = cls(powers, nodes, delayed, greatest, bounding(greatest), rate)
-        for each in (powers, nodes.delays_s, nodes.weights, delayed, greatest, found.bound):
-            each.setflags(write=False)  # kept for other recordings
-        return found
+        design = cls(powers, nodes, delayed, greatest, bounding(greatest), rate)
+        for values in (powers, nodes.delays_s, nodes.weights, delayed, greatest, design.bound):
+            values.setflags(write=False)  # kept for other recordings
+        return design
 
 
 _design = lru_cache(maxsize=16)(_Design.of)
@@ -109,26 +109,26 @@ class PhaseNoise:
     def __init__(self, radar: Radar, oscillator: Oscillator, draws: Draws, *, thermal_w: float) -> None:
         self._slots, self._draws, self._thermal_w = TimeSlots(radar), draws, thermal_w
         self._design = _design(radar, oscillator)
-        self._slow = replace(self._design.rate, draws=draws, _kept={})
+        self._slow = replace(self._design.rate, draws=draws, _spectra={})
 
     def __call__(self, samples: np.ndarray, first_row: int) -> np.ndarray:
         """Samples (row, antenna, sample) of echoes, from the first row of a group on, with the phase noise of the oscillator; the
         same array where none counts."""
-        found, rows = samples, self._slots.group_rows
+        noisy_samples, rows = samples, self._slots.group_rows
         may_count = self._may_count(samples)
         for start in range(0, len(samples), rows):
             group = slice(start, start + rows)
-            some = np.flatnonzero(may_count[group])
-            spectrum = fft.fft(samples[group][some], axis=2)
+            some_rows = np.flatnonzero(may_count[group])
+            spectrum = fft.fft(samples[group][some_rows], axis=2)
             counts = self._rows(spectrum)
             if counts.any():
-                found = samples.astype(np.complex64) if found is samples else found
+                noisy_samples = samples.astype(np.complex64) if noisy_samples is samples else noisy_samples
                 chosen = np.zeros(len(samples[group]), bool)
-                chosen[some[counts]] = True
-                noisy = found[group][chosen]
+                chosen[some_rows[counts]] = True
+                noisy = noisy_samples[group][chosen]
                 self._add(noisy, spectrum[counts], self._phases((first_row + start) // rows, chosen))
-                found[group][chosen] = noisy
-        return found
+                noisy_samples[group][chosen] = noisy
+        return noisy_samples
 
     def _add(self, samples: np.ndarray, spectrum: np.ndarray, phases: np.ndarray) -> None:
         """Adds to samples of this spectrum (row, antenna, sample) what phases (node, row, slot, sample) make of them."""
@@ -145,11 +145,11 @@ class PhaseNoise:
         # The real part of a complex process of a symmetric spectrum has half its power.
         places = self._slots.numbers(number * self._slots.group_rows, len(rows))[rows]
         rate = math.sqrt(2) * self._slow.at(places).real
-        found = np.empty((len(design.nodes.delays_s), *drawn.shape[:2], count), np.float32)
-        for each, delayed, delay_s in zip(found, design.delayed, design.nodes.delays_s, strict=True):
-            each[:] = fft.irfft(drawn * (1 - delayed).astype(np.complex64), axis=2, overwrite_x=True)[:, :, :count]
-            each += (delay_s * rate)[:, :, None].astype(np.float32)
-        return found
+        phases = np.empty((len(design.nodes.delays_s), *drawn.shape[:2], count), np.float32)
+        for node, delayed, delay_s in zip(phases, design.delayed, design.nodes.delays_s, strict=True):
+            node[:] = fft.irfft(drawn * (1 - delayed).astype(np.complex64), axis=2, overwrite_x=True)[:, :, :count]
+            node += (delay_s * rate)[:, :, None].astype(np.float32)
+        return phases
 
     def _may_count(self, samples: np.ndarray) -> np.ndarray:
         """Rows (row, antenna, sample) that `_rows` may choose, by a bound of their levels that takes no spectra."""
@@ -184,9 +184,9 @@ def bounding(values: np.ndarray) -> np.ndarray:
         columns += [np.cos(order * angle), np.sin(order * angle)]
     matrix, greatest = np.stack(columns, axis=1), float(values.max())
     weights = greatest / (values + BOUND_LEAST * greatest)
-    found = linprog(weights @ matrix, A_ub=-matrix, b_ub=-values / greatest, bounds=(None, None)).x * greatest
-    found[0] += max(0.0, float((values - matrix @ found).max())) + ROUNDING * greatest
-    return np.asarray(found, np.float32)
+    coefficients = linprog(weights @ matrix, A_ub=-matrix, b_ub=-values / greatest, bounds=(None, None)).x * greatest
+    coefficients[0] += max(0.0, float((values - matrix @ coefficients).max())) + ROUNDING * greatest
+    return np.asarray(coefficients, np.float32)
 
 
 @lru_cache(maxsize=16)
@@ -201,16 +201,16 @@ def residual_rms_rad(radar: Radar, oscillator: Oscillator) -> float:
 def _factors(phase: np.ndarray) -> np.ndarray:
     """exp(j phase) - 1 of phases (row, ...) [rad], complex64, without the loss of digits; a row is the same bits whatever others
     there are."""
-    found = np.empty(phase.shape, np.complex64)
+    factors = np.empty(phase.shape, np.complex64)
     square = phase * phase
-    found.real = square * (square * np.float32(1 / 24) - np.float32(0.5))
-    found.imag = phase * (1 - square * np.float32(1 / 6))
+    factors.real = square * (square * np.float32(1 / 24) - np.float32(0.5))
+    factors.imag = phase * (1 - square * np.float32(1 / 6))
     large = np.flatnonzero(square.reshape(len(phase), -1).max(axis=1, initial=0.0) > SMALL_RAD**2)
     if len(large):
         half = phase[large] / 2
         sine = np.sin(half)
-        found.real[large], found.imag[large] = -2 * sine * sine, 2 * sine * np.cos(half)
-    return found
+        factors.real[large], factors.imag[large] = -2 * sine * sine, 2 * sine * np.cos(half)
+    return factors
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,8 +240,8 @@ def bin_delays_s(radar: Radar) -> np.ndarray:
 def nodes_for(delays_s: np.ndarray, frequencies_hz: np.ndarray, powers: np.ndarray) -> Nodes:
     """As few nodes as keep the interpolation's error below `INTERPOLATION` for noise of these powers at these frequencies, which
     begin at 0."""
-    some = _some(len(powers) - 2) + 1  # neither 0 nor half the sample rate
-    frequencies, power = frequencies_hz[some][:, None], powers[some] * np.gradient(some.astype(float))
+    chosen = _lower_ones(len(powers) - 2) + 1  # neither 0 nor half the sample rate
+    frequencies, power = frequencies_hz[chosen][:, None], powers[chosen] * np.gradient(chosen.astype(float))
     straight = np.unique(np.linspace(1, math.floor(len(delays_s) * (1 - RETURN)) - 1, TRIED).astype(int))
     exact = 1 - np.exp(-2j * np.pi * frequencies * delays_s[straight])
     greatest, count = float(delays_s.max()), 0
@@ -259,7 +259,7 @@ def nodes_for(delays_s: np.ndarray, frequencies_hz: np.ndarray, powers: np.ndarr
             return _nodes(delays_s, greatest, count)
 
 
-def _some(count: int) -> np.ndarray:
+def _lower_ones(count: int) -> np.ndarray:
     """Up to `TRIED` of the numbers 0..count - 1, all of the lowest ones, ever fewer of the others."""
     return np.unique(np.geomspace(1, max(1, count), TRIED).astype(int)) - 1
 
@@ -297,8 +297,8 @@ def lags(samples: np.ndarray, greatest: int) -> np.ndarray:
     lanes, packets = dr.arange(UInt32, rows * antennas), dr.opaque(UInt32, count // size)
 
     def read(packet: Any) -> list[Pair]:
-        found = dr.gather(Packet, flat, lanes * packets + packet)
-        return [(found[2 * k], found[2 * k + 1]) for k in range(size)]
+        values = dr.gather(Packet, flat, lanes * packets + packet)
+        return [(values[2 * k], values[2 * k + 1]) for k in range(size)]
 
     def step(n: Any, before: list[Pair], sums: list[Any]) -> tuple[Any, list[Pair], list[Any]]:
         for real, imag in read(n):
@@ -319,4 +319,4 @@ def lags(samples: np.ndarray, greatest: int) -> np.ndarray:
         mode="symbolic",
     )
     dr.eval(sums)
-    return np.stack([each.numpy() for each in sums], axis=1).reshape(rows, antennas, -1)
+    return np.stack([lag_sum.numpy() for lag_sum in sums], axis=1).reshape(rows, antennas, -1)

@@ -85,7 +85,7 @@ class Slow:
     limit_hz: float
     draws: Draws
     name: str
-    _kept: dict[int, np.ndarray] = field(default_factory=dict)
+    _spectra: dict[int, np.ndarray] = field(default_factory=dict)
 
     def greatest(self) -> float:
         """Greatest density over frequency, times the PRF: the power of white noise that nowhere lies below it."""
@@ -96,22 +96,22 @@ class Slow:
         half = SEGMENT // 2
         # Every slot lies in two segments, whose squared windows add up to 1.
         first = numbers // half
-        found = np.zeros(numbers.shape, complex)
+        values = np.zeros(numbers.shape, complex)
         for segment in np.unique(np.concatenate([first.ravel(), first.ravel() + 1])).tolist():
             place = numbers - (segment - 1) * half
             inside = (place >= 0) & (place < SEGMENT)
             window = np.sin(np.pi * (place[inside] + 0.5) / SEGMENT)
-            found[inside] += window * self._segment(segment)[place[inside]]
-        return found
+            values[inside] += window * self._segment(segment)[place[inside]]
+        return values
 
     def _segment(self, number: int) -> np.ndarray:
         """The numbers of a segment, (SEGMENT,); three segments are kept, which blocks of rows in order need."""
-        if number not in self._kept:
-            if len(self._kept) > 2:
-                del self._kept[min(self._kept)]
+        if number not in self._spectra:
+            if len(self._spectra) > 2:
+                del self._spectra[min(self._spectra)]
             spectrum = np.sqrt(self._powers) * self.draws.normal(self.name, number, (SEGMENT,))
-            self._kept[number] = np.fft.fft(spectrum)
-        return self._kept[number]
+            self._spectra[number] = np.fft.fft(spectrum)
+        return self._spectra[number]
 
     @property
     def _powers(self) -> np.ndarray:

@@ -82,9 +82,9 @@ def through(
     UInt32 = backend.UInt32
     lanes = dr.arange(UInt32, rows * antennas)
     antenna = lanes % dr.opaque(UInt32, antennas)
-    inputs = [work.flat(each) for each in ([clean] if changed is clean else [clean, changed])]
+    inputs = [work.flat(samples) for samples in ([clean] if changed is clean else [clean, changed])]
     fixed = work.flat(reference)
-    each_row, each_antenna = (
+    row_constants, antenna_offsets = (
         dr.gather(backend.arrays.Array2f, work.flat(a), i) for a, i in ((constants, lanes), (offsets, antenna))
     )
     place = lanes + dr.opaque(UInt32, first_row * antennas)
@@ -92,18 +92,18 @@ def through(
     packets = dr.opaque(UInt32, count // work.size)
 
     def step(i: Any, state: list[Pair], sums: list[Any]) -> tuple[Any, list[Pair], list[Any]]:
-        here, sums = lanes * packets + i, list(sums)
-        before, *after = (work.read(values, here) for values in inputs)
+        packet, sums = lanes * packets + i, list(sums)
+        before, *after = (work.read(values, packet) for values in inputs)
         level = work.read(fixed, antenna * packets + i)
-        made: list[Any] = []
+        parts: list[Any] = []
         for k in range(work.size):
             sample, state = work.stage(i * work.size + k, place, (after or [before])[0][k], state)
-            sample = tuple(a + (b + c) for a, b, c in zip(sample, each_row, each_antenna, strict=True))
-            final = work.converted(sample, each_antenna, sums)
-            made += final
+            sample = tuple(a + (b + c) for a, b, c in zip(sample, row_constants, antenna_offsets, strict=True))
+            final = work.converted(sample, antenna_offsets, sums)
+            parts += final
             sums[0] += _power(a - b for a, b in zip(before[k], level[k], strict=True))
-            sums[1] += _power(a - b - c for a, b, c in zip(final, before[k], each_antenna, strict=True))
-        dr.scatter(out, work.packet(*made), here)
+            sums[1] += _power(a - b - c for a, b, c in zip(final, before[k], antenna_offsets, strict=True))
+        dr.scatter(out, work.packet(*parts), packet)
         return i + 1, state, sums
 
     state = work.beginning(place)
@@ -116,7 +116,7 @@ def through(
         mode="symbolic",
     )
     dr.eval(out, sums)
-    clean_w, added_w, peak, clipped, input_w, lost = (np.array(each.numpy()).reshape(rows, antennas) for each in sums)
+    clean_w, added_w, peak, clipped, input_w, lost = (np.array(part.numpy()).reshape(rows, antennas) for part in sums)
     return Received(
         samples=np.asarray(out.numpy()).view(np.complex64).reshape(clean.shape),
         clean_w=clean_w,
@@ -146,8 +146,8 @@ class _Work:
             self._factors = [self._opaque(x) for x in (direct.real, direct.imag, image.real, image.imag)]
         if stages.flicker is not None:
             scale = math.sqrt(stages.flicker_w)
-            self._poles = [self._opaque(each) for each in stages.flicker.poles]
-            self._gains = [self._opaque(each) for each in scale * stages.flicker.gains]
+            self._poles = [self._opaque(pole) for pole in stages.flicker.poles]
+            self._gains = [self._opaque(gain) for gain in scale * stages.flicker.gains]
             self._begin = [
                 [self._opaque(x) for x in row[: k + 1]] for k, row in enumerate(scale * stages.flicker.begin)
             ]
@@ -168,8 +168,8 @@ class _Work:
         """The samples of a packet."""
         import drjit as dr
 
-        found = dr.gather(self.packet, values, place)
-        return [(found[2 * k], found[2 * k + 1]) for k in range(self.size)]
+        packet = dr.gather(self.packet, values, place)
+        return [(packet[2 * k], packet[2 * k + 1]) for k in range(self.size)]
 
     def _drawn(self, sample: Any, place: Any) -> tuple[list[Any], list[Any]]:
         """Words for two normal numbers."""
@@ -222,8 +222,8 @@ class _Work:
             return sample
         step, per_step, lowest, highest = self._steps
         sums[2] = dr.maximum(sums[2], dr.maximum(abs(sample[0]), abs(sample[1])))
-        codes, alone = ([dr.round(each * per_step) for each in pair] for pair in (sample, constant))
-        inside = [dr.clip(each, lowest, highest) for each in codes]
+        codes, alone = ([dr.round(part * per_step) for part in pair] for pair in (sample, constant))
+        inside = [dr.clip(code, lowest, highest) for code in codes]
         clipped = (codes[0] != inside[0]) | (codes[1] != inside[1])
         lost = (codes[0] == alone[0]) & (codes[1] == alone[1])
         one, none = self.backend.Float32(1), self.backend.Float32(0)
