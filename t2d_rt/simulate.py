@@ -165,44 +165,46 @@ def simulate_radars(
     """
     if "radar" in options:
         raise InputError(f"radars takes the place of radar, got radar {shown(options['radar'])} as well; leave it out")
-    some = [radar_named(each) for each in instance("radars", radars, (list, tuple), "a list of radars")]
-    if not some or not all(isinstance(each, Radar) for each in some):
+    named_radars = [radar_named(radar) for radar in instance("radars", radars, (list, tuple), "a list of radars")]
+    if not named_radars or not all(isinstance(radar, Radar) for radar in named_radars):
         raise InputError(f"radars must be a list of Radars or their names, at least one, got {shown(radars)}")
     flag("interference", interference)
-    targets, noise = placed_targets(target, some[0]), options.pop("noise", "none")
+    targets, noise = placed_targets(target, named_radars[0]), options.pop("noise", "none")
     if interference and noise == "none":
         raise InputError("interference comes with a receiver's noise; give noise, such as 'receiver', or leave it out")
-    _check_one_start(targets, some)
+    _check_one_start(targets, named_radars)
     if starts_s is not None and not interference:
         raise InputError("starts_s tells when radars hear one another; give interference=True as well, or leave it out")
     began_s = (
         None
         if starts_s is None
-        else array("starts_s", starts_s, (len(some),), limit=LATEST_S, unit="s", hint="give one instant for each radar")
+        else array(
+            "starts_s", starts_s, (len(named_radars),), limit=LATEST_S, unit="s", hint="give one instant for each radar"
+        )
     )
-    found = []
-    for number, radar in enumerate(some):
-        own = noise_named(noise, radar)
-        if isinstance(own, Receiver):
-            seed = integer("seed", options.get("seed", 0)) if own.seed is None else own.seed
+    recordings = []
+    for number, radar in enumerate(named_radars):
+        receiver = noise_named(noise, radar)
+        if isinstance(receiver, Receiver):
+            seed = integer("seed", options.get("seed", 0)) if receiver.seed is None else receiver.seed
             others = [
                 heard(other, radar, None if began_s is None else float(began_s[place] - began_s[number]))
-                for place, other in enumerate(some)
+                for place, other in enumerate(named_radars)
                 if interference and place != number
             ]
-            own = own.replace(interferers=[*own.interferers, *others], seed=seed + number * NEXT_SEED)
-        found.append(simulate(targets, radar=radar, noise=own, **options))
-    return found
+            receiver = receiver.replace(interferers=[*receiver.interferers, *others], seed=seed + number * NEXT_SEED)
+        recordings.append(simulate(targets, radar=radar, noise=receiver, **options))
+    return recordings
 
 
 def _check_one_start(targets: Sequence[TargetLike], radars: Sequence[Radar]) -> None:
     """Refuses radars whose records would begin at different instants, as each record's clock begins at 0."""
-    known_s = [float(each.times_s[0]) for each in targets if not isinstance(each, Mover)]
-    tracks_s = [known_s if each.track is None else [*known_s, each.track.times_s[0]] for each in radars]
-    starts_s = [max(each, default=0.0) for each in tracks_s]
+    known_s = [float(target.times_s[0]) for target in targets if not isinstance(target, Mover)]
+    tracks_s = [known_s if radar.track is None else [*known_s, radar.track.times_s[0]] for radar in radars]
+    starts_s = [max(track_s, default=0.0) for track_s in tracks_s]
     if len(set(starts_s)) > 1:
         raise InputError(
-            f"records of several radars begin at one instant, got {', '.join(f'{each:.6g}' for each in starts_s)} s, where tracks "
+            f"records of several radars begin at one instant, got {', '.join(map('{:.6g}'.format, starts_s))} s, where tracks "
             "and targets are first known; give tracks that begin no later than the targets"
         )
 
@@ -214,13 +216,13 @@ def run(
 ) -> Recording:  # fmt: skip
     """The recording of an experiment, whose file names are relative to the working directory; or that of a recording again.
     It keeps its own accuracy unless another one is given: the same samples, bit for bit, on the same machine."""
-    experiment, inputs, accuracy, known = again(experiment, accuracy, tolerance_db)
+    experiment, inputs, accuracy, known_settings = again(experiment, accuracy, tolerance_db)
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, experiment.method)
     checked_split(split)
     with one_blas_thread:
         setup = set_up_stored(experiment, inputs, device=device, memory_gb=memory_gb)
-        recording = recorded(setup, wanted, device, progress, split or known.get("split"))
-    recording.settings |= {**known, **recording.settings}
+        recording = recorded(setup, wanted, device, progress, split or known_settings.get("split"))
+    recording.settings |= {**known_settings, **recording.settings}
     return recording
 
 
@@ -301,8 +303,8 @@ def summed(prepared: Prepared, device: Device, progress: Progress | None, into: 
     into = into or PartCubes(None, prepared.model)
     cube, radar, parts = into.whole, prepared.model.radar, prepared.parts
     always = {"tolerance_db": prepared.synthesis_error_db, "device": device, "memory": prepared.model.memory}
-    for part, told in zip(parts, split_progress(progress, len(parts)), strict=True):
-        options: dict[str, Any] = always | {"onto": cube, "progress": told, "parts": into.of(part)}
+    for part, part_progress in zip(parts, split_progress(progress, len(parts)), strict=True):
+        options: dict[str, Any] = always | {"onto": cube, "progress": part_progress, "parts": into.of(part)}
         if part.repeats is not None:
             cube = add_repeated(part, radar, **options)
             continue

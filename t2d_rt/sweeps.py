@@ -125,13 +125,13 @@ class Sweep:
 
     def _rows_of_parts(self, parts: xr.Dataset) -> list[str]:
         """The strongest parts, a column for each recording."""
-        own, labels = _strongest(parts), [point.label for point in self.points]
+        strongest, labels = _strongest(parts), [point.label for point in self.points]
         rows = [["", *labels]]
-        for name in own.part.values:
-            cells = [own.isel(recording=number).sel(part=name) for number in range(len(labels))]
-            rows.append([name, *(_part_cell(each, with_fraction=True) for each in cells)])
+        for name in strongest.part.values:
+            cells = [strongest.isel(recording=number).sel(part=name) for number in range(len(labels))]
+            rows.append([name, *(_part_cell(cell, with_fraction=True) for cell in cells)])
         widths = [max(len(row[k]) for row in rows) + 2 for k in range(len(rows[0]))]
-        left_out = parts.sizes["part"] - own.sizes["part"]
+        left_out = parts.sizes["part"] - strongest.sizes["part"]
         return [
             "level of each part [dB re 1 W] or its difference from the first [dB], the fraction where no part is stronger",
             *("".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows),
@@ -159,7 +159,7 @@ class Sweep:
             for row, part in enumerate(parts.part.values):
                 values = [float(parts[name][number, row]) for name in names]
                 if not math.isnan(values[0]):
-                    numbers = ("" if math.isnan(each) else f"{each:.6g}" for each in values)
+                    numbers = ("" if math.isnan(value) else f"{value:.6g}" for value in values)
                     writer.writerow([point.file, *point.fields.values(), part, *numbers])
         return text.getvalue()
 
@@ -170,7 +170,10 @@ class Sweep:
 
     def plot(self, title: str | None = None, *, dynamic_range_db: float = 50.0, width_in: float = 7.0) -> Figure:
         """Spectrograms side by side on one scale, whose top is the greatest level of all [dB re 1 W]."""
-        images = [(each.velocity_mps.values, each.time_s.values, each.values) for each in self.spectrograms]
+        images = [
+            (spectrogram.velocity_mps.values, spectrogram.time_s.values, spectrogram.values)
+            for spectrogram in self.spectrograms
+        ]
         counts = [len({point.fields[name] for point in self.points}) for name in self.points[0].fields]
         columns = counts[-1] if len(counts) == 2 and counts[-1] <= 5 else None
         style = Style(dynamic_range_db=dynamic_range_db, width_in=width_in)
@@ -179,20 +182,20 @@ class Sweep:
     def plot_parts(self, title: str | None = None, *, width_in: float = 7.0) -> Figure:
         """The strongest parts of each recording: their levels' differences from the first [dB], whose own levels are written, and
         the fraction of their power where no other part is stronger."""
-        own, labels = _strongest(self._parts()), [point.label for point in self.points]
-        names = [drawable("names", str(each).replace("_", " ")) for each in own.part.values]
+        strongest, labels = _strongest(self._parts()), [point.label for point in self.points]
+        names = [drawable("names", str(value).replace("_", " ")) for value in strongest.part.values]
         figure = blank_figure(checked_width(width_in), 1.3 + 0.2 * len(names))
         left, right = figure.subplots(1, 2, sharey=True)
-        change_db, fraction = own.level_difference_db.values.T.copy(), own.strongest_fraction.values.T
+        change_db, fraction = strongest.level_difference_db.values.T.copy(), strongest.strongest_fraction.values.T
         change_db[:, 0] = np.nan  # the first one's levels are written, and differ from nothing
         written = [
-            [_part_cell(own.isel(part=row, recording=k)) for k in range(len(labels))] for row in range(len(names))
+            [_part_cell(strongest.isel(part=row, recording=k)) for k in range(len(labels))] for row in range(len(names))
         ]
         limit_db = max(LEAST_LIMIT_DB, float(np.nanmax(np.abs(change_db), initial=0)))
         _draw_cells(
             left, change_db, written, labels, "RdBu_r", (-limit_db, limit_db), "Difference of level from the first [dB]"
         )
-        written = [["" if np.isnan(each) else f"{each:.2f}" for each in row] for row in fraction]
+        written = [["" if np.isnan(cell) else f"{cell:.2f}" for cell in row] for row in fraction]
         _draw_cells(right, fraction, written, labels, "cividis", (0, 1), "Fraction of power where it is the strongest")
         left.set_yticks(range(len(names)), names, fontsize=7, parse_math=False)
         if title is not None:
@@ -234,14 +237,14 @@ def sweep(
             raise InputError("the recording was measured and has no experiment; give an Experiment")
         # A tolerance chooses what is not given: the recorded accuracy would leave it nothing to choose.
         if experiment.accuracy is not None and tolerance_db is None and "tolerance_db" not in vary:
-            accuracy = {**experiment.accuracy.model_dump(mode="json"), **_given(accuracy)}
+            accuracy = {**experiment.accuracy.model_dump(mode="json"), **_accuracy_fields(accuracy)}
         inputs, experiment = experiment.inputs, experiment.experiment
     if not isinstance(experiment, Experiment):
         instance("experiment", experiment, Mapping, "an Experiment, a Recording or a mapping of an experiment's fields")
         experiment = Experiment.model_validate(experiment)
-    given = {"accuracy": _given(accuracy), "tolerance_db": tolerance_db, "signal": dict(processing or {})}
+    settings = {"accuracy": _accuracy_fields(accuracy), "tolerance_db": tolerance_db, "signal": dict(processing or {})}
     checked_split(split)
-    points, place = _points(experiment, vary, given), file_path("folder", folder)
+    points, place = _points(experiment, vary, settings), file_path("folder", folder)
     keys = [_key(point, inputs, split) for point in points]
     _check_folder(place, points, keys)
     place.mkdir(exist_ok=True)
@@ -252,14 +255,16 @@ def sweep(
     for number, (point, key) in enumerate(zip(points, keys, strict=True)):
         target = place / point.file
         if not target.exists():
-            told = _progress(progress, number, points)
+            report = _progress(progress, number, points)
             try:
-                alike = next((each for each in points[:number] if _same_samples(each, point)), None)
-                made = Recording.load(place / alike.file) if alike else _simulated(point, inputs, split, device, told)
-                made.processing.clear()
-                made = made.processed(**point.signal)
-                made.settings["sweep"] = key
-                made.save(target)
+                alike = next((earlier for earlier in points[:number] if _same_samples(earlier, point)), None)
+                record = (
+                    Recording.load(place / alike.file) if alike else _simulated(point, inputs, split, device, report)
+                )
+                record.processing.clear()
+                record = record.processed(**point.signal)
+                record.settings["sweep"] = key
+                record.save(target)
             except KeyboardInterrupt as stopped:
                 stopped.add_note(f"{place} holds {number} of {len(points)} recordings; the same command goes on")
                 raise
@@ -269,16 +274,16 @@ def sweep(
         images.append(recording.spectrogram)
         if split is not None:
             levels.append(recording.parts.levels())
-    comparable = [not math.isnan(each["level_difference_db"]) for each in measures]
-    found = Sweep(
+    comparable = [not math.isnan(measure["level_difference_db"]) for measure in measures]
+    result = Sweep(
         folder=place, points=tuple(points), measures=tuple(measures), spectrograms=tuple(images),
         parts=_compared(levels, comparable) if levels else None,
     )  # fmt: skip
-    tables = {TABLE: found.table()} | ({PARTS_TABLE: found.parts_table()} if levels else {})
+    tables = {TABLE: result.table()} | ({PARTS_TABLE: result.parts_table()} if levels else {})
     for name, text in tables.items():
         with replacing(place / name, lambda: None) as new:
             new.write_text(text, encoding="utf-8")
-    return found
+    return result
 
 
 def _compared(levels: Sequence[xr.Dataset], comparable: Sequence[bool]) -> xr.Dataset:
@@ -286,13 +291,15 @@ def _compared(levels: Sequence[xr.Dataset], comparable: Sequence[bool]) -> xr.Da
     import xarray as xr
 
     # The one person's segments are those of a person among other targets.
-    plain = [
-        each.assign_coords(part=[str(name).removeprefix("person: ") for name in each.part.values]) for each in levels
+    unprefixed = [
+        level.assign_coords(part=[str(name).removeprefix("person: ") for name in level.part.values]) for level in levels
     ]
-    names = dict.fromkeys(name for each in plain for name in each.part.values)
-    found = xr.concat([each.reindex(part=list(names)) for each in plain], dim="recording", combine_attrs="override")
-    differences = (found.level_db - found.level_db[0]).where(xr.DataArray(list(comparable), dims="recording"))
-    return found.assign(level_difference_db=differences.assign_attrs(units="dB")).assign_coords(
+    names = dict.fromkeys(name for part_levels in unprefixed for name in part_levels.part.values)
+    combined = xr.concat(
+        [part_levels.reindex(part=list(names)) for part_levels in unprefixed], dim="recording", combine_attrs="override"
+    )
+    differences = (combined.level_db - combined.level_db[0]).where(xr.DataArray(list(comparable), dims="recording"))
+    return combined.assign(level_difference_db=differences.assign_attrs(units="dB")).assign_coords(
         recording=range(len(levels))
     )
 
@@ -308,8 +315,8 @@ def _part_cell(of: xr.Dataset, *, with_fraction: bool = False) -> str:
     level_db, change_db = float(of.level_db), float(of.level_difference_db)
     if math.isnan(level_db):
         return ""
-    told = f"{level_db:.1f}" if math.isnan(change_db) or not of.recording else f"{change_db:+.1f}"
-    return f"{told} ({float(of.strongest_fraction):.2f})" if with_fraction else told
+    text = f"{level_db:.1f}" if math.isnan(change_db) or not of.recording else f"{change_db:+.1f}"
+    return f"{text} ({float(of.strongest_fraction):.2f})" if with_fraction else text
 
 
 def _draw_cells(
@@ -324,11 +331,11 @@ def _draw_cells(
             hue = "white" if dark and np.isfinite(values[row, column]) else "black"
             axes.text(column, row, written[row][column], ha="center", va="center", fontsize=6, color=hue)
     upright = len(labels) > MOST_WRITTEN
-    told = [
-        drawable("labels", each) if upright else textwrap.fill(drawable("labels", each), 50 // len(labels))
-        for each in labels
+    tick_labels = [
+        drawable("labels", label) if upright else textwrap.fill(drawable("labels", label), 50 // len(labels))
+        for label in labels
     ]
-    axes.set_xticks(range(len(labels)), told, fontsize=7, rotation=90 * upright, parse_math=False)
+    axes.set_xticks(range(len(labels)), tick_labels, fontsize=7, rotation=90 * upright, parse_math=False)
     axes.set_title(title, fontsize=8)
 
 
@@ -345,51 +352,51 @@ def _simulated(point: Point, inputs: Inputs, split: Split | None, device: Device
         return recorded(setup, wanted, device, shown_progress(progress, point.label), split)
 
 
-def _points(experiment: Experiment, vary: Any, given: Mapping[str, Any]) -> list[Point]:
+def _points(experiment: Experiment, vary: Any, settings: Mapping[str, Any]) -> list[Point]:
     """All combinations, the last field changing first; `given` are accuracy, tolerance and options of the spectrogram."""
     axes = []
     for name, values in vary.items():
         if isinstance(values, (str, Mapping)) or not isinstance(values, (Sequence, np.ndarray)) or not len(values):
             raise InputError(f"the values of {name} must be a list of at least one, got {shown(values)}")
-        plain = [_plain(name, each) for each in values]
-        texts = _texts(name, plain)
-        if any(one == two for one, two in itertools.combinations(plain, 2)):
+        plain_values = [_as_in_yaml(name, value) for value in values]
+        texts = _texts(name, plain_values)
+        if any(one == two for one, two in itertools.combinations(plain_values, 2)):
             raise InputError(f"the values of {name} must differ, got {', '.join(texts)}; give each once")
-        axes.append([(name, value, text) for value, text in zip(plain, texts, strict=True)])
+        axes.append([(name, value, text) for value, text in zip(plain_values, texts, strict=True)])
     count = math.prod(map(len, axes))
     if count > MOST_POINTS:
         raise InputError(f"a sweep takes at most {MOST_POINTS} recordings, got {count}; give fewer values")
     points = []
     for number, chosen in enumerate(itertools.product(*axes)):
-        values = {**experiment.model_dump(mode="json"), **copy.deepcopy(dict(given))}
+        values = {**experiment.model_dump(mode="json"), **copy.deepcopy(dict(settings))}
         for name, value, _ in chosen:
             _set(values, name, value)
         if isinstance(values["targets"], list):
-            values["targets"] = [each for each in values["targets"] if each is not None]
-        own = {name: values.pop(name) for name in BESIDE}
-        Accuracy.model_validate(own["accuracy"])
+            values["targets"] = [target for target in values["targets"] if target is not None]
+        beside = {name: values.pop(name) for name in BESIDE}
+        Accuracy.model_validate(beside["accuracy"])
         of = Experiment.model_validate(values)
-        check_names(own["signal"])
-        check_processing(of.radar, CHECKED_CHIRPS, own["signal"])
+        check_names(beside["signal"])
+        check_processing(of.radar, CHECKED_CHIRPS, beside["signal"])
         texts = [text for *_, text in chosen]
         name = re.sub(r"[^A-Za-z0-9.+-]+", "_", "_".join(texts)).strip("_")[:80]
         points.append(
             Point(
                 fields={name: text for name, _, text in chosen},
                 experiment=of,
-                **own,
+                **beside,
                 file=f"{number:03}_{name}.zarr",  # as many digits for any count, so that a sweep can grow
             )
         )
     return points
 
 
-def _given(accuracy: Accuracy | Mapping[str, Any] | None) -> dict[str, Any]:
+def _accuracy_fields(accuracy: Accuracy | Mapping[str, Any] | None) -> dict[str, Any]:
     """Fields of an accuracy that are given."""
     return accuracy.model_dump(exclude_unset=True) if isinstance(accuracy, Accuracy) else dict(accuracy or {})
 
 
-def _plain(name: str, value: Any) -> Any:
+def _as_in_yaml(name: str, value: Any) -> Any:
     """A value as it stands in YAML; movers with all of their fields."""
     of_mover = isinstance(value, Mapping) and value.get("kind") in kind_names()
     if of_mover or (isinstance(value, str) and re.fullmatch(r"targets\.\d+", name)):
@@ -402,8 +409,11 @@ def _plain(name: str, value: Any) -> Any:
 def _texts(name: str, values: Sequence[Any]) -> list[str]:
     """What tells the values of a field apart: of targets their kinds and the fields that differ."""
     leaf = name.rpartition(".")[2]
-    numbers = [each for each in values if isinstance(each, (int, float))]
-    digits = next((each for each in range(6, 17) if len({f"{x:.{each}g}" for x in numbers}) == len(set(numbers))), 17)
+    numbers = [number for number in values if isinstance(number, (int, float))]
+    digits = next(
+        (n for n in range(6, 17) if len({f"{x:.{n}g}" for x in numbers}) == len(set(numbers))),
+        17,
+    )
 
     def text(value: Any) -> str:
         if value is None:
@@ -411,13 +421,13 @@ def _texts(name: str, values: Sequence[Any]) -> list[str]:
         if not isinstance(value, Mapping):
             number = isinstance(value, (int, float)) and not isinstance(value, bool)
             return f"{leaf} {value:.{digits}g}" if number else value if isinstance(value, str) else f"{leaf} {value}"
-        alike = [each for each in values if isinstance(each, Mapping) and each.get("kind") == value.get("kind")]
-        differs = [key for key in value if any(each.get(key) != value[key] for each in alike)]
+        alike = [other for other in values if isinstance(other, Mapping) and other.get("kind") == value.get("kind")]
+        differs = [key for key in value if any(other.get(key) != value[key] for other in alike)]
         noun = str(value.get("animal") or value.get("kind") or leaf)
-        told = [
+        details = [
             value[key] if isinstance(value[key], str) else f"{key} {value[key]}" for key in differs if key != "animal"
         ]
-        return " ".join([noun, *map(str, told)]).replace(".0 ", " ").removesuffix(".0")
+        return " ".join([noun, *map(str, details)]).replace(".0 ", " ").removesuffix(".0")
 
     return [text(value) for value in values]
 
@@ -455,15 +465,15 @@ def _inside(place: Any, part: str) -> Any:
 def _key(point: Point, inputs: Inputs, split: Split | None) -> str:
     """Hash of all that a recording depends on, the content of files included."""
     of, store = point.experiment, Store({})
-    targets = [placed(each, of.radar) if isinstance(each, Motion) else each for each in of.targets_from(inputs)]
+    targets = [placed(target, of.radar) if isinstance(target, Motion) else target for target in of.targets_from(inputs)]
     named = of.scene_from(inputs)
     if isinstance(named, str):
         scene = None if named == "free_space" else load_scene(named, frequency_hz=of.radar.mid_frequency_hz)
     else:
         scene = named
-    told = [of.stored_with(targets, scene, store).hash, point.accuracy, point.tolerance_db, point.signal, versions()]
-    told += [] if split is None else [split]
-    return hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()[:32]
+    hashed = [of.stored_with(targets, scene, store).hash, point.accuracy, point.tolerance_db, point.signal, versions()]
+    hashed += [] if split is None else [split]
+    return hashlib.sha256(json.dumps(hashed, sort_keys=True, default=str).encode()).hexdigest()[:32]
 
 
 def _check_folder(folder: Path, points: Sequence[Point], keys: Sequence[str]) -> None:
@@ -473,16 +483,16 @@ def _check_folder(folder: Path, points: Sequence[Point], keys: Sequence[str]) ->
         return
     if not folder.is_dir():
         raise InputError(f"{folder} is a file and a sweep is a folder; choose another name")
-    known = {point.file: key for point, key in zip(points, keys, strict=True)}
+    keys_by_file = {point.file: key for point, key in zip(points, keys, strict=True)}
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or path.name in (TABLE, *PICTURES, PARTS_TABLE, *PARTS_PICTURES):
             continue
-        if path.name not in known:
+        if path.name not in keys_by_file:
             raise InputError(f"{folder} holds {path.name}, which is not of this sweep; choose another folder")
-        made = Recording.load(path)
-        if made.settings.get("sweep") != known[path.name]:
-            other = [f"{name} {value}" for name, value in made.versions.items() if versions().get(name) != value]
-            why = f"by other versions ({', '.join(other)})" if other else "of another experiment, file or setting"
+        recording = Recording.load(path)
+        if recording.settings.get("sweep") != keys_by_file[path.name]:
+            changed = [f"{name} {value}" for name, value in recording.versions.items() if versions().get(name) != value]
+            why = f"by other versions ({', '.join(changed)})" if changed else "of another experiment, file or setting"
             raise InputError(f"{path} was made {why}; choose another folder, or delete it")
     for point in points:
         check_place(folder / point.file, overwrite=True)
@@ -497,21 +507,21 @@ def _progress(progress: Any, number: int, points: Sequence[Point]) -> Any:
 def _measures(recording: Recording, first: Recording | None) -> dict[str, float]:
     """Measures of a recording and differences from the first, None for the first itself, by the names in `MEASURES`."""
     image = recording.spectrogram.values
-    own = figures(recording)
-    found = {
+    main_figures = figures(recording)
+    measures = {
         "level_db": 10 * math.log10(np.mean(10 ** (image / 10))),
         "peak_db": float(image.max()),
-        "torso_speed_mps": own.torso_speed_mps,
-        "limb_speed_mps": own.limb_speed_mps,
+        "torso_speed_mps": main_figures.torso_speed_mps,
+        "limb_speed_mps": main_figures.limb_speed_mps,
     }
     if first is None:
-        return found | {"level_difference_db": 0.0, "mean_difference_db": 0.0, "field_difference_db": -math.inf}
+        return measures | {"level_difference_db": 0.0, "mean_difference_db": 0.0, "field_difference_db": -math.inf}
     if not same_axes(first, recording):
-        return found | dict.fromkeys(DIFFERENCES, math.nan)
-    seen = compare(first, recording)
-    return found | {
-        "level_difference_db": seen.level_difference_db,
-        "mean_difference_db": seen.mean_difference_db,
+        return measures | dict.fromkeys(DIFFERENCES, math.nan)
+    comparison = compare(first, recording)
+    return measures | {
+        "level_difference_db": comparison.level_difference_db,
+        "mean_difference_db": comparison.mean_difference_db,
         "field_difference_db": field_difference_db(first, recording),
     }
 

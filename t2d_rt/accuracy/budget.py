@@ -66,10 +66,10 @@ class Total:
     @classmethod
     def of(cls, parts: Iterable[Omission]) -> Total:
         """Of what is left out."""
-        taken, margins = [each for each in parts if each.taken], dict[str, float]()
-        for each in taken:
-            margins[each.law] = margins.get(each.law, 0.0) + each.margin
-        return cls(sum(each.energy for each in taken), margins)
+        omitted, margins = [part for part in parts if part.taken], dict[str, float]()
+        for omission in omitted:
+            margins[omission.law] = margins.get(omission.law, 0.0) + omission.margin
+        return cls(sum(omission.energy for omission in omitted), margins)
 
     def __add__(self, other: Total) -> Total:
         laws = self.margins.keys() | other.margins.keys()
@@ -122,14 +122,14 @@ class Budget:
     @cached_property
     def _meshes(self) -> list[tuple[float, FacetLaw]]:
         """Phase sagitta [rad] of each mesh's facets at a scale of 1, and their law."""
-        found = []
+        meshes = []
         for mesh in self.model.geometries:
             if isinstance(mesh, MovingMesh):
-                own = float(np.max(sagitta_rad(mesh, self.given.replace(sagitta_scale=1.0))))
-                sagitta = BODY_SAGITTA_RAD if mesh.curved and self.given.sagitta_rad is None else own
+                own_sagitta = float(np.max(sagitta_rad(mesh, self.given.replace(sagitta_scale=1.0))))
+                sagitta = BODY_SAGITTA_RAD if mesh.curved and self.given.sagitta_rad is None else own_sagitta
                 bodies = self.laws.bodies.at_size(self._size(mesh), body=mesh.refined_as is not None)
-                found.append((sagitta, bodies if mesh.curved else self.laws.smooth))
-        return found
+                meshes.append((sagitta, bodies if mesh.curved else self.laws.smooth))
+        return meshes
 
     @cached_property
     def unsure(self) -> bool:
@@ -139,7 +139,7 @@ class Budget:
 
     def facet_count(self, scale: float) -> float:
         """About how many facets all meshes have at a sagitta scale."""
-        return sum(each.at(scale) for each in self.counts)
+        return sum(count.at(scale) for count in self.counts)
 
     def _size(self, mesh: MovingMesh) -> float:
         """Height or length of a mesh over the wavelength."""
@@ -147,16 +147,16 @@ class Budget:
 
     def facets(self, tier: PathTier, scale: float) -> tuple[float, FacetLaw]:
         """Phase sagitta [rad] of the facets that err most over a tier's paths at a sagitta scale, and their law."""
-        found = []
-        for own, law in self._meshes:
-            finest = own * scale
-            found.append((max(finest, min(tier.sagitta_scale * finest, tier.greatest_sagitta_rad)), law))
-        return max(found, key=lambda each: each[1].error_db(each[0]), default=(math.nan, self.laws.bodies))
+        facets = []
+        for mesh_sagitta, law in self._meshes:
+            finest = mesh_sagitta * scale
+            facets.append((max(finest, min(tier.sagitta_scale * finest, tier.greatest_sagitta_rad)), law))
+        return max(facets, key=lambda facet: facet[1].error_db(facet[0]), default=(math.nan, self.laws.bodies))
 
     @cached_property
     def power(self) -> np.ndarray:
         """Power of each ranked path pair over that of all of them (P,)."""
-        power = 10 ** (np.array([each.mean_db for each in self.model.ranked]) / 10)
+        power = 10 ** (np.array([pair.mean_db for pair in self.model.ranked]) / 10)
         return power / power.sum() if len(power) else np.ones(1)
 
     def omissions(self, accuracy: Accuracy) -> list[Omission]:
@@ -193,14 +193,14 @@ class Budget:
             return []
         untraced = {
             (pair.out.key, pair.back.key)
-            for tier, some in pairs.by_tier(accuracy)
+            for tier, tier_pairs in pairs.by_tier(accuracy)
             if tier.visibility != "occlusion" and not self.by_limbs(tier)
-            for pair in some
+            for pair in tier_pairs
         }
         count = len(untraced)
         if not count:
             return []
-        missing = np.array([(each.pair.out.key, each.pair.back.key) in untraced for each in self.model.ranked])
+        missing = np.array([(entry.pair.out.key, entry.pair.back.key) in untraced for entry in self.model.ranked])
         law, of_power = self.laws.occlusion, self.laws.pairs
         what = f"{OCCLUSION} over {count} path pair{'s' * (count > 1)}"
         level_db = self._occluded.level_db(missing) + law.mean_db + of_power.mean_db
@@ -233,14 +233,14 @@ class Budget:
             yield accuracy.tiers[0], 1, 1.0
             return
         power, first = self._power_of(pairs.levels_db), 0
-        for tier, some in pairs.by_tier(accuracy):
-            yield tier, len(some), float(power[first : first + len(some)].sum())
-            first += len(some)
+        for tier, tier_pairs in pairs.by_tier(accuracy):
+            yield tier, len(tier_pairs), float(power[first : first + len(tier_pairs)].sum())
+            first += len(tier_pairs)
 
     def _power_of(self, levels_db: Sequence[float]) -> np.ndarray:
         """Power of path pairs of these levels over that of all of them."""
         power: np.ndarray = 10 ** (np.array(levels_db) / 10)
-        return power / sum(10 ** (each.mean_db / 10) for each in self.model.ranked)
+        return power / sum(10 ** (pair.mean_db / 10) for pair in self.model.ranked)
 
     @property
     def of_bodies(self) -> bool:
@@ -253,33 +253,35 @@ class Budget:
 
     def of_tiers(self, tiers: Sequence[tuple[PathTier, int, float]], scale: float) -> list[Omission]:
         """What facets of a sagitta scale, ellipsoids and path pairs left out cost, for what `tiers` gives."""
-        found, kept, count = [], 0.0, 0
+        omissions, kept_power, count = [], 0.0, 0
         for number, (tier, pairs, power) in enumerate(tiers):
-            kept, count = kept + power, count + pairs
+            kept_power, count = kept_power + power, count + pairs
             level_db = db(power) + (self.laws.pairs.mean_db if number else 0.0)
             over = "" if self.model.scene is None else f" over {pairs} path pair{'s' * (pairs > 1)}"
             if self.by_limbs(tier):
                 law = self.laws.limbs
                 what = f"the skin: limbs by ellipsoids{over}"
-                found.append(Omission(what, level_db + law.mean_db, law.scatter_db, law="limbs"))
+                omissions.append(Omission(what, level_db + law.mean_db, law.scatter_db, law="limbs"))
             elif self.counts:
                 if not number and self.of_bodies:
                     what = "the skin: limbs by ellipsoids"
-                    found.append(
+                    omissions.append(
                         Omission(what, level_db + self.laws.limbs.mean_db, self.laws.limbs.scatter_db, taken=False)
                     )
                 sagitta, of_facets = self.facets(tier, scale)
                 what = f"the curve of the skin between facets' corners{over}"
-                found.append(Omission(what, level_db + of_facets.error_db(sagitta), of_facets.scatter_db, law="facets"))
+                omissions.append(
+                    Omission(what, level_db + of_facets.error_db(sagitta), of_facets.scatter_db, law="facets")
+                )
                 if tier.patch_phase_scale > 1:
                     what = f"facets in larger patches{over}"
                     own_db = level_db + patches_db(tier.patch_phase_scale)
-                    found.append(Omission(what, own_db, PATCHES_SCATTER_DB, law="patches"))
+                    omissions.append(Omission(what, own_db, PATCHES_SCATTER_DB, law="patches"))
         if count < len(self.model.ranked):
-            left_db = db(1 - kept) + self.laws.pairs.mean_db
+            left_db = db(1 - kept_power) + self.laws.pairs.mean_db
             what = f"{len(self.model.ranked) - count} path pairs left out"
-            found.append(Omission(what, left_db, self.laws.pairs.scatter_db, law="pairs"))
-        return found
+            omissions.append(Omission(what, left_db, self.laws.pairs.scatter_db, law="pairs"))
+        return omissions
 
     def seconds(self, accuracy: Accuracy, clutter: Clutter = "none") -> float:
         """What a run takes, where the yardstick takes a second."""

@@ -128,9 +128,9 @@ def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter
     rough = rough_meshes(model)
     tiers: list[tuple[PathTier, int]] = [(accuracy.tiers[0], 1)]
     if pairs is not None:
-        tiers = [(tier, len(some)) for tier, some in pairs.by_tier(accuracy)]
+        tiers = [(tier, len(tier_pairs)) for tier, tier_pairs in pairs.by_tier(accuracy)]
     chirps = float(len(radar.chirp_times_s(length_s)) * radar.samples * radar.antennas)
-    found = dict.fromkeys(KINDS, 0.0) | {
+    units = dict.fromkeys(KINDS, 0.0) | {
         "call": 1.0,
         "ADC sample": chirps,
         "clutter": length_s if model.scene is not None and clutter != "none" else 0.0,
@@ -139,30 +139,30 @@ def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter
     for tier, count in tiers:
         by_ellipsoids = tier.scatterer == "ellipsoids"
         if model.method == "ellipsoid" or by_ellipsoids or not counts:
-            found["ellipsoids of a frame"] += frames * count / tier.decimation
+            units["ellipsoids of a frame"] += frames * count / tier.decimation
         if not by_ellipsoids:
-            facets = sum(each.of_tier(tier, accuracy.sagitta_scale) for each in counts)
-            found["refined facet"] += facets
-            found["facet of a path pair"] += facets * count
-            summed = sum(each.work * each.of_tier(tier, accuracy.sagitta_scale) for each in counts)
-            found["facet of a frame"] += frames * summed * count
-            found["diffuse point of a frame"] += frames * tier.diffuse_points * count * rough
-    found["refined facet"] += beside_facets(counts)
+            facets = sum(facet_count.of_tier(tier, accuracy.sagitta_scale) for facet_count in counts)
+            units["refined facet"] += facets
+            units["facet of a path pair"] += facets * count
+            summed = sum(facet_count.work * facet_count.of_tier(tier, accuracy.sagitta_scale) for facet_count in counts)
+            units["facet of a frame"] += frames * summed * count
+            units["diffuse point of a frame"] += frames * tier.diffuse_points * count * rough
+    units["refined facet"] += beside_facets(counts)
     if accuracy.occlusion and counts:
         vertices, between = mesh_vertices(model), 4.0**accuracy.visibility_subdivision - 1
-        found["occluding vertex"] = samples * vertices
-        found["ray"] = samples * vertices * places_of(model, accuracy)
-        found["point between vertices"] = found["ray"] * between
+        units["occluding vertex"] = samples * vertices
+        units["ray"] = samples * vertices * places_of(model, accuracy)
+        units["point between vertices"] = units["ray"] * between
     if pairs is not None:
         paths = {path.key for pair in pairs.pairs for path in (pair.out, pair.back)}
-        found["obstacle"] = samples / 2 * len(paths)
-        found["path pair"] = float(len(pairs.pairs))
-    return found
+        units["obstacle"] = samples / 2 * len(paths)
+        units["path pair"] = float(len(pairs.pairs))
+    return units
 
 
 def beside_facets(counts: Sequence[FacetCount]) -> float:
     """Refining the facets that hold diffuse points along with the others costs as much as this number of those."""
-    return MADE_ALONG * sum(each.of_points for each in counts)
+    return MADE_ALONG * sum(count.of_points for count in counts)
 
 
 def patches_of(facets: float) -> float:
@@ -234,7 +234,7 @@ def predicted_bytes(model: Model, accuracy: Accuracy, counts: Sequence[FacetCoun
 def rough_meshes(model: Model) -> int:
     """Number of meshes that have diffuse points."""
     materials = [target.material for target in model.modelled if target.mesh is not None]
-    return sum(is_rough(resolved(each, model.radar)) for each in materials)
+    return sum(is_rough(resolved(material, model.radar)) for material in materials)
 
 
 def parts_bytes(model: Model, parts: int) -> float:
@@ -259,11 +259,11 @@ def check_memory(prepared: Prepared, *, measured: bool, parts: int = 0) -> float
 
 
 def _summing_bytes(prepared: Prepared, measured: bool, parts: int) -> float:
-    model, each = prepared.model, prepared.parts
-    greatest = max(each, key=lambda some: some.echoes * SUMMED_BYTES + some.vertices * POSED_BYTES)
+    model, batches = prepared.model, prepared.parts
+    greatest = max(batches, key=lambda batch: batch.echoes * SUMMED_BYTES + batch.vertices * POSED_BYTES)
     # A surface has twice as many facets as vertices; these exist by now, but not the coarser ones of a measurement.
-    facets = 2 * max(some.vertices for some in each) / COARSER if measured else 0.0
-    tables = max((table_bytes(some.repeats, model.radar) for some in each if some.repeats), default=0.0)
+    facets = 2 * max(batch.vertices for batch in batches) / COARSER if measured else 0.0
+    tables = max((table_bytes(batch.repeats, model.radar) for batch in batches if batch.repeats), default=0.0)
     return memory_bytes(
         model, prepared.accuracy, echoes=greatest.echoes, vertices=greatest.vertices, facets=facets, measured=measured
     ) + max(tables, parts_bytes(model, parts))

@@ -52,8 +52,8 @@ class Chirps:
         step = max(1, radar.samples // SAMPLES)
         return cls(rows[order], antennas[order], begin[order], np.arange(step // 2, radar.samples, step))
 
-    def __getitem__(self, some: slice) -> Chirps:
-        return replace(self, rows=self.rows[some], antennas=self.antennas[some], starts_s=self.starts_s[some])
+    def __getitem__(self, chosen: slice) -> Chirps:
+        return replace(self, rows=self.rows[chosen], antennas=self.antennas[chosen], starts_s=self.starts_s[chosen])
 
     def instants_s(self, radar: Radar) -> np.ndarray:
         """First and last instant of each chirp [s] (2 K,)."""
@@ -104,16 +104,16 @@ def field(model: Model, accuracy: Accuracy, chirps: Chirps) -> np.ndarray:
 def of_cube(model: Model, cube: Cube, static: Sequence[Scatterer], chirps: Chirps) -> np.ndarray:
     """The same samples (K, S) of a cube, less the `static` echoes in it."""
     where = zip(chirps.rows, chirps.antennas, strict=True)
-    found = np.array([np.asarray(cube[int(row)])[antenna, chirps.samples] for row, antenna in where], complex)
+    samples = np.array([np.asarray(cube[int(row)])[antenna, chirps.samples] for row, antenna in where], complex)
     times_s = chirps.starts_s - model.span_s[0]
     for stream in static:
-        found -= between(stream, model.radar, times_s, chirps.rows, chirps.antennas, chirps.samples)
-    return found
+        samples -= between(stream, model.radar, times_s, chirps.rows, chirps.antennas, chirps.samples)
+    return samples
 
 
-def nmse_db(found: np.ndarray, expected: np.ndarray) -> float:
+def nmse_db(samples: np.ndarray, expected: np.ndarray) -> float:
     """Energy of the difference over that of what was expected [dB]."""
-    if np.array_equal(found, expected):
+    if np.array_equal(samples, expected):
         return -math.inf
-    wrong, all_of_it = (float(np.sum(np.abs(each) ** 2)) for each in (found - expected, expected))
+    wrong, all_of_it = (float(np.sum(np.abs(part) ** 2)) for part in (samples - expected, expected))
     return 10 * float(np.log10(max(wrong, 1e-300) / max(all_of_it, 1e-300)))

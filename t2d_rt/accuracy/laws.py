@@ -72,17 +72,17 @@ class FacetLaw:
     """Phase sagitta of the mesh itself, so counted, which nothing exceeds."""
 
     @classmethod
-    def of(cls, found: dict[str, Any]) -> FacetLaw:
+    def of(cls, fitted: dict[str, Any]) -> FacetLaw:
         """From what the fit wrote."""
-        sagitta, own, coarser = (np.array(found[name]) for name in ("sagitta_rad", "facets_db", "coarser_db"))
+        sagitta, facets_db, coarser = (np.array(fitted[name]) for name in ("sagitta_rad", "facets_db", "coarser_db"))
         return cls(
             sagitta,
-            own,
+            facets_db,
             coarser,
-            found["scatter_db"],
-            found["difference_scatter_db"],
-            found["ratio_scatter_db"],
-            found["correlation"],
+            fitted["scatter_db"],
+            fitted["difference_scatter_db"],
+            fitted["ratio_scatter_db"],
+            fitted["correlation"],
         )
 
     def at_size(self, size: float, *, body: bool) -> FacetLaw:
@@ -107,25 +107,25 @@ class FacetLaw:
 
     def error_db(self, sagitta_rad: float) -> float:
         """Error of facets of that phase sagitta."""
-        return self._at(self._seen(sagitta_rad), self.facets_db)
+        return self._at(self._equivalent_rad(sagitta_rad), self.facets_db)
 
     def difference_db(self, sagitta_rad: float) -> float:
         """Energy of what they differ by from facets of `COARSER` times the phase sagitta."""
-        own, other = self._seen(sagitta_rad), self._seen(COARSER * sagitta_rad)
-        if other > 0.999 * COARSER * own:
-            return self._at(own, self.coarser_db)
-        own_db, other_db = (self._at(each, self.facets_db) for each in (own, other))
+        own_rad, coarser_rad = self._equivalent_rad(sagitta_rad), self._equivalent_rad(COARSER * sagitta_rad)
+        if coarser_rad > 0.999 * COARSER * own_rad:
+            return self._at(own_rad, self.coarser_db)
+        own_db, other_db = (self._at(sagitta, self.facets_db) for sagitta in (own_rad, coarser_rad))
         return 10 * math.log10(max(10 ** (other_db / 10) - 10 ** (own_db / 10), 10 ** ((own_db + SAME_DB) / 10)))
 
-    def _seen(self, sagitta_rad: float) -> float:
+    def _equivalent_rad(self, sagitta_rad: float) -> float:
         """Phase sagitta at which facets of the fitted size err as much."""
         return min(self.size_scale * sagitta_rad, self.cage_rad)
 
     def _at(self, sagitta_rad: float, table_db: np.ndarray) -> float:
         """Between fitted phase sagittas; beyond them the amplitude of the error goes with the phase sagitta."""
-        known = self.sagitta_rad[: len(table_db)]
-        within = np.clip(sagitta_rad, known[0], known[-1])
-        between_db = np.interp(math.log10(within), np.log10(known), table_db)
+        fitted_rad = self.sagitta_rad[: len(table_db)]
+        within = np.clip(sagitta_rad, fitted_rad[0], fitted_rad[-1])
+        between_db = np.interp(math.log10(within), np.log10(fitted_rad), table_db)
         return float(min(between_db + 20 * math.log10(sagitta_rad / within), MOST_DB))
 
 
@@ -160,22 +160,22 @@ class Laws:
         return cls.of(json.loads(FILE.read_text()))
 
     @classmethod
-    def of(cls, found: dict[str, Any]) -> Laws:
+    def of(cls, fitted: dict[str, Any]) -> Laws:
         """From what the fit wrote."""
         edges, direct = (
-            {(each["rate_hz"], each["subdivision"]): Law(each["mean_db"], each["scatter_db"]) for each in found[name]}
+            {(row["rate_hz"], row["subdivision"]): Law(row["mean_db"], row["scatter_db"]) for row in fitted[name]}
             for name in ("edges", "direct")
         )
         single = {
-            name: Law(**found[name]) for name in ("occlusion", "direct_unoccluded", "limbs", "limbs_power", "pairs")
+            name: Law(**fitted[name]) for name in ("occlusion", "direct_unoccluded", "limbs", "limbs_power", "pairs")
         }
         return cls(
-            FacetLaw.of(found["bodies"]),
-            FacetLaw.of(found["smooth"]),
+            FacetLaw.of(fitted["bodies"]),
+            FacetLaw.of(fitted["smooth"]),
             edges=edges,
             direct=direct,
             **single,
-            seconds=found["cost"]["seconds"],
+            seconds=fitted["cost"]["seconds"],
         )
 
     def sampled(self, none_db: float, rate_hz: float, subdivision: int, size: float = FITTED_SIZE) -> Law:
@@ -198,9 +198,10 @@ def _between(laws: dict[tuple[float, int], Law], rate_hz: float, subdivision: in
     """The law between fitted rates, at the nearest subdivision that was fitted, and the lowest of these rates."""
     level = min(subdivision, max(n for _, n in laws))
     rates = sorted(rate for rate, n in laws if n == level)
-    some = [laws[rate, level] for rate in rates]
-    x, known = np.log(rate_hz), np.log(rates)
+    level_laws = [laws[rate, level] for rate in rates]
+    x, log_rates = np.log(rate_hz), np.log(rates)
     mean, scatter = (
-        np.interp(x, known, values) for values in ([law.mean_db for law in some], [law.scatter_db for law in some])
+        np.interp(x, log_rates, values)
+        for values in ([law.mean_db for law in level_laws], [law.scatter_db for law in level_laws])
     )
     return Law(float(mean), float(scatter)), rates[0]

@@ -102,12 +102,12 @@ def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> Measu
     compared = np.zeros((0, len(chirps.samples)))
     count = len(chirps.rows)
     enough = CHIRPS if plan.tolerance_db is not None else CHIRPS[1:]  # a tolerance may be kept by far
-    for first, last in pairwise(sorted({0, count, *(each for each in enough if each < count)})):
-        found, with_static = (of_cube(model, cube, each, chirps[first:last]) for each in (static, ()))
-        energy += float(np.sum(np.abs(found) ** 2))
+    for first, last in pairwise(sorted({0, count, *(chirp_count for chirp_count in enough if chirp_count < count)})):
+        samples, with_static = (of_cube(model, cube, omitted, chirps[first:last]) for omitted in (static, ()))
+        energy += float(np.sum(np.abs(samples) ** 2))
         with_all_echoes += float(np.sum(np.abs(with_static) ** 2))
         compared = np.concatenate([compared, again.samples(first, last)])
-        facets = np.append(facets, np.sum(np.abs(found - compared[first:]) ** 2, axis=1))
+        facets = np.append(facets, np.sum(np.abs(samples - compared[first:]) ** 2, axis=1))
         # Of float32 samples less the static echoes in them something remains in any case.
         silent = energy <= ROUNDING * with_all_echoes
         if silent:
@@ -126,7 +126,7 @@ def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> Measu
             result = _combined(budget, accuracy, expected, fraction, facets / energy, shadows / energy)
         if plan.tolerance_db is None or _clearly(result, plan.tolerance_db):
             break
-        uncertain_db = max(_standard_error_db(each) for each in ([facets, shadows] if exact else [facets]))
+        uncertain_db = max(_standard_error_db(energies) for energies in ([facets, shadows] if exact else [facets]))
         if uncertain_db <= ENOUGH_DB and result.error_db <= plan.tolerance_db:
             break
     if silent:
@@ -134,8 +134,8 @@ def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> Measu
         return MeasuredError(math.nan, math.nan, len(facets))
     most_db = math.inf if to_finer is None or plan.tolerance_db is None else plan.tolerance_db
     if result.error_db + result.scatter_db > most_db:
-        own = Field(full, accuracy.replace(**EXACT), chirps).samples()
-        of_facets = float(np.sum(np.abs(own - compared) ** 2))
+        exact_samples = Field(full, accuracy.replace(**EXACT), chirps).samples()
+        of_facets = float(np.sum(np.abs(exact_samples - compared) ** 2))
         return replace(result, facets_db=db(of_facets / energy))
     return result
 
@@ -192,33 +192,38 @@ def _combined(
     )
     explained = min(apart, expected * ratio(EXPLAINED * math.hypot(law.difference_scatter_db, of_chirps_db)))
     least = expected * (ratio(-EXPLAINED * law.difference_scatter_db) if has_fewer_facets(budget, accuracy) else 1.0)
-    own = _mean(
+    by_facets = _mean(
         (db(fraction * expected), law.scatter_db),
         (db(fraction * max(least, explained)), math.hypot(law.ratio_scatter_db, of_chirps_db)),
         law.correlation * law.ratio_scatter_db / math.hypot(law.ratio_scatter_db, of_chirps_db),
     )
-    parts = [own, (db(left_out(budget, accuracy)), budget.laws.pairs.scatter_db)]
-    of_visibility = [each for each in budget.of_visibility(accuracy) if each.taken]
+    parts = [by_facets, (db(left_out(budget, accuracy)), budget.laws.pairs.scatter_db)]
+    of_visibility = [omission for omission in budget.of_visibility(accuracy) if omission.taken]
     if of_visibility:
-        energies = [each.energy for each in of_visibility]
-        scatter_db = sum(each.energy * each.scatter_db for each in of_visibility) / max(sum(energies), 1e-30)
+        energies = [omission.energy for omission in of_visibility]
+        scatter_db = sum(omission.energy * omission.scatter_db for omission in of_visibility) / max(
+            sum(energies), 1e-30
+        )
         by_law = db(sum(energies)), scatter_db
         if shadows.any():
             coarser = budget.laws.over_direct(accuracy)
             direct_db = db(float(shadows.sum())) + coarser.mean_db
             by_law = _mean(by_law, (direct_db, math.hypot(coarser.scatter_db, _standard_error_db(shadows))))
         parts.append(by_law)
-    parts += [(each.error_db, each.scatter_db) for each in [*budget.untraced(accuracy), *budget.of_spectra(accuracy)]]
-    error = sum(ratio(each_db) for each_db, _ in parts)
-    scatter_db = math.hypot(*(ratio(each_db) * each_scatter_db for each_db, each_scatter_db in parts)) / error
+    parts += [
+        (omission.error_db, omission.scatter_db)
+        for omission in [*budget.untraced(accuracy), *budget.of_spectra(accuracy)]
+    ]
+    error = sum(ratio(part_db) for part_db, _ in parts)
+    scatter_db = math.hypot(*(ratio(part_db) * part_scatter_db for part_db, part_scatter_db in parts)) / error
     return MeasuredError(db(error + apart - explained), scatter_db, len(facets))
 
 
-def shadows_matter(budget: Budget, accuracy: Accuracy, coarser: Accuracy, own: float) -> bool:
+def shadows_matter(budget: Budget, accuracy: Accuracy, coarser: Accuracy, expected: float) -> bool:
     """Whether what visibility costs is measured: in free space, where it may be a good part of the error."""
     if budget.model.scene is not None or coarser.occlusion != accuracy.occlusion:
         return False
-    return Total.of(budget.of_visibility(accuracy)).surely > SHADOWS * own
+    return Total.of(budget.of_visibility(accuracy)).surely > SHADOWS * expected
 
 
 def compared_with(budget: Budget, accuracy: Accuracy) -> tuple[Accuracy, float, float]:
@@ -237,7 +242,7 @@ def compared_with(budget: Budget, accuracy: Accuracy) -> tuple[Accuracy, float, 
             in_patches = ratio(patches_db(tier.patch_phase_scale))
             error += power * (ratio(law.error_db(sagitta)) + in_patches)
             apart += power * (ratio(law.difference_db(sagitta)) + in_patches)
-    in_time = sum(each.energy for each in budget.in_time(accuracy))
+    in_time = sum(omission.energy for omission in budget.in_time(accuracy))
     error, apart = error + in_time, apart + in_time
     coarser = _coarser(accuracy, without_limbs=budget.of_bodies)
     if budget.counts and coarser.occlusion:
@@ -250,7 +255,7 @@ def compared_with(budget: Budget, accuracy: Accuracy) -> tuple[Accuracy, float, 
 def finer(budget: Budget, accuracy: Accuracy) -> Accuracy | None:
     """The finer accuracy, visibility traced at each chirp, with which the run of a small body or mesh in free space is compared;
     None where the law of facets serves or finer ones cost too much."""
-    scale, own = accuracy.sagitta_scale, budget.facet_count(accuracy.sagitta_scale)
+    scale, facet_count = accuracy.sagitta_scale, budget.facet_count(accuracy.sagitta_scale)
     if (
         budget.model.scene is not None
         or not budget.unsure
@@ -258,8 +263,8 @@ def finer(budget: Budget, accuracy: Accuracy) -> Accuracy | None:
         or scale <= LEAST_SCALE
     ):
         return None
-    factor = min(COARSER, MOST_FINER / own)
-    enough = own * (FEWER if all(each.curved for each in budget.counts) else SPLIT)
+    factor = min(COARSER, MOST_FINER / facet_count)
+    enough = facet_count * (FEWER if all(count.curved for count in budget.counts) else SPLIT)
     while factor >= LEAST_FACTOR and scale > LEAST_SCALE and budget.facet_count(scale) < enough:
         scale = max(scale / factor, LEAST_SCALE)
     if factor < LEAST_FACTOR or budget.facet_count(scale) > 1.01 * MOST_FINER:
@@ -269,22 +274,22 @@ def finer(budget: Budget, accuracy: Accuracy) -> Accuracy | None:
 
 def left_out(budget: Budget, accuracy: Accuracy) -> float:
     """Power of the path pairs that a run leaves out, over that of all of them, by the law."""
-    kept = sum(power for _, _, power in budget.tiers(accuracy))
-    return max(0.0, 1 - kept) * ratio(budget.laws.pairs.mean_db)
+    kept_power = sum(power for _, _, power in budget.tiers(accuracy))
+    return max(0.0, 1 - kept_power) * ratio(budget.laws.pairs.mean_db)
 
 
 def has_fewer_facets(budget: Budget, accuracy: Accuracy) -> bool:
     """Whether the coarser model has fewer facets: a mesh whose own faces are as fine as asked for is not refined at all."""
     scale = accuracy.sagitta_scale
-    own, coarser = (budget.facet_count(factor * scale) for factor in (1.0, COARSER))
-    return not budget.counts or own > FEWER * coarser
+    finer_count, coarser = (budget.facet_count(factor * scale) for factor in (1.0, COARSER))
+    return not budget.counts or finer_count > FEWER * coarser
 
 
-def _mean(one: tuple[float, float], other: tuple[float, float], correlation: float = 0.0) -> tuple[float, float]:
+def _mean(first: tuple[float, float], second: tuple[float, float], correlation: float = 0.0) -> tuple[float, float]:
     """The mean of least variance of two figures with standard deviations [dB], and its own standard deviation."""
-    (a_db, a), (b_db, b) = one, other
+    (a_db, a), (b_db, b) = first, second
     if math.isinf(b):
-        return one
+        return first
     both = correlation * a * b
     apart = a**2 + b**2 - 2 * both
     weight = min(1.0, max(0.0, (b**2 - both) / apart))
@@ -303,14 +308,14 @@ def _standard_error_db(difference: np.ndarray) -> float:
 
 def _coarser(accuracy: Accuracy, *, without_limbs: bool) -> Accuracy:
     """Coarser facets over the same path pairs; `without_limbs` none over those where bodies are ellipsoids."""
-    own = DEFAULT_TIERS if accuracy.by_ellipsoids else accuracy.tiers
-    facets = [tier for tier in own if tier.scatterer == "facets"]
+    run_tiers = DEFAULT_TIERS if accuracy.by_ellipsoids else accuracy.tiers
+    facets = [tier for tier in run_tiers if tier.scatterer == "facets"]
     tiers = [
         tier.model_copy(update={"greatest_sagitta_rad": min(10.0, COARSER * tier.greatest_sagitta_rad)})
-        for tier in (facets if without_limbs else own)
+        for tier in (facets if without_limbs else run_tiers)
     ]
     least_db = accuracy.least_level_db
-    if len(tiers) < len(own):
+    if len(tiers) < len(run_tiers):
         least_db = max(least_db, tiers[-1].level_db)
     scale = min(100.0, COARSER * accuracy.sagitta_scale)
     return accuracy.replace(sagitta_scale=scale, least_level_db=least_db, tiers=tuple(tiers))

@@ -63,20 +63,20 @@ class _Faces:
         meshes: list[MovingMesh],
         times_s: np.ndarray,
         seen_from: dict[PathKey, list[OneWayPath]],
-        wanted: dict[PathKey, np.ndarray],
+        relevant: dict[PathKey, np.ndarray],
         backend: Backend,
     ) -> dict[PathKey, np.ndarray]:
-        """Which of the faces that are wanted (F,) the meshes leave visible from each viewpoint, (K, F)."""
+        """Which of the `relevant` faces, bool (F,), the meshes leave visible from each viewpoint, (K, F)."""
         if not meshes:
             return dict.fromkeys(seen_from, np.ones(self.area_m2.shape, bool))
         vertices = np.concatenate([mesh.at(times_s) for mesh in meshes], axis=1)
-        together = [one for own in seen_from.values() for one in own]
+        together = [path for paths in seen_from.values() for path in paths]
         surroundings = Surroundings(Occluders(meshes), vertices, together, backend)
         visible = {key: np.zeros(self.area_m2.shape, bool) for key in seen_from}
-        for key, own in seen_from.items():
-            some = wanted[key]
-            if some.any():
-                visible[key][:, some] = surroundings.visible(own, self.middle[:, some], self.normal[:, some])
+        for key, paths in seen_from.items():
+            chosen = relevant[key]
+            if chosen.any():
+                visible[key][:, chosen] = surroundings.visible(paths, self.middle[:, chosen], self.normal[:, chosen])
         return visible
 
 
@@ -95,7 +95,7 @@ class Occluded:
     def of(cls, model: Model, accuracy: Accuracy, *, by_fast: bool = False) -> Occluded:
         """By what a run may trace or, `by_fast`, by what it never traces (`_judged`)."""
         power = (
-            np.array([10 ** (each.mean_db / 10) for each in model.ranked]) if model.scene is not None else np.ones(1)
+            np.array([10 ** (pair.mean_db / 10) for pair in model.ranked]) if model.scene is not None else np.ones(1)
         )
         judged = _judged(model, accuracy, by_fast=by_fast)
         return cls(power, *(np.zeros((2, 0)) if judged is None else judged))
@@ -134,16 +134,16 @@ def _judged(model: Model, accuracy: Accuracy, *, by_fast: bool) -> tuple[np.ndar
         if isinstance(geometry, MovingMesh)
     ]
     slow = [geometry for geometry, rotates in meshes if not rotates]
-    every = [geometry for geometry, _ in meshes] if by_fast else slow
-    if not every or (by_fast and len(slow) == len(every)):
+    meshes_here = [geometry for geometry, _ in meshes] if by_fast else slow
+    if not meshes_here or (by_fast and len(slow) == len(meshes_here)):
         return None
     count = INSTANTS if model.scene is None else ROOM_INSTANTS
     times_s = Chirps.random(model.radar, model.span_s, seed=model.seed, count=count).starts_s
-    faces = _Faces.of(every, times_s)
+    faces = _Faces.of(meshes_here, times_s)
     ends = list(_ends(model, accuracy))
     seen_from = {end.key: end.seen_at(times_s) for _, *both in ends for end in both}
-    towards = {key: faces.towards(apparent_m(seen)) for key, seen in seen_from.items()}
-    wanted = {key: np.zeros(faces.area_m2.shape[1], bool) for key in seen_from}
+    towards = {key: faces.towards(apparent_m(paths)) for key, paths in seen_from.items()}
+    relevant = {key: np.zeros(faces.area_m2.shape[1], bool) for key in seen_from}
     glints = []
     for _, *both in ends:
         keys = [end.key for end in both]
@@ -153,15 +153,15 @@ def _judged(model: Model, accuracy: Accuracy, *, by_fast: bool) -> tuple[np.ndar
         direct = np.exp(-((np.arccos(np.clip(cosine, -1, 1)) / GLINT_RAD) ** 2))
         direct[direct < LEAST_GLINT] = 0
         for key in keys:
-            wanted[key] |= direct.any(axis=0)
+            relevant[key] |= direct.any(axis=0)
         glints.append(direct * faces.area_m2 / (to * back) ** 2)
-    seen, known = (
-        faces.visible_through(some, times_s, seen_from, wanted, model.backend)
-        for some in (every, slow if by_fast else [])
+    by_all, by_modelled = (
+        faces.visible_through(occluding, times_s, seen_from, relevant, model.backend)
+        for occluding in (meshes_here, slow if by_fast else [])
     )
     removed, remaining = [], []
     for (power, *both), glint in zip(ends, glints, strict=True):
-        visible, modelled = (each[both[0].key] & each[both[1].key] for each in (seen, known))
+        visible, modelled = (free[both[0].key] & free[both[1].key] for free in (by_all, by_modelled))
         total = max(float(glint.sum()), 1e-300)
         removed.append(power * float(glint[modelled & ~visible].sum()) / total)
         remaining.append(power * float(glint[visible].sum()) / total)
@@ -174,6 +174,6 @@ def _ends(model: Model, accuracy: Accuracy) -> Iterator[tuple[float, OneWayPath,
         out, back = viewpoints_at([model.radar.tx_position_m, model.radar.rx_position_m])
         yield 1.0, out, back
     least_db = max(LEVEL_DB, accuracy.least_level_db)
-    for each in model.ranked:
-        if each.mean_db >= least_db:
-            yield 10 ** (each.mean_db / 10), each.pair.out, each.pair.back
+    for ranked in model.ranked:
+        if ranked.mean_db >= least_db:
+            yield 10 ** (ranked.mean_db / 10), ranked.pair.out, ranked.pair.back

@@ -89,10 +89,10 @@ def plan(
     The plan's `accuracy` serves similar recordings, too: `simulate(other, accuracy=plan.accuracy)`.
     """
     physics = [name for name in Experiment.model_fields if name not in ("targets", "radar")]
-    known = [*physics, "radar", "accuracy", "tolerance_db", "measure_error", *MACHINE, "progress"]
-    unknown = [name for name in options if name not in known]
+    option_names = [*physics, "radar", "accuracy", "tolerance_db", "measure_error", *MACHINE, "progress"]
+    unknown = [name for name in options if name not in option_names]
     if unknown:
-        raise InputError(f"unknown option {unknown[0]!r} of plan; choose from {', '.join(known)}")
+        raise InputError(f"unknown option {unknown[0]!r} of plan; choose from {', '.join(option_names)}")
     machine = {name: options.pop(name) for name in MACHINE if name in options}
     wanted = Wanted.of(options.pop("accuracy", None), tolerance_db, options.pop("measure_error", None))
     options.pop("progress", None)
@@ -105,13 +105,15 @@ def plan(
         scene = options.pop("scene", "free_space")
         setup = set_up(target, scene, Experiment.without_targets(**options), **machine)
     ready = time.perf_counter()
-    found = chosen(setup.model, wanted)
-    warn_out_of_reach(found)
+    chosen_plan = chosen(setup.model, wanted)
+    warn_out_of_reach(chosen_plan)
     took = time.perf_counter()
-    budget = found.budget
-    running = budget.seconds(found.accuracy, clutter=setup.experiment.clutter) * recent_yardstick_s(setup.model.backend)
+    budget = chosen_plan.budget
+    running = budget.seconds(chosen_plan.accuracy, clutter=setup.experiment.clutter) * recent_yardstick_s(
+        setup.model.backend
+    )
     seconds = {"preparing": ready - begin, "planning": took - ready, "running": running}
-    memory = predicted_bytes(budget.model, found.accuracy, budget.counts, measured=wanted.measured)
+    memory = predicted_bytes(budget.model, chosen_plan.accuracy, budget.counts, measured=wanted.measured)
     refuse(budget.model, memory, measured=wanted.measured)
     after_call()
-    return replace(found, seconds=seconds, memory_bytes=memory)
+    return replace(chosen_plan, seconds=seconds, memory_bytes=memory)

@@ -38,7 +38,7 @@ class Plan:
     @property
     def error_db(self) -> float:
         """Expected field error [dB]: the sum over all that is left out."""
-        return db(sum(each.energy for each in self.omissions if each.taken))
+        return db(sum(omission.energy for omission in self.omissions if omission.taken))
 
     def described(self, memory_bytes: float) -> dict[str, float]:
         """For the settings of a recording that needs so much memory."""
@@ -84,13 +84,16 @@ def summary(plan: Plan) -> str:
     )
     lines.append("left out, and what that costs:")
     lines += [
-        f"  {each.error_db:6.1f} dB  {each.what}"
-        for each in plan.omissions
-        if each.taken and math.isfinite(each.error_db)
+        f"  {omission.error_db:6.1f} dB  {omission.what}"
+        for omission in plan.omissions
+        if omission.taken and math.isfinite(omission.error_db)
     ]
-    kept = [each for each in plan.omissions if not each.taken and math.isfinite(each.error_db)]
-    if kept:
-        lines += ["not left out, for it would cost:", *(f"  {each.error_db:6.1f} dB  {each.what}" for each in kept)]
+    avoided = [omission for omission in plan.omissions if not omission.taken and math.isfinite(omission.error_db)]
+    if avoided:
+        lines += [
+            "not left out, for it would cost:",
+            *(f"  {omission.error_db:6.1f} dB  {omission.what}" for omission in avoided),
+        ]
     if plan.seconds:
         parts = ", ".join(f"{name} {seconds:.1f}" for name, seconds in plan.seconds.items())
         total = sum(plan.seconds.values())

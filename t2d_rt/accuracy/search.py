@@ -119,14 +119,14 @@ def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
     budget = Budget(model, start)
     if len(budget.power) > 1 and budget.counts:
         return Plan(budget, float(tolerance_db), _in_a_room(budget, start, asked, tolerance_db))
-    found = list(_candidates(budget, start, asked, allowed))
-    good = [accuracy for accuracy, error in found if error <= allowed]
+    candidates = list(_candidates(budget, start, asked, allowed))
+    within = [accuracy for accuracy, error in candidates if error <= allowed]
     if not asked:
         # The default may expect more, by what no plan warns of: to do without it costs a run three times the time.
         error = Total.of(budget.omissions(Accuracy())).surely
-        found.append((Accuracy(), error))
-        good += [Accuracy()] if error <= allowed * ratio(OVER_DB) else []
-    best = min(good, key=budget.seconds) if good else min(found, key=lambda each: each[1])[0]
+        candidates.append((Accuracy(), error))
+        within += [Accuracy()] if error <= allowed * ratio(OVER_DB) else []
+    best = min(within, key=budget.seconds) if within else min(candidates, key=lambda candidate: candidate[1])[0]
     return Plan(budget, float(tolerance_db), best)
 
 
@@ -136,23 +136,23 @@ def _in_a_room(budget: Budget, start: Accuracy, asked: set[str], tolerance_db: f
     No margin is added: what the laws expect was 0.6 to 9.4 dB above the error in 60 runs (ten accuracies; a walk, a run and a
     fall in two rooms). A fall to the side, which chose nothing, missed -10 and -18 dB by 1.8 while 1 dB more was allowed.
     """
-    coarsest, bodies = _coarsest_scale(budget.model), all(isinstance(each, Motion) for each in budget.model.targets)
-    kept = asked | {WITH[name] for name in asked & WITH.keys()}
+    coarsest, bodies = _coarsest_scale(budget.model), all(isinstance(target, Motion) for target in budget.model.targets)
+    fixed = asked | {WITH[name] for name in asked & WITH.keys()}
     rungs = []
     for rung in LADDER:
         fields = {name: getattr(rung, name) for name in rung.model_fields_set}
         fields["sagitta_scale"] = min(rung.sagitta_scale, coarsest)
         fields["tiers"] = _in_patches(rung.tiers, tolerance_db) if bodies else rung.tiers
-        rungs.append(start.replace(**{name: value for name, value in fields.items() if name not in kept}))
-    errors = [Total.of(budget.omissions(each)).energy for each in rungs]
+        rungs.append(start.replace(**{name: value for name, value in fields.items() if name not in fixed}))
+    errors = [Total.of(budget.omissions(rung)).energy for rung in rungs]
     enough = max(ratio(tolerance_db), ratio(OVER_DB) * min(errors))
-    return next(each for each, error in zip(rungs, errors, strict=True) if error <= enough)
+    return next(rung for rung, error in zip(rungs, errors, strict=True) if error <= enough)
 
 
 def _in_patches(tiers: tuple[PathTier, ...], tolerance_db: float) -> tuple[PathTier, ...]:
     """The tiers with patches as large as the tolerance allows."""
     most_db = tolerance_db - PATCHES_BELOW_DB - SURELY * PATCHES_SCATTER_DB
-    scale = next((each for each in PATCH_PHASES if patches_db(each) <= most_db), 1.0)
+    scale = next((patch_phase for patch_phase in PATCH_PHASES if patches_db(patch_phase) <= most_db), 1.0)
     return tuple(tier.model_copy(update={"patch_phase_scale": max(scale, tier.patch_phase_scale)}) for tier in tiers)
 
 
@@ -187,25 +187,25 @@ def _candidates(budget: Budget, start: Accuracy, asked: set[str], allowed: float
     in_time = Total.of(budget.in_time(start))
     error = _by_scale(budget, list(budget.tiers(start)), in_time, scales)
     spectra, untraced = Total.of(budget.of_spectra(start)), Total.of(budget.untraced(start))
-    for seen, sampled in _visibilities(budget, start, asked, allowed):
+    for settings, sampled in _visibilities(budget, start, asked, allowed):
         unseen = sampled + spectra
-        if seen.get("occlusion", start.occlusion):
+        if settings.get("occlusion", start.occlusion):
             unseen += untraced
         number = _coarsest(error, unseen, len(scales) - 1, allowed)
-        yield start.replace(**seen, sagitta_scale=scales[number]), (error(number) + unseen).surely
+        yield start.replace(**settings, sagitta_scale=scales[number]), (error(number) + unseen).surely
 
 
 def _coarsest_scale(model: Model) -> float:
     """The greatest sagitta scale that the laws say enough of."""
-    others = [
+    meshes = [
         geometry
         for target, geometry in zip(model.targets, model.geometries, strict=True)
         if not isinstance(target, Motion) and isinstance(geometry, MovingMesh)
     ]
-    if not others:
+    if not meshes:
         return max(SCALES)
-    bent = (curvature(mesh.rest, mesh.faces, mesh.crease_deg) for mesh in others)
-    return MOST_FLAT_SCALE if any(np.mean(each < FLAT_PER_M) > FLAT_FRACTION for each in bent) else MOST_SMOOTH_SCALE
+    bent = (curvature(mesh.rest, mesh.faces, mesh.crease_deg) for mesh in meshes)
+    return MOST_FLAT_SCALE if any(np.mean(per_m < FLAT_PER_M) > FLAT_FRACTION for per_m in bent) else MOST_SMOOTH_SCALE
 
 
 def _coarsest(error: Callable[[int], Total], unseen: Total, last: int, allowed: float) -> int:
@@ -232,7 +232,7 @@ def _visibilities(
     """Whether, how often and from where visibility may be sampled, and what that costs; the best way if none is good enough."""
     if not budget.counts:
         return [({}, Total())]
-    found: list[dict[str, Any]] = [{"occlusion": False}]
+    choices: list[dict[str, Any]] = [{"occlusion": False}]
     if start.occlusion:
         rates = [start.visibility_rate_hz] if "visibility_rate_hz" in asked else []
         ladder = [(rate, n) for rate in rates for n in range(MOST_SUBDIVISION + 1)] or list(PLANNED)
@@ -241,17 +241,19 @@ def _visibilities(
         sampled: list[dict[str, Any]] = [
             {"visibility_rate_hz": rate, "visibility_subdivision": n} for rate, n in ladder
         ]
-        found = sampled if asked & {"occlusion", "visibility_rate_hz"} else found + sampled
-    costs = [Total.of(budget.of_visibility(start.replace(**seen))) for seen in found]
-    good = [(seen, cost) for seen, cost in zip(found, costs, strict=True) if cost.surely < allowed]
-    return good[:MOST_VISIBILITIES] or [min(zip(found, costs, strict=True), key=lambda each: each[1].surely)]
+        choices = sampled if asked & {"occlusion", "visibility_rate_hz"} else choices + sampled
+    costs = [Total.of(budget.of_visibility(start.replace(**choice))) for choice in choices]
+    affordable = [(choice, cost) for choice, cost in zip(choices, costs, strict=True) if cost.surely < allowed]
+    return affordable[:MOST_VISIBILITIES] or [
+        min(zip(choices, costs, strict=True), key=lambda option: option[1].surely)
+    ]
 
 
 def warn_out_of_reach(plan: Plan) -> None:
     """Warns where the laws say that a plan misses its tolerance."""
     if plan.tolerance_db is None or plan.error_db <= plan.tolerance_db + OVER_DB:
         return
-    worst = max((each for each in plan.omissions if each.taken), key=lambda each: each.error_db)
+    worst = max((omission for omission in plan.omissions if omission.taken), key=lambda omission: omission.error_db)
     remedy = "leave the settings to the tolerance"
     if worst.what == FAST_OCCLUSION:
         remedy = "trace it by the accuracy fast_rotating_hz=100000 and visibility_rate_hz=400"

@@ -67,10 +67,10 @@ class Bouncing:
 
 def direct_pair(pairs: Sequence[PathPair], bounces: int, *, warned: bool) -> PathPair | None:
     """The pair without mirrors or slabs, over which there are several bounces; a warning where there is none."""
-    found = [pair for pair in pairs if not pair.out.chain and not pair.back.chain]
-    if not found and warned:
+    direct = [pair for pair in pairs if not pair.out.chain and not pair.back.chain]
+    if not direct and warned:
         warn(f"no direct path leads from the radar to the targets, so there are no echoes of {bounces} bounces")
-    return found[0] if found else None
+    return direct[0] if direct else None
 
 
 def bounce_scatterers(
@@ -106,14 +106,14 @@ def bounce_scatterers(
         unblocked=None if direct is None else partial(_unblocked, *direct),
         memory=memory,
     )
-    found = bounce_echoes(
+    echoes = bounce_echoes(
         [target.reflector(radar, span_s, most_facets(memory)) for target in taking],
         setting,
         times_s=times_s,
         samples_s=_apart(times_s) if samples_s is None else samples_s,
         detail=TubeDetail(bounces=bounces),
     )
-    return [found] if found.echoes else []
+    return [echoes] if echoes.echoes else []
 
 
 def _unblocked(
@@ -124,8 +124,8 @@ def _unblocked(
 
 def _apart(times_s: np.ndarray) -> np.ndarray:
     """Some of the instants, ascending: no two of them, and none of the others, are nearer to the one before than `SAME_S`."""
-    found: list[float] = []
+    instants: list[float] = []
     for time_s in np.unique(times_s).tolist():
-        if not found or time_s - found[-1] > SAME_S:
-            found.append(time_s)
-    return np.array(found)
+        if not instants or time_s - instants[-1] > SAME_S:
+            instants.append(time_s)
+    return np.array(instants)

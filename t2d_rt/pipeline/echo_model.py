@@ -144,7 +144,7 @@ class Model:
         for rate in sorted(rates, reverse=True):
             if not times or rate < min(times) / SAME_RATE:
                 times[rate] = np.linspace(*self.span_s, max(4, math.ceil(length * rate) + 1))
-        return [times[min(each for each in times if each >= rate)] for rate in rates]
+        return [times[min(frame_rate for frame_rate in times if frame_rate >= rate)] for rate in rates]
 
     def facets(self, geometry: MovingMesh, accuracy: Accuracy) -> MovingMesh:
         """The facets of a target in free space."""
@@ -171,7 +171,7 @@ class Model:
     def seed_of(self, number: int) -> int:
         """Of a target's diffuse points: two persons of one shape have points of their own."""
         rest = [None if target.mesh is None else target.mesh.rest for target in self.modelled[: number + 1]]
-        return self.seed + TWIN_SEED * sum(np.array_equal(rest[-1], other) for other in rest[:-1])  # type: ignore[arg-type]
+        return self.seed + TWIN_SEED * sum(np.array_equal(rest[-1], earlier) for earlier in rest[:-1])  # type: ignore[arg-type]
 
     def material_of(self, number: int) -> Material | ByPart:
         """What a target is made of, at mid-sweep."""
@@ -203,8 +203,8 @@ class Model:
 
 def sagitta_rad(geometry: MovingMesh, accuracy: Accuracy) -> Sagitta:
     """Phase sagitta of a mesh's facets over dominant paths."""
-    own = geometry.sagitta_rad if accuracy.sagitta_rad is None else accuracy.sagitta_rad
-    return np.multiply(accuracy.sagitta_scale, own)
+    sagitta = geometry.sagitta_rad if accuracy.sagitta_rad is None else accuracy.sagitta_rad
+    return np.multiply(accuracy.sagitta_scale, sagitta)
 
 
 def detail(

@@ -52,13 +52,15 @@ class PartNames:
         keys = [(number, "") for number in range(len(targets))]
         if split == "segment":
             self._segments = [_Segments.of(model, number) for number in range(len(targets))]
-            each = [(number, name) for number, own in enumerate(self._segments) for name in own.names if name]
-            keys = each + keys  # what has no segment comes last
+            segment_keys = [
+                (number, name) for number, segments in enumerate(self._segments) for name in segments.names if name
+            ]
+            keys = segment_keys + keys  # what has no segment comes last
         before = [f"{name}: " if len(targets) > 1 else "" for name in numbered(targets)]
-        plain = [before[number] + name if name else targets[number] for number, name in keys]
-        distinct = numbered(plain, taken=(STATIC, UNLABELLED, BETWEEN))
+        wished = [before[number] + name if name else targets[number] for number, name in keys]
+        distinct = numbered(wished, taken=(STATIC, UNLABELLED, BETWEEN))
         self._names = dict(zip(keys, distinct, strict=True))
-        self.renamed = {name: other for name, other in zip(distinct, plain, strict=True) if name != other}
+        self.renamed = {name: wish for name, wish in zip(distinct, wished, strict=True) if name != wish}
         """What parts would be called if no other one had that name, by what they are called."""
 
     @property
@@ -70,7 +72,7 @@ class PartNames:
         """The part that a target is, and those of its faces, or of its ellipsoids, where they are split by segment."""
         segments = self._segments[number]
         names = segments.of_ellipsoids if ellipsoids else segments.of_faces
-        return self._names[number, ""], [self._names[number, each] for each in names]
+        return self._names[number, ""], [self._names[number, name] for name in names]
 
     def of(self, labels: EchoLabels) -> np.ndarray:
         """The part that each of N echoes belongs to, names (N,)."""
@@ -80,15 +82,15 @@ class PartNames:
         if self.split == "path":
             path = np.where(labels.path == STATIC, f"{STATIC} 2", labels.path.astype(str))
             return np.where(labels.bounces == 0, STATIC, path)
-        found = np.array([STATIC, UNLABELLED, BETWEEN], object)[np.minimum(labels.bounces, 2)]
+        parts = np.array([STATIC, UNLABELLED, BETWEEN], object)[np.minimum(labels.bounces, 2)]
         for number in {number for number, _ in self._names}:
             mine = labels.target == number
-            found[mine] = self._names[number, ""]
-            for own in self._segments[number : number + 1]:
-                for names, place in ((own.of_faces, labels.face), (own.of_ellipsoids, labels.ellipsoid)):
-                    some = mine & (place >= 0)
-                    found[some] = [self._names[number, names[each]] for each in place[some]]
-        return found.astype(str)
+            parts[mine] = self._names[number, ""]
+            for segments in self._segments[number : number + 1]:
+                for names, place in ((segments.of_faces, labels.face), (segments.of_ellipsoids, labels.ellipsoid)):
+                    chosen = mine & (place >= 0)
+                    parts[chosen] = [self._names[number, names[segment]] for segment in place[chosen]]
+        return parts.astype(str)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +122,7 @@ class _Segments:
 
 def target_names(model: Model) -> list[str]:
     """Names of the targets, with a number where several have the same."""
-    names = ["person" if isinstance(each.source, Motion) else each.geometry.name for each in model.modelled]
+    names = ["person" if isinstance(target.source, Motion) else target.geometry.name for target in model.modelled]
     return [
         name if names.count(name) == 1 else f"{name} {names[:number].count(name) + 1}"
         for number, name in enumerate(names)
@@ -142,7 +144,7 @@ def _pieces(mesh: MovingMesh) -> list[str]:
         return [""] * len(faces)
     _, first, place = np.unique(piece[faces[:, 0]], return_index=True, return_inverse=True)
     order = np.argsort(np.argsort(first))
-    return [f"piece {order[each] + 1}" for each in place]
+    return [f"piece {order[index] + 1}" for index in place]
 
 
 class PartCubes:
@@ -191,10 +193,10 @@ class PartCubes:
             on = (labels.bounces == 0) | np.isin(labels.path.astype(str), sorted(model.paths_on))
         names, number = np.zeros(0, str), np.zeros(scatterers.echoes, int)
         if self._names is not None:
-            every = self._names.of(labels)[on]
-            names, first, found = np.unique(every, return_index=True, return_inverse=True)
+            echo_names = self._names.of(labels)[on]
+            names, first, inverse = np.unique(echo_names, return_index=True, return_inverse=True)
             order = np.argsort(first)  # as they come: segments by the body's faces, path pairs by their strength
-            names, number[on] = names[order], np.argsort(order)[found]
+            names, number[on] = names[order], np.argsort(order)[inverse]
         number[~on] = -1
         return EchoParts(number, [self._part(name) for name in names.tolist()])
 
@@ -202,6 +204,6 @@ class PartCubes:
         """The rows of a part, new ones where it has had no echo."""
         if name not in self._rows:
             self._rows[name] = ProductRows(self._axes, self._file)
-            if self._names is not None and (plain := self._names.renamed.get(name)):
-                warn(f"the part {plain} is called {name}, as another part has that name; give the target another name")
+            if self._names is not None and (wished := self._names.renamed.get(name)):
+                warn(f"the part {wished} is called {name}, as another part has that name; give the target another name")
         return self._rows[name]

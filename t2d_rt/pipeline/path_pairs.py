@@ -78,27 +78,27 @@ class ChosenPairs:
         """Those within the dynamic range at their best points and not below the least level in the mean. Pairs of other names than
         those that are on, None for all, are modelled as well, for how finely one is does not depend on the others."""
         keep = [
-            each.best_db >= -accuracy.dynamic_range_db and each.mean_db >= accuracy.least_level_db for each in ranked
+            entry.best_db >= -accuracy.dynamic_range_db and entry.mean_db >= accuracy.least_level_db for entry in ranked
         ]
-        kept = [each for each, good in zip(ranked, keep, strict=True) if good]
+        kept = [entry for entry, stays in zip(ranked, keep, strict=True) if stays]
         least = 1  # the strongest one is dominant whatever its level
         ends: list[int] = []
         for tier in accuracy.tiers:
-            least = max(least, sum(each.mean_db >= tier.level_db for each in kept))
+            least = max(least, sum(entry.mean_db >= tier.level_db for entry in kept))
             ends.append(least)
         ends[-1] = len(kept)
         last = max(end for end, tier in zip(ends, accuracy.tiers, strict=True) if tier.visibility == "occlusion")
-        on = [names_on is None or each.pair.name in names_on for each in ranked]
-        switched_on = [each.pair for each, good, heard in zip(ranked, keep, on, strict=True) if good and heard]
+        on = [names_on is None or entry.pair.name in names_on for entry in ranked]
+        switched_on = [entry.pair for entry, stays, heard in zip(ranked, keep, on, strict=True) if stays and heard]
         return cls(
-            pairs=[each.pair for each in kept],
-            levels_db=[each.mean_db for each in kept],
-            bent_db=[each.bent_db for each in kept],
+            pairs=[entry.pair for entry in kept],
+            levels_db=[entry.mean_db for entry in kept],
+            bent_db=[entry.bent_db for entry in kept],
             left_out_db=[
-                each.best_db for each, good, heard in zip(ranked, keep, on, strict=True) if heard and not good
+                entry.best_db for entry, stays, heard in zip(ranked, keep, on, strict=True) if heard and not stays
             ],
             ends=ends,
-            occluded=[each.pair for each in kept[:last]],
+            occluded=[entry.pair for entry in kept[:last]],
             switched_on=switched_on,
         )
 
@@ -132,7 +132,7 @@ def switched_on(ranked: Sequence[Ranked], only: Sequence[str] | None, without: S
     characters. In the place of no path pairs, in free space, there is one that is called direct."""
     if only is None and not without:
         return None
-    names = [each.pair.name for each in ranked] or ["direct"]
+    names = [entry.pair.name for entry in ranked] or ["direct"]
     on = set(names) if only is None else _matching("only_paths", only, names)
     on -= _matching("without_paths", without, names)
     if not on:
@@ -142,15 +142,15 @@ def switched_on(ranked: Sequence[Ranked], only: Sequence[str] | None, without: S
     return None if on == set(names) else frozenset(on)
 
 
-def _matching(option: str, given: Sequence[str], names: Sequence[str]) -> set[str]:
+def _matching(option: str, patterns: Sequence[str], names: Sequence[str]) -> set[str]:
     """Of these names those that match what an option was given."""
-    found: set[str] = set()
-    for each in given:
-        matching = fnmatch.filter(names, each.replace("[", "[[]"))
+    matches: set[str] = set()
+    for pattern in patterns:
+        matching = fnmatch.filter(names, pattern.replace("[", "[[]"))
         if not matching:
-            raise InputError(f"{option}: {unknown_name('path pair', each, names)}")
-        found.update(matching)
-    return found
+            raise InputError(f"{option}: {unknown_name('path pair', pattern, names)}")
+        matches.update(matching)
+    return matches
 
 
 def within_reach(scene: Scene, radar: Radar) -> Scene | None:
@@ -175,7 +175,7 @@ def within_reach(scene: Scene, radar: Radar) -> Scene | None:
             f"at ({where}) m, which reaches no farther, so there is free space; move it (position_m)"
         )
         return None
-    triangles = sum(len(each.faces) for each in near.surfaces)
+    triangles = sum(len(surface.faces) for surface in near.surfaces)
     if len(near.surfaces) > ROOM_SURFACES or triangles > ROOM_TRIANGLES:
         raise InputError(
             f"scene {scene.name} has {len(near.surfaces)} surfaces and {triangles} triangles within the {radar.max_range_m:.3g} m "
@@ -187,7 +187,7 @@ def within_reach(scene: Scene, radar: Radar) -> Scene | None:
 
 def _ceiling_m(scene: Scene, place_m: np.ndarray) -> float:
     """Height over a place of the first surface straight above it [m]; 0 where there is none."""
-    corners = np.concatenate([each.vertices[each.faces] for each in scene.surfaces]) - place_m
+    corners = np.concatenate([surface.vertices[surface.faces] for surface in scene.surfaces]) - place_m
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners.transpose(1, 2, 0)
     # Barycentric coordinates of the place within each triangle, seen from above.
     weights = np.stack([bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx])
@@ -211,14 +211,14 @@ def find_path_pairs(
     points, probed_s = probes(geometries, *span_s)
     most = {"order": order, "transmissions": transmissions}
     along = Along.of(radar, span_s, probed_s)
-    found = radar_paths(scene, radar, points, **most, backend=backend, along=along)
-    ranked = ranked_pairs(radar, probed(found, points, probed_s), **most)
+    paths = radar_paths(scene, radar, points, **most, backend=backend, along=along)
+    ranked = ranked_pairs(radar, probed(paths, points, probed_s), **most)
     if not ranked:
         raise InputError(
             f"no path leads from the radar to the target in scene {scene.name} with up to {order} reflections and "
             f"{transmissions} transmissions; move the radar or the target, or allow more of them"
         )
-    return ranked, found.blockage
+    return ranked, paths.blockage
 
 
 def probed(found: RadarPaths, probes_m: np.ndarray, probed_s: np.ndarray | None = None) -> Probed:
@@ -236,8 +236,8 @@ def probed(found: RadarPaths, probes_m: np.ndarray, probed_s: np.ndarray | None 
 def paths_to(scene: Scene, radar: Radar, point_m: np.ndarray, *, reflections: int) -> list[tuple[str, np.ndarray]]:
     """Names of the one-way paths from the transmitters, where a track begins, to a point, and their vertices (P, 3) [m]."""
     point_m = np.asarray(point_m, float)
-    found = radar_paths(scene, radar.replace(track=None), point_m[None], order=reflections, backend=select("auto"))
-    return [(path.name, vertices(path, point_m)) for path in found.out.paths]
+    paths = radar_paths(scene, radar.replace(track=None), point_m[None], order=reflections, backend=select("auto"))
+    return [(path.name, vertices(path, point_m)) for path in paths.out.paths]
 
 
 def clutter_scatterers(
@@ -258,7 +258,7 @@ def clutter_scatterers(
                 "clutter 'diffuse' is that of a radar that stands still, got one with a track; take 'specular' or 'none'"
             )
         scene = roughened(scene, SCATTERING_COEFFICIENT, radar.mid_frequency_hz)
-    found: list[Scatterer] = []
+    scatterers: list[Scatterer] = []
     shadows = partial(Shadows, geometries, wavelength_m=radar.wavelength_m, samples_s=samples_s, backend=backend)
     paths: Sequence[StaticPath] = static_paths(scene, radar, order=CLUTTER_ORDER, backend=backend, samples_s=samples_s)
     if paths:
@@ -266,12 +266,12 @@ def clutter_scatterers(
         fractions: Fraction | None = shadows(courses).fractions if geometries else None
         if radar.track is not None:
             fractions = existing_over(paths, samples_s, fractions)
-        found.append(mirror_echoes(paths, radar, times_s=times_s, fractions=fractions))
+        scatterers.append(mirror_echoes(paths, radar, times_s=times_s, fractions=fractions))
     points = np.zeros((0, 3))
     if kind == "diffuse":
         points, rcs = rough_points(Mirrors.of(scene, backend, radar.tx_position_m), radar)
     if len(points):
         paths_m = [np.array([radar.tx_position_m, point, radar.rx_position_m]) for point in points]
         passing = shadows(paths_m, rays=POINT_RAYS, pieces=POINT_PIECES).fractions if geometries else None
-        found.append(rough_echoes(points, rcs, radar, times_s=times_s, seed=seed, fractions=passing))
-    return found, {"clutter": kind, "clutter_paths": len(paths), "clutter_points": len(points)}
+        scatterers.append(rough_echoes(points, rcs, radar, times_s=times_s, seed=seed, fractions=passing))
+    return scatterers, {"clutter": kind, "clutter_paths": len(paths), "clutter_points": len(points)}

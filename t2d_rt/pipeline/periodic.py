@@ -38,41 +38,41 @@ def in_periods(
     rate_hz = (len(frames_s) - 1) / (span_s[1] - span_s[0])
     if mesh.period_s is None or span_s[1] - span_s[0] < 2 * mesh.period_s:
         return None
-    found = repetition(radar, mesh.period_s, _greatest_speed_mps(mesh, span_s[0]), rate_hz, span_s)
-    if found is None:
+    repeats = repetition(radar, mesh.period_s, _greatest_speed_mps(mesh, span_s[0]), rate_hz, span_s)
+    if repeats is None:
         return None
-    length_s = duration_s(found, rate_hz)
+    length_s = duration_s(repeats, rate_hz)
     times_s = np.linspace(span_s[0], span_s[0] + length_s, int(np.ceil(length_s * rate_hz)) + 1)
     samples_s = np.linspace(*span_s, int(np.ceil((span_s[1] - span_s[0]) * GAIN_RATE_HZ)) + 1)
-    plain = [replace(view, visibility=(), unblocked=(), subdivision=0) for view in views]
+    bare = [replace(view, visibility=(), unblocked=(), subdivision=0) for view in views]
     visibility = [_visibility(view, samples_s) for view in views]
-    constant = [float(np.median(each)) for each in visibility]
+    constant = [float(np.median(fractions)) for fractions in visibility]
     unchanged = min(UNCHANGED * 10 ** (-level_db / 20), 1.0)
     lit = [
-        _dimmed(view, level, len(mesh.rest)) for view, level in zip(plain, constant, strict=True) if level > UNCHANGED
+        _dimmed(view, level, len(mesh.rest)) for view, level in zip(bare, constant, strict=True) if level > UNCHANGED
     ]
-    scatterers = [replace(make(times_s=times_s, views=lit), repeats=found)] if lit else []
+    scatterers = [replace(make(times_s=times_s, views=lit), repeats=repeats)] if lit else []
     alike: dict[bytes, tuple[np.ndarray, list[View]]] = {}
-    for view, each, level in zip(plain, visibility, constant, strict=True):
-        departs = each - (level if level > UNCHANGED else 0.0)
+    for view, fractions, level in zip(bare, visibility, constant, strict=True):
+        departs = fractions - (level if level > UNCHANGED else 0.0)
         most = float(departs[np.abs(departs).argmax()])
         if abs(most) > unchanged:
             # Views over paths that are dimmed at the same times have one gain, each with a factor of its own.
             gain = departs / most
-            _, others = alike.setdefault(np.round(gain, 2).tobytes(), (np.sign(most) * gain, []))
-            others.append(_dimmed(view, abs(most), len(mesh.rest)))
-    for gain, some in alike.values():
-        repeated = replace(found, gain=partial(np.interp, xp=samples_s, fp=gain))  # type: ignore[arg-type]  # of one number, says NumPy
-        scatterers.append(replace(make(times_s=times_s, views=some), repeats=repeated))
+            _, alike_views = alike.setdefault(np.round(gain, 2).tobytes(), (np.sign(most) * gain, []))
+            alike_views.append(_dimmed(view, abs(most), len(mesh.rest)))
+    for gain, alike_views in alike.values():
+        repeated = replace(repeats, gain=partial(np.interp, xp=samples_s, fp=gain))  # type: ignore[arg-type]  # of one number, says NumPy
+        scatterers.append(replace(make(times_s=times_s, views=alike_views), repeats=repeated))
     return scatterers or None
 
 
 def _visibility(view: View, samples_s: np.ndarray) -> np.ndarray:
     """That of the whole mesh over a view at these times (K,)."""
-    found = np.ones(len(samples_s))
+    fractions = np.ones(len(samples_s))
     for fraction in (*view.visibility, *view.unblocked):
-        found *= np.concatenate([fraction(some)[:, 0] for some in blocks(samples_s, 10_000)])
-    return found
+        fractions *= np.concatenate([fraction(chunk_s)[:, 0] for chunk_s in blocks(samples_s, 10_000)])
+    return fractions
 
 
 def _dimmed(view: View, level: float, vertices: int) -> View:

@@ -56,9 +56,9 @@ class Prepared:
     @property
     def parts(self) -> list[Scatterer]:
         """Those of the same surface frames together, as far as memory allows, and then what repeats, each by itself."""
-        every = [*self.scatterers, *self.static]
-        return batches([each for each in every if each.repeats is None], self.model.radar) + [
-            each for each in every if each.repeats is not None
+        scatterers = [*self.scatterers, *self.static]
+        return batches([scatterer for scatterer in scatterers if scatterer.repeats is None], self.model.radar) + [
+            scatterer for scatterer in scatterers if scatterer.repeats is not None
         ]
 
     @property
@@ -128,11 +128,13 @@ def scatterers_of(
         visibility=_visibility(model, accuracy, sight, exact=instants_s is not None and samples_s is None),
     )
     added = plugin_finders()
-    found: list[Scatterer] = []
+    scatterers: list[Scatterer] = []
     for number, times_s in enumerate(times):
-        found += [scatterer for find in SCATTERERS for scatterer in find(preparation, number, times_s)]
-        found += [each for name, find in added.items() for each in _added(name, find, preparation, number, times_s)]
-    return found + several_bounces(preparation, times)
+        scatterers += [scatterer for find in SCATTERERS for scatterer in find(preparation, number, times_s)]
+        scatterers += [
+            scatterer for name, find in added.items() for scatterer in _added(name, find, preparation, number, times_s)
+        ]
+    return scatterers + several_bounces(preparation, times)
 
 
 def _visibility(model: Model, accuracy: Accuracy, sight: Sight, *, exact: bool) -> VisibilityModel:
@@ -142,8 +144,8 @@ def _visibility(model: Model, accuracy: Accuracy, sight: Sight, *, exact: bool) 
     if not exact:
         return Sampled(sight, subdivision=accuracy.visibility_subdivision)
     # Facets about as coarse as that need no refinement of their own.
-    own = accuracy.sagitta_scale if accuracy.sagitta_scale > OCCLUDER_SAGITTA_SCALE / 2 else OCCLUDER_SAGITTA_SCALE
-    coarse = accuracy.replace(sagitta_scale=own)
+    scale = accuracy.sagitta_scale if accuracy.sagitta_scale > OCCLUDER_SAGITTA_SCALE / 2 else OCCLUDER_SAGITTA_SCALE
+    coarse = accuracy.replace(sagitta_scale=scale)
     meshes = [target.mesh for target, fast in zip(model.modelled, sight.fast_rotating, strict=True) if not fast]
     occluders = [model.facets(mesh, coarse) for mesh in meshes if mesh is not None]
     return ExactOverStrongest(sight, occluders, subdivision=accuracy.visibility_subdivision)
@@ -243,9 +245,9 @@ def _facets(
             times_s = model.decimated(times_s, tier)
         if accuracy.repeats:
             above_db = accuracy.tiers[place - 1].level_db if place else 0.0
-            found = in_periods(mesh, model.radar, times_s, views, make, level_db=above_db)
-            if found is not None:
-                return found
+            periodic = in_periods(mesh, model.radar, times_s, views, make, level_db=above_db)
+            if periodic is not None:
+                return periodic
     return [make(times_s=times_s, views=views)]
 
 
@@ -263,8 +265,10 @@ def limbs(preparation: Preparation, number: int, times_s: np.ndarray) -> Iterato
             samples_s, frames_s = np.append(samples_s[:-1:2], samples_s[-1]), model.decimated(times_s, tier)
         views = coarse_views(ellipsoids, pairs, samples_s, model.blockage, minor=True)
         # An outfit numbers faces on the mesh and segments here.
-        own = _ellipsoids(preparation, number, ellipsoids, resolved(ellipsoids.material, model.radar), frames_s, views)
-        yield own if preparation.at_instants else Resampled.of(own, times_s)
+        echoes = _ellipsoids(
+            preparation, number, ellipsoids, resolved(ellipsoids.material, model.radar), frames_s, views
+        )
+        yield echoes if preparation.at_instants else Resampled.of(echoes, times_s)
 
 
 def _ellipsoids(
@@ -297,32 +301,32 @@ SCATTERERS: tuple[Finder, ...] = (own_ellipsoids, facets, limbs)
 
 def plugin_finders() -> dict[str, Finder]:
     """Those of other packages by name (docs/extend.md)."""
-    names = [each.__name__ for each in SCATTERERS]
+    names = [finder.__name__ for finder in SCATTERERS]
     return {name: loaded(entry) for name, entry in plugins("scatterers", names).items()}
 
 
 def _added(name: str, find: Finder, preparation: Preparation, number: int, times_s: np.ndarray) -> list[Scatterer]:
     """What another package finds, checked."""
     try:
-        found = list(find(preparation, number, times_s))
+        scatterers = list(find(preparation, number, times_s))
     except Exception as error:  # code of others
         raise InputError(
             f"the scatterers {name} of another package failed ({type(error).__name__}: {error}); repair or uninstall that package"
         ) from error
     wrong = [
-        each
-        for each in found
-        if not isinstance(each, Scatterer)
-        or each.echoes < 1
-        or not np.array_equal(each.times_s, times_s)
-        or len(each.labels.target) != each.echoes
+        scatterer
+        for scatterer in scatterers
+        if not isinstance(scatterer, Scatterer)
+        or scatterer.echoes < 1
+        or not np.array_equal(scatterer.times_s, times_s)
+        or len(scatterer.labels.target) != scatterer.echoes
     ]
     if wrong:
         raise InputError(
             f"the scatterers {name} of another package gave {shown(wrong[0])}, which must be a Scatterer of 1 echo or more at the "
             "frames that it was asked for, with as many labels; repair or uninstall that package"
         )
-    return found
+    return scatterers
 
 
 def several_bounces(preparation: Preparation, times: Sequence[np.ndarray]) -> list[Scatterer]:

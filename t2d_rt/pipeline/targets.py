@@ -100,13 +100,13 @@ def passing(geometry: AnyGeometry, radar: Radar) -> AnyGeometry:
     times_s = min(own_s, track_s, key=lambda given_s: float(np.diff(given_s).min()))
     half_s = float(np.diff(times_s).min()) / 2
     inside = times_s[(times_s > begin + half_s) & (times_s < end - half_s)]
-    found = copy(geometry)
-    set_fields(found, track=partial(_carried, geometry, radar), times_s=np.concatenate([[begin], inside, [end]]))
+    moved = copy(geometry)
+    set_fields(moved, track=partial(_carried, geometry, radar), times_s=np.concatenate([[begin], inside, [end]]))
     if geometry.made is not None and geometry.made.by == "arrays":
-        set_fields(found, made=Made("passing", {}))  # these arrays are in the world
-    if isinstance(found, MovingMesh):
-        set_fields(found, period_s=None)  # it is never in the same place before the radar again
-    return found
+        set_fields(moved, made=Made("passing", {}))  # these arrays are in the world
+    if isinstance(moved, MovingMesh):
+        set_fields(moved, period_s=None)  # it is never in the same place before the radar again
+    return moved
 
 
 def in_frame(radar: Radar, times_s: np.ndarray, points_m: np.ndarray) -> np.ndarray:
@@ -127,26 +127,26 @@ def targets_of(
 ) -> list[Target]:
     """The targets that were handed in, each person followed by what they carry, movers over the time that all others have in
     common; `material` is that of persons, meshes and ellipsoids, an outfit that of persons alone, None their own."""
-    if material is not None and outfit_of(material) is not None and not any(isinstance(each, Motion) for each in given):
+    if material is not None and outfit_of(material) is not None and not any(isinstance(item, Motion) for item in given):
         raise InputError(
             f"an outfit is worn by a Motion, got {given!r:.60}; give one, or skin(motion, material=...) in the outfit"
         )
     lasting = {
-        number: _lasting(each, method, body, material, radar)
-        for number, each in enumerate(given)
-        if not isinstance(each, Mover)
+        number: _lasting(target, method, body, material, radar)
+        for number, target in enumerate(given)
+        if not isinstance(target, Mover)
     }
     if not lasting:
         raise InputError(
             f"movers alone have no end, got {given!r:.60}; give one of them as its mesh, mover.mesh(0, 5) for 5 s"
         )
-    time_s = shared_time([each.world for each in lasting.values()])
-    found: list[Target] = []
-    for number, each in enumerate(given):
-        found.append(Target.of(each, each.mesh(*time_s), radar) if isinstance(each, Mover) else lasting[number])
-        if isinstance(each, Motion):
-            found += [Target.of(thing, thing, radar) for thing in things(lasting[number].source)]
-    return found
+    time_s = shared_time([target.world for target in lasting.values()])
+    targets: list[Target] = []
+    for number, target in enumerate(given):
+        targets.append(Target.of(target, target.mesh(*time_s), radar) if isinstance(target, Mover) else lasting[number])
+        if isinstance(target, Motion):
+            targets += [Target.of(carried, carried, radar) for carried in things(lasting[number].source)]
+    return targets
 
 
 def _lasting(
@@ -162,8 +162,8 @@ def _lasting(
         raise InputError(
             f"method 'ellipsoid' needs a Motion or Ellipsoids, got the mesh {given.name}; use method 'mesh'"
         )
-    own = material if isinstance(material, str | Material) and outfit_of(material) is None else None
-    return Target.of(given, given, radar, own)
+    own_material = material if isinstance(material, str | Material) and outfit_of(material) is None else None
+    return Target.of(given, given, radar, own_material)
 
 
 def shared_time(geometries: Sequence[Geometry]) -> tuple[float, float]:
@@ -186,7 +186,7 @@ def skin(motion: Motion, body: str = "adult", *, material: str | Material | Outf
 def things(motion: Motion) -> list[MovingMesh]:
     """Meshes of what a person carries, and of the wheels that roll with it."""
     followed = track(motion) if motion.carries else None
-    return [mesh for each in motion.carries if followed is not None for mesh in _thing(followed, each)]
+    return [mesh for carried in motion.carries if followed is not None for mesh in _thing(followed, carried)]
 
 
 def _thing(followed: Track, carried: Carried) -> list[MovingMesh]:

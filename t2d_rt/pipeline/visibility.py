@@ -105,7 +105,7 @@ class ExactOverStrongest:
 
     def _facet_visibility(self, number: int, pair: PathPair | None) -> FacetVisibility:
         """Of a mesh, traced from every facet's vertices."""
-        own = self._others.index[number]
+        mesh_index = self._others.index[number]
         ends = viewpoints_at(self._sight.radar.views_m) if pair is None else [pair.out, pair.back]
         return _TracedFromFacets(
             tuple(
@@ -113,7 +113,7 @@ class ExactOverStrongest:
                     self._occluders,
                     end,
                     backend=self._sight.backend,
-                    own=own,
+                    own=mesh_index,
                     wavelength_m=self._sight.radar.wavelength_m,
                 )
                 for end in {end.key: end for end in ends}.values()
@@ -155,11 +155,11 @@ class _OneWayVisibility:
             if isinstance(geometry, MovingMesh) and not rotates
         ]
         self.index = {number: index for index, number in enumerate(traced)}
-        self._meshes = Occluders([sight.geometries[each] for each in traced], subdivision=subdivision)  # type: ignore[misc]
+        self._meshes = Occluders([sight.geometries[number] for number in traced], subdivision=subdivision)  # type: ignore[misc]
         self._viewpoints = Viewpoints(
             self._meshes, sight.samples_s, sight.backend, wavelength_m=sight.radar.wavelength_m
         )
-        self._known: dict[_Place, Occlusion] = {}
+        self._occlusions: dict[_Place, Occlusion] = {}
         self._mean: dict[int, MeanVisibility] = {}
 
     def place(self, end: int, path: OneWayPath | None) -> _Place:
@@ -188,9 +188,9 @@ class _OneWayVisibility:
                     mesh, self._meshes, sight.samples_s, solid=self._solid, backend=sight.backend
                 )
             return self._mean[number].over(key, viewpoint, unblocked, path_count)
-        if key not in self._known:
-            self._known[key] = Occlusion(self._viewpoints, viewpoint, unblocked=unblocked, solid=self._solid)
-        return _Occluded(self._known[key], path_count, self.index[number])
+        if key not in self._occlusions:
+            self._occlusions[key] = Occlusion(self._viewpoints, viewpoint, unblocked=unblocked, solid=self._solid)
+        return _Occluded(self._occlusions[key], path_count, self.index[number])
 
 
 def coarse_views(
@@ -210,8 +210,8 @@ def coarse_views(
     paths = [path for pair in pairs for path in (pair.out, pair.back)]
     fractions = _unblocked(blockage(geometry, samples_s, minor=minor), paths, scene, fast_rotating=fast_rotating)
     field = "visibility" if isinstance(geometry, Ellipsoids) else "unblocked"
-    found = [tuple(fractions[path.key] for path in (pair.out, pair.back)) for pair in pairs]
-    return [View(paths=pair, **{field: each}) for pair, each in zip(pairs, found, strict=True)]  # type: ignore[arg-type]
+    of_pairs = [tuple(fractions[path.key] for path in (pair.out, pair.back)) for pair in pairs]
+    return [View(paths=pair, **{field: of_pair}) for pair, of_pair in zip(pairs, of_pairs, strict=True)]  # type: ignore[arg-type]
 
 
 def blockage(geometry: Geometry, samples_s: np.ndarray, *, minor: bool = False) -> Blockage:
