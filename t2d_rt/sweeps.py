@@ -170,10 +170,7 @@ class Sweep:
 
     def plot(self, title: str | None = None, *, dynamic_range_db: float = 50.0, width_in: float = 7.0) -> Figure:
         """Spectrograms side by side on one scale, whose top is the greatest level of all [dB re 1 W]."""
-        images = [
-            (spectrogram.velocity_mps.values, spectrogram.time_s.values, spectrogram.values)
-            for spectrogram in self.spectrograms
-        ]
+        images = [(image.velocity_mps.values, image.time_s.values, image.values) for image in self.spectrograms]
         counts = [len({point.fields[name] for point in self.points}) for name in self.points[0].fields]
         columns = counts[-1] if len(counts) == 2 and counts[-1] <= 5 else None
         style = Style(dynamic_range_db=dynamic_range_db, width_in=width_in)
@@ -410,10 +407,7 @@ def _texts(name: str, values: Sequence[Any]) -> list[str]:
     """What tells the values of a field apart: of targets their kinds and the fields that differ."""
     leaf = name.rpartition(".")[2]
     numbers = [number for number in values if isinstance(number, (int, float))]
-    digits = next(
-        (n for n in range(6, 17) if len({f"{x:.{n}g}" for x in numbers}) == len(set(numbers))),
-        17,
-    )
+    digits = next((n for n in range(6, 17) if len({f"{x:.{n}g}" for x in numbers}) == len(set(numbers))), 17)
 
     def text(value: Any) -> str:
         if value is None:

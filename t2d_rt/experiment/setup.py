@@ -175,16 +175,12 @@ def placed_targets(target: Any, radar: Radar) -> list[TargetLike]:
     """What was given as a target or several, checked, with motions in their places before the radar."""
     target = target_named(target)
     targets = [target] if isinstance(target, TargetLike) else target
-    if (
-        not isinstance(targets, Sequence)
-        or not targets
-        or not all(isinstance(candidate, TargetLike) for candidate in targets)
-    ):
+    if not isinstance(targets, Sequence) or not targets or not all(isinstance(item, TargetLike) for item in targets):
         raise InputError(
             f"target must be a Motion, a MovingMesh, Ellipsoids, a mover or a list of them, got {shown(targets)}; "
             "load_motion reads a file"
         )
-    return [_placed(candidate, radar) if isinstance(candidate, Motion) else candidate for candidate in targets]
+    return [_placed(item, radar) if isinstance(item, Motion) else item for item in targets]
 
 
 def set_up_stored(
