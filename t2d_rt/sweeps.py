@@ -477,14 +477,14 @@ def _check_folder(folder: Path, points: Sequence[Point], keys: Sequence[str]) ->
         return
     if not folder.is_dir():
         raise InputError(f"{folder} is a file and a sweep is a folder; choose another name")
-    keys_by_file = {point.file: key for point, key in zip(points, keys, strict=True)}
+    key_by_file = {point.file: key for point, key in zip(points, keys, strict=True)}
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or path.name in (TABLE, *PICTURES, PARTS_TABLE, *PARTS_PICTURES):
             continue
-        if path.name not in keys_by_file:
+        if path.name not in key_by_file:
             raise InputError(f"{folder} holds {path.name}, which is not of this sweep; choose another folder")
         recording = Recording.load(path)
-        if recording.settings.get("sweep") != keys_by_file[path.name]:
+        if recording.settings.get("sweep") != key_by_file[path.name]:
             changed = [f"{name} {value}" for name, value in recording.versions.items() if versions().get(name) != value]
             why = f"by other versions ({', '.join(changed)})" if changed else "of another experiment, file or setting"
             raise InputError(f"{path} was made {why}; choose another folder, or delete it")

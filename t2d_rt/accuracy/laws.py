@@ -111,10 +111,10 @@ class FacetLaw:
 
     def difference_db(self, sagitta_rad: float) -> float:
         """Energy of what they differ by from facets of `COARSER` times the phase sagitta."""
-        own_rad, coarser_rad = self._equivalent_rad(sagitta_rad), self._equivalent_rad(COARSER * sagitta_rad)
-        if coarser_rad > 0.999 * COARSER * own_rad:
+        own_rad, other_rad = self._equivalent_rad(sagitta_rad), self._equivalent_rad(COARSER * sagitta_rad)
+        if other_rad > 0.999 * COARSER * own_rad:
             return self._at(own_rad, self.coarser_db)
-        own_db, other_db = (self._at(sagitta, self.facets_db) for sagitta in (own_rad, coarser_rad))
+        own_db, other_db = (self._at(sagitta, self.facets_db) for sagitta in (own_rad, other_rad))
         return 10 * math.log10(max(10 ** (other_db / 10) - 10 ** (own_db / 10), 10 ** ((own_db + SAME_DB) / 10)))
 
     def _equivalent_rad(self, sagitta_rad: float) -> float:

@@ -52,10 +52,10 @@ class PartNames:
         keys = [(number, "") for number in range(len(targets))]
         if split == "segment":
             self._segments = [_Segments.of(model, number) for number in range(len(targets))]
-            segment_keys = [
+            of_segments = [
                 (number, name) for number, segments in enumerate(self._segments) for name in segments.names if name
             ]
-            keys = segment_keys + keys  # what has no segment comes last
+            keys = of_segments + keys  # what has no segment comes last
         before = [f"{name}: " if len(targets) > 1 else "" for name in numbered(targets)]
         wished = [before[number] + name if name else targets[number] for number, name in keys]
         distinct = numbered(wished, taken=(STATIC, UNLABELLED, BETWEEN))
