@@ -30,7 +30,7 @@ RANKING_NODES = 7
 
 
 FacetVisibility = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""0..1 (K, Q) at times [s] (K,), of vertices (K, Q, 3) of triangles (F, 3)."""
+"""Amplitude over that with nothing in the way, (K, Q) at times [s] (K,), of vertices (K, Q, 3) of triangles (F, 3)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,7 +18,8 @@ from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.mesh import MovingMesh
 
 Fraction = Callable[[np.ndarray], np.ndarray]
-"""Fraction of a field that arrives, 0..1 (K, N) at times [s] (K,); scatterers that need the same one hold the same object."""
+"""What arrives of a field, its amplitude over that with nothing in the way, (K, N) at times [s] (K,): 0 in the dark, 1 in the open
+and up to some 1.4 beside an edge. Scatterers that need the same one hold the same object."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -215,7 +215,7 @@ def departures(gait: Gait, limits: Limits) -> dict[str, float]:
     """
     departure = {}
     for name, (low, high) in limits.gait.items():
-        value, half = float(getattr(gait, name)), 0.5 * (high - low or LEAST_RANGE)
+        value, half = float(getattr(gait, name)), 0.5 * max(high - low, LEAST_RANGE if name == "halted_s" else 0.0)
         away = 0.0 if math.isnan(value) else (value - 0.5 * (low + high)) / half
         away = max(away, 0.0) if name.endswith(("asymmetry", "variation")) else abs(away)
         departure[name] = min(away, MOST_ALONE) if name in ONE_S_OWN else away
