@@ -75,7 +75,8 @@ def run() -> Section:
         f"{SMOOTHED} columns over that without what blocks, at all speeds together; slow: up to {FAST_MPS:g} m/s, fast: beyond, "
         "each by itself. Edge: mean time from -3 to -20 dB. A mask is as deep as the background, "
         f"at all speeds, has edges of one column, and lasts {mask.shortest_s:g} to {mask.longest_s:g} s by default. Visibility is "
-        "by rays that fade over the Fresnel zone; what is diffracted into the furniture's shadow is not modelled; beside the person's outline it is (eq. 27). By two knife edges in phase "
+        "by rays that fade over the Fresnel zone; what is diffracted into the furniture's shadow is not modelled; beside the "
+        "person's outline it is (eq. 27). By two knife edges in phase "
         f"(ITU-R P.526, eq. 31) it is {diffracted_db(0.45, 2.2, 1.6):.0f} dB at most behind the middle of the cupboard, there and "
         f"back, and {diffracted_db(0.2, 2.0, 1.8):.0f} dB behind a body 0.4 m wide.",
         table=rows,
