@@ -105,7 +105,7 @@ class Lexicon(Fields):
     directions: dict[Direction | Literal["circle"], Phrases]
     gaits: dict[GaitType, Synonyms]
     fall_causes: dict[FallType, Synonyms]
-    joins: dict[Literal["then", "before", "after", "while", "and", ","], Phrases]
+    joins: dict[Literal["then", "before", "after", "while", "and", "or", ","], Phrases]
     on_the_spot: Phrases
     storeys: Phrases
     without_meaning: Phrases
@@ -117,6 +117,7 @@ class Lexicon(Fields):
     some: dict[str, int]
     times: dict[str, int]
     not_once: Words
+    compared: Words
     seconds: dict[str, float]
     degrees: dict[str, float]
     roughly: Words

@@ -94,7 +94,7 @@ def _checked(sentence: str) -> str:
             "activity in a sentence"
         )
     numbers = "|".join(number for number in lexicon().numbers if number not in ("a", "an"))
-    below = rf"(?<!\S)(?:[-\u2212](?=[\d.])|(?:minus|negative)\s+(?=[\d.]|(?:a|{numbers}|half|pi|\u03c0)\b))\S+"
+    below = rf"(?<![^\s(=:x\u00d7*])(?:[-\u2212](?=[\d.])|(?:minus|negative)\s+(?=[\d.]|(?:a|{numbers}|half|pi|\u03c0)\b))\S+"
     measures = "|".join(re.escape(measure) for measure in ("times", "turns", *lexicon().seconds, *lexicon().degrees))
     wrong = re.search(rf"{below}|\b(?:nan|inf|infinite|infinity)\s*(?:{measures})\b", sentence, re.IGNORECASE)
     if wrong is not None:

@@ -88,6 +88,8 @@ class Reader:
     """Whether the words belong to something that is not understood, or does not happen."""
     denied: bool = False
     """Whether the next action does not happen."""
+    other_choice: bool = False
+    """Whether the words tell what may happen instead of what was said: left or right."""
     of_part: bool = False
     """Whether the last words are a part of the body: arms up."""
     attending: bool = False
@@ -173,8 +175,14 @@ class Reader:
     def _action(self, token: Token) -> None:
         clause = self.clauses[-1]
         self.attending = False
+        if self.other_choice:
+            self.dead = True
+            self.ignored.append(token.words)
+            return
         self.dead = self.denied
         self.denied = False
+        if clause.steps and not self.dead and _as_noun(clause.steps[-1], token, self.ignored):
+            return
         if self.dead:
             self.ignored.append(token.words)
             self.denied_actions.append(token.words)
@@ -198,7 +206,7 @@ class Reader:
 
     def _modifier(self, token: Token) -> None:
         clause = self.clauses[-1]
-        if self.dead or self.denied:
+        if self.dead or self.denied or self.other_choice:
             self.ignored.append(token.words)
         elif token.kind == "direction" and (self.attending or (self.of_part and not self._stretching())):
             if token.slots["direction"] not in ("up", "down"):
@@ -211,6 +219,11 @@ class Reader:
     def _join(self, join: str) -> None:
         clause = self.clauses[-1]
         self.attending = False
+        self.other_choice = join == "or" and bool(self._last() or self.denied_actions) and not self.denied
+        if self.other_choice:
+            self.ignored.append(join)
+            return
+        join = "and" if join == "or" else join
         if join == ",":
             if not clause.steps and (clause.join not in (",", "") or not self._last()):
                 return  # slowly, a man ...; and then, slowly, ...
@@ -262,7 +275,7 @@ class Reader:
                     raise
             pending_slots = {slot for pending in clause.pending for slot in pending.slots if slot != "direction"}
             said = {slot: value for slot, value in last.said.items() if slot not in pending_slots} | {**token.slots}
-            new = ParseStep(last.action, dict(last.implied), said, joined="then", words=last.words)
+            new = ParseStep(last.action, dict(last.implied), said, weak=last.weak, joined="then", words=last.words)
         clause.pending.clear()
         if new is not None:
             clause.steps.append(new)
@@ -291,6 +304,19 @@ class Reader:
                     step_groups.append(held)
                     held = []
         return [step for steps in ([*step_groups, held] if held else step_groups) for step in steps]
+
+
+def _as_noun(step: ParseStep, token: Token, ignored: list[str]) -> bool:
+    """Whether a verb is a noun that belongs to the step before it, which then says it: spins two turns, walks two circles."""
+    if token.words == "steps" and step.action == "climb":
+        attach(step, Token("object", token.words, {"object": "stair"}), ignored)
+    elif token.words == "turns" and step.action == "turn" and "count" in step.said:
+        step.implied.setdefault("angle_deg", 2 * HALF_TURN_DEG)
+    elif token.words == "circles" and step.action in ("walk", "run", "dance", "jump") and "count" in step.said:
+        attach(step, Token("direction", token.words, {"direction": "circle"}), ignored)
+    else:
+        return False
+    return True
 
 
 def attach(step: ParseStep, token: Token, ignored: list[str]) -> None:
@@ -373,7 +399,7 @@ def _direct(step: ParseStep, value: str, words: str, ignored: list[str]) -> None
 def merged(first: ParseStep, second: ParseStep) -> ParseStep | None:
     """Two steps as one; None where they say different things."""
     one, two = first.slots(), second.slots()
-    firm = ("manner", "speed") if first.action == "fall" else ("manner", "speed", "type")
+    firm = ("manner", "speed") if first.action == "fall" else ("manner", "speed", "type", "side", "count")
     if any(slot in one and slot in two and one[slot] != two[slot] for slot in firm):
         return None
     result = ParseStep(first.action, dict(first.implied), dict(first.said), weak=first.weak, gerund=first.gerund)

@@ -22,6 +22,9 @@ MOST_BETWEEN = 4
 BY, SETS = ("x", "\u00d7", "*"), (["sets", "of"], ["rounds", "of"], ["series", "of"])
 """What stands between how many times and what is done: 2 x 90 degrees, 3 sets of 5 squats."""
 
+AS_JOINS = "if", "though", "in", "it", "well", "before"
+"""What follows an "as" that compares nothing."""
+
 PARTS = {"half": 0.5, "third": 1 / 3, "quarter": 0.25}
 """Parts of a turn or of a unit of angles."""
 
@@ -245,13 +248,27 @@ def _match(pattern: tuple[str, ...], words: list[str], place: int) -> tuple[list
     for end in range(start, start + MOST_BETWEEN + 1):
         if tuple(words[end : end + len(last)]) == last:
             return words[start:end], end + len(last)
-        if end >= len(words) or words[end] in ("and", "then", ",", ".", "before", "after", "while", "to"):
+        if end >= len(words) or words[end] in ("and", "or", "then", ",", ".", "before", "after", "while", "to"):
             return None
     return None
 
 
 def _measure(words: list[str], place: int) -> tuple[Token, int] | None:
-    """A number of times or of seconds that begins at a token."""
+    """A number of times or of seconds that begins at a token; one that compares, or is of each time, is reported."""
+    measure = _said_measure(words, place)
+    if measure is None:
+        return None
+    token, after = measure
+    follows, said = words[after : after + 2], " ".join(words[place:after])
+    if "duration_s" in token.slots and (follows[:1] == ["each"] or follows[:1] == ["every"]):
+        return Token("reported", f"{said} {follows[0]}"), after + 1
+    compares = follows[:1] and follows[0] in lexicon().compared and "count" in token.slots
+    if compares and not (follows[0] == "as" and (len(follows) == 1 or follows[1] in (*lexicon().not_once, *AS_JOINS))):
+        return Token("reported", f"{said} as" if follows[0] == "as" else said), after + int(follows[0] == "as")
+    return measure
+
+
+def _said_measure(words: list[str], place: int) -> tuple[Token, int] | None:
     word, rest = words[place], words[place + 1 : place + 5]
     if word in lexicon().times:
         conjunction = word == "once" and ((rest and rest[0] in lexicon().not_once) or words[max(place - 1, 0)] == "at")
@@ -295,23 +312,33 @@ def _times(words: list[str], place: int) -> tuple[Token, int] | None:
     reading = _number(words, place)
     if reading is None and words[place] in BY:
         reading = _number(words, place + 1)
-        return reading and (Token("slot", " ".join(words[place : reading[2]]), {"count": int(reading[0])}), reading[2])
+        return reading and (Token("slot", " ".join(words[place : reading[2]]), {"count": _whole(reading[0])}), reading[2])
     if reading is None or reading[2] >= len(words):
         return None
     number, vague, after = reading
-    whole = int(number) if number == int(number) else number
+    whole = _whole(number)
     follows = words[after]
     start = after + 1 if follows in BY else after + 2 if words[after : after + 2] in SETS else 0
     if start:
-        more = _number(words, start)
-        if more is not None and _lasting(words, start, alone=True) is None and _turned(words, start) is None:
-            whole, start = whole * more[0], more[2] + int(words[more[2] : more[2] + 1] == ["times"])
-            whole = int(whole) if whole == int(whole) else whole
+        more, lasting = _number(words, start), _lasting(words, start, alone=True)
+        if lasting is not None:  # 2 x 5 s, 10 s in all
+            seconds = whole * float(str(lasting[0].slots["duration_s"]))
+            said = " ".join(words[place : lasting[1]])
+            return Token("slot", said, {"count": whole, "duration_s": seconds}), lasting[1]
+        if more is not None and _turned(words, start) is None:
+            whole, start = _whole(whole * more[0]), more[2] + int(words[more[2] : more[2] + 1] == ["times"])
         return Token("slot", " ".join(words[place:start]), {"count": whole}), start
     if follows == "times" or (follows == "time" and words[place] not in ("a", "an")):
         said = " ".join(words[place : after + 1])
         note = said if vague else ""
         return Token("slot", f"{whole} times" if vague else said, {"count": whole}, note=note), after + 1
+    climbed = next((word for word in reversed(words[:place]) if word not in lexicon().roughly), "")
+    if follows == "steps" and (climbed in ("up", "down") or _is_verb(climbed, "climb")):
+        return Token("object", f"{number:g} stairs", {"object": "stair", "count": whole}), after + 1
+    side = words[after + 2 : after + 3] if words[after : after + 2] == ["to", "the"] else [follows]
+    sided = side in (["left"], ["right"]) and words[after + len(side) :][:1] not in ([part] for part in _body_parts())
+    if sided and words[place] not in ("a", "an"):  # two left and one right
+        return Token("slot", words[place], {"count": whole}), after
     if words[after - 1] == "couple":  # who dances, not how often
         return None
     angle = _turned(words, after)  # two 360 degree turns
@@ -321,6 +348,14 @@ def _times(words: list[str], place: int) -> tuple[Token, int] | None:
     if deeds and follows.endswith("s") and follows != "steps" and number > 1:
         return Token("slot", words[place], {"count": whole}), after
     return None
+
+
+def _whole(number: float) -> float:
+    return int(number) if number == int(number) else number
+
+
+def _is_verb(word: str, action: str) -> bool:
+    return any(entry.slots.get("action") == action and entry.words == (word,) for entry in _index().get(word, ()))
 
 
 def _lasting(words: list[str], place: int, *, alone: bool) -> tuple[Token, int] | None:
@@ -416,7 +451,7 @@ def _meant(word: str) -> str | None:
         or word.removesuffix("s") in PARTS
         or len(word) < SHORTEST_SLIP
         or not word.isalpha()
-        or word in lexicon().not_misspelt
+        or word in (*lexicon().not_misspelt, *lexicon().compared)
     ):
         return None
     letters = "abcdefghijklmnopqrstuvwxyz"
