@@ -233,12 +233,19 @@ def test_factors_are_counts(words: str, count: int, angle_deg: float | None) -> 
         ("walks two circles", [{"action": "walk", "count": 2, "direction": "counterclockwise"}]),
         ("sits for 2 x 5 s", [{"action": "sit", "count": 2, "duration_s": 10}]),
         ("dances for 3 sets of 10 s", [{"count": 3, "duration_s": 30}]),
-        ("turns 45 degrees right then another 90 degrees",
-         [{"direction": "right", "angle_deg": 45}, {"direction": "right", "angle_deg": 90}]),
-        ("leans left 3 times and right 2 times", [{"direction": "left", "count": 3}, {"direction": "right", "count": 2}]),
+        (
+            "turns 45 degrees right then another 90 degrees",
+            [{"direction": "right", "angle_deg": 45}, {"direction": "right", "angle_deg": 90}],
+        ),
+        (
+            "leans left 3 times and right 2 times",
+            [{"direction": "left", "count": 3}, {"direction": "right", "count": 2}],
+        ),
         ("limps on the left leg and then the right leg", [{"side": "left"}, {"side": "right"}]),
-        ("spins 2 turns left and one right",
-         [{"direction": "left", "count": 2, "angle_deg": 360}, {"direction": "right", "count": 1, "angle_deg": 360}]),
+        (
+            "spins 2 turns left and one right",
+            [{"direction": "left", "count": 2, "angle_deg": 360}, {"direction": "right", "count": 1, "angle_deg": 360}],
+        ),
     ],
 )
 def test_what_is_said_of_two_times_is_kept(words: str, slots: list[dict[str, object]]) -> None:

@@ -312,7 +312,10 @@ def _times(words: list[str], place: int) -> tuple[Token, int] | None:
     reading = _number(words, place)
     if reading is None and words[place] in BY:
         reading = _number(words, place + 1)
-        return reading and (Token("slot", " ".join(words[place : reading[2]]), {"count": _whole(reading[0])}), reading[2])
+        return reading and (
+            Token("slot", " ".join(words[place : reading[2]]), {"count": _whole(reading[0])}),
+            reading[2],
+        )
     if reading is None or reading[2] >= len(words):
         return None
     number, vague, after = reading
