@@ -17,7 +17,7 @@ import t2d_rt as t2d
 from t2d_rt.body import template
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.dataset import Recipe
-from t2d_rt.dataset.shards import Made
+from t2d_rt.dataset.shards import MadeSample
 from t2d_rt.dataset.worker import Plans, make_sample
 from t2d_rt.types import PEC, Material, Motion, MovingMesh, Radar, Scene, Surface
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS
@@ -169,10 +169,10 @@ def write_c3d(path: Path, tracks: dict[str, np.ndarray], rate_hz: float) -> Path
 # --- samples of a data set ---
 
 
-def remember_samples(patch: pytest.MonkeyPatch, known: dict[tuple[str, int], Made]) -> None:
+def remember_samples(patch: pytest.MonkeyPatch, known: dict[tuple[str, int], MadeSample]) -> None:
     """Samples of a recipe that this process has made are not made again."""
 
-    def remembered(recipe: Recipe, plans: Plans, index: int) -> Made:
+    def remembered(recipe: Recipe, plans: Plans, index: int) -> MadeSample:
         key = recipe.model_dump_json(), index
         if key not in known:
             known[key] = make_sample(recipe, plans, index)

@@ -11,7 +11,7 @@ import numpy as np
 from t2d_rt.dataset import Recipe
 from t2d_rt.dataset.products import POINT_COLUMNS, edges
 from t2d_rt.dataset.sample import cell_of, description_of
-from t2d_rt.dataset.shards import Made, write_shard
+from t2d_rt.dataset.shards import MadeSample, write_shard
 from t2d_rt.types import Radar
 
 RADAR = Radar.preset("table2")
@@ -46,7 +46,7 @@ def record_of(found: Recipe, index: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def made(found: Recipe, index: int, greatest_mps: float = 4.0) -> Made:
+def made(found: Recipe, index: int, greatest_mps: float = 4.0) -> MadeSample:
     """A sample of made-up arrays: a line of power at a speed that grows with the index."""
     rng = np.random.default_rng(index)
     record = record_of(found, index)
@@ -69,7 +69,7 @@ def made(found: Recipe, index: int, greatest_mps: float = 4.0) -> Made:
                 told[name] |= {"time_s": [0.0, 5.0]}
             else:
                 told[name] |= {"times_s": [0.5, 1.5, 2.5, 3.5], "range_m": [0.0, 8.0]}
-    return Made(record | {"products": told}, arrays)
+    return MadeSample(record | {"products": told}, arrays)
 
 
 def write_dataset(
@@ -85,7 +85,8 @@ def write_dataset(
         indices = range(number * size, min((number + 1) * size, found.samples))
         samples = [made(found, index, greatest_mps) for index in indices]
         samples = [
-            Made({**each.record, "failure": "no room"}) if each.record["index"] in failed else each for each in samples
+            MadeSample({**each.record, "failure": "no room"}) if each.record["index"] in failed else each
+            for each in samples
         ]
         files |= write_shard(folder, number, samples)
     (folder / "manifest.json").write_text(

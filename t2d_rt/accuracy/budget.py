@@ -9,8 +9,8 @@ from functools import cached_property
 
 import numpy as np
 
-from t2d_rt.accuracy.cost import FacetCount, facet_counts, seconds, work
-from t2d_rt.accuracy.laws import MOST_DB, SMALL_SCATTER_DB, FacetLaw, Law, Laws
+from t2d_rt.accuracy.cost import FacetCount, facet_counts, seconds, work_units
+from t2d_rt.accuracy.error_laws import MOST_DB, SMALL_SCATTER_DB, FacetLaw, Law, Laws
 from t2d_rt.accuracy.occlusion import Occluded
 from t2d_rt.pipeline.echo_model import Model, sagitta_rad
 from t2d_rt.pipeline.path_pairs import Clutter
@@ -88,7 +88,7 @@ class Total:
 
 
 @dataclass(frozen=True)
-class Budget:
+class ErrorBudget:
     """The parts of the field error at any accuracy, by the fitted laws."""
 
     model: Model
@@ -285,7 +285,7 @@ class Budget:
 
     def seconds(self, accuracy: Accuracy, clutter: Clutter = "none") -> float:
         """What a run takes, where the yardstick takes a second."""
-        return seconds(work(self.model, accuracy, self.counts, clutter), self.laws)
+        return seconds(work_units(self.model, accuracy, self.counts, clutter), self.laws)
 
 
 def sampled(rate_hz: float, subdivision: int) -> str:

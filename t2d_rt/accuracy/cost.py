@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from t2d_rt.accuracy.error_laws import COARSER, Laws
 from t2d_rt.accuracy.estimate import FIELD_BYTES
-from t2d_rt.accuracy.laws import COARSER, Laws
 from t2d_rt.core.cubes import is_large
 from t2d_rt.core.memory import release
 from t2d_rt.geometry.refine import curvature
@@ -120,7 +120,9 @@ def facet_counts(model: Model, accuracy: Accuracy) -> list[FacetCount]:
     return [FacetCount.of(model, mesh, accuracy) for mesh in model.geometries if isinstance(mesh, MovingMesh)]
 
 
-def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter: Clutter = "none") -> dict[str, float]:
+def work_units(
+    model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter: Clutter = "none"
+) -> dict[str, float]:
     """Units of each kind of work that the sum of a record takes, without what sets it up; each kind has its fitted seconds."""
     radar, length_s = model.radar, model.span_s[1] - model.span_s[0]
     frames = float(max(len(times) for times in model.frame_times(accuracy)))
@@ -216,7 +218,7 @@ def mesh_vertices(model: Model) -> int:
 
 def predicted_bytes(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], *, measured: bool) -> float:
     """The same before anything is refined."""
-    units = work(model, accuracy, counts)
+    units = work_units(model, accuracy, counts)
     facets, pairs = units["refined facet"] - beside_facets(counts), max(1.0, units["path pair"])
     of_pair = patches_of(units["facet of a path pair"] / pairs) + POINTS_PER_MESH * rough_meshes(model)
     echoes = min(pairs * of_pair, most_echoes(model.radar))

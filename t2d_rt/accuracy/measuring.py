@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.accuracy.budget import Budget, Total, db, patches_db, ratio
+from t2d_rt.accuracy.budget import ErrorBudget, Total, db, patches_db, ratio
 from t2d_rt.accuracy.cost import predicted_bytes
+from t2d_rt.accuracy.error_laws import COARSER
 from t2d_rt.accuracy.estimate import Chirps, Field, of_cube
-from t2d_rt.accuracy.laws import COARSER
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.accuracy.search import OVER_DB, finer_plan
 from t2d_rt.core.cubes import Cube
@@ -78,11 +78,11 @@ def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> Measu
     it; a warning where there is nothing to measure.
 
     The chirps are held against a model with coarser facets, which costs little. Facets' errors fall with their phase sagitta by a
-    fitted law, so the difference tells the run's own (`Budget`, as in Richardson's extrapolation). In free space the coarser model
-    tells what sampled visibility costs, too, beside one that traces it at each chirp, where the law of shadows' edges leaves in
-    doubt whether the tolerance is kept. Ellipsoids that stand for bodies over minor path pairs are not in the coarser model: the
-    difference has their power. Small bodies and meshes in free space are held against finer facets, visibility traced at each
-    chirp: the difference is the error.
+    fitted law, so the difference tells the run's own (`ErrorBudget`, as in Richardson's extrapolation). In free space the
+    coarser model tells what sampled visibility costs, too, beside one that traces it at each chirp, where the law of shadows'
+    edges leaves in doubt whether the tolerance is kept. Ellipsoids that stand for bodies over minor path pairs are not in the
+    coarser model: the difference has their power. Small bodies and meshes in free space are held against finer facets,
+    visibility traced at each chirp: the difference is the error.
     """
     budget, model, accuracy = plan.budget, plan.model, plan.accuracy
     coarser, expected, fraction = compared_with(budget, accuracy)
@@ -177,7 +177,7 @@ def warn_of_miss(plan: Plan, error: MeasuredError) -> None:
 
 
 def _combined(
-    budget: Budget, accuracy: Accuracy, expected: float, fraction: float, facets: np.ndarray, shadows: np.ndarray
+    budget: ErrorBudget, accuracy: Accuracy, expected: float, fraction: float, facets: np.ndarray, shadows: np.ndarray
 ) -> MeasuredError:
     """The error of a run from energies by which its chirps differ from coarser facets' (K,), and these from traced ones, if any.
 
@@ -219,14 +219,14 @@ def _combined(
     return MeasuredError(db(error + apart - explained), scatter_db, len(facets))
 
 
-def shadows_matter(budget: Budget, accuracy: Accuracy, coarser: Accuracy, expected: float) -> bool:
+def shadows_matter(budget: ErrorBudget, accuracy: Accuracy, coarser: Accuracy, expected: float) -> bool:
     """Whether what visibility costs is measured: in free space, where it may be a good part of the error."""
     if budget.model.scene is not None or coarser.occlusion != accuracy.occlusion:
         return False
     return Total.of(budget.of_visibility(accuracy)).surely > SHADOWS * expected
 
 
-def compared_with(budget: Budget, accuracy: Accuracy) -> tuple[Accuracy, float, float]:
+def compared_with(budget: ErrorBudget, accuracy: Accuracy) -> tuple[Accuracy, float, float]:
     """The coarser accuracy with which a run is compared, the energy of their difference by the laws, and the fraction of it that
     is the error of the run."""
     laws = budget.laws
@@ -252,7 +252,7 @@ def compared_with(budget: Budget, accuracy: Accuracy) -> tuple[Accuracy, float, 
     return coarser, apart, error / apart
 
 
-def finer(budget: Budget, accuracy: Accuracy) -> Accuracy | None:
+def finer(budget: ErrorBudget, accuracy: Accuracy) -> Accuracy | None:
     """The finer accuracy, visibility traced at each chirp, with which the run of a small body or mesh in free space is compared;
     None where the law of facets serves or finer ones cost too much."""
     scale, facet_count = accuracy.sagitta_scale, budget.facet_count(accuracy.sagitta_scale)
@@ -272,13 +272,13 @@ def finer(budget: Budget, accuracy: Accuracy) -> Accuracy | None:
     return accuracy.replace(sagitta_scale=scale, **EXACT)
 
 
-def left_out(budget: Budget, accuracy: Accuracy) -> float:
+def left_out(budget: ErrorBudget, accuracy: Accuracy) -> float:
     """Power of the path pairs that a run leaves out, over that of all of them, by the law."""
     kept_power = sum(power for _, _, power in budget.tiers(accuracy))
     return max(0.0, 1 - kept_power) * ratio(budget.laws.pairs.mean_db)
 
 
-def has_fewer_facets(budget: Budget, accuracy: Accuracy) -> bool:
+def has_fewer_facets(budget: ErrorBudget, accuracy: Accuracy) -> bool:
     """Whether the coarser model has fewer facets: a mesh whose own faces are as fine as asked for is not refined at all."""
     scale = accuracy.sagitta_scale
     finer_count, coarser = (budget.facet_count(factor * scale) for factor in (1.0, COARSER))

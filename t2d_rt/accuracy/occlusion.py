@@ -14,7 +14,7 @@ from t2d_rt.geometry.vectors import edge_cross, norms
 from t2d_rt.pipeline.echo_model import Model
 from t2d_rt.propagation.images import apparent_m
 from t2d_rt.propagation.occluders import Occluders
-from t2d_rt.propagation.visibility import Surroundings, viewpoints_at
+from t2d_rt.propagation.visibility import OccluderScene, viewpoints_at
 from t2d_rt.types import Accuracy, MovingMesh, OneWayPath
 from t2d_rt.types.paths import PathKey
 
@@ -71,7 +71,7 @@ class _Faces:
             return dict.fromkeys(seen_from, np.ones(self.area_m2.shape, bool))
         vertices = np.concatenate([mesh.at(times_s) for mesh in meshes], axis=1)
         together = [path for paths in seen_from.values() for path in paths]
-        surroundings = Surroundings(Occluders(meshes), vertices, together, backend)
+        surroundings = OccluderScene(Occluders(meshes), vertices, together, backend)
         visible = {key: np.zeros(self.area_m2.shape, bool) for key in seen_from}
         for key, paths in seen_from.items():
             chosen = relevant[key]

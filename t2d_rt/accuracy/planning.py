@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from t2d_rt.accuracy.budget import Budget
+from t2d_rt.accuracy.budget import ErrorBudget
 from t2d_rt.accuracy.cost import predicted_bytes, refuse
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.accuracy.search import as_given, check_tolerance, planned, warn_out_of_reach
@@ -73,7 +73,7 @@ def checked_accuracy(accuracy: Accuracy | Mapping[str, Any] | None) -> Accuracy:
 def chosen(model: Model, wanted: Wanted) -> Plan:
     """The accuracy that keeps to the tolerance, or the one given where there is none: for all path pairs, whichever are on."""
     if wanted.tolerance_db is None:
-        return Plan(Budget(as_given(model, wanted.given), wanted.given), None, wanted.given)
+        return Plan(ErrorBudget(as_given(model, wanted.given), wanted.given), None, wanted.given)
     return planned(model, wanted.tolerance_db, wanted.given)
 
 

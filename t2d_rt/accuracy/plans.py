@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from t2d_rt.accuracy.budget import OCCLUSION, Budget, Omission, db, sampled
+from t2d_rt.accuracy.budget import OCCLUSION, ErrorBudget, Omission, db, sampled
 from t2d_rt.pipeline.echo_model import Model, farthest_and_fastest
 from t2d_rt.types import Accuracy, Ellipsoids
 
@@ -16,7 +16,7 @@ from t2d_rt.types import Accuracy, Ellipsoids
 class Plan:
     """How a recording will be modelled to keep to a tolerance."""
 
-    budget: Budget
+    budget: ErrorBudget
     tolerance_db: float | None
     """None where an accuracy was given instead."""
     accuracy: Accuracy

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.accuracy.budget import FAST_OCCLUSION, PATCHES_SCATTER_DB, SURELY, Budget, Total, patches_db, ratio
-from t2d_rt.accuracy.laws import Laws
+from t2d_rt.accuracy.budget import FAST_OCCLUSION, PATCHES_SCATTER_DB, SURELY, ErrorBudget, Total, patches_db, ratio
+from t2d_rt.accuracy.error_laws import Laws
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.core.checks import number
 from t2d_rt.core.errors import warn
@@ -113,10 +113,10 @@ def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
     # Ellipsoids err by more than the field itself: to fit them would be in vain.
     by_ellipsoids = ratio(Laws.fitted().limbs.mean_db) <= allowed
     if model.method == "mesh" and all(bodies) and not asked and by_ellipsoids:
-        simpler = Budget(with_method(model, "ellipsoid"), start)
+        simpler = ErrorBudget(with_method(model, "ellipsoid"), start)
         if Total.of(simpler.omissions(start)).surely <= allowed:
             return Plan(simpler, float(tolerance_db), start.replace(tiers=ELLIPSOID_TIERS))
-    budget = Budget(model, start)
+    budget = ErrorBudget(model, start)
     if len(budget.power) > 1 and budget.counts:
         return Plan(budget, float(tolerance_db), _in_a_room(budget, start, asked, tolerance_db))
     candidates = list(_candidates(budget, start, asked, allowed))
@@ -130,7 +130,7 @@ def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
     return Plan(budget, float(tolerance_db), best)
 
 
-def _in_a_room(budget: Budget, start: Accuracy, asked: set[str], tolerance_db: float) -> Accuracy:
+def _in_a_room(budget: ErrorBudget, start: Accuracy, asked: set[str], tolerance_db: float) -> Accuracy:
     """The first rung of the ladder whose expected error is allowed, or about that of the best one; what is `asked` stays.
 
     No margin is added: what the laws expect was 0.6 to 9.4 dB above the error in 60 runs (ten accuracies; a walk, a run and a
@@ -177,7 +177,9 @@ def finer_plan(plan: Plan, *, facets: bool, visibility: bool) -> Plan | None:
     return None if finer == accuracy else Plan(plan.budget, plan.tolerance_db, finer)
 
 
-def _candidates(budget: Budget, start: Accuracy, asked: set[str], allowed: float) -> Iterator[tuple[Accuracy, float]]:
+def _candidates(
+    budget: ErrorBudget, start: Accuracy, asked: set[str], allowed: float
+) -> Iterator[tuple[Accuracy, float]]:
     """Accuracies and the errors that they hardly exceed, each with facets as coarse as what is allowed lets them be, or the finest
     ones."""
     fixed = not asked.isdisjoint(("sagitta_rad", "sagitta_scale")) or not budget.counts
@@ -220,14 +222,14 @@ def _coarsest(error: Callable[[int], Total], unseen: Total, last: int, allowed: 
 
 
 def _by_scale(
-    budget: Budget, tiers: Sequence[tuple[PathTier, int, float]], in_time: Total, scales: Sequence[float]
+    budget: ErrorBudget, tiers: Sequence[tuple[PathTier, int, float]], in_time: Total, scales: Sequence[float]
 ) -> Callable[[int], Total]:
     """The error at each of the scales, without that of visibility."""
     return functools.cache(lambda number: in_time + Total.of(budget.of_tiers(tiers, scales[number])))
 
 
 def _visibilities(
-    budget: Budget, start: Accuracy, asked: set[str], allowed: float
+    budget: ErrorBudget, start: Accuracy, asked: set[str], allowed: float
 ) -> list[tuple[dict[str, Any], Total]]:
     """Whether, how often and from where visibility may be sampled, and what that costs; the best way if none is good enough."""
     if not budget.counts:

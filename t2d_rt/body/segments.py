@@ -16,7 +16,7 @@ from t2d_rt.body.template import template
 from t2d_rt.geometry.vectors import edge_cross, unit
 from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.material import Material
-from t2d_rt.types.mesh import Made
+from t2d_rt.types.mesh import Provenance
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
 
 
@@ -68,7 +68,7 @@ def segments(
     *,
     material: str | Material | Outfit = "skin",
     track: JointTrack | None = None,
-    made: Made | None = None,
+    made: Provenance | None = None,
 ) -> Ellipsoids:
     """Ellipsoids fitted to the surface that `skin` moves, moving rigidly with its bones; arguments as in `skin`."""
     checked_motion(motion)

@@ -17,7 +17,7 @@ from t2d_rt.body.template import template
 from t2d_rt.geometry import curvature
 from t2d_rt.geometry.vectors import median_length
 from t2d_rt.types.material import Material
-from t2d_rt.types.mesh import Made, MovingMesh
+from t2d_rt.types.mesh import MovingMesh, Provenance
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
 
 JointTrack = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -49,7 +49,7 @@ def skin(
     *,
     material: str | Material | Outfit = "skin",
     track: JointTrack | None = None,
-    made: Made | None = None,
+    made: Provenance | None = None,
 ) -> MovingMesh:
     """The body's control cage (about 3200 vertices, 6400 faces) moving with a skeleton.
 

@@ -225,10 +225,10 @@ def _by_model(
 ) -> tuple[list[Description], str]:
     """Descriptions of a class by a language model, and why there are fewer than asked for, if there are."""
     from t2d_rt.core.progress import ProgressBar
-    from t2d_rt.motion.descriptions.language_model import Budget, LanguageModel, model_descriptions
+    from t2d_rt.motion.descriptions.language_model import LanguageModel, TokenBudget, model_descriptions
 
     model = LanguageModel(model=name, base_url=base_url, timeout_s=timeout_s)
-    budget = Budget(requests=requests, tokens=tokens)
+    budget = TokenBudget(requests=requests, tokens=tokens)
     with ProgressBar(f"{activity} by {name}") as bar:
         written = model_descriptions(activity, count, model=model, seed=seed, budget=budget, progress=bar)
     say(f"{activity}: {written}", file=sys.stderr)

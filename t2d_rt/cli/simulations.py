@@ -124,7 +124,7 @@ def simulate(
 def several(source: Path, values: Given, given: Given, signal: Given, target: Path, overwrite: bool) -> None:
     """Simulates an experiment with a list of `radars`; NAME-1.zarr, NAME-2.zarr and so on are their recordings."""
     from t2d_rt.experiment.experiment import SETTINGS, Experiment
-    from t2d_rt.experiment.sources import beside
+    from t2d_rt.experiment.sources import file_beside
     from t2d_rt.recording.files import check_free
     from t2d_rt.simulate import simulate_radars
 
@@ -136,7 +136,7 @@ def several(source: Path, values: Given, given: Given, signal: Given, target: Pa
     for path in targets:
         check_free(path, overwrite=overwrite)
         check_picture(path.with_suffix(".png"), overwrite=overwrite)
-    first, noise = jobs[0].experiment, beside(values.get("noise", "none"), source.parent, SETTINGS)
+    first, noise = jobs[0].experiment, file_beside(values.get("noise", "none"), source.parent, SETTINGS)
     assert isinstance(first, Experiment)
     for job in jobs:
         _check_processing(signal, job.experiment)

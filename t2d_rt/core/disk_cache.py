@@ -139,7 +139,7 @@ def write(name: str, arrays: Arrays) -> None:
         return
 
 
-def kept(name: str, array_names: Iterable[str], make: Callable[[], Arrays]) -> Arrays:
+def cached_arrays(name: str, array_names: Iterable[str], make: Callable[[], Arrays]) -> Arrays:
     """The arrays of an entry, made and kept where they are missing."""
     arrays: Arrays | None = read(name, array_names)
     if arrays is None:

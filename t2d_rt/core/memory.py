@@ -44,7 +44,7 @@ BLOCK_BYTES = 96 * 2**20
 
 
 @dataclass(frozen=True, slots=True)
-class Budget:
+class MemoryLimit:
     """What a run may take beyond what the process held when it began; all that it holds tells when unused memory goes back."""
 
     limit_bytes: float
@@ -52,7 +52,7 @@ class Budget:
     """What the process held before."""
 
     @classmethod
-    def of(cls, memory_gb: float = LIMIT_GB) -> Budget:
+    def of(cls, memory_gb: float = LIMIT_GB) -> MemoryLimit:
         """A budget that counts from now on."""
         memory_gb = number("memory_gb", memory_gb, 1, 1e6, unit="GB", hint=f"{LIMIT_GB:g} is the default")
         return cls(memory_gb * 1e9, resident_bytes())

@@ -32,7 +32,7 @@ from t2d_rt.dataset.shards import (
     PLANS,
     RECIPE,
     SHARDS,
-    Made,
+    MadeSample,
     Shard,
     file_sha256,
     numbers,
@@ -327,7 +327,7 @@ class _Run:
         """Processors and kernels that samples were made with."""
         self._seen: set[str] = set()
         """Those that samples of this run were made with."""
-        self._waiting: dict[int, dict[int, Made]] = {}
+        self._waiting: dict[int, dict[int, MadeSample]] = {}
         self._inputs = recipe.files()
         self._log: list[dict[str, Any]] = []
         self.failures: list[tuple[int, str]] = []
@@ -373,7 +373,7 @@ class _Run:
             if len(records) >= len(self._indices(number)):  # one of an earlier limit may lack samples
                 finished.add(number)
                 # Of a larger run there may be more, whose failures count for that one.
-                requested = [Made(record) for record in records if record["index"] < self._count]
+                requested = [MadeSample(record) for record in records if record["index"] < self._count]
                 self.done += len(requested)
                 self._note_failures(requested)
         return finished
@@ -397,7 +397,7 @@ class _Run:
         """Notes how many samples a shard has, and how many of them failed, for the manifest."""
         self._counts[number] = len(records), sum(record["failure"] is not None for record in records)
 
-    def add(self, samples: Sequence[Made]) -> None:
+    def add(self, samples: Sequence[MadeSample]) -> None:
         """Takes what a worker has made, keeps it, and writes the shard that it completes."""
         self._log += [{"index": sample.record["index"], "seconds": dict(sample.seconds)} for sample in samples]
         self.made += len(samples)
@@ -406,7 +406,7 @@ class _Run:
             write_spooled(self._folder, sample)
         self._take(samples)
 
-    def _take(self, samples: Sequence[Made]) -> None:
+    def _take(self, samples: Sequence[MadeSample]) -> None:
         """Takes samples of one shard, which is written when none is missing."""
         number = samples[0].record["index"] // self._recipe.samples_per_shard
         waiting = self._waiting.setdefault(number, {})
@@ -425,7 +425,7 @@ class _Run:
         if self._progress is not None:
             self._progress(min(1.0, self.done / self._count))
 
-    def _note_machine(self, sample: Made) -> None:
+    def _note_machine(self, sample: MadeSample) -> None:
         """Writes into the manifest what a sample was made with, before the sample itself; warns once of a worker's own kernels."""
         if sample.machine in self._seen:
             return
@@ -440,7 +440,7 @@ class _Run:
                 f"start the workers with {set_as}"
             )
 
-    def _note_failures(self, samples: Sequence[Made]) -> None:
+    def _note_failures(self, samples: Sequence[MadeSample]) -> None:
         """Notes which samples failed; stops the run where they are too many to be chance."""
         self.failures += [
             (sample.record["index"], sample.record["failure"]) for sample in samples if sample.record["failure"]

@@ -47,7 +47,7 @@ what the receiver adds, and the learned background; or echoes on the direct path
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class SpectrogramPower:
     """Powers of a spectrogram, and what was done to them."""
 
     power: np.ndarray
@@ -143,7 +143,7 @@ class SpectrogramProduct(_Map):
             f'range_gate_m must be nearest and farthest range [m], got {shown(value)}; give [0.5, 6] or "scene"'
         )
 
-    def made(self, view: View) -> tuple[np.ndarray, dict[str, Any]]:
+    def made(self, view: SpectrogramPower) -> tuple[np.ndarray, dict[str, Any]]:
         """The array (speed, time), and what goes into the record."""
         rows = self.rows(view.velocity_mps)
         array, peak_db = self.encoded(resized(view.power[rows], self.size))
@@ -164,7 +164,7 @@ class PartsProduct(_Product):
         """Names of the parts, in the order of the array."""
         return PARTS[self.split]
 
-    def made(self, view: View, rows: slice, told: Mapping[str, Any]) -> tuple[np.ndarray, dict[str, Any]]:
+    def made(self, view: SpectrogramPower, rows: slice, told: Mapping[str, Any]) -> tuple[np.ndarray, dict[str, Any]]:
         """The array (part, speed, time), over the greatest cell of the spectrogram, and what goes into the record.
 
         rows: those of the view that the spectrogram has; told: the spectrogram's record.
@@ -325,7 +325,7 @@ class Products(_Product):
         """The products that are kept, by name."""
         return {name: value for name, value in self if value is not None}
 
-    def made(self, recording: Recording, view: View | None) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    def made(self, recording: Recording, view: SpectrogramPower | None) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays by name, and what goes into the record of each, of a recording and of its spectrogram as it is kept."""
         entries: dict[str, tuple[np.ndarray, dict[str, Any]]] = {}
         for name, product in self.kept.items():

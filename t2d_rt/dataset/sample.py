@@ -264,7 +264,7 @@ def placing(recipe: Recipe, number: int, scene: str, motion: Motion, side: Side 
     spans = (recipe.angles_deg,) if side is None else side.angles_deg
     base = place(motion, distance_m=1.0, radar_position_m=(0.0, 0.0, 1.0))
     track = base.joints[::stride]
-    low, high, boxes = surroundings(scene)
+    low, high, boxes = scene_extent(scene)
     best, least = None, math.inf
     for attempt in range(TRIES):
         if attempt >= TRIES // 2:
@@ -347,7 +347,7 @@ def range_gate(recipe: Recipe, drawn: Sample) -> tuple[float, float] | None:
         return gate_m
     radar = np.array(drawn.experiment.radar.position_m)
     if drawn.experiment.scene != "free_space":
-        low, high, _ = surroundings(str(drawn.experiment.scene))
+        low, high, _ = scene_extent(str(drawn.experiment.scene))
         farthest_m = float(np.linalg.norm(np.maximum(np.abs(high - radar), np.abs(low - radar))))
         return NEAREST_GATE_M, round(farthest_m, 3)
     return NEAREST_GATE_M, round(recipe.distances_m[1] + REACH_M + BODY_M, 3)
@@ -367,7 +367,7 @@ def _overlap(track: np.ndarray, low: np.ndarray, high: np.ndarray, boxes: np.nda
 
 
 @functools.lru_cache(maxsize=32)
-def surroundings(scene: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def scene_extent(scene: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Least and greatest corner (3,) of a scene, and the boxes (B, 2, 3) of its furniture [m]; none in free space."""
     if scene == "free_space":
         return np.full(3, -np.inf), np.full(3, np.inf), np.zeros((0, 2, 3))

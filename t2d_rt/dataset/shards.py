@@ -43,7 +43,7 @@ RAGGED = frozenset({"points", "adc", "truth"})
 
 
 @dataclass(frozen=True, slots=True)
-class Made:
+class MadeSample:
     """A sample that was made, or failed."""
 
     record: dict[str, Any]
@@ -61,7 +61,7 @@ def shard_name(number: int) -> str:
     return f"{number:05d}"
 
 
-def packed(made: Sequence[Made]) -> tuple[bytes, bytes]:
+def packed(made: Sequence[MadeSample]) -> tuple[bytes, bytes]:
     """Content of the archive and of the records of a shard.
 
     Samples that failed have a record and no arrays; `row` tells where the others stand in the arrays that are stacked.
@@ -92,7 +92,7 @@ def archive(arrays: Mapping[str, np.ndarray]) -> bytes:
     return buffer.getvalue()
 
 
-def write_shard(folder: Path, number: int, made: Sequence[Made]) -> dict[str, str]:
+def write_shard(folder: Path, number: int, made: Sequence[MadeSample]) -> dict[str, str]:
     """Writes a shard and gives the SHA-256 of its files by their names; the records come last, and a shard without them is none.
 
     Records of a smaller shard that it replaces go first: a process that is killed between the two files leaves no shard, not half
@@ -106,7 +106,7 @@ def write_shard(folder: Path, number: int, made: Sequence[Made]) -> dict[str, st
     return {f"{name}.npz": sha256(data), f"{name}.jsonl": sha256(records)}
 
 
-def write_spooled(folder: Path, made: Made) -> None:
+def write_spooled(folder: Path, made: MadeSample) -> None:
     """Keeps a finished sample of a shard that is not finished, as a shard of one; the record comes last, as there."""
     place, name = folder / SPOOL, str(made.record["index"])
     try:
@@ -422,7 +422,7 @@ class Shard:
             yield record, {**{name: rows[record["row"]] for name, rows in stacked.items()}, **ragged}
 
 
-def spooled(folder: Path, recipe: Recipe) -> Iterator[Made]:
+def spooled(folder: Path, recipe: Recipe) -> Iterator[MadeSample]:
     """Finished samples of shards that are not finished; one that is damaged, or of another recipe, is made anew."""
     for path in (folder / SPOOL).glob("*.jsonl"):
         with suppress(InputError):
@@ -430,7 +430,7 @@ def spooled(folder: Path, recipe: Recipe) -> Iterator[Made]:
             if path.stem == str(record["index"]):
                 shard = Shard(path.with_suffix(".npz"), (record,), recipe)
                 arrays = next((arrays for _, arrays in shard.samples()), {})
-                yield Made({name: value for name, value in record.items() if name != "row"}, arrays)
+                yield MadeSample({name: value for name, value in record.items() if name != "row"}, arrays)
 
 
 def read_shards(path: str | Path) -> Iterator[Shard]:

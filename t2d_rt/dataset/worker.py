@@ -22,10 +22,10 @@ from t2d_rt.core.backend import limited_threads, one_blas_thread
 from t2d_rt.core.errors import InputError, T2DError, T2DWarning
 from t2d_rt.core.kernels import has_common_kernels, machine
 from t2d_rt.core.memory import keep_freed, release_above
-from t2d_rt.dataset.products import View, parts_of, record_length_s
+from t2d_rt.dataset.products import SpectrogramPower, parts_of, record_length_s
 from t2d_rt.dataset.recipe import Recipe, integer_seed
 from t2d_rt.dataset.sample import Cell, Sample, cell_of, description_of, provenance, range_gate, sample
-from t2d_rt.dataset.shards import Made, write_whole
+from t2d_rt.dataset.shards import MadeSample, write_whole
 from t2d_rt.experiment.sources import MotionText
 from t2d_rt.noise.masks import occlude
 from t2d_rt.recording.maps import background, background_settings
@@ -36,7 +36,7 @@ from t2d_rt.types import Accuracy
 
 def view(
     recording: Recording, recipe: Recipe, index: int, range_gate_m: tuple[float, float] | None = None
-) -> View | None:
+) -> SpectrogramPower | None:
     """The spectrogram of a sample by its index and its range gate, with its background and its occluded windows; None where the
     recipe keeps none.
 
@@ -86,7 +86,7 @@ def view(
             for name, part in parts.items()
         }
         details["masks_s"] = np.round(occluded.windows_s, 6).tolist()
-    return View(power, velocity, time_s, parts, details)
+    return SpectrogramPower(power, velocity, time_s, parts, details)
 
 
 def _power(level_db: np.ndarray) -> np.ndarray:
@@ -115,7 +115,9 @@ def accuracy_of(cell: Cell, plans: Plans) -> Accuracy | None:
     return plans[group_of(cell)] if cell.condition.tolerance_db is not None else cell.condition.accuracy
 
 
-def make_samples(recipe_json: str, plans_json: Mapping[str, str], indices: Sequence[int], threads: int) -> list[Made]:
+def make_samples(
+    recipe_json: str, plans_json: Mapping[str, str], indices: Sequence[int], threads: int
+) -> list[MadeSample]:
     """Samples of a recipe; the work of one call in a worker, whose values travel as plain text."""
     keep_freed()
     recipe = _recipe(recipe_json)
@@ -151,7 +153,7 @@ def _recipe(text: str) -> Recipe:
 
 
 @one_blas_thread
-def make_sample(recipe: Recipe, plans: Plans, index: int) -> Made:
+def make_sample(recipe: Recipe, plans: Plans, index: int) -> MadeSample:
     """One sample; what goes wrong becomes the reason in its record."""
     try:
         return _made(recipe, plans, index)
@@ -159,7 +161,7 @@ def make_sample(recipe: Recipe, plans: Plans, index: int) -> Made:
         release_above(HELD_BYTES)
 
 
-def _made(recipe: Recipe, plans: Plans, index: int) -> Made:
+def _made(recipe: Recipe, plans: Plans, index: int) -> MadeSample:
     """The work of `make_sample`: motion, simulation, products, and the record that tells of them."""
     cell = cell_of(recipe, index)
     description = description_of(recipe, cell)
@@ -189,12 +191,12 @@ def _made(recipe: Recipe, plans: Plans, index: int) -> Made:
             reason = " ".join(str(error).split())
             if not isinstance(error, InputError):
                 reason = f"{type(error).__name__}: {reason}"
-            return Made(record | {"failure": reason})
+            return MadeSample(record | {"failure": reason})
     record |= entries
     record["warnings"] = sorted(
         {str(warning.message) for warning in caught if issubclass(warning.category, T2DWarning)}
     )
-    return Made(
+    return MadeSample(
         record | {"failure": None}, arrays, {"motion": motion_end - begin, **seconds, "cpu": time.process_time() - cpu}
     )
 

@@ -24,7 +24,7 @@ from t2d_rt.experiment.sources import (
     StoredScene,
     Substance,
     Unknown,
-    beside,
+    file_beside,
     found_beside,
     sources_of,
     stored_scene,
@@ -221,14 +221,14 @@ class Experiment(Plain):
             )
         folder = path.parent
         named = {name: values[name] for name in ("radar", "noise") if name in values}
-        values = {**values, **{name: beside(value, folder, SETTINGS) for name, value in named.items()}}
+        values = {**values, **{name: file_beside(value, folder, SETTINGS) for name, value in named.items()}}
         if isinstance(values.get("radar"), Mapping):
             values = {**values, "radar": with_track_beside(values["radar"], path)}
         experiment = cls.of_file(path, values)
         targets = tuple(found_beside(target, folder) for target in experiment.targets)
-        scene = beside(experiment.scene, folder, FILES)
+        scene = file_beside(experiment.scene, folder, FILES)
         if isinstance(scene, SceneFile):
-            scene = scene.model_copy(update={"file": beside(scene.file, folder, FILES)})
+            scene = scene.model_copy(update={"file": file_beside(scene.file, folder, FILES)})
         return experiment.model_copy(update={"targets": targets, "scene": scene})
 
     def to_yaml(self) -> str:

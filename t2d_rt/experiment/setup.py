@@ -14,7 +14,7 @@ from t2d_rt.body.outfit import outfit_of
 from t2d_rt.core.backend import one_blas_thread, select
 from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError, T2DWarning, warn
-from t2d_rt.core.memory import LIMIT_GB, Budget, blocks
+from t2d_rt.core.memory import LIMIT_GB, MemoryLimit, blocks
 from t2d_rt.core.stored_arrays import Inputs, Store
 from t2d_rt.experiment.catalog import target_named
 from t2d_rt.experiment.experiment import Experiment
@@ -29,8 +29,8 @@ from t2d_rt.pipeline.targets import TargetLike, placed, shared_time, targets_of
 from t2d_rt.propagation.collisions import checked_time
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.materials import check_values
+from t2d_rt.propagation.scene_paths import probes
 from t2d_rt.propagation.scenes import load_scene
-from t2d_rt.propagation.surroundings import probes
 from t2d_rt.radar import check_speed
 from t2d_rt.scattering.paths import Ranked
 from t2d_rt.scattering.refinement import REFINING_BYTES
@@ -96,7 +96,7 @@ def set_up(
     target: Any, scene: Any, experiment: Experiment, *, device: str = "auto", memory_gb: float = LIMIT_GB
 ) -> Setup:
     """The setup of a target or several, in a scene, which take the place of those that the experiment names; all are checked."""
-    memory, radar = Budget.of(memory_gb), experiment.radar
+    memory, radar = MemoryLimit.of(memory_gb), experiment.radar
     whole = _scene_of(scene, radar)  # before the targets: a motion takes longer to read
     targets = placed_targets(target, radar)
     if experiment.material is not None:

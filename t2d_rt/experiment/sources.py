@@ -407,7 +407,7 @@ def with_others(source: Any) -> Any:
     return OtherMover(fields=mover(source).model_dump(mode="json"))
 
 
-def beside(value: Any, folder: Path, endings: tuple[str, ...]) -> Any:
+def file_beside(value: Any, folder: Path, endings: tuple[str, ...]) -> Any:
     """The name of a file of one of these endings as found from a folder; anything else as it is."""
     return str(folder / value) if isinstance(value, str) and value.lower().endswith(endings) else value
 

@@ -24,7 +24,7 @@ HALO_RINGS = 4
 
 
 @dataclass(slots=True, kw_only=True)
-class Level:
+class ButterflyLevel:
     """The part of a uniform butterfly level that is built, and what is split of it. `ids` count over all levels.
 
     While levels are built for B limits together, `split` and `red` have one row for each.
@@ -57,12 +57,12 @@ class Level:
 
 def build_levels(
     rest: np.ndarray, faces: np.ndarray, scale: np.ndarray, crease_deg: float, max_faces: int
-) -> tuple[list[Level], list[Csr], list[Csr]]:
+) -> tuple[list[ButterflyLevel], list[Csr], list[Csr]]:
     """Uniform levels where they are needed, and the matrices that make each level's new vertices from all before."""
     sharp = sharp_edges(rest, faces, crease_deg)
     mesh = topology(faces, len(rest), sharp)
     everything = np.arange(len(mesh.faces))
-    level = Level(
+    level = ButterflyLevel(
         topology=mesh,
         corners=crease_corners(rest, sharp, crease_deg),
         ids=np.arange(len(rest)),
@@ -93,7 +93,7 @@ def build_levels(
     return levels, steps, linear_steps
 
 
-def _mark(level: Level, chosen: np.ndarray) -> None:
+def _mark(level: ButterflyLevel, chosen: np.ndarray) -> None:
     """Finds the midpoints of the faces `chosen` for any limit, (B, F), and the edges and faces that these split."""
     topology, points = level.topology, level.points
     any_chosen = np.any(chosen, axis=0)
@@ -117,7 +117,7 @@ def _split(mesh: Topology, sagitta: np.ndarray, chosen: np.ndarray) -> tuple[np.
     return split, red
 
 
-def complete(level: Level, needed: np.ndarray) -> None:
+def complete(level: ButterflyLevel, needed: np.ndarray) -> None:
     """Adds what is missing of the midpoints of the `needed` edges, bool (E,): most of those in the halo stay unused."""
     missing = needed & (np.diff(level.middle.indptr) == 0)
     if missing.any():
@@ -145,7 +145,7 @@ def _edges_of(mesh: Topology, chosen: np.ndarray) -> np.ndarray:
     return edges
 
 
-def _next_level(level: Level, inside: np.ndarray) -> Level:
+def _next_level(level: ButterflyLevel, inside: np.ndarray) -> ButterflyLevel:
     """The children of the faces `inside`."""
     mesh = level.topology
     here = np.flatnonzero(inside)
@@ -162,7 +162,7 @@ def _next_level(level: Level, inside: np.ndarray) -> Level:
     child = topology(split_in_four(vertex[mesh.faces[here]], middle[mesh.face_edges[here]]), count, sharp)
     edges = child.edges[:, 0] * count + child.edges[:, 1]
     low, high = sharp.min(axis=1), sharp.max(axis=1)
-    children = Level(
+    children = ButterflyLevel(
         topology=child,
         corners=np.concatenate([level.corners[old_vertices], np.zeros(len(cut), bool)]),
         ids=np.concatenate([level.ids[old_vertices], level.middle_ids[cut]]),

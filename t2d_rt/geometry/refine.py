@@ -28,7 +28,7 @@ import numpy as np
 
 from t2d_rt.core.memory import LastUsed
 from t2d_rt.geometry.levels import (
-    Level,
+    ButterflyLevel,
     all_of_three,
     any_of_three,
     build_levels,
@@ -52,7 +52,7 @@ from t2d_rt.geometry.subdivide import (
 from t2d_rt.geometry.vectors import edge_cross, norms, unit
 
 
-def grade(levels: list[Level]) -> None:
+def grade(levels: list[ButterflyLevel]) -> None:
     """Neighbours differ by at most one level: who touches a split edge of level k has a red parent in level k - 1."""
     # From the finest level down, so that what one level asks of the level before it is known when that one is looked at.
     for k in range(len(levels) - 1, -1, -1):
@@ -64,7 +64,7 @@ def grade(levels: list[Level]) -> None:
             levels[k - 1].red[level.parent[any_of_three(sides)]] = True
 
 
-def tree_masks(levels: list[Level]) -> Iterator[np.ndarray]:
+def tree_masks(levels: list[ButterflyLevel]) -> Iterator[np.ndarray]:
     """Faces of each level that exist in the refined mesh, red or leaf."""
     yield np.ones(len(levels[0].topology.faces), bool)
     for coarse, fine in pairwise(levels):
@@ -84,7 +84,7 @@ class FinalFaces:
     """Weights of those edges' offsets in the mean depth below the surface, (N, 3)."""
 
 
-def final_faces(level: Level, tree: np.ndarray) -> FinalFaces:
+def final_faces(level: ButterflyLevel, tree: np.ndarray) -> FinalFaces:
     """Faces that stay, closed towards finer neighbours: one split edge makes two faces, two make three."""
     chosen = np.flatnonzero(tree & ~level.red)
     sides = level.split[level.topology.face_edges[chosen]]
@@ -118,7 +118,12 @@ def _depth_weights(codes: np.ndarray) -> np.ndarray:
 
 
 def displacement(
-    levels: list[Level], parts: list[FinalFaces], points: np.ndarray, used: np.ndarray, fine: np.ndarray, total: int
+    levels: list[ButterflyLevel],
+    parts: list[FinalFaces],
+    points: np.ndarray,
+    used: np.ndarray,
+    fine: np.ndarray,
+    total: int,
 ) -> Csr:
     """Outward move of the used vertices from the vertices of all levels, (Vf, W); `points` (Vf, 3) at rest.
 
@@ -261,7 +266,7 @@ def refinements(
     return [_refined(limit_levels, rest, operator, linear, displace) for limit_levels in alone]
 
 
-def _refined(levels: list[Level], rest: np.ndarray, operator: Csr, linear: Csr, displace: bool) -> Refinement:
+def _refined(levels: list[ButterflyLevel], rest: np.ndarray, operator: Csr, linear: Csr, displace: bool) -> Refinement:
     """The refinement for one limit, from what it marked in the levels and the matrices of all their vertices."""
     grade(levels)
     parts = [final_faces(level, finer) for level, finer in zip(levels, tree_masks(levels), strict=True)]

@@ -11,7 +11,7 @@ import numpy as np
 
 from t2d_rt.core.backend import Backend
 from t2d_rt.core.errors import warn
-from t2d_rt.core.memory import Budget
+from t2d_rt.core.memory import MemoryLimit
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.rays import Rays
 from t2d_rt.scattering.bounces import Setting, TubeDetail, bounce_echoes
@@ -82,7 +82,7 @@ def bounce_scatterers(
     bounces: int,
     direct: tuple[PathPair, SceneBlockage] | None,
     backend: Backend,
-    memory: Budget,
+    memory: MemoryLimit,
 ) -> list[Scatterer]:
     """Echoes of the targets over 2 to `bounces` bounces, a warning for each that takes no part in them.
 

@@ -13,7 +13,7 @@ from t2d_rt.body.materials import resolve_material
 from t2d_rt.body.outfit import Outfit
 from t2d_rt.core.backend import Backend
 from t2d_rt.core.errors import InputError
-from t2d_rt.core.memory import Budget, blocks
+from t2d_rt.core.memory import MemoryLimit, blocks
 from t2d_rt.geometry.vectors import norms
 from t2d_rt.pipeline.path_pairs import ChosenPairs, Clutter, clutter_scatterers
 from t2d_rt.pipeline.targets import Target, TargetLike, passing
@@ -73,7 +73,7 @@ class Model:
     phase_from: PhaseFrom
     seed: int
     backend: Backend
-    memory: Budget
+    memory: MemoryLimit
     bounces: int = 1
     """Greatest number of them, within and between targets."""
     paths_on: frozenset[str] | None = None

@@ -27,7 +27,7 @@ from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.paths import Along
-from t2d_rt.propagation.surroundings import RadarPaths, probes, radar_paths
+from t2d_rt.propagation.scene_paths import RadarPaths, probes, radar_paths
 from t2d_rt.scattering.clutter import mirror_echoes, rough_echoes
 from t2d_rt.scattering.paths import Probed, Ranked, ranked_pairs
 from t2d_rt.types import (

@@ -10,7 +10,7 @@ import numpy as np
 
 from t2d_rt.core.memory import blocks
 from t2d_rt.radar.repetition import duration_s, repetition
-from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.paths import PathVisibility
 from t2d_rt.types import MovingMesh, Radar
 from t2d_rt.types.scatterer import Fraction, Scatterer
 
@@ -25,7 +25,13 @@ Make = Callable[..., Scatterer]
 
 
 def in_periods(
-    mesh: MovingMesh, radar: Radar, frames_s: np.ndarray, views: Sequence[View], make: Make, *, level_db: float = 0.0
+    mesh: MovingMesh,
+    radar: Radar,
+    frames_s: np.ndarray,
+    views: Sequence[PathVisibility],
+    make: Make,
+    *,
+    level_db: float = 0.0,
 ) -> list[Scatterer] | None:
     """Echoes of a few periods that stand for the record of these surface frames; None where nothing is gained by it.
 
@@ -52,7 +58,7 @@ def in_periods(
         _dimmed(view, level, len(mesh.rest)) for view, level in zip(bare, constant, strict=True) if level > UNCHANGED
     ]
     scatterers = [replace(make(times_s=times_s, views=lit), repeats=repeats)] if lit else []
-    alike: dict[bytes, tuple[np.ndarray, list[View]]] = {}
+    alike: dict[bytes, tuple[np.ndarray, list[PathVisibility]]] = {}
     for view, fractions, level in zip(bare, visibility, constant, strict=True):
         departs = fractions - (level if level > UNCHANGED else 0.0)
         most = float(departs[np.abs(departs).argmax()])
@@ -67,7 +73,7 @@ def in_periods(
     return scatterers or None
 
 
-def _visibility(view: View, samples_s: np.ndarray) -> np.ndarray:
+def _visibility(view: PathVisibility, samples_s: np.ndarray) -> np.ndarray:
     """That of the whole mesh over a view at these times (K,)."""
     fractions = np.ones(len(samples_s))
     for fraction in (*view.visibility, *view.unblocked):
@@ -75,7 +81,7 @@ def _visibility(view: View, samples_s: np.ndarray) -> np.ndarray:
     return fractions
 
 
-def _dimmed(view: View, level: float, vertices: int) -> View:
+def _dimmed(view: PathVisibility, level: float, vertices: int) -> PathVisibility:
     """With a visibility that never changes."""
     if level > 1 - UNCHANGED:
         return view

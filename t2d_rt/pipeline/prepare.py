@@ -18,8 +18,8 @@ from t2d_rt.pipeline.periodic import in_periods
 from t2d_rt.pipeline.visibility import (
     ExactOverStrongest,
     Sampled,
-    Sight,
     Unoccluded,
+    VisibilityContext,
     VisibilityModel,
     coarse_views,
 )
@@ -27,7 +27,7 @@ from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.radar.windows import block_end
 from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
-from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.paths import PathVisibility
 from t2d_rt.scattering.streams import Resampled, batches
 from t2d_rt.types import Accuracy, ByPart, Ellipsoids, Material, MovingMesh, PathPair, PathTier
 from t2d_rt.types.scatterer import FrameBlock, Scatterer
@@ -108,7 +108,7 @@ def scatterers_of(
     else:
         times, decimated = [instants_s] * len(model.modelled), np.unique(instants_s)
         sampled = decimated if samples_s is None else samples_s
-    sight = Sight(
+    sight = VisibilityContext(
         geometries=model.geometries,
         fast_rotating=fast,
         radar=model.radar,
@@ -137,7 +137,7 @@ def scatterers_of(
     return scatterers + several_bounces(preparation, times)
 
 
-def _visibility(model: Model, accuracy: Accuracy, sight: Sight, *, exact: bool) -> VisibilityModel:
+def _visibility(model: Model, accuracy: Accuracy, sight: VisibilityContext, *, exact: bool) -> VisibilityModel:
     """How visibility is found: `exact` at instants, through the facets, or sampled."""
     if not accuracy.occlusion:
         return Unoccluded(sight)
@@ -159,7 +159,7 @@ class Preparation:
     accuracy: Accuracy
     pairs: ChosenPairs | None
     """None in free space."""
-    sight: Sight
+    sight: VisibilityContext
     visibility: VisibilityModel
     samples_s: np.ndarray
     """When visibility is sampled, and ray tubes are traced."""
@@ -184,7 +184,7 @@ class Preparation:
 
     def coarse_views(
         self, geometry: MovingMesh | Ellipsoids, pairs: Sequence[PathPair], samples_s: np.ndarray, fast: bool
-    ) -> list[View]:
+    ) -> list[PathVisibility]:
         """`coarse_views` of a target, `fast` where it rotates fast."""
         return coarse_views(geometry, pairs, samples_s, self.model.blockage, fast_rotating=fast)
 
@@ -194,7 +194,7 @@ def own_ellipsoids(preparation: Preparation, number: int, times_s: np.ndarray) -
     target, sight = preparation.model.modelled[number], preparation.sight
     if target.mesh is not None:
         return
-    views = [View()]
+    views = [PathVisibility()]
     if preparation.pairs is not None:
         fast = sight.fast_rotating[number]
         views = preparation.coarse_views(target.geometry, preparation.pairs.pairs, sight.samples_s, fast)
@@ -225,7 +225,7 @@ def _facets(
     mesh: MovingMesh,
     tier: PathTier,
     times_s: np.ndarray,
-    views: Sequence[View],
+    views: Sequence[PathVisibility],
 ) -> list[Scatterer]:
     """Those over the path pairs of one tier."""
     model, accuracy = preparation.model, preparation.accuracy
@@ -277,7 +277,7 @@ def _ellipsoids(
     ellipsoids: Ellipsoids,
     material: Material | ByPart,
     times_s: np.ndarray,
-    views: Sequence[View],
+    views: Sequence[PathVisibility],
 ) -> Scatterer:
     model = preparation.model
     return ellipsoid_echoes(

@@ -20,7 +20,7 @@ from t2d_rt.scene.things import substance, surface, wheels
 from t2d_rt.types import ByPart, Ellipsoids, Material, Motion, MovingMesh, Radar
 from t2d_rt.types.carried import Carried
 from t2d_rt.types.ellipsoids import Geometry, Method
-from t2d_rt.types.mesh import Made
+from t2d_rt.types.mesh import Provenance
 from t2d_rt.types.splines import set_fields, spline
 
 TargetLike = Motion | MovingMesh | Ellipsoids | Mover
@@ -103,7 +103,7 @@ def passing(geometry: AnyGeometry, radar: Radar) -> AnyGeometry:
     moved = copy(geometry)
     set_fields(moved, track=partial(_carried, geometry, radar), times_s=np.concatenate([[begin], inside, [end]]))
     if geometry.made is not None and geometry.made.by == "arrays":
-        set_fields(moved, made=Made("passing", {}))  # these arrays are in the world
+        set_fields(moved, made=Provenance("passing", {}))  # these arrays are in the world
     if isinstance(moved, MovingMesh):
         set_fields(moved, period_s=None)  # it is never in the same place before the radar again
     return moved
@@ -179,7 +179,7 @@ def shared_time(geometries: Sequence[Geometry]) -> tuple[float, float]:
 
 def skin(motion: Motion, body: str = "adult", *, material: str | Material | Outfit = "skin") -> MovingMesh:
     """The motion's skinned body, all of one material or in an outfit: `vertices` (T, V, 3) m, `faces` (F, 3), `times_s` (T,)."""
-    made = Made("skin", {"motion": motion, "body": body, "material": material})
+    made = Provenance("skin", {"motion": motion, "body": body, "material": material})
     return skin_body(motion, body, material=material, track=track(motion), made=made)
 
 
@@ -235,7 +235,7 @@ class Rigid:
 
 def segments(motion: Motion, body: str = "adult", *, material: str | Material | Outfit = "skin") -> Ellipsoids:
     """One ellipsoid for each segment of the same body."""
-    made = Made("segments", {"motion": motion, "body": body, "material": material})
+    made = Provenance("segments", {"motion": motion, "body": body, "material": material})
     return fit_segments(motion, body, material=material, track=track(motion), made=made)
 
 

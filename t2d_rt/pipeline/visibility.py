@@ -13,9 +13,9 @@ from t2d_rt.core.backend import Backend
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.mean_visibility import MeanVisibility
 from t2d_rt.propagation.occluders import Occluders
-from t2d_rt.propagation.surroundings import Blockage
+from t2d_rt.propagation.scene_paths import Blockage
 from t2d_rt.propagation.visibility import ExactVisibility, Occlusion, Viewpoints, viewpoints_at
-from t2d_rt.scattering.paths import FacetVisibility, View, anchor_vertices
+from t2d_rt.scattering.paths import FacetVisibility, PathVisibility, anchor_vertices
 from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, PathPair, Radar
 from t2d_rt.types.ellipsoids import Geometry
 from t2d_rt.types.paths import PathKey
@@ -28,12 +28,12 @@ _Place = tuple[tuple[str, ...], int]
 class VisibilityModel(Protocol):
     """How targets are seen; they are named by their number."""
 
-    def views(self, number: int) -> list[View]:
+    def views(self, number: int) -> list[PathVisibility]:
         """Of a mesh over the path pairs whose occlusion is traced."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sight:
+class VisibilityContext:
     """Targets before a radar, and when their visibility is sampled."""
 
     geometries: Sequence[Geometry]
@@ -55,14 +55,14 @@ class Sampled:
     visibility.
     """
 
-    def __init__(self, sight: Sight, *, subdivision: int = 0) -> None:
+    def __init__(self, sight: VisibilityContext, *, subdivision: int = 0) -> None:
         self._sight, self._one_way = sight, _OneWayVisibility(sight, solid=True, subdivision=subdivision)
 
-    def views(self, number: int) -> list[View]:
+    def views(self, number: int) -> list[PathVisibility]:
         """Of a mesh over the path pairs whose occlusion is traced."""
         return [self.view(number, pair) for pair in self._sight.pairs]
 
-    def view(self, number: int, pair: PathPair | None) -> View:
+    def view(self, number: int, pair: PathPair | None) -> PathVisibility:
         """Of a mesh over one pair."""
         return self._one_way.view(number, pair)
 
@@ -75,10 +75,10 @@ class Sampled:
 class Unoccluded:
     """Targets occlude nothing; the scene blocks paths, sampled at the vertices of meshes and faded."""
 
-    def __init__(self, sight: Sight) -> None:
+    def __init__(self, sight: VisibilityContext) -> None:
         self._sight, self._one_way = sight, _OneWayVisibility(sight, solid=False)
 
-    def views(self, number: int) -> list[View]:
+    def views(self, number: int) -> list[PathVisibility]:
         """Of a mesh over the path pairs."""
         return [self._one_way.view(number, pair) for pair in self._sight.pairs]
 
@@ -87,13 +87,13 @@ class ExactOverStrongest:
     """Over the strongest pair, occlusion is traced from every facet's vertices at every instant asked for, through `occluders`,
     the targets' facets; over all other pairs, and of fast-rotating targets, it is `Sampled`."""
 
-    def __init__(self, sight: Sight, occluders: Sequence[MovingMesh], *, subdivision: int = 0) -> None:
+    def __init__(self, sight: VisibilityContext, occluders: Sequence[MovingMesh], *, subdivision: int = 0) -> None:
         strongest, others = (replace(sight, pairs=pairs) for pairs in (sight.pairs[:1], sight.pairs[1:]))
         self._sight, self._occluders = sight, occluders
         self._strongest = Unoccluded(strongest)
         self._others = Sampled(others, subdivision=subdivision)
 
-    def views(self, number: int) -> list[View]:
+    def views(self, number: int) -> list[PathVisibility]:
         """Of a mesh over the path pairs whose occlusion is traced."""
         if self._sight.fast_rotating[number]:
             return [self._others.view(number, pair) for pair in self._sight.pairs]
@@ -147,7 +147,7 @@ class _Occluded:
 class _OneWayVisibility:
     """Visibility over one-way paths, each traced once; `solid`: whether targets occlude."""
 
-    def __init__(self, sight: Sight, *, solid: bool, subdivision: int = 0) -> None:
+    def __init__(self, sight: VisibilityContext, *, solid: bool, subdivision: int = 0) -> None:
         self._sight, self._solid, self.subdivision = sight, solid, subdivision
         traced = [
             number
@@ -166,14 +166,16 @@ class _OneWayVisibility:
         """Viewpoint of the one-way path of an end."""
         return () if path is None else path.chain, 0 if len(self._sight.radar.views_m) == 1 else end
 
-    def view(self, number: int, pair: PathPair | None) -> View:
+    def view(self, number: int, pair: PathPair | None) -> PathVisibility:
         """Of a mesh over a pair."""
         # One sample serves where both ends have one visibility; it counts over both one-way paths, though.
         ends = {self.place(end, path): (end, path) for end, path in _ends(pair) if path or self._solid}
         fractions = tuple(self.fraction(number, *end, 3 - len(ends)) for end in ends.values())
         if self._sight.fast_rotating[number]:
-            return View(paths=pair, visibility=fractions)
-        return View(paths=pair, visibility=fractions, subdivision=self.subdivision, points=self._meshes.point_count)
+            return PathVisibility(paths=pair, visibility=fractions)
+        return PathVisibility(
+            paths=pair, visibility=fractions, subdivision=self.subdivision, points=self._meshes.point_count
+        )
 
     def fraction(self, number: int, end: int, path: OneWayPath | None, path_count: int) -> Fraction:
         """Visibility over the one-way path of an end, which `path_count` paths share."""
@@ -201,7 +203,7 @@ def coarse_views(
     *,
     fast_rotating: bool = False,
     minor: bool = False,
-) -> list[View]:
+) -> list[PathVisibility]:
     """Views of one target over pairs, with blockage by the scene sampled at a few of its points at `samples_s`, without occlusion.
 
     All points of a `fast_rotating` one have the mean visibility. Over `minor` pairs ellipsoids have the visibility of their
@@ -211,7 +213,7 @@ def coarse_views(
     fractions = _unblocked(blockage(geometry, samples_s, minor=minor), paths, scene, fast_rotating=fast_rotating)
     field = "visibility" if isinstance(geometry, Ellipsoids) else "unblocked"
     of_pairs = [tuple(fractions[path.key] for path in (pair.out, pair.back)) for pair in pairs]
-    return [View(paths=pair, **{field: of_pair}) for pair, of_pair in zip(pairs, of_pairs, strict=True)]  # type: ignore[arg-type]
+    return [PathVisibility(paths=pair, **{field: of_pair}) for pair, of_pair in zip(pairs, of_pairs, strict=True)]  # type: ignore[arg-type]
 
 
 def blockage(geometry: Geometry, samples_s: np.ndarray, *, minor: bool = False) -> Blockage:

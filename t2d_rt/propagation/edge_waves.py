@@ -15,7 +15,7 @@ import numpy as np
 from t2d_rt.core.backend import Backend, one_thread_at_a_time
 from t2d_rt.geometry.vectors import inner, norms, unit, vector_product
 from t2d_rt.propagation.images import images, instants_of
-from t2d_rt.propagation.occluders import Posed
+from t2d_rt.propagation.occluders import PosedOccluders
 from t2d_rt.propagation.rays import LIFT_M, mitsuba, mitsuba_mesh, rays, traceable
 from t2d_rt.types import OneWayPath
 
@@ -189,7 +189,7 @@ class Points(NamedTuple):
 
 
 def beside_others(
-    at: Posed, seen_paths: Sequence[OneWayPath], of: Points, *, wavelength_m: float, backend: Backend
+    at: PosedOccluders, seen_paths: Sequence[OneWayPath], of: Points, *, wavelength_m: float, backend: Backend
 ) -> np.ndarray:
     """Fraction of the field over the path at points that face it, float32 (K, Q): near the outline of a mesh that they do not
     belong to the amplitude beside that, elsewhere whether they are visible, in which case that is what comes back."""
@@ -220,7 +220,7 @@ def beside_others(
     return _summed(groups, at, of.visible, wavelength_m, backend) if groups else of.visible
 
 
-def _near(at: Posed, instant: int, part: Straight, mesh: int, other: int, wavelength_m: float) -> bool:
+def _near(at: PosedOccluders, instant: int, part: Straight, mesh: int, other: int, wavelength_m: float) -> bool:
     """Whether the box around another mesh comes near the lines from the part's origin to that around a mesh."""
     mine = part.appear(at.boxes[instant, mesh]) - part.origin_m
     others = at.boxes[instant, other] - part.origin_m
@@ -237,7 +237,9 @@ def _near(at: Posed, instant: int, part: Straight, mesh: int, other: int, wavele
     return bool((others @ across / others_m).min() - (mine @ across / mine_m).max() < reach)
 
 
-def _beam(at: Posed, instant: int, part: Straight, other: int, apparent_m: np.ndarray, wavelength_m: float) -> _Beam:
+def _beam(
+    at: PosedOccluders, instant: int, part: Straight, other: int, apparent_m: np.ndarray, wavelength_m: float
+) -> _Beam:
     """Which apparent points (N, 3) m are near edges of the other mesh that may be its outline, and these."""
     from scipy.spatial import cKDTree
 
@@ -297,7 +299,9 @@ class _Group:
     beams: list[_Beam]
 
 
-def _summed(groups: list[_Group], at: Posed, visible: np.ndarray, wavelength_m: float, backend: Backend) -> np.ndarray:
+def _summed(
+    groups: list[_Group], at: PosedOccluders, visible: np.ndarray, wavelength_m: float, backend: Backend
+) -> np.ndarray:
     """`beside_others` of points near edges."""
     asked: list[tuple[tuple[np.ndarray, np.ndarray], tuple[int, int]]] = []
     for group in groups:
@@ -327,7 +331,7 @@ def _summed(groups: list[_Group], at: Posed, visible: np.ndarray, wavelength_m: 
 
 @one_thread_at_a_time
 def _free(
-    asked: list[tuple[tuple[np.ndarray, np.ndarray], tuple[int, int]]], at: Posed, backend: Backend
+    asked: list[tuple[tuple[np.ndarray, np.ndarray], tuple[int, int]]], at: PosedOccluders, backend: Backend
 ) -> list[np.ndarray]:
     """Which segments from (N, 3) to (N, 3) m a mesh leaves free at an instant, given with their numbers: bool (N,) of each."""
     counts = np.array([len(starts) for (starts, _), _ in asked])
@@ -352,7 +356,7 @@ class _Alone(NamedTuple):
     """How far from the middle of the meshes a cell extends."""
 
 
-def _alone(at: Posed, required: set[tuple[int, int]], ends_m: np.ndarray, backend: Backend) -> _Alone:
+def _alone(at: PosedOccluders, required: set[tuple[int, int]], ends_m: np.ndarray, backend: Backend) -> _Alone:
     """A scene of these meshes at these instants for segments with these ends: an earlier one, where it has them."""
     middle = at.boxes.mean(axis=(0, 1, 2))
     extent_m = max(float(np.abs(points - middle).max()) for points in (ends_m, at.boxes))

@@ -10,7 +10,7 @@ import numpy as np
 from t2d_rt.core.backend import Backend
 from t2d_rt.propagation.images import images, instants_of, reflected
 from t2d_rt.propagation.occluders import MOST_COPIES, Occluders
-from t2d_rt.propagation.visibility import Surroundings, Unblocked, faded
+from t2d_rt.propagation.visibility import OccluderScene, Unblocked, smoothstep
 from t2d_rt.types import MovingMesh, OneWayPath
 from t2d_rt.types.scatterer import Fraction
 
@@ -52,7 +52,7 @@ class MeanVisibility:
         if key not in self._known:
             self._find()
         values = self._known[key][path_count - 1][:, None]
-        visibility = faded(times_s, self._samples_s, values.__getitem__)
+        visibility = smoothstep(times_s, self._samples_s, values.__getitem__)
         return np.broadcast_to(visibility, (len(times_s), len(self._mesh.rest)))
 
     def _find(self) -> None:
@@ -84,7 +84,7 @@ class MeanVisibility:
             parts = np.any([marks[rows] for marks in near.values()], axis=0)[:, self._occluders.mark_of_face]
             seen_from = {key: viewpoint.seen_at(times_s) for key, (viewpoint, _) in views.items()}
             all_paths = [path for of_viewpoint in seen_from.values() for path in of_viewpoint]
-            scene = Surroundings(
+            scene = OccluderScene(
                 self._occluders, self._occluders.at(times_s).vertices, all_paths, self._backend, parts=parts
             )
             for key, seen_paths in seen_from.items():

@@ -20,7 +20,7 @@ MARK_M = 0.06
 
 
 @dataclass(frozen=True)
-class Posed:
+class PosedOccluders:
     """Meshes at some instants."""
 
     meshes: Occluders
@@ -174,14 +174,14 @@ class Occluders:
         """Numbers (M,) of points about `MARK_M` apart, and the interpolation from these to all points: sparse (V', M)."""
         return _marks([m.rest for m in self.meshes], [refinement.operator for refinement in self._subdivided])
 
-    def at(self, times_s: np.ndarray) -> Posed:
+    def at(self, times_s: np.ndarray) -> PosedOccluders:
         """The meshes at these times."""
         posed = [mesh.at(times_s) for mesh in self.meshes]
         vertices = points = np.concatenate(posed, axis=1)
         if self._subdivision:
             subdivided = (_of_each(s.operator, p) for s, p in zip(self._subdivided, posed, strict=True))
             points = np.concatenate(list(subdivided), axis=1)
-        return Posed(self, times_s, vertices, points)
+        return PosedOccluders(self, times_s, vertices, points)
 
     def marked(self, times_s: np.ndarray) -> np.ndarray:
         """The `marks` at all of the sample times (K, M, 3) m."""

@@ -64,7 +64,7 @@ def rays(mi: Any, origins: np.ndarray, directions: np.ndarray, length: np.ndarra
     return ray
 
 
-def side_by_side(mi: Any, vertices: np.ndarray, faces: np.ndarray, reach_m: float) -> tuple[Any, np.ndarray]:
+def scene_of_instants(mi: Any, vertices: np.ndarray, faces: np.ndarray, reach_m: float) -> tuple[Any, np.ndarray]:
     """Meshes at up to 64 instants in one scene, none within the reach of another, and how far each is shifted, (K, 1, 3) m.
 
     Vertices are (K, V, 3) m; faces (..., 3) number those of all instants as one list.

@@ -20,8 +20,8 @@ from t2d_rt.core.backend import Backend, aligned, one_thread_at_a_time
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.propagation.edge_waves import Points, beside_others
 from t2d_rt.propagation.images import apparent_m, images, instants_of
-from t2d_rt.propagation.occluders import Occluders, Posed, incidence, vertex_normals
-from t2d_rt.propagation.rays import LIFT_M, columns, mitsuba, side_by_side
+from t2d_rt.propagation.occluders import Occluders, PosedOccluders, incidence, vertex_normals
+from t2d_rt.propagation.rays import LIFT_M, columns, mitsuba, scene_of_instants
 from t2d_rt.types import MovingMesh, OneWayPath
 
 FEW_PLACES = 4
@@ -41,7 +41,9 @@ def viewpoints_at(places_m: Sequence[np.ndarray]) -> list[OneWayPath]:
     return [OneWayPath.line_of_sight(place, np.array([0.0, 0.0, 1.0])) for place in places_m]
 
 
-def faded(times_s: np.ndarray, samples_s: np.ndarray, at_samples: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+def smoothstep(
+    times_s: np.ndarray, samples_s: np.ndarray, at_samples: Callable[[np.ndarray], np.ndarray]
+) -> np.ndarray:
     """Values (K, N) at any times from those at sample times, whose numbers `at_samples` takes: smooth steps from one to the
     next."""
     position = np.interp(times_s, samples_s, np.arange(len(samples_s)))
@@ -117,7 +119,7 @@ class Viewpoints:
             if occlusion.in_use and number not in occlusion.chunks:
                 occlusion.chunks[number] = occlusion.sampled(at, scene)
 
-    def scene(self, at: Posed) -> Surroundings | None:
+    def scene(self, at: PosedOccluders) -> OccluderScene | None:
         """The meshes at some instants as rays to all viewpoints meet them; None where none of these is occluded."""
         seen_paths = [
             path for occlusion in self.occlusions if occlusion.solid for path in occlusion.viewpoint.seen_at(at.times_s)
@@ -126,7 +128,7 @@ class Viewpoints:
             return None
         places = {place.tobytes(): place for path in seen_paths for place in images(path)}
         parts = at.facing(list(places.values())) if len(places) <= FEW_PLACES else None
-        return Surroundings(self.meshes, at.vertices, seen_paths, self.backend, parts=parts)
+        return OccluderScene(self.meshes, at.vertices, seen_paths, self.backend, parts=parts)
 
 
 class Occlusion:
@@ -173,7 +175,9 @@ class Occlusion:
         """
         last = self._last.get(path_count)
         if last is None or not np.array_equal(last[0], times_s):
-            values = faded(times_s, self.viewpoints.samples_s, lambda numbers: self._at_samples(numbers, path_count))
+            values = smoothstep(
+                times_s, self.viewpoints.samples_s, lambda numbers: self._at_samples(numbers, path_count)
+            )
             last = self._last[path_count] = times_s, self._meshes.split(values)
         return last[1]
 
@@ -191,7 +195,7 @@ class Occlusion:
             fractions.append(self.fractions(self.chunks[chunk], path_count)[place])
         return np.stack(fractions)
 
-    def sampled(self, at: Posed, scene: Surroundings | None) -> VisibilitySamples:
+    def sampled(self, at: PosedOccluders, scene: OccluderScene | None) -> VisibilitySamples:
         """Visibility at the instants of meshes that stand in a scene."""
         unblocked = self._unblocked_at(at)
         if not self.solid or scene is None:
@@ -227,14 +231,14 @@ class Occlusion:
         beyond = (self._meshes.neighbours @ visibility.T).T / np.maximum(count, 1)
         return np.where(front, visibility, beyond).astype(np.float32)
 
-    def _unblocked_at(self, at: Posed) -> np.ndarray:
+    def _unblocked_at(self, at: PosedOccluders) -> np.ndarray:
         """Fraction of the field at the meshes' points that the static scene does not block, float32 (K, V)."""
         if self._unblocked is None:
             return np.ones(at.points.shape[:2], np.float32)
         marks, carried = self._meshes.marks
         return np.asarray((carried @ self._unblocked(at.points[:, marks], at.times_s).T).T)
 
-    def visible(self, at: Posed, front: np.ndarray, scene: Surroundings) -> np.ndarray:
+    def visible(self, at: PosedOccluders, front: np.ndarray, scene: OccluderScene) -> np.ndarray:
         """Whether points of the meshes are visible from here, of those that face it, bool (K, Q); none of the others is.
 
         Points that the subdivision adds to bodies are traced beside the edges of shadows alone: elsewhere they are as the vertices
@@ -272,7 +276,7 @@ class ExactVisibility:
         self._occluders, self._own, self._wavelength_m = Occluders(occluders), own, wavelength_m
         self._viewpoint, self._backend = viewpoint, backend
         self._mitsuba = mitsuba(backend)
-        self._last: tuple[bytes, tuple[Posed, list[_Obstacles]]] | None = None
+        self._last: tuple[bytes, tuple[PosedOccluders, list[_Obstacles]]] | None = None
 
     def fraction(self, times_s: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
         """Of vertices (K, V, 3) m of triangles (F, 3) at times [s] (K,), float32 (K, V): 1 where they are visible, else 0, near
@@ -302,7 +306,7 @@ class ExactVisibility:
         visibility = np.where(front, visible, np.float32(1))  # beyond the horizon facets show their back
         return np.asarray(visibility[np.cumsum(fresh) - 1])
 
-    def _obstacles(self, times_s: np.ndarray) -> tuple[Posed, list[_Obstacles]]:
+    def _obstacles(self, times_s: np.ndarray) -> tuple[PosedOccluders, list[_Obstacles]]:
         """Occluders at each of these times, and as rays meet them: facets and diffuse points ask for the same ones."""
         if self._last is None or self._last[0] != times_s.tobytes():
             posed, obstacles, seen_paths = self._occluders.at(times_s), [], self._viewpoint.seen_at(times_s)
@@ -312,7 +316,7 @@ class ExactVisibility:
                 places = np.array(images(viewpoint))
                 from_here = (vertices - places[-1])[None]
                 reach = 2.2 * max(float(np.abs(points).max()) for points in (from_here, places - places[-1]))
-                scene = side_by_side(self._mitsuba, from_here, self._occluders.faces[facing], reach)
+                scene = scene_of_instants(self._mitsuba, from_here, self._occluders.faces[facing], reach)
                 obstacles.append(_Obstacles(self._mitsuba, *scene, viewpoint))
             self._last = times_s.tobytes(), (posed, obstacles)
         return self._last[1]
@@ -371,7 +375,7 @@ class _Obstacles:
         return free
 
 
-class Surroundings:
+class OccluderScene:
     """The meshes at some instants: one scene, in which visibility is traced from many places."""
 
     def __init__(
@@ -390,7 +394,7 @@ class Surroundings:
         places = [place for path in seen_from for place in images(path)]
         reach = 2.2 * max(float(np.abs(points - self._middle).max()) for points in (vertices, *places))
         self._mitsuba = mitsuba(backend)
-        self._scene, self._shift = side_by_side(self._mitsuba, vertices - self._middle, faces, reach)
+        self._scene, self._shift = scene_of_instants(self._mitsuba, vertices - self._middle, faces, reach)
 
     def visible(
         self,

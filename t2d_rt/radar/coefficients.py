@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.core.backend import Backend, aligned_empty, one_thread_at_a_time
-from t2d_rt.radar.buckets import Buckets
-from t2d_rt.radar.groups import Level
+from t2d_rt.radar.delay_bins import Buckets
+from t2d_rt.radar.groups import GroupLevel
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.sweep import Instants, Sweep, cubic_at, moved, rotated, sin_cos, summed, times_phasor
 from t2d_rt.radar.windows import Window
@@ -80,7 +80,7 @@ def phases(
     delay: np.ndarray,
     delay_slope: np.ndarray,
     sweep: Sweep,
-    references: Level | None,
+    references: GroupLevel | None,
     origin_s: float,
     backend: Backend,
 ) -> tuple[Any, Any]:

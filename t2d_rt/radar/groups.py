@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.radar.buckets import SLOT_BINS
+from t2d_rt.radar.delay_bins import SLOT_BINS
 from t2d_rt.radar.prolate import band_nodes
 from t2d_rt.radar.sweep import Sweep, nodes_for
 from t2d_rt.radar.windows import Delay, Window
@@ -35,7 +35,7 @@ PROBE_EVERY = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Level:
+class GroupLevel:
     """Groups of one level, of echoes or of the groups of the level below."""
 
     rate: int
@@ -56,13 +56,15 @@ class Level:
     def __len__(self) -> int:
         return self.delay.shape[1]
 
-    def part(self, number: int, parts: int) -> Level:
+    def part(self, number: int, parts: int) -> GroupLevel:
         """One of `parts` equal parts of the groups."""
         block = slice(number * len(self) // parts, (number + 1) * len(self) // parts)
         return replace(self, delay=self.delay[:, block], delay_slope=self.delay_slope[:, block])
 
 
-def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: Sequence[Delay] = ()) -> list[Level]:
+def levels(
+    window: Window, sweep: Sweep, rate: float, tolerance: float, extras: Sequence[Delay] = ()
+) -> list[GroupLevel]:
     """Levels that save work for instants that come `rate` times per frame interval, none where summing echo by echo is less work.
 
     `extras`: what is added to the delays [s] and their slopes, each (n + 3, L), at the outermost antennas of an array.
@@ -74,7 +76,7 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: 
     cycles, bins = _features(window, sweep, extras, (WIDE * allowed * rates[0], WIDE * FIRST_BINS))
     if cycles.shape[1] <= FEW_ECHOES and not _may_pay(cycles, bins, allowed, rates[0], rate, tolerance):
         return []
-    tree: list[Level] = []
+    tree: list[GroupLevel] = []
     samples, width = rates[0], FIRST_BINS
     low = high = np.concatenate([cycles, bins])
     middles = len(cycles) // 2, len(cycles) + len(bins) // 2
@@ -91,7 +93,7 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: 
         group = _grouped(scaled, scaled if low is high else high / limits, middles)
         mean = _mean(group)
         delay, slope = delay @ mean, slope @ mean
-        tree.append(Level(samples, points, width, group, mean, delay, slope))
+        tree.append(GroupLevel(samples, points, width, group, mean, delay, slope))
         low, high = _hulls(group, low, high)
         count = low.shape[1]
         work.append(spent + count * rate * WORK_NODE * len(band_nodes(bucket_theta(NARROW_BINS, width), tolerance)))
@@ -99,7 +101,7 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: 
     return tree[: int(np.argmin(work))]
 
 
-def by_part(tree: Sequence[Level], part: np.ndarray, parts: int) -> tuple[list[Level], np.ndarray]:
+def by_part(tree: Sequence[GroupLevel], part: np.ndarray, parts: int) -> tuple[list[GroupLevel], np.ndarray]:
     """The same groups, each once for each of so many parts that it holds echoes of; and the parts of the last level's groups.
 
     `part` is that of each echo, (L,). Group by group the sums of the parts add up to those of `tree`, for delays stay the same.
@@ -154,7 +156,7 @@ def _fewest(features: np.ndarray, limit: float) -> int:
     return most
 
 
-def bucket_bins(groups: Level, count: int, sweep: Sweep) -> float:
+def bucket_bins(groups: GroupLevel, count: int, sweep: Sweep) -> float:
     """Width of buckets of a level's groups, `count` of them for each pair of antennas."""
     span = float(np.ptp(groups.delay)) / sweep.bin_s
     return WIDE_BINS if count < WIDE_GROUPS * span * len(sweep.x) / USUAL_SAMPLES else NARROW_BINS

@@ -18,9 +18,9 @@ import numpy as np
 from t2d_rt.core.backend import Backend, one_thread_at_a_time
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.radar.array_delays import ArrayDelays, extra_length
-from t2d_rt.radar.buckets import Buckets, Members
 from t2d_rt.radar.coefficients import AmplitudeFrames, Lanes, phases
-from t2d_rt.radar.groups import Level
+from t2d_rt.radar.delay_bins import BinMembers, Buckets
+from t2d_rt.radar.groups import GroupLevel
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.sweep import (
     Instants,
@@ -53,7 +53,7 @@ class Factors:
 class Leaves:
     """The echoes that the first level's groups add up."""
 
-    members: Members
+    members: BinMembers
     fields: AmplitudeFrames
     """Amplitudes of the echoes at the frames."""
     phase: tuple[Any, Any]
@@ -62,18 +62,18 @@ class Leaves:
     """Transmitters and receivers, each pair of which is to have groups of its own."""
 
 
-def leaves(window: Window, level: Level, sweep: Sweep, backend: Backend) -> Leaves:
+def leaves(window: Window, level: GroupLevel, sweep: Sweep, backend: Backend) -> Leaves:
     """The echoes of the first level's groups."""
     intervals, count = window.delay.shape[0] - 1, window.delay.shape[1]
     interval, echo = window.lit
-    members = Members.of(interval, level.group[echo], echo, shape=(intervals, len(level)), per=1, size=count)
+    members = BinMembers.of(interval, level.group[echo], echo, shape=(intervals, len(level)), per=1, size=count)
     phase = phases(window.delay, window.delay_slope, sweep, level, 0.0, backend)
     return Leaves(members, AmplitudeFrames.of(window, sweep, backend), phase)
 
 
 def at_antennas(
-    tree: list[Level], leaves: Leaves, send: ArrayDelays, receive: ArrayDelays
-) -> tuple[list[Level], Leaves]:
+    tree: list[GroupLevel], leaves: Leaves, send: ArrayDelays, receive: ArrayDelays
+) -> tuple[list[GroupLevel], Leaves]:
     """Levels and leaves of all pairs of antennas: groups of the first transmitter with the first receiver, with the second, ..."""
     of_pairs, below = [], 0
     pairs = list(itertools.product(send.groups, receive.groups))
@@ -89,7 +89,7 @@ def at_antennas(
     return of_pairs, replace(leaves, ends=(send, receive))
 
 
-def factors(window: Window, tree: list[Level], leaves: Leaves, sweep: Sweep, backend: Backend) -> Factors:
+def factors(window: Window, tree: list[GroupLevel], leaves: Leaves, sweep: Sweep, backend: Backend) -> Factors:
     """Factors of the groups of the tree's last level."""
     out = _smallest(window, tree[0], leaves, sweep, backend)
     for below, level in pairwise(tree):
@@ -98,7 +98,7 @@ def factors(window: Window, tree: list[Level], leaves: Leaves, sweep: Sweep, bac
 
 
 @one_thread_at_a_time
-def _smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend: Backend) -> Factors:
+def _smallest(window: Window, level: GroupLevel, leaves: Leaves, sweep: Sweep, backend: Backend) -> Factors:
     """Factors of the first level's groups, those of one pair of antennas after those of another, straight from the echoes.
 
     One kernel: its lanes are (group, frame interval), its loop runs over the group's echoes, of which a lane reads each once for
@@ -211,7 +211,9 @@ class _ExtraPhases:
 
 
 @one_thread_at_a_time
-def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: float, backend: Backend) -> Factors:
+def _merged(
+    inner: Factors, below: GroupLevel, level: GroupLevel, sweep: Sweep, step_s: float, backend: Backend
+) -> Factors:
     """The next level's factors, at twice the rate."""
     import drjit as dr
 
@@ -256,7 +258,7 @@ def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: fl
     return Factors(out, 2 * steps, 2 * (inner.first + 2))
 
 
-def _places(inner: Factors, below: Level) -> tuple[np.ndarray, np.ndarray]:
+def _places(inner: Factors, below: GroupLevel) -> tuple[np.ndarray, np.ndarray]:
     """Interval, of those whose delays are known, in which each of the samples' places lies that have two before and three after
     them, and where in it [frames]; those after the last interval go on with its cubics."""
     place = inner.first + 2 + np.arange(inner.samples - 5)
@@ -268,7 +270,7 @@ def _places(inner: Factors, below: Level) -> tuple[np.ndarray, np.ndarray]:
 def at_instants(
     inner: Factors,
     first: int,
-    level: Level,
+    level: GroupLevel,
     buckets: Buckets,
     phase: tuple[Any, Any],
     instants: Instants,
@@ -305,7 +307,7 @@ def at_instants(
     return lanes.scattered(sums, backend).ravel()
 
 
-def _interpolation(inner: Factors, level: Level, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _interpolation(inner: Factors, level: GroupLevel, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The second of the four samples of a factor between which each instant lies, (instant,), and the weights of the four, those of
     the cubic through samples at -1, 0, 1, 2, (instant, 4)."""
     place = position * level.rate - inner.first
@@ -320,7 +322,7 @@ def _interpolation(inner: Factors, level: Level, position: np.ndarray) -> tuple[
     return sample, np.stack(weights, axis=1)
 
 
-def _relative(below: Level, level: Level, sweep: Sweep) -> np.ndarray:
+def _relative(below: GroupLevel, level: GroupLevel, sweep: Sweep) -> np.ndarray:
     """Phase of each group against its parent's [cycles], cubics in the frame step, float32 (n + 2, K, 4)."""
     above, above_slope = level.delay[:, level.group], level.delay_slope[:, level.group]
     cycles = (sweep.mid_hz - 0.5 * sweep.slope * (below.delay + above)) * (below.delay - above)

@@ -19,7 +19,7 @@ from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.cube_storage import ScratchFile
 from t2d_rt.core.cubes import Cube, CubeAdder, new_cube
 from t2d_rt.core.factored_cubes import PIECE_CHIRPS, ProductRows
-from t2d_rt.core.memory import Budget
+from t2d_rt.core.memory import MemoryLimit
 from t2d_rt.radar.synthesize import Progress, synthesize
 from t2d_rt.types import Radar
 from t2d_rt.types.echoes import Repetition
@@ -79,7 +79,7 @@ def add_repeated(
     *,
     tolerance_db: float,
     device: str,
-    memory: Budget,
+    memory: MemoryLimit,
     onto: Cube | None,
     progress: Progress | None = None,
     parts: EchoParts | None = None,
@@ -166,7 +166,7 @@ def _summed(
     *,
     tolerance_db: float,
     device: str,
-    memory: Budget,
+    memory: MemoryLimit,
 ) -> tuple[Cube, list[ProductRows]]:
     """What the chirps of a table record, and each part of it."""
     whole: Cube | None = None

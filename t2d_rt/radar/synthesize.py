@@ -27,11 +27,11 @@ from t2d_rt.core import checks
 from t2d_rt.core.backend import Backend, aligned_empty, one_blas_thread, prefetched, select
 from t2d_rt.core.cubes import Cube, CubeAdder, CubeWriter, DiskCube, is_large
 from t2d_rt.core.factored_cubes import PIECE_CHIRPS, Piece, Product, ProductRows, together
-from t2d_rt.core.memory import Budget, reused
+from t2d_rt.core.memory import MemoryLimit, reused
 from t2d_rt.radar.array_delays import array_delays, ends
-from t2d_rt.radar.buckets import SLOT_BINS, Buckets, buckets
 from t2d_rt.radar.coefficients import AmplitudeFrames, fields_at, phases
-from t2d_rt.radar.groups import Level, bucket_bins, bucket_theta, by_part, levels
+from t2d_rt.radar.delay_bins import SLOT_BINS, Buckets, buckets
+from t2d_rt.radar.groups import GroupLevel, bucket_bins, bucket_theta, by_part, levels
 from t2d_rt.radar.multilevel import Factors, at_antennas, at_instants, factors, leaves
 from t2d_rt.radar.prolate import band_nodes, band_weights
 from t2d_rt.radar.sweep import Instants, Sweep
@@ -68,7 +68,7 @@ def synthesize(
     device: str = "auto",
     read_frames: int | None = None,
     onto: Cube | None = None,
-    memory: Budget | None = None,
+    memory: MemoryLimit | None = None,
     progress: Progress | None = None,
     parts: EchoParts | None = None,
 ) -> Cube:
@@ -91,7 +91,7 @@ def synthesize(
     if progress is not None:
         checks.call("progress", progress, "a function of the fraction done")
     source = stream(echoes)
-    memory = Budget.of() if memory is None else checks.instance("memory", memory, Budget, "a Budget")
+    memory = MemoryLimit.of() if memory is None else checks.instance("memory", memory, MemoryLimit, "a Budget")
     with Synthesis(
         source.times_s,
         radar,
@@ -129,7 +129,7 @@ class Synthesis:
         *,
         tolerance_db: float,
         device: str,
-        memory: Budget,
+        memory: MemoryLimit,
         onto: Cube | None = None,
         progress: Progress | None = None,
         parts: EchoParts | None = None,
@@ -218,7 +218,7 @@ class Synthesis:
         self._open.__exit__(*failed)
 
 
-def _new_cube(shape: tuple[int, int, int], memory: Budget) -> Cube:
+def _new_cube(shape: tuple[int, int, int], memory: MemoryLimit) -> Cube:
     """A cube that is not initialised: every row must be written."""
     if is_large(shape, memory.limit_bytes):
         return DiskCube(ProductRows(shape))
@@ -381,7 +381,7 @@ def _sum_echoes(window: Window, instants: Instants, parts: int, backend: Backend
 class _Groups:
     """Groups whose factors are known, of one transmitter with several receivers, receiver after receiver."""
 
-    top: Level
+    top: GroupLevel
     """All of them."""
     factors: Factors
     first: int

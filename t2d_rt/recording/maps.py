@@ -125,7 +125,7 @@ def labelled(
     return array
 
 
-def drawn(
+def draw_map(
     image: xr.DataArray,
     ax: Any,
     title: str | None,

@@ -16,8 +16,8 @@ from t2d_rt.motion import track
 from t2d_rt.pipeline.echo_model import Model
 from t2d_rt.pipeline.targets import Target, in_frame
 from t2d_rt.propagation.images import vertices
-from t2d_rt.propagation.surroundings import polarization
-from t2d_rt.scattering.paths import Arrivals
+from t2d_rt.propagation.scene_paths import polarization
+from t2d_rt.scattering.paths import ArrivingFields
 from t2d_rt.types import Accuracy, Motion, OneWayPath, PathPair, Radar
 from t2d_rt.types.paths import points_in_scene
 
@@ -163,7 +163,7 @@ def _rows(
 ) -> dict[str, list[np.ndarray]]:
     """Of each pair all but the points it runs over at times [s], arrays (target, time)."""
     in_time, apart_s = points.swapaxes(0, 1), (at.later - at.earlier)[:, None]
-    radar, arrivals = model.radar, Arrivals.of(model.radar, pairs, in_time, at.now, frequencies=1)
+    radar, arrivals = model.radar, ArrivingFields.of(model.radar, pairs, in_time, at.now, frequencies=1)
     one_way = {path.key: path for pair in pairs for path in (pair.out, pair.back)}
     free = {
         key: np.ones(points.shape[:2])

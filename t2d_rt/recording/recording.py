@@ -36,7 +36,7 @@ from t2d_rt.recording.maps import (
     Maps,
     background_power,
     background_settings,
-    drawn,
+    draw_map,
     interval_told,
     labelled,
     labelled_map,
@@ -373,13 +373,13 @@ class Recording:
         width_in: width of the figure [inch]: 3.5 for a column of a paper, 7 for its width.
         """
         note = None if self.error_db is None else f"measured error {self.error_db:.1f} dB"
-        return drawn(self.spectrogram, ax, title, note, style)
+        return draw_map(self.spectrogram, ax, title, note, style)
 
     def plot_range_time(
         self, title: str | None = None, *, ax: Axes | None = None, **style: Unpack[StyleOptions]
     ) -> Any:
         """`range_time` as a figure; options as of `plot`."""
-        return drawn(self.range_time, ax, title, None, style)
+        return draw_map(self.range_time, ax, title, None, style)
 
     def plot_range_doppler(
         self,
@@ -397,7 +397,7 @@ class Recording:
         """
         image = self.range_doppler_at(time_s, interval_s=interval_s)
         paths = self.paths_at(image.attrs["time_s"]) if flag("ghosts", ghosts) else None
-        return drawn(image, ax, title, interval_told(image), style, paths)
+        return draw_map(image, ax, title, interval_told(image), style, paths)
 
     def plot_range_angle(
         self,
@@ -410,7 +410,7 @@ class Recording:
     ) -> Any:
         """`range_angle` as a figure; options as of `plot`, and time and length of the interval [s]."""
         image = self.range_angle(time_s, interval_s=interval_s)
-        return drawn(image, ax, title, interval_told(image), style)
+        return draw_map(image, ax, title, interval_told(image), style)
 
     def plot_point_cloud(self, title: str | None = None, *, ax: Axes | None = None, **style: Any) -> Any:
         """`point_cloud` from above and from the side; in `ax` from above. `cmap` and `width_in` as of `plot`."""

@@ -34,7 +34,7 @@ def seen_by(
     return echoes
 
 
-def side_by_side(parts: list[EchoArrays]) -> EchoArrays:
+def concatenated(parts: list[EchoArrays]) -> EchoArrays:
     """Different echoes at the same frames."""
     if len(parts) == 1:
         return parts[0]

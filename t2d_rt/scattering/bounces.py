@@ -12,12 +12,12 @@ from typing_extensions import override
 
 from t2d_rt.core.backend import Backend
 from t2d_rt.core.constants import SPEED_OF_LIGHT
-from t2d_rt.core.memory import Budget, blocks
+from t2d_rt.core.memory import MemoryLimit, blocks
 from t2d_rt.scattering.antennas import seen_by
-from t2d_rt.scattering.fronts import Instant, RayTracer
+from t2d_rt.scattering.ray_fronts import Instant, RayTracer
 from t2d_rt.scattering.reflectors import Lattice, Reflector, Reflectors, carried_along, lattice, lattice_size
 from t2d_rt.scattering.streams import joined, most_echoes
-from t2d_rt.scattering.tube_groups import Cells, Frames, Groups, Sample
+from t2d_rt.scattering.tube_groups import Cells, Frames, Groups, TubeSample
 from t2d_rt.scattering.tubes import Tubes, reflecting, traced_tubes
 from t2d_rt.types import EchoArrays, Radar
 from t2d_rt.types.scatterer import EchoLabels, FrameBlock, Poses, Scatterer, Visibility
@@ -59,7 +59,7 @@ class Setting:
     backend: Backend
     unblocked: Unblocked | None = None
     """None in free space."""
-    memory: Budget | None = None
+    memory: MemoryLimit | None = None
     """What a run may take."""
 
     def lattice(self, reflectors: Reflectors, faces: np.ndarray, spacing_m: float) -> Lattice:
@@ -139,11 +139,11 @@ class _Model:
         """The targets at some frames."""
         return Frames.of(self.reflectors, times_s, self.setting.radar, self.setting.backend)
 
-    def sample(self, time_s: float) -> list[Sample]:
+    def sample(self, time_s: float) -> list[TubeSample]:
         """Tubes at a time, by the number of bounces from 2."""
         (instant,) = self.instants(np.array([time_s]))
         return [
-            Sample.of(self._unblocked(time_s, instant, traced_tubes(instant, self.lattice, bounces)), self.cells)
+            TubeSample.of(self._unblocked(time_s, instant, traced_tubes(instant, self.lattice, bounces)), self.cells)
             for bounces in range(2, self.detail.bounces + 1)
         ]
 
@@ -166,9 +166,9 @@ class _Samples:
 
     def __init__(self, model: _Model, samples_s: np.ndarray) -> None:
         self.model, self.times_s = model, samples_s
-        self._held: OrderedDict[int, list[Sample]] = OrderedDict()
+        self._held: OrderedDict[int, list[TubeSample]] = OrderedDict()
 
-    def at(self, number: int) -> list[Sample]:
+    def at(self, number: int) -> list[TubeSample]:
         """Samples by the number of bounces from 2."""
         if number not in self._held:
             self._held[number] = self.model.sample(float(self.times_s[number]))
@@ -182,7 +182,7 @@ class _Samples:
 
     def groups(self) -> Groups:
         """The groups of the whole record."""
-        samples: list[Sample] = []
+        samples: list[TubeSample] = []
         powers: list[np.ndarray] = []
         for number, time_s in enumerate(self.times_s):
             posed = self.model.frames(np.array([time_s]))

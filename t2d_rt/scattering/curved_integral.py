@@ -81,7 +81,7 @@ class Averages(NamedTuple):
     beta_beta: Any
 
 
-class Line(NamedTuple):
+class MiddlePhaseLine(NamedTuple):
     """The line of the middle phase."""
 
     exponential: Parts
@@ -148,7 +148,7 @@ def curved_integrals(
     places, weights = _gauss_rule(order + 1)
     beta = [v * (rise + v * (end_bubble - rise)) for v in places]
     weighted = [w * (mid.amplitude + v * (end_amplitude - mid.amplitude)) for v, w in zip(places, weights, strict=True)]
-    line = Line(
+    line = MiddlePhaseLine(
         exponential=exponential(mid.phase, ops),
         plain=_averages(places, weights, beta),
         weighted=_averages(places, weighted, beta),
@@ -201,7 +201,7 @@ def _averages(places: list[float], weights: list[Any], beta: list[Any]) -> Avera
 
 
 def _part(
-    corner: Node, difference: Any, bubbles: tuple[Any, Any], line: Line, ops: Ops, terms: int, order: Order
+    corner: Node, difference: Any, bubbles: tuple[Any, Any], line: MiddlePhaseLine, ops: Ops, terms: int, order: Order
 ) -> tuple[Any, Any, Any, Any]:
     """What the triangle between a corner and the line adds for each unit of its area to re and im of I and dI.
 
@@ -221,7 +221,9 @@ def _part(
     return *value, d_value[0] - corner.phase * value[1], d_value[1] + corner.phase * value[0]
 
 
-def _expansion(averages: Averages, bubbles: tuple[Any, Any], line: Line, order: Order) -> tuple[list[Any], list[Any]]:
+def _expansion(
+    averages: Averages, bubbles: tuple[Any, Any], line: MiddlePhaseLine, order: Order
+) -> tuple[list[Any], list[Any]]:
     """Coefficients of t^0, t^1, ... in the average of T along the line, real and imaginary.
 
     T = (1 - c^2/2 - jc) + (c + j) b - b^2/2 at b = alpha t + (beta - alpha) t^2.
@@ -246,7 +248,7 @@ def _expansion(averages: Averages, bubbles: tuple[Any, Any], line: Line, order: 
     return real, imag
 
 
-def _at_line(line: Line, order: Order) -> Parts:
+def _at_line(line: MiddlePhaseLine, order: Order) -> Parts:
     """Average of a T along the line."""
     one, beta, beta_beta = line.weighted.one, line.weighted.beta, line.weighted.beta_beta
     imag = beta - line.centre * one

@@ -12,9 +12,9 @@ from typing_extensions import override
 
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.geometry.vectors import cross, dot, unit
-from t2d_rt.scattering.antennas import seen_by, side_by_side
-from t2d_rt.scattering.facets import Pair
-from t2d_rt.scattering.paths import Arrivals, View, faded_weights, product, unfolded
+from t2d_rt.scattering.antennas import concatenated, seen_by
+from t2d_rt.scattering.facets import PairPlaces
+from t2d_rt.scattering.paths import ArrivingFields, PathVisibility, faded_weights, product, unfolded
 from t2d_rt.types import ByPart, EchoArrays, Ellipsoids, Material, MovingMesh, PathPair, Radar
 from t2d_rt.types.material import values_of
 from t2d_rt.types.scatterer import EchoLabels, Fraction, FrameBlock, Poses, Scatterer, Visibility
@@ -35,7 +35,7 @@ def ellipsoid_echoes(
     times_s: np.ndarray,
     material: Material | ByPart,
     phase_from: PhaseFrom = "specular",
-    views: Sequence[View] = (View(),),
+    views: Sequence[PathVisibility] = (PathVisibility(),),
     target: int = 0,
     at_instants: bool = False,
 ) -> EllipsoidScatterer:
@@ -70,7 +70,7 @@ class EllipsoidScatterer(Scatterer):
     target: int
     ellipsoids: Ellipsoids
     radar: Radar
-    views: tuple[View, ...]
+    views: tuple[PathVisibility, ...]
     reflection: np.ndarray
     """conj(Gamma) of each ellipsoid (N,)."""
     phase_from: PhaseFrom
@@ -104,7 +104,7 @@ class EllipsoidScatterer(Scatterer):
         shown, near = _shown(views, block, seen, count)
         # An echo over each view, whose antennas stand in places of its own; one that is dark is where the centre is.
         tiled, axes = np.tile(centres, (1, len(views), 1)), np.tile(axes, (1, len(views), 1, 1))
-        places = [Pair.of(radar, view.paths).at(block.times_s).ends_m for view in views]
+        places = [PairPlaces.of(radar, view.paths).at(block.times_s).ends_m for view in views]
         tx, rx = (
             np.broadcast_to(np.repeat(np.stack(np.broadcast_arrays(*place), axis=-2), count, axis=-2), tiled.shape)
             for place in zip(*places, strict=True)
@@ -138,14 +138,14 @@ class EllipsoidScatterer(Scatterer):
             columns = slice(number * count, (number + 1) * count)
             of_pair = EchoArrays(*(column[:, columns] for column in echoes if column is not None))
             parts.append(unfolded(radar, of_pair, pair, block.times_s, *(end[:, columns] for end in ends)))
-        return side_by_side(parts)
+        return concatenated(parts)
 
     def _over(
         self, pairs: Sequence[PathPair], echoes: EchoArrays, block: FrameBlock, centres: np.ndarray
     ) -> EchoArrays:
         """Echoes (T, N) of all ellipsoids, at centres (T, n, 3), over one pair after another, with the paths' fields."""
         if self.at_instants:
-            weights = Arrivals.of(self.radar, pairs, centres, block.times_s).weights()
+            weights = ArrivingFields.of(self.radar, pairs, centres, block.times_s).weights()
         else:
             weights = faded_weights(self.radar, pairs, block, centres, self.ellipsoids.points_at)
         factors = (weight.swapaxes(0, 1).reshape(echoes.amplitude.shape) for weight in weights)
@@ -154,7 +154,9 @@ class EllipsoidScatterer(Scatterer):
         return echoes._replace(delay_s=echoes.delay_s + extra_s, amplitude=amplitude, slope=slope)
 
 
-def _shown(views: Sequence[View], block: FrameBlock, seen: Visibility, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _shown(
+    views: Sequence[PathVisibility], block: FrameBlock, seen: Visibility, count: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Visibility of each ellipsoid in each view at the frames of a block, (T, views x count), and whether it is above 0 shortly
     before or after."""
     from scipy.ndimage import maximum_filter1d

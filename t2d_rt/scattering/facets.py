@@ -15,8 +15,8 @@ from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.geometry.vectors import cross, dot
 from t2d_rt.scattering.curved_integral import facet_integral
 from t2d_rt.scattering.lanes import (
-    Block,
-    Gather,
+    EchoBlock,
+    LaneReader,
     Vector,
     Weights,
     combined,
@@ -36,7 +36,7 @@ THIRDS = [1 / 3, 1 / 3, 1 / 3]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Pair:
+class PairPlaces:
     """The places that a target is seen from, over one path pair."""
 
     places_m: list[np.ndarray]
@@ -49,11 +49,11 @@ class Pair:
     """sqrt(W) m: the received amplitude is link_amplitude sqrt(rcs)/(R_tx R_rx)."""
     delay_s: float = 0.0
     """Added to that of the distances: delay of slabs on the paths."""
-    moving: Callable[[np.ndarray], Pair] | None = None
+    moving: Callable[[np.ndarray], PairPlaces] | None = None
     """The same at times [s] (T,), of a radar that moves in a scene; those above are where its track begins."""
 
     @classmethod
-    def of(cls, radar: Radar, paths: PathPair | None = None, times_s: np.ndarray | None = None) -> Pair:
+    def of(cls, radar: Radar, paths: PathPair | None = None, times_s: np.ndarray | None = None) -> PairPlaces:
         """That of the radar's array centres, or of their images over a path pair, at times [s] (T,) where these move."""
         places, moving = [radar.tx_position_m, radar.rx_position_m], None
         if paths is not None:
@@ -71,7 +71,7 @@ class Pair:
             moving=moving,
         )
 
-    def at(self, times_s: np.ndarray) -> Pair:
+    def at(self, times_s: np.ndarray) -> PairPlaces:
         """The pair as it is at times [s] (T,)."""
         return self if self.moving is None else self.moving(times_s)
 
@@ -80,7 +80,7 @@ class Pair:
         """Places of the transmitter and of the receiver."""
         return self.places_m[0], self.places_m[-1]
 
-    def delays(self, at: Gather, ranges: list[Any]) -> Any:
+    def delays(self, at: LaneReader, ranges: list[Any]) -> Any:
         """[s], of distances from the places [m]."""
         return (ranges[0] + ranges[-1]) * (1 / SPEED_OF_LIGHT) + at.constant(self.delay_s)
 
@@ -122,9 +122,9 @@ class PointVertices:
 
 
 @one_thread_at_a_time
-def patch_delays(centres: Any, patches: np.ndarray, pair: Pair, block: Block, columns: np.ndarray) -> None:
+def patch_delays(centres: Any, patches: np.ndarray, pair: PairPlaces, block: EchoBlock, columns: np.ndarray) -> None:
     """Writes the delays [s] of `patches` (P,) to `columns` (P,); `centres`: flat Float64 (G, T, 3) m on the device."""
-    at = Gather(centres, block.shape[0], len(patches), block.backend)
+    at = LaneReader(centres, block.shape[0], len(patches), block.backend)
     centre = at.points([at.per_lane(patches)])[0]
     ranges = [norm(minus(at.place(antenna), centre)) for antenna in pair.places_m]
     block.put(at, columns, delay=pair.delays(at, ranges))
@@ -135,10 +135,10 @@ def patch_echoes(
     posed: FacetVertices,
     patches: Patches,
     numbers: np.ndarray,
-    pair: Pair,
+    pair: PairPlaces,
     reflection: np.ndarray,
     weights: Weights | None,
-    block: Block,
+    block: EchoBlock,
     columns: np.ndarray,
 ) -> None:
     """Writes the amplitude [sqrt(W)] and slope [sqrt(W)/Hz] of patches, their delay's carrier taken out.
@@ -146,7 +146,7 @@ def patch_echoes(
     `patches` are some of the G, by their `numbers` (P,), and go to `columns` (P,). `reflection` (P,) is Gamma of each one's surface
     times the fraction that stays coherent; the diffuse points add what does not.
     """
-    at = Gather(posed.vertices, block.shape[0], len(patches), block.backend)
+    at = LaneReader(posed.vertices, block.shape[0], len(patches), block.backend)
     dr, Float32 = at.dr, block.backend.Float32
     number = at.per_lane(numbers)
     antennas = _Antennas.of(at, posed, number, pair)
@@ -180,7 +180,7 @@ class _Antennas(NamedTuple):
     """Phase [rad] of a metre of path to one of these, which stands for both where there is but one."""
 
     @classmethod
-    def of(cls, at: Gather, posed: FacetVertices, number: Any, pair: Pair) -> _Antennas:
+    def of(cls, at: LaneReader, posed: FacetVertices, number: Any, pair: PairPlaces) -> _Antennas:
         """The antennas for patches by their numbers."""
         Float32, Float64 = at.backend.Float32, at.backend.Float64
         origin = at.read(at.backend.lanes(posed.origin, Float64), 0)
@@ -194,7 +194,7 @@ class _Antennas(NamedTuple):
         return self.radians * sum(_extra_path(place, antenna) for antenna in self.places)
 
 
-def _phase_integrals(at: Gather, posed: FacetVertices, patches: Patches, antennas: _Antennas) -> list[Any]:
+def _phase_integrals(at: LaneReader, posed: FacetVertices, patches: Patches, antennas: _Antennas) -> list[Any]:
     """Sum over each patch's facets of obliquity times phase integral over R^2 (eq. 3), and its derivative by the logarithm of the
     frequency: real and imaginary parts, without unit."""
     nodes_of, corners_of = at.table(patches.nodes), at.table(posed.corners)
@@ -216,18 +216,18 @@ def _phase_integrals(at: Gather, posed: FacetVertices, patches: Patches, antenna
 
 
 def _with_integral(
-    at: Gather, antennas: _Antennas, nodes: list[Vector], amplitudes: list[Any], total: list[Any]
+    at: LaneReader, antennas: _Antennas, nodes: list[Vector], amplitudes: list[Any], total: list[Any]
 ) -> list[Any]:
     """The sums of `_phase_integrals` with one facet more."""
     value, change = facet_integral([antennas.phase(node) for node in nodes], amplitudes, lane_ops(at.dr))
     return [t + x for t, x in zip(total, (*value, *change), strict=True)]
 
 
-def _diffuse_sums(at: Gather, points: PointVertices, antennas: _Antennas) -> list[Any]:
+def _diffuse_sums(at: LaneReader, points: PointVertices, antennas: _Antennas) -> list[Any]:
     """Sum over each patch's Lambertian points of fixed random phase (eq. 9), sigma_q = 4 S^2 |Gamma|^2 A_q cos_i cos_s, of
     sqrt(sigma_q)/(2 S |Gamma| R^2) exp(j phase), and its derivative by the logarithm of the frequency: real and imaginary parts."""
     dr, Packet, Float32 = at.dr, at.backend.arrays.Array4f, at.backend.Float32
-    held = Gather(points.vertices, at.frames, len(points.starts) - 1, at.backend)
+    held = LaneReader(points.vertices, at.frames, len(points.starts) - 1, at.backend)
     corners_of = held.table(points.corners)
     packets = at.backend.lanes(points.packets.ravel(), Float32)
 
@@ -253,7 +253,7 @@ def _diffuse_sums(at: Gather, points: PointVertices, antennas: _Antennas) -> lis
     return _sums(at, points.starts, add)
 
 
-def _sums(at: Gather, starts: np.ndarray, add: Callable[[Any, list[Any]], tuple[Any, list[Any]]]) -> list[Any]:
+def _sums(at: LaneReader, starts: np.ndarray, add: Callable[[Any, list[Any]], tuple[Any, list[Any]]]) -> list[Any]:
     """Four sums over the members starts[p]..starts[p + 1] - 1 of every lane's patch."""
     dr, UInt32 = at.dr, at.backend.UInt32
     device = at.backend.lanes(starts)
@@ -268,13 +268,13 @@ def _sums(at: Gather, starts: np.ndarray, add: Callable[[Any, list[Any]], tuple[
     return list(total)
 
 
-def _flat_amplitude(at: Gather, corners: list[Vector], visibility: list[Any], antennas: list[Vector]) -> list[Any]:
+def _flat_amplitude(at: LaneReader, corners: list[Vector], visibility: list[Any], antennas: list[Vector]) -> list[Any]:
     """Obliquity over R^2 of a flat facet, times its mean visibility."""
     normal = cross(minus(corners[1], corners[0]), minus(corners[2], corners[0]))
     return [_obliquity(at, normal, combined(corners, THIRDS), antennas) * sum(visibility) * (1 / 3)]
 
 
-def _curved_amplitudes(at: Gather, nodes: list[Vector], visibility: list[Any], antennas: list[Vector]) -> list[Any]:
+def _curved_amplitudes(at: LaneReader, nodes: list[Vector], visibility: list[Any], antennas: list[Vector]) -> list[Any]:
     """The same at the corners of a curved facet, between which it is linear: with the true normals there it fades towards the edge
     of what is lit."""
     corners, middles = nodes[:3], nodes[3:]
@@ -291,7 +291,7 @@ def _curved_amplitudes(at: Gather, nodes: list[Vector], visibility: list[Any], a
     return amplitudes
 
 
-def _obliquity(at: Gather, normal: Vector, place: Vector, antennas: list[Vector]) -> Any:
+def _obliquity(at: LaneReader, normal: Vector, place: Vector, antennas: list[Vector]) -> Any:
     """Half the sum of the normal's projections on the lines of sight (eq. 3) over both ranges; 0 where one looks from behind."""
     lines_of_sight = [minus(antenna, place) for antenna in antennas]
     ranges = [norm(line_of_sight) for line_of_sight in lines_of_sight]

@@ -52,7 +52,7 @@ def _flushed(dr: Any, value: Any) -> Any:
     return dr.select(dr.abs(value) >= NOTHING, value, 0)
 
 
-class Block:
+class EchoBlock:
     """Echoes at T frames in the making: kernels write columns of (T, N)."""
 
     def __init__(self, frames: int, echoes: int, backend: Backend) -> None:
@@ -65,7 +65,7 @@ class Block:
 
     @one_thread_at_a_time
     def put(
-        self, at: Gather, columns: np.ndarray, *, delay: Any = None, amplitude: Any = None, slope: Any = None
+        self, at: LaneReader, columns: np.ndarray, *, delay: Any = None, amplitude: Any = None, slope: Any = None
     ) -> None:
         """Writes lanes' values, complex ones as pairs, to `columns`, one for each item."""
         dr, backend = at.dr, self.backend
@@ -92,7 +92,7 @@ class Block:
         )
 
 
-class Gather:
+class LaneReader:
     """Lanes over (item, frame), that read vertices of every item's triangles.
 
     Frames run fastest, as in the vertices, flat (V, T, ...) on the device: neighbouring lanes read neighbouring numbers.
@@ -188,7 +188,7 @@ def lane_ops(dr: Any) -> Any:
     return SimpleNamespace(minimum=dr.minimum, maximum=dr.maximum, where=dr.select, sincos=dr.sincos, fma=dr.fma)
 
 
-def triangle_normal(corners: list[Vector], at: Gather) -> tuple[Vector, Any]:
+def triangle_normal(corners: list[Vector], at: LaneReader) -> tuple[Vector, Any]:
     """Normal of twice the triangle's area, and that length, kept from zero."""
     normal = cross(minus(corners[1], corners[0]), minus(corners[2], corners[0]))
     return normal, at.dr.maximum(norm(normal), 1e-30)

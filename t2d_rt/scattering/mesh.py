@@ -15,9 +15,9 @@ from t2d_rt.core.backend import Backend
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.geometry import Refinement
 from t2d_rt.geometry.vectors import cross, dot
-from t2d_rt.scattering.antennas import seen_by, side_by_side
-from t2d_rt.scattering.facets import FacetVertices, Pair, PointVertices, patch_delays, patch_echoes
-from t2d_rt.scattering.lanes import Block
+from t2d_rt.scattering.antennas import concatenated, seen_by
+from t2d_rt.scattering.facets import FacetVertices, PairPlaces, PointVertices, patch_delays, patch_echoes
+from t2d_rt.scattering.lanes import EchoBlock
 from t2d_rt.scattering.patches import (
     CYCLES_PER_STEP,
     SWEEP_CYCLES,
@@ -29,9 +29,17 @@ from t2d_rt.scattering.patches import (
     patches,
     tilts,
 )
-from t2d_rt.scattering.paths import Anchors, Arrivals, View, anchor_vertices, faded_weights, product, unfolded
-from t2d_rt.scattering.points import DiffusePoints, Seen, VisibilityMesh, sampled_visibility
-from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD, Sagitta, carried, refined
+from t2d_rt.scattering.paths import (
+    Anchors,
+    ArrivingFields,
+    PathVisibility,
+    anchor_vertices,
+    faded_weights,
+    product,
+    unfolded,
+)
+from t2d_rt.scattering.points import DiffusePoints, SampledVisibility, VisibilityMesh, sampled_visibility
+from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD, Sagitta, apply_operator, refined
 from t2d_rt.scattering.streams import joined, most_echoes
 from t2d_rt.types import ByPart, EchoArrays, Ellipsoids, Material, MovingMesh, Radar
 from t2d_rt.types.material import is_rough, values_of
@@ -72,19 +80,19 @@ def mesh_echoes(
     material: Material | ByPart,
     detail: Detail,
     seed: int,
-    views: Sequence[View],
+    views: Sequence[PathVisibility],
     backend: Backend,
     target: int = 0,
 ) -> Scatterer:
     """Echoes of `surface` at surface frames `times_s`: one of each patch, in each of `views`; `target` is its number among the
     targets."""
-    pairs = [Pair.of(radar, view.paths) for view in views]
+    pairs = [PairPlaces.of(radar, view.paths) for view in views]
     model = _Model.of(surface, radar, pairs, times_s, material, detail, seed, {view.subdivision for view in views})
     selections = list(model.selections(surface, times_s, pairs, views))
     anchors = None
     if any(view.paths is not None for view in views):
         rest = model.fine.controlled(surface.rest[None])
-        places = carried(model.centre, rest)[:, 0]
+        places = apply_operator(model.centre, rest)[:, 0]
         anchors = Anchors.of(anchor_vertices(surface.rest), surface.rest, places, backend)
     return joined(
         [
@@ -144,7 +152,7 @@ class MeshScatterer(Scatterer):
         model, anchors, radar, times_s = self.model, self.anchors, self.radar, block.times_s
         cage = poses[self.target]
         posed = model.posed(cage, self.backend)
-        echo_block = Block(len(times_s), self.echoes, self.backend)
+        echo_block = EchoBlock(len(times_s), self.echoes, self.backend)
         weights: Iterable[tuple[np.ndarray, np.ndarray] | None] = [None] * len(self.selections)
         if anchors is not None:
             weights = zip(*self._weights(anchors, block, cage[:, anchors.vertices]), strict=True)
@@ -158,13 +166,13 @@ class MeshScatterer(Scatterer):
         if not (radar.is_array or radar.directional):
             return echoes
         places = posed.centre.swapaxes(0, 1)
-        return side_by_side([selection.with_ends(radar, echoes, times_s, places) for selection in self.selections])
+        return concatenated([selection.with_ends(radar, echoes, times_s, places) for selection in self.selections])
 
     def _weights(self, anchors: Anchors, block: FrameBlock, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Weights of the path pairs of all selections at the anchors (T, A, 3) m: `faded_weights`, at instants none is faded."""
         pairs = [selection.view.paths for selection in self.selections if selection.view.paths is not None]
         if self.model.at_instants:
-            return Arrivals.of(self.radar, pairs, points_m, block.times_s).weights()
+            return ArrivingFields.of(self.radar, pairs, points_m, block.times_s).weights()
         return faded_weights(
             self.radar, pairs, block, points_m, lambda times_s: self.surface.at(times_s)[:, anchors.vertices]
         )
@@ -180,7 +188,7 @@ def diffuse_reflection(material: Material, frequency_hz: float) -> float:
     return material.scattering_coefficient * abs(material.reflection(frequency_hz))
 
 
-def _frames_at_once(views: Sequence[View]) -> int:
+def _frames_at_once(views: Sequence[PathVisibility]) -> int:
     """So many frames that visibility at them, from the viewpoints of all views, fits memory."""
     points = {
         path.key: view.points for view in views if view.paths is not None for path in (view.paths.out, view.paths.back)
@@ -189,19 +197,19 @@ def _frames_at_once(views: Sequence[View]) -> int:
 
 
 def _seen(
-    view: View,
+    view: PathVisibility,
     times_s: np.ndarray,
     fractions: Visibility,
     anchors: Anchors | None,
     weight: tuple[np.ndarray, np.ndarray] | None,
     backend: Backend,
-) -> Seen:
+) -> SampledVisibility:
     """How a mesh is seen in a view at some times."""
     weights = None
     if weight is not None and anchors is not None:
         unblocked = product([fractions[fraction] for fraction in view.unblocked])
         weights = anchors.weights(*weight, unblocked, backend)
-    return Seen(
+    return SampledVisibility(
         visibility={fraction: fractions[fraction] for fraction in view.visibility},
         facet_visibility=None if view.facet_visibility is None else partial(view.facet_visibility, times_s),
         weights=weights,
@@ -249,7 +257,7 @@ class _Model:
         cls,
         surface: MovingMesh,
         radar: Radar,
-        pairs: Sequence[Pair],
+        pairs: Sequence[PairPlaces],
         times_s: np.ndarray,
         material: Material | ByPart,
         detail: Detail,
@@ -306,7 +314,7 @@ class _Model:
         )
 
     def selections(
-        self, surface: MovingMesh, times_s: np.ndarray, pairs: Sequence[Pair], views: Sequence[View]
+        self, surface: MovingMesh, times_s: np.ndarray, pairs: Sequence[PairPlaces], views: Sequence[PathVisibility]
     ) -> Iterator[_Selection]:
         """Each view with the patches that ever face both of its antennas; in free space, where there is but one, all."""
         lit = np.zeros((len(pairs), len(self.cage_faces)), bool)
@@ -326,12 +334,14 @@ class _Model:
             yield _Selection(view, pair, chosen, first)
             first += len(chosen)
 
-    def posed(self, cage: np.ndarray, backend: Backend) -> Posed:
+    def posed(self, cage: np.ndarray, backend: Backend) -> PosedMesh:
         """At frames whose cage has vertices (T, V, 3) m."""
         control = self.fine.controlled(cage)
-        return Posed.of(control, self.cage_faces, self.centre, self.patches, self.points, backend)
+        return PosedMesh.of(control, self.cage_faces, self.centre, self.patches, self.points, backend)
 
-    def put(self, block: Block, facets: Facets, selection: _Selection, seen: Seen, faces: np.ndarray) -> None:
+    def put(
+        self, block: EchoBlock, facets: Facets, selection: _Selection, seen: SampledVisibility, faces: np.ndarray
+    ) -> None:
         """Writes the echoes of one view to its columns; `faces` are those of `lit_faces`."""
         pair, chosen, posed, level = selection.pair, selection.patches, facets.posed, selection.view.subdivision
         columns = selection.first + np.arange(len(chosen))
@@ -353,11 +363,11 @@ class _Model:
             gamma = self.reflection[chosen]
             patch_echoes(vertices, parts, chosen, pair, gamma, seen.weights, block, columns[lit])
 
-    def lit_faces(self, posed: Posed, pair: Pair) -> np.ndarray:
+    def lit_faces(self, posed: PosedMesh, pair: PairPlaces) -> np.ndarray:
         """Which cage faces may hold facets that face both antennas at any of the frames, bool (F,)."""
         return np.ones(len(self.cage_faces), bool) if self.at_instants else posed.facing.lit(pair, self.tilt_rad)
 
-    def _lit(self, faces: np.ndarray, seen: Seen, mesh: VisibilityMesh) -> np.ndarray:
+    def _lit(self, faces: np.ndarray, seen: SampledVisibility, mesh: VisibilityMesh) -> np.ndarray:
         """Which patches hold facets of these cage faces, bool (F,), that are visible, bool (G,)."""
         if seen.visibility:
             somewhere = np.logical_and.reduce([visibility > 0 for visibility in seen.visibility.values()]).any(axis=0)
@@ -365,7 +375,7 @@ class _Model:
         lit = self.patches.any_of(faces)
         return lit if seen.weights is None else lit & seen.weights.reach
 
-    def _points(self, patches: np.ndarray, facets: Facets, seen: Seen, level: int) -> PointVertices | None:
+    def _points(self, patches: np.ndarray, facets: Facets, seen: SampledVisibility, level: int) -> PointVertices | None:
         """The diffuse points of some patches, on the device; None where there are none, as may be of small ones."""
         points = None if self.points is None else self.points.only(patches)
         if points is None or not len(points.packets):
@@ -391,8 +401,8 @@ class _Model:
 class _Selection:
     """One view's echoes: those of some of the model's patches."""
 
-    view: View
-    pair: Pair
+    view: PathVisibility
+    pair: PairPlaces
     patches: np.ndarray
     """Their numbers (N,)."""
     first: int
@@ -434,7 +444,7 @@ class Facing:
         across = np.stack(cross(b - a, c - a))
         return cls(across / np.maximum(np.sqrt(dot(across, across)), 1e-30), (a + b + c) / 3)
 
-    def lit(self, pair: Pair, tilt_rad: np.ndarray) -> np.ndarray:
+    def lit(self, pair: PairPlaces, tilt_rad: np.ndarray) -> np.ndarray:
         """Faces, bool (F,), that may hold facets lit by the transmitter and visible to the receiver at or between the instants;
         their facets are tilted against them by up to `tilt_rad` (F,)."""
         angle = np.maximum(self._angle(pair.views_m[0]), self._angle(pair.views_m[-1]))
@@ -453,7 +463,7 @@ class Facing:
 
 
 @dataclass(frozen=True)
-class Posed:
+class PosedMesh:
     """A mesh at some frames: what all views have in common."""
 
     patches: Patches
@@ -480,9 +490,9 @@ class Posed:
         patches: Patches,
         points: DiffusePoints | None,
         backend: Backend,
-    ) -> Posed:
+    ) -> PosedMesh:
         """For control points (T, V, 3) m with `faces` (F, 3); `centre` is sparse, the patches' reference points from them."""
-        centres = carried(centre, cage)
+        centres = apply_operator(centre, cage)
         instants = np.unique(np.linspace(0, len(cage) - 1, math.ceil((len(cage) - 1) / PROBE_EVERY) + 1).astype(int))
         facing = Facing.of(cage[instants], faces)
         flat = backend.Float64(centres.ravel())
@@ -493,7 +503,7 @@ class Posed:
         """Control points relative to the origin, and 1, float32 (T, V, 4)."""
         # Positions within the body need no more than float32: 1e-7 of its size.
         frames, count, _ = self.cage.shape
-        values = np.ones((count, frames, 4), np.float32).swapaxes(0, 1)  # in memory as `carried` reads them
+        values = np.ones((count, frames, 4), np.float32).swapaxes(0, 1)  # in memory as `apply_operator` reads them
         np.subtract(self.cage, self.origin[:, None], out=values[..., :3], casting="same_kind")
         return values
 
@@ -501,14 +511,14 @@ class Posed:
     def carrier(self) -> Any:
         """Vertices that hold the diffuse points, flat Float32 (Vp, T, 4) on the device: relative to the origin, and 1."""
         assert self.points is not None
-        return self.backend.Float32(carried(self.points.operator, self.local).ravel())
+        return self.backend.Float32(apply_operator(self.points.operator, self.local).ravel())
 
 
 @dataclass(frozen=True)
 class Facets:
     """The facets of the patches of some faces of a posed mesh, whose vertices are carried along."""
 
-    posed: Posed
+    posed: PosedMesh
     meshes: Mapping[int, VisibilityMesh]
     """Those at whose vertices visibility is known, by subdivision level."""
     vertices: Any
@@ -526,13 +536,19 @@ class Facets:
 
     @classmethod
     def of(
-        cls, posed: Posed, operator: Csr, meshes: Mapping[int, VisibilityMesh], faces: np.ndarray, *, with_places: bool
+        cls,
+        posed: PosedMesh,
+        operator: Csr,
+        meshes: Mapping[int, VisibilityMesh],
+        faces: np.ndarray,
+        *,
+        with_places: bool,
     ) -> Facets:
         """Of cage faces, bool (F,); `operator` is sparse, all facets' vertices from the control points."""
         used, corners = np.zeros((2, operator.shape[0]), bool)
         facets = np.repeat(posed.patches.any_of(faces) | with_places, np.diff(posed.patches.starts))
         used[posed.patches.nodes[facets]] = corners[posed.patches.corners[facets]] = True
-        values = carried(operator[used], posed.local)
+        values = apply_operator(operator[used], posed.local)
         return cls(
             posed=posed,
             meshes=meshes,
@@ -543,7 +559,7 @@ class Facets:
             corner_numbers=np.cumsum(corners) - 1,
         )
 
-    def visibility(self, seen: Seen, level: int) -> Any:
+    def visibility(self, seen: SampledVisibility, level: int) -> Any:
         """Visibility of the corners, flat Float32 (Vc, T) on the device; None: all are visible."""
         visibilities = self._over_paths("corners", seen, level)
         if seen.facet_visibility is not None and self.places is not None:
@@ -552,7 +568,7 @@ class Facets:
             visibilities.append(self.posed.backend.lanes(sampled, self.posed.backend.Float32))
         return _product(visibilities)
 
-    def visibility_of_points(self, seen: Seen, level: int) -> Any:
+    def visibility_of_points(self, seen: SampledVisibility, level: int) -> Any:
         """Visibility of the vertices that hold diffuse points, flat Float32 (Vp, T) on the device; None: all are visible."""
         visibilities = self._over_paths("points", seen, level)
         if seen.facet_visibility is not None:
@@ -561,7 +577,7 @@ class Facets:
             visibilities.append(self.posed.backend.lanes(sampled, self.posed.backend.Float32))
         return _product(visibilities)
 
-    def _over_paths(self, what: Literal["corners", "points"], seen: Seen, level: int) -> list[Any]:
+    def _over_paths(self, what: Literal["corners", "points"], seen: SampledVisibility, level: int) -> list[Any]:
         """Visibility over each one-way path, carried along from the mesh of that level."""
         known, visibilities = self._known, []
         for fraction, values in seen.visibility.items():
@@ -569,7 +585,7 @@ class Facets:
                 mesh = self.meshes[level]
                 known[what, level] = mesh.facets[self.corners] if what == "corners" else mesh.points
             if (what, level, fraction) not in known:
-                out = carried(known[what, level], np.asarray(values, np.float32)[..., None])
+                out = apply_operator(known[what, level], np.asarray(values, np.float32)[..., None])
                 known[what, level, fraction] = self.posed.backend.Float32(out.ravel())
             visibilities.append(known[what, level, fraction])
         return visibilities

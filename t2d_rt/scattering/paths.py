@@ -34,7 +34,7 @@ FacetVisibility = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class View:
+class PathVisibility:
     """Visibility of a target over a path pair, or in free space."""
 
     paths: PathPair | None = None
@@ -125,7 +125,7 @@ class _End(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Arrivals:
+class ArrivingFields:
     """Fields over N path pairs at points (...), each one-way path's computed once, at some frequencies of the sweep."""
 
     ends: tuple[_End, _End]
@@ -144,7 +144,7 @@ class Arrivals:
         points_m: np.ndarray,
         times_s: np.ndarray | None,
         frequencies: int = 3,
-    ) -> Arrivals:
+    ) -> ArrivingFields:
         """At points (..., 3) m and so many frequencies; (K, ..., 3) at times (K,) [s] where the radar moves."""
         nodes = SweepNodes.of(radar, frequencies)
         one_end = (
@@ -212,7 +212,7 @@ def faded_weights(
     at_nodes = points_m[np.clip(nodes, start, stop - 1) - start]
     if beyond.any():
         at_nodes[beyond] = points_at(times_s[nodes[beyond]])
-    weight, slope = Arrivals.of(radar, pairs, at_nodes, times_s[nodes]).weights()
+    weight, slope = ArrivingFields.of(radar, pairs, at_nodes, times_s[nodes]).weights()
     frame, column = np.arange(start, stop), np.arange(len(nodes))
     place = np.interp(frame, nodes, column)[:, None]
     fractions = np.maximum(0, 1 - np.abs(place - column))
@@ -294,7 +294,7 @@ def ranked_pairs(radar: Radar, probed: Probed, *, order: int, transmissions: int
     if not len(rows):
         return []
     pairs = [PathPair(out=out[i], back=back[j], copies=2 if joined and j > i else 1) for i, j in rows.tolist()]
-    arrivals = Arrivals.of(radar, pairs, probed.probes_m, probed.probed_s, RANKING_NODES)
+    arrivals = ArrivingFields.of(radar, pairs, probed.probes_m, probed.probed_s, RANKING_NODES)
     measures = []
     for part in blocks(np.arange(len(pairs)), RANKING_NODES * len(probed.probes_m)):
         amount = (spread[0][rows[part, 0]] * spread[1][rows[part, 1]]) ** 2

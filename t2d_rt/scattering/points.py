@@ -13,7 +13,7 @@ from t2d_rt.geometry import Refinement, SubdividedMesh, SurfacePoints, point_spa
 from t2d_rt.geometry.vectors import edge_cross, unit
 from t2d_rt.scattering.lanes import Weights
 from t2d_rt.scattering.patches import Csr, members
-from t2d_rt.scattering.refinement import carried, flattened
+from t2d_rt.scattering.refinement import apply_operator, flattened
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.scatterer import Fraction
 
@@ -27,7 +27,7 @@ VertexVisibility = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Seen:
+class SampledVisibility:
     """How a mesh is seen over a path pair at some frames."""
 
     visibility: Mapping[Fraction, np.ndarray] = field(default_factory=dict)
@@ -50,7 +50,7 @@ def _spread(rest: np.ndarray, faces: np.ndarray, seed: int, spacing_m: float) ->
         points = surface_points(rest, faces, seed=seed, spacing_m=spacing_m)
         return {name: getattr(points, name) for name in names}
 
-    return _last_points.get(key, lambda: SurfacePoints(**disk_cache.kept(key, names, spread)))
+    return _last_points.get(key, lambda: SurfacePoints(**disk_cache.cached_arrays(key, names, spread)))
 
 
 def forget() -> None:
@@ -134,7 +134,7 @@ class DiffusePoints:
 
     def facet_visibility(self, visibility: VertexVisibility, cage: np.ndarray) -> np.ndarray:
         """Visibility of the vertices that hold points (Vp, T), for control points (T, V, 3)."""
-        return sampled_visibility(visibility, carried(self.operator, cage), self.corners)
+        return sampled_visibility(visibility, apply_operator(self.operator, cage), self.corners)
 
 
 @dataclass(frozen=True, slots=True)

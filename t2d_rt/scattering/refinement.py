@@ -13,7 +13,7 @@ import numpy as np
 
 from t2d_rt.core import disk_cache
 from t2d_rt.core.backend import aligned_empty, in_threads
-from t2d_rt.core.memory import REUSED_BYTES, Budget, reused
+from t2d_rt.core.memory import REUSED_BYTES, MemoryLimit, reused
 from t2d_rt.geometry import Refinement, curved_refinements, refinements
 from t2d_rt.scattering.patches import Csr, from_radar, least_range_m
 from t2d_rt.types import ByPart, MovingMesh, Radar
@@ -53,7 +53,7 @@ def facets(
     fine, _ = refined(surface, wavenumber, range_m, [sagitta_rad, POINT_SAGITTA_RAD], max_facets)
     fine = flattened(fine, surface.rest)
     return MovingMesh.from_track(
-        lambda times_s: carried(fine.operator, fine.controlled(surface.at(times_s))).swapaxes(0, 1),
+        lambda times_s: apply_operator(fine.operator, fine.controlled(surface.at(times_s))).swapaxes(0, 1),
         fine.faces,
         surface.times_s,
         surface.material.of_faces(fine.base_face) if isinstance(surface.material, ByPart) else surface.material,
@@ -154,7 +154,7 @@ def flattened(refinement: Refinement, rest: np.ndarray) -> Refinement:
     return flat
 
 
-def most_facets(memory: Budget) -> int:
+def most_facets(memory: MemoryLimit) -> int:
     """Most facets of one mesh, in the memory that a run may take."""
     return int(memory.limit_bytes / REFINING_BYTES)
 
@@ -166,7 +166,7 @@ def forget() -> None:
         _flat.clear()
 
 
-def carried(operator: Csr, values: np.ndarray) -> np.ndarray:
+def apply_operator(operator: Csr, values: np.ndarray) -> np.ndarray:
     """Applies a sparse (Vf, V) to values (K, V, C) of the cage: (Vf, K, C), in memory as `aligned` has it."""
     rows, (frames, count, width) = operator.shape[0], values.shape
     columns = np.ascontiguousarray(values.transpose(1, 0, 2)).reshape(count, frames * width)

@@ -11,7 +11,7 @@ import numpy as np
 from t2d_rt.geometry import Refinement
 from t2d_rt.geometry.vectors import norms, unit, vector_product
 from t2d_rt.scattering.patches import Csr
-from t2d_rt.scattering.refinement import carried
+from t2d_rt.scattering.refinement import apply_operator
 from t2d_rt.types import MovingMesh
 
 NEWTON_STEPS = 2
@@ -64,7 +64,9 @@ class Reflectors:
     def at(self, times_s: np.ndarray) -> np.ndarray:
         """Vertices (K, V, 3) m at these times."""
         cages = (target.facets.controlled(target.surface.at(times_s)) for target in self._reflectors)
-        posed = (carried(target.facets.operator, cage) for target, cage in zip(self._reflectors, cages, strict=True))
+        posed = (
+            apply_operator(target.facets.operator, cage) for target, cage in zip(self._reflectors, cages, strict=True)
+        )
         return np.concatenate(list(posed)).swapaxes(0, 1)
 
     @cached_property
@@ -99,7 +101,7 @@ class Reflectors:
         )
         return of_vertex @ of_vertex.T
 
-    def posed(self, vertices: np.ndarray) -> Posed:
+    def posed(self, vertices: np.ndarray) -> PosedReflectors:
         """The facets in a pose (V, 3) m."""
         corners = vertices[self.faces]
         after = np.roll(corners, -1, axis=1)
@@ -109,11 +111,11 @@ class Reflectors:
         across = vector_product(forward, backward).reshape(
             -1, 3
         )  # as long as the facet is large, which weights the mean
-        return Posed(corners, bulges, unit(self.smooth @ across).reshape(-1, 3, 3))
+        return PosedReflectors(corners, bulges, unit(self.smooth @ across).reshape(-1, 3, 3))
 
 
 @dataclass(frozen=True, slots=True)
-class Posed:
+class PosedReflectors:
     """Facets in one pose."""
 
     corners: np.ndarray

@@ -9,7 +9,7 @@ import numpy as np
 from typing_extensions import override
 
 from t2d_rt.core.backend import in_threads
-from t2d_rt.scattering.antennas import side_by_side
+from t2d_rt.scattering.antennas import concatenated
 from t2d_rt.types import EchoArrays, Radar
 from t2d_rt.types.scatterer import EchoLabels, FrameBlock, Poses, Scatterer, Visibility
 
@@ -41,7 +41,7 @@ class Joined(Scatterer):
             echoes[number] = self.scatterers[number].scatter(block, poses, seen)
 
         in_threads(scatter, range(len(self.scatterers)))
-        return side_by_side([arrays for arrays in echoes if arrays is not None])
+        return concatenated([arrays for arrays in echoes if arrays is not None])
 
 
 def joined(scatterers: Sequence[Scatterer]) -> Scatterer:

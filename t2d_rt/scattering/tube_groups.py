@@ -50,7 +50,7 @@ class Cells:
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class TubeSample:
     """Tubes of one number of bounces at a sample time, those of each group together."""
 
     tubes: Tubes
@@ -60,7 +60,7 @@ class Sample:
     """Of each tube, ascending; the strongest of a group comes first (M,)."""
 
     @classmethod
-    def of(cls, tubes: Tubes, cells: Cells) -> Sample:
+    def of(cls, tubes: Tubes, cells: Cells) -> TubeSample:
         """A sample of tubes in any order."""
         corner = tubes.nodes[:, 0]
         codes = cells.numbers(tubes.faces[corner], tubes.coordinates[corner])
@@ -74,9 +74,9 @@ class Sample:
         """Tube of each group (G,)."""
         return np.flatnonzero(np.diff(self.group, prepend=-1))
 
-    def of_carriers(self) -> Sample:
+    def of_carriers(self) -> TubeSample:
         """Each group's strongest tube alone, which is all that its echo's delay needs."""
-        return Sample(self.tubes.only(self.strongest), self.codes, np.arange(len(self.codes)))
+        return TubeSample(self.tubes.only(self.strongest), self.codes, np.arange(len(self.codes)))
 
     @property
     def carriers(self) -> np.ndarray:
@@ -114,7 +114,7 @@ class Groups:
         return len(self.bounces)
 
     @classmethod
-    def of(cls, samples: Sequence[Sample], powers: Sequence[np.ndarray], most: int, target: np.ndarray) -> Groups:
+    def of(cls, samples: Sequence[TubeSample], powers: Sequence[np.ndarray], most: int, target: np.ndarray) -> Groups:
         """All groups of up to `most` bounces that there are in any sample, without those that return next to nothing of what there
         is between the same two targets; `powers` are what each sample's groups (G,) return, `target` that of each facet (F,)."""
         of_samples: list[Groups] = []
@@ -175,7 +175,7 @@ class Frames:
 
     vertices: np.ndarray
     """(T, V, 3) m."""
-    track: Track
+    track: VertexTrack
     """The vertices on the device."""
     facets: np.ndarray
     """Corners (F, 3)."""
@@ -185,9 +185,9 @@ class Frames:
     def of(cls, reflectors: Reflectors, times_s: np.ndarray, radar: Radar, backend: Backend) -> Frames:
         """The surfaces at these times [s]."""
         vertices = reflectors.at(times_s)
-        return cls(vertices, Track(vertices, backend), reflectors.faces, radar)
+        return cls(vertices, VertexTrack(vertices, backend), reflectors.faces, radar)
 
-    def powers(self, sample: Sample) -> np.ndarray:
+    def powers(self, sample: TubeSample) -> np.ndarray:
         """What the groups of a sample return at the first frame (G,)."""
         tubes, path, first = sample.tubes, sample.carriers, np.arange(1)
         if not len(path):
@@ -208,7 +208,7 @@ class Frames:
         return np.stack([carried_along(vertex[corners], groups.coordinates[numbers, end]) for vertex in self.vertices])
 
     def sums(
-        self, sample: Sample, column: np.ndarray, carriers_m: np.ndarray, frames: np.ndarray
+        self, sample: TubeSample, column: np.ndarray, carriers_m: np.ndarray, frames: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Fields of a sample's groups that have a column (G,), not -1, among the carriers (G', T), and their derivatives, at some
         frames: complex (G'', K)."""
@@ -239,7 +239,7 @@ class Frames:
         return totals[0], totals[1]
 
 
-class Track:
+class VertexTrack:
     """Vertices at some frames, on the device."""
 
     def __init__(self, vertices: np.ndarray, backend: Backend) -> None:
@@ -250,7 +250,7 @@ class Track:
 
 
 def path_lengths(
-    track: Track,
+    track: VertexTrack,
     frames: np.ndarray,
     corners: np.ndarray,
     coordinates: np.ndarray,

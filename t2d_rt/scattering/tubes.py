@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from t2d_rt.geometry.vectors import norms, vector_product
-from t2d_rt.scattering.fronts import GRAZING, Front, Instant, launched, outgoing, reflected, seen_area, two_edges
+from t2d_rt.scattering.ray_fronts import GRAZING, Front, Instant, launched, outgoing, reflected, seen_area, two_edges
 from t2d_rt.scattering.reflectors import Lattice, dot
 
 LARGEST_BUBBLE_RAD = 3.0

@@ -12,7 +12,7 @@ import numpy as np
 from t2d_rt.core.checks import LARGEST_M, array, call, listed, shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.types.material import ByPart, Material, checked_materials
-from t2d_rt.types.mesh import Made, MovingMesh, Solid, Track
+from t2d_rt.types.mesh import MovingMesh, Provenance, Solid, Track
 from t2d_rt.types.splines import checked_times, set_fields, spline, within
 
 PoseTrack = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -40,7 +40,7 @@ class Ellipsoids:
     names: tuple[str, ...]
     track: PoseTrack = field(repr=False)
     """Their places as a function of time."""
-    made: Made | None
+    made: Provenance | None
     """How they were made; None where a function of the user computes them."""
     name: ClassVar[str] = "the body of ellipsoids"
 
@@ -64,7 +64,7 @@ class Ellipsoids:
             raise InputError(
                 "axes must hold three right-handed orthogonal unit vectors in columns; normalise them first"
             )
-        made = Made("arrays", {"centres": centres, "axes": axes})
+        made = Provenance("arrays", {"centres": centres, "axes": axes})
         set_fields(self, track=_interpolated(times_s, centres, axes), made=made)
 
     @classmethod
@@ -76,7 +76,7 @@ class Ellipsoids:
         material: str | Material | ByPart = "skin",
         *,
         names: Sequence[str] | None = None,
-        made: Made | None = None,
+        made: Provenance | None = None,
     ) -> Ellipsoids:
         """Ellipsoids whose places are computed when asked for, between the first and last of `times_s`.
 

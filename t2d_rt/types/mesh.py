@@ -22,7 +22,7 @@ Track = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, slots=True)
-class Made:
+class Provenance:
     """How a mesh or ellipsoids were made, so that they can be made again."""
 
     by: Literal["arrays", "skin", "segments", "mover", "passing"]
@@ -72,7 +72,7 @@ class MovingMesh:
     name: str
     track: Track = field(repr=False)
     """The vertices as a function of time."""
-    made: Made | None
+    made: Provenance | None
     """How it was made; None where a function of the user computes it."""
     period_s: float | None
     """Time after which it is in the same place again, at any time; None where it is not [s]."""
@@ -94,7 +94,7 @@ class MovingMesh:
         times_s, name = checked_times(times_s), text("name", name)
         check_shape("vertices", numeric("vertices", vertices), (len(times_s), "vertex", 3))
         vertices = array(f"vertices of {name}", vertices, limit=LARGEST_M, unit="m").copy()
-        made = Made("arrays", {"vertices": vertices})
+        made = Provenance("arrays", {"vertices": vertices})
         self._fill(name, vertices[0], faces, material, crease_deg, sagitta_rad, curved)
         set_fields(
             self, name=name, times_s=times_s, track=spline(times_s, vertices), made=made, period_s=None, refined_as=None
@@ -113,7 +113,7 @@ class MovingMesh:
         sagitta_rad: float | np.ndarray = 0.07,
         curved: bool = False,
         name: str = "mesh",
-        made: Made | None = None,
+        made: Provenance | None = None,
         period_s: float | None = None,
         refined_as: np.ndarray | None = None,
     ) -> MovingMesh:

@@ -11,9 +11,9 @@ import pytest
 import builders
 import t2d_rt as t2d
 from t2d_rt.accuracy import cost
-from t2d_rt.accuracy.budget import SURELY, Budget, Omission, Total
+from t2d_rt.accuracy.budget import SURELY, ErrorBudget, Omission, Total
+from t2d_rt.accuracy.error_laws import COARSER, FacetLaw, Laws
 from t2d_rt.accuracy.estimate import Chirps, Field, field, nmse_db
-from t2d_rt.accuracy.laws import COARSER, FacetLaw, Laws
 from t2d_rt.accuracy.measuring import _mean
 from t2d_rt.accuracy.occlusion import LEAST_DB, Occluded
 from t2d_rt.propagation.visibility import sample_times
@@ -55,7 +55,7 @@ def test_the_law_of_facets_holds_for_a_child() -> None:
     walk = t2d.trim(t2d.place(builders.walk(), distance_m=3.0), 2.0, 2.3)
     child = replace(walk, joints=walk.joints * (0.5, 0.5, 0.5) + (1.5, 0, 0))
     model = modelled(child)
-    budget = Budget(model, Accuracy())
+    budget = ErrorBudget(model, Accuracy())
     chirps = Chirps.random(model.radar, model.span_s, seed=5, count=8)
     free = Accuracy(occlusion=False)
     found, fine = (field(model, free.replace(sagitta_scale=scale), chirps) for scale in (1.0, 0.35))

@@ -104,7 +104,7 @@ def test_what_is_damaged_or_from_elsewhere_is_made_anew(home: Path, harm: str) -
         path.unlink()
         path.mkdir()
     assert disk_cache.read(name, ARRAYS) is None
-    made = disk_cache.kept(name, ARRAYS, lambda: ARRAYS)
+    made = disk_cache.cached_arrays(name, ARRAYS, lambda: ARRAYS)
     assert made is ARRAYS
 
 

@@ -22,11 +22,11 @@ from t2d_rt.experiment.setup import check_outside
 from t2d_rt.pipeline.echo_model import farthest_and_fastest
 from t2d_rt.propagation.edges import Edges
 from t2d_rt.propagation.mirrors import Mirrors
-from t2d_rt.radar import buckets
+from t2d_rt.radar import delay_bins
 from t2d_rt.radar import synthesize as synthesis
 from t2d_rt.scattering import mesh as echo_mesh
 from t2d_rt.scattering import streams as echo_streams
-from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.paths import PathVisibility
 from t2d_rt.scattering.rate import needed_rate_hz
 from t2d_rt.types import Echoes
 from t2d_rt.types.scatterer import Scatterer
@@ -54,7 +54,7 @@ def test_unused_memory_is_given_back_where_the_process_holds_much(monkeypatch: p
     monkeypatch.setattr(memory, "release", lambda: given.append(1))
     for held, expected in ((1.3e9, 0), (1.5e9, 1)):
         monkeypatch.setattr(memory, "resident_bytes", lambda held=held: int(held))
-        memory.Budget(limit_bytes=2e9, held_bytes=1.2e9).release()
+        memory.MemoryLimit(limit_bytes=2e9, held_bytes=1.2e9).release()
         assert len(given) == expected
     memory.release_above(1.6e9)
     memory.release_above(1.4e9)
@@ -148,7 +148,7 @@ def test_a_view_of_many_echoes_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
         return echo_mesh.mesh_echoes(
             approaching(4), RADAR, times_s=np.linspace(0, 0.3, 20), material=ROUGH,
             detail=echo_mesh.Detail(sagitta_rad=0.07, points=500), seed=0,
-            views=[View()], backend=select("auto"),
+            views=[PathVisibility()], backend=select("auto"),
         )  # fmt: skip
 
     whole = stream()
@@ -226,7 +226,7 @@ def test_slots_without_a_chirp_are_left_out(monkeypatch: pytest.MonkeyPatch) -> 
     radar = t2d.Radar(carrier_hz=77e9, slope_hz_per_s=400e12, samples=64, sample_rate_hz=1e6, prf_hz=100.0)
     moving = approaching(1, 4, 3.0)
     left_out = t2d.simulate(moving, radar=radar).cube
-    monkeypatch.setattr(buckets, "MANY_SLOTS", 1_000)
+    monkeypatch.setattr(delay_bins, "MANY_SLOTS", 1_000)
     assert np.array_equal(t2d.simulate(moving, radar=radar).cube, left_out)
 
 

@@ -18,7 +18,7 @@ from t2d_rt.core import factored_cubes as products
 from t2d_rt.core.cubes import Cube, CubeAdder, DiskCube
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.factored_cubes import Piece, Product, ProductRows
-from t2d_rt.core.memory import Budget
+from t2d_rt.core.memory import MemoryLimit
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.signal import spectrogram
 from t2d_rt.signal.doppler import MOST_STEP, _step_of, weighed
@@ -205,7 +205,7 @@ def test_a_spectrogram_takes_few_samples_of_beats_that_lie_close(window: str, mo
 def test_a_run_that_may_take_little_keeps_products() -> None:
     radar = RADARS[0]
     echoes = random_echoes(radar, frames=40)
-    cube = synthesize(echoes, radar, memory=Budget(limit_bytes=1e6, held_bytes=0.0))
+    cube = synthesize(echoes, radar, memory=MemoryLimit(limit_bytes=1e6, held_bytes=0.0))
     assert isinstance(cube, DiskCube)
     assert isinstance(cube.rows, ProductRows)
     np.testing.assert_array_equal(np.asarray(cube), synthesize(echoes, radar))

@@ -38,7 +38,7 @@ from t2d_rt.dataset import (
 )
 from t2d_rt.dataset.lock import LOCK, locked
 from t2d_rt.dataset.making import on_a_cluster
-from t2d_rt.dataset.shards import Made
+from t2d_rt.dataset.shards import MadeSample
 from t2d_rt.dataset.worker import make_plan, make_sample, make_samples, shown_sample, view
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.types import Accuracy
@@ -82,12 +82,12 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture(scope="module")
-def known() -> dict[tuple[str, int], Made]:
+def known() -> dict[tuple[str, int], MadeSample]:
     return {}
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory, known: dict[tuple[str, int], Made]) -> Path:
+def made(tmp_path_factory: pytest.TempPathFactory, known: dict[tuple[str, int], MadeSample]) -> Path:
     folder = tmp_path_factory.mktemp("made") / "tiny"
     with pytest.MonkeyPatch.context() as patch:
         remember_samples(patch, known)
@@ -103,7 +103,7 @@ def copy(made: Path, tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def remembered(made: Path, known: dict[tuple[str, int], Made], monkeypatch: pytest.MonkeyPatch) -> None:
+def remembered(made: Path, known: dict[tuple[str, int], MadeSample], monkeypatch: pytest.MonkeyPatch) -> None:
     """Samples are those of `made`, for tests of what becomes of them; the first tests check that they are the same bits anew."""
     remember_samples(monkeypatch, known)
 
@@ -216,7 +216,7 @@ def test_what_is_finished_when_a_run_stops_is_not_made_again(
     """Below one shard, too; the files are the same in the end, whatever the stopped run has left."""
     out, make = tmp_path / "out", worker.make_sample
 
-    def stopped(of: Recipe, plans: Any, index: int) -> Made:
+    def stopped(of: Recipe, plans: Any, index: int) -> MadeSample:
         if index == 2:
             raise KeyboardInterrupt
         return make(of, plans, index)
@@ -477,7 +477,7 @@ def test_the_command_line_lists_and_checks(copy: Path, run: Any) -> None:
 
 def test_what_travels_to_a_worker_is_plain_text() -> None:
     (found,) = make_samples(tiny().model_dump_json(), {}, [0], 1)
-    assert isinstance(found, Made)
+    assert isinstance(found, MadeSample)
     np.testing.assert_array_equal(found.arrays["spectrogram"], make_sample(tiny(), {}, 0).arrays["spectrogram"])
 
 

@@ -18,7 +18,7 @@ import yaml
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.core.kernels import common_kernels, has_common_kernels, kernels
 from t2d_rt.dataset import Recipe, make_dataset, making
-from t2d_rt.dataset.shards import Made, content_hash, read_manifest, recipe_of
+from t2d_rt.dataset.shards import MadeSample, content_hash, read_manifest, recipe_of
 from t2d_rt.types import Accuracy
 
 RECIPE = """
@@ -169,7 +169,7 @@ def test_one_worker_of_other_kernels_is_a_process(monkeypatch: pytest.MonkeyPatc
 def test_a_worker_of_other_kernels_is_told_once_in_each_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recipe = Recipe(**yaml.safe_load(RECIPE))
     making._prepare(tmp_path / "out", recipe)
-    foreign = [Made({"index": index, "failure": None}, machine="abacus", common=False) for index in range(2)]
+    foreign = [MadeSample({"index": index, "failure": None}, machine="abacus", common=False) for index in range(2)]
     for _ in range(2):  # the second run finds the machine in the manifest
         with pytest.warns(T2DWarning, match=r"a worker computes with abacus: .*OPENBLAS_CORETYPE='Haswell'") as told:
             making._Run(recipe, tmp_path / "out", 12, None).add(foreign)
@@ -205,7 +205,7 @@ def test_plans_are_made_where_samples_are(tmp_path: Path, monkeypatch: pytest.Mo
 
     monkeypatch.setattr(making, "scheduler_named", lambda *_: (elsewhere, 1))
     monkeypatch.setattr("t2d_rt.dataset.worker.plan_of", lambda *_: Accuracy(sagitta_scale=2.0))
-    monkeypatch.setattr("t2d_rt.dataset.worker.make_sample", lambda *_: Made({"index": 0, "failure": None}))
+    monkeypatch.setattr("t2d_rt.dataset.worker.make_sample", lambda *_: MadeSample({"index": 0, "failure": None}))
     conditions = [{"name": "only", "method": "mesh", "tolerance_db": -15}]
     make_dataset(Recipe(**yaml.safe_load(RECIPE) | {"conditions": conditions}), tmp_path / "out", limit=1)
     assert asked == ["make_plan", "make_samples"]

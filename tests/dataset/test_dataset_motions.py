@@ -22,7 +22,7 @@ from t2d_rt.dataset.sample import (
     reserved_walks,
     sample,
     sample_motion,
-    surroundings,
+    scene_extent,
 )
 from t2d_rt.experiment.catalog import example
 from t2d_rt.experiment.sources import MotionText
@@ -140,7 +140,7 @@ def test_a_piece_that_is_kept_is_what_is_cut_and_told_of_each_time(recipe: Recip
 
 
 def test_in_a_room_motions_keep_clear_of_walls_and_furniture(recipe: Recipe) -> None:
-    low, high, boxes = surroundings("living_room")
+    low, high, boxes = scene_extent("living_room")
     assert len(boxes) > 5
     for index in range(4):
         made = sample(recipe, index)

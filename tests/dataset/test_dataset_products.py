@@ -18,7 +18,7 @@ from t2d_rt.dataset.products import (
     resized,
 )
 from t2d_rt.dataset.recipe import Recipe
-from t2d_rt.dataset.sample import range_gate, sample, surroundings
+from t2d_rt.dataset.sample import range_gate, sample, scene_extent
 from t2d_rt.dataset.worker import make_sample, view
 from t2d_rt.recording.maps import background, background_settings
 from t2d_rt.recording.recording import Recording
@@ -128,7 +128,7 @@ def test_a_gate_by_the_scene_is_what_persons_of_the_recipe_reach_or_the_room() -
     )  # fmt: skip
     free, room = (range_gate(recipe, sample(recipe, index)) for index in (0, 1))
     assert free == (0.3, 7.5)  # 5 m, 2 m of path and half a metre of body
-    low, high, _ = surroundings("empty_room")
+    low, high, _ = scene_extent("empty_room")
     corner_m = np.linalg.norm([max(-low[0], high[0]), max(-low[1], high[1]), high[2] - 1.0])
     assert room == (0.3, pytest.approx(corner_m, abs=1e-3))
 

@@ -22,7 +22,7 @@ from t2d_rt.cli import main
 from t2d_rt.dataset import recipe as recipe_files
 from t2d_rt.dataset import worker
 from t2d_rt.dataset.recipe import Recipe
-from t2d_rt.dataset.shards import Made
+from t2d_rt.dataset.shards import MadeSample
 from t2d_rt.dataset.worker import Plans
 from t2d_rt.experiment import catalog as named
 
@@ -66,12 +66,12 @@ def write_walk(path: Path, frame_count: int) -> None:
 
 
 @pytest.fixture(scope="module")
-def known() -> dict[tuple[str, int], Made]:
+def known() -> dict[tuple[str, int], MadeSample]:
     return {}
 
 
 @pytest.fixture
-def remembered(known: dict[tuple[str, int], Made], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def remembered(known: dict[tuple[str, int], MadeSample], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Pages make the same samples of a data set; those after the first ones are made up, and the small set is smaller."""
     shutil.copytree(recipe_files.FOLDER, tmp_path / "recipes")
     small = tmp_path / "recipes" / "small-hard.yaml"
@@ -81,7 +81,7 @@ def remembered(known: dict[tuple[str, int], Made], monkeypatch: pytest.MonkeyPat
     remember_samples(monkeypatch, known)
     make_sample = worker.make_sample
 
-    def sample(recipe: Recipe, plans: Plans, index: int) -> Made:
+    def sample(recipe: Recipe, plans: Plans, index: int) -> MadeSample:
         if index < REAL_SAMPLES:
             return make_sample(recipe, plans, index)
         found, first = made_up(recipe, index), make_sample(recipe, plans, 0)

@@ -27,8 +27,8 @@ from t2d_rt.motion.descriptions import language_model
 from t2d_rt.motion.descriptions.grammar import grammar_descriptions
 from t2d_rt.motion.descriptions.language_model import (
     MOST_FAILURES,
-    Budget,
     LanguageModel,
+    TokenBudget,
     Written,
     json_schema,
     model_descriptions,
@@ -168,7 +168,7 @@ def ask(endpoint: Endpoint, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Wr
     """`ask(count, ...)`: what the stub's model wrote, without pauses that grow."""
     monkeypatch.setattr("openai._base_client.INITIAL_RETRY_DELAY", 0.0)
 
-    def asked(count: int = 8, *, budget: Budget | None = None, **model: Any) -> Written:
+    def asked(count: int = 8, *, budget: TokenBudget | None = None, **model: Any) -> Written:
         made = LanguageModel(**{"model": "stub", "base_url": endpoint.url, "timeout_s": 10.0, **model})
         return model_descriptions("falling", count, model=made, budget=budget)
 
@@ -375,17 +375,17 @@ def test_a_missing_server_is_told(ask: Ask) -> None:
 
 
 def test_budgets_are_kept_and_what_was_made_is_given(endpoint: Endpoint, ask: Ask) -> None:
-    written = ask(50, budget=Budget(requests=2))
+    written = ask(50, budget=TokenBudget(requests=2))
     assert (len(written.descriptions), written.requests, len(endpoint.requests)) == (20, 2, 2)
     assert written.stopped == "the budget of 2 requests is used up"
-    written = ask(50, model="other", budget=Budget(tokens=4500))
+    written = ask(50, model="other", budget=TokenBudget(tokens=4500))
     assert (written.tokens, written.requests) == (4000, 4)
     assert "the budget of 4500 tokens is used up (4000 spent" in written.stopped
     endpoint.answers = [fails(500)] * 9
     with pytest.raises(InputError, match="the budget of 3 requests is used up"):
-        ask(8, model="third", budget=Budget(requests=3))
+        ask(8, model="third", budget=TokenBudget(requests=3))
     with pytest.raises(InputError, match="the budget of 1 tokens is used up"):
-        ask(8, model="fourth", budget=Budget(tokens=1))
+        ask(8, model="fourth", budget=TokenBudget(tokens=1))
 
 
 def test_no_endless_run_without_a_budget(endpoint: Endpoint, ask: Ask) -> None:
@@ -420,7 +420,7 @@ def test_the_key_is_nowhere(
     files = [path.read_bytes().decode("latin-1") for path in tmp_path.rglob("*") if path.is_file()]
     assert len(files) >= 2
     model = LanguageModel(model="m", base_url=endpoint.url)
-    session = Session(model, Budget())
+    session = Session(model, TokenBudget())
     shown = [
         repr(model),
         str(written),
@@ -471,7 +471,7 @@ def test_settings_are_checked(fields: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         LanguageModel(**{"model": "m", **fields})
     with pytest.raises(InputError, match="budget of requests"):
-        Budget(requests=0)
+        TokenBudget(requests=0)
 
 
 def test_a_missing_client_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

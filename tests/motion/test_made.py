@@ -16,7 +16,7 @@ from t2d_rt.motion.check import check_motion, detect_fall
 from t2d_rt.motion.contacts import runs, soles
 from t2d_rt.motion.descriptions.slots import Activity, Step
 from t2d_rt.motion.generate import motion_from_text
-from t2d_rt.motion.generate.made import Made, make
+from t2d_rt.motion.generate.made import MadeMotion, make
 from t2d_rt.motion.generate.made.act import CHANNELS, Posture, progress, stance
 from t2d_rt.motion.generate.made.hands import Anatomy
 from t2d_rt.motion.interpolate import minimum_jerk
@@ -49,25 +49,25 @@ STEPS: dict[str, tuple[Step, Activity | None]] = {
 }  # fmt: skip
 
 
-def made(name: str, seed: int = 0, skeleton: Skeleton = SKELETON, **options: object) -> Made:
+def made(name: str, seed: int = 0, skeleton: Skeleton = SKELETON, **options: object) -> MadeMotion:
     return make([STEPS[name][0]], skeleton, rng=np.random.default_rng(seed), **options)  # type: ignore[arg-type]
 
 
-def on_floor(found: Made) -> Motion:
+def on_floor(found: MadeMotion) -> Motion:
     """The motion with the floor, not the balls of the feet, at 0."""
     return motion_of(replace(found.poses, root=found.poses.root + [0, 0, Anatomy(found.poses.skeleton).sole_m]))
 
 
-def height(found: Made, joint: str) -> np.ndarray:
+def height(found: MadeMotion, joint: str) -> np.ndarray:
     return found.poses.joint(joint)[:, 2] + BODY.sole_m
 
 
-def hips(found: Made) -> np.ndarray:
+def hips(found: MadeMotion) -> np.ndarray:
     joints, _ = found.poses.world()
     return 0.5 * (joints[:, INDEX["left_hip"]] + joints[:, INDEX["right_hip"]]) + [0, 0, BODY.sole_m]
 
 
-def level_margin_m(found: Made, frames: slice) -> np.ndarray:
+def level_margin_m(found: MadeMotion, frames: slice) -> np.ndarray:
     """How far the centre of mass is ahead of both heels and behind both toes [m] of one who faces +x: the smaller of both."""
     joints, _ = found.poses.world()
     centre = np.einsum("tjk,j->tk", joints, BODY.mass_weights)[frames, 0]

@@ -14,7 +14,7 @@ import t2d_rt as t2d
 from builders import icosphere, moving
 from t2d_rt.core.backend import Backend
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
-from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.paths import PathVisibility
 from t2d_rt.signal import point_cloud, unit_vectors
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar
 
@@ -111,7 +111,7 @@ def test_threads_and_reading_change_nothing(backend: Backend) -> None:
         material=PEC,
         detail=Detail(sagitta_rad=0.07),
         seed=0,
-        views=[View()],
+        views=[PathVisibility()],
         backend=backend,
     )
     before = dr.thread_count()

@@ -19,7 +19,7 @@ from t2d_rt.core.backend import Backend, limited_threads
 from t2d_rt.core.errors import BackendError, InputError, T2DWarning
 from t2d_rt.geometry import refinements
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
-from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.paths import PathVisibility
 from t2d_rt.types import PEC, Ellipsoids, Material, Motion, MovingMesh, Radar
 
 RADAR = Radar.preset("ci4r", prf_hz=8000)
@@ -67,8 +67,8 @@ def test_same_seed_same_bits_another_seed_another_speckle(recorded: t2d.Recordin
 def test_another_seed_changes_only_the_diffuse_points(backend: Backend) -> None:
     def echoes(seed: int, material: Material) -> tuple[np.ndarray, np.ndarray]:
         stream = mesh_echoes(
-            ball(2.0), RADAR, times_s=TIMES_S, material=material, detail=Detail(sagitta_rad=0.5), seed=seed, views=[View()],
-            backend=backend,
+            ball(2.0), RADAR, times_s=TIMES_S, material=material, detail=Detail(sagitta_rad=0.5), seed=seed,
+            views=[PathVisibility()], backend=backend,
         )  # fmt: skip
         return stream.frames(0, len(TIMES_S))[:2]
 

@@ -19,7 +19,7 @@ from t2d_rt.propagation.mean_visibility import MeanVisibility
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.paths import FoundPaths, find_paths
-from t2d_rt.propagation.surroundings import radar_paths
+from t2d_rt.propagation.scene_paths import radar_paths
 from t2d_rt.propagation.visibility import ExactVisibility, Occlusion
 from t2d_rt.scattering.paths import ranked_pairs
 from t2d_rt.types import PEC, Material, MovingMesh, OneWayPath, PathSet, Radar, RadarTrack, Scene

@@ -18,17 +18,17 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.core.resources import resource
 from t2d_rt.geometry import SubdividedMesh
-from t2d_rt.pipeline.visibility import Sampled, Sight, coarse_views
+from t2d_rt.pipeline.visibility import Sampled, VisibilityContext, coarse_views
 from t2d_rt.propagation.images import existing
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.paths import FoundPaths, find_paths
 from t2d_rt.propagation.rays import mitsuba
+from t2d_rt.propagation.scene_paths import radar_paths
 from t2d_rt.propagation.scenes import load_scene
-from t2d_rt.propagation.surroundings import radar_paths
 from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
 from t2d_rt.scattering.mesh import _frames_at_once
-from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.paths import PathVisibility
 from t2d_rt.signal import range_doppler
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, OneWayPath, PathPair, Radar, Scene, Surface
 from t2d_rt.types.path_fields import field_over
@@ -269,7 +269,7 @@ def test_echoes_are_finite_wherever_a_body_stands_between_antennas_and_images() 
     limbs = Ellipsoids(np.tile([0.05, 0.06, 0.25], (40, 1)), centres, times, axes=axes)
     found = radar_paths(load_scene("corridor"), Radar.preset("table2"), centres[0], order=2, backend=select("cpu"))
     out = list(found.out.paths)
-    views = [View(paths=PathPair(out=first, back=second)) for first in out[:8] for second in out[:8]]
+    views = [PathVisibility(paths=PathPair(out=first, back=second)) for first in out[:8] for second in out[:8]]
     echoes = ellipsoid_echoes(limbs, Radar.preset("table2"), times_s=times, material=PEC, views=views).gather()
     assert np.isfinite(echoes.amplitude).all()
     assert np.isfinite(echoes.delay_s).all()
@@ -311,7 +311,7 @@ def test_antennas_apart_have_visibility_of_their_own() -> None:
 def test_frames_at_once_fit_the_visibility_of_all_meshes() -> None:
     target, screen = (ball(where, time_s=0.1, radius_m=0.2) for where in ((3.0, 0.0, 1.0), (1.5, 0.2, 1.0)))
     one, other = over(image_m=(0.0, 0.0, 1.0)), over("wall", image_m=(0.0, 6.0, 1.0))
-    sight = Sight(
+    sight = VisibilityContext(
         geometries=[target, screen], radar=Radar.preset("table2"), pairs=[PathPair(out=one, back=each) for each in (one, other)],
         fast_rotating=[False, False], samples_s=sample_times(0.0, 0.1, 25.0), backend=select("cpu"),
         blockage=Passing((one, 1.0), (other, 1.0)),
@@ -322,7 +322,7 @@ def test_frames_at_once_fit_the_visibility_of_all_meshes() -> None:
     assert _frames_at_once(views) == VISIBILITY_BYTES // (SAMPLE_BYTES * 2 * points)
     many = replace(views[1], points=int(VISIBILITY_BYTES))
     assert _frames_at_once([*views, many]) == 1
-    assert _frames_at_once([View()]) > 1_000_000  # free space has but one viewpoint
+    assert _frames_at_once([PathVisibility()]) > 1_000_000  # free space has but one viewpoint
 
 
 @pytest.mark.slow

@@ -16,8 +16,8 @@ from t2d_rt.core.backend import Backend
 from t2d_rt.core.errors import T2DWarning
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.geometry import SubdividedMesh
-from t2d_rt.propagation.occluders import Occluders, Posed
-from t2d_rt.propagation.visibility import Occlusion, Surroundings, Viewpoints, sample_times, viewpoints_at
+from t2d_rt.propagation.occluders import Occluders, PosedOccluders
+from t2d_rt.propagation.visibility import OccluderScene, Occlusion, Viewpoints, sample_times, viewpoints_at
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
@@ -48,7 +48,7 @@ def occlusion(meshes: list[MovingMesh], backend: Backend, rate_hz: float = 10.0,
     )
 
 
-def the_scene(view: Occlusion, at: Posed) -> Surroundings:
+def the_scene(view: Occlusion, at: PosedOccluders) -> OccluderScene:
     scene = view.viewpoints.scene(at)
     assert scene is not None
     return scene
@@ -305,7 +305,7 @@ def test_faces_that_face_away_hide_nothing_more(walker: MovingMesh, backend: Bac
     normals = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
     towards = np.sum(normals * (HERE - corners.mean(axis=2)), axis=2) > 0
     seen = [
-        Surroundings(posed.meshes, posed.vertices, SIGHT, backend, parts=parts).visible(
+        OccluderScene(posed.meshes, posed.vertices, SIGHT, backend, parts=parts).visible(
             SIGHT, posed.points, posed.normals
         )
         for parts in (None, towards)
@@ -349,15 +349,15 @@ def test_points_away_from_shadows_edges_need_no_rays(
     meshes, times_s = Occluders([walker], subdivision=level), np.linspace(0, 1, 5)
     at = meshes.at(times_s)
     front = np.sum(at.normals * (HERE - at.points), axis=2) > 0
-    every = Surroundings(meshes, at.vertices, SIGHT, backend).visible(SIGHT, at.points, at.normals, front)
+    every = OccluderScene(meshes, at.vertices, SIGHT, backend).visible(SIGHT, at.points, at.normals, front)
     rays: list[int] = []
-    visible = Surroundings.visible
+    visible = OccluderScene.visible
 
-    def counted(self: Surroundings, *given: np.ndarray) -> np.ndarray:
+    def counted(self: OccluderScene, *given: np.ndarray) -> np.ndarray:
         rays.append(int(given[-1].sum()))
         return visible(self, *given)
 
-    monkeypatch.setattr(Surroundings, "visible", counted)
+    monkeypatch.setattr(OccluderScene, "visible", counted)
     view = Occlusion.alone(meshes, *SIGHT, samples_s=np.array([0.0, 1.0]), backend=backend)
     found = view.visible(at, front, the_scene(view, at))
     assert not found[~front].any()
@@ -376,7 +376,7 @@ def test_of_other_meshes_every_point_is_traced(walker: MovingMesh, backend: Back
         assert not meshes.of_bodies
         at = meshes.at(np.array([0.5]))
         front = np.sum(at.normals * (HERE - at.points), axis=2) > 0
-        expected = Surroundings(meshes, at.vertices, SIGHT, backend).visible(SIGHT, at.points, at.normals, front)
+        expected = OccluderScene(meshes, at.vertices, SIGHT, backend).visible(SIGHT, at.points, at.normals, front)
         view = Occlusion.alone(meshes, *SIGHT, samples_s=np.array([0.0, 1.0]), backend=backend)
         assert np.mean(view.visible(at, front, the_scene(view, at)) != expected) < 1e-4
     assert Occluders([walker, walker]).of_bodies
@@ -421,13 +421,13 @@ def test_a_scene_serves_its_viewpoints_however_many(
     views = [Occlusion(viewpoints, place) for place in viewpoints_at(places)]
     at = meshes.at(np.linspace(0, 1, 3))
     facing: list[list[np.ndarray]] = []
-    faces_facing = Posed.facing
-    monkeypatch.setattr(Posed, "facing", lambda self, some: facing.append(some) or faces_facing(self, some))
+    faces_facing = PosedOccluders.facing
+    monkeypatch.setattr(PosedOccluders, "facing", lambda self, some: facing.append(some) or faces_facing(self, some))
     scene = the_scene(views[0], at)
     assert [len(some) for some in facing] == [count][: count <= 4]  # more viewpoints see about all faces
     for place, view in zip(places, views, strict=True):
         front = np.sum(at.normals * (place - at.points), axis=2) > 0
-        every = Surroundings(meshes, at.vertices, viewpoints_at([place]), backend).visible(
+        every = OccluderScene(meshes, at.vertices, viewpoints_at([place]), backend).visible(
             viewpoints_at([place]), at.points, at.normals, front
         )
         assert np.mean(view.visible(at, front, scene) != every) < 2e-4
@@ -443,15 +443,15 @@ def test_viewpoints_share_a_scene(
     viewpoints = Viewpoints(meshes, samples, backend)
     some = [Occlusion(viewpoints, place) for place in viewpoints_at(places[:together])]
     made: list[int] = []
-    scene = Surroundings.__init__
+    scene = OccluderScene.__init__
 
-    def counted(self: Surroundings, *given: object, **options: object) -> None:
+    def counted(self: OccluderScene, *given: object, **options: object) -> None:
         made.append(1)
         scene(self, *given, **options)  # type: ignore[arg-type]
 
     blocks = np.linspace(0, 1.2, 60).reshape(3, 20)
     with monkeypatch.context() as patch:
-        patch.setattr(Surroundings, "__init__", counted)
+        patch.setattr(OccluderScene, "__init__", counted)
         # As a run asks: block by block, and in each from one place after another.
         found = [[each.visibility(times)[0] for each in some] for times in blocks]
     assert len(made) == -(-len(samples) // 4)  # one scene for each chunk of samples, whatever the number of places
@@ -475,7 +475,7 @@ def test_viewpoints_asked_one_after_another_over_the_whole_record(
     traced: list[int] = []
     sampled = Occlusion.sampled
 
-    def counted(self: Occlusion, at: Posed, scene: Surroundings | None) -> object:
+    def counted(self: Occlusion, at: PosedOccluders, scene: OccluderScene | None) -> object:
         traced.append(len(at.times_s))
         return sampled(self, at, scene)
 

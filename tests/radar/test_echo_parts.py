@@ -11,7 +11,7 @@ from measures import nmse_db
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.cubes import DiskCube
 from t2d_rt.core.factored_cubes import ProductRows
-from t2d_rt.core.memory import Budget
+from t2d_rt.core.memory import MemoryLimit
 from t2d_rt.radar.synthesize import Synthesis
 from t2d_rt.types import EchoArrays
 from t2d_rt.types.scatterer import EchoParts
@@ -29,7 +29,9 @@ def test_parts_are_what_their_echoes_return_and_add_up_to_the_whole(preset: str,
     echoes = EchoArrays(2 * range_m / SPEED_OF_LIGHT, amplitude, None, places if radar.is_array else None, None)
 
     def summed(parts: EchoParts) -> np.ndarray:
-        with Synthesis(times_s, radar, tolerance_db=-50, device="cpu", memory=Budget.of(), parts=parts) as synthesis:
+        with Synthesis(
+            times_s, radar, tolerance_db=-50, device="cpu", memory=MemoryLimit.of(), parts=parts
+        ) as synthesis:
             synthesis.add(0, echoes)
         return np.asarray(synthesis.cube)
 

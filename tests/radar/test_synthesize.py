@@ -18,7 +18,7 @@ from t2d_rt.core import cubes
 from t2d_rt.core.backend import Backend
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError
-from t2d_rt.core.memory import Budget
+from t2d_rt.core.memory import MemoryLimit
 from t2d_rt.radar import groups, multilevel
 from t2d_rt.radar.direct import direct_sum
 from t2d_rt.radar.groups import levels
@@ -28,7 +28,7 @@ from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.radar.windows import Window, Windows
 from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
-from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.paths import PathVisibility
 from t2d_rt.scattering.phase_integral import divided_difference
 from t2d_rt.scattering.refinement import facets
 from t2d_rt.scattering.streams import Resampled, joined
@@ -418,7 +418,7 @@ def test_the_whole_sweep_of_facets(shape: str, preset: str, backend: Backend) ->
     mesh = MovingMesh(np.stack([vertices, vertices]), body.faces, [0, 1], PEC)
     stream = mesh_echoes(
         mesh, radar, times_s=np.arange(4) / radar.prf_hz, material=PEC, detail=Detail(sagitta_rad=mesh.sagitta_rad), seed=0,
-        views=[View()], backend=backend,
+        views=[PathVisibility()], backend=backend,
     )  # fmt: skip
     cube = synthesize(stream, radar)[0, 0, ::5]
     times = radar.sample_times_s[::5]
@@ -438,7 +438,7 @@ def test_a_cube_on_disk_is_the_one_in_memory() -> None:
     radar = Radar.preset("array-3x4")
     echoes = swinging_sheet(radar, frames=110)  # four windows, the last one short
     inside = synthesize(echoes, radar)
-    outside = synthesize(echoes, radar, memory=Budget(limit_bytes=8.0 * inside.size, held_bytes=0.0))
+    outside = synthesize(echoes, radar, memory=MemoryLimit(limit_bytes=8.0 * inside.size, held_bytes=0.0))
     assert isinstance(outside, cubes.DiskCube)
     np.testing.assert_array_equal(np.asarray(outside), inside)
 

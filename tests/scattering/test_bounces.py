@@ -18,7 +18,7 @@ from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.propagation.rays import Rays
 from t2d_rt.scattering.bounces import Setting, TubeDetail, bounce_echoes
-from t2d_rt.scattering.fronts import focal_phase
+from t2d_rt.scattering.ray_fronts import focal_phase
 from t2d_rt.scattering.refinement import refined
 from t2d_rt.scattering.reflectors import Reflector
 from t2d_rt.types import Echoes, EchoStream, Material, MovingMesh, Radar

@@ -10,7 +10,7 @@ import pytest
 from scipy import sparse
 
 from t2d_rt.core.backend import ALIGNMENT, in_threads, limited_threads
-from t2d_rt.scattering.refinement import ROWS_AT_ONCE, carried
+from t2d_rt.scattering.refinement import ROWS_AT_ONCE, apply_operator
 
 
 @pytest.fixture(params=[1, 2])
@@ -24,7 +24,7 @@ def test_each_row_is_the_product_at_every_instant(rows: int, threads: int) -> No
     rng = np.random.default_rng(rows)
     operator = sparse.random_array((rows, 40), density=0.2, format="csr", rng=rng, dtype=np.float32)
     values = rng.normal(size=(5, 40, 4)).astype(np.float32)
-    found = carried(operator, values)
+    found = apply_operator(operator, values)
     assert found.shape == (rows, 5, 4)
     assert found.dtype == np.float32
     assert not rows or found.ctypes.data % ALIGNMENT == 0

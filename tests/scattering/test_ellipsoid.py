@@ -19,7 +19,7 @@ from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.scattering.ellipsoid import ellipsoid_echoes, specular_points
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
-from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.paths import PathVisibility
 from t2d_rt.types import PEC, Echoes, EchoStream, Ellipsoids, Material, MovingMesh, Radar
 
 TABLE2 = Radar.preset("table2")
@@ -98,7 +98,7 @@ def spheroid_mesh(poses: list[np.ndarray], centre: np.ndarray, radar: Radar, bac
         material=PEC,
         detail=Detail(sagitta_rad=mesh.sagitta_rad),
         seed=0,
-        views=[View()],
+        views=[PathVisibility()],
         backend=backend,
     )
 

@@ -18,7 +18,7 @@ from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.experiment.setup import check_outside
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
-from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.paths import PathVisibility
 from t2d_rt.scattering.phase_integral import divided_difference
 from t2d_rt.scattering.refinement import facets
 from t2d_rt.scattering.streams import joined
@@ -44,7 +44,7 @@ def echoes_of(
         material=material,
         detail=Detail(sagitta_rad=mesh.sagitta_rad),
         seed=seed,
-        views=[View()],
+        views=[PathVisibility()],
         backend=backend,
     )
 
@@ -247,7 +247,8 @@ def test_smaller_facets_converge_and_large_ones_are_displaced(material: Material
     def fields(sagitta_rad: float) -> np.ndarray:
         mesh = MovingMesh.from_track(lambda t: places[t.astype(int)], faces, np.arange(4.0), rest=rest)
         stream = mesh_echoes(
-            mesh, TABLE2, times_s=np.arange(4.0), material=material, detail=Detail(sagitta_rad=sagitta_rad), seed=0, views=[View()],
+            mesh, TABLE2, times_s=np.arange(4.0), material=material, detail=Detail(sagitta_rad=sagitta_rad), seed=0,
+            views=[PathVisibility()],
             backend=backend,
         )  # fmt: skip
         static_frames = [stream.frames(k, k + 1) for k in range(4)]  # every pose for itself: nothing moves
@@ -341,7 +342,7 @@ def speckle(frequency: int, seed: int, backend: Backend) -> np.ndarray:
         material=LAMBERT,
         detail=Detail(sagitta_rad=0.4),
         seed=seed,
-        views=[View()],
+        views=[PathVisibility()],
         backend=backend,
     )
     return field(stream, TABLE2) / math.sqrt(TABLE2.received_power_w(1.0, 30.1))
@@ -391,7 +392,7 @@ def test_visibility_scales_what_is_seen(backend: Backend) -> None:
     for fraction in (1.0, 0.25, 0.0):
         stream = mesh_echoes(
             mesh, TABLE2, times_s=FRAMES_S, material=SKIN, detail=Detail(sagitta_rad=0.4), seed=0, backend=backend,
-            views=[View(visibility=(lambda t, fraction=fraction: np.full((len(t), len(mesh.rest)), fraction),))],
+            views=[PathVisibility(visibility=(lambda t, fraction=fraction: np.full((len(t), len(mesh.rest)), fraction),))],
         )  # fmt: skip
         parts.append(stream.gather().amplitude)
     np.testing.assert_allclose(parts[1], 0.25 * parts[0], rtol=1e-5, atol=1e-16)
@@ -413,7 +414,7 @@ def test_frames_do_not_depend_on_how_they_are_asked_for(backend: Backend) -> Non
         material=SKIN,
         detail=Detail(sagitta_rad=0.4),
         seed=0,
-        views=[View()],
+        views=[PathVisibility()],
         backend=backend,
     )
     whole, part = stream.gather(), stream.frames(5, 9)

@@ -14,7 +14,7 @@ from builders import icosphere
 from t2d_rt.core.backend import Backend
 from t2d_rt.core.errors import InputError
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
-from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.paths import PathVisibility
 from t2d_rt.types import PEC, ByPart, Material, MovingMesh, Radar
 from t2d_rt.types.material import is_rough, values_of
 
@@ -29,7 +29,7 @@ def fields(mesh: MovingMesh, material: Material | ByPart, backend: Backend, *, s
     """Sum of all echoes at the mesh's times, carriers included, over that of a target of 1 m^2 at RANGE_M (time,)."""
     found = mesh_echoes(
         mesh, RADAR, times_s=mesh.times_s, material=material, detail=Detail(sagitta_rad=mesh.sagitta_rad, cycles_per_step=math.inf),
-        seed=seed, views=[View()], backend=backend,
+        seed=seed, views=[PathVisibility()], backend=backend,
     ).gather()  # fmt: skip
     turns = RADAR.mid_frequency_hz * found.delay_s
     whole = (found.amplitude * np.exp(2j * np.pi * (turns % 1))).sum(axis=1)
@@ -61,7 +61,7 @@ def test_a_diffuse_point_is_of_the_material_that_it_lies_on(backend: Backend) ->
     mesh, rough = plate(side_m, cut), Material(name="rough", scattering_coefficient=0.5, relative_permittivity=3.0)
     made = mesh_echoes(
         mesh, RADAR, times_s=mesh.times_s, material=ByPart((rough, NOTHING), np.array([0, 0, 1, 1])),
-        detail=Detail(sagitta_rad=0.4), seed=0, views=[View()], backend=backend,
+        detail=Detail(sagitta_rad=0.4), seed=0, views=[PathVisibility()], backend=backend,
     )  # fmt: skip
     points = made.model.points
     places = np.asarray(points.operator @ mesh.rest)[points.corners]

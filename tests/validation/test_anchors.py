@@ -14,7 +14,7 @@ from t2d_rt.body.materials import resolve_material
 from t2d_rt.core.backend import Backend
 from t2d_rt.recording.compare import envelope, figures
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
-from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.paths import PathVisibility
 from t2d_rt.types import MovingMesh, Radar
 
 RADAR = Radar.preset("table2")
@@ -40,7 +40,7 @@ def test_a_person_has_about_half_a_square_metre(backend: Backend) -> None:
     )
     echoes = mesh_echoes(
         rotated, RADAR, times_s=aspects_s, material=resolve_material("skin", RADAR.mid_frequency_hz),
-        detail=Detail(sagitta_rad=COARSE_RAD), seed=0, views=[View()], backend=backend,
+        detail=Detail(sagitta_rad=COARSE_RAD), seed=0, views=[PathVisibility()], backend=backend,
     ).gather()  # fmt: skip
     cycles = RADAR.mid_frequency_hz * echoes.delay_s % 1
     field = np.sum(echoes.amplitude * np.exp(2j * np.pi * cycles), axis=1)

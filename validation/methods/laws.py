@@ -20,8 +20,8 @@ import numpy as np
 import t2d_rt as t2d
 from t2d_rt.accuracy import cost
 from t2d_rt.accuracy.budget import BODY_SAGITTA_RAD
+from t2d_rt.accuracy.error_laws import COARSER, FILE, PERIMETER, Law, Laws
 from t2d_rt.accuracy.estimate import Chirps, Field, field, nmse_db, of_cube
-from t2d_rt.accuracy.laws import COARSER, FILE, PERIMETER, Law, Laws
 from t2d_rt.accuracy.occlusion import Occluded
 from t2d_rt.accuracy.search import VISIBILITY
 from t2d_rt.core.errors import T2DWarning

@@ -14,7 +14,7 @@ from t2d_rt.body.materials import resolve_material
 from t2d_rt.core.backend import select
 from t2d_rt.radar.direct import direct_sum
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
-from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.paths import PathVisibility
 from t2d_rt.scattering.rate import needed_rate_hz
 from t2d_rt.types import Echoes, MovingMesh, Radar
 from validation.bodies import RUN, WALK, random_chirps, walking
@@ -75,7 +75,7 @@ def body_echoes(surface: MovingMesh, radar: Radar) -> Echoes:
     return mesh_echoes(
         surface, radar, times_s=times, material=resolve_material("skin", radar.mid_frequency_hz),
         detail=Detail(sagitta_rad=surface.sagitta_rad),
-        seed=0, views=[View()], backend=select("auto"),
+        seed=0, views=[PathVisibility()], backend=select("auto"),
     ).gather()  # fmt: skip
 
 

@@ -22,8 +22,8 @@ from t2d_rt.geometry import Refinement, point_spacing, surface_points
 from t2d_rt.pipeline.path_pairs import probed
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.rays import columns, mitsuba, mitsuba_mesh
+from t2d_rt.propagation.scene_paths import polarization, probes, radar_paths
 from t2d_rt.propagation.scenes import load_scene
-from t2d_rt.propagation.surroundings import polarization, probes, radar_paths
 from t2d_rt.scattering.curved_integral import curved_integrals
 from t2d_rt.scattering.mesh import POINTS_PER_MESH
 from t2d_rt.scattering.patches import from_radar, least_range_m

@@ -1,7 +1,7 @@
 """Tolerances of children: bodies of 0.7 to 1.2 m, by motions that the law of their size was not fitted to.
 
 `python -m validation.methods.small_bodies` prints a table of what was asked, stated and true; `fit` behind it what facets err by
-beside the law of adults, by which `t2d_rt.accuracy.laws` has its size. Truth is the engine's own field of far finer facets,
+beside the law of adults, by which `t2d_rt.accuracy.error_laws` has its size. Truth is the engine's own field of far finer facets,
 visibility traced at each chirp.
 """
 
@@ -15,8 +15,8 @@ import numpy as np
 
 import t2d_rt as t2d
 from t2d_rt.accuracy.budget import BODY_SAGITTA_RAD
+from t2d_rt.accuracy.error_laws import Laws
 from t2d_rt.accuracy.estimate import Chirps, field, nmse_db, of_cube
-from t2d_rt.accuracy.laws import Laws
 from t2d_rt.types import Motion
 from validation.bodies import RUN, WALK
 from validation.methods.laws import ALL, EXACT, JACKS, SHORT

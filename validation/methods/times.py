@@ -100,7 +100,7 @@ def timed(each: Run) -> dict[str, Any]:
         cube = summed(prepare(model, accuracy, each.physics.get("clutter", "none")), "auto", None)
         spectrogram(cube, radar)
         taken.append((time.perf_counter() - start) / yardstick)
-    units = cost.work(model, accuracy, cost.facet_counts(model, accuracy), each.physics.get("clutter", "none"))
+    units = cost.work_units(model, accuracy, cost.facet_counts(model, accuracy), each.physics.get("clutter", "none"))
     print(
         f"{each.name}, {each.length_s:g} s, {each.scene}: {min(taken[1:]):.1f} yardsticks",
         file=sys.stderr,

@@ -16,7 +16,7 @@ from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.visibility import Occlusion, sample_times, viewpoints_at
 from t2d_rt.scattering.ellipsoid import specular_points
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
-from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.paths import PathVisibility
 from t2d_rt.signal import PointCloud, point_cloud, range_angle, steering_vectors, unit_vectors
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar
 from t2d_rt.types.motion import CANONICAL_JOINTS
@@ -268,7 +268,7 @@ def _power(body: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
     material = resolve_material("skin", radar.mid_frequency_hz)
     echoes = mesh_echoes(
         body, radar, times_s=times_s, material=material, detail=Detail(sagitta_rad=body.sagitta_rad), seed=0,
-        views=[View(visibility=(lambda t: view.visibility(t)[0],))], backend=select("auto"),
+        views=[PathVisibility(visibility=(lambda t: view.visibility(t)[0],))], backend=select("auto"),
     ).frames(0, len(times_s))  # fmt: skip
     power = np.abs(echoes.amplitude) ** 2
     assert echoes.departure_m is not None

@@ -11,8 +11,8 @@ from trimesh.creation import icosphere
 import t2d_rt as t2d
 from t2d_rt.core.backend import select
 from t2d_rt.pipeline.path_pairs import probed
+from t2d_rt.propagation.scene_paths import radar_paths
 from t2d_rt.propagation.scenes import load_scene
-from t2d_rt.propagation.surroundings import radar_paths
 from t2d_rt.scattering.paths import ranked_pairs
 from t2d_rt.signal import range_doppler
 from t2d_rt.types import MovingMesh, PathPair, Radar, Scene, Surface

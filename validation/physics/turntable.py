@@ -18,7 +18,7 @@ from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.visibility import Occlusion, viewpoints_at
 from t2d_rt.scattering.ellipsoid import PhaseFrom, ellipsoid_echoes
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
-from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.paths import PathVisibility
 from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, Motion, MovingMesh, Radar
 
 STEP_S = 0.01
@@ -83,13 +83,13 @@ def mesh_fields(
     0..1 of the vertices (V,) by itself, without occlusion. With `bands_hz`, frequencies beside mid-sweep, (..., bands)."""
     backend = select("auto")
     times_s = mesh.times_s
-    views = [View()]
+    views = [PathVisibility()]
     if occlusion:
         traced = Occlusion.alone(
             Occluders([mesh]), *viewpoints_at([radar.tx_position_m]), samples_s=times_s, backend=backend
         )
-        views = [View(visibility=(lambda at: traced.visibility(at)[0],))]
-    views += [View(visibility=(_constant(fraction),)) for fraction in only]
+        views = [PathVisibility(visibility=(lambda at: traced.visibility(at)[0],))]
+    views += [PathVisibility(visibility=(_constant(fraction),)) for fraction in only]
     stream = mesh_echoes(
         mesh, radar,
         times_s=times_s, material=resolve_material(mesh.material, radar.mid_frequency_hz),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from t2d_rt.motion.descriptions.diversity import Diversity, diversity
 from t2d_rt.motion.descriptions.grammar import grammar_descriptions
-from t2d_rt.motion.descriptions.language_model import Budget, LanguageModel, Written, model_descriptions
+from t2d_rt.motion.descriptions.language_model import LanguageModel, TokenBudget, Written, model_descriptions
 from t2d_rt.motion.descriptions.parse import Parsed, parse_description
 from t2d_rt.motion.descriptions.slots import (
     ACTIVITIES,
@@ -18,12 +18,12 @@ from t2d_rt.motion.descriptions.slots import (
 __all__ = [
     "ACTIVITIES",
     "Activity",
-    "Budget",
     "Description",
     "Diversity",
     "LanguageModel",
     "Parsed",
     "Step",
+    "TokenBudget",
     "Written",
     "diversity",
     "grammar_descriptions",

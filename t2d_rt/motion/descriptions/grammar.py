@@ -176,7 +176,7 @@ class Drawn(NamedTuple):
     subject: slots.Subject
 
 
-def drawn(activity: Activity, sampler: WeightedSampler) -> Drawn:
+def draw_properties(activity: Activity, sampler: WeightedSampler) -> Drawn:
     """Properties of one description of a class."""
     plan: Plan = sampler.pick(tuple(option for option in rules().plans[activity] for _ in range(option.weight)), "plan")
     name = f"{plan.action} {plan.type}"
@@ -189,7 +189,7 @@ def drawn(activity: Activity, sampler: WeightedSampler) -> Drawn:
 
 
 def _described(activity: Activity, sampler: WeightedSampler) -> Description:
-    main, before, after, subject = drawn(activity, sampler)
+    main, before, after, subject = draw_properties(activity, sampler)
     sentence = _sentence((*before, main, *after), len(before), subject, sampler)
     return Description(
         activity=activity, subject=subject, before=before, after=after, sentence=sentence, **main.model_dump()

@@ -25,7 +25,7 @@ from t2d_rt.core.checks import choice, instance, integer, positive, shown, text
 from t2d_rt.core.errors import InputError, install
 from t2d_rt.motion.descriptions import slots
 from t2d_rt.motion.descriptions.diversity import Gathered
-from t2d_rt.motion.descriptions.grammar import MOST_DESCRIPTIONS, Drawn, drawn, sampler_of
+from t2d_rt.motion.descriptions.grammar import MOST_DESCRIPTIONS, Drawn, draw_properties, sampler_of
 from t2d_rt.motion.descriptions.parse import parse_description
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity, Description
 
@@ -80,7 +80,7 @@ class LanguageModel:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Budget:
+class TokenBudget:
     """The most that may be spent; None is no limit."""
 
     requests: int | None = None
@@ -404,7 +404,7 @@ def model_descriptions(
     *,
     model: LanguageModel,
     seed: int = 0,
-    budget: Budget | None = None,
+    budget: TokenBudget | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Written:
     """`count` different descriptions of a class by a language model, or as many as could be had and why there are no more.
@@ -425,16 +425,16 @@ def model_descriptions(
     choice("activity", activity, ACTIVITIES)
     count = integer("count", count, 1, MOST_DESCRIPTIONS)
     instance("model", model, LanguageModel, "a LanguageModel")
-    budget = instance("budget", budget or Budget(), Budget, "a Budget")
+    budget = instance("budget", budget or TokenBudget(), TokenBudget, "a Budget")
     if budget.requests is None and budget.tokens is None:
-        budget = Budget(requests=REQUESTS_PER_BATCH * math.ceil(count / BATCH))
+        budget = TokenBudget(requests=REQUESTS_PER_BATCH * math.ceil(count / BATCH))
     sampler = sampler_of(activity, seed)
     run = _Run(activity, Session(model, budget), seed)
     stopped = ""
     number = 0
     try:
         while len(run.gathered) < count:
-            run.batch(number, messages(activity, [drawn(activity, sampler) for _ in range(BATCH)]))
+            run.batch(number, messages(activity, [draw_properties(activity, sampler) for _ in range(BATCH)]))
             number += 1
             if progress is not None:
                 progress(min(len(run.gathered) / count, 1.0))

@@ -21,7 +21,14 @@ import openai
 
 from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError
-from t2d_rt.motion.descriptions.language_model import DEFAULT_URL, KEY_VARIABLES, Budget, LanguageModel, Reply, Stopped
+from t2d_rt.motion.descriptions.language_model import (
+    DEFAULT_URL,
+    KEY_VARIABLES,
+    LanguageModel,
+    Reply,
+    Stopped,
+    TokenBudget,
+)
 
 MOST_BYTES = 8_000_000
 """Most bytes of an unpacked answer: a batch of descriptions has some ten thousand."""
@@ -36,7 +43,7 @@ Message = Mapping[str, str]
 class Session:
     """A client with what it has spent."""
 
-    def __init__(self, model: LanguageModel, budget: Budget) -> None:
+    def __init__(self, model: LanguageModel, budget: TokenBudget) -> None:
         self.model, self.budget = model, budget
         self.requests = self.tokens = self._size = 0
         self.formats = ["json_schema", "json_object", "text"]

@@ -13,7 +13,7 @@ from t2d_rt.core.checks import number
 from t2d_rt.core.errors import InputError
 from t2d_rt.types import Material, MovingMesh
 from t2d_rt.types.fields import Number
-from t2d_rt.types.mesh import Made, Track
+from t2d_rt.types.mesh import Provenance, Track
 
 # Smaller values give meshes without area, and absurd speeds.
 Length = Annotated[Number, Field(ge=0.01, le=20)]
@@ -65,7 +65,7 @@ def moving(
         material=substance,
         sagitta_rad=sagitta_rad,
         name=name,
-        made=Made("mover", {"mover": mover, "start_s": start_s, "stop_s": stop_s}),
+        made=Provenance("mover", {"mover": mover, "start_s": start_s, "stop_s": stop_s}),
         period_s=getattr(mover, "rotation_period_s", None),
     )
 

@@ -14,8 +14,8 @@ from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import set_up
 from t2d_rt.geometry import Refinement, curved_refinements
 from t2d_rt.propagation.images import images
-from t2d_rt.propagation.occluders import Posed
-from t2d_rt.propagation.visibility import Occlusion, Surroundings
+from t2d_rt.propagation.occluders import PosedOccluders
+from t2d_rt.propagation.visibility import OccluderScene, Occlusion
 from t2d_rt.recording.recording import Recording
 from t2d_rt.scattering.phase_integral import Ops, Parts
 from t2d_rt.scattering.refinement import refined
@@ -101,7 +101,7 @@ def _occlusion_by(limbs: Ellipsoids) -> type[Occlusion]:
     """Visibility where the segments' ellipsoids occlude what lies behind them."""
 
     class ByEllipsoids(Occlusion):
-        def visible(self, at: Posed, front: np.ndarray, scene: Surroundings) -> np.ndarray:
+        def visible(self, at: PosedOccluders, front: np.ndarray, scene: OccluderScene) -> np.ndarray:
             free, (centres, every) = front.copy(), limbs.at(at.times_s)
             for centre, axes, half in zip(centres.swapaxes(0, 1), every.swapaxes(0, 1), limbs.semi_axes_m, strict=True):
                 # where the ellipsoid is the unit sphere

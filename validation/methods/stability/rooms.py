@@ -16,7 +16,7 @@ from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.paths import find_paths
 from t2d_rt.propagation.rays import mitsuba
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
-from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.paths import PathVisibility
 from t2d_rt.scene import Room
 from t2d_rt.types import Material, MovingMesh, Radar, Scene, Surface
 from validation.bodies import WALK, recorded
@@ -164,7 +164,7 @@ def _diffuse_rcs(surface: MovingMesh, radar: Radar, material: Material, points: 
     for seed in range(REALISATIONS):
         stream = mesh_echoes(
             surface, radar, times_s=np.linspace(*TIMES_S, 4), material=material,
-            detail=Detail(sagitta_rad=0.3, points=points), seed=seed, views=(View(),),
+            detail=Detail(sagitta_rad=0.3, points=points), seed=seed, views=(PathVisibility(),),
             backend=select("cpu"),
         )  # fmt: skip
         powers.append(float(np.sum(np.abs(stream.gather().amplitude[0]) ** 2)))

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.motion.descriptions.language_model import Budget, LanguageModel, model_descriptions
+from t2d_rt.motion.descriptions.language_model import LanguageModel, TokenBudget, model_descriptions
 from validation.robustness.fuzz.case import DEEP, Attempt, Wrong, check_text, corrupted, pick, replaced, writing_only
 
 LONGEST_S = 1.0
@@ -111,7 +111,7 @@ def _asked(pieces: list[bytes], pause_s: float) -> None:
     try:
         found = model_descriptions(
             "falling", 2, model=LanguageModel(model="m", base_url=server.url, timeout_s=LONGEST_S, tries=2),
-            budget=Budget(requests=REQUESTS),
+            budget=TokenBudget(requests=REQUESTS),
         )  # fmt: skip
         check_text(str(found), what="the count", lines=1)
     finally:

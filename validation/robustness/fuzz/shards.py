@@ -11,7 +11,7 @@ import numpy as np
 from t2d_rt.dataset import Dataset, Recipe, check_dataset, export_dataset, read_shards, split
 from t2d_rt.dataset.products import POINT_COLUMNS
 from t2d_rt.dataset.sample import cell_of, description_of
-from t2d_rt.dataset.shards import Made, archive, sha256, write_shard
+from t2d_rt.dataset.shards import MadeSample, archive, sha256, write_shard
 from t2d_rt.types import Radar
 from validation.robustness.fuzz.case import (
     DEEP,
@@ -88,7 +88,7 @@ def written(place: Path) -> None:
             "points": rng.random((3, len(POINT_COLUMNS))).astype(np.float32),
             "adc": rng.random((4, recipe.radar.antennas, 16, 2)).astype(np.float16),
         }
-        made.append(Made(record, arrays))
+        made.append(MadeSample(record, arrays))
     (place / "shards").mkdir(parents=True)
     (place / "recipe.yaml").write_text(recipe.to_yaml())
     files = write_shard(place, 0, made)

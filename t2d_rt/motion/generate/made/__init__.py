@@ -5,6 +5,6 @@ on a skeleton with planted feet, balance and inverse kinematics. Every performan
 """
 
 from t2d_rt.motion.generate.made.act import Posture
-from t2d_rt.motion.generate.made.make import MADE, RESTS, Made, make
+from t2d_rt.motion.generate.made.make import MADE, RESTS, MadeMotion, make
 
-__all__ = ["MADE", "RESTS", "Made", "Posture", "make"]
+__all__ = ["MADE", "RESTS", "MadeMotion", "Posture", "make"]

@@ -77,7 +77,7 @@ STILL_MPS = 0.003
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Made:
+class MadeMotion:
     """A made motion: it begins at the origin, facing +x, with the ball's joint of a foot that stands at z = 0."""
 
     poses: Poses
@@ -102,7 +102,7 @@ def make(
     handed: str = "right",
     tempo: float = 1.0,
     begins: Posture | None = None,
-) -> Made:
+) -> MadeMotion:
     """Steps of which no clip ships, one after the other, by one person.
 
     skeleton: of the person, in the common rest pose. tempo: factor on the pace. begins: posture at the start; by default what the
@@ -148,7 +148,7 @@ def make(
     poses, table = render(act, rng=rng, rate_hz=rate_hz)
     # Root heights of skeletons count from the balls of the feet, those of an act from the floor.
     poses = replace(poses, root=poses.root - [0.0, 0.0, act.anatomy.sole_m])
-    return Made(
+    return MadeMotion(
         poses=poses,
         planted=_planted(table, rate_hz),
         begins=first,

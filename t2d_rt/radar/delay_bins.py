@@ -22,7 +22,7 @@ MANY_SLOTS = 16
 
 
 @dataclass(frozen=True, slots=True)
-class Members:
+class BinMembers:
     """Which echoes fall into each bin during each time slot, a part of a frame interval."""
 
     bins: int
@@ -42,7 +42,7 @@ class Members:
         shape: tuple[int, int],
         per: int,
         size: int,
-    ) -> Members:
+    ) -> BinMembers:
         """Members of triples (slot, bin, member); `shape` is (slots, bins), `per` slots of an interval, `size` echoes."""
         from scipy.sparse import coo_array
 
@@ -67,7 +67,7 @@ class Buckets:
     """theta of each bucket's middle, counted from there."""
     part: np.ndarray
     """Which part each bucket belongs to, ascending."""
-    members: Members
+    members: BinMembers
     """Which echoes fall into each during which slot, so short that no echo moves by more than `SLOT_BINS`, or a bucket."""
 
     @property
@@ -122,7 +122,7 @@ def buckets(
     occupied, rank = _ranked(bucket)
     slot_number = np.concatenate([number for _, number, _ in parts])
     shape = (len(delay) - 1) * slots, len(occupied)
-    members = Members.of(slot_number, rank, echo[pair], shape=shape, per=slots, size=delay.shape[1])
+    members = BinMembers.of(slot_number, rank, echo[pair], shape=shape, per=slots, size=delay.shape[1])
     return Buckets(origin_s, (occupied % span + 0.5) * width * math.pi, occupied // span, members)
 
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from t2d_rt.geometry.vectors import norms, unit, vector_product
-from t2d_rt.scattering.reflectors import Lattice, Posed, Reflectors, dot
+from t2d_rt.scattering.reflectors import Lattice, PosedReflectors, Reflectors, dot
 
 LIFT_WAVELENGTHS = 0.1
 """Rays start so far off a curved facet [wavelengths], which is more than it bulges; what they meet is found of the ray from the
@@ -46,7 +46,7 @@ class Instant:
     """Targets in one pose before the antennas."""
 
     reflectors: Reflectors
-    posed: Posed
+    posed: PosedReflectors
     rays: RayTracer
     transmitter_m: np.ndarray
     receiver_m: np.ndarray
