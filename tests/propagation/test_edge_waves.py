@@ -195,7 +195,7 @@ def test_nothing_changes_without_an_outline_near_the_path(backend: Backend) -> N
     assert not Occlusion.alone(Occluders([ball, behind]), SIGHT, **options).visibility(samples_s)[1].any()
 
 
-@pytest.mark.parametrize("covered_m", [-0.05, 0.02])
+@pytest.mark.parametrize("covered_m", [pytest.param(-0.05, marks=pytest.mark.slow), 0.02])
 def test_an_echo_passes_the_edge_out_and_back(covered_m: float) -> None:
     """Of a sphere of 10 cm radius half-way behind a screen's edge, beside its echo alone."""
     radar = Radar.preset("table2", position_m=(0.0, 0.0, 1.0))
