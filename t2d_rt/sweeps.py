@@ -252,12 +252,10 @@ def sweep(
     for number, (point, key) in enumerate(zip(points, keys, strict=True)):
         target = place / point.file
         if not target.exists():
-            report = _progress(progress, number, points)
+            told = _progress(progress, number, points)
             try:
                 alike = next((earlier for earlier in points[:number] if _same_samples(earlier, point)), None)
-                record = (
-                    Recording.load(place / alike.file) if alike else _simulated(point, inputs, split, device, report)
-                )
+                record = Recording.load(place / alike.file) if alike else _simulated(point, inputs, split, device, told)
                 record.processing.clear()
                 record = record.processed(**point.signal)
                 record.settings["sweep"] = key

@@ -18,7 +18,7 @@ from t2d_rt.propagation.occluders import FACES_PER_SCENE
 from t2d_rt.propagation.paths import Along, find_paths
 from t2d_rt.propagation.rays import mitsuba, rays, scene_of_instants
 from t2d_rt.propagation.scene_paths import polarization
-from t2d_rt.propagation.visibility import smoothstep
+from t2d_rt.propagation.visibility import between_samples
 from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, Radar, Scene, StaticPath
 from t2d_rt.types.material import absorbs
 from t2d_rt.types.path_fields import reflection
@@ -118,7 +118,7 @@ def _existing(
     sampled: np.ndarray, samples_s: np.ndarray, unoccluded: Fraction | None, times_s: np.ndarray
 ) -> np.ndarray:
     """The fractions of `existing_over` at times (K,) s, from those at its sample times, (K, N)."""
-    fractions = smoothstep(times_s, samples_s, sampled.__getitem__)
+    fractions = between_samples(times_s, samples_s, sampled.__getitem__)
     return fractions if unoccluded is None else fractions * unoccluded(times_s)
 
 
@@ -210,7 +210,7 @@ class Shadows:
 
     def fractions(self, times_s: np.ndarray) -> np.ndarray:
         """Fractions in 0..1 of the paths' field at times [s] (K,), float32 (K, P)."""
-        return smoothstep(times_s, self._samples_s, self._at_samples)
+        return between_samples(times_s, self._samples_s, self._at_samples)
 
     def _at_samples(self, numbers: np.ndarray) -> np.ndarray:
         new = numbers[np.isnan(self._known[numbers, 0])]

@@ -155,7 +155,8 @@ def _amplitude(
     slope = inner(w, s) * scaled / (wavelength_m * np.maximum(left, SHORTEST_M))
     v_squared, slope, angle = (term.astype(np.float32) for term in (v_squared, slope, angle))
     zone_m = np.sqrt(wavelength_m * np.maximum(left, 0) * length / distance)  # as it is wide where the points are
-    fade = _smoothstep((NONE - np.sqrt(v_squared)) / (NONE - WHOLE)) * _smoothstep((zone_m - NARROW_M) / NARROW_M)
+    clearance = np.clip((NONE - np.sqrt(v_squared)) / (NONE - WHOLE), 0, 1)
+    fade = smooth_step(clearance) * smooth_step(np.clip((zone_m - NARROW_M) / NARROW_M, 0, 1))
     wave, phase = angle * fade * np.sinc(slope), np.float32(np.pi / 2) * v_squared
 
     def total(of: np.ndarray) -> np.ndarray:
@@ -167,10 +168,9 @@ def _amplitude(
     return np.asarray(np.hypot(1 - hidden + in_phase, across))
 
 
-def _smoothstep(x: np.ndarray) -> np.ndarray:
-    """From 0 at 0 to 1 at 1, and constant beyond."""
-    x = np.clip(x, 0, 1)
-    return np.asarray(x * x * (3 - 2 * x))
+def smooth_step(u: np.ndarray) -> np.ndarray:
+    """From 0 at 0 to 1 at 1, with no kink at either."""
+    return np.asarray(u * u * (3 - 2 * u))
 
 
 class Points(NamedTuple):
@@ -193,18 +193,19 @@ def beside_others(
 ) -> np.ndarray:
     """Fraction of the field over the path at points that face it, float32 (K, Q): near the outline of a mesh that they do not
     belong to the amplitude beside that, elsewhere whether they are visible, in which case that is what comes back."""
-    paths = [
-        path
-        for path, at_them in zip(seen_paths, instants_of(seen_paths), strict=True)
+    along = [
+        (path, parts)
+        for path, parts, at_them in zip(
+            seen_paths, map(straight_parts, seen_paths), instants_of(seen_paths), strict=True
+        )
         for _ in range(len(of.visible))[at_them]
     ]
-    parts = {id(path): straight_parts(path) for path in paths}
     groups = []
-    for instant, path in enumerate(paths):
+    for instant, (path, parts) in enumerate(along):
         for mesh in np.unique(of.owner).tolist():
             near = [
                 (part, other)
-                for part in parts[id(path)]
+                for part in parts
                 for other in range(len(at.meshes.meshes))
                 if other != mesh and _near(at, instant, part, mesh, other, wavelength_m)
             ]
@@ -216,7 +217,7 @@ def beside_others(
                 beside = np.any([beam.near for beam in beams], axis=0)
                 if beside.any():
                     beams = [beam.of(beside) for beam in beams]
-                    groups.append(_Group(instant, mesh, numbers[beside], here_m[beside], parts[id(path)], beams))
+                    groups.append(_Group(instant, mesh, numbers[beside], here_m[beside], parts, beams))
     return _summed(groups, at, of.visible, wavelength_m, backend) if groups else of.visible
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from t2d_rt.core.backend import Backend
 from t2d_rt.propagation.images import images, instants_of, reflected
 from t2d_rt.propagation.occluders import MOST_COPIES, Occluders
-from t2d_rt.propagation.visibility import OccluderScene, Unblocked, smoothstep
+from t2d_rt.propagation.visibility import OccluderScene, Unblocked, between_samples
 from t2d_rt.types import MovingMesh, OneWayPath
 from t2d_rt.types.scatterer import Fraction
 
@@ -52,7 +52,7 @@ class MeanVisibility:
         if key not in self._known:
             self._find()
         values = self._known[key][path_count - 1][:, None]
-        visibility = smoothstep(times_s, self._samples_s, values.__getitem__)
+        visibility = between_samples(times_s, self._samples_s, values.__getitem__)
         return np.broadcast_to(visibility, (len(times_s), len(self._mesh.rest)))
 
     def _find(self) -> None:

@@ -17,7 +17,7 @@ from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.mean_visibility import poses
 from t2d_rt.propagation.mirrors import Mirrors, has_room
 from t2d_rt.propagation.paths import Along, FoundPaths, find_paths
-from t2d_rt.propagation.visibility import sample_times, smoothstep
+from t2d_rt.propagation.visibility import between_samples, sample_times
 from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, Radar, Scene
 from t2d_rt.types.paths import points_in_scene
 
@@ -189,5 +189,5 @@ class Unblocked:
 
     def __call__(self, times_s: np.ndarray) -> np.ndarray:
         """The fractions (K, N) at times [s] (K,)."""
-        fraction = smoothstep(times_s, self.samples_s, self.at_samples.__getitem__)
+        fraction = between_samples(times_s, self.samples_s, self.at_samples.__getitem__)
         return np.broadcast_to(fraction, (len(times_s), self.count))

@@ -18,7 +18,7 @@ import numpy as np
 
 from t2d_rt.core.backend import Backend, aligned, one_thread_at_a_time
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
-from t2d_rt.propagation.edge_waves import Points, beside_others
+from t2d_rt.propagation.edge_waves import Points, beside_others, smooth_step
 from t2d_rt.propagation.images import apparent_m, images, instants_of
 from t2d_rt.propagation.occluders import Occluders, PosedOccluders, incidence, vertex_normals
 from t2d_rt.propagation.rays import LIFT_M, columns, mitsuba, scene_of_instants
@@ -41,7 +41,7 @@ def viewpoints_at(places_m: Sequence[np.ndarray]) -> list[OneWayPath]:
     return [OneWayPath.line_of_sight(place, np.array([0.0, 0.0, 1.0])) for place in places_m]
 
 
-def smoothstep(
+def between_samples(
     times_s: np.ndarray, samples_s: np.ndarray, at_samples: Callable[[np.ndarray], np.ndarray]
 ) -> np.ndarray:
     """Values (K, N) at any times from those at sample times, whose numbers `at_samples` takes: smooth steps from one to the
@@ -49,7 +49,7 @@ def smoothstep(
     position = np.interp(times_s, samples_s, np.arange(len(samples_s)))
     before = np.minimum(position.astype(int), len(samples_s) - 2)
     u = (position - before)[:, None].astype(np.float32)
-    fade = u * u * (3 - 2 * u)  # no kink at the sample times
+    fade = smooth_step(u)
     numbers, inverse = np.unique(np.concatenate([before, before + 1]), return_inverse=True)
     values = at_samples(numbers)
     first, second = inverse[: len(before)], inverse[len(before) :]
@@ -175,7 +175,7 @@ class Occlusion:
         """
         last = self._last.get(path_count)
         if last is None or not np.array_equal(last[0], times_s):
-            values = smoothstep(
+            values = between_samples(
                 times_s, self.viewpoints.samples_s, lambda numbers: self._at_samples(numbers, path_count)
             )
             last = self._last[path_count] = times_s, self._meshes.split(values)

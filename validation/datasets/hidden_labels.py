@@ -22,8 +22,6 @@ ABOVE_CHANCE, MIRRORED = 0.05, 0.03
 TRAVEL = {"share of approaching time": 1.0, "change of range": 0.0}
 """Figures of how people travel, which is a part of what they do, and what each and its mirror image add up to: what their direction
 adds to the class is a hidden label, how far and how steadily it is gone is none."""
-OF_THE_CLASS = "time made"
-"""How long an action takes is a part of it, too, and no map shows it: records are of one length."""
 FOLDS, REPEATS, TURNS, SEEDS, DRAWS = 5, 4, 4, (0, 1), 2000
 SIZE = 63, 64
 OPTIONS = TrainOptions(epochs=40, batch=16)
@@ -117,7 +115,6 @@ def evaluated(dataset: Dataset) -> Section:
     checks = [
         Check(what=f"class told by {name} alone", measured=each, limit=chance + ABOVE_CHANCE, unit="")
         for name, each in told.items()
-        if name not in (*TRAVEL, OF_THE_CLASS)
     ]
     checks += [
         Check(

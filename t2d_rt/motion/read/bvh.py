@@ -8,7 +8,6 @@ position channels, and rotations apply in the order in which the channels are li
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,12 +37,15 @@ MAX_FRAMES = 100_000
 MAX_VALUES = 10_000_000
 """MAX_FRAMES of 100 channels."""
 
+BLOCK_BYTES = 1_000_000
+"""Of the MOTION's text whose words are lists at a time: as Python objects they take five times as much."""
 BLOCK_FRAMES = 1024
 """Frames whose kinematics are found at a time: what is in work stays in the processor's cache."""
 
 CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis in "xyz")
 
 MOTION = re.compile(rb"(?i)(?:\A|[\r\n])[ \t]*MOTION[ \t]*(?=[\r\n]|\Z)")
+WHITESPACE = re.compile(rb"\s")
 LINE = re.compile(rb"\s*([^\r\n]{0,200})")
 TOKEN = re.compile(rb"[{}]|[^{}\r\n]+")
 """Of the HIERARCHY: a brace, or a line as far as the next one. Bytes, for in text U+0085 would be a line end too."""
@@ -167,11 +169,14 @@ def _read_text(path: str | Path) -> bytes:
     return data
 
 
-def _numbers(words: list[bytes], what: str, path: str | Path) -> np.ndarray:
+def _numbers(words: list[bytes], what: str, path: str | Path, *, lacking: bool = False) -> np.ndarray:
+    """Numbers; those that lack, where any may, are NaN."""
     try:
         numbers = np.array(words, dtype=float)
     except ValueError:
         raise InputError(f"{path}: {what} must hold numbers only; the file is damaged") from None
+    if lacking:
+        return plausible(numbers)
     if np.isnan(plausible(numbers)).any():
         raise InputError(f"{path}: {what} holds NaN, infinite or absurd values; repair or re-export the file")
     return numbers
@@ -305,13 +310,16 @@ def _values(text: bytes, start: int, frames: int, channel_count: int, path: str 
             f"{path}: {frames} frames of {channel_count} channels are too many, {MAX_FRAMES} frames and {MAX_VALUES} values "
             "are read at most; cut the motion into shorter files"
         )
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", DeprecationWarning)  # what is no number ends older NumPy's reading
-            values = plausible(np.fromstring(text[start:], sep=" "))
-    except (ValueError, DeprecationWarning):
-        raise InputError(f"{path}: MOTION must hold numbers only; the file is damaged") from None
-    count = len(values)
+    # A value takes two characters: what a small file promises needs no memory.
+    values = np.empty(expected if 2 * expected <= len(text) else 0)
+    count, more = 0, ""
+    for words, whole in _blocks(text, start, path):
+        block = _numbers(words, "MOTION", path, lacking=True)
+        values[count : count + len(block)] = block[: max(0, len(values) - count)]
+        count += len(block)
+        if count > expected:
+            more = "" if whole else " or more"
+            break
     if channel_count == 0 or count != expected:
         if channel_count and count % channel_count == 0 and count < expected:
             raise InputError(
@@ -319,9 +327,20 @@ def _values(text: bytes, start: int, frames: int, channel_count: int, path: str 
             )
         raise InputError(
             f"{path}: expected {frames} frames of {channel_count} channels = {expected} values, "
-            f"got {count}; the file is cut short or damaged"
+            f"got {count}{more}; the file is cut short or damaged"
         )
     return values.reshape(frames, channel_count)
+
+
+def _blocks(text: bytes, start: int, path: str | Path) -> Iterator[tuple[list[bytes], bool]]:
+    """Words from `start` on, those of about BLOCK_BYTES at a time, and whether these are the last."""
+    while start < len(text):
+        gap = WHITESPACE.search(text, start + BLOCK_BYTES)
+        end = gap.start() if gap else len(text)
+        if end > start + 2 * BLOCK_BYTES:
+            raise InputError(f"{path}: MOTION must hold numbers only; the file is damaged")
+        yield text[start:end].split(), end == len(text)
+        start = end
 
 
 POSED = ("xposition", "yposition", "zposition", "zrotation", "yrotation", "xrotation")
