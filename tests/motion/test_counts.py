@@ -391,6 +391,73 @@ def test_numbers_in_words(words: str, slot: str, value: float) -> None:
     assert parsed.ignored == ()
 
 
+@pytest.mark.parametrize(
+    ("words", "slot", "value", "read_as"),
+    [
+        ("two or three times", "count", 2, ("two or three times", "2 times")),
+        ("2-3 times", "count", 2, ("2 to 3 times", "2 times")),
+        ("2\u20133 times", "count", 2, ("2 to 3 times", "2 times")),
+        ("5 or 10 times", "count", 5, ("5 or 10 times", "5 times")),
+        ("5 to 10 times", "count", 7, ("5 to 10 times", "7 times")),
+        ("between two and four times", "count", 3, ("between two and four times", "3 times")),
+        ("from 20 to twenty four times", "count", 22, ("from 20 to twenty four times", "22 times")),
+        ("once or twice", "count", 1, ("once or twice", "1 times")),
+        ("twice or maybe three times", "count", 2, ("twice or maybe three times", "2 times")),
+        ("three or more times", "count", 3, ("three or more times", "3 times")),
+        ("up to three times", "count", 3, ("up to three times", "3 times")),
+        ("2/3 times", "count", 2, ("2 / 3 times", "2 times")),
+        ("for 1.5 to 2 s", "duration_s", 1.75, ("for 1.5 to 2 s", "1.75 s")),
+        ("for one or two minutes", "duration_s", 60.0, ("for one or two minutes", "1 minutes")),
+    ],
+)
+def test_of_a_range_one_number_is_read_and_told(words: str, slot: str, value: float, read_as: tuple[str, str]) -> None:
+    parsed = parse_description(f"a man squats {words} and then sits down")
+    first, second = parsed.description.before + parsed.description.after, parsed.description
+    assert {first[0].action: getattr(first[0], slot), second.action: getattr(second, slot)} == {
+        "squat": value,
+        "sit": None,
+    }
+    assert (parsed.read_as, parsed.ignored) == ((read_as,), ())
+
+
+@pytest.mark.parametrize(
+    ("sentence", "slot", "value", "read_as"),
+    [
+        ("a man does two or three squats", "count", 2, (("two or three", "2"),)),
+        ("a man does a few squats", "count", 3, (("few", "3"),)),
+        ("several hops of a girl", "count", 4, (("several", "4"),)),
+        ("a man turns by 90-180 degrees", "angle_deg", 135.0, (("90 to 180 degrees", "135 degrees"),)),
+        ("a man climbs 10 to 12 stairs", "count", 11, (("10 to 12", "11 stairs"),)),
+    ],
+)
+def test_ranges_are_read_of_what_is_done(
+    sentence: str, slot: str, value: float, read_as: tuple[tuple[str, str], ...]
+) -> None:
+    parsed = parse_description(sentence)
+    assert (getattr(parsed.description, slot), parsed.read_as, parsed.ignored) == (value, read_as, ())
+
+
+@pytest.mark.parametrize(
+    ("words", "ignored", "count"),
+    [
+        ("walks two or three steps", ("two or three",), None),
+        ("walks 2 or 3 metres", ("2 or 3", "metres"), None),
+        ("jumps 2-3 times faster", ("2 to 3 times",), None),
+        ("jumps twice or 10 seconds", ("or", "10 seconds"), 2),
+        ("jumps 3 to 3 times", ("3",), 3),
+        ("walks up to two chairs", ("two", "up"), None),
+        ("jumps again and again", ("again and again",), None),
+        ("jumps some times", ("some times",), None),
+        ("takes a few steps", ("few",), None),
+    ],
+)
+def test_ranges_that_count_nothing_are_left_out_and_told(
+    words: str, ignored: tuple[str, ...], count: int | None
+) -> None:
+    parsed = parse_description(f"a man {words}")
+    assert (parsed.ignored, parsed.description.count) == (ignored, count)
+
+
 def test_a_once_that_is_a_conjunction_is_no_count() -> None:
     assert all(step.count is None for step in parse_description("once he has sat down he stands up").description.steps)
 

@@ -6,11 +6,12 @@ import math
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
 
 from t2d_rt.motion.descriptions.lexicon import Forms, Synonyms, inflected, lexicon, meaning
+from t2d_rt.motion.descriptions.numbers import number_at, with_ranges
 
 WORD = re.compile(r"\d+(?:\.\d+)?(?:e\d+(?!\w))?|[^\W\d_]+(?:'[^\W\d_]+)?|n't|[^\w\s]")
 COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![.,]?\d)")
@@ -21,6 +22,9 @@ MOST_BETWEEN = 4
 
 BY, SETS = ("x", "\u00d7", "*"), (["sets", "of"], ["rounds", "of"], ["series", "of"])
 """What stands between how many times and what is done: 2 x 90 degrees, 3 sets of 5 squats."""
+
+DASH = re.compile(r"(?<=\d)\s*[-\u2010-\u2015\u2212]\s*(?=\d)")
+"""What stands between the ends of a range: 2-3."""
 
 AS_JOINS = "if", "though", "in", "it", "well", "before"
 """What follows an "as" that compares nothing."""
@@ -64,12 +68,14 @@ class Entry:
 def words_of(text: str) -> list[str]:
     """Words, numbers and signs in lower case; hyphens part words, dashes are commas, signs of degrees and pi are words.
 
+    A dash between numbers is "to".
+
     >>> words_of("High-stepping, it's 2.5 s!")
     ['high', 'stepping', ',', "it's", '2.5', 's', '!']
     >>> words_of("1,5 turns, 1,000 steps, 1½ or .5")
     ['1.5', 'turns', ',', '1000', 'steps', ',', '1', '1', '/', '2', 'or', '0.5']
     """
-    apart = re.sub(r"(?<=\d)(?=[¼-¾⅐-⅞])", " ", re.sub(r"(?<=\d)\s*[°º]", " degrees ", text))
+    apart = re.sub(r"(?<=\d)(?=[¼-¾⅐-⅞])", " ", re.sub(r"(?<=\d)\s*[°º]", " degrees ", DASH.sub(" to ", text)))
     signs = {0x2019: "'", 0x2018: "'", 0x2014: ",", 0x2013: ",", 0x2044: "/", 0x3C0: "pi"}
     lowered = COMMA.sub(_with_point, unicodedata.normalize("NFKC", apart).lower().translate(signs))
     lowered = re.sub(r"(?<![\w.])\.(?=\d)", "0.", lowered)
@@ -181,7 +187,8 @@ def tokens_of(sentence: str) -> list[Token]:
     """The tokens of a sentence, in its order."""
     words: list[str] = []
     notes: dict[int, str] = {}
-    for word in words_of(sentence):
+    read, ranges = with_ranges(words_of(sentence))
+    for word in read:
         meant = _meant(word)
         if meant is not None:
             notes[len(words)] = word
@@ -195,9 +202,23 @@ def tokens_of(sentence: str) -> list[Token]:
             tokens = [Token("unknown", misspelt[0])]
         elif misspelt:
             tokens = [Token(token.kind, token.words, token.slots, token.gerund, " ".join(misspelt)) for token in tokens]
+        for number in (number for number in range(place, after) if number in ranges):
+            rest = number + 1 + int(ranges[number].split()[-1] in lexicon().times)
+            said = [*words[place:number], ranges[number], *words[rest:after]]
+            tokens = _with_range(tokens, words[number], ranges[number], " ".join(said))
         sentence_tokens += tokens
         place = after
     return sentence_tokens
+
+
+def _with_range(tokens: list[Token], number: str, said: str, phrase: str) -> list[Token]:
+    """Tokens of a phrase in which a number was read for a range, with what was said; a range that measures nothing is reported."""
+    measures = [token for token in tokens if token.slots.keys() & {"count", "duration_s", "angle_deg"}]
+    if not measures:
+        other = [token for token in tokens if token.slots or number not in token.words.split()]
+        return [*other, Token("reported", said if other else phrase)]
+    note = phrase if measures[0] is tokens[0] else said
+    return [replace(token, note=note) if token is measures[0] else token for token in tokens]
 
 
 def _next(words: list[str], place: int) -> tuple[list[Token], int]:
@@ -215,14 +236,16 @@ def _next(words: list[str], place: int) -> tuple[list[Token], int]:
             continue  # on his left foot
         token = Token(entry.kind, " ".join(words[place:after]), entry.slots, entry.gerund, partly=entry.partly)
         inner = tokens_of(" ".join(gap)) if gap else []
-        numbers = {**lexicon().numbers, **{word: int(word) for word in gap if word.isdecimal()}} if gap else {}
+        digits = {word: int(word) for word in gap if word.isdecimal()}
+        numbers = {**lexicon().numbers, **lexicon().some, **digits} if gap else {}
         counted = [numbers[word] for word in gap if word in numbers and word not in ("a", "an")]
         counted = [] if any("count" in inner_token.slots for inner_token in inner) else counted
         inner = [inner_token for inner_token in inner if not counted or inner_token.words not in numbers]
         if counted and entry.words[-1] in ("step", "steps"):
             inner.append(Token("reported", next(word for word in gap if numbers.get(word) == counted[0])))
         elif counted:
-            inner.append(Token("slot", str(counted[0]), {"count": counted[0]}))
+            vague = next((word for word in gap if word in lexicon().some and word != "couple"), "")
+            inner.append(Token("slot", str(counted[0]), {"count": counted[0]}, note=vague))
         kinds = ("slot", "direction", "object", "unknown", "gait", "reported")
         return [token, *(inner_token for inner_token in inner if inner_token.kind in kinds)], after
     word = words[place]
@@ -282,36 +305,11 @@ def _said_measure(words: list[str], place: int) -> tuple[Token, int] | None:
     return _turned(words, place) or _times(words, place) or _lasting(words, place, alone=True)
 
 
-def _number(words: list[str], place: int) -> tuple[float, bool, int] | None:
-    """A number that begins at a token, whether it is a vague one, and where it ends: ten, twenty five, a few, a couple of, 2.5."""
-    ahead = words[place : place + 3]
-    lexemes = lexicon()
-    if ahead and ahead[0] == "a" and ahead[1:2] and ahead[1] in lexemes.some:
-        ahead, place = ahead[1:], place + 1
-    if not ahead:
-        return None
-    if ahead[0] in lexemes.some:
-        return lexemes.some[ahead[0]], ahead[0] != "couple", place + 1 + int(ahead[1:2] == ["of"])
-    if ahead[0][0].isdigit():
-        return float(ahead[0]), False, place + 1
-    number = lexemes.numbers.get(ahead[0])
-    if number is None:
-        return None
-    if ahead[1:2] == ["hundred"]:
-        rest = place + 2 + int(ahead[2:] == ["and"])
-        more = _number(words, rest) if words[rest : rest + 1] and words[rest] not in ("a", "an") else None
-        if more is not None and 0 < more[0] < 100 and not more[1] and more[0] == int(more[0]):
-            return 100 * number + more[0], False, more[2]
-        return 100 * number, False, place + 2
-    ones = lexemes.numbers.get(ahead[1]) if number >= 20 and ahead[1:] else None
-    return (number + ones, False, place + 2) if ones is not None and 0 < ones < 10 else (number, False, place + 1)
-
-
 def _times(words: list[str], place: int) -> tuple[Token, int] | None:
     """How many times: four times, a few times; and four hops."""
-    reading = _number(words, place)
+    reading = number_at(words, place)
     if reading is None and words[place] in BY:
-        reading = _number(words, place + 1)
+        reading = number_at(words, place + 1)
         return reading and (
             Token("slot", " ".join(words[place : reading[2]]), {"count": _whole(reading[0])}),
             reading[2],
@@ -323,7 +321,7 @@ def _times(words: list[str], place: int) -> tuple[Token, int] | None:
     follows = words[after]
     start = after + 1 if follows in BY else after + 2 if words[after : after + 2] in SETS else 0
     if start:
-        more, lasting = _number(words, start), _lasting(words, start, alone=True)
+        more, lasting = number_at(words, start), _lasting(words, start, alone=True)
         if lasting is not None:  # 2 x 5 s, 10 s in all
             seconds = whole * float(str(lasting[0].slots["duration_s"]))
             said = " ".join(words[place : lasting[1]])
@@ -349,7 +347,8 @@ def _times(words: list[str], place: int) -> tuple[Token, int] | None:
         return Token("slot", f"{number:g} {follows}", {"count": whole}), after
     deeds = any(entry.kind == "action" and entry.words == (follows,) for entry in _index().get(follows, ()))
     if deeds and follows.endswith("s") and follows != "steps" and number > 1:
-        return Token("slot", words[place], {"count": whole}), after
+        said = " ".join(words[place:after])
+        return Token("slot", str(whole) if vague else said, {"count": whole}, note=said if vague else ""), after
     return None
 
 
@@ -377,7 +376,7 @@ def _lasting(words: list[str], place: int, *, alone: bool) -> tuple[Token, int] 
     ):  # a minute and ten seconds
         seconds, after = seconds + float(str(more[0].slots["duration_s"])), more[1] - 1
     said = " ".join(words[place : after + 1])
-    vague = (_number(words, place) or (0, False))[1] or unit.startswith("moment")
+    vague = (number_at(words, place) or (0, False))[1] or unit.startswith("moment")
     note = said if vague else ""
     return Token("slot", f"{seconds:g} seconds" if vague else said, {"duration_s": seconds}, note=note), after + 1
 
@@ -408,7 +407,7 @@ def _part(words: list[str], place: int) -> tuple[float, int] | None:
     start = place + int(len(ahead) == 2 and ahead[0] in ("a", "one") and ahead[1] in PARTS)
     if ahead and words[start] in PARTS:
         return PARTS[words[start]], start + 1
-    reading = _number(words, place)
+    reading = number_at(words, place)
     if reading is None:
         return None
     amount, _, after = reading
@@ -420,7 +419,7 @@ def _part(words: list[str], place: int) -> tuple[float, int] | None:
 
 def _divisor(words: list[str], place: int) -> tuple[float, int]:
     """What is divided by, and where that ends: / 4, over two; 1 where nothing is."""
-    reading = _number(words, place + 1) if words[place : place + 1] and words[place] in ("/", "over") else None
+    reading = number_at(words, place + 1) if words[place : place + 1] and words[place] in ("/", "over") else None
     return (1.0, place) if reading is None or not reading[0] > 0 else (reading[0], reading[2])
 
 
