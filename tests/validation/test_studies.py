@@ -61,7 +61,10 @@ def test_benchmark_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.
     )
     assert study(*words, "--minutes", "0") == 0
     assert "0 of 12 cells; the same command runs the others" in capsys.readouterr().out
-    assert study(*words) == 0
+    assert study(*words, "--only", "hard") == 0
+    assert "6 of 12 cells" in capsys.readouterr().out
+    assert study(*words, "--only", "simple") == 0  # the cells of the other are read
+    assert "12 of 12 cells" in capsys.readouterr().out
     assert (tmp_path / "out" / "report.md").stat().st_size > 2000
     assert (tmp_path / "out" / "accuracy.png").stat().st_size > 10_000
     path = tmp_path / "out" / "cells" / "simple_file_streaming_0.json"

@@ -13,10 +13,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from joblib import Parallel, delayed
 
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.progress import ProgressBar
 from t2d_rt.dataset import Dataset, Recipe, make_dataset
+from t2d_rt.dataset.making import cores
 from t2d_rt.dataset.splits import KINDS, SPLITS, TRAINING_FRACTIONS, check_sides, traits
 from t2d_rt.learn import TrainOptions, scores_of, sides_of, train_model
 from t2d_rt.learn.baselines import BASELINES, baseline_probabilities
@@ -24,7 +26,7 @@ from t2d_rt.learn.maps import LabelledMaps, maps_of
 from t2d_rt.learn.models import build
 from t2d_rt.learn.pytorch import torch_threads
 from t2d_rt.learn.saved_models import SavedModel
-from validation.studies.common import kept_cell, table
+from validation.studies.common import kept_cell, read_cell, table
 
 NETWORKS = "vgg-7", "resnet18", "vit-tiny", "crnn", "conv1d-lstm", "conv1d-alstm-fcn", "streaming"
 SETS = "simple", "hard"
@@ -125,28 +127,41 @@ def cells_of(scale: Scale) -> list[Cell]:
 
 
 def run_cells(
-    scale: Scale, datasets: dict[str, Dataset], folder: Path, *, minutes: float | None = None,
+    scale: Scale, datasets: dict[str, Dataset], folder: Path, *, minutes: float | None = None, workers: int = 1,
     progress: Callable[[float], None] | None = None,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Runs the cells that have no file yet; what all that have one found.
 
-    datasets: "simple" and "hard", or one of them, whose cells alone are run.
+    datasets: "simple" and "hard", or one of them, whose cells alone are run; those of the other are taken from their files.
     minutes: after which no further cell is begun.
+    workers: processes, each with a cell of its own.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    maps = {name: maps_of(each, size=(scale.size, scale.size)) for name, each in datasets.items()}
-    stamps = {name: _stamp(scale, each, maps[name]) for name, each in datasets.items()}
-    until = float("inf") if minutes is None else time.monotonic() + 60.0 * minutes
-    found, cells = [], [each for each in cells_of(scale) if each.set in datasets]
-    for number, cell in enumerate(cells):
-        path, about = folder / f"{cell.name}.json", asdict(cell)
-        if not path.exists() and time.monotonic() >= until:
-            continue
-        compute = partial(_outcome, cell, scale, datasets[cell.set], maps[cell.set])
-        found.append(kept_cell(path, compute, partial(_sound, about), stamps[cell.set]))
+    data = {name: (dataset, maps_of(dataset, size=(scale.size, scale.size))) for name, dataset in datasets.items()}
+    stamps = {name: _stamp(scale, *both) for name, both in data.items()}
+    until = float("inf") if minutes is None else time.time() + 60.0 * minutes
+    cells = cells_of(scale)
+    tasks = (
+        delayed(_run_cell)(cell, scale, data.get(cell.set), folder, stamps.get(cell.set, ""), until) for cell in cells
+    )
+    results = []
+    for number, result in enumerate(Parallel(n_jobs=workers, return_as="generator")(tasks)):
+        results.append(result)
         if progress is not None:
             progress((number + 1) / len(cells))
-    return found
+    return [result for result in results if result is not None]
+
+
+def _run_cell(
+    cell: Cell, scale: Scale, data: tuple[Dataset, LabelledMaps] | None, folder: Path, stamp: str, until: float
+) -> dict[str, Any] | None:
+    """What a cell found; None where it has no file, and no data or no time."""
+    path, sound = folder / f"{cell.name}.json", partial(_sound, asdict(cell))
+    if not path.exists() and (data is None or time.time() >= until):
+        return None
+    return (
+        read_cell(path, sound) if data is None else kept_cell(path, partial(_outcome, cell, scale, *data), sound, stamp)
+    )
 
 
 def _stamp(scale: Scale, dataset: Dataset, maps: LabelledMaps) -> str:
@@ -278,8 +293,13 @@ def add_options(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--simple", help="folder of a data set to take as Simple, in place of one that is made")
     parser.add_argument("--hard", help="the same for Hard")
+    parser.add_argument(
+        "--only", choices=SETS, help="set whose cells are run; those of the other are read where they have files"
+    )
     parser.add_argument("--minutes", type=float, help="after which no further training is begun")
-    parser.add_argument("--workers", type=int, help="processes that make the data; by default one for each core")
+    parser.add_argument(
+        "--workers", type=int, help="processes for the data and the trainings; by default one for each core"
+    )
 
 
 def run(options: Namespace) -> str:
@@ -290,7 +310,7 @@ def run(options: Namespace) -> str:
     if scale.name == "paper":
         return f"wrote {paper_plan(scale, folder)}"
     datasets = {}
-    for name in SETS:
+    for name in SETS if options.only is None else (options.only,):
         given = vars(options)[name]
         if given is None:
             (folder / "data").mkdir(exist_ok=True)
@@ -299,7 +319,14 @@ def run(options: Namespace) -> str:
                 make_dataset(scale.recipe(name), made, limit=scale.samples, workers=options.workers, progress=progress)
         datasets[name] = Dataset(given or folder / "data" / name)
     with ProgressBar(f"benchmark {scale.name}") as progress:
-        results = run_cells(scale, datasets, folder / "cells", minutes=options.minutes, progress=progress)
+        results = run_cells(
+            scale,
+            datasets,
+            folder / "cells",
+            minutes=options.minutes,
+            workers=options.workers or cores(),
+            progress=progress,
+        )
     total = len(cells_of(scale))
     more = "; the same command runs the others" if len(results) < total else ""
     return f"wrote {write_report(scale, results, total, folder)}: {len(results)} of {total} cells{more}"
