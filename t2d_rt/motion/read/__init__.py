@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from types import MappingProxyType
 from typing import Literal
 
 from t2d_rt.core.checks import file_path, instance, shown
@@ -28,8 +27,8 @@ from t2d_rt.motion.read.landmarks import json_of, read_json, read_ntu
 from t2d_rt.motion.read.markers import read_c3d, read_trc
 from t2d_rt.motion.read.orientations import motion_from_joints
 from t2d_rt.motion.read.passes import LOWEST_CUTOFF_HZ, Found, Reading, file_origin, motion_of
-from t2d_rt.motion.read.skeletal import read_skeletal
-from t2d_rt.motion.read.subjects import UnknownSubject, check_only
+from t2d_rt.motion.read.skeletal import motion_of_skeleton, read_skeletal
+from t2d_rt.motion.read.subjects import People, one_of
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.types.motion import Motion
 
@@ -87,14 +86,16 @@ def _read(path: Path, reading: Reading) -> Motion:
     """The motion of a file."""
     with _named(path):
         reader = _reader(path)
-        return _opened(path, reading)(reading).motion if reader is None else _read_by(reader, path, reading)
+        if reader is not None:
+            return _read_by(reader, path, reading)
+        return _found(one_of(_people(path, reading), reading.subject), reading).motion
 
 
-def _opened(path: Path, reading: Reading) -> Callable[[Reading], Found]:
-    """One person of a file, read once: the motion for a reading, by other axes or another floor too."""
-    if path.name.lower().endswith(SKELETAL):
-        return read_skeletal(path, reading)
-    return partial(motion_of, _read_tracks(path, reading))
+def _found(tracks: Tracks, reading: Reading) -> Found:
+    """The motion of one person's tracks."""
+    if tracks.skeleton is not None:
+        return motion_of_skeleton(tracks, tracks.skeleton, reading)
+    return motion_of(tracks, reading)
 
 
 @contextmanager
@@ -102,8 +103,6 @@ def _named(path: Path) -> Iterator[None]:
     """Names the file in the errors of its reading."""
     try:
         yield
-    except UnknownSubject:
-        raise
     except InputError as error:
         message = str(error)
         raise InputError(message if path.name in message else f"{path}: {message}") from None
@@ -142,20 +141,24 @@ def load_motions(
     """
     path = file_path("path", path)
     reading = Reading(units, up or "file", floor, None, smooth_hz, flavour, rate_hz)
-    names = _subjects(path, reading)
-    if len(names) < 2:
+    if _reader(path) is not None:
         return {"1": _checked(_read(path, replace(reading, up=up)), path)}
-    readers: dict[str, Callable[[Reading], Found]] = {}
+    with _named(path):
+        subjects = _people(path, reading)
+        if len(subjects) < 2:
+            motion = _found(one_of(subjects, None), replace(reading, up=up)).motion
+            return {"1": _checked(motion, path)}
+    tracks: dict[str, Tracks] = {}
     people: dict[str, Found] = {}
-    for name in names:
+    for name, read in subjects.items():
         try:
             with _named(path):
-                readers[name] = _opened(path, replace(reading, subject=name))
-                people[name] = readers[name](reading)
+                tracks[name] = read()
+                people[name] = _found(tracks[name], reading)
         except InputError as error:
             warn(f"{name} is left out: {error}")
     if not people:
-        raise InputError(f"{path}: nobody of {', '.join(names)} is complete; repair the file")
+        raise InputError(f"{path}: nobody of {', '.join(subjects)} is complete; repair the file")
     frames = [person.frame for person in people.values()]
     if len({f"{frame.unit_m:.4g}" for frame in frames}) > 1:
         statures = ", ".join(sorted(f"{frame.unit_m:.4g} m (stature {frame.tall_m:.2f} m)" for frame in frames))
@@ -166,7 +169,7 @@ def load_motions(
         level = min(person.floor_m for person in people.values() if person.frame.up == axis) if floor is None else floor
         common = replace(reading, up=reading.up if one_axis else axis, floor=level)
         with _named(path):
-            people = {name: readers[name](common) for name in people}
+            people = {name: _found(tracks[name], common) for name in people}
     tilts = [f"by {person.tilt_deg:.1f} degrees as {name} stands" for name, person in people.items() if person.tilt_deg]
     if tilts:
         warn(
@@ -174,22 +177,6 @@ def load_motions(
             "give up as a vector in the file's axes"
         )
     return {name: _checked(motion, path) for name, motion in _together(people).items()}
-
-
-def _subjects(path: Path, reading: Reading) -> tuple[str, ...]:
-    """Names of those whom a file holds; none or one without a name where it is a single one."""
-    if _reader(path) is not None:
-        return ()
-    try:
-        with _named(path):
-            _opened(path, replace(reading, subject=NOBODY))
-    except UnknownSubject as error:
-        return error.names
-    return ()
-
-
-NOBODY = "\x00"
-"""A name that no subject has: the refusal tells who there is."""
 
 
 def _together(people: dict[str, Found]) -> dict[str, Motion]:
@@ -233,67 +220,60 @@ def _read_by(reader: EntryPoint, path: Path, reading: Reading) -> Motion:
     return motion
 
 
-def _of_arrays(read: Callable[[Path], Arrays], path: Path, reading: Reading) -> Tracks:
-    """Tracks of Kimodo, of AMASS or smplx, or of joints by name or order."""
-    arrays, subject = replace(read(path), given_hz=reading.rate_hz), reading.subject
+def _of_arrays(arrays: Arrays) -> People:
+    """The persons of Kimodo, of AMASS or smplx, or of joints by name or order."""
     kimodo = "posed_joints" in arrays
     if kimodo or (arrays.first("poses", *ROOT) and arrays.first(*MOVED, *OF_SMPL)):
-        check_only(subject)
-        tracks = read_kimodo(arrays) if kimodo else read_amass(arrays)
+        people: People = {"": partial(read_kimodo if kimodo else read_amass, arrays)}
     else:
-        tracks = read_plain(arrays, subject)
+        people = read_plain(arrays)
+    return {name: partial(_timed, read, arrays) for name, read in people.items()}
+
+
+def _timed(read: Callable[[], Tracks], arrays: Arrays) -> Tracks:
+    """A person's tracks with the times that the arrays tell."""
+    tracks = read()
     return replace(tracks, times=times_of(arrays, len(tracks)))
 
 
-def _read_json(path: Path, reading: Reading) -> Tracks:
-    """Tracks of DeepMimic's JSON, or of the points of a pose estimator."""
-    tree = json_of(path)
-    if isinstance(tree, dict) and "Frames" in tree:
-        check_only(reading.subject)
-        return read_deepmimic(tree, path)
-    return _of_arrays(partial(read_json, tree), path, reading)
+SUFFIXES = ".npy", ".npz", ".c3d", ".trc", ".csv", ".mvnx", ".skeleton", ".json", ".txt", ".amc"
+"""Endings of files but BVH and GLB."""
 
 
-def _of_one(read: Callable[[Path], Tracks], path: Path, reading: Reading) -> Tracks:
-    """Tracks of a file whose format holds one person."""
-    check_only(reading.subject)
-    return read(path)
-
-
-def _of_several(read: Callable[[Path, str | None], Tracks], path: Path, reading: Reading) -> Tracks:
-    """Tracks of one person of a file whose format may hold several."""
-    return read(path, reading.subject)
-
-
-READERS: Mapping[str, Callable[[Path, Reading], Tracks]] = MappingProxyType(
-    {
-        ".npy": partial(_of_arrays, read_arrays),
-        ".npz": partial(_of_arrays, read_arrays),
-        ".c3d": partial(_of_several, read_c3d),
-        ".trc": partial(_of_several, read_trc),
-        ".csv": partial(_of_several, read_csv),
-        ".mvnx": partial(_of_several, read_mvnx),
-        ".skeleton": partial(_of_arrays, read_ntu),
-        ".json": _read_json,
-        ".txt": _read_json,
-        ".amc": partial(_of_one, read_asf_amc),
-    }
-)
-"""Readers of files but BVH and GLB by their endings."""
-
-
-def _read_tracks(path: Path, reading: Reading) -> Tracks:
-    """Tracks of any file but BVH and GLB, of one subject where the format may hold several."""
+def _people(path: Path, reading: Reading) -> People:
+    """The persons of a file of any format."""
+    if path.name.lower().endswith(SKELETAL):
+        return read_skeletal(path, reading.flavour)
     suffix = path.suffix.lower()
-    if suffix not in READERS:
+    if suffix not in SUFFIXES:
         hint = "; give the .amc, whose skeleton it is" if suffix == ".asf" else ""
         raise InputError(
             f"cannot read {shown(str(path))}: motions come as {' or '.join(SKELETAL)}, or as "
-            f"{', '.join(sorted(READERS))}{hint}"
+            f"{', '.join(sorted(SUFFIXES))}{hint}"
         )
     if reading.flavour is not None:
         raise InputError(
             f"flavour {shown(reading.flavour)} names the joints of {' or '.join(SKELETAL)} files, and {suffix} files name "
             "theirs otherwise; leave flavour out"
         )
-    return READERS[suffix](path, reading)
+    match suffix:
+        case ".c3d":
+            return read_c3d(path)
+        case ".trc":
+            return read_trc(path)
+        case ".csv":
+            return read_csv(path)
+        case ".mvnx":
+            return read_mvnx(path)
+        case ".amc":
+            return {"": partial(read_asf_amc, path)}
+        case ".npy" | ".npz":
+            arrays = read_arrays(path)
+        case ".skeleton":
+            arrays = read_ntu(path)
+        case _:
+            tree = json_of(path)
+            if isinstance(tree, dict) and "Frames" in tree:
+                return {"": partial(read_deepmimic, tree, path)}
+            arrays = read_json(tree, path)
+    return _of_arrays(replace(arrays, given_hz=reading.rate_hz))

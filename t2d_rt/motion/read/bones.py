@@ -12,7 +12,9 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -23,9 +25,9 @@ from t2d_rt.core.files import read_bytes
 from t2d_rt.motion.quaternions import normalise
 from t2d_rt.motion.read.bvh import MAX_FRAMES
 from t2d_rt.motion.read.clock import TIME_FIELD, UNITS_S
-from t2d_rt.motion.read.markers import MAX_MARKERS, joints_from
+from t2d_rt.motion.read.markers import MAX_MARKERS, people_of_markers
 from t2d_rt.motion.read.samples import filled, plausible
-from t2d_rt.motion.read.subjects import Labels, chosen, of_labels
+from t2d_rt.motion.read.subjects import Labels, People, people_of_labels
 from t2d_rt.motion.read.tracks import Times, Tracks
 from t2d_rt.motion.skeletons import canonical, nearest_flavour
 
@@ -59,8 +61,8 @@ def of_bones(form: str, bones: Bones, rate_hz: float) -> Tracks:
 # --- MVNX, the XML of Xsens' MVN: segments with origin [m] and quaternion w, x, y, z, z up, facing x ---
 
 
-def read_mvnx(path: Path, subject: str | None = None) -> Tracks:
-    """The frames of type normal of one subject; poses of calibration before them are left out."""
+def read_mvnx(path: Path) -> People:
+    """The frames of type normal of all subjects; poses of calibration before them are left out."""
     data = read_bytes(path, limit=MAX_BYTES, noun="MVNX file")
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
         raise InputError(f"{path} has a document type (<!DOCTYPE), which no MVNX file needs; delete it")
@@ -90,8 +92,7 @@ def read_mvnx(path: Path, subject: str | None = None) -> Tracks:
         raise InputError(f"{path} is not a whole MVNX file ({error}); export it again") from None
     if not subjects:
         raise InputError(f"{path} has no <subject>; give the .mvnx that MVN exports")
-    tracks, who = chosen(subjects, subject, _of_subject)
-    return tracks.saying(*who)
+    return {name: partial(_of_subject, *values) for name, values in subjects.items()}
 
 
 def _segments(frame: ElementTree.Element, count: int) -> np.ndarray:
@@ -107,8 +108,7 @@ def _segments(frame: ElementTree.Element, count: int) -> np.ndarray:
     return np.concatenate([place.reshape(-1, 3), turn.reshape(-1, 4)[:, [1, 2, 3, 0]]], axis=1)
 
 
-def _of_subject(subject: tuple[list[str], list[np.ndarray], list[float], float]) -> Tracks:
-    segments, rows, times, rate_hz = subject
+def _of_subject(segments: list[str], rows: list[np.ndarray], times: list[float], rate_hz: float) -> Tracks:
     if not rows:
         raise InputError("it holds no frames of type normal; record a motion")
     values = np.stack(rows)
@@ -126,7 +126,7 @@ UNITS_M = {"meters": 1.0, "centimeters": 0.01, "millimeters": 0.001, "inches": 0
 COLUMN = re.compile(r"(.+?)[ _.:-]*([xyz])(?:[ _]*[(\[]?(?:m|cm|mm)[)\]]?)?", re.IGNORECASE)
 
 
-def read_csv(path: Path, subject: str | None = None) -> Tracks:
+def read_csv(path: Path) -> People:
     """Bones or markers of a CSV file of Motive, or the points of a plain table."""
     text = read_bytes(path, limit=100_000_000, noun="CSV file").decode("utf-8-sig", "replace")
     first = text.partition("\n")[0]
@@ -135,8 +135,8 @@ def read_csv(path: Path, subject: str | None = None) -> Tracks:
     if len(rows) < 3 or not any(map(first.count, ",;\t")) or max(map(len, rows)) > 10_000:
         raise InputError(f"{path} is no table of points; give Motive's export, or columns NAME_X, NAME_Y, NAME_Z")
     if first.lower().startswith("format version"):
-        return _motive(rows, path, subject)
-    return _plain(rows, path, subject)
+        return _motive(rows, path)
+    return _plain(rows, path)
 
 
 def _values(rows: Sequence[Sequence[str]], width: int, path: Path) -> np.ndarray:
@@ -151,7 +151,7 @@ def _values(rows: Sequence[Sequence[str]], width: int, path: Path) -> np.ndarray
         raise InputError(f"{path}: all cells below the header must be numbers ({error}); repair the table") from None
 
 
-def _plain(rows: list[list[str]], path: Path, subject: str | None) -> Tracks:
+def _plain(rows: list[list[str]], path: Path) -> People:
     header = [cell.strip() for cell in rows[0]]
     table = _values(rows[1:], len(header), path)
     places: dict[str, dict[str, int]] = {}
@@ -163,17 +163,16 @@ def _plain(rows: list[list[str]], path: Path, subject: str | None) -> Tracks:
         raise InputError(
             f"{path} has columns {shown(header[:12])}, none of which are NAME_X, NAME_Y and NAME_Z; name the points so"
         )
-    points, clauses = joints_from(markers, subject)
     times = None
     for column, name in enumerate(header):
         if (match := TIME_FIELD.fullmatch(name)) is not None:
             unit_s = UNITS_S[match[1].lower()] if match[1] else None
             times = Times(values=table[:, column], name=name, unit_s=unit_s)
             break
-    return Tracks(form="CSV", points=points, rate_hz=30.0, rate_assumed=True, times=times, clauses=clauses)
+    return people_of_markers(markers, form="CSV", rate_hz=30.0, rate_assumed=True, times=times)
 
 
-def _motive(rows: list[list[str]], path: Path, subject: str | None) -> Tracks:
+def _motive(rows: list[list[str]], path: Path) -> People:
     head = next((place for place, row in enumerate(rows) if row[0].strip().lower() == "frame"), 0)
     labels = {row[1].strip().lower(): row for row in rows[1:head] if len(row) > 2}
     if (
@@ -200,15 +199,16 @@ def _motive(rows: list[list[str]], path: Path, subject: str | None) -> Tracks:
         if kinds[column].strip() and what[column].strip() in ("Position", "Rotation"):
             of_kind = places.setdefault(kinds[column].strip().lower(), {})
             of_kind.setdefault(names[column].strip(), {})[what[column].strip()[0] + axes[column].strip()] = column
-    tracks = _of_motive(places, table, path, subject)
     rate_hz = 0.0
     with suppress(ValueError):
         rate_hz = float(header.get("export frame rate", header.get("capture frame rate", "")))
     times = Times(values=table[:, 1], name="Time", unit_s=1.0, rate_name="Export Frame Rate")
     unit_m = UNITS_M.get(header.get("length units", "").strip().lower())
-    return replace(
-        tracks, rate_hz=rate_hz or 120.0, rate_assumed=not rate_hz, times=times, unit_m=unit_m, up="y", up_certain=False
-    )
+    about = {
+        "rate_hz": rate_hz or 120.0, "rate_assumed": not rate_hz, "times": times, "unit_m": unit_m, "up": "y",
+        "up_certain": False,
+    }  # fmt: skip
+    return _of_motive(places, table, path, about)
 
 
 def _hip(name: str, names: Mapping[str, object]) -> str:
@@ -219,23 +219,17 @@ def _hip(name: str, names: Mapping[str, object]) -> str:
 
 
 def _of_motive(
-    places: Mapping[str, Mapping[str, Mapping[str, int]]], table: np.ndarray, path: Path, subject: str | None
-) -> Tracks:
-    """Tracks of the bones, else of the markers."""
+    places: Mapping[str, Mapping[str, Mapping[str, int]]], table: np.ndarray, path: Path, about: Mapping[str, Any]
+) -> People:
+    """The subjects by their bones, else by their markers; `about`: fields of `Tracks` that all have in common."""
     bones = {name: at for name, at in places.get("bone", {}).items() if {"PX", "PY", "PZ"} <= at.keys()}
     if bones:
         turned = all({"RX", "RY", "RZ", "RW"} <= at.keys() for at in bones.values())
         columns = ("PX", "PY", "PZ", *(("RX", "RY", "RZ", "RW") if turned else ()))
         tracks = {_hip(name, bones): table[:, [at[column] for column in columns]] for name, at in bones.items()}
-
-        def read(labels: Labels) -> Tracks:
-            return of_bones("Motive", {name: tracks[label] for name, label in labels.items()}, 120.0)
-
-        skeleton_tracks, who = of_labels(numbered(tracks, "#"), lambda names: nearest_flavour(names)[1], subject, read)
         euler = any("RX" in at for at in bones.values()) and not turned
-        return skeleton_tracks.saying(
-            *who, *(["its Euler angles are left out; export quaternions to keep rotations"] if euler else [])
-        )
+        read = partial(_of_motive_subject, tracks, about, euler)
+        return people_of_labels(numbered(tracks, "#"), _lacking, read)
     markers = {
         name: table[:, [at[axis] for axis in ("PX", "PY", "PZ")]]
         for kind, those in places.items()
@@ -247,5 +241,16 @@ def _of_motive(
         raise InputError(
             f"{path} holds {', '.join(places) or 'nothing'} and no skeleton; export Bones, or labelled Markers of a whole person"
         )
-    points, clauses = joints_from(markers, subject)
-    return Tracks(form="Motive", points=points, rate_hz=120.0, clauses=clauses)
+    return people_of_markers(markers, form="Motive", **about)
+
+
+def _lacking(names: Sequence[str]) -> list[str]:
+    """Which bones are absent of the nearest flavour."""
+    return nearest_flavour(names)[1]
+
+
+def _of_motive_subject(bones: Bones, about: Mapping[str, Any], euler: bool, labels: Labels) -> Tracks:
+    """The subject whose bones have these labels; `euler`: whether the file turns them by Euler angles."""
+    tracks = of_bones("Motive", {name: bones[label] for name, label in labels.items()}, about["rate_hz"])
+    clauses = ["its Euler angles are left out; export quaternions to keep rotations"] if euler else []
+    return replace(tracks, **about).saying(*clauses)

@@ -20,7 +20,7 @@ from t2d_rt.motion.read.detect import Up
 from t2d_rt.motion.read.humanml3d import WIDTH, read_joints, read_vectors
 from t2d_rt.motion.read.joint_sets import ORDERS, absent_joints, likeliest_order, named_points, unlikeness
 from t2d_rt.motion.read.samples import filled, seen
-from t2d_rt.motion.read.subjects import Labels, check_only, chosen, of_labels, subjects
+from t2d_rt.motion.read.subjects import Labels, People, one_of, people_of_labels, subjects
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.motion.skeletons import tables
 from t2d_rt.types.motion import CANONICAL_JOINTS
@@ -83,16 +83,20 @@ FORMS = (
 )
 
 
-def read_plain(arrays: Arrays, subject: str | None = None) -> Tracks:
-    """Joints (T, K, 3), named or in a known order, or HumanML3D vectors (T, 263); of several persons (T, P, K, 3) one."""
+def read_plain(arrays: Arrays) -> People:
+    """Joints (T, K, 3), named or in a known order, or HumanML3D vectors (T, 263); of several persons (T, P, K, 3)."""
     key = arrays.first(*JOINT_FIELDS) or (next(iter(arrays.texts)) if len(arrays.texts) == 1 else None)
     if key is None:
         raise InputError(f"{arrays.path} holds {shown(list(arrays.texts))} but no joints; expected {FORMS}")
     persons = _persons(arrays, key)
     what = f"{arrays.path}: {key or 'the array'}"
-    values, who = chosen(persons, None if "" in persons else subject, partial(samples_of, what=what, dims=(2, 3)))
-    tracks = _of_one(values, arrays, subject if "" in persons else None)
-    return replace(tracks, clauses=(*who, *tracks.clauses))
+    if "" in persons:
+        return _people(persons[""], arrays, what)
+    return {name: partial(_person, values, arrays, what) for name, values in persons.items()}
+
+
+def _person(values: Any, arrays: Arrays, what: str) -> Tracks:
+    return one_of(_people(values, arrays, what), None)
 
 
 def _persons(arrays: Arrays, key: str) -> dict[str, np.ndarray]:
@@ -107,34 +111,40 @@ def _persons(arrays: Arrays, key: str) -> dict[str, np.ndarray]:
     return present if len(present) > 1 else {"": next(iter(present.values()), array)}
 
 
-def _of_one(values: np.ndarray, arrays: Arrays, subject: str | None) -> Tracks:
+def _people(values: Any, arrays: Arrays, what: str) -> People:
+    """The subjects whose joints are in one array, by the joints' names."""
+    values = samples_of(values, what, (2, 3))
     if values.ndim == 3 and values.shape[0] == 1 and values.shape[2] not in (3, 4, 5):
         values = values[0]
     names = _names(arrays)
     if names is None:
-        check_only(subject)
-        if values.ndim == 2 and values.shape[1] == WIDTH:
-            return _at_rate(read_vectors(values), arrays)
-        joints, clauses = _joints(values, arrays, names)
-        return _at_rate(_in_order(joints, arrays), arrays).saying(*clauses)
+        return {"": partial(_without_names, values, arrays)}
     (joints, layout), labels = _joints(values, arrays, names), numbered(names, "#")
     if len(set(names)) < len(names) and not subjects(labels, absent_joints):
         named_points(joints, names)  # refuses names that are repeated by mistake
     place = {label: number for number, label in enumerate(labels)}
-    (points, sources), who = of_labels(labels, absent_joints, subject, partial(_of_subject, joints, place))
-    clauses = (
-        *who, f"{len({name for source in sources.values() for name in source})} of its {len(names)} named joints", *layout,
-    )  # fmt: skip
-    return _at_rate(
-        Tracks(form="named joints", points=points, rate_hz=NAMED_RATE_HZ, clauses=clauses, up=_up(arrays)), arrays
-    )
+    return people_of_labels(labels, absent_joints, partial(_of_subject, arrays, joints, place, layout))
+
+
+def _without_names(values: np.ndarray, arrays: Arrays) -> Tracks:
+    """Joints in a known order, or HumanML3D vectors."""
+    if values.ndim == 2 and values.shape[1] == WIDTH:
+        return _at_rate(read_vectors(values), arrays)
+    joints, clauses = _joints(values, arrays, None)
+    return _at_rate(_in_order(joints, arrays), arrays).saying(*clauses)
 
 
 def _of_subject(
-    joints: np.ndarray, place: Mapping[str, int], labels: Labels
-) -> tuple[dict[str, np.ndarray], dict[str, tuple[str, ...]]]:
-    """Points of the subject who has these labels, and which of them stand for which joint."""
-    return named_points(joints[:, [place[label] for label in labels.values()]], tuple(labels))
+    arrays: Arrays, joints: np.ndarray, place: Mapping[str, int], layout: tuple[str, ...], labels: Labels
+) -> Tracks:
+    """The subject who has these labels; `place`: where each is among the joints (T, K, 3)."""
+    points, sources = named_points(joints[:, [place[label] for label in labels.values()]], tuple(labels))
+    clauses = (
+        f"{len({name for source in sources.values() for name in source})} of its {len(place)} named joints",
+        *layout,
+    )
+    tracks = Tracks(form="named joints", points=points, rate_hz=NAMED_RATE_HZ, clauses=clauses, up=_up(arrays))
+    return _at_rate(tracks, arrays)
 
 
 def _at_rate(tracks: Tracks, arrays: Arrays) -> Tracks:

@@ -10,10 +10,10 @@ import sys
 import tempfile
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from t2d_rt.motion.read.bvh import MAX_FRAMES
 from t2d_rt.motion.read.clock import same_rate, warn_of_contradiction
 from t2d_rt.motion.read.joint_sets import NEEDED, absent_joints, canonical_sources, named_points
 from t2d_rt.motion.read.samples import LARGEST, plausible, seen
-from t2d_rt.motion.read.subjects import Labels, of_labels
+from t2d_rt.motion.read.subjects import Labels, People, people_of_labels
 from t2d_rt.motion.read.tracks import Times, Tracks
 from t2d_rt.motion.skeletons import sided, tables
 from t2d_rt.types.motion import RATES_HZ
@@ -73,21 +73,25 @@ STRAIGHT = 0.03
 """(sine of the bend)^2 at which a hinge counts as much as the trunk's left."""
 
 
-def joints_from(
-    markers: dict[str, np.ndarray], subject: str | None = None
-) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Points (T, 3) of one subject by canonical name, NaN where a marker was not seen, and clauses for the report on what was used.
+def people_of_markers(markers: dict[str, np.ndarray], **about: Any) -> People:
+    """The subjects who wear markers; their points are NaN where a marker was not seen.
 
     markers: positions (T, 3) by label in any unit and axes; no numbers, or 0, 0, 0 and the like, where one was not seen.
+    about: fields of `Tracks` that all have in common.
     """
     positions = np.moveaxis(seen(np.stack(list(markers.values()), axis=1)), 1, 0)
     visible = {label: track for label, track in zip(markers, positions, strict=True) if np.isfinite(track).any()}
     never = [label for label in markers if label not in visible]
+    return people_of_labels(tuple(visible), lacking, partial(_of_subject, visible, never, about))
+
+
+def _of_subject(visible: dict[str, np.ndarray], never: list[str], about: dict[str, Any], labels: Labels) -> Tracks:
+    """The subject who has these of the visible labels."""
     try:
-        (points, clauses), who = of_labels(tuple(visible), lacking, subject, partial(_joints, visible))
+        points, clauses = _joints(visible, labels)
     except InputError as error:
         raise (InputError(f"{error}; {shown(never)} are never seen") if never else error) from None
-    return points, (*who, *clauses, *([f"{shown(never)} never seen"] if never else []))
+    return Tracks(points=points, clauses=clauses, **about).saying(*([f"{shown(never)} never seen"] if never else []))
 
 
 def lacking(labels: Sequence[str]) -> list[str]:
@@ -217,7 +221,7 @@ np.savez(sys.argv[2], labels=np.array(labels, dtype=str), rate=point["RATE"]["va
 """Program of the process that decodes a file, given as its first argument, into the .npz file that is its second."""
 
 
-def read_c3d(path: Path, subject: str | None = None) -> Tracks:
+def read_c3d(path: Path) -> People:
     """Joints of the file's joint centres or markers."""
     data = read_bytes(path, limit=250_000_000, noun="C3D file")
     # The second byte of every C3D file is 0x50.
@@ -229,9 +233,7 @@ def read_c3d(path: Path, subject: str | None = None) -> Tracks:
         warn_of_contradiction(
             f"the header's {header_hz:g} Hz contradict POINT:RATE of {rate_hz:g} Hz, which is taken", header_hz
         )
-    points, clauses = joints_from(markers, subject)
-    unit_m = UNITS_M.get(unit)
-    return Tracks(form="C3D", points=points, rate_hz=rate_hz, clauses=clauses, unit_m=unit_m, up="z", up_certain=False)
+    return people_of_markers(markers, form="C3D", rate_hz=rate_hz, unit_m=UNITS_M.get(unit), up="z", up_certain=False)
 
 
 def _header_rate(data: bytes) -> float:
@@ -281,7 +283,7 @@ def _decoded(path: Path) -> tuple[list[str], float, str, np.ndarray]:
 MAX_MARKERS = 1000
 
 
-def read_trc(path: Path, subject: str | None = None) -> Tracks:
+def read_trc(path: Path) -> People:
     """Joints of the file's joint centres or markers."""
     data = read_bytes(path, limit=150_000_000, noun="TRC file")
     try:
@@ -306,10 +308,8 @@ def read_trc(path: Path, subject: str | None = None) -> Tracks:
         raise InputError(f"{path}: its fourth line must name 1 to {MAX_MARKERS} markers, got {len(columns)}")
     times_s, table = _table(lines[5:], len(labels), path)
     markers = {label: table[:, place : place + 3] for label, place in columns.items() if place + 3 <= table.shape[1]}
-    points, clauses = joints_from(markers, subject)
     times = Times(values=times_s, name="Time column", unit_s=1.0, rate_name="DataRate")
-    tracks = Tracks(form="TRC", points=points, rate_hz=rate_hz, times=times, clauses=clauses)
-    return replace(tracks, unit_m=unit_m, up="y", up_certain=False)
+    return people_of_markers(markers, form="TRC", rate_hz=rate_hz, times=times, unit_m=unit_m, up="y", up_certain=False)
 
 
 def _table(lines: list[str], width: int, path: Path) -> tuple[np.ndarray, np.ndarray]:

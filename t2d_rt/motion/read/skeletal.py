@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,8 +15,8 @@ from t2d_rt.motion.read.detect import unit, up_axis
 from t2d_rt.motion.read.gltf import read_gltf
 from t2d_rt.motion.read.joint_sets import side_and_part
 from t2d_rt.motion.read.passes import Found, Frame, Reading, placed, sampled, upright
-from t2d_rt.motion.read.subjects import FEWEST_LABELS, SIGNS, chosen
-from t2d_rt.motion.read.tracks import Tracks
+from t2d_rt.motion.read.subjects import FEWEST_LABELS, SIGNS, People
+from t2d_rt.motion.read.tracks import FileSkeleton, Tracks
 from t2d_rt.motion.skeletons import (
     Flavour,
     canonical,
@@ -121,27 +120,32 @@ def _piece(raw: RawSkeleton, joints: list[int]) -> RawSkeleton:
 # the body ---
 
 
-def read_skeletal(path: Path, reading: Reading) -> Callable[[Reading], Found]:
-    """One skeleton of a .bvh, .bvh.gz or .glb file: its motion for a reading, by other axes or another floor too."""
+def read_skeletal(path: Path, flavour_name: str | None) -> People:
+    """The skeletons of a .bvh, .bvh.gz or .glb file."""
     form, read = ("GLB", read_gltf) if path.suffix.lower() == ".glb" else ("BVH", read_bvh)
-    skeletons = bodies(read(path))
-    (raw, kind, matched), who = chosen(skeletons, reading.subject, partial(_mapped, flavour_name=reading.flavour))
+    return {name: partial(_tracks, raw, form, flavour_name) for name, raw in bodies(read(path)).items()}
+
+
+def _tracks(raw: RawSkeleton, form: str, flavour_name: str | None) -> Tracks:
+    raw, kind, matched = _mapped(raw, flavour_name)
     offsets, restored = restored_offsets(raw, raw.names, kind)
-    clauses = *who, f"flavour {kind.name}" if matched is None else matched.summary
+    clauses = [f"flavour {kind.name}" if matched is None else matched.summary]
     if restored:
-        clauses = *clauses, f"lost bones restored at {', '.join(restored)}"
+        clauses.append(f"lost bones restored at {', '.join(restored)}")
     points, turned = _canonical(raw, kind, offsets)
-    tracks = Tracks(form=form, points=points, turned=turned, rate_hz=raw.rate_hz, clauses=clauses)
-    return partial(_motion, tracks.without(raw.lost), raw, kind, matched is None)
+    skeleton = FileSkeleton(flavour=kind, matched=matched is not None, rest=_canonical(_at_rest(raw), kind)[0])
+    return Tracks(
+        form=form, points=points, turned=turned, rate_hz=raw.rate_hz, clauses=tuple(clauses), skeleton=skeleton
+    ).without(raw.lost)
 
 
-def _motion(tracks: Tracks, raw: RawSkeleton, kind: Flavour, of_flavour: bool, reading: Reading) -> Found:
-    """The motion of one skeleton's canonical joints, with its report; of_flavour: whether its names are those of a flavour."""
+def motion_of_skeleton(tracks: Tracks, skeleton: FileSkeleton, reading: Reading) -> Found:
+    """The motion of one skeleton's canonical joints, with its report."""
     tracks = sampled(tracks, reading)
-    if of_flavour:
-        _check_sides(tracks.points, kind)
-    unit_m, tall_m = unit(tracks.points, reading.units, cmu_units=kind.cmu_units)
-    axis = reading.axis or up_axis(tracks.points, _canonical(_at_rest(raw), kind)[0])
+    if not skeleton.matched:
+        _check_sides(tracks.points, skeleton.flavour)
+    unit_m, tall_m = unit(tracks.points, reading.units, cmu_units=skeleton.flavour.cmu_units)
+    axis = reading.axis or up_axis(tracks.points, skeleton.rest)
     frame = Frame(up=axis, unit_m=unit_m, tall_m=tall_m)
     return placed(upright(tracks, frame), frame, reading)
 

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 
 from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError, printable, warn
-
-Source = TypeVar("Source")
-Result = TypeVar("Result")
+from t2d_rt.motion.read.tracks import Tracks
 
 SIGNS = ":_.-|/# "
 
@@ -36,46 +35,43 @@ Affix = tuple[str, str]
 """Whether it stands "before" or "after" the point's name, and its text."""
 
 
-class UnknownSubject(InputError):
-    """A subject that a file does not hold; `names` are those that it does, one without a name where there is a single one."""
-
-    def __init__(self, message: str, names: Iterable[str]) -> None:
-        super().__init__(message)
-        self.names = tuple(names)
+People = Mapping[str, Callable[[], Tracks]]
+"""The subjects of a file by name, in its order, "" where a file of one person gives none. Each is read when it is called, with an
+InputError where it lacks anything."""
 
 
-def of_labels(
-    labels: Sequence[str],
-    lacking: Callable[[Sequence[str]], Sequence[str]],
-    subject: str | None,
-    read: Callable[[Labels], Result],
-) -> tuple[Result, tuple[str, ...]]:
-    """What is read of one subject's labels, and clauses for the report on who it is; as `chosen` chooses.
+def people_of_labels(
+    labels: Sequence[str], lacking: Callable[[Sequence[str]], Sequence[str]], read: Callable[[Labels], Tracks]
+) -> People:
+    """The subjects that labels tell apart.
 
-    lacking: which labels a person needs beside some.
+    lacking: which labels a person needs beside some. read: one subject by its labels.
     """
     by_subject = subjects(labels, lacking)
     if by_subject:
-        return chosen(by_subject, subject, read)
+        return {name: partial(read, own_labels) for name, own_labels in by_subject.items()}
     # Prefixes of one person, of its parts, or none; of equal points the first.
     prefixes = [*dict.fromkeys(printable(label.rpartition(":")[0]) for label in labels)]
     labels_by_point: Labels = {}
     for label in labels:
         labels_by_point.setdefault(label.rpartition(":")[2].strip(), label)
-    result, who = chosen({prefixes[0] if len(prefixes) == 1 else "": labels_by_point}, subject, read)
-    return result, who if len(prefixes) == 1 else (
-        f"labels with {shown(prefixes)} before the colon taken as one person's",
-    )
+    if len(prefixes) == 1:
+        return {prefixes[0]: partial(read, labels_by_point)}
+    return {"": partial(_of_parts, read, labels_by_point, prefixes)}
 
 
-def chosen(
-    people: Mapping[str, Source], subject: str | None, read: Callable[[Source], Result]
-) -> tuple[Result, tuple[str, ...]]:
-    """What is read of one subject, and clauses for the report on who it is: the one that is wanted, or the first that can be read,
-    with a warning that names the others.
+def _of_parts(read: Callable[[Labels], Tracks], labels: Labels, prefixes: list[str]) -> Tracks:
+    """One person whose parts have prefixes of their own."""
+    return _told(read(labels), f"labels with {shown(prefixes)} before the colon taken as one person's")
 
-    people: subjects by name, in the order of the file. read: raises an InputError where a subject lacks anything.
-    """
+
+def _told(tracks: Tracks, clause: str) -> Tracks:
+    """Tracks whose report begins with a clause."""
+    return replace(tracks, clauses=(clause, *tracks.clauses))
+
+
+def one_of(people: People, subject: str | None) -> Tracks:
+    """One subject: the one that is wanted, or the first that can be read, with a warning that names the others."""
     names = list(people)
     if subject is not None:
         alike = [name for name in people if name.lower() == subject.lower()]
@@ -86,11 +82,11 @@ def chosen(
                 if any(people)
                 else "it holds one, without a name; leave subject out"
             )
-            raise UnknownSubject(f"subject {shown(subject)} is not in the file; {choices}", people)
+            raise InputError(f"subject {shown(subject)} is not in the file; {choices}")
     faults: list[str] = []
     for name in names:
         try:
-            result = read(people[name])
+            tracks = people[name]()
         except InputError as error:
             faults.append(f"{name}: {error}" if name else str(error))
         else:
@@ -99,21 +95,13 @@ def chosen(
         also = f"; the file's subjects are {', '.join(people)}" if len(people) > 1 else ""
         raise InputError(f"{faults[0]}{also}")
     if len(people) == 1:
-        return result, ()
+        return tracks
     if subject is None:
         others = names[names.index(name) + 1 :]
         why = f" ({faults[0].partition(';')[0]})" if faults else ""
         advice = f"; give subject={others[0]!r} (--motion.subject {others[0]}) for another" if others else ""
         warn(f"the file holds {len(people)} subjects, {', '.join(people)}: {name} is taken{why}{advice}")
-    return result, (f"subject {name} of {', '.join(people)}",)
-
-
-def check_only(subject: str | None) -> None:
-    """Refuses a subject's name where a file holds one person."""
-    if subject is not None:
-        raise UnknownSubject(
-            f"subject {shown(subject)} is not in the file; it holds one, without a name; leave subject out", ("",)
-        )
+    return _told(tracks, f"subject {name} of {', '.join(people)}")
 
 
 def subjects(labels: Sequence[str], lacking: Callable[[Sequence[str]], Sequence[str]]) -> dict[str, Labels]:

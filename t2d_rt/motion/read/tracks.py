@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from t2d_rt.motion.read.detect import Up
+from t2d_rt.motion.skeletons import Flavour
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,6 +22,17 @@ class Times:
     """None where the file does not say."""
     rate_name: str = "its rate"
     """What the file calls the rate that it states."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileSkeleton:
+    """What a BVH or GLB file tells of a body beside its motion."""
+
+    flavour: Flavour
+    matched: bool
+    """Whether names and form gave the flavour, which is none of those that are known."""
+    rest: dict[str, np.ndarray]
+    """The pose without rotations, points (1, 3) by canonical name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,6 +60,8 @@ class Tracks:
     """The format's own upward axis."""
     up_certain: bool = True
     """Whether files of this format keep to it; else a body that stands along another axis decides."""
+    skeleton: FileSkeleton | None = None
+    """Of a BVH or GLB file."""
 
     def __len__(self) -> int:
         """How many frames there are."""
