@@ -21,8 +21,6 @@ from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.materials import itu_material
 from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.scattering.ellipsoid import PhaseFrom
-from t2d_rt.scattering.mesh import Detail
-from t2d_rt.scattering.patches import CYCLES_PER_STEP, SWEEP_CYCLES
 from t2d_rt.scattering.paths import Ranked
 from t2d_rt.scattering.rate import SurfaceRate
 from t2d_rt.scattering.refinement import Sagitta, facets, most_facets
@@ -205,22 +203,6 @@ def sagitta_rad(geometry: MovingMesh, accuracy: Accuracy) -> Sagitta:
     """Phase sagitta of a mesh's facets over dominant paths."""
     sagitta = geometry.sagitta_rad if accuracy.sagitta_rad is None else accuracy.sagitta_rad
     return np.multiply(accuracy.sagitta_scale, sagitta)
-
-
-def detail(
-    sagitta: Sagitta, tier: PathTier, span_s: tuple[float, float], *, at_instants: bool, max_facets: int
-) -> Detail:
-    """How a mesh is modelled over the path pairs of a tier, given its sagitta over dominant ones."""
-    most = np.minimum(tier.sagitta_scale * np.asarray(sagitta), tier.greatest_sagitta_rad)
-    return Detail(
-        sagitta_rad=np.maximum(sagitta, most),
-        # At instants frames lie far apart, and phases from one to the next mean nothing.
-        cycles_per_step=math.inf if at_instants else tier.patch_phase_scale * CYCLES_PER_STEP,
-        sweep_cycles=tier.patch_span_scale * SWEEP_CYCLES,
-        points=tier.diffuse_points,
-        max_facets=max_facets,
-        span_s=span_s,
-    )
 
 
 def farthest_and_fastest(geometry: Geometry, radar: Radar, span_s: tuple[float, float]) -> tuple[float, float]:

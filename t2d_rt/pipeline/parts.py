@@ -48,7 +48,7 @@ class PartNames:
 
     def __init__(self, split: Split, model: Model) -> None:
         self.split = split
-        targets, self._segments = target_names(model), list[_Segments]()
+        targets, self._segments = _parts_of_targets(model), list[_Segments]()
         keys = [(number, "") for number in range(len(targets))]
         if split == "segment":
             self._segments = [_Segments.of(model, number) for number in range(len(targets))]
@@ -120,8 +120,8 @@ class _Segments:
         return cls([segments[owner] for owner in owners], segments)
 
 
-def target_names(model: Model) -> list[str]:
-    """Names of the targets, with a number where several have the same."""
+def _parts_of_targets(model: Model) -> list[str]:
+    """The part that each target is, with a number where several have the same name."""
     names = ["person" if isinstance(target.source, Motion) else target.geometry.name for target in model.modelled]
     return [
         name if names.count(name) == 1 else f"{name} {names[:number].count(name) + 1}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -12,13 +13,12 @@ from t2d_rt.core.checks import shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.plugins import loaded, plugins
 from t2d_rt.pipeline.bounces import Bouncing, bounce_scatterers, direct_pair
-from t2d_rt.pipeline.echo_model import Model, detail, resolved, sagitta_rad
+from t2d_rt.pipeline.echo_model import Model, resolved, sagitta_rad
 from t2d_rt.pipeline.path_pairs import ChosenPairs, Clutter
 from t2d_rt.pipeline.periodic import in_periods
 from t2d_rt.pipeline.visibility import (
     ExactOverStrongest,
     Sampled,
-    Unoccluded,
     VisibilityContext,
     VisibilityModel,
     coarse_views,
@@ -27,6 +27,7 @@ from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.radar.windows import block_end
 from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
+from t2d_rt.scattering.patches import CYCLES_PER_STEP, SWEEP_CYCLES
 from t2d_rt.scattering.paths import PathVisibility
 from t2d_rt.scattering.streams import Resampled, batches
 from t2d_rt.types import Accuracy, ByPart, Ellipsoids, Material, MovingMesh, PathPair, PathTier
@@ -140,7 +141,7 @@ def scatterers_of(
 def _visibility(model: Model, accuracy: Accuracy, sight: VisibilityContext, *, exact: bool) -> VisibilityModel:
     """How visibility is found: `exact` at instants, through the facets, or sampled."""
     if not accuracy.occlusion:
-        return Unoccluded(sight)
+        return Sampled(sight, solid=False)
     if not exact:
         return Sampled(sight, subdivision=accuracy.visibility_subdivision)
     # Facets about as coarse as that need no refinement of their own.
@@ -173,39 +174,36 @@ class Preparation:
 
     def detail(self, mesh: MovingMesh, number: int) -> Detail:
         """How a mesh is modelled over the tier of that number."""
-        tier, model = self.accuracy.tiers[number], self.model
-        return detail(
-            sagitta_rad(mesh, self.accuracy),
-            tier,
-            model.span_s,
-            at_instants=self.at_instants,
-            max_facets=model.max_facets,
+        tier, sagitta = self.accuracy.tiers[number], sagitta_rad(mesh, self.accuracy)
+        most = np.minimum(tier.sagitta_scale * np.asarray(sagitta), tier.greatest_sagitta_rad)
+        return Detail(
+            sagitta_rad=np.maximum(sagitta, most),
+            # At instants frames lie far apart, and phases from one to the next mean nothing.
+            cycles_per_step=math.inf if self.at_instants else tier.patch_phase_scale * CYCLES_PER_STEP,
+            sweep_cycles=tier.patch_span_scale * SWEEP_CYCLES,
+            points=tier.diffuse_points,
+            max_facets=self.model.max_facets,
+            span_s=self.model.span_s,
         )
-
-    def coarse_views(
-        self, geometry: MovingMesh | Ellipsoids, pairs: Sequence[PathPair], samples_s: np.ndarray, fast: bool
-    ) -> list[PathVisibility]:
-        """`coarse_views` of a target, `fast` where it rotates fast."""
-        return coarse_views(geometry, pairs, samples_s, self.model.blockage, fast_rotating=fast)
 
 
 def own_ellipsoids(preparation: Preparation, number: int, times_s: np.ndarray) -> Iterator[Scatterer]:
     """The ellipsoids of a target that has no mesh, over all path pairs."""
-    target, sight = preparation.model.modelled[number], preparation.sight
-    if target.mesh is not None:
+    model, sight = preparation.model, preparation.sight
+    ellipsoids, fast = model.modelled[number].geometry, sight.fast_rotating[number]
+    if not isinstance(ellipsoids, Ellipsoids):
         return
     views = [PathVisibility()]
     if preparation.pairs is not None:
-        fast = sight.fast_rotating[number]
-        views = preparation.coarse_views(target.geometry, preparation.pairs.pairs, sight.samples_s, fast)
-    ellipsoids = target.ellipsoids()
-    assert ellipsoids is not None  # what has no mesh has these
-    yield _ellipsoids(preparation, number, ellipsoids, preparation.model.material_of(number), times_s, views)
+        pairs = preparation.pairs.pairs
+        views = coarse_views(ellipsoids, pairs, sight.samples_s, model.blockage, fast_rotating=fast)
+    yield _ellipsoids(preparation, number, ellipsoids, model.material_of(number), times_s, views)
 
 
 def facets(preparation: Preparation, number: int, times_s: np.ndarray) -> Iterator[Scatterer]:
     """The facets of a target's mesh, tier by tier of the path pairs."""
-    target, fast = preparation.model.modelled[number], preparation.sight.fast_rotating[number]
+    model, fast = preparation.model, preparation.sight.fast_rotating[number]
+    target = model.modelled[number]
     if target.mesh is None:
         return
     close = {view.paths: view for view in preparation.visibility.views(number)}
@@ -213,7 +211,7 @@ def facets(preparation: Preparation, number: int, times_s: np.ndarray) -> Iterat
         if pairs and tier.scatterer == "ellipsoids" and target.ellipsoids() is not None:
             continue
         if pairs and tier.visibility != "occlusion":
-            views = preparation.coarse_views(target.mesh, pairs, preparation.decimated_s, fast)
+            views = coarse_views(target.mesh, pairs, preparation.decimated_s, model.blockage, fast_rotating=fast)
         else:
             views = [close[pair] for pair in pairs or (None,)]
         yield from _facets(preparation, number, target.mesh, tier, times_s, views)

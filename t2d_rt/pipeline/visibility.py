@@ -1,8 +1,8 @@
-"""Visibility of targets over path pairs: strategies that a model is handed (sampled and faded, exact at instants, none)."""
+"""Visibility of targets over path pairs: sampled and faded, or exact at instants."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
@@ -51,36 +51,61 @@ class VisibilityContext:
 class Sampled:
     """Visibility sampled at the vertices of meshes, subdivided `subdivision` times, and faded from one sample to the next.
 
-    Samples are shared: pairs have one-way paths in common, and transmitters and receivers that stand close together have one
-    visibility.
+    Pairs have one-way paths in common, over each of which visibility is traced once; transmitters and receivers that stand close
+    together have one visibility. Unless targets are `solid` they occlude nothing, and only the scene blocks paths.
     """
 
-    def __init__(self, sight: VisibilityContext, *, subdivision: int = 0) -> None:
-        self._sight, self._one_way = sight, _OneWayVisibility(sight, solid=True, subdivision=subdivision)
+    def __init__(self, sight: VisibilityContext, *, solid: bool = True, subdivision: int = 0) -> None:
+        self._sight, self._solid, self._subdivision = sight, solid, subdivision
+        traced = [
+            number
+            for number, (geometry, rotates) in enumerate(zip(sight.geometries, sight.fast_rotating, strict=True))
+            if isinstance(geometry, MovingMesh) and not rotates
+        ]
+        self.index = {number: index for index, number in enumerate(traced)}
+        """Number of each mesh among those that are traced."""
+        self._meshes = Occluders([sight.geometries[number] for number in traced], subdivision=subdivision)  # type: ignore[misc]
+        self._viewpoints = Viewpoints(
+            self._meshes, sight.samples_s, sight.backend, wavelength_m=sight.radar.wavelength_m
+        )
+        self._occlusions: dict[_Place, Occlusion] = {}
+        self._mean: dict[int, MeanVisibility] = {}
 
     def views(self, number: int) -> list[PathVisibility]:
         """Of a mesh over the path pairs whose occlusion is traced."""
         return [self.view(number, pair) for pair in self._sight.pairs]
 
+    def _place(self, end: int, path: OneWayPath | None) -> _Place:
+        """Viewpoint of the one-way path of an end."""
+        return () if path is None else path.chain, 0 if len(self._sight.radar.views_m) == 1 else end
+
     def view(self, number: int, pair: PathPair | None) -> PathVisibility:
         """Of a mesh over one pair."""
-        return self._one_way.view(number, pair)
+        # One sample serves where both ends have one visibility; it counts over both one-way paths, though.
+        ends = {self._place(end, path): (end, path) for end, path in _ends(pair) if path or self._solid}
+        fractions = tuple(self._fraction(number, *end, 3 - len(ends)) for end in ends.values())
+        if self._sight.fast_rotating[number]:
+            return PathVisibility(paths=pair, visibility=fractions)
+        return PathVisibility(
+            paths=pair, visibility=fractions, subdivision=self._subdivision, points=self._meshes.point_count
+        )
 
-    @property
-    def index(self) -> Mapping[int, int]:
-        """Number of each mesh among those that are traced."""
-        return self._one_way.index
-
-
-class Unoccluded:
-    """Targets occlude nothing; the scene blocks paths, sampled at the vertices of meshes and faded."""
-
-    def __init__(self, sight: VisibilityContext) -> None:
-        self._sight, self._one_way = sight, _OneWayVisibility(sight, solid=False)
-
-    def views(self, number: int) -> list[PathVisibility]:
-        """Of a mesh over the path pairs."""
-        return [self._one_way.view(number, pair) for pair in self._sight.pairs]
+    def _fraction(self, number: int, end: int, path: OneWayPath | None, path_count: int) -> Fraction:
+        """Visibility over the one-way path of an end, which `path_count` paths share."""
+        key, sight = self._place(end, path), self._sight
+        viewpoint = viewpoints_at(sight.radar.views_m)[key[1]] if path is None else path
+        unblocked = None if path is None else partial(sight.blockage.fraction, path)
+        if sight.fast_rotating[number]:
+            if number not in self._mean:
+                mesh = sight.geometries[number]
+                assert isinstance(mesh, MovingMesh)  # ellipsoids rotate with limbs
+                self._mean[number] = MeanVisibility(
+                    mesh, self._meshes, sight.samples_s, solid=self._solid, backend=sight.backend
+                )
+            return self._mean[number].over(key, viewpoint, unblocked, path_count)
+        if key not in self._occlusions:
+            self._occlusions[key] = Occlusion(self._viewpoints, viewpoint, unblocked=unblocked, solid=self._solid)
+        return _Occluded(self._occlusions[key], path_count, self.index[number])
 
 
 class ExactOverStrongest:
@@ -90,7 +115,7 @@ class ExactOverStrongest:
     def __init__(self, sight: VisibilityContext, occluders: Sequence[MovingMesh], *, subdivision: int = 0) -> None:
         strongest, others = (replace(sight, pairs=pairs) for pairs in (sight.pairs[:1], sight.pairs[1:]))
         self._sight, self._occluders = sight, occluders
-        self._strongest = Unoccluded(strongest)
+        self._strongest = Sampled(strongest, solid=False)
         self._others = Sampled(others, subdivision=subdivision)
 
     def views(self, number: int) -> list[PathVisibility]:
@@ -142,57 +167,6 @@ class _Occluded:
 
     def __call__(self, times_s: np.ndarray) -> np.ndarray:
         return self.occlusion.visibility(times_s, self.path_count)[self.mesh]
-
-
-class _OneWayVisibility:
-    """Visibility over one-way paths, each traced once; `solid`: whether targets occlude."""
-
-    def __init__(self, sight: VisibilityContext, *, solid: bool, subdivision: int = 0) -> None:
-        self._sight, self._solid, self.subdivision = sight, solid, subdivision
-        traced = [
-            number
-            for number, (geometry, rotates) in enumerate(zip(sight.geometries, sight.fast_rotating, strict=True))
-            if isinstance(geometry, MovingMesh) and not rotates
-        ]
-        self.index = {number: index for index, number in enumerate(traced)}
-        self._meshes = Occluders([sight.geometries[number] for number in traced], subdivision=subdivision)  # type: ignore[misc]
-        self._viewpoints = Viewpoints(
-            self._meshes, sight.samples_s, sight.backend, wavelength_m=sight.radar.wavelength_m
-        )
-        self._occlusions: dict[_Place, Occlusion] = {}
-        self._mean: dict[int, MeanVisibility] = {}
-
-    def place(self, end: int, path: OneWayPath | None) -> _Place:
-        """Viewpoint of the one-way path of an end."""
-        return () if path is None else path.chain, 0 if len(self._sight.radar.views_m) == 1 else end
-
-    def view(self, number: int, pair: PathPair | None) -> PathVisibility:
-        """Of a mesh over a pair."""
-        # One sample serves where both ends have one visibility; it counts over both one-way paths, though.
-        ends = {self.place(end, path): (end, path) for end, path in _ends(pair) if path or self._solid}
-        fractions = tuple(self.fraction(number, *end, 3 - len(ends)) for end in ends.values())
-        if self._sight.fast_rotating[number]:
-            return PathVisibility(paths=pair, visibility=fractions)
-        return PathVisibility(
-            paths=pair, visibility=fractions, subdivision=self.subdivision, points=self._meshes.point_count
-        )
-
-    def fraction(self, number: int, end: int, path: OneWayPath | None, path_count: int) -> Fraction:
-        """Visibility over the one-way path of an end, which `path_count` paths share."""
-        key, sight = self.place(end, path), self._sight
-        viewpoint = viewpoints_at(sight.radar.views_m)[key[1]] if path is None else path
-        unblocked = None if path is None else partial(sight.blockage.fraction, path)
-        if sight.fast_rotating[number]:
-            if number not in self._mean:
-                mesh = sight.geometries[number]
-                assert isinstance(mesh, MovingMesh)  # ellipsoids rotate with limbs
-                self._mean[number] = MeanVisibility(
-                    mesh, self._meshes, sight.samples_s, solid=self._solid, backend=sight.backend
-                )
-            return self._mean[number].over(key, viewpoint, unblocked, path_count)
-        if key not in self._occlusions:
-            self._occlusions[key] = Occlusion(self._viewpoints, viewpoint, unblocked=unblocked, solid=self._solid)
-        return _Occluded(self._occlusions[key], path_count, self.index[number])
 
 
 def coarse_views(
