@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -187,14 +186,18 @@ def _candidates(
         (start.sagitta_scale,) if fixed else tuple(scale for scale in SCALES if scale <= _coarsest_scale(budget.model))
     )
     in_time = Total.of(budget.in_time(start))
-    error = _by_scale(budget, list(budget.tiers(start)), in_time, scales)
+    tiers = list(budget.tiers(start))
+    errors = [in_time + Total.of(budget.of_tiers(tiers, scale)) for scale in scales]
     spectra, untraced = Total.of(budget.of_spectra(start)), Total.of(budget.untraced(start))
     for settings, sampled in _visibilities(budget, start, asked, allowed):
         unseen = sampled + spectra
         if settings.get("occlusion", start.occlusion):
             unseen += untraced
-        number = _coarsest(error, unseen, len(scales) - 1, allowed)
-        yield start.replace(**settings, sagitta_scale=scales[number]), (error(number) + unseen).surely
+        # The coarsest scale at which the error is allowed, or about that of the finest one; by the laws it falls with the scale.
+        surely = [(error + unseen).surely for error in errors]
+        enough = max(allowed, surely[-1] + LEAST_FRACTION * allowed)
+        number = bisect_left([error <= enough for error in surely[:-1]], True)
+        yield start.replace(**settings, sagitta_scale=scales[number]), surely[number]
 
 
 def _coarsest_scale(model: Model) -> float:
@@ -208,24 +211,6 @@ def _coarsest_scale(model: Model) -> float:
         return max(SCALES)
     bent = (curvature(mesh.rest, mesh.faces, mesh.crease_deg) for mesh in meshes)
     return MOST_FLAT_SCALE if any(np.mean(per_m < FLAT_PER_M) > FLAT_FRACTION for per_m in bent) else MOST_SMOOTH_SCALE
-
-
-def _coarsest(error: Callable[[int], Total], unseen: Total, last: int, allowed: float) -> int:
-    """Number of the coarsest scale at which the error, that of visibility added, is allowed or about that of the `last` and finest
-    one; by the laws it falls with the scale."""
-
-    def surely(number: int) -> float:
-        return (error(number) + unseen).surely
-
-    enough = max(allowed, surely(last) + LEAST_FRACTION * allowed)
-    return bisect_left(range(last), True, key=lambda number: surely(number) <= enough)
-
-
-def _by_scale(
-    budget: ErrorBudget, tiers: Sequence[tuple[PathTier, int, float]], in_time: Total, scales: Sequence[float]
-) -> Callable[[int], Total]:
-    """The error at each of the scales, without that of visibility."""
-    return functools.cache(lambda number: in_time + Total.of(budget.of_tiers(tiers, scales[number])))
 
 
 def _visibilities(

@@ -82,7 +82,7 @@ def read(name: str, array_names: Iterable[str]) -> dict[str, np.ndarray] | None:
         return None
     path = home / (name + _ENTRY)
     try:
-        with own_file(path, LARGEST_BYTES + _HEADERS) as opened:
+        with own_file(path) as opened:
             file = np.load(opened, allow_pickle=False)
             if (
                 sum(member.file_size for member in file.zip.infolist()) > LARGEST_BYTES + _HEADERS
@@ -100,13 +100,13 @@ def read(name: str, array_names: Iterable[str]) -> dict[str, np.ndarray] | None:
 
 
 @contextlib.contextmanager
-def own_file(path: Path, most_bytes: float) -> Iterator[BinaryIO]:
+def own_file(path: Path) -> Iterator[BinaryIO]:
     """An entry, open for reading; OSError for one that somebody else has put there, a link, a pipe, or one of more bytes."""
     descriptor = os.open(path, OPENING | getattr(os, "O_NOFOLLOW", 0))
     with os.fdopen(descriptor, "rb") as file:
         status = os.fstat(descriptor)
         is_own = not hasattr(os, "getuid") or status.st_uid == os.getuid()
-        if not is_own or not stat.S_ISREG(status.st_mode) or status.st_size > most_bytes:
+        if not is_own or not stat.S_ISREG(status.st_mode) or status.st_size > LARGEST_BYTES + _HEADERS:
             raise OSError(f"{path} is no entry of this user's")
         yield file
 

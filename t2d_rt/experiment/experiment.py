@@ -26,7 +26,7 @@ from t2d_rt.experiment.sources import (
     Unknown,
     file_beside,
     found_beside,
-    sources_of,
+    source_of,
     stored_scene,
     target_from,
     with_others,
@@ -153,7 +153,8 @@ class Experiment(Plain):
 
     def stored_with(self, targets: Sequence[TargetLike], scene: Scene | None, store: Store) -> Experiment:
         """The same experiment of these targets in this scene, whose arrays go into the store."""
-        return self.model_copy(update={"targets": sources_of(targets, store), "scene": stored_scene(scene, store)})
+        sources = tuple(source_of(target, store) for target in targets)
+        return self.model_copy(update={"targets": sources, "scene": stored_scene(scene, store)})
 
     @property
     def physics(self) -> dict[str, Any]:
@@ -175,9 +176,9 @@ class Experiment(Plain):
         """Description of a target that was not stored, so that a recording cannot be made again; None where all were."""
         return next((target.description for target in self.targets if isinstance(target, Unknown)), None)
 
-    def targets_from(self, inputs: Inputs, folder: Path | None = None) -> list[TargetLike]:
-        """The targets themselves; file names are relative to `folder`."""
-        return [target_from(target, inputs, self.radar, folder) for target in self.targets]
+    def targets_from(self, inputs: Inputs) -> list[TargetLike]:
+        """The targets themselves."""
+        return [target_from(target, inputs, self.radar) for target in self.targets]
 
     def scene_from(self, inputs: Inputs) -> str | Scene:
         """The scene, or its name."""

@@ -378,16 +378,14 @@ def _radar_within(radar: Radar, antenna_m: np.ndarray, time_s: float, relation: 
 def check_outside(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> None:
     """Refuses a radar inside a closed mesh, or touching a mesh, at any of a few instants of the record."""
     for times in blocks(np.linspace(times_s[0], times_s[-1], 25), len(surface.rest)):
-        _check_outside(surface, radar, times)
-
-
-def _check_outside(surface: MovingMesh, radar: Radar, times: np.ndarray) -> None:
-    vertices = surface.at(times)
-    for antenna in (radar.tx_position_m, radar.rx_position_m):
-        within = np.all((vertices.min(axis=1) < antenna) & (antenna < vertices.max(axis=1)), axis=1)
-        inside = np.zeros(len(times), bool)
-        inside[within] = np.abs(winding(vertices[within][:, surface.faces] - antenna)) > 0.5
-        touches = np.linalg.norm(vertices - antenna, axis=2).min(axis=1) < 1e-3
-        if inside.any() or touches.any():
-            instant = times[np.argmax(inside if inside.any() else touches)]
-            raise _radar_within(radar, antenna, instant, f"{'is inside' if inside.any() else 'touches'} {surface.name}")
+        vertices = surface.at(times)
+        for antenna in (radar.tx_position_m, radar.rx_position_m):
+            within = np.all((vertices.min(axis=1) < antenna) & (antenna < vertices.max(axis=1)), axis=1)
+            inside = np.zeros(len(times), bool)
+            inside[within] = np.abs(winding(vertices[within][:, surface.faces] - antenna)) > 0.5
+            touches = np.linalg.norm(vertices - antenna, axis=2).min(axis=1) < 1e-3
+            if inside.any() or touches.any():
+                instant = times[np.argmax(inside if inside.any() else touches)]
+                raise _radar_within(
+                    radar, antenna, instant, f"{'is inside' if inside.any() else 'touches'} {surface.name}"
+                )

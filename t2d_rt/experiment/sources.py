@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, cast
 
@@ -136,9 +136,9 @@ class MotionFile(_Placed):
                 raise InputError(f"unknown option of reading {shown(name)}; {names_advice(name, option_names)}")
         return value
 
-    def read(self, folder: Path) -> Motion:
-        """The motion of the file, which is found from `folder`; what the reader found is told to those who log it."""
-        motion = load_motion(motion_path(found_from(folder, self.file)), subject=self.subject, **self.reading)
+    def read(self) -> Motion:
+        """The motion of the file; what the reader found is told to those who log it."""
+        motion = load_motion(motion_path(self.file), subject=self.subject, **self.reading)
         logging.getLogger("t2d_rt.motion").info(motion.report)
         return motion
 
@@ -422,11 +422,6 @@ def found_beside(source: Any, folder: Path) -> Any:
     return source
 
 
-def sources_of(targets: Sequence[TargetLike], store: Store) -> tuple[Any, ...]:
-    """Sources of targets, their arrays in the store."""
-    return tuple(_source(target, store) for target in targets)
-
-
 def stored_scene(scene: Scene | None, store: Store) -> str | StoredScene:
     """A scene as it is stored."""
     if scene is None:
@@ -449,7 +444,8 @@ def stored_scene(scene: Scene | None, store: Store) -> str | StoredScene:
     return StoredScene(name=scene.name, input=key, surfaces=stored)
 
 
-def _source(target: TargetLike, store: Store) -> Any:
+def source_of(target: TargetLike, store: Store) -> Any:
+    """The source of a target, its arrays in the store."""
     if isinstance(target, OwnMover):
         return OtherMover(fields=target.model_dump(mode="json"))
     if isinstance(target, Mover):
@@ -461,7 +457,7 @@ def _source(target: TargetLike, store: Store) -> Any:
     if made is not None and made.by == "mover":
         return MoverMesh(**made.arguments)
     if made is not None and made.by in ("skin", "segments"):
-        return BodyMesh(kind=made.by, **{**made.arguments, "motion": _source(made.arguments["motion"], store)})
+        return BodyMesh(kind=made.by, **{**made.arguments, "motion": source_of(made.arguments["motion"], store)})
     if made is None or made.by != "arrays":
         return Unknown(description=repr(target))
     target_material, part = target.material, dict[str, np.ndarray]()
@@ -476,14 +472,14 @@ def _source(target: TargetLike, store: Store) -> Any:
     return EllipsoidArrays(input=key, material=material, names=target.names)
 
 
-def target_from(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) -> TargetLike:
-    """The target of a source; file names are relative to `folder`."""
+def target_from(source: Any, inputs: Inputs, radar: Radar) -> TargetLike:
+    """The target of a source."""
     if isinstance(source, OtherMover):
         return mover(source.fields)
     if isinstance(source, Mover):
         return source
     if isinstance(source, MotionFile):
-        return source.placed(source.read(folder or Path()), radar)
+        return source.placed(source.read(), radar)
     if isinstance(source, MotionText):
         return source.put(source.piece(), radar)
     if isinstance(source, MotionArrays):
@@ -491,7 +487,7 @@ def target_from(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) 
         motion_fields: dict[str, Any] = {name: getattr(source, name) for name in MOTION_FIELDS}
         return Motion(joints=arrays["joints"], rotations=arrays["rotations"], **motion_fields)
     if isinstance(source, BodyMesh):
-        motion = cast(Motion, target_from(source.motion, inputs, radar, folder))
+        motion = cast(Motion, target_from(source.motion, inputs, radar))
         return (skin if source.kind == "skin" else segments)(motion, source.body, material=source.material)
     if isinstance(source, MoverMesh):
         return source.mover.mesh(source.start_s, source.stop_s)

@@ -76,7 +76,7 @@ def build_levels(
     levels, steps, linear_steps, count = [level], [], [], len(rest)
     while level.split.any():
         # Midpoints within the halo are made although nothing of it is split: stencils of the next level reach into it.
-        inside = _grow(level.topology, np.any(level.red, axis=0), HALO_RINGS)
+        inside = _grow(level.topology, np.any(level.red, axis=0))
         cut_edges = np.any(level.split, axis=0) | _edges_of(level.topology, inside)
         complete(level, cut_edges)
         level.middle_ids = np.where(cut_edges, count + np.cumsum(cut_edges) - 1, -1)
@@ -176,9 +176,9 @@ def _next_level(level: ButterflyLevel, inside: np.ndarray) -> ButterflyLevel:
     return children
 
 
-def _grow(mesh: Topology, chosen: np.ndarray, rings: int) -> np.ndarray:
-    """Faces within `rings` rings of the chosen ones, neighbours by a vertex, (F,)."""
-    for _ in range(rings):
+def _grow(mesh: Topology, chosen: np.ndarray) -> np.ndarray:
+    """Faces within `HALO_RINGS` rings of the chosen ones, neighbours by a vertex, (F,)."""
+    for _ in range(HALO_RINGS):
         if chosen.all():
             break
         touched = np.zeros(mesh.vertex_count, bool)

@@ -171,14 +171,12 @@ class LabelledMaps:
 
 def maps_of(
     dataset: Dataset,
-    product: str = "spectrogram",
     size: tuple[int, int] = SIZE,
     dynamic_range_db: float = DYNAMIC_RANGE_DB,
     speeds_mps: tuple[float, float] | None = None,
 ) -> LabelledMaps:
-    """The maps of a data set, in the order of its records.
+    """The spectrograms of a data set, in the order of its records.
 
-    product: "spectrogram".
     size: cells of speed and of time.
     dynamic_range_db: levels are clipped so far below each map's greatest cell.
     speeds_mps: outer edges of the lowest and the highest cell, within `shared_speeds(dataset)`, which are taken by default.
@@ -186,10 +184,8 @@ def maps_of(
     Raises InputError where samples show different speeds or durations, where a map shows nothing, and where a class has no sample.
     """
     instance("dataset", dataset, Dataset, "a Dataset", hint="Dataset(folder) reads one")
-    if product != "spectrogram":
-        raise InputError(f"product must be 'spectrogram', a map of speed and time, got {shown(product)}")
     map_size, range_db = checked_size(size), positive("dynamic_range_db", dynamic_range_db, 200, unit="dB")
-    kind = dataset.checked(product)
+    kind = dataset.checked("spectrogram")
     stored = dataset.recipe.products.spectrogram
     if stored is not None and stored.dtype == "uint8" and range_db > stored.dynamic_range_db:
         raise InputError(

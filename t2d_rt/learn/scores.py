@@ -91,7 +91,7 @@ DRAWS = 1000
 
 
 def interval_of(
-    labels: np.ndarray, told: np.ndarray, classes: int, apart: Sequence[Sequence[str]], *, seed: int = 0
+    labels: np.ndarray, told: np.ndarray, classes: int, apart: Sequence[Sequence[str]]
 ) -> tuple[Interval, Interval]:
     """Accuracy and macro-F1 of labels (N,) that were told, with 95 % intervals over other groups of the kinds that are `apart`.
 
@@ -99,7 +99,7 @@ def interval_of(
     replacement, independently, and a sample counts by the product of how often its groups were drawn: the pigeonhole bootstrap,
     which is conservative for crossed groups (Owen 2007, Ann. Appl. Stat. 1, 386).
     """
-    rng, weights = np.random.default_rng(seed), np.ones((DRAWS, len(labels)))
+    rng, weights = np.random.default_rng(0), np.ones((DRAWS, len(labels)))
     for groups in apart:
         _, number = np.unique(np.asarray(groups), return_inverse=True)
         count = int(number.max()) + 1

@@ -198,16 +198,16 @@ def _butterworth(values: np.ndarray, warped: float) -> np.ndarray:
     return filtered.reshape(values.shape) + start
 
 
-def jitter_mps(motion: Motion, cutoff_hz: float = JITTER_CUTOFF_HZ) -> float:
-    """RMS joint speed of the noise above the cut-off [m/s], from the *median* over joints and frames.
+def jitter_mps(motion: Motion) -> float:
+    """RMS joint speed of the noise above `JITTER_CUTOFF_HZ` [m/s], from the *median* over joints and frames.
 
     Noise is there all the time, foot strikes only at times: they raise the mean of a clean run, not the median, and
     must not be filtered away. 0 where the frame rate cannot hold any.
     """
-    if motion.rate_hz < 2.5 * cutoff_hz or len(motion.joints) < 4:
+    if motion.rate_hz < 2.5 * JITTER_CUTOFF_HZ or len(motion.joints) < 4:
         return 0.0
     velocity = np.diff(motion.joints, axis=0) * motion.rate_hz
-    rest = velocity - low_pass(velocity, cutoff_hz, motion.rate_hz)
+    rest = velocity - low_pass(velocity, JITTER_CUTOFF_HZ, motion.rate_hz)
     return float(np.sqrt(np.median((rest**2).sum(axis=-1)) / CHI_SQUARE_3_MEDIAN))
 
 

@@ -43,7 +43,7 @@ from t2d_rt.recording.maps import (
 )
 from t2d_rt.recording.parts import GROUPS, MOST_POSES, Parts, poses_of
 from t2d_rt.recording.path_table import checked_times, path_table
-from t2d_rt.recording.truth import Doing, doings, prefixed, truth_table
+from t2d_rt.recording.truth import Doing, doings, truth_table
 from t2d_rt.signal import point_cloud, range_doppler, range_profile, spectrogram
 from t2d_rt.signal.doppler import check_names, check_processing
 from t2d_rt.signal.multiplex import check_axes
@@ -471,7 +471,8 @@ class Recording:
         target = check_export(path, self.cube, overwrite=overwrite)
         labelled = self._labelled_spectrogram()
         if flag("truth", truth):
-            labelled = labelled.merge(prefixed(self.truth))
+            data = self.truth
+            labelled = labelled.merge(data.rename({name: f"truth_{name}" for name in (*data.variables, *data.sizes)}))
         write_export(target, self.cube, labelled, self.attributes, overwrite=overwrite)
 
     def _write(self, folder: Path) -> None:

@@ -141,11 +141,6 @@ def person_rows(truth: xr.Dataset) -> np.ndarray:
     return np.concatenate(columns, axis=1).astype(np.float32)
 
 
-def prefixed(truth: xr.Dataset) -> xr.Dataset:
-    """The same with truth_ before the name of every variable and axis, beside a recording's own."""
-    return truth.rename({name: f"truth_{name}" for name in (*truth.variables, *truth.sizes)})
-
-
 def _of_persons(
     model: Model, people: Sequence[Person], joints: Sequence[str], nearby_s: Nearby
 ) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:

@@ -73,18 +73,6 @@ MOST_POINTS, MOST_FACES = 300, 1000
 """Points of a mesh whose paths are interpolated, and faces of which an edge tells how it rotates."""
 
 
-def needed_rate_hz(
-    geometry: MovingMesh | Ellipsoids,
-    radar: Radar,
-    span_s: tuple[float, float],
-    tolerance_db: float = TOLERANCE_DB,
-    *,
-    stand_in: Ellipsoids | None = None,
-) -> float:
-    """Rate of surface frames [Hz] that a target needs between two times, as `SurfaceRate` has it."""
-    return SurfaceRate(geometry, radar, span_s, stand_in).needed_hz(tolerance_db)
-
-
 class SurfaceRate:
     """Rate of surface frames that a target needs between two times, from what splines of its points' paths miss.
 

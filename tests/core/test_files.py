@@ -380,7 +380,7 @@ def test_a_stop_after_the_end_is_the_end(tmp_path: Path, monkeypatch: pytest.Mon
     person = target_of("person:walk.bvh,stop_s=3")
     assert isinstance(person, MotionFile)
     with pytest.warns(T2DWarning, match=r"the motion ends at 1.98333 s, before stop_s of 3 s; it is used to its end"):
-        found = person.placed(person.read(Path()), Radar.preset("table2"))
+        found = person.placed(person.read(), Radar.preset("table2"))
     assert len(found.joints) == len(whole.joints)
 
 

@@ -27,7 +27,7 @@ from t2d_rt.radar import synthesize as synthesis
 from t2d_rt.scattering import mesh as echo_mesh
 from t2d_rt.scattering import streams as echo_streams
 from t2d_rt.scattering.paths import PathVisibility
-from t2d_rt.scattering.rate import needed_rate_hz
+from t2d_rt.scattering.rate import SurfaceRate
 from t2d_rt.types import Echoes
 from t2d_rt.types.scatterer import Scatterer
 
@@ -192,12 +192,12 @@ def test_a_plan_tells_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.slow
 def test_instants_of_large_meshes_come_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     surface = approaching(5)
-    expected = farthest_and_fastest(surface, RADAR, (0.0, 0.3)), needed_rate_hz(surface, RADAR, (0.0, 0.3))
+    expected = farthest_and_fastest(surface, RADAR, (0.0, 0.3)), SurfaceRate(surface, RADAR, (0.0, 0.3)).needed_hz()
     monkeypatch.setattr(memory, "BLOCK_BYTES", 2**21)
     tracemalloc.start()
     found = farthest_and_fastest(surface, RADAR, (0.0, 0.3))
     check_outside(surface, RADAR, np.array([0.0, 0.3]))
-    rate = needed_rate_hz(surface, RADAR, (0.0, 0.3))
+    rate = SurfaceRate(surface, RADAR, (0.0, 0.3)).needed_hz()
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert found == expected[0]

@@ -158,9 +158,9 @@ def test_the_command_line_takes_a_subject(tmp_path: Path, walk: Motion) -> None:
     path = write(tmp_path / "a.npz", two(walk))
     person = target_of(f"person:{path},subject=B,distance_m=3")
     assert isinstance(person, MotionFile)
-    assert travel_m(person.placed(person.read(Path()), t2d.Radar.preset("table2"))) < 0.01
+    assert travel_m(person.placed(person.read(), t2d.Radar.preset("table2"))) < 0.01
     source = MotionFile(file=str(path), subject="B", distance_m=3.0)
-    assert travel_m(target_from(source, {}, t2d.Radar.preset("table2"), None)) < 0.01
+    assert travel_m(target_from(source, {}, t2d.Radar.preset("table2"))) < 0.01
     assert "subject" in {action.dest.removeprefix("motion.") for action in _command("simulate").parser._actions}
 
 

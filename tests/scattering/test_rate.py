@@ -25,7 +25,6 @@ from t2d_rt.scattering.rate import (
     STEP_HZ,
     TOLERANCE_DB,
     SurfaceRate,
-    needed_rate_hz,
 )
 from t2d_rt.types import MovingMesh, Radar
 
@@ -56,7 +55,7 @@ def test_the_rate_leaves_what_is_tolerated(amplitude_m: float, frequency_hz: flo
     def ahead(times_s: np.ndarray) -> np.ndarray:
         return amplitude_m * np.sin(2 * math.pi * frequency_hz * times_s)
 
-    rate = needed_rate_hz(swinging(amplitude_m, frequency_hz), RADAR, (0.0, 4.0))
+    rate = SurfaceRate(swinging(amplitude_m, frequency_hz), RADAR, (0.0, 4.0)).needed_hz()
     assert LEAST_HZ < rate < MOST_HZ
     assert missed_db(ahead, rate) < TOLERANCE_DB + 0.5
     assert missed_db(ahead, 0.9 * rate - STEP_HZ) > TOLERANCE_DB
@@ -69,11 +68,11 @@ def test_the_rate_leaves_what_is_tolerated(amplitude_m: float, frequency_hz: flo
 @pytest.mark.parametrize("frequency_hz", [0.5, 13.0, 200.0])
 @pytest.mark.parametrize("amplitude_m", slow_after(1, [5e-6, 5e-4]))
 def test_small_vibrations_are_resolved(amplitude_m: float, frequency_hz: float) -> None:
-    rate = needed_rate_hz(swinging(amplitude_m, frequency_hz), RADAR, (0.0, 4.0))
+    rate = SurfaceRate(swinging(amplitude_m, frequency_hz), RADAR, (0.0, 4.0)).needed_hz()
     assert rate >= min(4.1 * frequency_hz, 820.0)
     assert rate <= max(LEAST_HZ, 5.5 * frequency_hz)
     # One of no account asks for nothing.
-    assert needed_rate_hz(swinging(5e-7, frequency_hz), RADAR, (0.0, 4.0)) == LEAST_HZ
+    assert SurfaceRate(swinging(5e-7, frequency_hz), RADAR, (0.0, 4.0)).needed_hz() == LEAST_HZ
 
 
 def test_a_vibration_beside_a_larger_movement_is_resolved_and_noise_asks_for_no_more() -> None:
@@ -82,7 +81,7 @@ def test_a_vibration_beside_a_larger_movement_is_resolved_and_noise_asks_for_no_
 
     def rate_of(ahead: np.ndarray, kept: slice = slice(None)) -> float:
         centre = np.stack([3 + ahead, 0 * ahead, 1 + 0 * ahead], axis=1)[kept]
-        return needed_rate_hz(MovingMesh(REST + centre[:, None], FACES, times[kept]), RADAR, (0.0, 3.9))
+        return SurfaceRate(MovingMesh(REST + centre[:, None], FACES, times[kept]), RADAR, (0.0, 3.9)).needed_hz()
 
     alone = rate_of(sway)
     assert alone < 60
@@ -123,7 +122,9 @@ def test_a_tremor_on_a_walking_body_is_resolved(amplitude_m: float, frequency_hz
 
     def rate_of(tremor_m: float) -> float:
         shaken = centres + tremor_m * np.sin(2 * np.pi * frequency_hz * motion.times_s)[:, None, None] * [1, 0, 0]
-        return needed_rate_hz(t2d.Ellipsoids(limbs.semi_axes_m, shaken, motion.times_s, axes=axes), RADAR, span_s)
+        return SurfaceRate(
+            t2d.Ellipsoids(limbs.semi_axes_m, shaken, motion.times_s, axes=axes), RADAR, span_s
+        ).needed_hz()
 
     assert rate_of(0.0) < 4 * frequency_hz
     assert 4.1 * frequency_hz <= rate_of(amplitude_m) <= 5 * frequency_hz
@@ -153,7 +154,7 @@ def test_a_vibration_that_a_walk_hides_is_resolved_where_it_is_given_finely(
     assert any(moved)
     shaken = centres + tremor * np.array(moved)[:, None]
     span_s = float(motion.times_s[0]), float(motion.times_s[-1])
-    rate = needed_rate_hz(t2d.Ellipsoids(limbs.semi_axes_m, shaken, motion.times_s, axes=axes), RADAR, span_s)
+    rate = SurfaceRate(t2d.Ellipsoids(limbs.semi_axes_m, shaken, motion.times_s, axes=axes), RADAR, span_s).needed_hz()
     assert 3.8 * frequency_hz <= rate <= max(200, 4.5 * frequency_hz)
 
 
@@ -163,10 +164,10 @@ def test_a_motion_given_finely_is_searched_for_vibrations(fine_walk: t2d.Motion)
     span_s = float(motion.times_s[0]), float(motion.times_s[-1])
     tremor = 2e-5 * np.sin(2 * np.pi * 200 * motion.times_s)[:, None, None] * [1, 0, 0]
     limbs = segments(replace(motion, joints=motion.joints + tremor))
-    assert 800 <= needed_rate_hz(limbs, RADAR, span_s) <= 900
+    assert 800 <= SurfaceRate(limbs, RADAR, span_s).needed_hz() <= 900
     for rate_hz in (120.0, 240.0):
         recorded = t2d.resample(motion, rate_hz)
-        assert needed_rate_hz(segments(recorded), RADAR, span_s) < 90  # by its own movements alone
+        assert SurfaceRate(segments(recorded), RADAR, span_s).needed_hz() < 90  # by its own movements alone
 
 
 def test_an_ellipsoid_that_turns_about_its_centre_moves_its_specular_point() -> None:
@@ -175,7 +176,7 @@ def test_an_ellipsoid_that_turns_about_its_centre_moves_its_specular_point() -> 
     cos, sin, none = np.cos(angle), np.sin(angle), np.zeros(len(times))
     axes = np.stack([[cos, none, -sin], [none, none + 1, none], [sin, none, cos]], axis=1).transpose(2, 0, 1)[:, None]
     limb = t2d.Ellipsoids([[0.04, 0.04, 0.14]], np.tile([3.0, 0.0, 1.0], (len(times), 1, 1)), times, axes=axes)
-    rate = needed_rate_hz(limb, RADAR, (0.0, 2.0))
+    rate = SurfaceRate(limb, RADAR, (0.0, 2.0)).needed_hz()
     exact = CubicSpline(times, np.sqrt((0.04 * cos) ** 2 + (0.14 * sin) ** 2))
     frames, finer = np.linspace(0, 2, math.ceil(2 * rate) + 1), np.linspace(0.2, 1.8, 5001)
     wavenumber = 2 * math.pi * RADAR.mid_frequency_hz / SPEED_OF_LIGHT
@@ -185,9 +186,9 @@ def test_an_ellipsoid_that_turns_about_its_centre_moves_its_specular_point() -> 
 
 
 def test_static_and_short_records() -> None:
-    assert needed_rate_hz(swinging(0.0, 1.0), RADAR, (0.0, 4.0)) == LEAST_HZ
+    assert SurfaceRate(swinging(0.0, 1.0), RADAR, (0.0, 4.0)).needed_hz() == LEAST_HZ
     # A part of a swing, about its middle.
-    whole, short = (needed_rate_hz(swinging(0.1, 4.0), RADAR, (0.2, stop)) for stop in (4.0, 0.22))
+    whole, short = (SurfaceRate(swinging(0.1, 4.0), RADAR, (0.2, stop)).needed_hz() for stop in (4.0, 0.22))
     assert short == pytest.approx(whole, rel=0.3)
 
 
@@ -219,7 +220,7 @@ def test_a_recorded_body_is_not_searched_for_vibrations() -> None:
         return limbs.track(times_s)
 
     body = t2d.Ellipsoids.from_track(counting, limbs.semi_axes_m, limbs.times_s, made=limbs.made)
-    rate = needed_rate_hz(body, RADAR, (float(motion.times_s[0]), float(motion.times_s[-1])))
+    rate = SurfaceRate(body, RADAR, (float(motion.times_s[0]), float(motion.times_s[-1]))).needed_hz()
     assert rate < PROBE_RATE_HZ / 2
     assert probed < 1.1 * PROBE_RATE_HZ * 0.8
 
@@ -237,7 +238,7 @@ def test_a_jerk_between_the_short_records_counts() -> None:
         exact = CubicSpline(times, 2 * ahead)
         return 10 * math.log10(np.mean((wavenumber * (CubicSpline(frames, exact(frames))(times) - 2 * ahead)) ** 2))
 
-    rate = needed_rate_hz(ball, RADAR, (0.0, 4.0))
+    rate = SurfaceRate(ball, RADAR, (0.0, 4.0)).needed_hz()
     assert missed_by_db(rate) < TOLERANCE_DB + 0.5
     assert rate < 5.5 * 25  # the burst's own band
 
@@ -247,7 +248,7 @@ def test_a_stand_in_tells_of_a_body_too_large_to_be_probed_in_full() -> None:
     body, limbs = t2d.skin(motion), t2d.segments(motion)
     span_s = float(motion.times_s[0]), float(motion.times_s[-1])
     # A foot jerks at 21.8 m/s once in this recording; the spline of the whole asks for 225.
-    assert 170 < needed_rate_hz(body, RADAR, span_s, stand_in=limbs) < 260
+    assert 170 < SurfaceRate(body, RADAR, span_s, limbs).needed_hz() < 260
     # Ellipsoids that stand still tell of no jerk, and what the short records of a large body miss stays missed.
     still = t2d.Ellipsoids(limbs.semi_axes_m, limbs.points_at(motion.times_s[:1]).repeat(2, axis=0), np.array(span_s))
-    assert needed_rate_hz(body, RADAR, span_s, stand_in=still) < 100
+    assert SurfaceRate(body, RADAR, span_s, still).needed_hz() < 100

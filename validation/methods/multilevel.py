@@ -15,7 +15,7 @@ from t2d_rt.core.backend import select
 from t2d_rt.radar.direct import direct_sum
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import PathVisibility
-from t2d_rt.scattering.rate import needed_rate_hz
+from t2d_rt.scattering.rate import SurfaceRate
 from t2d_rt.types import Echoes, MovingMesh, Radar
 from validation.bodies import RUN, WALK, random_chirps, walking
 from validation.methods.reference import nmse_db
@@ -70,7 +70,7 @@ def run() -> Section:
 
 def body_echoes(surface: MovingMesh, radar: Radar) -> Echoes:
     """A body's echoes at the surface rate that its motion asks for; skin, default settings, no occlusion but of back faces."""
-    rate = needed_rate_hz(surface, radar, (float(surface.times_s[0]), float(surface.times_s[-1])))
+    rate = SurfaceRate(surface, radar, (float(surface.times_s[0]), float(surface.times_s[-1]))).needed_hz()
     times = np.linspace(surface.times_s[0], surface.times_s[-1], int(np.ceil(surface.duration_s * rate)) + 1)
     return mesh_echoes(
         surface, radar, times_s=times, material=resolve_material("skin", radar.mid_frequency_hz),

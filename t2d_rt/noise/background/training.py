@@ -350,13 +350,13 @@ def _residuals(
     return time_correlation.astype(np.float32), doppler_correlation.astype(np.float32)
 
 
-def _calibrated(model: BackgroundModel, levels: list[np.ndarray], samples: int = SAMPLES) -> BackgroundModel:
+def _calibrated(model: BackgroundModel, levels: list[np.ndarray]) -> BackgroundModel:
     """The model whose samples have the records' mean level in each bin: its prior draws codes not just as often as they are.
 
     Levels and not powers: the mean power of a bin is that of the few records in which a mover has just that speed.
     """
     length = round(np.mean([level.shape[1] for level in levels]))
-    drawn = [np.log(model.columns(length, seed=seed).power).mean(axis=1) for seed in range(samples)]
+    drawn = [np.log(model.columns(length, seed=seed).power).mean(axis=1) for seed in range(SAMPLES)]
     profile = model.arrays["decoder.profile"].copy()
     profile[0, : model.architecture.bins] += np.mean([level.mean(axis=1) for level in levels], axis=0) - np.mean(
         drawn, axis=0

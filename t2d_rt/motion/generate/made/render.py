@@ -56,25 +56,23 @@ def activity(values: np.ndarray, rate_hz: float) -> np.ndarray:
     return np.tanh(gaussian_filter1d(np.sqrt(power), 0.06 * rate_hz, mode="nearest"))
 
 
-def shaken(
-    values: np.ndarray, times_s: np.ndarray, moving: np.ndarray, rng: np.random.Generator, amount: float
-) -> np.ndarray:
+def shaken(values: np.ndarray, times_s: np.ndarray, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Channels (T, C) with sway and with noise of movement; feet, hips' height and seat stay as they are."""
     channels = values.copy()
     slow = wander(rng, times_s, len(SWAY), SWAY_HZ, SWAY_SLOPE)
     fast = wander(rng, times_s, len(MOTOR), MOTOR_HZ, MOTOR_SLOPE)
     for number, (name, size) in enumerate(SWAY.items()):
-        channels[:, INDEX[name]] += amount * size * slow[:, number]
+        channels[:, INDEX[name]] += size * slow[:, number]
     for number, (name, size) in enumerate(MOTOR.items()):
-        channels[:, INDEX[name]] += amount * size * moving * fast[:, number]
+        channels[:, INDEX[name]] += size * moving * fast[:, number]
     return channels
 
 
-def hand_noise(times_s: np.ndarray, moving: np.ndarray, rng: np.random.Generator, amount: float) -> np.ndarray:
+def hand_noise(times_s: np.ndarray, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Shifts (T, 3) [m] of a hand that is free."""
     slow = wander(rng, times_s, 3, (0.15, 1.2), SWAY_SLOPE)
     fast = wander(rng, times_s, 3, MOTOR_HZ, MOTOR_SLOPE)
-    return amount * (HAND_SWAY_M * slow + HAND_MOTOR_M * moving[:, None] * fast)
+    return HAND_SWAY_M * slow + HAND_MOTOR_M * moving[:, None] * fast
 
 
 # --- from an act to poses: trunk, legs by inverse kinematics, balance over the feet, arms to their goals ---
@@ -169,18 +167,18 @@ class Arm:
     """How the hand shakes where it does not rest, (T, 3) or (3,) [m]."""
 
 
-def render(act: Act, *, rng: np.random.Generator, rate_hz: float, noise: float = 1.0) -> tuple[Poses, np.ndarray]:
+def render(act: Act, *, rng: np.random.Generator, rate_hz: float) -> tuple[Poses, np.ndarray]:
     """Poses at `rate_hz` from time 0 to the act's end, and the channels (T, C) that they were made of."""
     times = np.arange(int(np.ceil(act.end_s * rate_hz)) + 1) / rate_hz
     smooth = act.sampled(times)
     moving = activity(smooth, rate_hz)
-    table = shaken(smooth, times, moving, rng, noise)
+    table = shaken(smooth, times, moving, rng)
     arms = {
         side: Arm(
             goals=[act.starts[side], *(grasp.goal for grasp in act.grasps[side])],
             done=[progress(times, grasp.start_s, grasp.duration_s) for grasp in act.grasps[side]],
             aside_m=[grasp.aside_m for grasp in act.grasps[side]],
-            shake=hand_noise(times, moving, rng, noise),
+            shake=hand_noise(times, moving, rng),
         )
         for side in SIDES
     }
