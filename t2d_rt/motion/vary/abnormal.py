@@ -495,7 +495,7 @@ def _drawn(name: str, mild: float, severe: float, severity: float, rng: np.rando
     if name in SQUARED:
         severity **= 2
     spread = TEMPO_SPREAD if name in ("stride", "cadence") else SPREAD
-    # Of a hurried stance only what is beyond 1 is scattered, else the scatter drowns the severity.
+    # A hurried stance is a factor near 1: were the whole factor scattered, patients would differ by more than by their severity.
     neutral = 1.0 if name.startswith("hurried_stance") else 0.0
     factor = float(np.exp(spread * np.clip(rng.standard_normal(), -2, 2)))
     return neutral + (mild + severity * (severe - mild) - neutral) * factor

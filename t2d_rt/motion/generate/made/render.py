@@ -37,8 +37,8 @@ MOTOR = {
 """Standard deviation in full movement [m, rad], over `MOTOR_HZ`."""
 
 SWAY_SLOPE, MOTOR_SLOPE = 1.2, 1.83
-"""Powers of frequency with which displacements fall; the latter so that spectra of joint speeds between 3 and 12 Hz and their jerk
-are those of recorded bends."""
+"""Exponents b of the displacement spectra, whose power falls with frequency as f^-2b. With the exponent of motor noise, spectra of
+joint speeds between 3 and 12 Hz and jerk are those of recorded bends."""
 
 HAND_SWAY_M, HAND_MOTOR_M = 0.006, 0.0032
 
