@@ -16,7 +16,7 @@ from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.rays import Rays
 from t2d_rt.scattering.bounces import Setting, TubeDetail, bounce_echoes
 from t2d_rt.scattering.mesh import coherent_reflection
-from t2d_rt.scattering.patches import from_radar, least_range_m
+from t2d_rt.scattering.patches import PairPlaces, least_range_m
 from t2d_rt.scattering.refinement import Sagitta, most_facets, refined
 from t2d_rt.scattering.reflectors import Reflector
 from t2d_rt.types import ByPart, Material, MovingMesh, PathPair, Radar
@@ -58,7 +58,7 @@ class Bouncing:
     def reflector(self, radar: Radar, span_s: tuple[float, float], max_facets: int) -> Reflector:
         """Its surface, of the same facets as over a single bounce."""
         assert self.mesh is not None
-        range_m = least_range_m(self.mesh, from_radar(radar), np.array(span_s))
+        range_m = least_range_m(self.mesh, [PairPlaces.of(radar)], np.array(span_s))
         (facets,) = refined(self.mesh, 2 * math.pi / radar.wavelength_m, range_m, [self.sagitta_rad], max_facets)
         of_material = partial(coherent_reflection, frequency_hz=radar.mid_frequency_hz)
         gamma = values_of(self.material, len(self.mesh.faces), of_material)

@@ -13,7 +13,7 @@ from typing_extensions import override
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.geometry.vectors import cross, dot, unit
 from t2d_rt.scattering.antennas import concatenated, seen_by
-from t2d_rt.scattering.facets import PairPlaces
+from t2d_rt.scattering.patches import PairPlaces
 from t2d_rt.scattering.paths import ArrivingFields, PathVisibility, faded_weights, product, unfolded
 from t2d_rt.types import ByPart, EchoArrays, Ellipsoids, Material, MovingMesh, PathPair, Radar
 from t2d_rt.types.material import values_of

@@ -28,61 +28,9 @@ from t2d_rt.scattering.lanes import (
     scaled,
     triangle_normal,
 )
-from t2d_rt.scattering.patches import Ends, Patches
-from t2d_rt.types import PathPair, Radar
-from t2d_rt.types.radar import one_view
+from t2d_rt.scattering.patches import PairPlaces, Patches
 
 THIRDS = [1 / 3, 1 / 3, 1 / 3]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PairPlaces:
-    """The places that a target is seen from, over one path pair."""
-
-    places_m: list[np.ndarray]
-    """Transmitter and receiver or their images, (3,) each, or one place where both stand in it; (T, 3) of images that move."""
-    views_m: list[np.ndarray]
-    """The same where only the form of the echoes matters (`one_view`)."""
-    frequency_hz: float
-    """Frequency at mid-sweep."""
-    link_amplitude: float
-    """sqrt(W) m: the received amplitude is link_amplitude sqrt(rcs)/(R_tx R_rx)."""
-    delay_s: float = 0.0
-    """Added to that of the distances: delay of slabs on the paths."""
-    moving: Callable[[np.ndarray], PairPlaces] | None = None
-    """The same at times [s] (T,), of a radar that moves in a scene; those above are where its track begins."""
-
-    @classmethod
-    def of(cls, radar: Radar, paths: PathPair | None = None, times_s: np.ndarray | None = None) -> PairPlaces:
-        """That of the radar's array centres, or of their images over a path pair, at times [s] (T,) where these move."""
-        places, moving = [radar.tx_position_m, radar.rx_position_m], None
-        if paths is not None:
-            places = [paths.out.image_m, paths.back.image_m]
-            if paths.out.passing is not None and times_s is None:
-                moving = partial(cls.of, radar, paths)
-            elif paths.out.passing is not None:
-                places = [paths.out.place_m(times_s), paths.back.place_m(times_s)]
-        return cls(
-            places_m=places[:1] if np.array_equal(places[0], places[1]) else places,
-            views_m=one_view(*places),
-            frequency_hz=radar.mid_frequency_hz,
-            link_amplitude=radar.link_amplitude,
-            delay_s=0.0 if paths is None else paths.delay_s,
-            moving=moving,
-        )
-
-    def at(self, times_s: np.ndarray) -> PairPlaces:
-        """The pair as it is at times [s] (T,)."""
-        return self if self.moving is None else self.moving(times_s)
-
-    @property
-    def ends_m(self) -> Ends:
-        """Places of the transmitter and of the receiver."""
-        return self.places_m[0], self.places_m[-1]
-
-    def delays(self, at: LaneReader, ranges: list[Any]) -> Any:
-        """[s], of distances from the places [m]."""
-        return (ranges[0] + ranges[-1]) * (1 / SPEED_OF_LIGHT) + at.constant(self.delay_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,13 +16,13 @@ from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.geometry import Refinement
 from t2d_rt.geometry.vectors import cross, dot
 from t2d_rt.scattering.antennas import concatenated, seen_by
-from t2d_rt.scattering.facets import FacetVertices, PairPlaces, PointVertices, patch_delays, patch_echoes
+from t2d_rt.scattering.facets import FacetVertices, PointVertices, patch_delays, patch_echoes
 from t2d_rt.scattering.lanes import EchoBlock
 from t2d_rt.scattering.patches import (
     CYCLES_PER_STEP,
     SWEEP_CYCLES,
     Csr,
-    Ends,
+    PairPlaces,
     Patches,
     centres,
     least_range_m,
@@ -264,20 +264,17 @@ class _Model:
         seed: int,
         subdivisions: set[int],
     ) -> _Model:
-        def seen_from(times_s: np.ndarray) -> list[Ends]:
-            return [pair.at(times_s).ends_m for pair in pairs]
-
         sagittas = [detail.sagitta_rad, POINT_SAGITTA_RAD] if is_rough(material) else [detail.sagitta_rad]
         part = material.part if isinstance(material, ByPart) else np.zeros(len(surface.faces), np.int32)
         span_s = times_s if detail.span_s is None else np.array(detail.span_s)
-        wavenumber, range_m = 2 * math.pi / radar.wavelength_m, least_range_m(surface, seen_from, span_s)
+        wavenumber, range_m = 2 * math.pi / radar.wavelength_m, least_range_m(surface, pairs, span_s)
         fine, *carriers = refined(surface, wavenumber, range_m, sagittas, detail.max_facets)
         parts = patches(
             surface,
             fine,
             radar,
             times_s,
-            seen_from=seen_from,
+            pairs=pairs,
             cycles_per_step=detail.cycles_per_step,
             sweep_cycles=detail.sweep_cycles,
             part=part if isinstance(material, ByPart) else None,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,14 +15,16 @@ from t2d_rt.core.errors import warn
 from t2d_rt.core.memory import blocks
 from t2d_rt.geometry import Refinement
 from t2d_rt.geometry.vectors import edge_cross, norms
-from t2d_rt.types import MovingMesh, Radar
+from t2d_rt.types import MovingMesh, PathPair, Radar
+from t2d_rt.types.radar import one_view
+
+if TYPE_CHECKING:
+    from t2d_rt.scattering.lanes import LaneReader
 
 Csr = Any
 """A scipy.sparse matrix."""
 Ends = tuple[np.ndarray, np.ndarray]
 """Places of a transmitter and a receiver, or of their images [m], (3,) each, or (K, 3) of those that move."""
-SeenFrom = Callable[[np.ndarray], Sequence[Ends]]
-"""Places from which a target is seen at times [s] (K,)."""
 CYCLES_PER_STEP = 0.35
 """Greatest change, from one surface frame to the next, of the phase between two facets of a patch [cycles]: a walk's field errs by
 0.8 dB less than with 0.5, and by 0.1 dB more than with 0.25."""
@@ -38,6 +41,56 @@ RANGE_STEP = 1.25
 """Ratio of the least ranges that are distinguished; a body's facets differ by a percent from one to the next."""
 PROBE_RATE_HZ, PROBES = 12.5, 40
 """Rate at which motion is sampled, and the number of instants together (and at least)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairPlaces:
+    """The places that a target is seen from, over one path pair."""
+
+    places_m: list[np.ndarray]
+    """Transmitter and receiver or their images, (3,) each, or one place where both stand in it; (T, 3) of images that move."""
+    views_m: list[np.ndarray]
+    """The same where only the form of the echoes matters (`one_view`)."""
+    frequency_hz: float
+    """Frequency at mid-sweep."""
+    link_amplitude: float
+    """sqrt(W) m: the received amplitude is link_amplitude sqrt(rcs)/(R_tx R_rx)."""
+    delay_s: float = 0.0
+    """Added to that of the distances: delay of slabs on the paths."""
+    moving: Callable[[np.ndarray], PairPlaces] | None = None
+    """The same at times [s] (T,), of a radar that moves in a scene; those above are where its track begins."""
+
+    @classmethod
+    def of(cls, radar: Radar, paths: PathPair | None = None, times_s: np.ndarray | None = None) -> PairPlaces:
+        """That of the radar's array centres, or of their images over a path pair, at times [s] (T,) where these move."""
+        places, moving = [radar.tx_position_m, radar.rx_position_m], None
+        if paths is not None:
+            places = [paths.out.image_m, paths.back.image_m]
+            if paths.out.passing is not None and times_s is None:
+                moving = partial(cls.of, radar, paths)
+            elif paths.out.passing is not None:
+                places = [paths.out.place_m(times_s), paths.back.place_m(times_s)]
+        return cls(
+            places_m=places[:1] if np.array_equal(places[0], places[1]) else places,
+            views_m=one_view(*places),
+            frequency_hz=radar.mid_frequency_hz,
+            link_amplitude=radar.link_amplitude,
+            delay_s=0.0 if paths is None else paths.delay_s,
+            moving=moving,
+        )
+
+    def at(self, times_s: np.ndarray) -> PairPlaces:
+        """The pair as it is at times [s] (T,)."""
+        return self if self.moving is None else self.moving(times_s)
+
+    @property
+    def ends_m(self) -> Ends:
+        """Places of the transmitter and of the receiver."""
+        return self.places_m[0], self.places_m[-1]
+
+    def delays(self, at: LaneReader, ranges: list[Any]) -> Any:
+        """[s], of distances from the places [m]."""
+        return (ranges[0] + ranges[-1]) * (1 / SPEED_OF_LIGHT) + at.constant(self.delay_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,16 +128,17 @@ def patches(
     radar: Radar,
     times_s: np.ndarray,
     *,
-    seen_from: SeenFrom | None = None,
+    pairs: Sequence[PairPlaces] | None = None,
     cycles_per_step: float = CYCLES_PER_STEP,
     sweep_cycles: float = SWEEP_CYCLES,
     part: np.ndarray | None = None,
 ) -> Patches:
     """Cuts the facets, along a space-filling curve of the rest pose, until each patch is small enough at all times.
 
-    `seen_from`: by default the radar itself. `part`: of each unrefined face (F,); a patch has facets of one part alone.
+    `pairs`: those over which the target is seen, by default from the radar itself. `part`: of each unrefined face (F,); a patch has
+    facets of one part alone.
     """
-    seen_from = from_radar(radar) if seen_from is None else seen_from
+    pairs = [PairPlaces.of(radar)] if pairs is None else pairs
     places = fine.at(surface.rest)
     rest = places[fine.faces].mean(axis=1)
     order = np.argsort(_morton(rest), kind="stable")
@@ -102,7 +156,7 @@ def patches(
                 (radar.rx_positions_m, radar.rx_position_m),
             )
         )
-        range_m = least_range_m(surface, seen_from, times_s)
+        range_m = least_range_m(surface, pairs, times_s)
         per_m = max(per_m, reach / range_m / radar.wavelength_m / APERTURE_CYCLES)
     _cut(first, rest[filled] * per_m)
     if part is not None:
@@ -112,7 +166,7 @@ def patches(
     allowed_mps = radar.wavelength_m * rate_hz * cycles_per_step
     centroid = _mean_rows(fine.faces[filled], np.arange(len(filled) + 1), fine.linear).astype(np.float32)
     widest = np.zeros(len(corners))
-    for speeds in _path_speeds(surface, seen_from, times_s) if allowed_mps < math.inf else ():
+    for speeds in _path_speeds(surface, pairs, times_s) if allowed_mps < math.inf else ():
         cycles = speeds / allowed_mps
         _cut(first, centroid @ cycles)
         starts = np.append(np.flatnonzero(first[: len(order)]), len(order))
@@ -158,12 +212,7 @@ def _mean_rows(corners: np.ndarray, starts: np.ndarray, linear: Csr) -> Csr:
     return csr_array((fraction, corners.ravel(), 3 * starts), shape=(len(sizes), linear.shape[0])) @ linear
 
 
-def from_radar(radar: Radar) -> SeenFrom:
-    """From the centres of its transmitters and of its receivers, themselves."""
-    return lambda times_s: [(radar.tx_position_m, radar.rx_position_m)]
-
-
-def least_range_m(surface: MovingMesh, seen_from: SeenFrom, times_s: np.ndarray) -> float:
+def least_range_m(surface: MovingMesh, pairs: Sequence[PairPlaces], times_s: np.ndarray) -> float:
     """Least distance of the mesh's vertices from an antenna over the record [m], rounded down to a power of `RANGE_STEP`.
 
     It sets how fine facets and, for arrays, patches must be; recordings of one body at about the same distance share its facets.
@@ -172,7 +221,7 @@ def least_range_m(surface: MovingMesh, seen_from: SeenFrom, times_s: np.ndarray)
     least = math.inf
     for times in blocks(np.linspace(times_s[0], times_s[-1], int(np.clip(20 * span, 2, 200))), len(surface.rest)):
         least = min(
-            least, *(float(ranges.min()) for ranges in _ranges_of(surface.at(times), seen_from(times)).values())
+            least, *(float(ranges.min()) for ranges in _ranges_of(surface.at(times), _ends_at(pairs, times)).values())
         )
     return rounded_range_m(least)
 
@@ -198,7 +247,7 @@ def normals(corners: np.ndarray) -> np.ndarray:
     return across / np.maximum(norms(across)[..., None], 1e-30)
 
 
-def _path_speeds(surface: MovingMesh, seen_from: SeenFrom, times_s: np.ndarray) -> Iterator[np.ndarray]:
+def _path_speeds(surface: MovingMesh, pairs: Sequence[PairPlaces], times_s: np.ndarray) -> Iterator[np.ndarray]:
     """Rate of change [m/s] of the unrefined vertices' path from transmitter to receiver, float32 (V, up to PROBES)."""
     step = min(1e-3, (times_s[-1] - times_s[0]) / 10)
     count = max(PROBES, int(PROBE_RATE_HZ * (times_s[-1] - times_s[0])))
@@ -206,16 +255,21 @@ def _path_speeds(surface: MovingMesh, seen_from: SeenFrom, times_s: np.ndarray) 
     for first in range(0, count, PROBES):
         for times in blocks(instants[first : first + PROBES], 2 * len(surface.rest)):
             sides = np.concatenate([times, times + step])
-            ends = seen_from(sides)
+            ends = _ends_at(pairs, sides)
             ranges = _ranges_of(surface.at(sides), ends)
             for tx, rx in ends:
                 before, after = np.split(ranges[tx.tobytes()] + ranges[rx.tobytes()], 2)
                 yield ((after - before) / step).T.astype(np.float32)
 
 
-def _ranges_of(vertices: np.ndarray, seen_from: Sequence[Ends]) -> dict[bytes, np.ndarray]:
+def _ends_at(pairs: Sequence[PairPlaces], times_s: np.ndarray) -> list[Ends]:
+    """Places of transmitter and receiver of each pair at times [s] (K,)."""
+    return [pair.at(times_s).ends_m for pair in pairs]
+
+
+def _ranges_of(vertices: np.ndarray, all_ends: Sequence[Ends]) -> dict[bytes, np.ndarray]:
     """Distances (K, V) of vertices from each place, which path pairs have in common, by the place's bytes."""
-    places = {place.tobytes(): place for ends in seen_from for place in ends}
+    places = {place.tobytes(): place for ends in all_ends for place in ends}
     return {key: ranges_m(vertices, place) for key, place in places.items()}
 
 

@@ -15,7 +15,7 @@ from t2d_rt.core import disk_cache
 from t2d_rt.core.backend import aligned_empty, in_threads
 from t2d_rt.core.memory import REUSED_BYTES, MemoryLimit, reused
 from t2d_rt.geometry import Refinement, curved_refinements, refinements
-from t2d_rt.scattering.patches import Csr, from_radar, least_range_m
+from t2d_rt.scattering.patches import Csr, PairPlaces, least_range_m
 from t2d_rt.types import ByPart, MovingMesh, Radar
 
 # Diffuse points lie on a refinement of their own fixed fineness, so that they do not depend on the facets' size: a point is off
@@ -49,7 +49,7 @@ def facets(
 ) -> MovingMesh:
     """The facets that `mesh_echoes` would sum in free space, as a mesh of their own."""
     wavenumber = 2 * math.pi / radar.wavelength_m
-    range_m = least_range_m(surface, from_radar(radar), np.array(span_s))
+    range_m = least_range_m(surface, [PairPlaces.of(radar)], np.array(span_s))
     fine, _ = refined(surface, wavenumber, range_m, [sagitta_rad, POINT_SAGITTA_RAD], max_facets)
     fine = flattened(fine, surface.rest)
     return MovingMesh.from_track(

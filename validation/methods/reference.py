@@ -26,7 +26,7 @@ from t2d_rt.propagation.scene_paths import polarization, probes, radar_paths
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.scattering.curved_integral import curved_integrals
 from t2d_rt.scattering.mesh import POINTS_PER_MESH
-from t2d_rt.scattering.patches import from_radar, least_range_m
+from t2d_rt.scattering.patches import PairPlaces, least_range_m
 from t2d_rt.scattering.paths import ranked_pairs
 from t2d_rt.scattering.phase_integral import SERIES_TERMS
 from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD
@@ -97,7 +97,7 @@ def reference_samples(
 def refined(surface: MovingMesh, radar: Radar, sagitta_rad: float | np.ndarray) -> Refinement:
     """Facets of that phase sagitta."""
     wavenumber = 2 * math.pi / radar.wavelength_m
-    range_m = least_range_m(surface, from_radar(radar), surface.times_s)
+    range_m = least_range_m(surface, [PairPlaces.of(radar)], surface.times_s)
     return facets_of(surface, wavenumber, range_m, [sagitta_rad], MOST_FACETS)[0]
 
 
