@@ -92,9 +92,9 @@ LONGEST_S = 600.0
 
 
 SWAY_RAD, SWAY_HZ, SWAY_SLOPE = (0.0042, 0.0027), (0.08, 5.0), 1.5
-"""Of the lean of a person who stands quietly: standard deviations forward and sideways [rad], the band [Hz], and the exponent b of its
-spectrum, whose power falls in that band as f^-2b. The centre of mass, some 0.95 m high, sways by 4 and 2.5 mm, mostly below 0.5 Hz
-(Winter 1995, Gait and Posture 3: 193). The band ends at 5 Hz because echoes of recorded people at rest do not agree with
+"""Of the lean of a person who stands quietly: standard deviations forward and sideways [rad], the band [Hz], and the exponent b
+of its spectrum, whose power falls in that band as f^-2b. The centre of mass, some 0.95 m high, sways by 4 and 2.5 mm, mostly below
+0.5 Hz (Winter 1995, Gait and Posture 3: 193). The band ends at 5 Hz because echoes of recorded people at rest do not agree with
 less (docs/decisions.md, A device's points by the device's own chain)."""
 OFF_FEET_M = 0.1
 """From the middle of the feet to under the centre of mass [m], from which a seat carries somebody with level thighs: it is 0.17 to
