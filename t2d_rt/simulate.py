@@ -49,9 +49,9 @@ from t2d_rt.types.scatterer import FrameBlock, Scatterer, pose, visibility
 MOST_AGAIN = 2
 """So often a small body or mesh that misses its tolerance is simulated again."""
 LATEST_S = 1.0
-"""Between the starts of several radars."""
+"""Longest time between the starts of several radars [s]."""
 NEXT_SEED = 1_000_003
-"""Between the seeds of the receivers of several radars."""
+"""Step between the seeds of the receivers of several radars."""
 FIRST_RUN = 0.8
 """Fraction of the progress, or of what is left of it, that a run takes which may have to be made again."""
 

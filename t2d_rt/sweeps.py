@@ -55,7 +55,7 @@ PICTURES = "panels.png", "panels.pdf"
 PARTS_TABLE, PARTS_PICTURES = "parts.csv", ("parts.png", "parts.pdf")
 """What may stand beside the recordings; the latter two where they have parts."""
 LEAST_LIMIT_DB = 3.0
-"""Of the colours of differences."""
+"""Least limit of the colours of differences [dB]."""
 MOST_WRITTEN = 8
 """Columns of cells that have room for numbers."""
 MOST_PARTS = 20

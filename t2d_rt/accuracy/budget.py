@@ -61,11 +61,11 @@ class Total:
 
     energy: float = 0.0
     margins: Mapping[str, float] = field(default_factory=dict)
-    """By their laws."""
+    """Margin of each law, as energy."""
 
     @classmethod
     def of(cls, parts: Iterable[Omission]) -> Total:
-        """Of what is left out."""
+        """The sum over simplifications."""
         omitted, margins = [part for part in parts if part.taken], dict[str, float]()
         for omission in omitted:
             margins[omission.law] = margins.get(omission.law, 0.0) + omission.margin
@@ -78,7 +78,7 @@ class Total:
 
     @property
     def margin(self) -> float:
-        """That of the sum."""
+        """Margin of the sum, as energy."""
         return math.hypot(*self.margins.values())
 
     @property

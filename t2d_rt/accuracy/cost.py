@@ -79,7 +79,7 @@ class FacetCount:
 
     @property
     def work(self) -> float:
-        """Of one of its facets over that of a flat one."""
+        """Work for one of its facets over that for a flat one."""
         return CURVED_WORK if self.curved else 1.0
 
     @classmethod
@@ -217,7 +217,7 @@ def mesh_vertices(model: Model) -> int:
 
 
 def predicted_bytes(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], *, measured: bool) -> float:
-    """The same before anything is refined."""
+    """`memory_bytes` as predicted before any facet is made."""
     units = work_units(model, accuracy, counts)
     facets, pairs = units["refined facet"] - beside_facets(counts), max(1.0, units["path pair"])
     of_pair = patches_of(units["facet of a path pair"] / pairs) + POINTS_PER_MESH * rough_meshes(model)

@@ -61,11 +61,11 @@ class FacetLaw:
     scatter_db: float
     """Standard deviation of the first over the cases of the fit."""
     difference_scatter_db: float
-    """Of the second."""
+    """Standard deviation of `coarser_db` over the cases of the fit."""
     ratio_scatter_db: float
-    """Of the one over the other."""
+    """Standard deviation of the ratio of the two."""
     correlation: float
-    """Of the deviations of the first and of that ratio."""
+    """Correlation of the deviations of `facets_db` and of that ratio."""
     size_scale: float = 1.0
     """Factor by which phase sagittas count more of what is smaller than the bodies of the fit."""
     cage_rad: float = math.inf
@@ -135,7 +135,7 @@ class Laws:
 
     bodies: FacetLaw
     smooth: FacetLaw
-    """Of smooth meshes of the user and movers."""
+    """Law of facets of smooth meshes, of the user or of movers."""
     occlusion: Law
     """Cost of no occlusion, over what the unrefined mesh shows of it."""
     edges: dict[tuple[float, int], Law]
@@ -156,7 +156,7 @@ class Laws:
     @classmethod
     @functools.cache
     def fitted(cls) -> Laws:
-        """Those of the package."""
+        """The laws that come with the package."""
         return cls.of(json.loads(FILE.read_text()))
 
     @classmethod

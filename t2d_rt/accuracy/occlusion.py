@@ -85,11 +85,11 @@ class Occluded:
     """Estimated power that occlusion removes from the targets' echoes, and that remains."""
 
     power: np.ndarray
-    """Of each ranked path pair without occlusion, without unit, (P,); of the one in free space."""
+    """Power without occlusion of each ranked path pair, without unit, (P,); in free space there is one pair."""
     removed: np.ndarray
-    """Of the strongest N pairs, (N,)."""
+    """Power that occlusion removes from each of the strongest N pairs, (N,)."""
     remaining: np.ndarray
-    """Likewise."""
+    """Power that remains of each of these, (N,)."""
 
     @classmethod
     def of(cls, model: Model, accuracy: Accuracy, *, by_fast: bool = False) -> Occluded:

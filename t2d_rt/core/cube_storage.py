@@ -196,10 +196,10 @@ class FileRows:
     """Rows (antenna, sample) of a file of measured samples, decoded when read; what is no longer the same file is an error."""
 
     path: Path
-    """Absolute."""
+    """Absolute path of the file."""
     shape: tuple[int, int, int]
     begin: int
-    """Of the first row in the file [byte]."""
+    """Where the first row begins in the file [byte]."""
     dtype: np.dtype[Any]
     row_numbers: int
     """Numbers of a row."""

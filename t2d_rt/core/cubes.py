@@ -29,9 +29,9 @@ class GatedRows:
     bins: slice
     """Range bins of the gate."""
     window: str
-    """That over the samples of a chirp."""
+    """Name of the window over the samples of a chirp."""
     samples: int
-    """That a chirp has."""
+    """Number of samples of a chirp."""
 
     @property
     def shape(self) -> tuple[int, ...]:

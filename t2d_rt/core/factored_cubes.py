@@ -57,7 +57,7 @@ class Piece:
         return Piece(self.samples(), middle, None, np.zeros(0), self.phase, (high - low) / 2)
 
     def at(self, samples: slice) -> Piece:
-        """The same at some of the samples."""
+        """The piece at some of the samples."""
         if self.weights is None:
             return replace(self, coefficients=self.coefficients[:, samples])
         return replace(self, weights=self.weights[:, samples], x=self.x[samples])
@@ -72,7 +72,7 @@ class Piece:
             self._multiply(out)
 
     def samples(self) -> np.ndarray:
-        """Those before the phase, complex64 (chirp, sample)."""
+        """Samples before the phase is applied, complex64 (chirp, sample)."""
         if self.weights is None:
             return self.coefficients
         out = np.empty((len(self.coefficients), len(self.x)), DTYPE)
@@ -396,9 +396,9 @@ class _Stored:
     stop: int
     antenna: int
     offset: int
-    """Of its coefficients in the file [byte]."""
+    """Where its coefficients begin in the file [byte]."""
     piece: Piece
-    """With no rows of coefficients, but of their width."""
+    """The piece with an array of coefficients that has no rows but their width."""
 
     @property
     def numbers(self) -> int:

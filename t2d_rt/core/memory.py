@@ -22,7 +22,7 @@ from t2d_rt.core.errors import InputError
 Value = TypeVar("Value")
 
 LIMIT_GB = 2.0
-"""Of a run, unless the user says otherwise."""
+"""Memory that a run may take unless the user says otherwise [GB]."""
 RELEASE_ABOVE = 0.7
 """Fraction of the limit above which unused memory is given back to the system between blocks of work."""
 RELEASE_EVERY = 10

@@ -390,9 +390,9 @@ Source = Annotated[
 MOTION_FIELDS = (
     "rate_hz", "names", "parents", "placed", "report", "origin", "activities", "breathing", "heartbeat", "carries",
 )  # fmt: skip
-"""Of a `Motion` beside its arrays, which are stored as they are."""
+"""Fields of a `Motion` beside its arrays, which are stored as they are."""
 MESH_FIELDS = "crease_deg", "curved", "name"
-"""Of a `MovingMesh`, likewise."""
+"""Fields of a `MovingMesh` beside its arrays, which are stored as they are."""
 OWN_KINDS = "file", "text", "motion", "skin", "segments", "mover_mesh", "mesh", "ellipsoids", "unknown", "mover"
 """Kinds of sources that are no movers."""
 

@@ -139,7 +139,7 @@ class Card(Fields):
         return warnings
 
     def with_about(self, **more: Any) -> Card:
-        """The same card that tells more."""
+        """A copy of the card with further entries in `about`."""
         return self.model_copy(update={"about": {**self.about, **more}})
 
     def to_plain(self) -> dict[str, Any]:

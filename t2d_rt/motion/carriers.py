@@ -199,7 +199,7 @@ class Place:
     """Joint that it is rigid with, once the arms are posed."""
     size_m: tuple[float, ...]
     grips: Mapping[str, Grip]
-    """By the side of the hand."""
+    """What each hand grips, by its side."""
     lowest_m: np.ndarray
     """Height of its lowest point over the floor [m], (T,)."""
 

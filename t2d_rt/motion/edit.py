@@ -40,7 +40,7 @@ class MotionInfo:
     travelled_m: float
     """Length of the pelvis's horizontal track."""
     mean_speed_mps: float
-    """That length over the duration."""
+    """Length of the path over the duration [m/s]."""
     top_speed_mps: float
     top_speed_joint: str
 

@@ -56,10 +56,10 @@ class Jump:
     frames: int
     """Over which it is spread."""
     time_s: float
-    """Of the frame that it reaches."""
+    """Time of the frame that it reaches [s]."""
     by_m: float
     joints: tuple[str, ...]
-    """Those that jump, for a swap both sides."""
+    """Joints that jump; those of both sides where left and right are swapped."""
 
     def __str__(self) -> str:
         if self.by_m == 0.0:

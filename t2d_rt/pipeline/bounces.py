@@ -56,7 +56,7 @@ class Bouncing:
         return None
 
     def reflector(self, radar: Radar, span_s: tuple[float, float], max_facets: int) -> Reflector:
-        """Its surface, of the same facets as over a single bounce."""
+        """The surface of the target, with the facets that it has for a single bounce."""
         assert self.mesh is not None
         range_m = least_range_m(self.mesh, [PairPlaces.of(radar)], np.array(span_s))
         (facets,) = refined(self.mesh, 2 * math.pi / radar.wavelength_m, range_m, [self.sagitta_rad], max_facets)

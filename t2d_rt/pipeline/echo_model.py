@@ -48,7 +48,7 @@ SAME_RATE = 2.0
 PASSING_M = 3.0
 """Distance of the points by which a scene passes a radar that moves."""
 TWIN_SEED = 1_000_003
-"""Between the seeds of targets that have the same shape at rest."""
+"""Step between the seeds of targets that have the same shape at rest."""
 
 
 @dataclass(frozen=True)
@@ -78,9 +78,9 @@ class Model:
     """Names of the path pairs that have echoes; None for all. The others are modelled alike and are silent, so that recordings of
     parts add up to that of the whole."""
     surface_rates: dict[int, SurfaceRate] = field(default_factory=dict)
-    """What was found of the rates that targets need, by their number."""
+    """Surface rates that targets need, by their number; found when they are first asked for."""
     own_rates: dict[int, SurfaceRate] = field(default_factory=dict)
-    """The same where a radar that moves does not count."""
+    """The same rates without the movement of the radar."""
 
     @property
     def targets(self) -> list[TargetLike]:
@@ -152,7 +152,7 @@ class Model:
 
     @property
     def max_facets(self) -> int:
-        """Of one mesh, in the memory that may be taken."""
+        """Greatest number of facets of one mesh in the memory that may be taken."""
         return most_facets(self.memory)
 
     def pairs(self, accuracy: Accuracy) -> ChosenPairs | None:
@@ -240,6 +240,6 @@ def values(material: str | Material, radar: Radar) -> Material:
 
 
 def with_method(model: Model, method: Method) -> Model:
-    """The same targets, bodies by another echo model."""
+    """The model with bodies by another echo model."""
     modelled = [target.by(method) for target in model.modelled]
     return replace(model, modelled=modelled, method=method, surface_rates={}, own_rates={})

@@ -107,7 +107,7 @@ class _Segments:
 
     @classmethod
     def of(cls, model: Model, number: int) -> _Segments:
-        """Those of the target of that number."""
+        """The segments of the target of that number."""
         target, body = model.modelled[number], model.body
         made, motion = None if target.mesh is None else target.mesh.made, target.source
         if made is not None and made.by == "skin":

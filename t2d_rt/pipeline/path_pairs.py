@@ -61,17 +61,17 @@ class ChosenPairs:
 
     pairs: list[PathPair]
     levels_db: list[float]
-    """Theirs in the mean over the targets, relative to the strongest pair's [dB]."""
+    """Level of each pair in the mean over the targets, relative to the strongest pair's [dB]."""
     bent_db: list[float]
-    """Levels of what a line over frequency leaves out of their spectra, likewise."""
+    """Level of what a line over frequency leaves out of each pair's spectrum, likewise relative."""
     left_out_db: list[float]
-    """Levels of those left out at their best points, likewise."""
+    """Levels of the pairs left out, at their best points, likewise relative."""
     ends: list[int]
     """How many of the pairs belong to each tier or to one before it."""
     occluded: list[PathPair]
-    """Those of tiers whose occlusion by the targets is traced along all of their paths."""
+    """The pairs of tiers whose occlusion by the targets is traced along all of their paths."""
     switched_on: list[PathPair]
-    """Those that have echoes."""
+    """The pairs that have echoes."""
 
     @classmethod
     def of(cls, ranked: Sequence[Ranked], accuracy: Accuracy, names_on: frozenset[str] | None) -> ChosenPairs:
@@ -143,7 +143,7 @@ def switched_on(ranked: Sequence[Ranked], only: Sequence[str] | None, without: S
 
 
 def _matching(option: str, patterns: Sequence[str], names: Sequence[str]) -> set[str]:
-    """Of these names those that match what an option was given."""
+    """The names that match one of the patterns that an option was given."""
     matches: set[str] = set()
     for pattern in patterns:
         matching = fnmatch.filter(names, pattern.replace("[", "[[]"))

@@ -74,7 +74,7 @@ def in_periods(
 
 
 def _visibility(view: PathVisibility, samples_s: np.ndarray) -> np.ndarray:
-    """That of the whole mesh over a view at these times (K,)."""
+    """Visibility of the whole mesh over a view at these times (K,)."""
     fractions = np.ones(len(samples_s))
     for fraction in (*view.visibility, *view.unblocked):
         fractions *= np.concatenate([fraction(chunk_s)[:, 0] for chunk_s in blocks(samples_s, 10_000)])
@@ -90,7 +90,7 @@ def _dimmed(view: PathVisibility, level: float, vertices: int) -> PathVisibility
 
 
 def _greatest_speed_mps(mesh: MovingMesh, start_s: float) -> float:
-    """Of any of its points."""
+    """Greatest speed of any point of the mesh over a period."""
     assert mesh.period_s is not None
     step_s = mesh.period_s / SPEED_PROBES / 100
     times_s = start_s + mesh.period_s * np.arange(SPEED_PROBES) / SPEED_PROBES

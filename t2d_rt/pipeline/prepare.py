@@ -48,15 +48,15 @@ class Prepared:
     model: Model
     accuracy: Accuracy
     scatterers: list[Scatterer]
-    """Those of the targets."""
+    """Scatterers of the targets."""
     static: list[Scatterer]
-    """Those of the static scene."""
+    """Scatterers of the static scene."""
     counts: dict[str, object]
     """How many echoes the static scene has, for a recording's settings."""
 
     @property
     def parts(self) -> list[Scatterer]:
-        """Those of the same surface frames together, as far as memory allows, and then what repeats, each by itself."""
+        """Scatterers of the same surface frames together, as far as memory allows, and then those that repeat, each by itself."""
         scatterers = [*self.scatterers, *self.static]
         return batches([scatterer for scatterer in scatterers if scatterer.repeats is None], self.model.radar) + [
             scatterer for scatterer in scatterers if scatterer.repeats is not None
@@ -225,7 +225,7 @@ def _facets(
     times_s: np.ndarray,
     views: Sequence[PathVisibility],
 ) -> list[Scatterer]:
-    """Those over the path pairs of one tier."""
+    """Facets of a mesh over the path pairs of one tier."""
     model, accuracy = preparation.model, preparation.accuracy
     fast, place = preparation.sight.fast_rotating[number], accuracy.tiers.index(tier)
     make = partial(
@@ -294,11 +294,11 @@ Finder = Callable[[Preparation, int, np.ndarray], Iterable[Scatterer]]
 """Finds the scatterers of one kind that a target of that number has, at its surface frames [s] (T,)."""
 
 SCATTERERS: tuple[Finder, ...] = (own_ellipsoids, facets, limbs)
-"""Those of the project."""
+"""The kinds of scatterers of this project."""
 
 
 def plugin_finders() -> dict[str, Finder]:
-    """Those of other packages by name (docs/extend.md)."""
+    """Kinds of scatterers of other packages by name (docs/extend.md)."""
     names = [finder.__name__ for finder in SCATTERERS]
     return {name: loaded(entry) for name, entry in plugins("scatterers", names).items()}
 

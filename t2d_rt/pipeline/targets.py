@@ -37,12 +37,12 @@ class Target:
     world: Geometry
     """Its points in motion, in the world."""
     geometry: Geometry
-    """The same in the frame in which a radar that moves stands still."""
+    """The geometry in the frame in which a radar that moves stands still."""
     material: str | Material | ByPart
     """What its surface is made of."""
     radar: Radar
     template: str = "ellipsoids"
-    """Of a body."""
+    """Name of a body's template."""
     worn: str | Material | Outfit = "skin"
     """What a body wears, or its one material."""
 
@@ -78,7 +78,7 @@ class Target:
         return coarse if isinstance(coarse, Ellipsoids) else None
 
     def by(self, method: Method) -> Target:
-        """The same, a body modelled by another method."""
+        """The target, modelled by another method if it is a body."""
         if not isinstance(self.source, Motion):
             return self
         return Target.of_body(self.source, self.template, self.worn, method, self.radar)

@@ -13,12 +13,11 @@ from t2d_rt.core.backend import Backend
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.mean_visibility import MeanVisibility
 from t2d_rt.propagation.occluders import Occluders
-from t2d_rt.propagation.scene_paths import Blockage
+from t2d_rt.propagation.scene_paths import unblocked
 from t2d_rt.propagation.visibility import ExactVisibility, Occlusion, Viewpoints, viewpoints_at
 from t2d_rt.scattering.paths import FacetVisibility, PathVisibility, anchor_vertices
 from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, PathPair, Radar
 from t2d_rt.types.ellipsoids import Geometry
-from t2d_rt.types.paths import PathKey
 from t2d_rt.types.scatterer import Fraction
 
 _Place = tuple[tuple[str, ...], int]
@@ -80,7 +79,7 @@ class Sampled:
         return () if path is None else path.chain, 0 if len(self._sight.radar.views_m) == 1 else end
 
     def view(self, number: int, pair: PathPair | None) -> PathVisibility:
-        """Of a mesh over one pair."""
+        """The view of a mesh over one pair."""
         # One sample serves where both ends have one visibility; it counts over both one-way paths, though.
         ends = {self._place(end, path): (end, path) for end, path in _ends(pair) if path or self._solid}
         fractions = tuple(self._fraction(number, *end, 3 - len(ends)) for end in ends.values())
@@ -129,7 +128,7 @@ class ExactOverStrongest:
         return strongest + self._others.views(number)
 
     def _facet_visibility(self, number: int, pair: PathPair | None) -> FacetVisibility:
-        """Of a mesh, traced from every facet's vertices."""
+        """Visibility of a mesh, traced from every facet's vertices."""
         mesh_index = self._others.index[number]
         ends = viewpoints_at(self._sight.radar.views_m) if pair is None else [pair.out, pair.back]
         return _TracedFromFacets(
@@ -183,26 +182,20 @@ def coarse_views(
     All points of a `fast_rotating` one have the mean visibility. Over `minor` pairs ellipsoids have the visibility of their
     centres.
     """
-    paths = [path for pair in pairs for path in (pair.out, pair.back)]
-    fractions = _unblocked(blockage(geometry, samples_s, minor=minor), paths, scene, fast_rotating=fast_rotating)
+    paths = {path.key: path for pair in pairs for path in (pair.out, pair.back)}
+    of_paths = unblocked(
+        geometry,
+        anchor_vertices(geometry.rest) if isinstance(geometry, MovingMesh) else np.zeros(0, int),
+        list(paths.values()),
+        scene,
+        samples_s,
+        minor=minor,
+        in_the_mean=fast_rotating,
+    )
+    fractions = dict(zip(paths, of_paths, strict=True))
     field = "visibility" if isinstance(geometry, Ellipsoids) else "unblocked"
     of_pairs = [tuple(fractions[path.key] for path in (pair.out, pair.back)) for pair in pairs]
     return [PathVisibility(paths=pair, **{field: of_pair}) for pair, of_pair in zip(pairs, of_pairs, strict=True)]  # type: ignore[arg-type]
-
-
-def blockage(geometry: Geometry, samples_s: np.ndarray, *, minor: bool = False) -> Blockage:
-    """Blockage by the scene of paths to a few points of a target, at `samples_s`."""
-    if isinstance(geometry, MovingMesh):
-        return Blockage.to_vertices(geometry, anchor_vertices(geometry.rest), samples_s)
-    return (Blockage.to_centres if minor else Blockage.to_ellipsoids)(geometry, samples_s)
-
-
-def _unblocked(
-    over: Blockage, paths: Sequence[OneWayPath], scene: SceneBlockage, *, fast_rotating: bool
-) -> dict[PathKey, Fraction]:
-    """Fraction of the field that the scene does not block, by one-way path."""
-    by_key = {path.key: path for path in paths}
-    return dict(zip(by_key, over.over(list(by_key.values()), scene, in_the_mean=fast_rotating), strict=True))
 
 
 def _ends(pair: PathPair | None) -> Iterator[tuple[int, OneWayPath | None]]:

@@ -298,7 +298,7 @@ def _draw_scene(
     paths_m: list[tuple[str, np.ndarray]],
     track_m: np.ndarray | None,
 ) -> None:
-    """Its lines into axes of two or three dimensions."""
+    """Draws the lines of a scene into axes of two or three dimensions."""
     from matplotlib.collections import LineCollection
     from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
 

@@ -257,7 +257,7 @@ class Mirrors:
         return [beam for beam in onward if beam.chains]
 
     def _ends(self) -> list[bool]:
-        """Of each mirror, whether it absorbs what it meets."""
+        """Whether each mirror absorbs what meets it."""
         return [absorbs(self.scene.surfaces[mirror.surface].material) for mirror in self.parts]
 
     def first(
@@ -332,7 +332,7 @@ class _Rays:
     passages: int
 
     def over(self, mirror: np.ndarray, *, through: bool) -> _Rays:
-        """The same with their chains longer by a mirror (R,) each."""
+        """The rays with a mirror (R,) more at the end of each chain."""
         going = self.inside.numpy()
         # A chain as one number, that of its beginning and that of its last mirror, is found sooner than a row of them.
         most = int(mirror.max(initial=0)) + 1

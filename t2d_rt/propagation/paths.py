@@ -40,7 +40,7 @@ class Along:
 
     @classmethod
     def of(cls, radar: Radar, span_s: tuple[float, float], probed_s: np.ndarray) -> Along | None:
-        """Between two times; None for one that stands still."""
+        """The track between two times; None for a radar that stands still."""
         if radar.track is None:
             return None
         times_s = np.linspace(*span_s, max(2, math.ceil((span_s[1] - span_s[0]) * SEARCHED_HZ)))

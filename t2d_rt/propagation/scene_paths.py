@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -119,63 +119,6 @@ def _check_inside(
             raise InputError(f"the radar at ({where}) m is inside {name} of scene {scene.name}{advice}")
 
 
-class Blockage:
-    """Blockage of one-way paths to points of a target by the static scene: sampled at sample times, faded in between."""
-
-    def __init__(
-        self, points_at: Callable[[np.ndarray], np.ndarray], samples_s: np.ndarray, mesh: MovingMesh | None = None
-    ) -> None:
-        """`points_at`: points (K, N, Q, 3) [m] at times [s] (K,), Q of them for each of the N fractions; those of a `mesh` that has
-        a period are looked at in a few poses."""
-        self._samples_s, self._pose = samples_s, None
-        if mesh is not None and mesh.period_s is not None:
-            samples_s, self._pose = poses(mesh, samples_s)
-        self._posed_s, self._points = samples_s, points_at(samples_s)
-
-    @classmethod
-    def to_vertices(cls, mesh: MovingMesh, vertices: np.ndarray, samples_s: np.ndarray) -> Blockage:
-        """Blockage of some vertices of a mesh."""
-        return cls(partial(_vertices_at, mesh, vertices), samples_s, mesh)
-
-    @classmethod
-    def to_centres(cls, ellipsoids: Ellipsoids, samples_s: np.ndarray) -> Blockage:
-        """Blockage of ellipsoids' centres alone."""
-        return cls(partial(_centres_at, ellipsoids), samples_s)
-
-    @classmethod
-    def to_ellipsoids(cls, ellipsoids: Ellipsoids, samples_s: np.ndarray) -> Blockage:
-        """Blockage of ellipsoids, at their centres and far ends; across them, the field fades over about their width."""
-        return cls(partial(_centres_and_ends_at, ellipsoids), samples_s)
-
-    def over(self, paths: Sequence[OneWayPath], scene: SceneBlockage, *, in_the_mean: bool = False) -> list[Unblocked]:
-        """Unblocked fractions of each path; `in_the_mean`: their mean over the N."""
-        # All at once: a kernel's start costs as much as some thousand rays.
-        fractions = scene.fractions(paths, self._points, self._posed_s).mean(axis=3)
-        if in_the_mean:
-            fractions = fractions.mean(axis=2, keepdims=True)
-        if self._pose is not None:
-            fractions = fractions[:, self._pose]
-        return [Unblocked(self._samples_s, fraction, self._points.shape[1]) for fraction in fractions]
-
-
-def _vertices_at(mesh: MovingMesh, vertices: np.ndarray, times_s: np.ndarray) -> np.ndarray:
-    """Some vertices (K, N, 1, 3) of a mesh."""
-    return np.concatenate([mesh.at(block_s)[:, vertices, None] for block_s in blocks(times_s, len(mesh.rest))])
-
-
-def _centres_at(ellipsoids: Ellipsoids, times_s: np.ndarray) -> np.ndarray:
-    """Centres (K, N, 1, 3) of ellipsoids."""
-    return ellipsoids.points_at(times_s)[:, :, None]
-
-
-def _centres_and_ends_at(ellipsoids: Ellipsoids, times_s: np.ndarray) -> np.ndarray:
-    """Centres and far ends (K, N, 3, 3) of ellipsoids."""
-    number, longest = np.arange(len(ellipsoids.semi_axes_m)), ellipsoids.semi_axes_m.argmax(axis=1)
-    centres, axes = ellipsoids.at(times_s)
-    end = axes[:, number, :, longest].swapaxes(0, 1) * ellipsoids.semi_axes_m.max(axis=1)[:, None]
-    return np.stack([centres, centres + end, centres - end], axis=2)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Unblocked:
     """The fraction of the field over a path that the static scene leaves, as a function of times."""
@@ -191,3 +134,41 @@ class Unblocked:
         """The fractions (K, N) at times [s] (K,)."""
         fraction = between_samples(times_s, self.samples_s, self.at_samples.__getitem__)
         return np.broadcast_to(fraction, (len(times_s), self.count))
+
+
+def unblocked(
+    geometry: MovingMesh | Ellipsoids,
+    vertices: np.ndarray,
+    paths: Sequence[OneWayPath],
+    scene: SceneBlockage,
+    samples_s: np.ndarray,
+    *,
+    minor: bool = False,
+    in_the_mean: bool = False,
+) -> list[Unblocked]:
+    """What the static scene leaves of the field at a few points of a target, over each path, sampled at `samples_s` [s] (S,).
+
+    The points of a mesh are some of its `vertices`, in a few poses where it has a period. Those of ellipsoids are the centres and the
+    far ends, as the field fades over about their width, or over `minor` paths the centres alone. With `in_the_mean` all points
+    have the mean over them.
+    """
+    posed_s, pose = samples_s, None
+    if isinstance(geometry, MovingMesh):
+        if geometry.period_s is not None:
+            posed_s, pose = poses(geometry, samples_s)
+        at_once = blocks(posed_s, len(geometry.rest))
+        points = np.concatenate([geometry.at(block_s)[:, vertices, None] for block_s in at_once])
+    else:
+        centres, axes = geometry.at(samples_s)
+        points = centres[:, :, None]
+        if not minor:
+            number, longest = np.arange(len(geometry.semi_axes_m)), geometry.semi_axes_m.argmax(axis=1)
+            end = axes[:, number, :, longest].swapaxes(0, 1) * geometry.semi_axes_m.max(axis=1)[:, None]
+            points = np.stack([centres, centres + end, centres - end], axis=2)
+    # All at once: a kernel's start costs as much as some thousand rays.
+    fractions = scene.fractions(paths, points, posed_s).mean(axis=3)
+    if in_the_mean:
+        fractions = fractions.mean(axis=2, keepdims=True)
+    if pose is not None:
+        fractions = fractions[:, pose]
+    return [Unblocked(samples_s, fraction, points.shape[1]) for fraction in fractions]

@@ -83,7 +83,7 @@ class Viewpoints:
 
     @property
     def occlusions(self) -> list[Occlusion]:
-        """Those that something asks: what has been dropped is not traced for."""
+        """The occlusions that something still holds; nothing is traced for others."""
         return [occlusion for occlusion in (reference() for reference in self._references) if occlusion is not None]
 
     def add(self, viewpoint: Occlusion) -> None:

@@ -134,7 +134,7 @@ class Synthesis:
         progress: Progress | None = None,
         parts: EchoParts | None = None,
     ) -> None:
-        """As `synthesize`, for echoes at surface frames `times_s` (T,)."""
+        """The arguments are those of `synthesize`, for echoes at surface frames `times_s` (T,)."""
         self._radar, self._memory, self._progress = radar, memory, progress
         self._sweep, self._tolerance, self._backend = Sweep.of(radar), 10 ** (tolerance_db / 20), select(device)
         self._windows = Windows(times_s, None if parts is None else parts.number)

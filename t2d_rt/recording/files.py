@@ -129,7 +129,7 @@ def _read(source: Path) -> dict[str, Any]:
 
 
 def json_text(name: str, values: Mapping[str, Any]) -> str:
-    """As text that is stored with a result."""
+    """Values as JSON text that is stored with a result."""
     try:
         return json.dumps(values)
     except (TypeError, ValueError) as error:
@@ -336,4 +336,4 @@ WRITERS: dict[str, Callable[[Path, Cube, xr.Dataset, Mapping[str, str]], None]] 
     ".nc": _write_netcdf,
     ".npz": _write_npz,
 }
-"""By a file's ending."""
+"""Functions that write a file for other programs, by its ending."""

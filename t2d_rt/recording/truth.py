@@ -45,7 +45,7 @@ MADE_FOR = re.compile(r"made for .*, class (\w+), by ")
 motions and stored experiments keep already; a field of its own would have to be carried through each of them."""
 
 CYCLES = "breathing", "heartbeat"
-"""Of a motion, that move the front of the trunk."""
+"""Fields of a motion that move the front of the trunk."""
 XYZ = "forward", "left", "up"
 PARTS = "heel", "ball"
 OF_SEGMENTS = "range_m", "speed_mps", "azimuth_rad", "elevation_rad", "visible"
@@ -63,7 +63,7 @@ class Person(NamedTuple):
     """A target that a skeleton moves."""
 
     number: int
-    """Of the target."""
+    """Number of the target."""
     motion: Motion
     body: str
     worn: str | Material | Outfit

@@ -60,9 +60,9 @@ class PointVertices:
     visibility: Any
     """Of these in 0..1, flat Float32 (Vp, T) on the device; None: all are visible."""
     corners: np.ndarray
-    """Of each point's triangle, (Q, 3)."""
+    """Vertices of each point's triangle, (Q, 3)."""
     packets: np.ndarray
-    """As in `DiffusePoints`, (Q, 4)."""
+    """Numbers of each point as in `DiffusePoints`, (Q, 4)."""
     starts: np.ndarray
     """First point of each patch and the end, (P + 1,)."""
     scattered: np.ndarray

@@ -521,13 +521,13 @@ class Facets:
     vertices: Any
     """Flat Float32 (V, T, 4) on the device: relative to the origin, and 1."""
     places: np.ndarray | None
-    """Of the corners among them (Vc, T, 3) m, where visibility is traced from there."""
+    """Places of the corners among them (Vc, T, 3) m, where visibility is traced from there."""
     corners: np.ndarray
     """Which of all facets' vertices are corners here, bool (Vf,)."""
     numbers: np.ndarray
-    """Of all facets' vertices among these, (Vf,)."""
+    """Number of each of all facets' vertices among these, (Vf,)."""
     corner_numbers: np.ndarray
-    """Of all facets' vertices among those of these that are corners, (Vf,)."""
+    """Number of each of all facets' vertices among those of these that are corners, (Vf,)."""
     _known: dict[Any, Any] = field(default_factory=dict)
     """What all pairs that have a one-way path in common share."""
 

@@ -50,7 +50,7 @@ class PairPlaces:
     places_m: list[np.ndarray]
     """Transmitter and receiver or their images, (3,) each, or one place where both stand in it; (T, 3) of images that move."""
     views_m: list[np.ndarray]
-    """The same where only the form of the echoes matters (`one_view`)."""
+    """Places for the form of the echoes alone (`one_view`)."""
     frequency_hz: float
     """Frequency at mid-sweep."""
     link_amplitude: float
@@ -58,11 +58,11 @@ class PairPlaces:
     delay_s: float = 0.0
     """Added to that of the distances: delay of slabs on the paths."""
     moving: Callable[[np.ndarray], PairPlaces] | None = None
-    """The same at times [s] (T,), of a radar that moves in a scene; those above are where its track begins."""
+    """The pair at times [s] (T,), for a radar that moves in a scene; the places above are then those where its track begins."""
 
     @classmethod
     def of(cls, radar: Radar, paths: PathPair | None = None, times_s: np.ndarray | None = None) -> PairPlaces:
-        """That of the radar's array centres, or of their images over a path pair, at times [s] (T,) where these move."""
+        """Places of the radar's array centres, or of their images over a path pair, at times [s] (T,) where these move."""
         places, moving = [radar.tx_position_m, radar.rx_position_m], None
         if paths is not None:
             places = [paths.out.image_m, paths.back.image_m]
@@ -109,7 +109,7 @@ class Patches:
 
     @property
     def corners(self) -> np.ndarray:
-        """Those at the facets' corners, (F, 3)."""
+        """Vertices at the facets' corners, (F, 3)."""
         return self.nodes[:, :3]
 
     def only(self, chosen: np.ndarray) -> Patches:

@@ -52,7 +52,7 @@ class PathVisibility:
 
     @property
     def name(self) -> str:
-        """Of the path pair."""
+        """Name of the path pair."""
         return "direct" if self.paths is None else self.paths.name
 
     @property
@@ -243,9 +243,9 @@ class Ranked(NamedTuple):
 
     pair: PathPair
     best_db: float
-    """At the best probe of each."""
+    """Level at the pair's best probe."""
     mean_db: float
-    """Of the mean power over all probes."""
+    """Level of the mean power over all probes."""
     bent_db: float
     """Likewise, of what a line over frequency leaves out of its spectrum over the sweep."""
 

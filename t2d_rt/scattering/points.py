@@ -33,9 +33,9 @@ class SampledVisibility:
     visibility: Mapping[Fraction, np.ndarray] = field(default_factory=dict)
     """Of the vertices of its visibility mesh over each one-way path, (T, V'); their product counts."""
     facet_visibility: VertexVisibility | None = None
-    """Of finer vertices, as a factor."""
+    """Visibility of finer vertices, as a factor."""
     weights: Weights | None = None
-    """Of the path pair; None in free space."""
+    """Weights of the path pair; None in free space."""
 
 
 _last_points = LastUsed[SurfacePoints](8)  # some 300 kB each

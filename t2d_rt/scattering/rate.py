@@ -387,7 +387,7 @@ def _specular_paths(ellipsoids: Ellipsoids, times_s: np.ndarray, radar: Radar) -
 
 
 def _evenly(count: int, most: int) -> np.ndarray:
-    """So many of the numbers below a count, at most."""
+    """Numbers below a count, evenly spaced and at most so many."""
     return np.linspace(0, count - 1, min(count, most)).astype(int)
 
 

@@ -298,7 +298,7 @@ def path_lengths(
 
 
 class Lengths(NamedTuple):
-    """Of paths at K frames, on the device."""
+    """Lengths of paths at K frames, on the device."""
 
     nodes_m: Any
     """Flat Float64 (N, K)."""

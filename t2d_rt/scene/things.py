@@ -11,7 +11,7 @@ from t2d_rt.types import Material
 from t2d_rt.types.carried import HANDLE_M, RIM_M, WHEEL_M, Carried
 
 STEP_M = 0.1
-"""Between vertices: visibility is sampled there."""
+"""Distance between vertices [m], at which visibility is sampled."""
 PER_RING = 12
 """Points around a tube: edges of 30 degrees are smooth."""
 CANE_HANDLE_M, CUFF_M = 0.06, 0.22

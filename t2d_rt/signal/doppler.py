@@ -151,7 +151,7 @@ class FastTime:
 
     window: str
     weights: np.ndarray
-    """Of the samples (sample,)."""
+    """Weight of each sample (sample,)."""
     bins: slice
     coherent: bool
     by_samples: bool

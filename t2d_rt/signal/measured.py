@@ -23,11 +23,11 @@ from t2d_rt.core.files import npy_header, regular_file
 from t2d_rt.types import Radar
 
 ORDERS = "IQ", "QI", "I"
-"""Of the channels; "I" alone are real samples."""
+"""Orders of the channels; samples with "I" alone are real."""
 INSPECTED_ROWS = 64
 """Rows that are looked at, spread over the file."""
 AT_ONCE = 8
-"""Of these, rows that follow one another."""
+"""Number of neighbouring rows among these."""
 SIDE_BINS = 3
 """Range bins beside zero and beside half the sample rate that belong to neither half of the beat spectrum: a Hann window's lobe."""
 MIRRORED = 2.0

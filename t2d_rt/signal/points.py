@@ -131,7 +131,7 @@ def _ca_log_rate(correlation: np.ndarray, looks: int) -> Callable[[float], float
 
 
 def _os_log_rate(correlation: np.ndarray, looks: int) -> Callable[[float], float]:
-    """The same by the factor on the noise level from the order statistic."""
+    """Logarithm of the rate of false alarms by the factor on the noise level that an order statistic gives."""
     from scipy.special import gammaincc, gammaincinv, roots_legendre
     from scipy.stats import beta
 

@@ -127,7 +127,7 @@ class RangeGate:
     bins: slice
     """Numbers of the range bins."""
     window: str
-    """Of the range FFT."""
+    """Name of the window of the range FFT."""
     matrix: np.ndarray
     """What each sample adds to each cell, complex64 (sample, cell)."""
 

@@ -85,7 +85,7 @@ class ByPart:
         return ", ".join(material if isinstance(material, str) else material.name for material in self.materials)
 
     def resolved(self, resolve: Callable[[str | Material], Material]) -> Material | ByPart:
-        """The same of values: one material where all faces have it."""
+        """The material of each part with its values, or one material where all faces have it."""
         resolved_materials = [resolve(material) for material in self.materials]
         used = list(dict.fromkeys(resolved_materials[number] for number in np.unique(self.part)))
         if len(used) == 1:

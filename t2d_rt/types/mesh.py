@@ -193,7 +193,7 @@ class MovingMesh:
         return len(self.rest)
 
     def points_at(self, times_s: np.ndarray) -> np.ndarray:
-        """The same as `at`."""
+        """Vertices at times [s] (K,), as `at` has them."""
         return self.at(times_s)
 
     def solid(self) -> Solid:

@@ -246,7 +246,7 @@ class Floored:
     piece: Piece
     floor_m: float = 0.0
     lowest_m: float = 0.0
-    """Of the floors that were stood on."""
+    """Height of the lowest floor that was stood on [m]."""
     highest_m: float = 0.0
     posture: Posture = "standing"
     lasting: bool = False

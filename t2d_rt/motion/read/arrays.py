@@ -47,7 +47,7 @@ class Arrays:
         return text if isinstance(text, np.ndarray) else _decoded(text, f"{self.path}{f': {name}' if name else ''}")
 
     def samples(self, name: str, dims: tuple[int, ...]) -> np.ndarray:
-        """As `samples_of` has them."""
+        """An array by name, checked by `samples_of`."""
         return samples_of(self.get(name), f"{self.path}: {name or 'the array'}", dims)
 
     def scalar(self, *names: str) -> float | None:

@@ -68,7 +68,7 @@ class Ground:
     rise_m: float
     """Greatest difference of the heights of planted feet."""
     residual_m: float
-    """Of them from their plane, RMS."""
+    """RMS distance of the feet from their plane [m]."""
 
     @property
     def angle_deg(self) -> float:

@@ -70,7 +70,7 @@ def read_kimodo(arrays: Arrays) -> Tracks:
 
 JOINT_FIELDS = ("joints", "positions", "joints3d", "keypoints", "keypoints3d", "motion", "poses3d", "arr_0", "")
 NAMED_RATE_HZ = 30.0
-"""Of cameras, where a file does not say."""
+"""Rate of cameras, taken where a file does not tell one."""
 
 MOST_JOINTS = 200
 

@@ -64,7 +64,7 @@ RENAMED: Mapping[str, tuple[str, ...]] = MappingProxyType(
 HEAD = ("LFHD", "RFHD", "LBHD", "RBHD")
 
 SHANK = 0.246
-"""Of the stature (Drillis and Contini 1966)."""
+"""Length of the shank over the stature (Drillis and Contini 1966)."""
 KNEE_HALF, ANKLE_HALF, ELBOW_HALF, SHOULDER_DOWN, FOOT_DOWN = 0.033, 0.024, 0.023, 0.03, 0.01
 """From marker to joint, in statures: half widths of 10, 7 and 6.5 cm and half a marker of 14 mm, shoulders 5 cm below, at
 1.75 m."""

@@ -61,7 +61,7 @@ class Tracks:
     up_certain: bool = True
     """Whether files of this format keep to it; else a body that stands along another axis decides."""
     skeleton: FileSkeleton | None = None
-    """Of a BVH or GLB file."""
+    """The skeleton of a BVH or GLB file; None of other formats."""
 
     def __len__(self) -> int:
         """How many frames there are."""

@@ -15,7 +15,7 @@ from t2d_rt.types import MovingMesh
 from t2d_rt.types.fields import Fields, Number, Vector
 
 STEP_M = 0.1
-"""Between vertices: visibility is sampled there."""
+"""Distance between vertices [m], at which visibility is sampled."""
 
 
 class Door(Fields):

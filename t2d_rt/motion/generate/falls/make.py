@@ -133,7 +133,7 @@ class Scenario:
     lead: Motion
     """The whole lead, at 120 Hz."""
     segments: np.ndarray
-    """Of the lead, (T, 22, 3, 3)."""
+    """Orientations of the segments in the lead, (T, 22, 3, 3)."""
     frame: int
     foot: str
     """Side that slips or is caught."""
