@@ -148,7 +148,7 @@ def unblocked(
 ) -> list[Unblocked]:
     """What the static scene leaves of the field at a few points of a target, over each path, sampled at `samples_s` [s] (S,).
 
-    The points of a mesh are some of its `vertices`, in a few poses where it has a period. Those of ellipsoids are the centres and the
+    The points of a mesh are some of its `vertices`, in a few poses where it has a period. Those of ellipsoids are their centres and
     far ends, as the field fades over about their width, or over `minor` paths the centres alone. With `in_the_mean` all points
     have the mean over them.
     """
