@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -37,7 +38,7 @@ from t2d_rt.propagation.collisions import Collisions
 from t2d_rt.radar.repetition import add_repeated
 from t2d_rt.radar.synthesize import Progress, Synthesis
 from t2d_rt.recording.recording import Recording
-from t2d_rt.recording.remake import again, gated, received
+from t2d_rt.recording.remake import again, received
 from t2d_rt.scattering.ellipsoid import PhaseFrom
 from t2d_rt.scene import Mover, Room
 from t2d_rt.signal.range import RangeGate
@@ -255,10 +256,7 @@ def recorded(
     if wanted.tolerance_db is not None and not (wanted.measured and measured_directly(plan)):
         warn_out_of_reach(plan)
     plan, cube, parts, settings = planned_run(setup, plan, wanted, device, progress, split)
-    if gate is None:
-        cube, levels = received(cube, setup.experiment)
-    else:
-        cube, levels = gated(cube, setup.experiment, gate)
+    cube, levels = received(cube, setup.experiment, gate)
     settings |= levels
     after_call()
     return Recording(
@@ -268,34 +266,36 @@ def recorded(
 
 
 def planned_run(
-    setup: Setup, plan: Plan, wanted: Wanted, device: Device, progress: Progress | None, split: Split | None,
-    most_again: int = MOST_AGAIN,
+    setup: Setup, plan: Plan, wanted: Wanted, device: Device, progress: Progress | None, split: Split | None
 ) -> tuple[Plan, Cube, PartCubes, dict[str, Any]]:  # fmt: skip
-    """The cube by a plan, its parts and what is told of it; by a finer plan where the measured error asks for one, so often at
-    most. A warning where the last one misses its tolerance."""
-    model, accuracy = plan.model, plan.accuracy
-    prepared = prepare(model, accuracy, setup.experiment.clutter)
-    parts = PartCubes(split, model, factored=wanted.factored)
-    needed_bytes = check_memory(prepared, measured=wanted.measured, parts=parts.most(accuracy))
-    repeatable = most_again > 0 and wanted.measured and measured_directly(plan)
-    cube = summed(prepared, device, stretch(progress, 0, FIRST_RUN) if repeatable else progress, parts)
-    settings = setup.described(model, accuracy) | prepared.counts | plan.described(needed_bytes)
-    settings |= {} if split is None else {"split": split}
-    settings |= {} if most_again == MOST_AGAIN else {"runs": MOST_AGAIN - most_again + 1}
-    settings |= {"scatterers": sorted(added)} if (added := plugin_finders()) else {}
-    static = prepared.static
-    del prepared  # its facets, before others are made
-    if not wanted.measured:
-        return plan, cube, parts, settings
-    error = measured_error(plan, cube, static)
-    finer = plan_again(plan, error) if repeatable else None
-    if finer is None:
-        warn_of_miss(plan, error)
-        if progress is not None:
-            progress(1.0)
-        return plan, cube, parts, settings | error.described()
-    del cube, parts, static  # before others are made
-    return planned_run(setup, finer, wanted, device, stretch(progress, FIRST_RUN, 1), split, most_again - 1)
+    """The cube by a plan, its parts and what is told of it; by finer plans, up to `MOST_AGAIN` times, where the measured error asks
+    for one. A warning where the last one misses its tolerance."""
+    for again_count in itertools.count():
+        model, accuracy = plan.model, plan.accuracy
+        prepared = prepare(model, accuracy, setup.experiment.clutter)
+        parts = PartCubes(split, model, factored=wanted.factored)
+        needed_bytes = check_memory(prepared, measured=wanted.measured, parts=parts.most(accuracy))
+        repeatable = again_count < MOST_AGAIN and wanted.measured and measured_directly(plan)
+        cube = summed(prepared, device, stretch(progress, 0, FIRST_RUN) if repeatable else progress, parts)
+        settings = setup.described(model, accuracy) | prepared.counts | plan.described(needed_bytes)
+        settings |= {} if split is None else {"split": split}
+        settings |= {"runs": again_count + 1} if again_count else {}
+        settings |= {"scatterers": sorted(added)} if (added := plugin_finders()) else {}
+        static = prepared.static
+        del prepared  # its facets, before others are made
+        if not wanted.measured:
+            break
+        error = measured_error(plan, cube, static)
+        finer = plan_again(plan, error) if repeatable else None
+        if finer is None:
+            warn_of_miss(plan, error)
+            if progress is not None:
+                progress(1.0)
+            settings |= error.described()
+            break
+        del cube, parts, static  # before others are made
+        plan, progress = finer, stretch(progress, FIRST_RUN, 1)
+    return plan, cube, parts, settings
 
 
 def summed(prepared: Prepared, device: Device, progress: Progress | None, into: PartCubes | None = None) -> Cube:

@@ -76,17 +76,13 @@ def add_noise(
     return recording._with(cube=cube, experiment=experiment, settings=recording.settings | levels)
 
 
-def gated(cube: Cube, experiment: Experiment, gate: RangeGate) -> tuple[Cube, dict[str, Any]]:
-    """As `received`, the cells of a range gate alone, of a cube that keeps products."""
-    assert isinstance(cube, DiskCube), "gated cells are made of products"
-    assert isinstance(cube.rows, ProductRows), "gated cells are made of products"
+def received(cube: Cube, experiment: Experiment, gate: RangeGate | None = None) -> tuple[Cube, dict[str, Any]]:
+    """A cube of echoes, which may be changed, as the experiment's receiver gives it, and settings that tell its levels; with a gate
+    the gate's range cells alone, of a cube that keeps products."""
     receiver = experiment.noise if isinstance(experiment.noise, Receiver) else None
-    cells, levels = receive_gated(cube.rows, experiment.radar, receiver, experiment.seed, gate.matrix, gate.bins)
-    return DiskCube(GatedRows(cells, gate.bins, gate.window, experiment.radar.samples)), levels
-
-
-def received(cube: Cube, experiment: Experiment) -> tuple[Cube, dict[str, Any]]:
-    """A cube of echoes, which may be changed, as the experiment's receiver gives it, and settings that tell its levels."""
-    if isinstance(experiment.noise, Receiver):
-        return receive(cube, experiment.radar, experiment.noise, experiment.seed)
-    return cube, {}
+    if gate is not None:
+        assert isinstance(cube, DiskCube), "gated cells are made of products"
+        assert isinstance(cube.rows, ProductRows), "gated cells are made of products"
+        cells, levels = receive_gated(cube.rows, experiment.radar, receiver, experiment.seed, gate.matrix, gate.bins)
+        return DiskCube(GatedRows(cells, gate.bins, gate.window, experiment.radar.samples)), levels
+    return (cube, {}) if receiver is None else receive(cube, experiment.radar, receiver, experiment.seed)
