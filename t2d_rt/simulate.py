@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -270,32 +269,32 @@ def planned_run(
 ) -> tuple[Plan, Cube, PartCubes, dict[str, Any]]:  # fmt: skip
     """The cube by a plan, its parts and what is told of it; by finer plans, up to `MOST_AGAIN` times, where the measured error asks
     for one. A warning where the last one misses its tolerance."""
-    for again_count in itertools.count():
+    runs = 0
+    while True:
+        runs += 1
         model, accuracy = plan.model, plan.accuracy
         prepared = prepare(model, accuracy, setup.experiment.clutter)
         parts = PartCubes(split, model, factored=wanted.factored)
         needed_bytes = check_memory(prepared, measured=wanted.measured, parts=parts.most(accuracy))
-        repeatable = again_count < MOST_AGAIN and wanted.measured and measured_directly(plan)
+        repeatable = runs <= MOST_AGAIN and wanted.measured and measured_directly(plan)
         cube = summed(prepared, device, stretch(progress, 0, FIRST_RUN) if repeatable else progress, parts)
         settings = setup.described(model, accuracy) | prepared.counts | plan.described(needed_bytes)
         settings |= {} if split is None else {"split": split}
-        settings |= {"runs": again_count + 1} if again_count else {}
+        settings |= {"runs": runs} if runs > 1 else {}
         settings |= {"scatterers": sorted(added)} if (added := plugin_finders()) else {}
         static = prepared.static
         del prepared  # its facets, before others are made
         if not wanted.measured:
-            break
+            return plan, cube, parts, settings
         error = measured_error(plan, cube, static)
         finer = plan_again(plan, error) if repeatable else None
         if finer is None:
             warn_of_miss(plan, error)
             if progress is not None:
                 progress(1.0)
-            settings |= error.described()
-            break
+            return plan, cube, parts, settings | error.described()
         del cube, parts, static  # before others are made
         plan, progress = finer, stretch(progress, FIRST_RUN, 1)
-    return plan, cube, parts, settings
 
 
 def summed(prepared: Prepared, device: Device, progress: Progress | None, into: PartCubes | None = None) -> Cube:
