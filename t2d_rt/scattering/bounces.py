@@ -23,12 +23,12 @@ from t2d_rt.types import EchoArrays, Radar
 from t2d_rt.types.scatterer import EchoLabels, FrameBlock, Poses, Scatterer, Visibility
 
 TEST_WAVELENGTHS, TEST_RATE_HZ = 4.0, 10.0
-"""Facets are tested for whether their reflected rays ever meet a target from points so far apart, and so often; those beside them
-are taken, too."""
+"""Distance of the points [wavelengths] and rate [Hz] at which facets are tested for whether their reflected rays ever meet a
+target; the facets beside those that do are taken, too."""
 KEPT_BYTES = 500e6
 """Tubes of sample times are kept, the last used ones, in so much memory; others are traced again."""
 TUBE_BYTES = 4_000
-"""That tracing takes for each triangle of the lattice, of four tubes each, and as many of those that are made finer."""
+"""Memory that tracing takes for each triangle of the lattice, which has four tubes and as many finer ones."""
 SWEEP_CYCLES = 0.4
 """Greatest change over the sweep of the phase between two sides of a cell [cycles]."""
 Scene = Callable[[np.ndarray, np.ndarray], RayTracer]
@@ -42,7 +42,7 @@ class TubeDetail:
     """How finely several bounces are modelled."""
 
     bounces: int
-    """Greatest number of them, 2 or 3."""
+    """Greatest number of bounces, 2 or 3."""
     spacing: float = 2.0
     """Longest edge of ray tubes on the first surface [wavelengths], before they are made finer where they have to be."""
     cell_m: float = 0.02
@@ -52,7 +52,7 @@ class TubeDetail:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setting:
-    """What tubes are traced in."""
+    """Radar and surroundings in which tubes are traced."""
 
     radar: Radar
     scene: Scene
@@ -98,7 +98,7 @@ def bounce_echoes(
 
 @dataclass(frozen=True, slots=True)
 class _Model:
-    """What stays the same from one sample time to the next."""
+    """What all sample times have in common."""
 
     reflectors: Reflectors
     setting: Setting
@@ -148,7 +148,8 @@ class _Model:
         ]
 
     def _unblocked(self, time_s: float, instant: Instant, tubes: Tubes) -> Tubes:
-        """What the static scene leaves of them, taken at one of each cell where they start and end."""
+        """Fraction of the field of tubes that the static scene leaves, taken at one tube for each pair of cells where tubes start
+        and end."""
         if self.setting.unblocked is None or not len(tubes.factor):
             return tubes
         corner = tubes.nodes[:, 0]

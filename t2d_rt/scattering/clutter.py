@@ -88,12 +88,12 @@ def _standing(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StaticScatterer(Scatterer):
-    """Echoes of what stands still, times the fractions that are not occluded."""
+    """Echoes of the static scene, times the fractions that are not occluded."""
 
     static: StaticEchoes
     """A function of times for a radar that moves."""
     unblocked: Fraction | None
-    """(K, N)."""
+    """Fractions that are not occluded, (K, N)."""
     names: Sequence[str]
     """Names of the paths, (N,)."""
 

@@ -58,7 +58,7 @@ CENTRE = 1 / 13
 vanishes at 1/13.2 for equal bubbles."""
 
 TINY = 1e-30
-"""Added to the widest phase difference, so that equal phases divide a facet as well: all of it into the upper part."""
+"""Added to the widest phase difference, so that a facet of equal phases is divided as well: all of it belongs to the upper part."""
 
 
 class Node(NamedTuple):

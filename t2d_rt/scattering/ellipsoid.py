@@ -20,11 +20,14 @@ from t2d_rt.types.material import values_of
 from t2d_rt.types.scatterer import EchoLabels, Fraction, FrameBlock, Poses, Scatterer, Visibility
 
 FORWARD = 0.08, 0.2
-"""Lengths of the sum of the unit vectors to both antennas from which to which an echo fades in; at 0 it is in line with them."""
+"""An echo fades in between these lengths of the sum of the unit vectors to both antennas; at 0 the ellipsoid lies on the line
+between them."""
 REACH_FRAMES = 48
-"""How far from where an echo is seen its delay must be right: as far as a window of the sum and the splines around it."""
+"""Number of frames about those in which an echo is visible at which its delay must be right, too: a window of the sum and the
+splines around it."""
 CONVERGED_RAD, MOST_STEPS = 1e-6, 40
-"""Last rotation of the normal: the path's error is of second order. Only what has all but faded out takes long."""
+"""Newton's steps end with a rotation of the normal below this [rad], as the path's error is of second order, or after so many; only
+echoes that have nearly faded out take many."""
 PhaseFrom = Literal["specular", "centre"]
 
 

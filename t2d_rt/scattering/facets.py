@@ -40,13 +40,13 @@ class FacetVertices:
     vertices: Any
     """Flat Float32 (V, T, 4): place [m] relative to the origin, and 1."""
     visibility: Any
-    """Of vertices at corners in 0..1, flat Float32 (Vc, T); None: all are visible."""
+    """Visibility of the vertices at corners in 0..1, flat Float32 (Vc, T); None: all are visible."""
     corners: np.ndarray
     """Numbers of the patches' corners among the latter, (F, 3)."""
     centres: Any
     """Flat Float64 (G, T, 3): each patch's reference point [m], whose delay is the patch's."""
     origin: np.ndarray
-    """(T, 3) m."""
+    """Origin of the places at each frame [m], (T, 3)."""
     points: PointVertices | None
     """The patches' diffuse points."""
 
@@ -56,9 +56,10 @@ class PointVertices:
     """Diffuse points of some patches at T frames."""
 
     vertices: Any
-    """Of the triangles that hold them, flat Float32 (Vp, T, 4) on the device: place [m] relative to the origin, and 1."""
+    """Vertices of the triangles that hold the points, flat Float32 (Vp, T, 4) on the device: place [m] relative to the origin, and
+    1."""
     visibility: Any
-    """Of these in 0..1, flat Float32 (Vp, T) on the device; None: all are visible."""
+    """Visibility of these vertices in 0..1, flat Float32 (Vp, T) on the device; None: all are visible."""
     corners: np.ndarray
     """Vertices of each point's triangle, (Q, 3)."""
     packets: np.ndarray
@@ -123,9 +124,9 @@ class _Antennas(NamedTuple):
     centre: Vector
     """Centre of the patch, relative to the origin [m]."""
     places: list[Vector]
-    """Relative to that centre [m]."""
+    """Places of the antennas relative to that centre [m]."""
     radians: Any
-    """Phase [rad] of a metre of path to one of these, which stands for both where there is but one."""
+    """Phase [rad] of a metre of path to one of these antennas; a single one stands for both."""
 
     @classmethod
     def of(cls, at: LaneReader, posed: FacetVertices, number: Any, pair: PairPlaces) -> _Antennas:

@@ -25,7 +25,7 @@ class Weights:
     fraction: Any
     """Weight of each of these, flat Float32 (N, n)."""
     count: int
-    """n."""
+    """Number n of anchors of each echo."""
     values: Any
     """Flat Float32 (anchor, T, 4): factor of the amplitude, and its slope over frequency [1/Hz]."""
     reach: np.ndarray
@@ -48,7 +48,7 @@ whether an echo is 0 decides how echoes are summed."""
 
 
 def _flushed(dr: Any, value: Any) -> Any:
-    """A number, or 0 where it is as small as nothing."""
+    """A number, or 0 where it is smaller than `NOTHING`."""
     return dr.select(dr.abs(value) >= NOTHING, value, 0)
 
 

@@ -24,7 +24,7 @@ NODE_RATE_HZ = 20.0
 while a limb moves by some 10 cm. In a furnished room that errs by -37 dB over the worst pair, and by -58 dB over the median
 one."""
 NEIGHBOURS = 3
-"""Anchors that an echo takes its coefficient from."""
+"""Number of anchors from which an echo takes its coefficient."""
 RANKING_NODES = 7
 """Frequencies of the sweep at which path pairs are ranked: enough to see what a line over frequency leaves out."""
 
@@ -255,15 +255,15 @@ class Probed:
     """One-way paths of both ends to points of the targets."""
 
     probes_m: np.ndarray
-    """(Q, 3)."""
+    """Points [m], (Q, 3)."""
     probed_s: np.ndarray | None = None
-    """When they are there (Q,); needed where the radar moves."""
+    """When the points are there [s], (Q,); needed where the radar moves."""
     out: PathSet
     back: PathSet
     one_antenna: bool
     """Whether one antenna, of one polarisation, transmits and receives: then both sets are the same."""
     fraction: tuple[np.ndarray, np.ndarray]
-    """Of the field of the P paths of each end that reaches the points, (P, Q)."""
+    """Fraction of the field of the P paths of each end that reaches the points, (P, Q)."""
 
     def spreading(self) -> Iterator[np.ndarray]:
         """1 / distance from the paths' images to the points, times what reaches these: (P, Q) of each end."""

@@ -18,10 +18,10 @@ from t2d_rt.types import MovingMesh
 from t2d_rt.types.scatterer import Fraction
 
 APART_M = 0.1
-"""Facets of opposite directions are apart by twice that, for a point that looks for the nearest one."""
+"""Facets of opposite directions are moved apart by twice this distance where the nearest facet of a point is sought."""
 FAR_M = 1e6
-"""Facets of different materials are apart by that in the search's last coordinate, which is no place: a point finds one of its
-own."""
+"""Distance of facets of different materials in the last coordinate of that search, which is no place: so a point finds a facet of
+its own material."""
 VertexVisibility = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Visibility (K, Q) of vertices (K, Q, 3) of triangles (F, 3)."""
 
@@ -31,7 +31,7 @@ class SampledVisibility:
     """How a mesh is seen over a path pair at some frames."""
 
     visibility: Mapping[Fraction, np.ndarray] = field(default_factory=dict)
-    """Of the vertices of its visibility mesh over each one-way path, (T, V'); their product counts."""
+    """Visibility of the vertices of its visibility mesh over each one-way path, (T, V'); the product over the paths counts."""
     facet_visibility: VertexVisibility | None = None
     """Visibility of finer vertices, as a factor."""
     weights: Weights | None = None
@@ -68,7 +68,7 @@ class DiffusePoints:
     operator: Csr
     """Sparse, float32: these from the control points, (Vp, V)."""
     corners: np.ndarray
-    """Of each point's triangle, as numbers among these, (Q, 3)."""
+    """Vertices of each point's triangle, as numbers among those that hold points, (Q, 3)."""
     packets: np.ndarray
     """Where in the triangle it lies, by two barycentric coordinates, the root of the area [m] that it stands for, and its phase
     [rad], float32 (Q, 4)."""
@@ -142,11 +142,11 @@ class VisibilityMesh:
     """The subdivided cage at whose vertices visibility is sampled."""
 
     faces: np.ndarray
-    """Those of each cage face together."""
+    """Faces of the visibility mesh, those of each cage face together."""
     facets: Csr
     """Sparse, float32: from visibility there to that of the facets' vertices."""
     points: Csr | None
-    """Sparse: the same of vertices that hold the diffuse points."""
+    """Sparse: from visibility there to that of the vertices that hold the diffuse points."""
 
     @classmethod
     def of(cls, surface: MovingMesh, fine: Refinement, points: DiffusePoints | None, level: int) -> VisibilityMesh:

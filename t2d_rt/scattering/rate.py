@@ -17,22 +17,22 @@ from t2d_rt.types.mesh import Track
 from t2d_rt.types.splines import spline
 
 TOLERANCE_DB = -29.0
-"""What the splines may add to the field's error unless something else is asked for."""
+"""Error that the splines may add to the field's by default [dB]."""
 ROTATION_RAD = 0.1
 """Greatest rotation of a mesh's edges between frames, root mean square, for the cubics of facets' amplitudes: a fan's moving
 field errs by -23.6 dB at 0.1 rad, by -18 dB at 0.2 (validation/report, movers). A walker's delays ask for more than that."""
 ROTATION_DB, DB_PER_OCTAVE = -23.6, 6.0
-"""Error of that rotation, and what half of it gains, by the same figures."""
+"""Error of the field at that rotation [dB], and what half the rotation gains [dB], by the same figures."""
 LEAST_HZ, MOST_HZ, STEP_HZ = 40.0, 10_000.0, 5.0
 RAISED = 2**0.25
-"""Rates are tried in such steps."""
+"""Ratio of one rate that is tried to the one before."""
 LEVEL, STEEP_DB = 2, -3.0
-"""Where what splines miss falls by less than this over so many steps, there is a motion that they all miss."""
+"""Number of steps of the rate, and the fall of what splines miss [dB] over them below which all of these rates miss some motion."""
 RESOLVED_DB, SMALL_DB = -36.0, -50.0
-"""Of that motion they may miss the first: 4.2 frames a period, the amplitude within 1.2 %. Below the second none counts: that is
-a vibration of 1.4 um at 77 GHz."""
+"""Level [dB] that splines may miss of such a motion: 4.2 frames a period, the amplitude within 1.2 %. And the level below which no
+motion counts, a vibration of 1.4 um at 77 GHz."""
 QUIET = 0.25
-"""Fraction of a target's points that move least: what they miss shows a vibration beside a walker's feet."""
+"""Fraction of a target's points that move least: what splines miss of them shows a vibration beside a walker's feet."""
 LINE_HZ = 9.0, 60.0
 """Between these frequencies [Hz] a vibration is looked for as a line of the spectrum, which shows it beside a walk's own
 movements; slower ones are resolved anyway, and of faster ones the splines tell."""
@@ -41,28 +41,28 @@ LINE_DB, LEAST_LINE_DB = 5.0, -47.0
 towards a radar at 77 GHz. In 2 of 122 recordings of people something does, a line that is the file's own; weaker ones come of
 rounded and filtered files."""
 LINE_HALF_WIDTH_HZ, SIDE_HZ = 1.5, 4.0
-"""A line's own half width, and where its sides end."""
+"""Half width of a line [Hz], and how far from it the sides reach with which it is compared [Hz]."""
 LINE_FRAMES = 4.2
-"""Surface frames in its period, as for `RESOLVED_DB`."""
+"""Surface frames in the period of a line, as for `RESOLVED_DB`."""
 LEAST_LINE_S = 1.0
-"""Shorter records do not tell lines from movements."""
+"""Duration [s] below which a record does not tell lines from movements."""
 FASTEST_HZ = 480.0
-"""Up to this rate smaller motions are looked for in what is no recorded motion of a body."""
+"""Rate [Hz] up to which small motions are sought in what is no recorded motion of a body."""
 RECORDED_HZ = 240.0
 """People are recorded at up to this rate. What is given more often, or as a function of time, is given so for something fast and
 small, which a body's own movements may hide."""
 ROUNDED = 1e-6
-"""A rate worked out from times is off by as much."""
+"""Relative error of a rate that is worked out from times."""
 STEADY_HZ, STEADY_S, LEAST_STEADY_S = (9.0, 240.0), 0.8, 0.2
 """Between these frequencies [Hz] all of it that goes on is resolved: what is there in each piece of a record, so long [s]. Steps on
 the floor pass; a vibration goes on, hidden or not. Shorter records than the last do not tell its frequency."""
 PROBE_RATE_HZ, FINER = 240.0, 4.0
 """Rate at which motion is sampled, unless the record is shorter than such a short record; factor on it for faster motion."""
 PROBE_FRAMES = 12
-"""Frames of one short record, five of which make a fourth difference."""
+"""Number of frames of one short record; five make a fourth difference."""
 RECORDS_PER_S, LEAST_RECORDS, MOST_RECORDS = 3, 4, 20
 LEAST_PROBED_S = 0.5
-"""So much of a periodic motion is probed, or a period."""
+"""Length of a periodic motion that is probed [s], at least a period."""
 CHEAP_POINTS = 2_000_000
 """Points times instants at which a whole record is probed: a mesh of 600 vertices has as many in 14 s, a body's 17 ellipsoids in
 eight minutes. Of more, pieces of the record are taken."""
@@ -167,7 +167,7 @@ class SurfaceRate:
 
     @cached_property
     def _given_hz(self) -> float:
-        """How often its places were given; infinite for a function of time."""
+        """Rate at which the geometry's places were given [Hz]; infinite for a function of time."""
         return math.inf if self._stand_in.made is None else 1 / float(np.diff(self._stand_in.times_s).min())
 
     @property
@@ -176,7 +176,7 @@ class SurfaceRate:
 
     @property
     def _fastest_hz(self) -> float:
-        """Up to this rate of frames smaller motions are looked for: at most that of the frames that were given."""
+        """Rate of frames [Hz] up to which small motions are sought, no higher than that of the frames that were given."""
         made = self._stand_in.made
         if made is None or made.by == "mover":
             return FASTEST_HZ
@@ -193,14 +193,14 @@ class SurfaceRate:
 
     @property
     def _more(self) -> float:
-        """How much higher a rate the geometry asks for than its stand-in, by their fourth derivatives."""
+        """Factor by which the geometry needs a higher rate than its stand-in, by their fourth derivatives."""
         if self._stand_in is self._geometry:
             return 1.0
         fine, rough = (self._mean_squares(target, self._probe_hz)[0] for target in (self._geometry, self._stand_in))
         return float((fine / rough) ** 0.125) if rough > 0 else 1.0
 
     def _resolving_hz(self, tolerance_db: float) -> float:
-        """The lowest rate that will do, from `LEAST_HZ` on."""
+        """The lowest rate [Hz] that resolves the motion, from `LEAST_HZ` on."""
         failed, rate = 0.0, LEAST_HZ
         while rate < MOST_HZ and not self._resolves(rate, tolerance_db):
             failed, rate = rate, rate * RAISED

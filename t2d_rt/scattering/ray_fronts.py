@@ -23,16 +23,16 @@ GRAZING = 0.03
 
 
 class Traced(NamedTuple):
-    """What rays meet first."""
+    """The surfaces that rays meet first."""
 
     face: np.ndarray
-    """(N,), -1 where a ray meets none."""
+    """Face that each ray meets (N,), -1 where it meets none."""
     weights: np.ndarray
     """Barycentric coordinates (N, 3)."""
 
 
 class RayTracer(Protocol):
-    """What finds the first surface along rays, and whether two points see each other."""
+    """Finds the first surface along rays, and whether two points see each other."""
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> Any:
         """The faces that rays (N, 3) meet first, and where on them."""
@@ -53,7 +53,7 @@ class Instant:
     wavelength_m: float
 
     def lift_m(self, faces: np.ndarray) -> np.ndarray:
-        """How far off facets (N,) rays start, (N,)."""
+        """Distance from facets (N,) at which rays start, (N,)."""
         return np.where(self.reflectors.curved[faces], LIFT_WAVELENGTHS * self.wavelength_m, FLAT_LIFT_M)
 
     def lifted(self, front: Front, paths: np.ndarray, towards: np.ndarray) -> np.ndarray:
@@ -62,7 +62,7 @@ class Instant:
         return np.asarray(front.place[paths] + lift_m * (1.5 * front.normal[paths] + towards))
 
     def visible(self, place_m: np.ndarray, front: Front, asked: np.ndarray) -> np.ndarray:
-        """Which points of those asked for, bool (N,), a place sees, bool (N,)."""
+        """Which of the chosen points, bool (N,), a place sees, bool (N,)."""
         towards = unit(place_m - front.place)
         visible = asked & (dot(towards, front.normal) > 0)
         paths = np.flatnonzero(visible)
