@@ -19,7 +19,7 @@ from t2d_rt.types import Accuracy, Motion, MovingMesh, PathTier
 OCCLUSION = "occlusion of targets by themselves and one another"
 FAST_OCCLUSION = "occlusion by targets that rotate fast, and of them by themselves"
 NEGLIGIBLE = 1e-6
-"""So small a fraction of the field's energy is not listed."""
+"""Fraction of the field's energy below which a simplification is not listed."""
 SURELY = 2.0
 """Standard deviations of a law that are added to its prediction before this is compared with the tolerance."""
 PATCHES_DB, PATCHES_SCATTER_DB = -35.0, 3.0
@@ -42,7 +42,7 @@ class Omission:
     taken: bool = True
     """Whether it is left out; False where the error would be too great."""
     law: str = ""
-    """Of which law's deviation the margin is: what deviates together adds up."""
+    """Name of the law whose deviation makes the margin; margins of one law add up."""
 
     @property
     def energy(self) -> float:
@@ -83,7 +83,7 @@ class Total:
 
     @property
     def surely(self) -> float:
-        """What the sum hardly exceeds."""
+        """Energy that the sum hardly exceeds."""
         return self.energy + self.margin
 
 
@@ -93,7 +93,7 @@ class ErrorBudget:
 
     model: Model
     given: Accuracy
-    """Its fields that are set say how fine the targets' own facets are."""
+    """The accuracy that was given; its fields that are set tell how fine the targets' own facets are."""
     laws: Laws = field(default_factory=Laws.fitted)
 
     @cached_property
@@ -284,7 +284,7 @@ class ErrorBudget:
         return omissions
 
     def seconds(self, accuracy: Accuracy, clutter: Clutter = "none") -> float:
-        """What a run takes, where the yardstick takes a second."""
+        """Time that a run takes on a machine whose yardstick takes a second [s]."""
         return seconds(work_units(self.model, accuracy, self.counts, clutter), self.laws)
 
 

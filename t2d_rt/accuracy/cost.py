@@ -36,7 +36,7 @@ SAMPLED_BYTES = 5_400
 PART_BYTES = 3e5
 """Bytes that the groups of a part take while a window is summed, for each receiver that is worked on at once."""
 SET_UP_BYTES, FACET_BYTES = 90e6, 1_400
-"""What a run has taken before it sums, and of that each facet."""
+"""Memory that a run takes before it sums, and memory of each facet in it."""
 FACETS_PER_SAGITTA, CURVED_PER_SAGITTA = 1.7, 1.9
 """Flat and curved facets of a cage face over its phase sagitta in units of the limit (curved ones 1.58 to 2.19 for bodies from 2.5
 to 4 m, limits from 0.5 to 5 rad)."""
@@ -84,7 +84,7 @@ class FacetCount:
 
     @classmethod
     def of(cls, model: Model, mesh: MovingMesh, accuracy: Accuracy) -> FacetCount:
-        """For the least range in the record, from the curvature of the mesh at rest."""
+        """The facet count at the least range in the record, from the curvature of the mesh at rest."""
         middle = np.array([np.mean(model.span_s)])
         places = np.array([model.radar.tx_position_m])
         range_m = rounded_range_m(float(norms(mesh.at(middle)[0][:, None] - places).min()))

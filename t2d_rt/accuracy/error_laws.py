@@ -131,7 +131,7 @@ class FacetLaw:
 
 @dataclass(frozen=True, slots=True)
 class Laws:
-    """What the fit found."""
+    """The fitted laws of error and time."""
 
     bodies: FacetLaw
     smooth: FacetLaw
@@ -143,7 +143,7 @@ class Laws:
     direct: dict[tuple[float, int], Law]
     """Cost of sampled visibility, over what it costs a model of coarser facets without interpolation in time."""
     direct_unoccluded: Law
-    """The same of no occlusion."""
+    """Cost of no occlusion, over what it costs such a model."""
     limbs: Law
     """Error of ellipsoids in place of a body, over the power of the path pairs over which they are."""
     limbs_power: Law
@@ -151,7 +151,7 @@ class Laws:
     pairs: Law
     """Power of path pairs over what probes at the targets say."""
     seconds: dict[str, float]
-    """Of a unit of each kind of work (`cost.KINDS`), where the yardstick takes a second."""
+    """Time of a unit of each kind of work (`cost.KINDS`) on a machine whose yardstick takes a second [s]."""
 
     @classmethod
     @functools.cache

@@ -60,7 +60,7 @@ class Chirps:
         return np.stack([self.starts_s, self.starts_s + radar.sample_times_s[-1]], axis=1).ravel()
 
     def nearest(self, samples_s: np.ndarray, radar: Radar) -> np.ndarray:
-        """Of ascending times [s], those between which the chirps lie: what is interpolated between samples needs no others."""
+        """Those of ascending times [s] between which the chirps lie; interpolation between samples needs no others."""
         after = np.clip(np.searchsorted(samples_s, self.instants_s(radar)), 1, len(samples_s) - 1)
         return samples_s[np.unique([after - 1, after])]
 
@@ -79,7 +79,7 @@ class Field:
         self._parts = batches(scatterers_of(model, accuracy, chirps.instants_s(model.radar), samples_s), model.radar)
 
     def samples(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        """Of the chirps from the first to before the last, (K, S) complex128 [sqrt(W)]."""
+        """Samples of the chirps from the first to before the last, (K, S) complex128 [sqrt(W)]."""
         chirps, radar = self._chirps, self._model.radar
         last = len(chirps.rows) if last is None else min(last, len(chirps.rows))
         total = np.zeros((last - first, len(chirps.samples)), complex)
@@ -102,7 +102,7 @@ def field(model: Model, accuracy: Accuracy, chirps: Chirps) -> np.ndarray:
 
 
 def of_cube(model: Model, cube: Cube, static: Sequence[Scatterer], chirps: Chirps) -> np.ndarray:
-    """The same samples (K, S) of a cube, less the `static` echoes in it."""
+    """Samples (K, S) of a cube at the same chirps, less the `static` echoes in it."""
     where = zip(chirps.rows, chirps.antennas, strict=True)
     samples = np.array([np.asarray(cube[int(row)])[antenna, chirps.samples] for row, antenna in where], complex)
     times_s = chirps.starts_s - model.span_s[0]

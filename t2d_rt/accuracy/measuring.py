@@ -49,7 +49,7 @@ EXACT: Mapping[str, Any] = {"occlusion": True, "visibility_subdivision": 2, "fas
 """What visibility costs is measured beside visibility traced on meshes subdivided so often, those of targets that rotate up to that
 surface rate [Hz] among them."""
 ROUNDING = 1e-12
-"""So much less energy than that of static echoes is none."""
+"""Energy over that of static echoes below which a field counts as none."""
 EXPLAINED = 3.5
 """A difference this many standard deviations above the law counts in full: short records scatter more than those of the fit."""
 
@@ -67,7 +67,7 @@ class MeasuredError:
     chirp, and it misses the tolerance or keeps it by less than a standard deviation."""
 
     def described(self) -> dict[str, float]:
-        """For a recording's settings."""
+        """Entries of a recording's settings."""
         if math.isnan(self.error_db):
             return {}
         return {"error_db": self.error_db, "error_scatter_db": self.scatter_db, "error_chirps": self.chirps}

@@ -93,7 +93,7 @@ class Occluded:
 
     @classmethod
     def of(cls, model: Model, accuracy: Accuracy, *, by_fast: bool = False) -> Occluded:
-        """By what a run may trace or, `by_fast`, by what it never traces (`_judged`)."""
+        """Occlusion by targets that a run may trace or, `by_fast`, by those that it never traces (`_judged`)."""
         power = (
             np.array([10 ** (pair.mean_db / 10) for pair in model.ranked]) if model.scene is not None else np.ones(1)
         )

@@ -45,7 +45,7 @@ class Wanted:
         tolerance_db: float | None,
         measure_error: bool | None = None,
     ) -> Wanted:
-        """From the options of `simulate`, checked."""
+        """The wish that the options of `simulate` tell, checked."""
         if measure_error is not None:
             flag("measure_error", measure_error)
         if tolerance_db is not None:

@@ -41,7 +41,7 @@ class Plan:
         return db(sum(omission.energy for omission in self.omissions if omission.taken))
 
     def described(self, memory_bytes: float) -> dict[str, float]:
-        """For the settings of a recording that needs so much memory."""
+        """Entries of the settings of a recording that needs so much memory."""
         asked = {} if self.tolerance_db is None else {"tolerance_db": self.tolerance_db}
         return asked | {"predicted_memory_gb": memory_bytes / 1e9}
 

@@ -33,7 +33,7 @@ DIRECTIONS = 4_000
 RAYS, PIECES = 32, 4
 """Rays over the first Fresnel zone of a path, and chords of each of its straight parts that they are bent by."""
 POINT_RAYS, POINT_PIECES = 4, 1
-"""The same for rough points, of which there are many."""
+"""Rays and pieces for rough points, of which there are many."""
 
 Courses = Sequence[np.ndarray] | Callable[[np.ndarray], Sequence[np.ndarray]]
 """Vertices (stop, 3) m of paths, or (stop, K, 3) at times [s] (K,)."""

@@ -51,9 +51,9 @@ class Collision:
     target: int
     time_s: float
     place_m: np.ndarray
-    """Where that is, (3,)."""
+    """Place of the collision, (3,)."""
     surface: str | None
-    """What it goes through; None for a target that starts outside."""
+    """Name of the surface that the target goes through; None for a target that starts outside."""
 
 
 def checked_time(
@@ -293,6 +293,6 @@ def _through(depth_m: np.ndarray, point: int) -> bool:
 
 
 def _reach(depth_m: np.ndarray) -> float:
-    """How far from a plane a line gets before it first changes sides."""
+    """Distance from a plane that a line reaches before it first changes sides."""
     sides = np.flatnonzero(np.sign(depth_m) != np.sign(depth_m[0]))
     return float(np.abs(depth_m[: sides[0] if len(sides) else None]).max())

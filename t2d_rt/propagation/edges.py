@@ -72,7 +72,7 @@ def _across(ahead: np.ndarray) -> np.ndarray:
 
 
 RIM = 0.9
-"""How much of the zone's radius the rays fill: with so much, the lit side of a knife edge is met best."""
+"""Fraction of the zone's radius that the rays fill; with this one they meet the lit side of a knife edge best."""
 FEW = RIM * np.array([(0.0, 0.0), (0.9, 0.37), (-0.37, 0.9), (-0.9, -0.37), (0.37, -0.9)], np.float32)
 """Rays that go first: upright and level edges, which most are, pass between no two of them that are far apart."""
 MANY = (RIM * disc(20)).astype(np.float32)

@@ -325,10 +325,10 @@ class _Rays:
     bearable_db: Any
     """Loss that they may have in further slabs [dB], Float (R,)."""
     path: np.ndarray
-    """Which of the chains each has taken, (R,)."""
+    """Number of the chain that each ray has taken, (R,)."""
     chains: list[Chain]
     reflections: int
-    """How many more may follow."""
+    """Number of reflections that may follow."""
     passages: int
 
     def over(self, mirror: np.ndarray, *, through: bool) -> _Rays:

@@ -61,7 +61,7 @@ class FoundPaths:
 
     paths: PathSet
     edges: Edges
-    """Of the mirrors as these paths count them: where they overlap, one of them has the place."""
+    """Edges of the mirrors as these paths count them: where mirrors overlap, one of them has the place."""
     fraction: np.ndarray
     """Of the field that reaches the points of the search, float32 (P, Q): 1 or 0 as the path exists or does not; of one that exists
     to no point, what fades into the shadow."""

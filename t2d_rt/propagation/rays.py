@@ -75,7 +75,7 @@ def scene_of_instants(mi: Any, vertices: np.ndarray, faces: np.ndarray, reach_m:
 
 
 class Hits(NamedTuple):
-    """What rays meet first."""
+    """The surfaces that rays meet first."""
 
     face: np.ndarray
     """Triangle, int64 (N,); -1 where a ray meets none."""
@@ -94,7 +94,7 @@ class Rays:
         self._scene = traceable(self._mitsuba, mesh)
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> Hits:
-        """What rays from (N, 3) m in unit directions (N, 3) meet first."""
+        """The surfaces that rays from (N, 3) m in unit directions (N, 3) meet first."""
         if not len(origins):  # Dr.Jit has no arrays of nothing
             return Hits(np.zeros(0, np.int64), np.zeros((0, 3)))
         import drjit as dr

@@ -70,7 +70,7 @@ class SceneFile:
 
     path: Path
     parameters: dict[str, str] = field(default_factory=dict)
-    """Of <default>; the first one of a name counts, as in Mitsuba."""
+    """Values of <default> by name; the first one of a name counts, as in Mitsuba."""
     elements: int = 0
     includes: int = 0
 
@@ -276,14 +276,14 @@ class Shapes:
     file: SceneFile
     materials: dict[str, Element]
     substitutes: Mapping[str, str | Material]
-    """What stands for materials of some names."""
+    """Substitutes for materials, by their names."""
     bytes_left: int = MAX_MESH_BYTES
     triangles_left: int = MAX_TRIANGLES
     known: dict[bytes, tuple[str | Material, float]] = field(default_factory=dict)
     """Materials that were read before."""
 
     def material(self, shape: Element, name: str) -> tuple[str | Material, float]:
-        """What a shape of that name is made of and its thickness [m]."""
+        """Material of a shape of that name and its thickness [m]."""
         try:
             bsdf = self._bsdf(shape)
             text = ElementTree.tostring(bsdf)
@@ -341,7 +341,7 @@ class Shapes:
 
 
 def properties(element: Element, allowed: dict[str, set[str] | frozenset[str]]) -> dict[str, Element]:
-    """Its properties by name; those of each kind that are `allowed`."""
+    """Properties of an element by name; those of each kind that are `allowed`."""
     named: dict[str, Element] = {}
     for child in element:
         if child.tag in PICTURE | {"bsdf", "ref"}:

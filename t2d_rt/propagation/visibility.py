@@ -61,7 +61,7 @@ class VisibilitySamples:
     """Visibility of vertices from one point at a few instants, (K, V) each."""
 
     front: np.ndarray | None
-    """Which vertices face it; None where meshes occlude nothing."""
+    """Which vertices face the viewpoint; None where meshes occlude nothing."""
     visible: np.ndarray | None
     """Fraction of the field at these that no mesh occludes."""
     unblocked: np.ndarray

@@ -52,8 +52,8 @@ class AmplitudeFrames:
         return cls(parts, dr.opaque(backend.UInt32, len(window.amplitude)), backend.arrays.Array2f)
 
     def cubics(self, echo: Any, interval: Any) -> list[list[Any]]:
-        """Of echoes in an interval: the amplitude's real and imaginary part, and those of its slope over half the sweep where there
-        is one."""
+        """Cubics of echoes in an interval: real and imaginary part of the amplitude, and of its slope over half the sweep where
+        there is one."""
         import drjit as dr
 
         place = echo * self.frames + interval
@@ -193,21 +193,21 @@ class Lanes:
     end: Any
     """One after the bucket's last."""
     step: Any
-    """From one of a lane's members to the next: `parts`."""
+    """Step from one of a lane's members to the next: `parts`."""
     members: Any
     """Numbers of the echoes or groups, bucket by bucket."""
     table: tuple[Any, Any]
-    """Their phases, as `phases` gives them."""
+    """Phases of the members, as `phases` gives them."""
     packet: Any
     """Type of four numbers that are read together."""
     interval: Any
     """Frame interval that the instant lies in."""
     intervals: Any
-    """How many a member has in the table."""
+    """Number of intervals that a member has in the table."""
     instant: Any
     """Number of the instant."""
     u: Any
-    """Where in the interval it lies, 0..1."""
+    """Place of the instant in its interval, 0..1."""
     centre: Any
     """theta of the bucket's middle."""
     place: Any
@@ -268,8 +268,8 @@ class Lanes:
         )
 
     def read(self, i: Any) -> tuple[Any, Any, Any]:
-        """Of the i-th member: its number, the cubic of its phase [cycles], and theta at the interval's start, counted from the
-        bucket's middle."""
+        """Number of the i-th member, the cubic of its phase [cycles], and theta at the interval's start, counted from the bucket's
+        middle."""
         import drjit as dr
 
         member = dr.gather(type(self.members), self.members, i)

@@ -66,7 +66,7 @@ class Buckets:
     centres: np.ndarray
     """theta of each bucket's middle, counted from there."""
     part: np.ndarray
-    """Which part each bucket belongs to, ascending."""
+    """Number of the part that each bucket belongs to, ascending."""
     members: BinMembers
     """Which echoes fall into each during which slot, so short that no echo moves by more than `SLOT_BINS`, or a bucket."""
 

@@ -58,7 +58,7 @@ def _through(nodes: np.ndarray, series: np.ndarray, at_x: np.ndarray) -> np.ndar
 
 
 def _zeros(grid: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Where values change their sign on a grid."""
+    """Places at which values change their sign on a grid."""
     k = np.flatnonzero(values[1:] * values[:-1] < 0)
     return np.asarray(grid[k] + (grid[k + 1] - grid[k]) * values[k] / (values[k] - values[k + 1]))
 

@@ -206,7 +206,7 @@ def _oversampled(steps: np.ndarray) -> np.ndarray:
 
 
 def table_bytes(table: Repetition, radar: Radar) -> float:
-    """What a table takes while it is made and read."""
+    """Memory that a table takes while it is made and read [byte]."""
     return 1.5 * 8 * OVERSAMPLING * table.rows * radar.antennas * radar.samples
 
 
@@ -235,6 +235,6 @@ def _window(x: np.ndarray) -> np.ndarray:
 
 
 def _window_spectrum(frequency: np.ndarray) -> np.ndarray:
-    """Its Fourier transform at frequencies below that of the window's first zero [1 / step]."""
+    """Fourier transform of the window at frequencies below that of its first zero [1 / step]."""
     root = np.sqrt(_BETA**2 - (math.pi * TAPS * frequency) ** 2)
     return np.asarray(TAPS * np.sinh(root) / root)

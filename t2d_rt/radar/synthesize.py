@@ -43,7 +43,7 @@ FEW_ECHOES, WIDE_BUCKET_BINS, BUCKET_BINS = 500, 9.0, 0.5
 """Up to so many echoes are summed in buckets that wide, in range bins: nodes are more work for each echo and less for what comes
 after. More of them in narrower ones."""
 ECHO_ERROR = 3e-6
-"""Of the nodes of these buckets: that of float32 itself."""
+"""Error of the nodes of these buckets, which is that of float32."""
 BUCKET_FRACTION = 0.25
 """Fraction of the tolerance that the nodes of a bucket may err by: the error changes as a target passes from bucket to bucket,
 which makes lines in its Doppler spectrum. Those of a moving sphere then lie at -101 dBc, and at -80 with the whole tolerance."""
@@ -226,7 +226,7 @@ def _new_cube(shape: tuple[int, int, int], memory: MemoryLimit) -> Cube:
 
 
 def _filler(cube: Cube, onto: Cube | None, radar: Radar) -> _Samples | _Products:
-    """What fills a cube, or adds to the one given."""
+    """Makes the filler of a new cube, or one that adds to the cube given."""
     if isinstance(cube, DiskCube) and isinstance(cube.rows, ProductRows):
         return _Products(cube.rows)
     return _Samples(CubeWriter(cube) if onto is None else CubeAdder(cube), zeroed=radar.multiplexing == "ddm")
@@ -387,7 +387,7 @@ class _Groups:
     first: int
     """The factor of the first one."""
     count: int
-    """How many a receiver has before its parts are told apart."""
+    """Number of groups that a receiver has before its parts are told apart."""
     receivers: int
     parts: int
     part: np.ndarray
