@@ -27,7 +27,7 @@ from pathlib import Path
 from t2d_rt.core.errors import InputError
 
 WAIT_S = 60.0
-"""For the lock of a folder, which others hold for moments only."""
+"""How long to wait for the lock of a folder [s], which others hold for moments only."""
 REMOVAL_TRIES, PAUSE_S = 40, 0.05
 """Threads that still write may put files into a folder while it is removed."""
 
@@ -42,7 +42,7 @@ class _Work:
 
 
 _WORKING: list[_Work] = []
-"""Of this process now; for `abandon`."""
+"""What this process is making now, for `abandon`."""
 LOCKS: set[Path] = set()
 """Files by which this process holds folders that fill up with finished parts; for `abandon`, too."""
 

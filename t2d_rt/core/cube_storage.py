@@ -18,15 +18,15 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import regular_file
 
 BLOCK_BYTES = 8 * 2**20
-"""What is read or written at once."""
+"""Bytes that are read or written at once."""
 NAME, DIMENSIONS = "adc", ("chirp", "antenna", "sample")
 DTYPE = np.dtype(np.complex64)
 CHECKSUM_BYTES = 4
 """At the end of every chunk in a result's folder (codec crc32c of zarr)."""
 LARGEST_CHUNK_BYTES = 2**30
-"""That is read: `new_array` makes chunks of BLOCK_BYTES, or of one chirp where that is more."""
+"""Largest chunk that is read; `new_array` makes chunks of BLOCK_BYTES, or of one chirp where that is more."""
 CODECS = ({"name": "bytes", "configuration": {"endian": "little"}}, {"name": "crc32c"})
-"""Of the array "adc": not compressed, for phases do not compress."""
+"""Codecs of the array "adc", which is not compressed, as phases do not compress."""
 
 
 class ScratchFile:
@@ -90,7 +90,7 @@ class ScratchFile:
         return ScratchFile, (), None, self.blocks()
 
     def blocks(self) -> Iterator[bytes]:
-        """What it holds, block by block."""
+        """Content of the file, block by block."""
         for offset in range(0, self.size, BLOCK_BYTES):
             size = min(BLOCK_BYTES, self.size - offset)
             yield self.read(offset, (size // DTYPE.itemsize,)).tobytes()
@@ -204,7 +204,7 @@ class FileRows:
     row_numbers: int
     """Numbers of a row."""
     decode: Callable[[np.ndarray], np.ndarray] | None = None
-    """From numbers (row, number) to as many samples, complex64."""
+    """Makes samples, complex64, of as many rows of numbers (row, number)."""
     held: np.ndarray | None = None
     """All numbers (row, number), where those of a row do not lie together in the file."""
     state: tuple[int, int] = field(init=False)

@@ -392,7 +392,7 @@ class _Stored:
     """A piece on disk."""
 
     start: int
-    """Its first row of the cube, and the one after its last."""
+    """First row of the piece in the cube; `stop` is the one after its last."""
     stop: int
     antenna: int
     offset: int
@@ -402,7 +402,7 @@ class _Stored:
 
     @property
     def numbers(self) -> int:
-        """How many coefficients it has."""
+        """Number of its coefficients."""
         return (self.stop - self.start) * self.piece.coefficients.shape[1]
 
     def rows(self, file: ScratchFile, first: int, last: int) -> Piece:

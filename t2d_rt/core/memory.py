@@ -34,7 +34,7 @@ LARGER, MUCH_LARGER = 1.2, 2.0
 REUSED_BYTES = 4 * 2**20
 """Size of an array from which it takes what others have left."""
 SAMPLE_BYTES = 16
-"""What visibility of a point takes at an instant from one viewpoint."""
+"""Memory that visibility of a point takes at an instant from one viewpoint."""
 VISIBILITY_BYTES = 150e6
 """What visibility may take of all points and viewpoints, at the instants that are traced together."""
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
@@ -49,7 +49,7 @@ class MemoryLimit:
 
     limit_bytes: float
     held_bytes: float
-    """What the process held before."""
+    """Memory that the process held before."""
 
     @classmethod
     def of(cls, memory_gb: float = LIMIT_GB) -> MemoryLimit:
@@ -59,7 +59,7 @@ class MemoryLimit:
 
     @property
     def taken_bytes(self) -> float:
-        """What the run has taken so far."""
+        """Memory that the run has taken so far."""
         return max(0.0, resident_bytes() - self.held_bytes)
 
     def release(self) -> None:

@@ -202,7 +202,7 @@ class Outcome:
     samples: int
     """Samples that were asked for and are there."""
     made: int
-    """How many of these this run has made."""
+    """Number of these that this run has made."""
     failures: tuple[tuple[int, str], ...]
     """Index and reason of samples that failed."""
     seconds: float

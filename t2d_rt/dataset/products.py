@@ -199,7 +199,7 @@ class RangeDopplerProduct(_Map):
     """Range-Doppler maps at equal intervals."""
 
     frames: Annotated[Count, Field(ge=1, le=1000)] = 8
-    """How many maps."""
+    """Number of maps."""
     size: tuple[Size, Size] = (64, 64)
     """Cells of speed and of range."""
     farthest_m: Annotated[Number, Field(gt=0, le=1000)] = 8.0

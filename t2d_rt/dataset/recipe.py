@@ -74,7 +74,7 @@ class Condition(Plain):
     model_config = ConfigDict(use_attribute_docstrings=True)
 
     name: Name
-    """How the records of its samples call it."""
+    """Name by which records of its samples call the condition."""
     scene: str = "free_space"
     """"free_space", a room by name, or the path of an XML file or of a mesh."""
     method: Method = "mesh"
@@ -97,7 +97,7 @@ class Condition(Plain):
     accuracy: Accuracy | None = None
     """How finely it is modelled; with a tolerance the fields that are set in it stay."""
     weight: Annotated[Number, Field(gt=0, le=1e6)] = 1.0
-    """How often it is drawn, relative to the others."""
+    """Weight with which the condition is drawn, relative to the others."""
 
     def __hash__(self) -> int:
         return hash(self.name)  # mappings, as things may be, have none
@@ -136,9 +136,9 @@ class Recipe(Fields):
     model_config = ConfigDict(use_attribute_docstrings=True)
 
     name: Name
-    """How it is called."""
+    """Name of the recipe."""
     about: str = ""
-    """What it is for, in a sentence; nothing depends on it."""
+    """Purpose of the recipe in a sentence; nothing depends on it."""
     classes: Annotated[tuple[Activity, ...], Field(min_length=1, max_length=len(ACTIVITIES))] = ACTIVITIES
     """Classes of the samples, in the order in which they take turns."""
     descriptions_per_class: Annotated[Count, Field(ge=1, le=10_000)]
@@ -167,7 +167,7 @@ class Recipe(Fields):
     attempts: Annotated[Count, Field(ge=1, le=20)] = 3
     """Motions of other seeds that are made until one passes the filter; where none does, the first one is taken."""
     radar: NamedRadar
-    """Its fields, or the name of a preset."""
+    """Fields of a radar, or the name of a preset."""
     noise: Literal["none", "receiver"] | Receiver = "receiver"
     """What the receiver adds: "receiver" is typical of each radar's band, "none" nothing, or the fields of a receiver."""
     background: str | None = None

@@ -197,7 +197,7 @@ def _values_of(records: Sequence[dict[str, Any]], name: str) -> np.ndarray:
 
 
 def _seconds_left(dataset: Dataset) -> float | None:
-    """From the times at which the latest shards took their places."""
+    """Time that is left, by the times at which the latest shards took their places [s]."""
     finished = sorted((path.stat().st_mtime, path) for path in (dataset.path / SHARDS).glob("*.jsonl"))[-SHARDS_TIMED:]
     if len(finished) < 2 or not in_use(dataset.path):
         return None

@@ -70,11 +70,6 @@ class Buckets:
     members: BinMembers
     """Which echoes fall into each during which slot, so short that no echo moves by more than `SLOT_BINS`, or a bucket."""
 
-    @property
-    def firsts(self) -> np.ndarray:
-        """First bucket of each part that has any."""
-        return np.flatnonzero(np.diff(self.part, prepend=-1))
-
     def place(self, bucket: np.ndarray, batch: np.ndarray, batches: int) -> np.ndarray:
         """Numbers of results that lie part by part, of each batch by batch and bucket by bucket."""
         first, last = (np.searchsorted(self.part, self.part, side) for side in ("left", "right"))

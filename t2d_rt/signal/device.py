@@ -81,7 +81,7 @@ def _over_azimuth(part: np.ndarray, radar: Radar, detection: Detection, n_fft: i
 
 
 def _over_doppler(part: np.ndarray, radar: Radar, detection: Detection, n_fft: int) -> np.ndarray:
-    """The same of a search over Doppler."""
+    """Points of one frame, (5, point), as `_over_azimuth` gives them, that a search over Doppler finds."""
     spectra = array_spectrum(part, radar, range_window=detection.range_window, mti="mean", n_fft=n_fft)
     cells = spectra.spectrum.transpose(2, 0, 1)  # (range, velocity, antenna)
     power = cells.real**2 + cells.imag**2

@@ -86,7 +86,7 @@ class Mti:
 
     @classmethod
     def of(cls, method: str | None, cutoff_mps: float, kernel: Sequence[float]) -> Mti:
-        """From the options of a call; no method is "none"."""
+        """The filter that the options of a call tell; no method is "none"."""
         return cls(choice("MTI method", "none" if method is None else method, METHODS), cutoff_mps, kernel)
 
     def filter(self, cells: np.ndarray, radar: Radar) -> np.ndarray:
@@ -159,7 +159,7 @@ class FastTime:
 
     @classmethod
     def of(cls, radar: Radar, window: str, gate_m: tuple[float, float] | None, combine: str) -> FastTime:
-        """From options of `spectrogram`, which are checked."""
+        """The weighting that options of `spectrogram` tell, which are checked."""
         bins, weights = gate(radar.range_axis_m(), gate_m), taper(window, radar.samples)
         all_bins = bins == slice(0, radar.samples)
         _check_combine(combine, all_bins, weights)

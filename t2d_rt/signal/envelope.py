@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 MARGIN_DB = 6.0
-"""Of the threshold above the median level of all cells."""
+"""Threshold above the median level of all cells [dB]."""
 RANGE_DB = 35.0
 """The threshold lies no farther below the greatest cell, however little noise there is."""
 NOTCH_MPS = 0.12

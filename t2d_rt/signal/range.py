@@ -129,7 +129,7 @@ class RangeGate:
     window: str
     """Name of the window of the range FFT."""
     matrix: np.ndarray
-    """What each sample adds to each cell, complex64 (sample, cell)."""
+    """Factor of each sample in each cell, complex64 (sample, cell)."""
 
     @classmethod
     def of(cls, radar: Radar, limits_m: tuple[float, float], window: str = "hann") -> RangeGate:

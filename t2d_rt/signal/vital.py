@@ -68,7 +68,7 @@ class VitalSigns:
     displacement_m: np.ndarray
     """Towards the radar, its mean taken away [m], (T,)."""
     excursion_m: float
-    """From the least to the greatest displacement of the record [m]."""
+    """Greatest less least displacement of the record [m]."""
     breathing_hz: float
     breathing_m: float
     """From the least to the greatest in a breath, of the mean breath [m]."""

@@ -69,7 +69,7 @@ DEFAULT_TIERS = (
 )
 """Dominant, secondary and minor paths."""
 ELLIPSOID_TIERS = tuple(tier.model_copy(update={"scatterer": "ellipsoids"}) for tier in DEFAULT_TIERS)
-"""The same with ellipsoids in place of bodies over all of them: what a tolerance of a few decibels asks for."""
+"""The default tiers with ellipsoids in place of bodies over all path pairs, for tolerances of a few decibels."""
 
 
 class Accuracy(Fields):

@@ -29,7 +29,7 @@ Elevations = Annotated[tuple[Annotated[Number, Field(ge=-90, le=90)], ...], Fiel
 
 
 class Isotropic(Fields):
-    """The same gain in all directions, behind too."""
+    """A pattern of the same gain in all directions, behind the antenna too."""
 
     noun: ClassVar[str] = "antenna pattern"
 

@@ -18,7 +18,7 @@ HANDLE_M = 0.12
 WHEEL_M, RIM_M = 0.305, 0.26
 """Radii of a wheelchair's rear wheels, of 24 inches, and of their hand rims [m]."""
 SIZES = {"bag": 3, "ball": 1, "box": 3, "backpack": 3, "cane": 2, "crutch": 2, "walker": 2, "wheelchair": 4}
-"""How many dimensions things have."""
+"""Number of dimensions that tell the size of each kind of thing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,11 +26,11 @@ class Carried:
     """A thing that a person carries, rigid in the frame of one joint; `carry` makes it, and poses the arms that hold it."""
 
     thing: str
-    """What it is: bag, box, cane, ... (`SIZES`)."""
+    """Kind of the thing: bag, box, cane, ... (`SIZES`)."""
     joint: str
     """Joint of the motion whose orientation carries it."""
     position_m: tuple[float, float, float]
-    """Its origin in the joint's frame [m]."""
+    """Origin of the thing in the joint's frame [m]."""
     rotation: tuple[float, float, float, float]
     """Its axes, x forward, y left and z up, in the joint's frame: a unit quaternion x, y, z, w."""
     size_m: tuple[float, ...]

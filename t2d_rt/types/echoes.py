@@ -101,11 +101,11 @@ class Repetition:
     span_s: tuple[float, float]
     """The record."""
     radar: Radar
-    """The same with another PRF: its chirps over some periods begin at equal steps of one period."""
+    """The radar with another PRF, whose chirps over some periods begin at equal steps of one period."""
     first: int
     """Row of its first chirp that is used; before it the record of the echoes begins."""
     rows: int
-    """How many rows are used."""
+    """Number of rows that are used."""
     periods: int
     """Number of periods that these rows are of, coprime with theirs."""
     gain: Callable[[np.ndarray], np.ndarray] | None = None

@@ -21,7 +21,7 @@ PoseTrack = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 Method = Literal["mesh", "ellipsoid"]
 """How bodies are modelled."""
 LEAST_SEMI_AXIS_M, LARGEST_SEMI_AXIS_M = 1e-6, 1e3
-"""What lies beyond was meant in another unit."""
+"""Limits beyond which a semi-axis was meant in another unit [m]."""
 
 
 @dataclass(frozen=True, slots=True, init=False, eq=False, repr=False)
@@ -39,7 +39,7 @@ class Ellipsoids:
     material: str | Material | ByPart
     names: tuple[str, ...]
     track: PoseTrack = field(repr=False)
-    """Their places as a function of time."""
+    """Places of the ellipsoids as a function of time."""
     made: Provenance | None
     """How they were made; None where a function of the user computes them."""
     name: ClassVar[str] = "the body of ellipsoids"

@@ -51,7 +51,7 @@ class Fields(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     noun: ClassVar[str] = "radar"
-    """What the sentences call it."""
+    """Noun by which sentences call the model."""
     if_missing: ClassVar[str] = "give it"
     """What to do about a field that is not given."""
     written: ClassVar[Mapping[str, str]] = {}

@@ -60,7 +60,7 @@ class ByPart:
     materials: tuple[str | Material, ...]
     """Names or values."""
     part: np.ndarray
-    """Which of these each face or ellipsoid has, int (N,)."""
+    """Number of the material of each face or ellipsoid, int (N,)."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.materials, (tuple, list)) or not self.materials:

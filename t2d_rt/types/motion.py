@@ -72,7 +72,7 @@ class Breathing:
         return np.asarray(0.5 * self.depth_m * (1 - np.cos(cycle + INHALES * (1 - np.cos(cycle)))))
 
     def from_time(self, start_s: float) -> Breathing:
-        """The same breaths where time begins at another instant [s]."""
+        """The breaths on a clock that begins at another instant [s]."""
         return replace(self, phase_rad=float(_cycle_rad(self, start_s) % (2 * np.pi)))
 
 
@@ -99,7 +99,7 @@ class Heartbeat:
         return np.asarray(self.depth_m * (pulse - least) / (1 - least))
 
     def from_time(self, start_s: float) -> Heartbeat:
-        """The same beats where time begins at another instant [s]."""
+        """The beats on a clock that begins at another instant [s]."""
         return replace(self, phase_rad=float(_cycle_rad(self, start_s) % (2 * np.pi)))
 
 
@@ -137,13 +137,13 @@ class Motion:
     report: str = ""
     """One line: what the reader found in the file (units, up axis, flavour, floor, dropped frames, smoothing)."""
     origin: tuple[str, ...] = ()
-    """Where it comes from: the file's name and the SHA-256 of its content, then each edit since."""
+    """Origin of the motion: the file's name and the SHA-256 of its content, then each edit since."""
     activities: tuple[tuple[str, float], ...] = ()
     """What the person does and from when on [s], in order, each until the next one begins; () where it is not known."""
     breathing: Breathing | None = None
     """How the person breathes, which joints do not tell; None where nothing but the joints moves, as of a file."""
     heartbeat: Heartbeat | None = None
-    """How the person's heart beats, likewise."""
+    """How the person's heart beats; None where it does not move the skin."""
     carries: tuple[Carried, ...] = ()
     """Things that move with the person's joints, as `carry` adds them."""
 

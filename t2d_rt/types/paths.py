@@ -148,7 +148,7 @@ class OneWayPath(_Compared):
 
     @property
     def name(self) -> str:
-        """For people: "direct", "floor", "door (through) > floor", from the antenna on."""
+        """Name for people, from the antenna on: "direct", "floor", "door (through) > floor"."""
         return " > ".join(self.chain) or "direct"
 
     def unfolded(self, points: np.ndarray, times_s: np.ndarray | None = None) -> np.ndarray:
@@ -289,7 +289,7 @@ class PathPair:
 
     @property
     def name(self) -> str:
-        """For people: "direct", "floor" for the same path out and back, "direct, floor"."""
+        """Name for people: "direct", "floor" for the same path out and back, "direct, floor"."""
         return self.out.name if self.out.chain == self.back.chain else f"{self.out.name}, {self.back.name}"
 
 
@@ -308,11 +308,11 @@ class StaticPath(_Compared):
     arrival_m: np.ndarray
     """Apparent position of the transmitters as seen from the receivers, (3,)."""
     at: Callable[[np.ndarray], StaticPath] | None = None
-    """The same at times [s] (T,) of a radar that moves."""
+    """The path at times [s] (T,), for a radar that moves."""
     fraction: np.ndarray | None = None
     """Fraction of its field at sample times, as the path exists or does not, (S,); None: it always exists."""
 
     @property
     def name(self) -> str:
-        """For people: "wall+y > floor"."""
+        """Name for people: "wall+y > floor"."""
         return self.path.name

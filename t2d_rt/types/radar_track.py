@@ -87,7 +87,7 @@ class RadarTrack(Fields):
     }
 
     times_s: Times
-    """Of the poses, on the clock of the targets [s], increasing (T,)."""
+    """Times of the poses on the clock of the targets [s], increasing (T,)."""
     positions_m: Places
     """Places of the radar in the world [m], (T, 3)."""
     orientations: Quaternions | None = None
@@ -151,7 +151,7 @@ class RadarTrack(Fields):
 
     @property
     def reach_m(self) -> float:
-        """How far the radar gets from where its track begins [m]."""
+        """Greatest distance of the radar from the place where its track begins [m]."""
         places = np.array(self.positions_m)
         return float(np.linalg.norm(places - places[0], axis=1).max())
 

@@ -132,7 +132,7 @@ class Interferer(_Part):
     noun: ClassVar[str] = "interferer"
 
     position_m: Vector
-    """Its place in the world [m]."""
+    """Place of the interferer in the world [m]."""
     carrier_hz: Annotated[Number, Field(ge=1e6, le=1e13)]
     """Frequency at the start of its chirps [Hz]."""
     slope_hz_per_s: Annotated[Number, Field(ge=-1e18, le=1e18)]

@@ -34,7 +34,7 @@ class FrameBlock:
 
     @property
     def times_s(self) -> np.ndarray:
-        """Its frames [s] (K,)."""
+        """Frames of the block [s] (K,)."""
         return self.record_s[self.first : self.last]
 
     def wider(self, frames: int) -> np.ndarray:
@@ -111,20 +111,20 @@ class Scatterer(ABC):
     times_s: np.ndarray
     """Surface frames of the record [s], uniform (T,)."""
     echoes: int
-    """How many it returns at each frame."""
+    """Number of echoes at each frame."""
     vertices: int = 0
-    """How many vertices these are made from at each frame."""
+    """Number of vertices from which these are made at each frame."""
     at_once: int = 0
     """How many frames it may be asked for at once, where what they are made from takes much memory; 0: any number."""
     repeats: Repetition | None = None
-    """Where its record stands for a longer one."""
+    """How the record repeats, where it stands for a longer one."""
 
     reach = 0
     """Frames on either side of a block at which it must know its fractions, too."""
 
     @property
     def parts(self) -> tuple[Scatterer, ...]:
-        """The same echoes from several scatterers of fewer each, where there are many."""
+        """Scatterers of fewer echoes each that return the same echoes together."""
         return (self,)
 
     @property
@@ -144,15 +144,15 @@ class Scatterer(ABC):
 
     @abstractmethod
     def scatter(self, block: FrameBlock, poses: Poses, seen: Visibility) -> EchoArrays:
-        """Its echoes at the frames of a block."""
+        """Echoes of the scatterer at the frames of a block."""
 
     def frames(self, first: int, last: int) -> EchoArrays:
-        """Its echoes at frames first..last - 1, by itself."""
+        """Echoes of this scatterer alone at frames first..last - 1."""
         block = FrameBlock(self.times_s, first, last)
         return self.scatter(block, pose(self.parts, block), visibility(self.parts, block))
 
     def gather(self) -> Echoes:
-        """Its echoes at all frames at once; for short records."""
+        """Echoes at all frames at once, for short records."""
         return Echoes(times_s=self.times_s, **self.frames(0, len(self.times_s))._asdict())
 
 
@@ -163,7 +163,7 @@ class EchoStream(Scatterer):
     frames: Callable[[int, int], EchoArrays] = field()  # type: ignore[assignment]
     """`frames(start, stop)`: the arrays of `Echoes` for frames start..stop-1; the echoes are the same ones in every call."""
     echoes: int = 0
-    """How many there are, where that is known beforehand."""
+    """Number of echoes, where it is known beforehand."""
 
     def __post_init__(self) -> None:
         call("frames", self.frames, "a function from the first frame and the one after the last to their EchoArrays")

@@ -69,7 +69,7 @@ class Architecture(Fields):
 
     @property
     def doppler_halvings(self) -> int:
-        """How often Doppler bins are halved."""
+        """Number of times that Doppler bins are halved."""
         return max(1, int(math.log2(max(2, self.bins / KEPT_ROWS))))
 
     @property

@@ -186,7 +186,7 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Training:
-    """How long and from which seed."""
+    """Length and seed of a training."""
 
     codec_steps: int = 800
     prior_steps: int = 400

@@ -170,7 +170,7 @@ class ReceiverLevels:
     receiver: Receiver
     radar: Radar
     offsets: np.ndarray
-    """What is added to each sample, (antenna,)."""
+    """Constant that is added to each sample, (antenna,)."""
     clean: Power = field(init=False)
     added: Power = field(init=False)
     """Power of the samples after the receiver less those before it and the offsets."""

@@ -45,7 +45,7 @@ class TimeSlots:
         return np.rint(self.starts_s(first, rows) * self.radar.prf_hz).astype(np.int64)
 
     def starts_s(self, first: int, rows: int) -> np.ndarray:
-        """Their first ADC samples [s], (row, slot)."""
+        """Times of the slots' first ADC samples [s], (row, slot)."""
         radar = self.radar
         row = np.arange(first, first + rows)
         if radar.loops_per_frame is None or radar.frame_interval_s is None:
@@ -148,7 +148,7 @@ class Fast:
 
     @property
     def lowest_hz(self) -> float:
-        """Below it noise is that of the slots."""
+        """Frequency below which noise is that of the slots [Hz]."""
         return self.rate_hz / self.length / 2
 
     def amplitudes(self) -> np.ndarray:
