@@ -29,8 +29,10 @@ from t2d_rt.motion.descriptions.grammar import grammar_descriptions
 from t2d_rt.motion.descriptions.slots import Activity, Description
 from t2d_rt.motion.generate import COMPOSED
 from t2d_rt.motion.generate.library.individual import drawn_person
+from t2d_rt.pipeline.targets import things
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.scene import Curtain, Mover, Pet, TableFan
+from t2d_rt.scene.things import outline
 from t2d_rt.types import Motion, Radar
 
 LASTING: frozenset[Activity] = frozenset({"walking", "abnormal_walking", "running", "dancing"})
@@ -218,7 +220,7 @@ def provenance(cut: SampleMotion) -> Mapping[str, object]:
 TRIES = 60
 """Places that are drawn in a room."""
 CLEARANCE_M = 0.15
-"""Least distance of a joint to a wall or to furniture: about half the depth of a body."""
+"""Least distance of a joint to a wall or to furniture: about half the depth of a body. Things are as large as they are."""
 NEAREST_M = 0.8
 """Least horizontal distance of a joint to the radar."""
 LOW_M = 0.12
@@ -250,8 +252,16 @@ class Place:
     """How far the motion goes into walls, furniture or the surroundings of the radar at most."""
 
 
-def placing(recipe: Recipe, number: int, scene: str, motion: Motion, side: Side | None = None) -> Place:
-    """The place of a motion's number: of those drawn, the first at which the motion has room, or that at which it lacks least.
+def placing(
+    recipe: Recipe,
+    number: int,
+    scene: str,
+    motion: Motion,
+    side: Side | None = None,
+    loaded: Sequence[Motion] = (),
+) -> Place:
+    """The place of a motion's number: of those drawn, the first at which the motion has room, or that at which it lacks least; and
+    so have the same people with what they carry, `loaded`.
 
     What is drawn is the mean range of the person, not that of the start, and it stays for the first half of the tries: so classes
     that travel have the ranges of those that do not, and come as often as they go.
@@ -262,8 +272,8 @@ def placing(recipe: Recipe, number: int, scene: str, motion: Motion, side: Side 
     # 10 poses a second tell where a body goes.
     stride = max(1, round(motion.rate_hz / 10.0))
     spans = (recipe.angles_deg,) if side is None else side.angles_deg
-    base = place(motion, distance_m=1.0, radar_position_m=(0.0, 0.0, 1.0))
-    track = base.joints[::stride]
+    tracks = [tracked for person in (motion, *loaded) for tracked in _tracks(person, stride)]
+    track = tracks[0][0]
     low, high, boxes = scene_extent(scene)
     best, least = None, math.inf
     for attempt in range(TRIES):
@@ -276,7 +286,10 @@ def placing(recipe: Recipe, number: int, scene: str, motion: Motion, side: Side 
         aside_m = round(middle_m - float(pelvis[:, 1].mean()), 4)
         pelvis[:, 1] += aside_m
         distance_m = round(_start_m(pelvis, range_m), 4)
-        overlap_m = _overlap(_moved(track, distance_m, angle_deg, aside_m), low, high, boxes)
+        overlap_m = max(
+            _overlap(_moved(points, distance_m, angle_deg, aside_m), low, high, boxes, clearance_m)
+            for points, clearance_m in tracks
+        )
         ranges_m = np.linalg.norm(pelvis + [distance_m, 0.0, 0.0], axis=-1)
         mean_m = float(ranges_m.mean())
         lacks = overlap_m + abs(mean_m - range_m)
@@ -298,6 +311,15 @@ def placing(recipe: Recipe, number: int, scene: str, motion: Motion, side: Side 
             break
     assert best is not None, "places were drawn"
     return best
+
+
+def _tracks(motion: Motion, stride: int) -> list[tuple[np.ndarray, float]]:
+    """Joints of a motion, and points of the things that it carries, at every so many frames, (T, P, 3) where it starts 1 m ahead at
+    angle 0; each with how far it keeps away from what stands there [m]."""
+    base = place(motion, distance_m=1.0, radar_position_m=(0.0, 0.0, 1.0))
+    times_s = base.times_s[::stride]
+    carried = [(thing.at(times_s)[:, outline(thing.rest)], 0.0) for thing in things(base)]
+    return [(base.joints[::stride], CLEARANCE_M), *carried]
 
 
 def _angle_deg(rng: np.random.Generator, spans: Sequence[tuple[float, float]]) -> float:
@@ -353,15 +375,14 @@ def range_gate(recipe: Recipe, drawn: Sample) -> tuple[float, float] | None:
     return NEAREST_GATE_M, round(recipe.distances_m[1] + REACH_M + BODY_M, 3)
 
 
-def _overlap(track: np.ndarray, low: np.ndarray, high: np.ndarray, boxes: np.ndarray) -> float:
-    """How far (T, J, 3) goes at most beyond the walls, into boxes (B, 2, 3) or to within reach of the radar [m]."""
-    wall_overlap_m = np.maximum(low + CLEARANCE_M - track, track - high + CLEARANCE_M)[..., :2].max()
+def _overlap(track: np.ndarray, low: np.ndarray, high: np.ndarray, boxes: np.ndarray, clearance_m: float) -> float:
+    """How far (T, J, 3) goes at most beyond the walls, into boxes (B, 2, 3), with a margin, or to within reach of the radar [m]."""
+    wall_overlap_m = np.maximum(low + clearance_m - track, track - high + clearance_m)[..., :2].max()
     radar_overlap_m = NEAREST_M - np.linalg.norm(track[..., :2], axis=-1).min()
     overlap_m = max(0.0, float(wall_overlap_m), float(radar_overlap_m))
+    margin = np.array([clearance_m, clearance_m, 0.0])
     for first, last in boxes:
-        inside = np.minimum(
-            track - first + [CLEARANCE_M, CLEARANCE_M, 0.0], last + [CLEARANCE_M, CLEARANCE_M, 0.0] - track
-        )
+        inside = np.minimum(track - first + margin, last + margin - track)
         overlap_m = max(overlap_m, float(inside.min(axis=-1).max()))
     return overlap_m
 
@@ -531,7 +552,9 @@ def sample(recipe: Recipe, index: int) -> Sample:
     recorded = recipe.conditions if recipe.each_condition else (cell.condition,)
     cut = sample_motion(recipe, cell.activity, cell.description, cell.number, recorded)
     condition, side = cell.condition, recipe.side_at(cell.description)
-    place = placing(recipe, cell.number, condition.scene, cut.motion, side)
+    # One place for all conditions of a motion: there is room for what is carried in each of them.
+    loaded = [carry(cut.motion, each.carries) for each in recorded if each.carries]
+    place = placing(recipe, cell.number, condition.scene, cut.motion, side, loaded)
     radar = _raised(recipe.radar if condition.radar is None else condition.radar, place.height_m)
     source = cut.source.model_copy(
         update={

@@ -115,14 +115,10 @@ def set_up(
     if radar.track is not None:
         _tell_of_track(sources, span_s)
     if scene is not None:
-        moving = [
-            source if isinstance(source, Motion) else modelled_target.world
-            for source, modelled_target in zip(sources, modelled, strict=True)
-        ]
         span_s = checked_time(
             experiment.collisions,
             scene,
-            moving,
+            [modelled_target.tested for modelled_target in modelled],
             [geometry.name for geometry in geometries],
             radar,
             span_s,

@@ -15,8 +15,9 @@ from t2d_rt.body import skin as skin_body
 from t2d_rt.body.outfit import Outfit, outfit_of
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion import Track, place, quaternions, track
+from t2d_rt.propagation.collisions import Held, Tested
 from t2d_rt.scene import Mover
-from t2d_rt.scene.things import substance, surface, wheels
+from t2d_rt.scene.things import outline, substance, surface, wheels
 from t2d_rt.types import ByPart, Ellipsoids, Material, Motion, MovingMesh, Radar
 from t2d_rt.types.carried import Carried
 from t2d_rt.types.ellipsoids import Geometry, Method
@@ -66,6 +67,14 @@ class Target:
     def mesh(self) -> MovingMesh | None:
         """The surface whose facets scatter; None where ellipsoids do."""
         return self.geometry if isinstance(self.geometry, MovingMesh) else None
+
+    @property
+    def tested(self) -> Tested:
+        """What must not go through the scene."""
+        world = self.world
+        if isinstance(world, MovingMesh) and isinstance(world.track, Rigid):
+            return Held(world, outline(world.rest), world.track.pelvis_at)
+        return self.source if isinstance(self.source, Motion) else world
 
     @property
     def may_rotate_fast(self) -> bool:
@@ -231,6 +240,10 @@ class Rigid:
         places, rotations = self.followed(times_s)
         local = quaternions.rotate(np.array(self.carried.rotation), points) + self.carried.position_m
         return places[:, joint, None] + quaternions.rotate(rotations[:, joint, None], local)
+
+    def pelvis_at(self, times_s: np.ndarray) -> np.ndarray:
+        """Places (K, 3) [m] of the pelvis of who carries it, at times (K,)."""
+        return self.followed(times_s)[0][:, self.followed.motion.index("pelvis")]
 
 
 def segments(motion: Motion, body: str = "adult", *, material: str | Material | Outfit = "skin") -> Ellipsoids:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from typing import Literal
@@ -45,6 +45,20 @@ Collisions = Literal["warn", "stop", "ignore"]
 
 
 @dataclass(frozen=True, slots=True)
+class Held:
+    """A thing that a person carries."""
+
+    mesh: MovingMesh
+    points: np.ndarray
+    """Numbers of vertices that lie all over it."""
+    pelvis_at: Callable[[np.ndarray], np.ndarray]
+    """Where the person's pelvis is at times (K,), (K, 3) m."""
+
+
+Tested = Motion | MovingMesh | Ellipsoids | Held
+
+
+@dataclass(frozen=True, slots=True)
 class Collision:
     """Where a target first goes through something, or stands at the start if that is outside the room."""
 
@@ -59,7 +73,7 @@ class Collision:
 def checked_time(
     collisions: Collisions,
     scene: Scene,
-    targets: Sequence[Motion | MovingMesh | Ellipsoids],
+    targets: Sequence[Tested],
     names: Sequence[str],
     radar: Radar,
     time_s: tuple[float, float],
@@ -122,7 +136,7 @@ def _collision_text(collision: Collision, scene: Scene, names: Sequence[str], st
 
 def find_collisions(
     scene: Scene,
-    targets: Sequence[Motion | MovingMesh | Ellipsoids],
+    targets: Sequence[Tested],
     radar: Radar,
     start_s: float,
     stop_s: float,
@@ -210,9 +224,7 @@ def _beyond(scene: Scene, places_m: np.ndarray, deep_m: float) -> np.ndarray:
     return np.asarray(((places_m < low - deep_m) | (places_m > high + deep_m)).any(axis=-1))
 
 
-def _lines(
-    target: Motion | MovingMesh | Ellipsoids, track_m: np.ndarray, times_s: np.ndarray
-) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
+def _lines(target: Tested, track_m: np.ndarray, times_s: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
     """Lines (L, N, 3), their times (L, N), and how upright the normals of what they may go through are at least."""
     if isinstance(target, Motion):
         # Steps pass over and under what lies flat, as a table's top: it lies across the body.
@@ -220,6 +232,11 @@ def _lines(
         yield bones.reshape(-1, 2, 3), np.broadcast_to(times_s[:, None, None], bones.shape[:3]).reshape(-1, 2), FLAT
         # Knees swing ahead of the body; they are there to lead around the seat of a chair.
         track_m = np.delete(track_m, KNEES, axis=1)
+    elif isinstance(target, Held):
+        # It may be in a wall that it moves along, or have the back of a chair between itself and the body.
+        points_m = target.mesh.at(times_s)[:, target.points]
+        reach_m = np.stack(np.broadcast_arrays(target.pelvis_at(times_s)[:, None], points_m), axis=2)
+        yield reach_m.reshape(-1, 2, 3), np.repeat(times_s, 2 * len(target.points)).reshape(-1, 2), 0.0
     yield track_m.transpose(1, 0, 2), np.broadcast_to(times_s, track_m.shape[1::-1]), 0.0
 
 
@@ -230,7 +247,7 @@ def uneven_times(start_s: float, stop_s: float) -> np.ndarray:
     return start_s + (stop_s - start_s) * uneven / uneven[-1]
 
 
-def middles(target: Motion | MovingMesh | Ellipsoids, times_s: np.ndarray) -> np.ndarray:
+def middles(target: Tested, times_s: np.ndarray) -> np.ndarray:
     """Points that stand for a target (K, P, 3) m: a person's middle, the middles of a mesh's parts, ellipsoids' centres."""
     if isinstance(target, Motion):
         joints = target.joints
@@ -242,6 +259,8 @@ def middles(target: Motion | MovingMesh | Ellipsoids, times_s: np.ndarray) -> np
         return np.asarray((1 - fraction) * line[before] + fraction * line[before + 1])
     if isinstance(target, Ellipsoids):
         return target.at(times_s)[0]
+    if isinstance(target, Held):
+        target = target.mesh
     # A mesh has no joints: the middles of parts of it move as smoothly as these, and none of them lies on its surface.
     part = _parts(target.rest)
     members = [np.flatnonzero(part == number) for number in range(part.max() + 1)]

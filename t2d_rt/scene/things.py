@@ -22,6 +22,9 @@ SPOKES, SPOKE_M = 12, 0.0025
 """Spokes of a rear wheel, and their radius [m]. Real wheels have some 24 to 36 of 2 mm; fewer and thicker ones need fewer facets,
 and physical optics holds for neither: 5 mm is 0.4 wavelengths at 24 GHz and 1.3 at 77 GHz."""
 
+OUTWARD = np.stack(np.meshgrid(*3 * [np.arange(-2, 3)]), axis=0).reshape(3, -1)
+"""Directions (3, 125) in which corners of a surface are looked for."""
+
 Solid = tuple[np.ndarray, np.ndarray]
 """Vertices (V, 3) [m] and faces (F, 3)."""
 
@@ -126,6 +129,13 @@ def torus(radius_m: float, tube_m: float) -> Solid:
     a, b, c, d = here, np.roll(here, -1, 0), np.roll(here, (-1, -1), (0, 1)), np.roll(here, -1, 1)
     faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
     return points.reshape(-1, 3), faces
+
+
+def outline(vertices: np.ndarray) -> np.ndarray:
+    """Numbers of vertices (V, 3) that lie all over a surface: its corners, and one in each cube of `STEP_M`."""
+    corners = (vertices @ OUTWARD).argmax(axis=0)
+    _, spread = np.unique(np.floor(vertices / STEP_M), axis=0, return_index=True)
+    return np.union1d(corners, spread)
 
 
 def substance(carried: Carried) -> str | Material:

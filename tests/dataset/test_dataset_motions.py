@@ -27,8 +27,10 @@ from t2d_rt.dataset.sample import (
 from t2d_rt.experiment.catalog import example
 from t2d_rt.experiment.sources import MotionText
 from t2d_rt.motion import aside, place, repeat, trim
+from t2d_rt.motion.carry import carry
 from t2d_rt.motion.check import check_motion
 from t2d_rt.motion.vary import arc, hold
+from t2d_rt.pipeline.targets import things
 from t2d_rt.types import Motion
 
 
@@ -151,6 +153,44 @@ def test_in_a_room_motions_keep_clear_of_walls_and_furniture(recipe: Recipe) -> 
             inside = (joints[..., :2] > low[:2] + 0.9 * CLEARANCE_M) & (joints[..., :2] < high[:2] - 0.9 * CLEARANCE_M)
             assert inside.all()
     assert sum(sample(recipe, index).place.overlap_m == 0 for index in range(4)) >= 2
+
+
+@pytest.fixture(scope="module")
+def walks() -> Recipe:
+    return Recipe(
+        name="takes", classes=["walking"], descriptions_per_class=4, samples_per_description=1, radar="table2-uniform",
+        duration_s=3.0, conditions=[{"name": "room", "scene": "living_room"}],
+    )  # fmt: skip
+
+
+def test_in_a_room_what_people_carry_keeps_clear_too(walks: Recipe, walk: Motion) -> None:
+    """The walk alone has room at the place that is drawn; a walking frame's front would stand 9 cm in the wall there."""
+    low, high, boxes = scene_extent("living_room")
+    loaded = carry(walk, "walker")
+    into_m = []
+    for carried in ((), (loaded,)):
+        found = placing(walks, 5, "living_room", walk, None, carried)
+        assert found.overlap_m == 0
+        start = {"distance_m": found.distance_m, "angle_deg": found.angle_deg}
+        placed = aside(place(loaded, **start, radar_position_m=(0.0, 0.0, found.height_m)), found.aside_m)
+        points = np.concatenate([thing.at(placed.times_s[::10]).reshape(-1, 3) for thing in things(placed)])
+        into_wall_m = np.maximum(low - points, points - high)[:, :2].max()
+        into_m.append(
+            max(into_wall_m, *(np.minimum(points - box[0], box[1] - points).min(axis=1).max() for box in boxes))
+        )
+    assert into_m[0] > 0.05
+    assert into_m[1] < 0.01
+
+
+def test_conditions_of_a_motion_have_one_place_whatever_is_carried(walks: Recipe) -> None:
+    conditions = [
+        {"name": "bare", "scene": "living_room"},
+        {"name": "loaded", "scene": "living_room", "carries": "walker"},
+    ]
+    both = Recipe.model_validate({**walks.model_dump(), "conditions": conditions, "each_condition": True})
+    bare, loaded = sample(both, 0), sample(both, 1)
+    assert (bare.cell.condition.name, loaded.cell.condition.name) == ("bare", "loaded")
+    assert bare.place == loaded.place
 
 
 def test_in_free_space_the_first_place_that_is_drawn_is_taken(recipe: Recipe, walk: Motion) -> None:

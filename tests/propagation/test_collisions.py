@@ -13,6 +13,8 @@ import t2d_rt as t2d
 from builders import ball, plate, slow_after
 from t2d_rt.core.backend import Backend
 from t2d_rt.core.errors import InputError, T2DWarning
+from t2d_rt.motion import aside
+from t2d_rt.pipeline.targets import targets_of
 from t2d_rt.propagation.collisions import Collision, find_collisions, is_room, radar_outside, uneven_times
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.scenes import load_scene, scene_names
@@ -100,6 +102,48 @@ def sitting_down(seat_m: tuple[float, float, float]) -> Motion:
 def test_one_may_sit_down(backend: Backend, kind: str, forward_m: float) -> None:
     room = Room(name="cell", size_m=(5, 4, 2.5), furniture=({"kind": kind, "x_m": 2.0, "y_m": 0},))
     assert found(backend, room.scene(), sitting_down((2.0 + forward_m, 0.0, 0.52))) == []
+
+
+# --- what people carry ---
+
+
+def told_of(backend: Backend, scene: Scene, motion: Motion) -> list[tuple[str, str | None]]:
+    """Names of who and what goes through what, of a person and the things that they carry."""
+    targets = targets_of([motion], "mesh", "adult", None, RADAR)
+    time_s = float(motion.times_s[0]), float(motion.times_s[-1])
+    collisions = find_collisions(scene, [target.tested for target in targets], RADAR, *time_s, backend=backend)
+    return [(targets[each.target].world.name, each.surface) for each in collisions]
+
+
+@pytest.mark.parametrize(("aside_m", "told"), [(1.4, []), (1.7, [("bag", "wall+y")])])
+def test_a_bag_that_is_in_the_wall_all_the_way_is_found(
+    backend: Backend, walk: Motion, aside_m: float, told: list[tuple[str, str]]
+) -> None:
+    """It hangs 19 to 43 cm beside the middle of the body, the wall is at 2 m."""
+    carrying = t2d.carry(walk, "bag")
+    assert told_of(backend, ROOM.scene(), aside(carrying, aside_m)) == told
+
+
+@pytest.mark.parametrize(("behind_m", "told"), [(0.24, [("backpack", "back of a chair")]), (0.5, [])])
+def test_a_backpack_with_the_back_of_a_chair_in_it_is_found(
+    backend: Backend, walk: Motion, behind_m: float, told: list[tuple[str, str]]
+) -> None:
+    """Nothing moves: the pack lies 0.14 to 0.32 m behind the upper spine of somebody who faces the radar."""
+    still = replace(
+        walk, joints=np.repeat(walk.joints[60:61], 60, axis=0), rotations=np.repeat(walk.rotations[60:61], 60, axis=0)
+    )
+    x, y, z = still.joints[0, still.index("spine3")]
+    corners = [(x + behind_m, y + across, z + up) for across, up in ((-0.2, -0.4), (0.2, -0.4), (0.2, 0), (-0.2, 0))]
+    scene = replace(ROOM.scene(), surfaces=(*ROOM.scene().surfaces, plate("back of a chair", corners, "wood", 0.02)))
+    assert told_of(backend, scene, t2d.carry(still, "backpack")) == told
+
+
+def test_a_wheelchair_may_stand_on_the_floor_and_its_user_at_a_table(backend: Backend, walk: Motion) -> None:
+    rolling = t2d.carry(t2d.place(walk, distance_m=4.1), "wheelchair")
+    x, y, _ = rolling.joints[-1, rolling.index("pelvis")]
+    corners = [(x - 0.9, y - 0.5, 0.74), (x - 0.2, y - 0.5, 0.74), (x - 0.2, y + 0.5, 0.74), (x - 0.9, y + 0.5, 0.74)]
+    table = plate("table", corners, "wood", 0.03)
+    assert told_of(backend, replace(ROOM.scene(), surfaces=(*ROOM.scene().surfaces, table)), rolling) == []
 
 
 # --- movers ---
