@@ -255,7 +255,8 @@ def clutter_scatterers(
     if kind == "diffuse":
         if radar.track is not None:
             raise InputError(
-                "clutter 'diffuse' is that of a radar that stands still, got one with a track; take 'specular' or 'none'"
+                "clutter 'diffuse' is that of a radar that stands still, got one with a track: its points stand for what is seen "
+                "of the walls from one place; take 'specular' or 'none'"
             )
         scene = roughened(scene, SCATTERING_COEFFICIENT, radar.mid_frequency_hz)
     scatterers: list[Scatterer] = []

@@ -288,10 +288,30 @@ def test_what_a_ball_hides_of_a_wall_follows_the_track() -> None:
     assert difference_db(expected, found(TABLE2, -along, occlusion=False)) > -6  # -2.7 dB seen
 
 
+@pytest.mark.parametrize("path", ["wall", "direct, wall"])
+def test_what_a_ball_hides_of_a_path_over_a_wall_follows_the_track(path: str) -> None:
+    """A ball stands a metre beside the line of sight to another one, in the way to the wall: its shadow comes over the path while
+    the radar goes by. The reference is both balls coming to a radar at rest; alone, each hides nothing of the other."""
+    along = np.outer(TIMES_S, [1.0, 0.0, 0.0])
+    shapes = icosphere(2, 0.1, (3.0, 0.0, 1.0)), icosphere(2, 0.15, (1.0, 1.0, 1.0))
+    riding = TABLE2.replace(track=RadarTrack(times_s=TIMES_S, positions_m=np.array(TABLE2.position_m) + along))
+
+    def found(radar: Radar, carried_m: np.ndarray, which: slice = slice(None)) -> t2d.Recording:
+        balls = [MovingMesh(each + carried_m[:, None], faces, TIMES_S, "pec") for each, faces in shapes[which]]
+        room = {"scene": wall(1, 2.0), "reflections": 2, "clutter": "none", "only_paths": [path]}
+        return t2d.simulate(balls, radar=radar, **room, accuracy={"tiers": [{"level_db": -200.0}]})
+
+    expected, seen = found(TABLE2, -along), found(riding, 0 * along)
+    assert difference_db(expected, seen) < -100
+    alone = [found(riding, 0 * along, which).cube for which in (slice(1), slice(1, 2))]
+    hidden = np.sum(abs(sum(alone) - seen.cube) ** 2) / np.sum(abs(alone[0]) ** 2)
+    assert 0.1 < hidden < 1  # of the farther ball's echo, which is hidden in the second half of the record
+
+
 def test_of_a_radar_that_moves_in_a_room_the_rest_is_refused() -> None:
     times_s, target = np.array([0.0, 0.2]), ball((2.0, 0.0, 1.0))
     radar = TABLE2.replace(track=RadarTrack(times_s=times_s, positions_m=[(0, 0, 1), (0.2, 0, 1)]))
-    with pytest.raises(InputError, match="clutter 'diffuse' is that of a radar that stands still"):
+    with pytest.raises(InputError, match=r"clutter 'diffuse' is that of a radar that stands still, .* one place;"):
         t2d.simulate(target, radar=radar, scene="empty_room", clutter="diffuse")
     through = TABLE2.replace(track=RadarTrack(times_s=times_s, positions_m=[(0, 0, 1), (0, 4, 1)]))
     with pytest.raises(InputError, match=r"the radar goes through wall\+y of empty_room at 0\.1"):
