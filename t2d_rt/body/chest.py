@@ -27,7 +27,7 @@ class ChestWall:
     front: np.ndarray
     """Movement of each vertex with each of `CARRIERS`, over the depth, (V, 6, 3), where somebody does not lie on the front."""
     back: np.ndarray
-    """The same of the back of somebody who does, (V, 6, 3)."""
+    """The same movement of the back, where somebody lies on the front, (V, 6, 3)."""
 
     @classmethod
     def of(cls, body: Fitted, motion: Motion) -> ChestWall:

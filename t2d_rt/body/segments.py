@@ -28,7 +28,7 @@ class Segment:
     joints: tuple[str, ...]
     """Joints whose part of the surface it takes."""
     ends: tuple[str, str]
-    """Its long axis in the rest pose."""
+    """Long axis of the segment in the rest pose."""
 
 
 RAGGED = 0.02

@@ -67,7 +67,7 @@ def _checked_material(value: Any) -> Any:
 
 
 BodyMaterial = Annotated[Substance | Outfit | None, BeforeValidator(_checked_material)]
-"""Of bodies: a material, or an outfit, which they wear; None is each one's own."""
+"""What bodies are made of: a material, or an outfit that they wear; None is each body's own."""
 
 
 class Experiment(Plain):
@@ -90,7 +90,7 @@ class Experiment(Plain):
     targets: Annotated[tuple[Source, ...], Field(min_length=1, max_length=1000)]
     """Motions, meshes, ellipsoids and movers by their sources."""
     radar: Radar
-    """Its fields, or the name of a preset."""
+    """Fields of the radar, or the name of a preset."""
     scene: str | SceneFile | StoredScene = "free_space"
     """"free_space", a room by name, the path of an XML file or of a mesh, a mapping of its `file` and its `materials`, or a stored
     scene."""

@@ -290,7 +290,7 @@ class OtherMover(Plain):
 
     kind: Literal["mover"] = "mover"
     fields: dict[str, Any]
-    """Its own, `kind` among them."""
+    """Fields of the mover, `kind` among them."""
 
 
 class MeshArrays(Plain):

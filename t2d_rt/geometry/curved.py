@@ -105,7 +105,7 @@ class _Level:
     mesh: Topology
     valence: np.ndarray
     operator: Csr
-    """Its control points from those of the mesh itself."""
+    """Control points of the level from those of the mesh itself."""
     parents: np.ndarray
     """Faces of the level above that it has the children of, 4 f .. 4 f + 3 of the f-th one."""
 

@@ -55,7 +55,7 @@ class Augment(Fields):
 
     @classmethod
     def sliding(cls) -> Augment:
-        """For windows that slide over a recording of several activities."""
+        """Augmentation for windows that slide over a recording of several activities."""
         return cls(follow=0.4, doppler=0.1, gain_db=6.0, mirror=0.5, variants=VARIANTS)
 
     @property

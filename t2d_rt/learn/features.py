@@ -306,7 +306,7 @@ def _line_speeds(lines: Lines, speed: np.ndarray) -> dict[str, float]:
 
 
 def _cadence(lines: dict[str, np.ndarray], step_s: float) -> dict[str, float]:
-    """Of each line less its drift: mean rate of what is periodic, strongest rate and its fraction, standard deviation."""
+    """For each line less its drift: mean rate of what is periodic, strongest rate and its fraction, standard deviation."""
     cadence: dict[str, float] = {}
     for name, line in lines.items():
         count = len(line)

@@ -41,7 +41,7 @@ class Prediction:
 
     classes: tuple[str, ...]
     starts_s: np.ndarray
-    """Where each window begins, (W,)."""
+    """Time at which each window begins [s], (W,)."""
     duration_s: float
     """Duration of a window [s]."""
     probabilities: np.ndarray

@@ -41,7 +41,7 @@ class Bouncing:
     sagitta_rad: Sagitta
     """Phase sagitta of its facets."""
     times_s: np.ndarray
-    """Its surface frames."""
+    """Surface frames of the target [s]."""
 
     @property
     def why_not(self) -> str | None:

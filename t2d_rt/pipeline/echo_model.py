@@ -127,7 +127,7 @@ class Model:
         return self.surface_rates[number]
 
     def own_rate(self, number: int) -> SurfaceRate:
-        """The same, where a radar that moves does not count: what turns with all of the world keeps its visibility."""
+        """The rate without the movement of the radar: what turns with all of the world keeps its visibility."""
         if self.radar.track is None:
             return self.rate(number)
         if number not in self.own_rates:
@@ -167,7 +167,7 @@ class Model:
         ]
 
     def seed_of(self, number: int) -> int:
-        """Of a target's diffuse points: two persons of one shape have points of their own."""
+        """Seed of a target's diffuse points: two persons of one shape have points of their own."""
         rest = [None if target.mesh is None else target.mesh.rest for target in self.modelled[: number + 1]]
         return self.seed + TWIN_SEED * sum(np.array_equal(rest[-1], earlier) for earlier in rest[:-1])  # type: ignore[arg-type]
 

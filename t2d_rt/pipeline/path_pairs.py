@@ -52,7 +52,7 @@ CEILING_M = 60.0
 SLAB_M = 1.0
 """Half of the thickest slab."""
 SCATTERING_COEFFICIENT = 0.2
-"""Of walls whose material has none, with "diffuse": a choice, 4 % of what is reflected."""
+"""Scattering coefficient, with "diffuse", of walls whose material has none: a choice, 4 % of what is reflected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ class ChosenPairs:
         return 20 * float(np.log10(total)) if total else None
 
     def describe(self) -> dict[str, object]:
-        """For a result's settings."""
+        """Entries of a recording's settings."""
         return {
             "pairs": [pair.name for pair in self.switched_on],
             "left_out": len(self.left_out_db),

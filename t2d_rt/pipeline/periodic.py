@@ -82,7 +82,7 @@ def _visibility(view: PathVisibility, samples_s: np.ndarray) -> np.ndarray:
 
 
 def _dimmed(view: PathVisibility, level: float, vertices: int) -> PathVisibility:
-    """With a visibility that never changes."""
+    """The view with a visibility that never changes."""
     if level > 1 - UNCHANGED:
         return view
     constant: Fraction = lambda times_s: np.broadcast_to(np.float32(level), (len(times_s), vertices))  # noqa: E731

@@ -36,7 +36,7 @@ class Target:
     source: Any
     """What was handed to `simulate`, a motion in its place before the radar."""
     world: Geometry
-    """Its points in motion, in the world."""
+    """Points of the target in motion, in the world."""
     geometry: Geometry
     """The geometry in the frame in which a radar that moves stands still."""
     material: str | Material | ByPart
@@ -226,7 +226,7 @@ class Rigid:
     points: np.ndarray = field(default_factory=lambda: np.zeros((1, 3)))
     """In the frame of the thing, or about the axle of a wheel [m], (V, 3)."""
     axle: np.ndarray | None = None
-    """Of a wheel, in the frame of the thing [m], (3,)."""
+    """Axle of a wheel in the frame of the thing [m], (3,)."""
     rolled: Callable[[np.ndarray], np.ndarray] | None = None
     """Angle that the wheel has rolled by at times (K,) [rad]."""
 

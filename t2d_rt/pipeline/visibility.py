@@ -28,7 +28,7 @@ class VisibilityModel(Protocol):
     """How targets are seen; they are named by their number."""
 
     def views(self, number: int) -> list[PathVisibility]:
-        """Of a mesh over the path pairs whose occlusion is traced."""
+        """Views of a mesh over the path pairs whose occlusion is traced."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +71,7 @@ class Sampled:
         self._mean: dict[int, MeanVisibility] = {}
 
     def views(self, number: int) -> list[PathVisibility]:
-        """Of a mesh over the path pairs whose occlusion is traced."""
+        """Views of a mesh over the path pairs whose occlusion is traced."""
         return [self.view(number, pair) for pair in self._sight.pairs]
 
     def _place(self, end: int, path: OneWayPath | None) -> _Place:
@@ -118,7 +118,7 @@ class ExactOverStrongest:
         self._others = Sampled(others, subdivision=subdivision)
 
     def views(self, number: int) -> list[PathVisibility]:
-        """Of a mesh over the path pairs whose occlusion is traced."""
+        """Views of a mesh over the path pairs whose occlusion is traced."""
         if self._sight.fast_rotating[number]:
             return [self._others.view(number, pair) for pair in self._sight.pairs]
         strongest = [

@@ -35,7 +35,7 @@ LIMBS = {
 """Colours of limbs, the same in all pictures, which people with any colour vision tell apart (Okabe and Ito, "Color Universal
 Design", 2008)."""
 HUES = ("#56b4e9", "#e69f00", "#009e73", "#f0e442", "#cc79a7", "#d55e00", "#0072b2")
-"""Likewise, of other parts, the strongest first."""
+"""Hues of other parts, the strongest first."""
 OTHERS = "#b0b0b0"
 """Colour of the weakest parts together, those beyond these."""
 GAMMA = 0.5

@@ -26,7 +26,7 @@ from t2d_rt.types import Radar
 GHOSTS = 15
 """Most paths that are marked on a map."""
 APART_PT = 11.0
-"""Between the middles of numbers beside marks, which are 7 pt high."""
+"""Distance between the middles of numbers beside marks [pt], which are 7 pt high."""
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 PATHS_RATE_HZ = 25.0
 """Rate of the table where no times are given: visibility is sampled as often."""
 SCREEN_ROWS = 20
-"""Of the table on a screen, for each target."""
+"""Rows of the table on a screen for each target."""
 STEP_S = 1e-4
 """Half the time over which speeds are taken."""
 VARIABLES = (

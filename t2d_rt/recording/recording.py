@@ -299,7 +299,7 @@ class Recording:
         return Recording(**{name: getattr(self, name) for name in names} | {"parts": self.parts.cubes} | changes)
 
     def processed(self, **changes: Any) -> Recording:
-        """The same recording with other options of `signal.spectrogram`."""
+        """A copy of the recording with other options of `signal.spectrogram`."""
         processing = {**self.processing, **{name: plain(value) for name, value in changes.items()}}
         changed = self._with(processing=processing)
         check_processing(self.radar, len(self.cube), changed.processing)

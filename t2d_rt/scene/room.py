@@ -64,7 +64,7 @@ class Piece(Fields):
     kind: str
     """One of `furniture_kinds()`."""
     name: str | None = None
-    """Its name in messages and results; the kind by default."""
+    """Name of the piece in messages and results; the kind by default."""
     x_m: Coordinate
     y_m: Coordinate
     z_m: Coordinate = 0.0
@@ -84,7 +84,7 @@ class Room(Fields):
     noun: ClassVar[str] = "room"
 
     name: str = "room"
-    """Its name in messages and results."""
+    """Name of the room in messages and results."""
     size_m: tuple[Length, Length, Length]
     """Lengths along x, y and z [m]."""
     corner_m: tuple[Coordinate, Coordinate] | None = None

@@ -39,7 +39,7 @@ PAPER, FLOOR, EDGE, RADAR = (1.0, 1.0, 1.0), (0.80, 0.80, 0.80), (0.55, 0.55, 0.
 LIGHT = np.array([0.3, 0.75, 0.6])
 """Direction to the light in the picture's frame: right, towards the camera, up."""
 CAMERA_DEG = 32.0, 14.0
-"""Where the camera stands: about the vertical from the radar's side of the targets, and up."""
+"""Direction of the camera [deg]: about the vertical from the radar's side of the targets, and up."""
 MOST_FRAMES = 1500
 """Pictures of one animation: those of a GIF are held in memory."""
 FADED = 0.72

@@ -74,7 +74,7 @@ def picture_adapter(folder: Path) -> str:
 
 
 def _fractions(path: Path, colours: str) -> np.ndarray:
-    """Where on the colour map each pixel lies, (row, column), 0..1."""
+    """Place of each pixel on the colour map, (row, column), 0..1."""
     pixels = _pixels(path)
     if colours == "grey":
         if is_coloured(pixels):

@@ -71,7 +71,7 @@ class Network:
 
     about: ModelCard
     build: Callable[[int, tuple[int, int], int], nn.Module]
-    """From classes, cells (speed, time) and channels."""
+    """Makes the network for a number of classes, cells (speed, time) and channels."""
 
 
 def model_names() -> list[str]:

@@ -86,7 +86,7 @@ class Pet(Fields):
     kind: Literal["pet"] = "pet"
     animal: Literal["dog", "cat"] = "dog"
     position_m: Vector
-    """Its first position: on the floor, under the middle of its trunk [m]."""
+    """First position of the pet [m]: on the floor, under the middle of its trunk."""
     heading_deg: Angle = 90.0
     """Direction in which it walks at first: 0 is +x, 90 is +y."""
     speed_mps: Annotated[Number, Field(ge=0.05, le=5)] = 0.7
@@ -95,7 +95,7 @@ class Pet(Fields):
     size: Annotated[Number, Field(ge=0.3, le=3)] = 1.0
     """Factor on its size: the hips of a dog are 0.5 m high, those of a cat 0.24 m."""
     material: Substance = "clothed"
-    """Its surface: fur transmits the wave and makes the skin rough, as cloth does."""
+    """Material of the surface: fur transmits the wave and makes the skin rough, as cloth does."""
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
