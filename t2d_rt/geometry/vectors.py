@@ -74,6 +74,8 @@ def checked_faces(name: str, value: Any, vertex_count: int) -> np.ndarray:
         raise InputError(f"{name} must have shape (face, 3) with at least one face, got {faces.shape}")
     if not np.issubdtype(faces.dtype, np.integer):
         raise InputError(f"{name} must be integers, got {faces.dtype}")
+    if not vertex_count:
+        raise InputError(f"{name} must name vertices, but there are none; give at least three")
     if faces.min() < 0 or faces.max() >= vertex_count:
         raise InputError(f"{name} must name vertices 0..{vertex_count - 1}, got {faces.min()}..{faces.max()}")
     return faces

@@ -19,28 +19,28 @@ from t2d_rt.propagation.occluders import PosedOccluders
 from t2d_rt.propagation.rays import LIFT_M, mitsuba, mitsuba_mesh, rays, traceable
 from t2d_rt.types import OneWayPath
 
-WHOLE, NONE = 2.2, 3.4
+FULL_V, NO_WAVE_V = 2.2, 3.4
 """Clearances of an outline, as Fresnel's parameter, up to which its wave counts in full and from which it does not count."""
-PIECE, SHORTEST_M = 0.7, 3e-3
+PIECE_V, SHORTEST_PIECE_M = 0.7, 3e-3
 """Length of an outline's pieces, as Fresnel's parameter, and what they are not cut below."""
-LONGEST_RAD = 0.5
+LONGEST_EDGE_RAD = 0.5
 """Edges are cut to about that before they are chosen, so that a place and a direction stand for the whole of each."""
-ASIDE_M = 5e-4
+BESIDE_M = 5e-4
 """An edge is outline where nothing of its mesh lies so far beside it."""
-ROOMY = 1.5
+CELL_GROWTH = 1.5
 """Cells of a scene are so much larger than they need be, for the segments from other viewpoints."""
-LEAST_M = 0.05
+LEAST_DEPTH_M = 0.05
 """Boxes nearer to an antenna's plane are not told apart by their corners."""
-END_ON = 1e-3
+END_ON_RAD = 1e-3
 """Edges that are seen so nearly from their end, as an angle, are a point of the outline."""
-NUDGE = 1e-7 * np.array([0.51, 0.67, 0.54])
+TILT_RAD = 1e-7 * np.array([0.51, 0.67, 0.54])
 """Rays are rotated so far: none meets an outline where two of its pieces do."""
-NARROW_M = 0.02
+NARROW_ZONE_M = 0.02
 """Radius of the first zone, projected to the points, up to which edges are hard; from twice of it their waves count in full. Close
 behind an edge, as that of a thing carried, they ripple more finely than the points lie at which visibility is asked."""
-LEAST_RAD = 1e-9
+LEAST_ANGLE_RAD = 1e-9
 """Pieces that turn less are seen as points."""
-AT_EDGE = 0.15
+AT_EDGE_V = 0.15
 """Clearance below which the pieces of an outline tell on which side of it a point is, and no ray."""
 
 
@@ -114,7 +114,7 @@ class _Beam:
         """Segments just outside of each piece, to as `far_m` from the part's origin, (M, 3) each."""
         middle = self.ends_m.mean(axis=0) - self.part.origin_m
         aside = unit(vector_product(middle, self.ends_m[1] - self.ends_m[0]))
-        return self.part.segments(self.part.origin_m + far_m * unit(middle + ASIDE_M * aside))
+        return self.part.segments(self.part.origin_m + far_m * unit(middle + BESIDE_M * aside))
 
     def amplitude(self, hidden: np.ndarray, outline: np.ndarray, wavelength_m: float) -> np.ndarray:
         """That of the field at points `hidden` by the mesh or not (N,), where pieces (M,) are of its `outline` or not."""
@@ -132,9 +132,9 @@ def _amplitude(
     a, b = ends_m - part.origin_m
     ahead, distance = apparent_m - part.origin_m, norms((a + b) / 2)
     length = norms(ahead)
-    ahead, a, b = unit(ahead / length[:, None] + NUDGE), unit(a), unit(b)
+    ahead, a, b = unit(ahead / length[:, None] + TILT_RAD), unit(a), unit(b)
     middle, s = (a + b) / 2, b - a
-    least_m = NONE**2 * wavelength_m / 4
+    least_m = NO_WAVE_V**2 * wavelength_m / 4
     reach = (least_m + 2 * (length.max() - distance)) * least_m / (distance * length.max())
     columns = zip(ahead.T.astype(np.float32), middle.T.astype(np.float32), strict=True)
     point, piece = np.nonzero(sum((one[:, None] - other) ** 2 for one, other in columns) < reach.astype(np.float32))
@@ -148,22 +148,22 @@ def _amplitude(
     w_squared, across = inner(w, w), -inner(ahead, vector_product(w, s))
     angle = np.arctan2(across, w_squared - inner(s, s) / 4)
     # The mean of w squared over the angle that a piece turns about the ray, and the phase, which is about linear there.
-    w_squared = np.divide(across, angle, out=w_squared, where=np.abs(angle) > LEAST_RAD)
+    w_squared = np.divide(across, angle, out=w_squared, where=np.abs(angle) > LEAST_ANGLE_RAD)
     length, distance = length[point], distance[piece]
     left, scaled = length - distance, length * distance
     v_squared = 4 / wavelength_m * scaled * w_squared / (np.sqrt(left**2 + scaled * w_squared) + left)
-    slope = inner(w, s) * scaled / (wavelength_m * np.maximum(left, SHORTEST_M))
+    slope = inner(w, s) * scaled / (wavelength_m * np.maximum(left, SHORTEST_PIECE_M))
     v_squared, slope, angle = (term.astype(np.float32) for term in (v_squared, slope, angle))
     zone_m = np.sqrt(wavelength_m * np.maximum(left, 0) * length / distance)  # as it is wide where the points are
-    clearance = np.clip((NONE - np.sqrt(v_squared)) / (NONE - WHOLE), 0, 1)
-    fade = smooth_step(clearance) * smooth_step(np.clip((zone_m - NARROW_M) / NARROW_M, 0, 1))
+    clearance = np.clip((NO_WAVE_V - np.sqrt(v_squared)) / (NO_WAVE_V - FULL_V), 0, 1)
+    fade = smooth_step(clearance) * smooth_step(np.clip((zone_m - NARROW_ZONE_M) / NARROW_ZONE_M, 0, 1))
     wave, phase = angle * fade * np.sinc(slope), np.float32(np.pi / 2) * v_squared
 
     def total(of: np.ndarray) -> np.ndarray:
         return np.bincount(point, of, len(apparent_m))
 
     # Where the outline runs through a point a ray may miss what the pieces turn about, or meet what they do not.
-    hidden = np.where(total(v_squared < AT_EDGE**2) > 0, total(angle * (v_squared < 1)) > 0, hidden)
+    hidden = np.where(total(v_squared < AT_EDGE_V**2) > 0, total(angle * (v_squared < 1)) > 0, hidden)
     in_phase, across = (total(wave * function(phase)) / (2 * np.pi) for function in (np.cos, np.sin))
     return np.asarray(np.hypot(1 - hidden + in_phase, across))
 
@@ -229,12 +229,12 @@ def _near(at: PosedOccluders, instant: int, part: Straight, mesh: int, other: in
     mine_m, others_m = mine @ ahead, others @ ahead
     if others_m.min() > mine_m.max() or others_m.max() < 0:
         return False
-    if min(mine_m.min(), others_m.min()) < LEAST_M:
+    if min(mine_m.min(), others_m.min()) < LEAST_DEPTH_M:
         return True
     # Seen in perspective a box lies within its corners, and angles are larger by as much as the square of distance over depth.
     across = unit(others.mean(axis=0) - (others.mean(axis=0) @ ahead) * ahead)
     stretch = max((inner(corners, corners) / depth**2).max() for corners, depth in ((mine, mine_m), (others, others_m)))
-    reach = stretch * NONE * np.sqrt(wavelength_m / (2 * others_m.min()))
+    reach = stretch * NO_WAVE_V * np.sqrt(wavelength_m / (2 * others_m.min()))
     return bool((others @ across / others_m).min() - (mine @ across / mine_m).max() < reach)
 
 
@@ -251,8 +251,8 @@ def _beam(
 
     def close(ends_m: np.ndarray) -> np.ndarray:
         """Angle from which each segment (2, M, 3) reaches a point, 0 where it reaches none."""
-        distance = np.maximum(norms(ends_m.mean(axis=0) - part.origin_m), SHORTEST_M)
-        reach = NONE * np.sqrt(wavelength_m * np.maximum(farthest - distance, 0) / (2 * distance * farthest))
+        distance = np.maximum(norms(ends_m.mean(axis=0) - part.origin_m), SHORTEST_PIECE_M)
+        reach = NO_WAVE_V * np.sqrt(wavelength_m * np.maximum(farthest - distance, 0) / (2 * distance * farthest))
         directions = unit(ends_m - part.origin_m)
         # The directions of what lies between two ends bulge beyond their chord.
         bulge = 1 - np.sqrt(1 - np.minimum(inner(*2 * [directions[1] - directions[0]]) / 4, 1))
@@ -261,12 +261,14 @@ def _beam(
         return np.where(beside.any(axis=1), 0, reach)
 
     near, ends_m = np.zeros(len(apparent_m), bool), at.folds(instant, other, part.origin_m)
-    ends_m = _cut(ends_m, LONGEST_RAD * np.maximum(norms(ends_m.mean(axis=0) - part.origin_m), LEAST_M))
+    ends_m = _cut(ends_m, LONGEST_EDGE_RAD * np.maximum(norms(ends_m.mean(axis=0) - part.origin_m), LEAST_DEPTH_M))
     across = norms(np.diff(unit(ends_m - part.origin_m), axis=0)[0]) * norms(ends_m[0] - part.origin_m)
-    ends_m = ends_m[:, (close(ends_m) > 0) & (across > END_ON * norms(ends_m[1] - ends_m[0]))]
+    ends_m = ends_m[:, (close(ends_m) > 0) & (across > END_ON_RAD * norms(ends_m[1] - ends_m[0]))]
     distance = norms(ends_m.mean(axis=0) - part.origin_m)
     left = np.maximum(length.min() - distance, 0)
-    ends_m = _cut(ends_m, np.maximum(PIECE * np.sqrt(wavelength_m * distance * left / (2 * length.min())), SHORTEST_M))
+    ends_m = _cut(
+        ends_m, np.maximum(PIECE_V * np.sqrt(wavelength_m * distance * left / (2 * length.min())), SHORTEST_PIECE_M)
+    )
     reach = close(ends_m)
     ends_m, reach = ends_m[:, reach > 0], reach[reach > 0]
     if len(reach):
@@ -365,7 +367,7 @@ def _alone(at: PosedOccluders, required: set[tuple[int, int]], ends_m: np.ndarra
         if required <= at.alone[0].shift_m.keys() and extent_m <= at.alone[0].extent_m:
             return at.alone[0]
         required = required | at.alone[0].shift_m.keys()
-    places, extent_m = sorted(required), ROOMY * extent_m
+    places, extent_m = sorted(required), CELL_GROWTH * extent_m
     across = int(np.ceil(len(places) ** (1 / 3)))
     cells = np.stack(np.unravel_index(np.arange(len(places)), (across, across, across)), axis=1) - (across - 1) / 2
     vertices, faces, shift_m, first = [], [], 2.1 * extent_m * cells - middle, 0

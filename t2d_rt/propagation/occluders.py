@@ -268,7 +268,7 @@ class _HalfEdges(NamedTuple):
         return cls(tail, head, face, face[twin], twin < 0)
 
 
-def vertex_normals(vertices: np.ndarray, faces: np.ndarray, of_faces: Any) -> np.ndarray:
+def posed_vertex_normals(vertices: np.ndarray, faces: np.ndarray, of_faces: Any) -> np.ndarray:
     """Area-weighted unit normals (K, V, 3) of vertices (K, V, 3)."""
     a, b, c = corners(vertices, faces)
     return point_normals(np.stack(cross(b - a, c - a)), of_faces)

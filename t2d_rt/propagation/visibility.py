@@ -20,7 +20,7 @@ from t2d_rt.core.backend import Backend, aligned, one_thread_at_a_time
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.propagation.edge_waves import Points, beside_others, smooth_step
 from t2d_rt.propagation.images import apparent_m, images, instants_of
-from t2d_rt.propagation.occluders import Occluders, PosedOccluders, incidence, vertex_normals
+from t2d_rt.propagation.occluders import Occluders, PosedOccluders, incidence, posed_vertex_normals
 from t2d_rt.propagation.rays import LIFT_M, columns, mitsuba, scene_of_instants
 from t2d_rt.types import MovingMesh, OneWayPath
 
@@ -75,9 +75,9 @@ class Viewpoints:
     the meshes costs more than to trace it."""
 
     def __init__(
-        self, meshes: Occluders, samples_s: np.ndarray, backend: Backend, *, wavelength_m: float = 0.0
+        self, meshes: Occluders, samples_s: np.ndarray, backend: Backend, *, wavelength_m: float | None
     ) -> None:
-        """Viewpoints of waves that long; at 0 meshes cast hard shadows on one another."""
+        """Viewpoints of waves that long; None where shadows that meshes cast on one another are hard."""
         self.meshes, self.samples_s, self.backend, self.wavelength_m = meshes, samples_s, backend, wavelength_m
         self._references: list[ref[Occlusion]] = []
 
@@ -162,7 +162,7 @@ class Occlusion:
         *,
         samples_s: np.ndarray,
         backend: Backend,
-        wavelength_m: float = 0.0,
+        wavelength_m: float | None,
     ) -> Occlusion:
         """Visibility from the only viewpoint, sampled at these times [s]."""
         return cls(Viewpoints(meshes, samples_s, backend, wavelength_m=wavelength_m), viewpoint)
@@ -203,7 +203,7 @@ class Occlusion:
         seen_paths = self.viewpoint.seen_at(at.times_s)
         front = np.einsum("kvi,kvi->kv", at.normals, apparent_m(seen_paths) - at.points) > 0
         visible = self.visible(at, front, scene)
-        if self.viewpoints.wavelength_m and len(self._meshes.meshes) > 1:
+        if self.viewpoints.wavelength_m is not None and len(self._meshes.meshes) > 1:
             visible = beside_others(
                 at,
                 seen_paths,
@@ -270,9 +270,9 @@ class ExactVisibility:
         *,
         backend: Backend,
         own: int = 0,
-        wavelength_m: float = 0.0,
+        wavelength_m: float | None,
     ) -> None:
-        """Of facets of the occluder of number `own`; at a wavelength of 0 the others cast hard shadows on these."""
+        """Of facets of the occluder of number `own`; the others cast hard shadows on these where there is no wavelength."""
         self._occluders, self._own, self._wavelength_m = Occluders(occluders), own, wavelength_m
         self._viewpoint, self._backend = viewpoint, backend
         self._mitsuba = mitsuba(backend)
@@ -291,11 +291,11 @@ class ExactVisibility:
         fresh_vertices, owner = vertices[fresh], np.full(vertices.shape[1], self._own)
         results = []
         for points, before in zip(fresh_vertices, obstacles, strict=True):
-            normal = vertex_normals(points[None], faces, of_faces)
+            normal = posed_vertex_normals(points[None], faces, of_faces)
             front = np.einsum("vi,vi->v", normal[0], images(before.viewpoint)[-1] - points) > 0
             results.append((normal[0], front, before.leave_visible(points[None], normal, front[None])[0]))
         normals, front, visible = (np.stack(column) for column in zip(*results, strict=True))
-        if self._wavelength_m and len(self._occluders.meshes) > 1:
+        if self._wavelength_m is not None and len(self._occluders.meshes) > 1:
             visible = beside_others(
                 at,
                 self._viewpoint.seen_at(at.times_s),

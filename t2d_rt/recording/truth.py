@@ -242,7 +242,7 @@ def visible_fractions(model: Model, accuracy: Accuracy, people: Sequence[Person]
         if person.number not in meshes
     }
     occluders, order, owners = Occluders(list(meshes.values())), list(meshes), [_owners(person) for person in people]
-    viewpoints = Viewpoints(occluders, at_s, model.backend)
+    viewpoints = Viewpoints(occluders, at_s, model.backend, wavelength_m=None)
     views = [
         Occlusion(
             viewpoints,

@@ -274,7 +274,8 @@ def _check_faces(faces: np.ndarray, vertex_count: int, name: str, curved: bool) 
     directed = np.sort((start * vertex_count + end).ravel())  # much quicker than np.unique
     if (directed[1:] == directed[:-1]).any():
         warn(
-            f"triangles of {name} are not all oriented alike, so that some show their back: orient them (trimesh: fix_normals)"
+            f"triangles of {name} are not all oriented alike, so that some show their back and shadows beside them may be wrong: "
+            "orient them (trimesh: fix_normals)"
         )
 
 

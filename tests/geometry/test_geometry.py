@@ -321,6 +321,7 @@ def test_linear_fields_and_base_faces_follow_the_coarse_faces() -> None:
         ({"max_faces": 1000}, "more than .* faces, the limit is 1000; ask for a looser"),
         ({"faces": np.zeros((0, 3), int)}, r"faces must have shape \(face, 3\)"),
         ({"faces": np.array([[0, 1, 9]])}, "faces must name vertices 0..3, got 0..9"),
+        ({"rest": np.zeros((0, 3))}, "faces must name vertices, but there are none; give at least three"),
     ],
 )
 def test_bad_input(change: dict[str, object], message: str) -> None:

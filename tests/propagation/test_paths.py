@@ -345,9 +345,11 @@ def test_a_body_hides_wherever_a_path_runs(backend: Backend, chain: tuple[str, .
     normals = (points - MIDDLE_M) / 0.4
     lit = np.sum(normals * -ray, axis=1) > 0.05
     if exact:
-        seen = ExactVisibility(meshes, path, backend=backend).fraction(np.zeros(1), points[None], target.faces)[0]
+        seen = ExactVisibility(meshes, path, backend=backend, wavelength_m=None).fraction(
+            np.zeros(1), points[None], target.faces
+        )[0]
     else:
-        view = Occlusion.alone(Occluders(meshes), path, samples_s=RECORD_S, backend=backend)
+        view = Occlusion.alone(Occluders(meshes), path, samples_s=RECORD_S, backend=backend, wavelength_m=None)
         seen = view.visibility(np.zeros(1))[0][0]
     dark, free = lit & (depth > EDGE_M), lit & (depth < -EDGE_M)
     assert min(dark.sum(), free.sum()) > 50
@@ -359,7 +361,9 @@ def test_what_stands_behind_a_mirror_hides_nothing_before_it(backend: Backend) -
     path, target = _over(("wall",)), _ball(0.4, MIDDLE_M)
     behind = _ball(0.5, path.image_m + 0.3 * (MIDDLE_M - path.image_m))
     alone, both = (
-        Occlusion.alone(Occluders(some), path, samples_s=RECORD_S, backend=backend).visibility(np.zeros(1))[0]
+        Occlusion.alone(Occluders(some), path, samples_s=RECORD_S, backend=backend, wavelength_m=None).visibility(
+            np.zeros(1)
+        )[0]
         for some in ([target], [target, behind])
     )
     assert np.array_equal(alone, both)

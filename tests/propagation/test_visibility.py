@@ -44,7 +44,11 @@ def moving_sphere(
 def occlusion(meshes: list[MovingMesh], backend: Backend, rate_hz: float = 10.0, at: np.ndarray = HERE) -> Occlusion:
     start, stop = max(m.times_s[0] for m in meshes), min(m.times_s[-1] for m in meshes)
     return Occlusion.alone(
-        Occluders(meshes), *viewpoints_at([at]), samples_s=sample_times(start, stop, rate_hz), backend=backend
+        Occluders(meshes),
+        *viewpoints_at([at]),
+        samples_s=sample_times(start, stop, rate_hz),
+        backend=backend,
+        wavelength_m=None,
     )
 
 
@@ -358,7 +362,7 @@ def test_points_away_from_shadows_edges_need_no_rays(
         return visible(self, *given)
 
     monkeypatch.setattr(OccluderScene, "visible", counted)
-    view = Occlusion.alone(meshes, *SIGHT, samples_s=np.array([0.0, 1.0]), backend=backend)
+    view = Occlusion.alone(meshes, *SIGHT, samples_s=np.array([0.0, 1.0]), backend=backend, wavelength_m=None)
     found = view.visible(at, front, the_scene(view, at))
     assert not found[~front].any()
     assert sum(rays) < 0.5 * front.sum()
@@ -377,7 +381,7 @@ def test_of_other_meshes_every_point_is_traced(walker: MovingMesh, backend: Back
         at = meshes.at(np.array([0.5]))
         front = np.sum(at.normals * (HERE - at.points), axis=2) > 0
         expected = OccluderScene(meshes, at.vertices, SIGHT, backend).visible(SIGHT, at.points, at.normals, front)
-        view = Occlusion.alone(meshes, *SIGHT, samples_s=np.array([0.0, 1.0]), backend=backend)
+        view = Occlusion.alone(meshes, *SIGHT, samples_s=np.array([0.0, 1.0]), backend=backend, wavelength_m=None)
         assert np.mean(view.visible(at, front, the_scene(view, at)) != expected) < 1e-4
     assert Occluders([walker, walker]).of_bodies
 
@@ -395,7 +399,7 @@ def test_faces_that_look_inward_hide_what_is_behind_them(backend: Backend) -> No
         for time_s in (0.0, 1.0):
             at = meshes.at(np.array([time_s]))
             front = np.sum(at.normals * (HERE - at.points), axis=2) > 0
-            view = Occlusion.alone(meshes, *SIGHT, samples_s=np.array(LONG_S), backend=backend)
+            view = Occlusion.alone(meshes, *SIGHT, samples_s=np.array(LONG_S), backend=backend, wavelength_m=None)
             seen = view.visible(at, front, the_scene(view, at))
             assert not seen[:, : len(ball.rest)].any()
     assert Occluders(cabins).at(np.array([0.0])).facing([HERE]).mean() < 0.7  # outward ones face this way or not
@@ -417,7 +421,7 @@ def test_a_scene_serves_its_viewpoints_however_many(
     meshes, samples_s = Occluders([walker]), np.array([0.0, 1.0])
     angles = np.linspace(0, 2 * np.pi, count, endpoint=False)
     places = [np.array([2.0 + 4 * np.cos(a), 4 * np.sin(a), 1.0]) for a in angles]
-    viewpoints = Viewpoints(meshes, samples_s, backend)
+    viewpoints = Viewpoints(meshes, samples_s, backend, wavelength_m=None)
     views = [Occlusion(viewpoints, place) for place in viewpoints_at(places)]
     at = meshes.at(np.linspace(0, 1, 3))
     facing: list[list[np.ndarray]] = []
@@ -440,7 +444,7 @@ def test_viewpoints_share_a_scene(
     monkeypatch.setattr(Occluders, "copies", 4)  # several chunks in a block of frames
     meshes, samples = Occluders([walker]), sample_times(0, 1.2, 25.0)
     places = [HERE, np.array([9.0, -40.0, 2.0]), np.array([-3.0, 6.0, -5.0])]
-    viewpoints = Viewpoints(meshes, samples, backend)
+    viewpoints = Viewpoints(meshes, samples, backend, wavelength_m=None)
     some = [Occlusion(viewpoints, place) for place in viewpoints_at(places[:together])]
     made: list[int] = []
     scene = OccluderScene.__init__
@@ -456,7 +460,9 @@ def test_viewpoints_share_a_scene(
         found = [[each.visibility(times)[0] for each in some] for times in blocks]
     assert len(made) == -(-len(samples) // 4)  # one scene for each chunk of samples, whatever the number of places
     for place, values in zip(places, zip(*found, strict=True), strict=False):
-        alone = Occlusion.alone(Occluders([walker]), *viewpoints_at([place]), samples_s=samples, backend=backend)
+        alone = Occlusion.alone(
+            Occluders([walker]), *viewpoints_at([place]), samples_s=samples, backend=backend, wavelength_m=None
+        )
         expected = np.concatenate([alone.visibility(times)[0] for times in blocks])
         # The scene lies elsewhere in float32; a ray that grazes may change sides.
         assert np.mean(np.abs(np.concatenate(values) - expected) > 0.01) < 1e-3
@@ -470,7 +476,7 @@ def test_viewpoints_asked_one_after_another_over_the_whole_record(
     monkeypatch.setattr(Occluders, "copies", 2)
     meshes, samples = Occluders([walker]), sample_times(0, 1.2, 25.0)
     places = [HERE, np.array([9.0, -40.0, 2.0]), np.array([-3.0, 6.0, -5.0])]
-    viewpoints = Viewpoints(meshes, samples, backend)
+    viewpoints = Viewpoints(meshes, samples, backend, wavelength_m=None)
     some = [Occlusion(viewpoints, place) for place in viewpoints_at(places)]
     traced: list[int] = []
     sampled = Occlusion.sampled
@@ -490,7 +496,9 @@ def test_viewpoints_asked_one_after_another_over_the_whole_record(
     assert max(held) <= 3 * 2  # of the first block all viewpoints, then those that are in use
     assert sum(traced) <= 1.3 * len(some) * len(samples)
     for place, values in zip(places, found, strict=True):
-        alone = Occlusion.alone(Occluders([walker]), *viewpoints_at([place]), samples_s=samples, backend=backend)
+        alone = Occlusion.alone(
+            Occluders([walker]), *viewpoints_at([place]), samples_s=samples, backend=backend, wavelength_m=None
+        )
         expected = np.concatenate([alone.visibility(times)[0] for times in blocks])
         assert np.mean(np.abs(values - expected) > 0.01) < 1e-3
 
@@ -498,7 +506,7 @@ def test_viewpoints_asked_one_after_another_over_the_whole_record(
 def test_many_viewpoints_are_traced_at_fewer_instants_at_once(walker: MovingMesh, backend: Backend) -> None:
     samples = sample_times(0, 1.2, 25.0)
     meshes = Occluders([walker], subdivision=1)
-    few, many = (Viewpoints(meshes, samples, backend) for _ in range(2))
+    few, many = (Viewpoints(meshes, samples, backend, wavelength_m=None) for _ in range(2))
     held = [
         Occlusion(few, *SIGHT),
         *(Occlusion(many, each) for each in viewpoints_at([HERE + [0, 0, k] for k in range(400)])),
@@ -553,7 +561,11 @@ def test_subdivision_places_a_shadows_edge_more_closely(backend: Backend) -> Non
     errors = []
     for subdivision in range(3):
         occluded = Occlusion.alone(
-            Occluders([floor, shade], subdivision=subdivision), *SIGHT, samples_s=samples_s, backend=backend
+            Occluders([floor, shade], subdivision=subdivision),
+            *SIGHT,
+            samples_s=samples_s,
+            backend=backend,
+            wavelength_m=None,
         )
         seen = occluded.visibility(np.array([0.5]))[0][0]
         stands = SubdividedMesh.of(faces, len(places), subdivision).operator @ places
