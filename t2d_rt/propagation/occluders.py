@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from t2d_rt.geometry import SubdividedMesh, topology
-from t2d_rt.geometry.vectors import cross, dot
+from t2d_rt.geometry.vectors import cross, dot, norms, vector_product
 from t2d_rt.types import MovingMesh
 
 FACES_PER_SCENE, MOST_COPIES = 250_000, 64
@@ -264,8 +264,30 @@ class _HalfEdges(NamedTuple):
         once = np.sort(once[(np.diff(np.sort(faces[once], axis=1), axis=1) > 0).all(axis=1)])
         twin = topology(faces[once], len(mesh.rest)).twin
         tail, head = (numbers[once].ravel() + first_vertex for numbers in (mesh.faces, mesh.faces[:, [1, 2, 0]]))
-        face = np.repeat(once, 3) + first_face
+        face = _instead_of_slivers(mesh.rest[mesh.faces[once]], twin)
+        face = once[face].repeat(3) + first_face
         return cls(tail, head, face, face[twin], twin < 0)
+
+
+SLIVER_M = 1e-6
+"""Faces no higher than this face nowhere: the sign of their area is rounding."""
+
+
+def _instead_of_slivers(corners_m: np.ndarray, twin: np.ndarray) -> np.ndarray:
+    """Numbers (F,) of the faces by which each of the faces with corners (F, 3, 3) is taken to face a place or not.
+
+    For all but slivers that is the face itself. A sliver is a seam, and goes with a neighbour: one that is no sliver where there is
+    such a face, the one over the longest of its edges.
+    """
+    edges_m = np.roll(corners_m, -1, axis=1) - corners_m
+    length_m = norms(edges_m)
+    sliver = norms(vector_product(edges_m[:, 0], edges_m[:, 1])) <= SLIVER_M * length_m.max(axis=1)
+    beyond = np.where(twin < 0, np.arange(len(twin)), twin).reshape(-1, 3) // 3
+    neighbour = np.argmax(length_m + 1e3 * length_m.max() * ~sliver[beyond], axis=1)
+    instead = np.where(sliver, beyond[np.arange(len(sliver)), neighbour], np.arange(len(sliver)))
+    for _ in range(int(sliver.sum()).bit_length()):  # of slivers beside slivers; each step looks twice as far
+        instead = instead[instead]
+    return instead
 
 
 def posed_vertex_normals(vertices: np.ndarray, faces: np.ndarray, of_faces: Any) -> np.ndarray:

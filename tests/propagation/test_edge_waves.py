@@ -140,7 +140,9 @@ def test_a_ghost_past_a_rim_is_what_the_unfolded_path_passes(clear_m: float, par
 
 
 @pytest.mark.filterwarnings("ignore:.*not watertight", "ignore:triangles of mesh are not all oriented alike")
-@pytest.mark.parametrize("kind", ["long edges", "a soup of triangles", "a double sheet", "doubled faces"])
+@pytest.mark.parametrize(
+    "kind", ["long edges", "a soup of triangles", "a double sheet", "doubled faces", "faces without area"]
+)
 def test_meshes_of_all_kinds_have_one_outline(kind: str, backend: Backend) -> None:
     covered_m = 0.01
     if kind == "long edges":
@@ -153,6 +155,16 @@ def test_meshes_of_all_kinds_have_one_outline(kind: str, backend: Backend) -> No
         whole = screen(covered_m)
         others = static_mesh(
             whole.rest, np.concatenate([whole.faces, whole.faces[:, [1, 2, 0]], whole.faces[:1, [0, 0, 1]]])
+        )
+    elif kind == "faces without area":  # halves of faces, and a sliver between them and the face that is not cut
+        whole = screen(covered_m)
+        upward = whole.faces[:, 0] < whole.faces[:, 1]
+        first, second, third = whole.faces[upward].T
+        middle = len(whole.rest) + np.arange(len(first))
+        parts = ((first, middle, third), (middle, second, third), (first, second, middle))
+        others = static_mesh(
+            np.concatenate([whole.rest, (whole.rest[first] + whole.rest[second]) / 2]),
+            np.concatenate([whole.faces[~upward], *(np.stack(part, axis=1) for part in parts)]),
         )
     else:
         corners = np.array([[HALF_M, y, z] for y in (covered_m - 2, covered_m) for z in (0.0, 2.0)])
