@@ -263,7 +263,11 @@ def _power(body: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
     """Mean of the echoes' places weighted with their powers, (T, 3)."""
     samples_s = sample_times(float(body.times_s[0]), float(body.times_s[-1]), 25.0)
     view = Occlusion.alone(
-        Occluders([body]), *viewpoints_at([radar.tx_position_m]), samples_s=samples_s, backend=select("auto")
+        Occluders([body]),
+        *viewpoints_at([radar.tx_position_m]),
+        samples_s=samples_s,
+        backend=select("auto"),
+        wavelength_m=None,
     )
     material = resolve_material("skin", radar.mid_frequency_hz)
     echoes = mesh_echoes(

@@ -86,7 +86,11 @@ def mesh_fields(
     views = [PathVisibility()]
     if occlusion:
         traced = Occlusion.alone(
-            Occluders([mesh]), *viewpoints_at([radar.tx_position_m]), samples_s=times_s, backend=backend
+            Occluders([mesh]),
+            *viewpoints_at([radar.tx_position_m]),
+            samples_s=times_s,
+            backend=backend,
+            wavelength_m=None,
         )
         views = [PathVisibility(visibility=(lambda at: traced.visibility(at)[0],))]
     views += [PathVisibility(visibility=(_constant(fraction),)) for fraction in only]

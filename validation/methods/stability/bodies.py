@@ -118,7 +118,11 @@ def grazing(radar: Radar) -> Case:
     stopped = traceable(mi, mitsuba_mesh(mi, proxy, faces)).ray_test(ray).numpy()
     samples_s = np.zeros(2)
     view = Occlusion.alone(
-        Occluders([ball]), *viewpoints_at([radar.tx_position_m]), samples_s=samples_s, backend=select("auto")
+        Occluders([ball]),
+        *viewpoints_at([radar.tx_position_m]),
+        samples_s=samples_s,
+        backend=select("auto"),
+        wavelength_m=None,
     )
     sampled = view.visibility(samples_s[:1])[0][0]
     return Case(
