@@ -69,6 +69,9 @@ def test_benchmark_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.
     assert (tmp_path / "out" / "accuracy.png").stat().st_size > 10_000
     path = tmp_path / "out" / "cells" / "simple_file_streaming_0.json"
     stored = path.read_text()
+    path.write_text(stored.replace('"stamp": "16 1 4', '"stamp": "16 9 4'))
+    assert study(*words, "--only", "hard") == 2
+    assert "the cells of simple in" in capsys.readouterr().err
     path.write_text(stored[:50])
     assert study(*words) == 2
     assert "is not what a study wrote there; remove it" in capsys.readouterr().err

@@ -132,7 +132,8 @@ def run_cells(
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Runs the cells that have no file yet; what all that have one found.
 
-    datasets: "simple" and "hard", or one of them, whose cells alone are run; those of the other are taken from their files.
+    datasets: "simple" and "hard", or one of them, whose cells alone are run; those of the other are taken from their files, which
+        must be of one data set and of this protocol.
     minutes: after which no further cell is begun.
     workers: processes, each with a cell of its own.
     """
@@ -149,7 +150,14 @@ def run_cells(
         results.append(result)
         if progress is not None:
             progress((number + 1) / len(cells))
-    return [result for result in results if result is not None]
+    found = [result for result in results if result is not None]
+    for name in SETS:
+        of_set = {str(result["stamp"]) for result in found if result["set"] == name}
+        if len(of_set) > 1 or not all(stamp.startswith(_protocol(scale)) for stamp in of_set):
+            raise InputError(
+                f"the cells of {name} in {folder} are of several data sets or of another scale; choose another folder"
+            )
+    return found
 
 
 def _run_cell(
@@ -164,18 +172,22 @@ def _run_cell(
     )
 
 
+def _protocol(scale: Scale) -> str:
+    """How the networks of a scale are trained."""
+    return f"{scale.size} {scale.epochs} {scale.batch} {scale.precision} {scale.schedule}"
+
+
 def _stamp(scale: Scale, dataset: Dataset, maps: LabelledMaps) -> str:
     """What a set's cells follow from beside their names, splits included: files of other data or another scale are refused."""
-    protocol = f"{scale.size} {scale.epochs} {scale.batch} {scale.precision} {scale.schedule}"
-    digest = hashlib.sha256(protocol.encode())
+    digest = hashlib.sha256()
     digest.update(maps.levels.tobytes() + maps.labels.tobytes() + maps.velocity_mps.tobytes())
     shared = [sorted(traits(record, KINDS)) for record in dataset.records]
     digest.update(json.dumps([maps.classes, maps.duration_s, maps.names, shared]).encode())
-    return digest.hexdigest()[:16]
+    return f"{_protocol(scale)} {digest.hexdigest()[:16]}"
 
 
 def _sound(about: dict[str, Any], told: dict[str, Any]) -> bool:
-    return about.items() <= told.items() and bool({"refused", "told"} & told.keys())
+    return about.items() <= told.items() and bool({"refused", "told"} & told.keys()) and "stamp" in told
 
 
 def _outcome(cell: Cell, scale: Scale, dataset: Dataset, maps: LabelledMaps) -> dict[str, Any]:
@@ -218,7 +230,7 @@ def _groups(cell: Cell, dataset: Dataset, places: np.ndarray) -> list[int]:
 
 
 def speed_of(model: SavedModel) -> dict[str, float]:
-    """Latency of one map [ms], the median, and maps a second where several come together, by one thread."""
+    """Median latency of one map [ms], and maps a second where several come together: one thread, time of the processor."""
     with torch_threads(1):
         rng = np.random.default_rng(0)
         maps = rng.uniform(-model.card.dynamic_range_db, 0, (TOGETHER, *model.card.size)).astype(np.float32)
@@ -229,9 +241,9 @@ def speed_of(model: SavedModel) -> dict[str, float]:
 
 
 def _seconds(model: SavedModel, maps: np.ndarray) -> float:
-    started = time.perf_counter()
+    started = time.process_time()  # others may work on the machine
     model.probabilities(maps)
-    return time.perf_counter() - started
+    return time.process_time() - started
 
 
 PLANNED_EPOCHS = 40

@@ -337,9 +337,7 @@ def _speeds(results: Sequence[Result], models: Sequence[str]) -> str:
             ]
             rows.append((model, f"{medians[0]:.2f}", f"{medians[1]:.2f}", f"{medians[2]:.0f}", f"{medians[3]:.0f}"))
     head = ("model", "seconds per epoch", "latency of one map [ms]", "maps a second", "epochs")
-    return "Medians over the cells, on one thread; seconds per epoch are those of the processor.\n\n" + table(
-        head, rows
-    )
+    return "Medians over the cells, on one thread, in time of the processor.\n\n" + table(head, rows)
 
 
 def _refused(results: Sequence[Result]) -> str:
