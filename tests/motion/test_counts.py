@@ -407,6 +407,10 @@ def test_numbers_in_words(words: str, slot: str, value: float) -> None:
         ("up to three times", "count", 3, ("up to three times", "3 times")),
         ("2/3 times", "count", 2, ("2 / 3 times", "2 times")),
         ("for 1.5 to 2 s", "duration_s", 1.75, ("for 1.5 to 2 s", "1.75 s")),
+        ("for 1 to 2 s", "duration_s", 1.5, ("for 1 to 2 s", "1.5 s")),
+        ("from 0 to 10 seconds", "duration_s", 10.0, ("from 0 to 10 seconds", "10 seconds")),
+        ("0 to 3 times", "count", 3, ("0 to 3 times", "3 times")),
+        ("2 or 3 tmies", "count", 2, ("2 or 3 tmies", "2 times")),
         ("for one or two minutes", "duration_s", 60.0, ("for one or two minutes", "1 minutes")),
     ],
 )
@@ -428,6 +432,17 @@ def test_of_a_range_one_number_is_read_and_told(words: str, slot: str, value: fl
         ("several hops of a girl", "count", 4, (("several", "4"),)),
         ("a man turns by 90-180 degrees", "angle_deg", 135.0, (("90 to 180 degrees", "135 degrees"),)),
         ("a man climbs 10 to 12 stairs", "count", 11, (("10 to 12", "11 stairs"),)),
+        ("a man does one or two turns", "count", 1, (("one or two", "1"),)),
+        ("a man makes 1 to 2 turns", "count", 1, (("1 to 2", "1"),)),
+        ("a man turns 45-90 degrees", "angle_deg", 67.5, (("45 to 90 degrees", "67.5 degrees"),)),
+        ("a man turns from 0 to 90 degrees", "angle_deg", 90.0, (("from 0 to 90 degrees", "90 degrees"),)),
+        ("a man turns from 0 to 360 degrees", "angle_deg", 360.0, (("from 0 to 360 degrees", "360 degrees"),)),
+        ("a man turns 0° to 90°", "angle_deg", 90.0, (("0 degrees to 90 degrees", "90 degrees"),)),
+        ("a man turns from 0° to 90°", "angle_deg", 90.0, (("from 0 degrees to 90 degrees", "90 degrees"),)),
+        ("a man turns from 90 to 180 degrees", "angle_deg", 90.0, (("from 90 to 180 degrees", "90 degrees"),)),
+        ("a man turns from 180 to 45 degrees", "angle_deg", 135.0, (("from 180 to 45 degrees", "135 degrees"),)),
+        ("a man turns between 0 and 90 degrees", "angle_deg", 90.0, (("between 0 and 90 degrees", "90 degrees"),)),
+        ("a man turns up to 90 degrees", "angle_deg", 90.0, (("up to 90 degrees", "90 degrees"),)),
     ],
 )
 def test_ranges_are_read_of_what_is_done(
@@ -449,13 +464,41 @@ def test_ranges_are_read_of_what_is_done(
         ("jumps again and again", ("again and again",), None),
         ("jumps some times", ("some times",), None),
         ("takes a few steps", ("few",), None),
+        ("bends from 0 to 90 degrees", ("from 0 to 90 degrees",), None),
+        ("squats 3 times, 4 or 5 times", ("4 or 5 times",), 3),
+        ("climbs two or three times", ("two or three times",), None),
+        ("walks without jumpping", ("without", "jumpping"), None),
     ],
 )
 def test_ranges_that_count_nothing_are_left_out_and_told(
     words: str, ignored: tuple[str, ...], count: int | None
 ) -> None:
     parsed = parse_description(f"a man {words}")
-    assert (parsed.ignored, parsed.description.count) == (ignored, count)
+    assert (parsed.ignored, parsed.description.count, parsed.read_as) == (ignored, count, ())
+
+
+def test_a_range_that_is_read_once_and_left_out_once_is_told_as_both() -> None:
+    parsed = parse_description("a man jumps 2 or 3 times, then climbs 2 or 3 times")
+    assert (parsed.read_as, parsed.ignored) == ((("2 or 3 times", "2 times"),), ("2 or 3 times",))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("jumps 150 to 250 times", r"got 150 to 250 times \(read as 200 times\); write"),
+        ("turns from 85 to 90 degrees", r"got from 85 to 90 degrees \(read as 5 degrees\); write"),
+        ("walks for 20 to 30 minutes", r"got for 20 to 30 minutes \(read as 25 minutes\); write"),
+        ("kicks 2 or 3 times", r"\(not understood: kicks, 2 or 3 times\)"),
+        ("squats 1e999 times", "got 1e999 times; write"),
+        ("squats 2 to 1e999 times", "got 1e999 times; write"),
+        ("makes 1e999 turns", "got 1e999 turns; write"),
+        ("walks for 1e999 s", "got 1e999 s; write"),
+        ("turns 1e999/1e999 turns", "got 1e999 / 1e999 turns; write"),
+    ],
+)
+def test_errors_quote_the_words_of_the_sentence(words: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        parse_description(f"a man {words}")
 
 
 def test_a_once_that_is_a_conjunction_is_no_count() -> None:

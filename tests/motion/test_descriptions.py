@@ -411,10 +411,10 @@ def test_misspelt_words_and_a_circle_are_told() -> None:
         ("slips and falls upwards", "nobody falls up"),
         ("runs 0 times", "1 to 100 times, got 0"),
         ("jumps 2.5 times", "1 to 100 times, got 2.5"),
-        ("jumps x1.5", "1 to 100 times, got 1.5"),
+        ("jumps x1.5", "1 to 100 times, got x 1.5"),
         ("jumps x-3", "numbers of a description are above 0, got -3"),
         ("runs for 10000 seconds", "up to 600 s, got 10000 s"),
-        ("walks for 0 seconds", "more than 0 and up to 600 s, got 0 s; write a longer time"),
+        ("walks for 0 seconds", "more than 0 and up to 600 s, got 0 seconds; write a longer time"),
         (", then ".join(["walks", "runs"] * 16), "at most 30 steps, got 32"),
     ],
 )

@@ -6,6 +6,8 @@
 
 from __future__ import annotations
 
+import math
+
 from t2d_rt.motion.descriptions.lexicon import lexicon
 
 PERHAPS = "maybe", "perhaps", "possibly", "even"
@@ -59,37 +61,51 @@ def with_ranges(words: list[str]) -> tuple[list[str], dict[int, str]]:
 def _range(words: list[str], place: int) -> tuple[float, int] | None:
     """The number that is read for the range that begins at a word, and where it ends; None where none begins.
 
-    It is the lesser of two that are parted by "or", and the middle of what lies between two, rounded down where both are whole. Ten
-    or more are ten, and so are up to ten.
+    It is the lesser of two that are parted by "or", and the middle of what lies between two, rounded down where times or things are
+    counted. Ten or more are ten; up to ten times, seconds or degrees are ten, and so is what lies between 0 and ten. From 90 to 180
+    degrees tells both ends of a turn, and is 90: the difference.
     """
     most = _end(words, place + 2) if words[place : place + 2] == ["up", "to"] else None
     if most is not None:
-        return most if words[most[1] : most[1] + 1] in (["times"], *([unit] for unit in lexicon().seconds)) else None
-    bounds = {"between": ["and"], "from": ["to"]}.get(words[place])
-    low = _end(words, place + int(bounds is not None))
+        return most if words[most[1] : most[1] + 1] == ["times"] or _unit(words, most[1]) else None
+    joint_of = {"between": ["and"], "from": ["to"]}.get(words[place])
+    low = _end(words, place + int(joint_of is not None))
     if low is None:
         return None
-    joint, after = words[low[1] : low[1] + 1], low[1] + 1
+    twice = _unit(words, low[1]) != "" and words[low[1] + 1 : low[1] + 2] == (
+        joint_of or ["to"]
+    )  # 0 degrees to 90 degrees
+    joint, after = words[low[1] + twice : low[1] + twice + 1], low[1] + twice + 1
     rest = words[after : after + 1]
-    if bounds is None and ((joint == ["or"] and rest in (["more"], ["so"])) or (joint == ["+"] and rest != [])):
+    if joint_of is None and ((joint == ["or"] and rest in (["more"], ["so"])) or (joint == ["+"] and rest != [])):
         return low[0], after + int(joint == ["or"])
     high = _end(words, after + int(joint == ["or"] and rest != [] and rest[0] in PERHAPS))
-    if high is None or not low[0] < high[0]:
+    if high is None or low[0] == high[0] or (twice and words[low[1]] != _unit(words, high[1])):
         return None
-    follows = words[high[1] : high[1] + 1]
-    if words[low[1] - 1] in lexicon().times and words[high[1] - 1] not in lexicon().times and follows != ["times"]:
+    follows, unit = words[high[1] : high[1] + 1], _unit(words, high[1])
+    if words[place] == "from" and joint == ["to"] and unit in (*lexicon().degrees, "pi"):
+        return abs(high[0] - low[0]), high[1]
+    once = words[low[1] - 1] in lexicon().times and words[high[1] - 1] not in lexicon().times
+    if high[0] < low[0] or (once and follows != ["times"]):
         return None  # twice or 10 seconds
-    if bounds is None and joint == ["or"]:
+    if joint_of is None and joint == ["or"]:
         return low[0], high[1]
-    if joint == (bounds or ["to"]) or (bounds is None and joint == ["/"] and follows == ["times"]):
-        middle = (low[0] + high[0]) / 2
-        return (middle if (low[0] % 1, high[0] % 1) != (0, 0) else middle // 1), high[1]
+    if joint == (joint_of or ["to"]) or (joint_of is None and joint == ["/"] and follows == ["times"]):
+        middle = high[0] if low[0] == 0 else (low[0] + high[0]) / 2
+        return (middle if unit or (low[0] % 1, high[0] % 1) != (0, 0) else middle // 1), high[1]
     return None
 
 
+def _unit(words: list[str], place: int) -> str:
+    """The unit of seconds or of angles that stands at a place; empty where none does."""
+    unit = words[place] if place < len(words) else ""
+    return unit if unit in (*lexicon().seconds, *lexicon().degrees, "pi") else ""
+
+
 def _end(words: list[str], place: int) -> tuple[float, int] | None:
-    """One end of a range: a number, or once or twice; and where it ends."""
+    """One end of a range: a finite number, or once or twice; and where it ends."""
     if place < len(words) and words[place] in lexicon().times:
         return float(lexicon().times[words[place]]), place + 1
     reading = number_at(words, place)
-    return None if reading is None or words[place : reading[2]] in (["a"], ["an"]) else (reading[0], reading[2])
+    unread = reading is None or words[place : reading[2]] in (["a"], ["an"]) or not math.isfinite(reading[0])
+    return None if reading is None or unread else (reading[0], reading[2])

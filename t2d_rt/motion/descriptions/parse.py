@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from dataclasses import dataclass, field
 
 from t2d_rt.core.checks import shown, text
@@ -78,7 +79,13 @@ def parse_description(sentence: str) -> Parsed:
             "write two steps"
         ) from None
     description, read_as = _description(steps, reader, sentence)
-    slips = tuple((token.note, token.words) for token in tokens if token.note)
+    left_out = Counter(reader.ignored)
+    slips = []
+    for token in tokens:
+        if token.note and left_out[token.note] > 0:
+            left_out[token.note] -= 1
+        elif token.note:
+            slips.append((token.note, token.words))
     return Parsed(description, tuple(reader.ignored), (*slips, *read_as), tuple(reader.partly))
 
 
@@ -201,6 +208,7 @@ def _description(steps: list[ParseStep], reader: Reader, sentence: str) -> tuple
         count = step.get("count")
         if "jumping jack" in step.words and isinstance(count, int):  # out and in again
             step.said["count"] = 2 * count
+            step.given.pop("count", None)
             read_as.append((f"{count} jumping jacks", f"{2 * count} jumps out and in"))
     if len(steps) > slots.MOST_STEPS:
         raise InputError(f"a description has at most {slots.MOST_STEPS} steps, got {len(steps)}; leave some out")
@@ -259,12 +267,12 @@ def _step_fields(step: ParseStep, ignored: list[str]) -> dict[str, object]:
         ignored.append(step.cause or step.words)
     count, duration = fields.get("count"), fields.get("duration_s")
     if count is not None and not (isinstance(count, int) and 1 <= count <= slots.MOST_TIMES):
-        raise InputError(f"an action is done 1 to {slots.MOST_TIMES} times, got {count}; write a whole number of times")
+        given = step.given.get("count", count)
+        raise InputError(f"an action is done 1 to {slots.MOST_TIMES} times, got {given}; write a whole number of times")
     if isinstance(duration, float) and not 0 < duration <= slots.LONGEST_S:
         mend = "a shorter" if duration > 0 else "a longer"
-        raise InputError(
-            f"an action lasts more than 0 and up to {slots.LONGEST_S:g} s, got {duration:g} s; write {mend} time"
-        )
+        given = step.given.get("duration_s", f"{duration:g} s")
+        raise InputError(f"an action lasts more than 0 and up to {slots.LONGEST_S:g} s, got {given}; write {mend} time")
     return fields
 
 

@@ -52,6 +52,8 @@ class ParseStep:
     """Words that tell the type of a fall or of a gait."""
     spot: str = ""
     """Words that tell that a jump stays on the spot."""
+    given: dict[str, str] = field(default_factory=dict)
+    """Words that tell count and duration, by slot."""
 
     def get(self, slot: str) -> object:
         """What the sentence says of a slot, or else what the verb implies."""
@@ -119,26 +121,26 @@ class Reader:
             self._subject(str(token.slots["subject"]), token.words)
         elif token.kind == "not":
             self.denied = True
-            self.ignored.append(token.words)
+            self.ignored.append(token.said)
         elif token.kind in ("action", "weak"):
             self._action(token)
         elif token.kind == "other":
             self.dead, self.denied, self.attending = True, False, False
-            self.ignored.append(token.words)
+            self.ignored.append(token.said)
         elif token.kind in ("unknown", "reported", "recover"):
             self.recovers = self.recovers or token.kind == "recover"
-            self.ignored.append(token.words)
+            self.ignored.append(token.said)
         elif token.kind == "attend":
             if token.slots or self.denied:
                 self._modifier(token)
             elif not self.limb and token.words not in forms_of(lexicon().auxiliary):
-                self.loose.append(token.words)
+                self.loose.append(token.said)
             self.attending = True
         elif token.kind == "of limb":
             if not self.limb:
-                self.loose.append(token.words)
+                self.loose.append(token.said)
         elif token.kind == "spot":
-            self._spot(token.words)
+            self._spot(token.said)
         elif token.kind not in ("fixed", "neutral"):
             self._modifier(token)
 
@@ -177,15 +179,15 @@ class Reader:
         self.attending = False
         if self.other_choice:
             self.dead = True
-            self.ignored.append(token.words)
+            self.ignored.append(token.said)
             return
         self.dead = self.denied
         self.denied = False
         if clause.steps and not self.dead and _as_noun(clause.steps[-1], token, self.ignored):
             return
         if self.dead:
-            self.ignored.append(token.words)
-            self.denied_actions.append(token.words)
+            self.ignored.append(token.said)
+            self.denied_actions.append(token.said)
             self.recovers = self.recovers or token.slots["action"] == "fall"
             return
         implied = dict(token.slots)
@@ -207,10 +209,10 @@ class Reader:
     def _modifier(self, token: Token) -> None:
         clause = self.clauses[-1]
         if self.dead or self.denied or self.other_choice:
-            self.ignored.append(token.words)
+            self.ignored.append(token.said)
         elif token.kind == "direction" and (self.attending or (self.of_part and not self._stretching())):
             if token.slots["direction"] not in ("up", "down"):
-                self.ignored.append(token.words)
+                self.ignored.append(token.said)
         elif clause.steps:
             attach(clause.steps[-1], token, self.ignored)
         else:
@@ -256,7 +258,7 @@ class Reader:
             last = ParseStep("walk", words="gait")  # a waddling gait
             clause.steps.append(last)
         if last is None:
-            self.ignored += [pending.words for pending in clause.pending]
+            self.ignored += [pending.said for pending in clause.pending]
             clause.pending.clear()
             return
         new = None
@@ -322,31 +324,31 @@ def _as_noun(step: ParseStep, token: Token, ignored: list[str]) -> bool:
 def attach(step: ParseStep, token: Token, ignored: list[str]) -> None:
     """Says of a step what an token says; raises where it says the contrary of what was said before."""
     if token.kind in ("cause", "gait"):
-        step.cause = token.words
+        step.cause = token.said
     treads = token.words.endswith(TREADS)
     if (token.kind == "angle" and step.action != "turn") or (
         "count" in token.slots and step.action == "climb" and not treads
     ):
-        ignored.append(token.words)
+        ignored.append(token.said)
         return
     low, high = TURNED_DEG
     if token.kind == "angle" and not low <= float(str(token.slots["angle_deg"])) <= high:
         raise InputError(
-            f"a person turns by {low:g} to {high:g} degrees, got {token.words}; write an angle between them"
+            f"a person turns by {low:g} to {high:g} degrees, got {token.given}; write an angle between them"
         )
     if step.action == "stand" and token.words in ("on one leg", "on one foot"):
         step.action = "balance"
     part = step.get("body_part"), step.get("side")
     if token.kind == "part" and part[0] is not None and part != (token.slots["body_part"], token.slots.get("side")):
-        ignored.append(token.words)
+        ignored.append(token.said)
         return
     storey = token.words in lexicon().storeys and step.action in ("walk", "run", "climb")
     if storey:
         step.said["object"] = "stair"
     if (step.action, token.words) == ("stand_up", "bed") or token.words == "ladder":
-        ignored.append(token.words)  # made as a seat, and as a stair
+        ignored.append(token.said)  # made as a seat, and as a stair
     if token.words in ("on one leg", "on one foot") and step.action not in ON_ONE_LEG:
-        ignored.append(token.words)
+        ignored.append(token.said)
     stairs = storey or (token.slots.get("object") == "stair" and step.get("direction") in ("up", "down"))
     if stairs and step.action == "walk" and step.get("type") is None:
         step.action, step.weak = "climb", False
@@ -354,9 +356,10 @@ def attach(step: ParseStep, token: Token, ignored: list[str]) -> None:
         before = step.get(slot) if slot == "type" else step.said.get(slot)
         if slot == "direction":
             step.returns = token.words == "back"
-            _direct(step, str(value), token.words, ignored)
+            _direct(step, str(value), token.said, ignored)
         elif before is None or before == value:
             step.said[slot] = value
+            step.given[slot] = token.given
         elif slot in ("speed", "manner"):
             raise InputError(
                 f"the sentence is contradictory: it says {before} and {value} of one action ({step.words}); leave "
@@ -367,7 +370,7 @@ def attach(step: ParseStep, token: Token, ignored: list[str]) -> None:
         elif slot == "type" and value in ("festinating", "freezing") and before == "parkinsonian":
             step.said[slot] = value
         elif not (slot == "type" and before in ("festinating", "freezing") and value == "parkinsonian"):
-            ignored.append(token.words)
+            ignored.append(token.said)
 
 
 def _direct(step: ParseStep, value: str, words: str, ignored: list[str]) -> None:

@@ -49,9 +49,19 @@ class Token:
     slots: Mapping[str, object] = field(default_factory=dict)
     gerund: bool = False
     note: str = ""
-    """The known word as which a misspelt one was read."""
+    """What was said where `words` are read for it: a misspelt word, a vague number, a range."""
     partly: bool = False
     """Whether it says more than is made of it."""
+
+    @property
+    def said(self) -> str:
+        """The words of the sentence."""
+        return self.note or self.words
+
+    @property
+    def given(self) -> str:
+        """The words of the sentence, with what is read for them."""
+        return f"{self.note} (read as {self.words})" if self.note else self.words
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,14 +207,15 @@ def tokens_of(sentence: str) -> list[Token]:
     place = 0
     while place < len(words):
         tokens, after = _next(words, place)
+        spoken = [notes.get(number, words[number]) for number in range(place, after)]
         misspelt = [notes[number] for number in range(place, after) if number in notes]
         if misspelt and tokens[0].kind == "unknown":
             tokens = [Token("unknown", misspelt[0])]
         elif misspelt:
-            tokens = [Token(token.kind, token.words, token.slots, token.gerund, " ".join(misspelt)) for token in tokens]
+            tokens = [replace(tokens[0], note=" ".join(spoken)), *tokens[1:]]
         for number in (number for number in range(place, after) if number in ranges):
             rest = number + 1 + int(ranges[number].split()[-1] in lexicon().times)
-            said = [*words[place:number], ranges[number], *words[rest:after]]
+            said = [*spoken[: number - place], ranges[number], *spoken[rest - place :]]
             tokens = _with_range(tokens, words[number], ranges[number], " ".join(said))
         sentence_tokens += tokens
         place = after
@@ -346,14 +357,14 @@ def _times(words: list[str], place: int) -> tuple[Token, int] | None:
     if follows in ("stairs", "treads") or (angle is not None and words[angle[1] : angle[1] + 1] == ["turns"]):
         return Token("slot", f"{number:g} {follows}", {"count": whole}), after
     deeds = any(entry.kind == "action" and entry.words == (follows,) for entry in _index().get(follows, ()))
-    if deeds and follows.endswith("s") and follows != "steps" and number > 1:
+    if deeds and follows.endswith("s") and follows != "steps" and (number > 1 or words[place] == "1"):
         said = " ".join(words[place:after])
         return Token("slot", str(whole) if vague else said, {"count": whole}, note=said if vague else ""), after
     return None
 
 
 def _whole(number: float) -> float:
-    return int(number) if number == int(number) else number
+    return int(number) if float(number).is_integer() else number
 
 
 def _is_verb(word: str, action: str) -> bool:
@@ -390,7 +401,7 @@ def _amount(words: list[str], place: int) -> tuple[float, int] | None:
             return None
         amount, after = reading
         more = _part(words, after + int(words[after : after + 1] == ["and"]))
-        if more is not None and 0 < more[0] < 1 and amount == int(amount):
+        if more is not None and 0 < more[0] < 1 and amount.is_integer():
             amount, after = amount + more[0], more[1]
     for between in (["of"], ["a"], ["an"]):
         after += int(words[after : after + 1] == between)
@@ -434,7 +445,7 @@ def _turned(words: list[str], place: int) -> tuple[Token, int] | None:
     amount, after = reading
     unit = words[after] if after < len(words) else ""
     unit_deg = lexicon().degrees.get(unit)
-    if unit in ("turn", "turns") and amount != int(amount):
+    if unit in ("turn", "turns") and not float(amount).is_integer():
         return Token("angle", " ".join(words[place : after + 1]), {"angle_deg": 360 * amount}), after
     if unit == "right" and words[after + 1 : after + 2] in (["angle"], ["angles"]):
         unit_deg, after = 90.0, after + 1
