@@ -82,7 +82,7 @@ SCALES = {
         once=SLOW,
     ),
     "thousands": Scale(
-        name="thousands", recipes={"simple": "simple", "hard": "hard"}, size=64, epochs=20, batch=32, seeds=(0, 1), samples=6400,
+        name="thousands", recipes={"simple": "simple", "hard": "hard"}, size=64, epochs=12, batch=32, seeds=(0, 1), samples=6400,
         splits=("file", "description"), precision="bfloat16", schedule="cosine",
     ),
     "paper": Scale(
