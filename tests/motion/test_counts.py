@@ -563,6 +563,13 @@ def test_what_is_made_is_not_warned_of(sentence: str) -> None:
     motion_from_text(sentence)  # warnings are errors
 
 
+@pytest.mark.parametrize("range_", ["1/2 to 4 minutes", "1 1/2 to 4 minutes", "1 to 3/2 minutes"])
+def test_ranges_that_end_in_fractions_are_told_as_left_out(range_: str) -> None:
+    parsed = parse_description(f"a man walks for {range_}")
+    assert parsed.ignored
+    assert not parsed.read_as
+
+
 def test_who_walks_upstairs_rises() -> None:
     motion = motion_from_text("a man walks upstairs", seed=1)
     assert hips(motion)[-1] - hips(motion)[0] > 0.5

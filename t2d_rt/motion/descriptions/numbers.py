@@ -63,7 +63,7 @@ def _range(words: list[str], place: int) -> tuple[float, int] | None:
 
     It is the lesser of two that are parted by "or", and the middle of what lies between two, rounded down where times or things are
     counted. Ten or more are ten; up to ten times, seconds or degrees are ten, and so is what lies between 0 and ten. From 90 to 180
-    degrees tells both ends of a turn, and is 90: the difference.
+    degrees tells both ends of a turn, and is 90: the difference. Ends that are fractions (1/2 to 4) are not read as a range.
     """
     most = _end(words, place + 2) if words[place : place + 2] == ["up", "to"] else None
     if most is not None:
@@ -80,7 +80,9 @@ def _range(words: list[str], place: int) -> tuple[float, int] | None:
     if joint_of is None and ((joint == ["or"] and rest in (["more"], ["so"])) or (joint == ["+"] and rest != [])):
         return low[0], after + int(joint == ["or"])
     high = _end(words, after + int(joint == ["or"] and rest != [] and rest[0] in PERHAPS))
-    if high is None or low[0] == high[0] or (twice and words[low[1]] != _unit(words, high[1])):
+    if high is None or "/" in (*words[max(place - 1, 0) : place], *words[high[1] : high[1] + 1]):
+        return None
+    if low[0] == high[0] or (twice and words[low[1]] != _unit(words, high[1])):
         return None
     follows, unit = words[high[1] : high[1] + 1], _unit(words, high[1])
     if words[place] == "from" and joint == ["to"] and unit in (*lexicon().degrees, "pi"):
