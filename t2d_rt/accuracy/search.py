@@ -35,7 +35,7 @@ MOST_SUBDIVISION = 2
 MOST_VISIBILITY_HZ = 400.0
 """Greatest rate at which a run that missed its tolerance samples visibility when it is made again."""
 MOST_VISIBILITIES = 3
-"""Number of these that are tried, the cheapest that are good enough."""
+"""Settings of visibility that a plan tries at most, the cheapest of those that are good enough."""
 WITH = {
     "sagitta_rad": "sagitta_scale",
     "tiers": "least_level_db",

@@ -220,7 +220,7 @@ def provenance(cut: SampleMotion) -> Mapping[str, object]:
 TRIES = 60
 """Places that are drawn in a room."""
 CLEARANCE_M = 0.15
-"""Least distance of a joint to a wall or to furniture: about half the depth of a body. Things are as large as they are."""
+"""Least distance of a joint to a wall or to furniture: about half the depth of a body. Things that people carry need no clearance."""
 NEAREST_M = 0.8
 """Least horizontal distance of a joint to the radar."""
 LOW_M = 0.12
@@ -260,8 +260,8 @@ def placing(
     side: Side | None = None,
     loaded: Sequence[Motion] = (),
 ) -> Place:
-    """The place of a motion's number: of those drawn, the first at which the motion has room, or that at which it lacks least; and
-    so have the same people with what they carry, `loaded`.
+    """The place of a motion's number: of the places drawn, the first with room for the motion and for `loaded`, the same motion with
+    what the person carries under each condition; or, where none has room, the one where least room is lacking.
 
     What is drawn is the mean range of the person, not that of the start, and it stays for the first half of the tries: so classes
     that travel have the ranges of those that do not, and come as often as they go.

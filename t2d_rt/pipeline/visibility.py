@@ -93,7 +93,7 @@ class Sampled:
         """Visibility over the one-way path of an end, which `path_count` paths share."""
         key, sight = self._place(end, path), self._sight
         viewpoint = viewpoints_at(sight.radar.views_m)[key[1]] if path is None else path
-        unblocked = None if path is None else partial(sight.blockage.fraction, path)
+        blockage = None if path is None else partial(sight.blockage.fraction, path)
         if sight.fast_rotating[number]:
             if number not in self._mean:
                 mesh = sight.geometries[number]
@@ -101,9 +101,9 @@ class Sampled:
                 self._mean[number] = MeanVisibility(
                     mesh, self._meshes, sight.samples_s, solid=self._solid, backend=sight.backend
                 )
-            return self._mean[number].over(key, viewpoint, unblocked, path_count)
+            return self._mean[number].over(key, viewpoint, blockage, path_count)
         if key not in self._occlusions:
-            self._occlusions[key] = Occlusion(self._viewpoints, viewpoint, unblocked=unblocked, solid=self._solid)
+            self._occlusions[key] = Occlusion(self._viewpoints, viewpoint, unblocked=blockage, solid=self._solid)
         return _Occluded(self._occlusions[key], path_count, self.index[number])
 
 

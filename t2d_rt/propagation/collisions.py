@@ -234,9 +234,10 @@ def _lines(target: Tested, track_m: np.ndarray, times_s: np.ndarray) -> Iterator
         track_m = np.delete(track_m, KNEES, axis=1)
     elif isinstance(target, Held):
         # It may be in a wall that it moves along, or have the back of a chair between itself and the body.
-        points_m = target.mesh.at(times_s)[:, target.points]
-        reach_m = np.stack(np.broadcast_arrays(target.pelvis_at(times_s)[:, None], points_m), axis=2)
-        yield reach_m.reshape(-1, 2, 3), np.repeat(times_s, 2 * len(target.points)).reshape(-1, 2), 0.0
+        for some_s, vertices in _posed(target.mesh, times_s):
+            points_m = vertices[:, target.points]
+            reach_m = np.stack(np.broadcast_arrays(target.pelvis_at(some_s)[:, None], points_m), axis=2)
+            yield reach_m.reshape(-1, 2, 3), np.repeat(some_s, 2 * len(target.points)).reshape(-1, 2), 0.0
     yield track_m.transpose(1, 0, 2), np.broadcast_to(times_s, track_m.shape[1::-1]), 0.0
 
 
@@ -264,12 +265,20 @@ def middles(target: Tested, times_s: np.ndarray) -> np.ndarray:
     # A mesh has no joints: the middles of parts of it move as smoothly as these, and none of them lies on its surface.
     part = _parts(target.rest)
     members = [np.flatnonzero(part == number) for number in range(part.max() + 1)]
-    middles_m = []
-    step = max(1, min(INSTANTS_AT_ONCE, VERTICES_AT_ONCE // len(part)))
+    return np.concatenate(
+        [
+            np.stack([vertices[:, of_part].mean(axis=1) for of_part in members], axis=1)
+            for _, vertices in _posed(target, times_s)
+        ]
+    )
+
+
+def _posed(mesh: MovingMesh, times_s: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Some of the times (K,) [s] after others, and the vertices of a mesh at these (K, V, 3) [m]."""
+    step = max(1, min(INSTANTS_AT_ONCE, VERTICES_AT_ONCE // len(mesh.rest)))
     for first in range(0, len(times_s), step):
-        vertices = target.at(times_s[first : first + step])
-        middles_m.append(np.stack([vertices[:, of_part].mean(axis=1) for of_part in members], axis=1))
-    return np.concatenate(middles_m)
+        some_s = times_s[first : first + step]
+        yield some_s, mesh.at(some_s)
 
 
 def _parts(rest: np.ndarray) -> np.ndarray:

@@ -270,6 +270,8 @@ def test_persons_of_one_capture_keep_their_places(tmp_path: Path, walk: Motion, 
         tracks[f"B:{name}"][:7] = np.nan
     both = t2d.load_motions(write(tmp_path / f"a.{form}", tracks), smooth_hz=None)
     assert list(both) == ["A", "B"]
+    for name, motion in both.items():
+        assert f"subject {name} of A, B" in motion.report
     a, b = both.values()
     assert len(a.joints) == len(b.joints) == len(walk.joints) - 7
     names = [name for name in a.names if name.endswith(("knee", "ankle", "wrist"))]
@@ -305,6 +307,8 @@ def test_both_roots_of_a_bvh_together(tmp_path: Path, monkeypatch: pytest.Monkey
     both = t2d.load_motions(path, smooth_hz=None)
     assert len(reads) == 1
     assert [each.origin[0].partition(",")[0] for each in both.values()] == ["a.bvh"] * 2
+    for name, motion in both.items():
+        assert f"subject {name} of A, B" in motion.report
     raw = read_bvh(path)
     starts = np.cumsum([0, *map(len, raw.channels)])
     roots = [raw.values[:, starts[k] : starts[k] + 3] for k, parent in enumerate(raw.parents) if parent < 0]

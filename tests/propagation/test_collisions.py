@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 import warnings
 from dataclasses import replace
 
@@ -15,7 +16,7 @@ from t2d_rt.core.backend import Backend
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import aside
 from t2d_rt.pipeline.targets import targets_of
-from t2d_rt.propagation.collisions import Collision, find_collisions, is_room, radar_outside, uneven_times
+from t2d_rt.propagation.collisions import Collision, Held, find_collisions, is_room, radar_outside, uneven_times
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.scenes import load_scene, scene_names
 from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, Room, TableFan
@@ -144,6 +145,21 @@ def test_a_wheelchair_may_stand_on_the_floor_and_its_user_at_a_table(backend: Ba
     corners = [(x - 0.9, y - 0.5, 0.74), (x - 0.2, y - 0.5, 0.74), (x - 0.2, y + 0.5, 0.74), (x - 0.9, y + 0.5, 0.74)]
     table = plate("table", corners, "wood", 0.03)
     assert told_of(backend, replace(ROOM.scene(), surfaces=(*ROOM.scene().surfaces, table)), rolling) == []
+
+
+def test_a_carried_thing_is_posed_at_some_instants_at_once(backend: Backend, walk: Motion) -> None:
+    """Memory does not grow with the record: the test takes less than the vertices at all instants alone would."""
+    standing = replace(
+        walk, joints=np.repeat(walk.joints[:1], 3001, axis=0), rotations=np.repeat(walk.rotations[:1], 3001, axis=0), rate_hz=100.0
+    )  # fmt: skip
+    frame = targets_of([t2d.carry(standing, "walker")], "mesh", "adult", None, RADAR)[1].tested
+    assert isinstance(frame, Held)
+    find_collisions(ROOM.scene(), [frame], RADAR, 0.0, 1.0, backend=backend)
+    tracemalloc.start()
+    assert find_collisions(ROOM.scene(), [frame], RADAR, 0.0, 30.0, backend=backend) == []
+    _, most_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most_bytes < frame.mesh.rest.nbytes * len(uneven_times(0.0, 30.0))
 
 
 # --- movers ---

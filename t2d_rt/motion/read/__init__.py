@@ -28,7 +28,7 @@ from t2d_rt.motion.read.markers import read_c3d, read_trc
 from t2d_rt.motion.read.orientations import motion_from_joints
 from t2d_rt.motion.read.passes import LOWEST_CUTOFF_HZ, Found, Reading, file_origin, motion_of
 from t2d_rt.motion.read.skeletal import motion_of_skeleton, read_skeletal
-from t2d_rt.motion.read.subjects import People, one_of
+from t2d_rt.motion.read.subjects import People, one_of, subject_of
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.types.motion import Motion
 
@@ -150,10 +150,10 @@ def load_motions(
             return {"1": _checked(motion, path)}
     tracks: dict[str, Tracks] = {}
     people: dict[str, Found] = {}
-    for name, read in subjects.items():
+    for name in subjects:
         try:
             with _named(path):
-                tracks[name] = read()
+                tracks[name] = subject_of(subjects, name)
                 people[name] = _found(tracks[name], reading)
         except InputError as error:
             warn(f"{name} is left out: {error}")

@@ -70,6 +70,12 @@ def _told(tracks: Tracks, clause: str) -> Tracks:
     return replace(tracks, clauses=(clause, *tracks.clauses))
 
 
+def subject_of(people: People, name: str) -> Tracks:
+    """One subject by its name. Of several, its report tells which it is."""
+    tracks = people[name]()
+    return tracks if len(people) == 1 else _told(tracks, f"subject {name} of {', '.join(people)}")
+
+
 def one_of(people: People, subject: str | None) -> Tracks:
     """One subject: the one that is wanted, or the first that can be read, with a warning that names the others."""
     names = list(people)
@@ -86,7 +92,7 @@ def one_of(people: People, subject: str | None) -> Tracks:
     faults: list[str] = []
     for name in names:
         try:
-            tracks = people[name]()
+            tracks = subject_of(people, name)
         except InputError as error:
             faults.append(f"{name}: {error}" if name else str(error))
         else:
@@ -94,14 +100,12 @@ def one_of(people: People, subject: str | None) -> Tracks:
     else:
         also = f"; the file's subjects are {', '.join(people)}" if len(people) > 1 else ""
         raise InputError(f"{faults[0]}{also}")
-    if len(people) == 1:
-        return tracks
-    if subject is None:
+    if subject is None and len(people) > 1:
         others = names[names.index(name) + 1 :]
         why = f" ({faults[0].partition(';')[0]})" if faults else ""
         advice = f"; give subject={others[0]!r} (--motion.subject {others[0]}) for another" if others else ""
         warn(f"the file holds {len(people)} subjects, {', '.join(people)}: {name} is taken{why}{advice}")
-    return _told(tracks, f"subject {name} of {', '.join(people)}")
+    return tracks
 
 
 def subjects(labels: Sequence[str], lacking: Callable[[Sequence[str]], Sequence[str]]) -> dict[str, Labels]:
