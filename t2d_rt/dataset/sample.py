@@ -220,7 +220,7 @@ def provenance(cut: SampleMotion) -> Mapping[str, object]:
 TRIES = 60
 """Places that are drawn in a room."""
 CLEARANCE_M = 0.15
-"""Least distance of a joint to a wall or to furniture: about half the depth of a body. Things that people carry need no clearance."""
+"""Least distance of a joint to a wall or to furniture: about half the depth of a body. Things carried need none."""
 NEAREST_M = 0.8
 """Least horizontal distance of a joint to the radar."""
 LOW_M = 0.12
@@ -260,7 +260,7 @@ def placing(
     side: Side | None = None,
     loaded: Sequence[Motion] = (),
 ) -> Place:
-    """The place of a motion's number: of the places drawn, the first with room for the motion and for `loaded`, the same motion with
+    """The place of a motion's number: of those drawn, the first with room for the motion and for `loaded`, the same motion with
     what the person carries under each condition; or, where none has room, the one where least room is lacking.
 
     What is drawn is the mean range of the person, not that of the start, and it stays for the first half of the tries: so classes
