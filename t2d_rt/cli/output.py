@@ -77,6 +77,7 @@ def stopped_by_sigterm() -> Iterator[None]:
         written = ", ".join([*(f"{path} was written" for path in abandon()), *filled]) or "nothing was written"
         with suppress(RuntimeError, OSError):  # it may have come amidst a print
             sys.stdout.flush()
+        with suppress(RuntimeError, OSError):
             print(printable(f"t2d-rt: stopped; {written}"), file=sys.stderr, flush=True)
         os._exit(143)
 

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation, Slerp
 import t2d_rt as t2d
 from builders import WALK
 from t2d_rt.core.errors import InputError, T2DWarning
-from t2d_rt.motion import load_motion
+from t2d_rt.motion import load_motion, load_motions
 from t2d_rt.motion.read.joint_sets import ORDERS
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, Motion
 from validation.motions import independent
@@ -150,6 +150,7 @@ def test_a_suit_of_xsens(tmp_path: Path) -> None:
     motion = load_motion(mvnx(tmp_path / "a.mvnx"), smooth_hz=None)
     check(motion, CANONICAL_JOINTS[:1] + LIMBS, turned=True)
     assert "MVNX, 101 frames at 50 Hz; bones named as xsens; rate by its time" in motion.report
+    assert list(load_motions(mvnx(tmp_path / "c.mvnx", subjects=("Ann", "Ann")))) == ["Ann", "Ann 2"]
     two = mvnx(tmp_path / "b.mvnx", subjects=("Ann", "Ben"), rate="", times=False)
     with pytest.warns(T2DWarning, match="holds 2 subjects, Ann, Ben: Ann is taken"):
         assert "60 Hz assumed" in load_motion(two, smooth_hz=None).report

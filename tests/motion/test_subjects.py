@@ -101,6 +101,12 @@ def test_one_subject_is_read_however_it_is_named(tmp_path: Path, walk: Motion, f
     check(write(tmp_path / f"a.{form}", two(walk, *labels)), walk, first, second)
 
 
+def test_two_subjects_whose_names_begin_alike_stay_two(tmp_path: Path, walk: Motion) -> None:
+    stem = 70 * "A"
+    path = write(tmp_path / "two.npz", two(walk, stem + "1:{}", stem + "2:{}"))
+    check(path, walk, stem[:60], f"{stem[:60]} 2")
+
+
 def test_what_one_lacks_is_not_taken_from_the_other(tmp_path: Path, walk: Motion) -> None:
     tracks = two(walk)
     del tracks["A:Head"]

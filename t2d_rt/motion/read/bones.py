@@ -83,7 +83,7 @@ def read_mvnx(path: Path) -> People:
                         raise InputError(f"{path} has more than {MAX_FRAMES} frames; cut the motion into shorter files")
                 element.clear()
             elif tag == "subject":
-                name = printable(element.get("label", "")) or str(len(subjects) + 1)
+                (name,) = numbered([printable(element.get("label", "")) or str(len(subjects) + 1)], taken=subjects)
                 subjects[name] = segments, rows, times, float(element.get("frameRate", "nan"))
                 segments, rows, times = [], [], []
     except InputError:

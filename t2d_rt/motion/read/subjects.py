@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-from t2d_rt.core.checks import shown
+from t2d_rt.core.checks import numbered, shown
 from t2d_rt.core.errors import InputError, printable, warn
 from t2d_rt.motion.read.tracks import Tracks
 
@@ -132,7 +132,9 @@ def subjects(labels: Sequence[str], lacking: Callable[[Sequence[str]], Sequence[
     place = {label: number for number, label in enumerate(labels)}
     first = {key: min(place[label] for label in group.values()) for key, group in by_affix.items()}
     order = sorted(by_affix, key=first.__getitem__)
-    return {printable(affix.strip(SIGNS))[:60] or "unnamed": by_affix[kind, affix] for kind, affix in order}
+    once = {frozenset(by_affix[key].values()): key for key in order}  # `LASI_2` is split before the sign and behind it
+    names = numbered(printable(affix.strip(SIGNS))[:60] or "unnamed" for _, affix in once.values())
+    return {name: by_affix[key] for name, key in zip(names, once.values(), strict=True)}
 
 
 def _manner(affix: Affix) -> Affix:
