@@ -133,12 +133,16 @@ def test_what_the_user_moved_away_does_not_come_back(tmp_path: Path) -> None:
     assert names(tmp_path) == ["b.zarr"]
 
 
-def test_sigterm_tidies_up(tmp_path: Path) -> None:
+@pytest.mark.parametrize("amidst_a_print", [False, True])
+def test_sigterm_tidies_up(tmp_path: Path, amidst_a_print: bool) -> None:
     code = (
-        "import sys, time\nfrom t2d_rt import cli\nfrom t2d_rt.core.atomic_write import replacing\nfrom pathlib import Path\n"
+        "import os, sys, time\nfrom t2d_rt import cli\nfrom t2d_rt.core.atomic_write import replacing\nfrom pathlib import Path\n"
+        "class Printing:\n"
+        "    def flush(self): raise RuntimeError('reentrant call')\n"
         "def run(_):\n"
         "    with replacing(Path('a.png'), lambda: None) as new:\n"
-        "        new.touch(); print('ready', flush=True); time.sleep(60)\n"
+        f"        sys.stdout = Printing() if {amidst_a_print} else sys.stdout\n"
+        "        new.touch(); os.write(1, b'ready\\n'); time.sleep(60)\n"
         "cli._run = run\nsys.exit(cli.main(['simulate']))"
     )
     process = subprocess.Popen(

@@ -68,31 +68,30 @@ def _range(words: list[str], place: int) -> tuple[float, int] | None:
     most = _end(words, place + 2) if words[place : place + 2] == ["up", "to"] else None
     if most is not None:
         return most if words[most[1] : most[1] + 1] == ["times"] or _unit(words, most[1]) else None
-    joint_of = {"between": ["and"], "from": ["to"]}.get(words[place])
-    low = _end(words, place + int(joint_of is not None))
+    demanded = {"between": ["and"], "from": ["to"]}.get(words[place])
+    low = _end(words, place + int(demanded is not None))
     if low is None:
         return None
-    twice = _unit(words, low[1]) != "" and words[low[1] + 1 : low[1] + 2] == (
-        joint_of or ["to"]
-    )  # 0 degrees to 90 degrees
-    joint, after = words[low[1] + twice : low[1] + twice + 1], low[1] + twice + 1
-    rest = words[after : after + 1]
-    if joint_of is None and ((joint == ["or"] and rest in (["more"], ["so"])) or (joint == ["+"] and rest != [])):
-        return low[0], after + int(joint == ["or"])
-    high = _end(words, after + int(joint == ["or"] and rest != [] and rest[0] in PERHAPS))
+    # The unit may stand behind both ends: 0 degrees to 90 degrees.
+    low_unit = _unit(words, low[1]) if words[low[1] + 1 : low[1] + 2] == (demanded or ["to"]) else ""
+    after = low[1] + bool(low_unit) + 1
+    link, rest = words[after - 1 : after], words[after : after + 1]
+    if demanded is None and ((link == ["or"] and rest in (["more"], ["so"])) or (link == ["+"] and rest != [])):
+        return low[0], after + int(link == ["or"])
+    high = _end(words, after + int(link == ["or"] and rest != [] and rest[0] in PERHAPS))
     if high is None or "/" in (*words[max(place - 1, 0) : place], *words[high[1] : high[1] + 1]):
         return None
-    if low[0] == high[0] or (twice and words[low[1]] != _unit(words, high[1])):
-        return None
     follows, unit = words[high[1] : high[1] + 1], _unit(words, high[1])
-    if words[place] == "from" and joint == ["to"] and unit in (*lexicon().degrees, "pi"):
+    if low[0] == high[0] or low_unit not in ("", unit):
+        return None
+    if words[place] == "from" and link == ["to"] and unit in (*lexicon().degrees, "pi"):
         return abs(high[0] - low[0]), high[1]
     once = words[low[1] - 1] in lexicon().times and words[high[1] - 1] not in lexicon().times
     if high[0] < low[0] or (once and follows != ["times"]):
         return None  # twice or 10 seconds
-    if joint_of is None and joint == ["or"]:
+    if demanded is None and link == ["or"]:
         return low[0], high[1]
-    if joint == (joint_of or ["to"]) or (joint_of is None and joint == ["/"] and follows == ["times"]):
+    if link == (demanded or ["to"]) or (demanded is None and link == ["/"] and follows == ["times"]):
         middle = high[0] if low[0] == 0 else (low[0] + high[0]) / 2
         return (middle if unit or (low[0] % 1, high[0] % 1) != (0, 0) else middle // 1), high[1]
     return None
