@@ -107,10 +107,17 @@ def test_verdicts_follow_from_intervals() -> None:
     found = claims(rows)
     assert [each.verdict for each in found] == ["held", "held", "undecided", "held", "held", "undecided", "held"]
     assert found[1].figures.endswith("description: 7.5 [6.8, 8.2] points")
+    # a network that is no better than the nearest centroid on Simple by file is not judged, whatever it does elsewhere
+    untrained = [result("hard", by, "conv1d-lstm", 0, 0.95) for by in ("file", "description")]
+    untrained += [result("simple", "file", model, 0, 0.7) for model in ("conv1d-lstm", "nearest-centroid")]
+    assert claims([*rows, *untrained]) == found
+    assert Accuracies([*rows, *untrained]).untrained == ["conv1d-lstm"]
+    # the easy set is not learned: whether all are alike on it stays open; by file VGG-7 is better on Hard
     worse = [
         row if row["set"] == "hard" else result("simple", row["by"], row["model"], row["seed"], 0.9) for row in rows
     ]
-    assert [each.verdict for each in claims(worse)] == ["cannot be tested on these sets"] * 5 + ["undecided", "held"]
+    judged = ["cannot be tested on these sets", "held", "refuted", "held", "held", "undecided", "held"]
+    assert [each.verdict for each in claims(worse)] == judged
     drawn = np.concatenate([[1.5], np.linspace(1.0, 2.0, 101)])
     assert [verdict(drawn, limit) for limit in (0.9, 2.1, 1.5)] == ["held", "refuted", "undecided"]
     assert interval([1.0, 2.0, 3.0]) == pytest.approx((2.0, 4.302653 / 3**0.5), rel=1e-5)
