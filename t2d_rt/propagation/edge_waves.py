@@ -6,14 +6,15 @@ outline and which mesh hides what is asked of one ray tracer's scene, in which e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from t2d_rt.core.backend import Backend, one_thread_at_a_time
-from t2d_rt.geometry.vectors import inner, norms, unit, vector_product
+from t2d_rt.geometry.vectors import dot, inner, norms, unit, vector_product
 from t2d_rt.propagation.images import images, instants_of
 from t2d_rt.propagation.occluders import PosedOccluders
 from t2d_rt.propagation.rays import LIFT_M, mitsuba, mitsuba_mesh, rays, traceable
@@ -27,8 +28,10 @@ LONGEST_EDGE_RAD = 0.5
 """Edges are cut to about that before they are chosen, so that a place and a direction stand for the whole of each."""
 BESIDE_M = 5e-4
 """An edge is outline where nothing of its mesh lies so far beside it."""
-CELL_GROWTH = 1.5
-"""Cells of a scene are so much larger than they need be, for the segments from other viewpoints."""
+APART = 10.0
+"""What the directions of one instant are shifted by from those of the instant before, where both are looked through at once."""
+BOX_MARGIN_M = 0.01
+"""Rays begin and end so far outside of the box around a mesh."""
 LEAST_DEPTH_M = 0.05
 """Boxes nearer to an antenna's plane are not told apart by their corners."""
 END_ON_RAD = 1e-3
@@ -42,6 +45,10 @@ LEAST_ANGLE_RAD = 1e-9
 """Pieces that turn less are seen as points."""
 AT_EDGE_V = 0.15
 """Clearance below which the pieces of an outline tell on which side of it a point is, and no ray."""
+
+
+Segments = tuple[np.ndarray, np.ndarray]
+"""Where straight lines begin and end [m], (N, 3) each."""
 
 
 class Straight(NamedTuple):
@@ -70,7 +77,7 @@ class Straight(NamedTuple):
                 row[:] = np.clip(height / np.where(towards == 0, np.inf, towards), 0, 1)
         return span
 
-    def segments(self, stops: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def segments(self, stops: np.ndarray) -> Segments:
         """Its extent on the way to apparent points (N, 3): from where and to where, (N, 3) each."""
         first, last = self.between(stops)[..., None]
         towards = stops - self.origin_m
@@ -92,8 +99,7 @@ def straight_parts(path: OneWayPath) -> list[Straight]:
     return parts
 
 
-@dataclass(frozen=True, slots=True)
-class _Beam:
+class _Beam(NamedTuple):
     """Points of one mesh, and around them edges of another, on one straight part."""
 
     part: Straight
@@ -101,76 +107,118 @@ class _Beam:
     """Number of the other mesh."""
     apparent_m: np.ndarray
     """Where the points appear, (N, 3)."""
-    near: np.ndarray
-    """Which of them are near the edges, (N,)."""
+    when: np.ndarray
+    """Instant of each piece of an edge that may be outline, (M,)."""
     ends_m: np.ndarray
-    """Ends of pieces of edges that may be outline, around the mesh as it is seen from the origin, (2, M, 3)."""
+    """Ends of these pieces, around the mesh as it is seen from the origin, (2, M, 3)."""
 
-    def of(self, mask: np.ndarray) -> _Beam:
-        """Some of the points, bool (N,)."""
-        return replace(self, apparent_m=self.apparent_m[mask], near=self.near[mask])
-
-    def beside_edges(self, far_m: float) -> tuple[np.ndarray, np.ndarray]:
-        """Segments just outside of each piece, to as `far_m` from the part's origin, (M, 3) each."""
+    def beside_edges(self, boxes: np.ndarray) -> Segments:
+        """Segments just outside of each piece, past the box around the mesh, whose corners are (K, 8, 3) m."""
         middle = self.ends_m.mean(axis=0) - self.part.origin_m
         aside = unit(vector_product(middle, self.ends_m[1] - self.ends_m[0]))
+        far_m = norms(boxes - self.part.origin_m).max(axis=1)[self.when, None]
         return self.part.segments(self.part.origin_m + far_m * unit(middle + BESIDE_M * aside))
 
-    def amplitude(self, hidden: np.ndarray, outline: np.ndarray, wavelength_m: float) -> np.ndarray:
-        """That of the field at points `hidden` by the mesh or not (N,), where pieces (M,) are of its `outline` or not."""
-        amplitudes = np.where(hidden, 0.0, 1.0)
-        if self.near.any() and outline.any():
-            ends_m, apparent_m = self.ends_m[:, outline], self.apparent_m[self.near]
-            amplitudes[self.near] = _amplitude(self.part, ends_m, apparent_m, hidden[self.near], wavelength_m)
-        return amplitudes
+    def facing(self, instant: np.ndarray, shown: np.ndarray, outline: np.ndarray, wavelength_m: float) -> _Facing:
+        """Some of the points, which are `shown` (N,) at their `instant` (N,), and pieces (M,) that are `outline`."""
+        ends_m, ahead = self.ends_m[:, outline] - self.part.origin_m, self.apparent_m[shown] - self.part.origin_m
+        distance_m, length_m = norms(ends_m.mean(axis=0)), norms(ahead)
+        a, b = unit(ends_m)
+        ahead, middle, s = unit(ahead / length_m[:, None] + TILT_RAD), (a + b) / 2, b - a
+        least_m, farthest_m = NO_WAVE_V**2 * wavelength_m / 4, length_m.max(initial=0.0)
+        reach = (least_m + 2 * (farthest_m - distance_m)) * least_m / (distance_m * max(farthest_m, least_m))
+        span_m = self.part.between(self.apparent_m[shown]) * length_m
+        centre = ahead.sum(axis=0) / max(len(ahead), 1)
+        across = vector_product(middle, s)
+        ahead, middle = ahead - centre, middle - centre
+        points = np.column_stack([ahead, length_m, span_m[0], np.minimum(span_m[1], length_m)])
+        pieces = np.column_stack([middle, reach, s, distance_m, across, inner(s, s) / 4])
+        # Along the axis in which points extend most, those that count lie side by side.
+        axis = (ahead**2).sum(axis=0).argmax()
+        place, piece_place = (
+            APART * when + row[:, axis] for when, row in ((instant[shown], ahead), (self.when[outline], middle))
+        )
+        order, width = np.argsort(piece_place), np.sqrt(min(reach.max(initial=0.0), 4.0)) * (1 + 1e-6)
+        ends = [np.searchsorted(piece_place[order], place + side) for side in (-width, width)]
+        return _Facing(points, np.stack(ends, axis=1), pieces[order])
 
 
-def _amplitude(
-    part: Straight, ends_m: np.ndarray, apparent_m: np.ndarray, hidden: np.ndarray, wavelength_m: float
-) -> np.ndarray:
-    """Amplitude of the field at apparent points (N, 3), hidden or not (N,), beside an outline of pieces (2, M, 3)."""
-    a, b = ends_m - part.origin_m
-    ahead, distance = apparent_m - part.origin_m, norms((a + b) / 2)
-    length = norms(ahead)
-    ahead, a, b = unit(ahead / length[:, None] + TILT_RAD), unit(a), unit(b)
-    middle, s = (a + b) / 2, b - a
-    least_m = NO_WAVE_V**2 * wavelength_m / 4
-    reach = (least_m + 2 * (length.max() - distance)) * least_m / (distance * length.max())
-    columns = zip(ahead.T.astype(np.float32), middle.T.astype(np.float32), strict=True)
-    point, piece = np.nonzero(sum((one[:, None] - other) ** 2 for one, other in columns) < reach.astype(np.float32))
-    first, last = part.between(apparent_m) * length
-    last = np.minimum(last, length)
-    counts = (distance[piece] > first[point]) & (distance[piece] < last[point])
-    point, piece = point[counts], piece[counts]
-    # Directions lie so close that chords are angles: about the ray to a point, w is the place of a piece and s its extent.
-    ahead, s, middle = ahead[point], s[piece], middle[piece]
-    w = middle - ahead
-    w_squared, across = inner(w, w), -inner(ahead, vector_product(w, s))
-    angle = np.arctan2(across, w_squared - inner(s, s) / 4)
-    # The mean of w squared over the angle that a piece turns about the ray, and the phase, which is about linear there.
-    w_squared = np.divide(across, angle, out=w_squared, where=np.abs(angle) > LEAST_ANGLE_RAD)
-    length, distance = length[point], distance[piece]
-    left, scaled = length - distance, length * distance
-    v_squared = 4 / wavelength_m * scaled * w_squared / (np.sqrt(left**2 + scaled * w_squared) + left)
-    slope = inner(w, s) * scaled / (wavelength_m * np.maximum(left, SHORTEST_PIECE_M))
-    v_squared, slope, angle = (term.astype(np.float32) for term in (v_squared, slope, angle))
-    zone_m = np.sqrt(wavelength_m * np.maximum(left, 0) * length / distance)  # as it is wide where the points are
-    clearance = np.clip((NO_WAVE_V - np.sqrt(v_squared)) / (NO_WAVE_V - FULL_V), 0, 1)
-    fade = smooth_step(clearance) * smooth_step(np.clip((zone_m - NARROW_ZONE_M) / NARROW_ZONE_M, 0, 1))
-    wave, phase = angle * fade * np.sinc(slope), np.float32(np.pi / 2) * v_squared
+class _Facing(NamedTuple):
+    """Points and the pieces of an outline that may count at each, as they are seen from the origin of a straight part: their
+    directions relative to their mean, so that single precision tells them apart."""
 
-    def total(of: np.ndarray) -> np.ndarray:
-        return np.bincount(point, of, len(apparent_m))
+    points: np.ndarray
+    """Direction, distance [m], and from and to which distance the part runs, (N, 6)."""
+    ranges: np.ndarray
+    """First of the pieces that may count at each point, and behind the last, (N, 2)."""
+    pieces: np.ndarray
+    """Direction of the middle, square of the chord up to which it may count, extent, distance [m], vector product of middle and
+    extent, square of half the extent, (M, 12)."""
 
+
+@one_thread_at_a_time
+def _amplitudes(facing: list[_Facing], hidden: np.ndarray, wavelength_m: float, backend: Backend) -> np.ndarray:
+    """Amplitudes of the field at all of these points, hidden or not (N,), beside their outlines."""
+    if not len(hidden):
+        return np.zeros(0)
+    import drjit as dr
+
+    Float32, Packet = backend.Float32, backend.arrays.Array4f
+    before = np.cumsum([0, *(len(beam.pieces) for beam in facing)])
+    ranges = np.concatenate([beam.ranges + first for beam, first in zip(facing, before, strict=False)])
+    columns = np.concatenate([beam.points for beam in facing]).T
+    *ahead, length, first, last = (backend.lanes(column, Float32) for column in columns)
+    pieces = backend.lanes(np.concatenate([beam.pieces for beam in facing]), Float32)
+    begin, end = (backend.lanes(column) for column in ranges.T)
+    wavelength = dr.opaque(Float32, wavelength_m)
+
+    def fading(u: Any) -> Any:
+        return smooth_step(dr.clip(u, 0, 1))
+
+    def with_piece(piece: Any, w: list[Any], sums: list[Any]) -> list[Any]:
+        *s, distance = dr.gather(Packet, pieces, 3 * piece + 1)
+        *across_s, quarter = dr.gather(Packet, pieces, 3 * piece + 2)
+        counts = (distance > first) & (distance < last)
+        # Directions lie so close that chords are angles: about the ray to a point, w is the place of a piece and s its extent.
+        w_squared, across = dot(w, w), dot(w, across_s)
+        angle = dr.atan2(across, w_squared - quarter)
+        # The mean of w squared over the angle that a piece turns about the ray, and the phase, which is about linear there.
+        w_squared = dr.select(dr.abs(angle) > LEAST_ANGLE_RAD, across / angle, w_squared)
+        left, scaled = length - distance, length * distance
+        v_squared = 4 / wavelength * scaled * w_squared / (dr.sqrt(left * left + scaled * w_squared) + left)
+        slope = np.pi * dot(w, s) * scaled / (wavelength * dr.maximum(left, SHORTEST_PIECE_M))
+        zone_m = dr.sqrt(wavelength * dr.maximum(left, 0) * length / distance)  # as it is wide where the points are
+        fade = fading((NO_WAVE_V - dr.sqrt(v_squared)) / (NO_WAVE_V - FULL_V)) * fading(zone_m / NARROW_ZONE_M - 1)
+        wave = angle * fade * dr.select(dr.abs(slope) > LEAST_ANGLE_RAD, dr.sin(slope) / slope, 1) / (2 * np.pi)
+        sine, cosine = dr.sincos(np.pi / 2 * v_squared)
+        at_edge = dr.select(v_squared < AT_EDGE_V**2, Float32(1), 0)
+        terms = at_edge, dr.select(v_squared < 1, angle, 0), wave * cosine, wave * sine
+        return [total + dr.select(counts, term, 0) for total, term in zip(sums, terms, strict=True)]
+
+    def add(piece: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
+        *middle, reach = dr.gather(Packet, pieces, 3 * piece)
+        w = [one - other for one, other in zip(middle, ahead, strict=True)]
+        # A branch, which lanes pass over together where the piece is near none of their points.
+        near = dot(w, w) < reach
+        return piece + 1, dr.if_stmt((piece, w, sums), near, with_piece, lambda *far: far[-1], mode="symbolic")
+
+    _, sums = dr.while_loop(
+        state=(begin, [dr.zeros(Float32, len(hidden)) for _ in range(4)]),
+        cond=lambda piece, sums: piece < end,
+        body=add,
+        labels=("piece", "sums"),
+        mode="symbolic",
+    )
+    dr.eval(sums)
+    at_edge, side, in_phase, across = (np.asarray(total) for total in sums)
     # Where the outline runs through a point a ray may miss what the pieces turn about, or meet what they do not.
-    hidden = np.where(total(v_squared < AT_EDGE_V**2) > 0, total(angle * (v_squared < 1)) > 0, hidden)
-    in_phase, across = (total(wave * function(phase)) / (2 * np.pi) for function in (np.cos, np.sin))
+    hidden = np.where(at_edge > 0, side > 0, hidden)
     return np.asarray(np.hypot(1 - hidden + in_phase, across))
 
 
-def smooth_step(u: np.ndarray) -> np.ndarray:
+def smooth_step(u: Any) -> Any:
     """From 0 at 0 to 1 at 1, with no kink at either."""
-    return np.asarray(u * u * (3 - 2 * u))
+    return u * u * (3 - 2 * u)
 
 
 class Points(NamedTuple):
@@ -189,112 +237,148 @@ class Points(NamedTuple):
 
 
 def beside_others(
-    at: PosedOccluders, seen_paths: Sequence[OneWayPath], of: Points, *, wavelength_m: float, backend: Backend
+    alone: MeshesAlone, seen_paths: Sequence[OneWayPath], of: Points, *, wavelength_m: float
 ) -> np.ndarray:
     """Fraction of the field over the path at points that face it, float32 (K, Q): near the outline of a mesh that they do not
     belong to the amplitude beside that, elsewhere whether they are visible, in which case that is what comes back."""
-    along = [
-        (path, parts)
-        for path, parts, at_them in zip(
-            seen_paths, map(straight_parts, seen_paths), instants_of(seen_paths), strict=True
-        )
-        for _ in range(len(of.visible))[at_them]
+    instants = np.arange(len(of.visible))
+    groups = [
+        group
+        for path, at_them in zip(seen_paths, instants_of(seen_paths), strict=True)
+        for group in _groups(alone.at, path, instants[at_them], of, wavelength_m)
     ]
-    groups = []
-    for instant, (path, parts) in enumerate(along):
-        for mesh in np.unique(of.owner).tolist():
-            near = [
-                (part, other)
-                for part in parts
-                for other in range(len(at.meshes.meshes))
-                if other != mesh and _near(at, instant, part, mesh, other, wavelength_m)
+    return _summed(groups, alone, of.visible, wavelength_m) if groups else of.visible
+
+
+def _groups(
+    at: PosedOccluders, path: OneWayPath, instants: np.ndarray, of: Points, wavelength_m: float
+) -> Iterator[_Group]:
+    """Points that a path reaches at these instants (k,), near edges of others."""
+    parts = straight_parts(path)
+    for mesh in np.unique(of.owner).tolist():
+        near = [
+            (part, other, close)
+            for part in parts
+            for other in range(len(at.meshes.meshes))
+            if other != mesh
+            and len(close := instants[_near(part, at.boxes[instants, mesh], at.boxes[instants, other], wavelength_m)])
+        ]
+        if not near:
+            continue
+        crowded, mine = np.unique(np.concatenate([close for *_, close in near])), np.flatnonzero(of.owner == mesh)
+        row, column = np.nonzero(of.front[np.ix_(crowded, mine)])
+        if not len(row):
+            continue
+        instant, number = crowded[row], mine[column]
+        here_m = of.places_m[instant, number]
+        here_m = here_m + LIFT_M * (of.normals[instant, number] + unit(images(path)[-1] - here_m))
+        pieces = [
+            _pieces(at, part, other, close, instant, part.appear(here_m), wavelength_m) for part, other, close in near
+        ]
+        beside = np.any([near_points for near_points, *_ in pieces], axis=0)
+        if beside.any():
+            here_m = here_m[beside]
+            beams = [
+                _Beam(part, other, part.appear(here_m), when, ends_m)
+                for (part, other, _), (_, when, ends_m) in zip(near, pieces, strict=True)
             ]
-            numbers = np.flatnonzero(of.front[instant] & (of.owner == mesh))
-            if near and len(numbers):
-                here_m = of.places_m[instant, numbers]
-                here_m = here_m + LIFT_M * (of.normals[instant, numbers] + unit(images(path)[-1] - here_m))
-                beams = [_beam(at, instant, part, other, part.appear(here_m), wavelength_m) for part, other in near]
-                beside = np.any([beam.near for beam in beams], axis=0)
-                if beside.any():
-                    beams = [beam.of(beside) for beam in beams]
-                    groups.append(_Group(instant, mesh, numbers[beside], here_m[beside], parts, beams))
-    return _summed(groups, at, of.visible, wavelength_m, backend) if groups else of.visible
+            yield _Group(mesh, instant[beside], number[beside], here_m, parts, beams)
 
 
-def _near(at: PosedOccluders, instant: int, part: Straight, mesh: int, other: int, wavelength_m: float) -> bool:
-    """Whether the box around another mesh comes near the lines from the part's origin to that around a mesh."""
-    mine = part.appear(at.boxes[instant, mesh]) - part.origin_m
-    others = at.boxes[instant, other] - part.origin_m
-    ahead = unit(mine.mean(axis=0))
-    mine_m, others_m = mine @ ahead, others @ ahead
-    if others_m.min() > mine_m.max() or others_m.max() < 0:
-        return False
-    if min(mine_m.min(), others_m.min()) < LEAST_DEPTH_M:
-        return True
+def _near(part: Straight, mine: np.ndarray, others: np.ndarray, wavelength_m: float) -> np.ndarray:
+    """Whether boxes around another mesh come near the lines from the part's origin to those around a mesh, with corners (K, 8, 3) m
+    each: bool (K,)."""
+    mine, others = part.appear(mine) - part.origin_m, others - part.origin_m
+    ahead, middle = unit(mine.mean(axis=1)), others.mean(axis=1)
+    depths_m = [inner(corners, ahead[:, None]) for corners in (mine, others)]
+    nearest_m = depths_m[1].min(axis=1)
+    apart = (nearest_m > depths_m[0].max(axis=1)) | (depths_m[1].max(axis=1) < 0)
+    close_by = np.minimum(depths_m[0].min(axis=1), nearest_m) < LEAST_DEPTH_M
     # Seen in perspective a box lies within its corners, and angles are larger by as much as the square of distance over depth.
-    across = unit(others.mean(axis=0) - (others.mean(axis=0) @ ahead) * ahead)
-    stretch = max((inner(corners, corners) / depth**2).max() for corners, depth in ((mine, mine_m), (others, others_m)))
-    reach = stretch * NO_WAVE_V * np.sqrt(wavelength_m / (2 * others_m.min()))
-    return bool((others @ across / others_m).min() - (mine @ across / mine_m).max() < reach)
+    across = unit(middle - inner(middle, ahead)[:, None] * ahead)[:, None]
+    depths_m = [np.maximum(depth_m, LEAST_DEPTH_M) for depth_m in depths_m]
+    boxes = list(zip((mine, others), depths_m, strict=True))
+    stretch = np.max([(inner(corners, corners) / depth_m**2).max(axis=1) for corners, depth_m in boxes], axis=0)
+    reach = stretch * NO_WAVE_V * np.sqrt(wavelength_m / (2 * depths_m[1].min(axis=1)))
+    to_mine, to_others = (inner(corners, across) / depth_m for corners, depth_m in boxes)
+    return np.asarray(~apart & (close_by | (to_others.min(axis=1) - to_mine.max(axis=1) < reach)))
 
 
-def _beam(
-    at: PosedOccluders, instant: int, part: Straight, other: int, apparent_m: np.ndarray, wavelength_m: float
-) -> _Beam:
-    """Which apparent points (N, 3) m are near edges of the other mesh that may be its outline, and these."""
+def _pieces(
+    at: PosedOccluders,
+    part: Straight,
+    other: int,
+    instants: np.ndarray,
+    instant: np.ndarray,
+    apparent_m: np.ndarray,
+    wavelength_m: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which apparent points (N, 3) m, each at its `instant` (N,), ascending, are near edges of the other mesh that may be its
+    outline at some `instants` (k,), bool (N,); and pieces of these: the instant of each (M,), and its ends (2, M, 3)."""
     from scipy.spatial import cKDTree
 
     towards = apparent_m - part.origin_m
-    length = norms(towards)
-    towards, farthest = towards / length[:, None], length.max()
-    low, high = towards.min(axis=0), towards.max(axis=0)
+    length_m = norms(towards)
+    towards /= length_m[:, None]
+    # How far points extend at each instant; where there are none, no piece is near.
+    starts = np.flatnonzero(np.diff(instant, prepend=-1))
+    sides, lengths_m = np.full((2, len(at.times_s), 3), [[[np.inf]], [[-np.inf]]]), np.ones((2, len(at.times_s)))
+    for row, bound in enumerate((np.minimum, np.maximum)):
+        sides[row, instant[starts]] = bound.reduceat(towards, starts)
+        lengths_m[row, instant[starts]] = bound.reduceat(length_m, starts)
 
-    def close(ends_m: np.ndarray) -> np.ndarray:
+    def distance(ends_m: np.ndarray) -> np.ndarray:
+        return norms(ends_m.mean(axis=0) - part.origin_m)
+
+    def close(ends_m: np.ndarray, when: np.ndarray) -> np.ndarray:
         """Angle from which each segment (2, M, 3) reaches a point, 0 where it reaches none."""
-        distance = np.maximum(norms(ends_m.mean(axis=0) - part.origin_m), SHORTEST_PIECE_M)
-        reach = NO_WAVE_V * np.sqrt(wavelength_m * np.maximum(farthest - distance, 0) / (2 * distance * farthest))
+        distance_m, farthest_m = np.maximum(distance(ends_m), SHORTEST_PIECE_M), lengths_m[1, when]
+        left_m = np.maximum(farthest_m - distance_m, 0)
+        reach = NO_WAVE_V * np.sqrt(wavelength_m * left_m / (2 * distance_m * farthest_m))
         directions = unit(ends_m - part.origin_m)
         # The directions of what lies between two ends bulge beyond their chord.
         bulge = 1 - np.sqrt(1 - np.minimum(inner(*2 * [directions[1] - directions[0]]) / 4, 1))
-        margin = (reach + bulge)[:, None]
-        beside = (directions.min(axis=0) - margin > high) | (directions.max(axis=0) + margin < low)
+        margin, (low, high) = (reach + bulge)[:, None], sides[:, when]
+        beside = (np.minimum(*directions) - margin > high) | (np.maximum(*directions) + margin < low)
         return np.where(beside.any(axis=1), 0, reach)
 
-    near, ends_m = np.zeros(len(apparent_m), bool), at.folds(instant, other, part.origin_m)
-    ends_m = _cut(ends_m, LONGEST_EDGE_RAD * np.maximum(norms(ends_m.mean(axis=0) - part.origin_m), LEAST_DEPTH_M))
+    row, ends_m = at.folds(instants, other, part.origin_m)
+    of, ends_m = _cut(ends_m, LONGEST_EDGE_RAD * np.maximum(distance(ends_m), LEAST_DEPTH_M))
+    when = instants[row[of]]
     across = norms(np.diff(unit(ends_m - part.origin_m), axis=0)[0]) * norms(ends_m[0] - part.origin_m)
-    ends_m = ends_m[:, (close(ends_m) > 0) & (across > END_ON_RAD * norms(ends_m[1] - ends_m[0]))]
-    distance = norms(ends_m.mean(axis=0) - part.origin_m)
-    left = np.maximum(length.min() - distance, 0)
-    ends_m = _cut(
-        ends_m, np.maximum(PIECE_V * np.sqrt(wavelength_m * distance * left / (2 * length.min())), SHORTEST_PIECE_M)
-    )
-    reach = close(ends_m)
-    ends_m, reach = ends_m[:, reach > 0], reach[reach > 0]
-    if len(reach):
-        piece_directions = unit(ends_m - part.origin_m)
-        bound = reach.max() + norms(piece_directions[1] - piece_directions[0]).max() / 2
-        away, _ = cKDTree(piece_directions.mean(axis=0)).query(towards, distance_upper_bound=bound)
-        near = np.isfinite(away)
-    return _Beam(part, other, apparent_m, near, ends_m)
+    chosen = (close(ends_m, when) > 0) & (across > END_ON_RAD * norms(ends_m[1] - ends_m[0]))
+    ends_m, when = ends_m[:, chosen], when[chosen]
+    distance_m, nearest_m = distance(ends_m), lengths_m[0, when]
+    zone_m = np.sqrt(wavelength_m * distance_m * np.maximum(nearest_m - distance_m, 0) / (2 * nearest_m))
+    of, ends_m = _cut(ends_m, np.maximum(PIECE_V * zone_m, SHORTEST_PIECE_M))
+    when = when[of]
+    reach = close(ends_m, when)
+    ends_m, when, reach = ends_m[:, reach > 0], when[reach > 0], reach[reach > 0]
+    if not len(reach):
+        return np.zeros(len(instant), bool), when, ends_m
+    directions = unit(ends_m - part.origin_m)
+    bound = reach.max() + norms(directions[1] - directions[0]).max() / 2
+    tree = cKDTree(np.column_stack([directions.mean(axis=0), APART * when]))
+    away, _ = tree.query(np.column_stack([towards, APART * instant]), distance_upper_bound=bound)
+    return np.isfinite(away), when, ends_m
 
 
-def _cut(ends_m: np.ndarray, longest_m: np.ndarray) -> np.ndarray:
-    """Segments (2, M, 3) in equal pieces that are no longer than (M,), one after another."""
+def _cut(ends_m: np.ndarray, longest_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Segments (2, M, 3) in equal pieces that are no longer than (M,), one after another: of which each is, and its ends."""
     count = np.ceil(norms(ends_m[1] - ends_m[0]) / longest_m).astype(int)
     of = np.repeat(np.arange(len(count)), count)
     step = np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
     steps = np.stack([step, step + 1])[..., None] / count[of][:, None]
-    return np.asarray(ends_m[0, of] + steps * (ends_m[1] - ends_m[0])[of])
+    return of, ends_m[0, of] + steps * (ends_m[1] - ends_m[0])[of]
 
 
-@dataclass(frozen=True, slots=True)
-class _Group:
-    """Points of one mesh at one instant near edges of others."""
+class _Group(NamedTuple):
+    """Points of one mesh near edges of others, on one path."""
 
-    instant: int
     mesh: int
-    numbers: np.ndarray
+    instant: np.ndarray
+    """(N,)."""
+    number: np.ndarray
     """(N,)."""
     here_m: np.ndarray
     """Where rays from them start, (N, 3)."""
@@ -302,80 +386,78 @@ class _Group:
     beams: list[_Beam]
 
 
-def _summed(
-    groups: list[_Group], at: PosedOccluders, visible: np.ndarray, wavelength_m: float, backend: Backend
-) -> np.ndarray:
+def _summed(groups: list[_Group], alone: MeshesAlone, visible: np.ndarray, wavelength_m: float) -> np.ndarray:
     """`beside_others` of points near edges."""
-    asked: list[tuple[tuple[np.ndarray, np.ndarray], tuple[int, int]]] = []
+    asked: list[tuple[Segments, np.ndarray, int]] = []
     for group in groups:
-        dark = ~visible[group.instant, group.numbers]
-        for part in group.parts:
-            asked.append((part.segments(part.appear(group.here_m[dark])), (group.instant, group.mesh)))
+        dark = ~visible[group.instant, group.number]
+        instant = group.instant[dark]
+        asked += [(part.segments(part.appear(group.here_m[dark])), instant, group.mesh) for part in group.parts]
         for beam in group.beams:
-            where = group.instant, beam.mesh
-            far_m = float(norms(at.boxes[where] - beam.part.origin_m).max())
-            asked.append((beam.part.segments(beam.apparent_m[dark]), where))
-            asked.append((beam.beside_edges(far_m), where))
-    free = iter(_free(asked, at, backend))
+            asked.append((beam.part.segments(beam.apparent_m[dark]), instant, beam.mesh))
+            asked.append((beam.beside_edges(alone.at.boxes[:, beam.mesh]), beam.when, beam.mesh))
+    free = iter(alone.leave_free(asked))
     fractions = visible.astype(np.float32)
+    facing: list[_Facing] = []
+    hidden: list[np.ndarray] = []
     for group in groups:
-        dark = ~visible[group.instant, group.numbers]
-        value = np.ones(len(dark))
-        for _ in group.parts:
-            value[dark] *= next(free)
-        open_ = value > 0  # not hidden by their own mesh
+        dark = ~visible[group.instant, group.number]
+        shown = ~dark  # not hidden by their own mesh
+        shown[dark] = np.all([next(free) for _ in group.parts], axis=0)
+        fractions[group.instant, group.number] = shown
         for beam in group.beams:
-            hidden = np.zeros(len(dark), bool)
-            hidden[dark] = ~next(free)
-            value[open_] *= beam.of(open_).amplitude(hidden[open_], next(free), wavelength_m)
-        fractions[group.instant, group.numbers] = value
+            behind = dark.copy()
+            behind[dark] = ~next(free)
+            hidden.append(behind[shown])
+            facing.append(beam.facing(group.instant, shown, next(free), wavelength_m))
+    amplitudes = _amplitudes(facing, np.concatenate(hidden), wavelength_m, alone.backend)
+    of_beam = iter(np.split(amplitudes, np.cumsum([len(points) for points in hidden])[:-1]))
+    for group in groups:
+        shown = fractions[group.instant, group.number] > 0
+        lit = group.instant[shown], group.number[shown]
+        fractions[lit] = np.prod([next(of_beam) for _ in group.beams], axis=0)
     return fractions
 
 
-@one_thread_at_a_time
-def _free(
-    asked: list[tuple[tuple[np.ndarray, np.ndarray], tuple[int, int]]], at: PosedOccluders, backend: Backend
-) -> list[np.ndarray]:
-    """Which segments from (N, 3) to (N, 3) m a mesh leaves free at an instant, given with their numbers: bool (N,) of each."""
-    counts = np.array([len(starts) for (starts, _), _ in asked])
-    starts, stops = (np.concatenate([segments[end] for segments, _ in asked]) for end in (0, 1))
-    if not len(starts):
-        return [np.zeros(0, bool)] * len(counts)
-    alone = _alone(at, {where for _, where in asked}, np.concatenate([starts, stops]), backend)
-    shift = np.repeat([alone.shift_m[where] for _, where in asked], counts, axis=0)
-    ahead = stops - starts
-    length = norms(ahead)
-    towards = rays(mitsuba(backend), starts + shift, ahead / np.maximum(length, 1e-12)[:, None], length)
-    return np.split(~alone.scene.ray_test(towards).numpy(), np.cumsum(counts)[:-1])
+@dataclass(frozen=True)
+class MeshesAlone:
+    """Meshes at some instants as rays meet them, each alone in a cell of one scene, which is made when it is first asked for."""
 
+    at: PosedOccluders
+    backend: Backend
 
-class _Alone(NamedTuple):
-    """Meshes at instants, each alone in a cell of one scene."""
+    @cached_property
+    def _scene_and_shift(self) -> tuple[Any, np.ndarray]:
+        """The scene, and how far each mesh at each instant is shifted to its cell, (K, M, 3)."""
+        at, boxes = self.at, self.at.boxes
+        instants, meshes = boxes.shape[:2]
+        across = int(np.ceil((instants * meshes) ** (1 / 3)))
+        cells = np.stack(np.unravel_index(np.arange(instants * meshes), 3 * (across,)), axis=1) - (across - 1) / 2
+        cell_m = float(np.ptp(boxes, axis=2).max()) + 4 * BOX_MARGIN_M
+        shift_m = cell_m * cells.reshape(instants, meshes, 3) - boxes.mean(axis=2)
+        vertices = at.vertices + np.repeat(shift_m, np.diff(at.meshes.starts), axis=1)
+        faces = at.meshes.faces + vertices.shape[1] * np.arange(instants)[:, None, None]
+        mi = mitsuba(self.backend)
+        return traceable(mi, mitsuba_mesh(mi, vertices.reshape(-1, 3), faces)), shift_m
 
-    scene: Any
-    shift_m: dict[tuple[int, int], np.ndarray]
-    """How far each mesh at an instant is shifted to its cell, (3,)."""
-    extent_m: float
-    """How far from the middle of the meshes a cell extends."""
-
-
-def _alone(at: PosedOccluders, required: set[tuple[int, int]], ends_m: np.ndarray, backend: Backend) -> _Alone:
-    """A scene of these meshes at these instants for segments with these ends: an earlier one, where it has them."""
-    middle = at.boxes.mean(axis=(0, 1, 2))
-    extent_m = max(float(np.abs(points - middle).max()) for points in (ends_m, at.boxes))
-    if at.alone:
-        if required <= at.alone[0].shift_m.keys() and extent_m <= at.alone[0].extent_m:
-            return at.alone[0]
-        required = required | at.alone[0].shift_m.keys()
-    places, extent_m = sorted(required), CELL_GROWTH * extent_m
-    across = int(np.ceil(len(places) ** (1 / 3)))
-    cells = np.stack(np.unravel_index(np.arange(len(places)), (across, across, across)), axis=1) - (across - 1) / 2
-    vertices, faces, shift_m, first = [], [], 2.1 * extent_m * cells - middle, 0
-    for (instant, mesh), shift in zip(places, shift_m, strict=True):
-        vertices.append(at.vertices[instant, slice(*at.meshes.starts[mesh : mesh + 2])] + shift)
-        faces.append(at.meshes.meshes[mesh].faces + first)
-        first += len(vertices[-1])
-    mi = mitsuba(backend)
-    scene = traceable(mi, mitsuba_mesh(mi, np.concatenate(vertices), np.concatenate(faces)))
-    at.alone[:] = [_Alone(scene, dict(zip(places, shift_m, strict=True)), extent_m)]
-    return at.alone[0]
+    @one_thread_at_a_time
+    def leave_free(self, asked: list[tuple[Segments, np.ndarray, int]]) -> list[np.ndarray]:
+        """Which segments, given with their instants (N,), a mesh of that number leaves free: bool (N,) of each."""
+        counts = [len(instant) for _, instant, _ in asked]
+        starts_m, stops_m = (np.concatenate([segments[end] for segments, *_ in asked]) for end in (0, 1))
+        where = np.concatenate([instant for _, instant, _ in asked]), np.repeat([mesh for *_, mesh in asked], counts)
+        # Rays run within the box around the mesh only, or they would meet those in other cells.
+        ahead_m = stops_m - starts_m
+        slanted = np.where(np.abs(ahead_m) > 1e-12, ahead_m, 1e-12)
+        sides_m = self.at.boxes[:, :, 0] - BOX_MARGIN_M, self.at.boxes[:, :, -1] + BOX_MARGIN_M
+        planes = np.stack([(side_m[where] - starts_m) / slanted for side_m in sides_m])
+        enter, leave = np.maximum(planes.min(axis=0).max(axis=1), 0), np.minimum(planes.max(axis=0).min(axis=1), 1)
+        within, free = np.flatnonzero(enter < leave), np.ones(len(starts_m), bool)
+        if len(within):
+            scene, shift_m = self._scene_and_shift
+            enter, leave, ahead_m = enter[within], leave[within], ahead_m[within]
+            length_m = norms(ahead_m)
+            origins_m = (starts_m + shift_m[where])[within] + enter[:, None] * ahead_m
+            towards = rays(mitsuba(self.backend), origins_m, ahead_m / length_m[:, None], (leave - enter) * length_m)
+            free[within] = ~scene.ray_test(towards).numpy()
+        return np.split(free, np.cumsum(counts)[:-1])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -30,19 +30,12 @@ class PosedOccluders:
     """(K, V, 3) m."""
     points: np.ndarray
     """Where visibility is sampled: the vertices, and those that the subdivision adds, mesh by mesh (K, V', 3) m."""
-    alone: list[Any] = field(default_factory=list)
-    """A scene of some of the meshes, each alone, where one was made (`edge_waves`)."""
 
     @cached_property
     def _corner_and_area(self) -> tuple[np.ndarray, np.ndarray]:
         """A corner of each face of the meshes, and its normal, twice as long as its area is large, (3, F, K) each."""
         a, b, c = corners(self.vertices, self.meshes.faces)
         return a, np.stack(cross(b - a, c - a))
-
-    @cached_property
-    def _at_instants(self) -> list[np.ndarray]:
-        """`_corner_and_area` instant by instant, (K, 3, F) each."""
-        return [np.ascontiguousarray(np.moveaxis(vectors, -1, 0)) for vectors in self._corner_and_area]
 
     @cached_property
     def normals(self) -> np.ndarray:
@@ -68,17 +61,19 @@ class PosedOccluders:
         ends = np.stack([[mesh.min(axis=1), mesh.max(axis=1)] for mesh in of_meshes], axis=2)
         return np.stack([ends[corner, ..., range(3)].transpose(1, 2, 0) for corner in np.ndindex(2, 2, 2)], axis=2)
 
-    def folds(self, instant: int, mesh: int, place_m: np.ndarray) -> np.ndarray:
-        """Edges of a mesh at an instant between faces that face a place and others, or none: from and to where, (2, E, 3), around
-        the faces counter-clockwise as they are seen from there."""
-        half_edges, vertices = self.meshes.half_edges[mesh], self.vertices[instant]
-        corner, area = self._at_instants
-        facing = dot(area[instant], place_m[:, None] - corner[instant]) >= 0
-        near, far = facing[half_edges.face], facing[half_edges.twin_face]
-        outline = half_edges.border | (near & ~far)
-        inward = ~near[outline]
-        tail, head = half_edges.tail[outline], half_edges.head[outline]
-        return vertices[np.stack([np.where(inward, head, tail), np.where(inward, tail, head)])]
+    def folds(self, instants: np.ndarray, mesh: int, place_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Edges of a mesh between faces that face a place and others, or none: at which of some instants (k,) each is, by its place
+        among these (E,), ascending, and from and to where (2, E, 3), around the faces counter-clockwise as seen from there."""
+        half_edges = self.meshes.half_edges[mesh]
+        first, last = self.meshes.face_starts[mesh : mesh + 2]
+        corner, area = (vectors[:, first:last, instants] for vectors in self._corner_and_area)
+        facing = np.ascontiguousarray((dot(area, place_m[:, None, None] - corner) >= 0).T)
+        near, far = (facing.take(face - first, axis=1) for face in (half_edges.face, half_edges.twin_face))
+        row, edge = np.nonzero(half_edges.border | (near & ~far))
+        inward = ~near[row, edge]
+        tail, head = half_edges.tail[edge], half_edges.head[edge]
+        ends = np.stack([np.where(inward, head, tail), np.where(inward, tail, head)])
+        return row, self.vertices[instants[row], ends]
 
 
 class Occluders:
@@ -101,10 +96,14 @@ class Occluders:
         return np.cumsum([0, *(len(m.rest) for m in self.meshes)])
 
     @cached_property
+    def face_starts(self) -> np.ndarray:
+        """Number of the first face of each mesh, and of all (M + 1,)."""
+        return np.cumsum([0, *(len(m.faces) for m in self.meshes)])
+
+    @cached_property
     def half_edges(self) -> list[_HalfEdges]:
         """Half-edges of each mesh."""
-        faces = np.cumsum([0, *(len(m.faces) for m in self.meshes)])
-        return [_HalfEdges.of(*row) for row in zip(self.meshes, self.starts, faces, strict=False)]
+        return [_HalfEdges.of(*row) for row in zip(self.meshes, self.starts, self.face_starts, strict=False)]
 
     @cached_property
     def owner(self) -> np.ndarray:

@@ -18,7 +18,7 @@ import numpy as np
 
 from t2d_rt.core.backend import Backend, aligned, one_thread_at_a_time
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
-from t2d_rt.propagation.edge_waves import Points, beside_others, smooth_step
+from t2d_rt.propagation.edge_waves import MeshesAlone, Points, beside_others, smooth_step
 from t2d_rt.propagation.images import apparent_m, images, instants_of
 from t2d_rt.propagation.occluders import Occluders, PosedOccluders, incidence, posed_vertex_normals
 from t2d_rt.propagation.rays import LIFT_M, columns, mitsuba, scene_of_instants
@@ -93,8 +93,8 @@ class Viewpoints:
     def traced(self, occlusions: Sequence[Occlusion], times_s: np.ndarray) -> list[np.ndarray]:
         """Visibility from these at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
         at = self.meshes.at(times_s)
-        scene = self.scene(at)
-        return [occlusion.fractions(occlusion.sampled(at, scene), 1) for occlusion in occlusions]
+        scene, alone = self.scene(at), MeshesAlone(at, self.backend)
+        return [occlusion.fractions(occlusion.sampled(at, scene, alone), 1) for occlusion in occlusions]
 
     @cached_property
     def at_once(self) -> int:
@@ -114,10 +114,10 @@ class Viewpoints:
     def sample(self, number: int) -> None:
         """Finds visibility at a chunk of sample times from all viewpoints in use."""
         at = self.meshes.at(self.samples_s[number * self.at_once : (number + 1) * self.at_once])
-        scene = self.scene(at)
+        scene, alone = self.scene(at), MeshesAlone(at, self.backend)
         for occlusion in self.occlusions:
             if occlusion.in_use and number not in occlusion.chunks:
-                occlusion.chunks[number] = occlusion.sampled(at, scene)
+                occlusion.chunks[number] = occlusion.sampled(at, scene, alone)
 
     def scene(self, at: PosedOccluders) -> OccluderScene | None:
         """The meshes at some instants as rays to all viewpoints meet them; None where none of these is occluded."""
@@ -195,8 +195,8 @@ class Occlusion:
             fractions.append(self.fractions(self.chunks[chunk], path_count)[place])
         return np.stack(fractions)
 
-    def sampled(self, at: PosedOccluders, scene: OccluderScene | None) -> VisibilitySamples:
-        """Visibility at the instants of meshes that stand in a scene."""
+    def sampled(self, at: PosedOccluders, scene: OccluderScene | None, alone: MeshesAlone) -> VisibilitySamples:
+        """Visibility at the instants of meshes that stand in a scene, together and `alone`."""
         unblocked = self._unblocked_at(at)
         if not self.solid or scene is None:
             return VisibilitySamples(None, None, unblocked)
@@ -204,13 +204,8 @@ class Occlusion:
         front = np.einsum("kvi,kvi->kv", at.normals, apparent_m(seen_paths) - at.points) > 0
         visible = self.visible(at, front, scene)
         if self.viewpoints.wavelength_m is not None and len(self._meshes.meshes) > 1:
-            visible = beside_others(
-                at,
-                seen_paths,
-                Points(at.points, at.normals, self._meshes.owner, front, visible),
-                wavelength_m=self.viewpoints.wavelength_m,
-                backend=self.viewpoints.backend,
-            )
+            points = Points(at.points, at.normals, self._meshes.owner, front, visible)
+            visible = beside_others(alone, seen_paths, points, wavelength_m=self.viewpoints.wavelength_m)
         return VisibilitySamples(front, visible, unblocked)
 
     def fractions(self, sampled: VisibilitySamples, path_count: int) -> np.ndarray:
@@ -276,7 +271,7 @@ class ExactVisibility:
         self._occluders, self._own, self._wavelength_m = Occluders(occluders), own, wavelength_m
         self._viewpoint, self._backend = viewpoint, backend
         self._mitsuba = mitsuba(backend)
-        self._last: tuple[bytes, tuple[PosedOccluders, list[_Obstacles]]] | None = None
+        self._last: tuple[bytes, tuple[MeshesAlone, list[_Obstacles]]] | None = None
 
     def fraction(self, times_s: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
         """Of vertices (K, V, 3) m of triangles (F, 3) at times [s] (K,), float32 (K, V): 1 where they are visible, else 0, near
@@ -287,7 +282,7 @@ class ExactVisibility:
             if abs(time_s - last) > self.SAME_S:
                 fresh[number], last = True, time_s
         of_faces = incidence(faces, vertices.shape[1])
-        at, obstacles = self._obstacles(times_s[fresh])
+        alone, obstacles = self._obstacles(times_s[fresh])
         fresh_vertices, owner = vertices[fresh], np.full(vertices.shape[1], self._own)
         results = []
         for points, before in zip(fresh_vertices, obstacles, strict=True):
@@ -296,17 +291,13 @@ class ExactVisibility:
             results.append((normal[0], front, before.leave_visible(points[None], normal, front[None])[0]))
         normals, front, visible = (np.stack(column) for column in zip(*results, strict=True))
         if self._wavelength_m is not None and len(self._occluders.meshes) > 1:
-            visible = beside_others(
-                at,
-                self._viewpoint.seen_at(at.times_s),
-                Points(fresh_vertices, normals, owner, front, visible),
-                wavelength_m=self._wavelength_m,
-                backend=self._backend,
-            )
+            seen_points = Points(fresh_vertices, normals, owner, front, visible)
+            seen_paths = self._viewpoint.seen_at(alone.at.times_s)
+            visible = beside_others(alone, seen_paths, seen_points, wavelength_m=self._wavelength_m)
         visibility = np.where(front, visible, np.float32(1))  # beyond the horizon facets show their back
         return np.asarray(visibility[np.cumsum(fresh) - 1])
 
-    def _obstacles(self, times_s: np.ndarray) -> tuple[PosedOccluders, list[_Obstacles]]:
+    def _obstacles(self, times_s: np.ndarray) -> tuple[MeshesAlone, list[_Obstacles]]:
         """Occluders at each of these times, and as rays meet them: facets and diffuse points ask for the same ones."""
         if self._last is None or self._last[0] != times_s.tobytes():
             posed, obstacles, seen_paths = self._occluders.at(times_s), [], self._viewpoint.seen_at(times_s)
@@ -318,7 +309,7 @@ class ExactVisibility:
                 reach = 2.2 * max(float(np.abs(points).max()) for points in (from_here, places - places[-1]))
                 scene = scene_of_instants(self._mitsuba, from_here, self._occluders.faces[facing], reach)
                 obstacles.append(_Obstacles(self._mitsuba, *scene, viewpoint))
-            self._last = times_s.tobytes(), (posed, obstacles)
+            self._last = times_s.tobytes(), (MeshesAlone(posed, self._backend), obstacles)
         return self._last[1]
 
 

@@ -207,6 +207,21 @@ def test_nothing_changes_without_an_outline_near_the_path(backend: Backend) -> N
     assert not Occlusion.alone(Occluders([ball, behind]), SIGHT, **options).visibility(samples_s)[1].any()
 
 
+def test_instants_together_are_as_each_alone(backend: Backend) -> None:
+    """A ball that goes behind a screen's edge, and a rod that stands before both."""
+    times_s = np.linspace(0.0, 1.0, 5)
+    aside_m = np.linspace(-0.05, 0.05, 5)[:, None, None] * [0.0, 1.0, 0.0]
+    ball = MovingMesh(small().rest + aside_m, FACES, times_s)
+    rod = cylinder(0.01, 1.2, sections=16)
+    others = [screen(0.0), static_mesh(rod.vertices + [1.0, 0.01, 1], rod.faces)]
+    view = Occlusion.alone(
+        Occluders([*others, ball]), SIGHT, samples_s=times_s, backend=backend, wavelength_m=WAVELENGTH_M
+    )
+    together, *alone = (view.viewpoints.traced([view], at_s)[0] for at_s in (times_s, *np.split(times_s, len(times_s))))
+    np.testing.assert_allclose(together, np.concatenate(alone), atol=1e-5)
+    assert np.ptp(together, axis=0).max() > 0.5
+
+
 @pytest.mark.parametrize("covered_m", [pytest.param(-0.05, marks=pytest.mark.slow), 0.02])
 def test_an_echo_passes_the_edge_out_and_back(covered_m: float) -> None:
     """Of a sphere of 10 cm radius half-way behind a screen's edge, beside its echo alone."""

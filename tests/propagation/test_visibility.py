@@ -481,9 +481,9 @@ def test_viewpoints_asked_one_after_another_over_the_whole_record(
     traced: list[int] = []
     sampled = Occlusion.sampled
 
-    def counted(self: Occlusion, at: PosedOccluders, scene: OccluderScene | None) -> object:
+    def counted(self: Occlusion, at: PosedOccluders, *scenes: object) -> object:
         traced.append(len(at.times_s))
-        return sampled(self, at, scene)
+        return sampled(self, at, *scenes)
 
     monkeypatch.setattr(Occlusion, "sampled", counted)
     blocks, held, found = np.linspace(0, 1.2, 60).reshape(20, 3), [], []
