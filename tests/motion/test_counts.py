@@ -137,6 +137,7 @@ def test_turns_without_a_side_are_all_to_the_same_one() -> None:
         ("by half a turn", 180.0),
         ("by 1/4 turn", 90.0),
         ("three quarters of a turn", 270.0),
+        ("a three-quarter turn", 270.0),
         ("by 1.5 revolutions", 540.0),
         ("by a right angle", 90.0),
         ("by pi/2", 90.0),
@@ -210,6 +211,15 @@ def test_quarters_are_no_slip_and_powers_of_ten_are_numbers() -> None:
         ("does two 360 degree turns", 2, 360.0),
         ("jumps x3", 3, None),
         ("does 3 sets of 5 squats", 15, None),
+        ("does two rounds of three squats", 6, None),
+        ("does two times three squats", 6, None),
+        ("does 3 sets of 10 reps of squats", 30, None),
+        ("jumps 2 x 3 x 2 times", 12, None),
+        ("does two sets of three 90 degree turns", 6, 90.0),
+        ("does a dozen squats", 12, None),
+        ("does thirty-five squats", 35, None),
+        ("does three slow squats", 3, None),
+        ("squats five more times", 5, None),
         ("climbs 12 stairs", 12, None),
     ],
 )
@@ -232,6 +242,36 @@ def test_factors_are_counts(words: str, count: int, angle_deg: float | None) -> 
         ("climbs 12 steps", [{"action": "climb", "count": 12, "object": "stair"}]),
         ("walks two circles", [{"action": "walk", "count": 2, "direction": "counterclockwise"}]),
         ("sits for 2 x 5 s", [{"action": "sit", "count": 2, "duration_s": 10}]),
+        ("sits 5 s x 2", [{"action": "sit", "count": 2, "duration_s": 10}]),
+        ("walks for a minute and a half", [{"duration_s": 90}]),
+        ("walks for 1-1/2 minutes", [{"duration_s": 90}]),
+        ("walks for 5 s, then for another 5 s", [{"duration_s": 5}, {"duration_s": 5}]),
+        (
+            "turns left by 90 degrees, then right by 45",
+            [{"direction": "left", "angle_deg": 90}, {"direction": "right", "angle_deg": 45}],
+        ),
+        ("climbs up three stairs and down two", [{"direction": "up", "count": 3}, {"direction": "down", "count": 2}]),
+        (
+            "walks 4 s forward, 3 s backward",
+            [{"direction": "forward", "duration_s": 4}, {"direction": "back", "duration_s": 3}],
+        ),
+        (
+            "hops on the left foot three times and on the right twice",
+            [{"side": "left", "count": 3, "direction": None}, {"side": "right", "count": 2, "direction": None}],
+        ),
+        (
+            "stands on his left leg for 5 s and on his right leg for 10 s",
+            [{"side": "left", "duration_s": 5}, {"side": "right", "duration_s": 10}],
+        ),
+        ("walks, favouring his right leg", [{"type": "limping", "side": "right", "direction": None}]),
+        ("walks slowly, then quickly", [{"speed": "slow"}, {"speed": "fast"}]),
+        ("leans left, right, then forward", [{"direction": "left"}, {"direction": "right"}, {"direction": "forward"}]),
+        ("stretches her arms, then her legs", [{"body_part": "arm"}, {"body_part": "leg"}]),
+        ("walks, turning left by 90 degrees", [{"action": "walk"}, {"action": "turn", "angle_deg": 90}]),
+        ("dances, spinning clockwise", [{"action": "dance", "direction": "clockwise"}]),
+        ("sits for 10 s and gets up", [{"action": "sit", "duration_s": 10}, {"action": "stand_up"}]),
+        ("walks three clockwise circles", [{"action": "walk", "direction": "clockwise", "count": 3}]),
+        ("hops, hops", [{"action": "jump"}, {"action": "jump"}]),
         ("dances for 3 sets of 10 s", [{"count": 3, "duration_s": 30}]),
         (
             "turns 45 degrees right then another 90 degrees",
@@ -406,10 +446,16 @@ def test_numbers_in_words(words: str, slot: str, value: float) -> None:
         ("three or more times", "count", 3, ("three or more times", "3 times")),
         ("up to three times", "count", 3, ("up to three times", "3 times")),
         ("2/3 times", "count", 2, ("2 / 3 times", "2 times")),
+        ("two-three times", "count", 2, ("two to three times", "2 times")),
+        ("one, two or three times", "count", 1, ("one , two or three times", "1 times")),
+        ("10 or 5 times", "count", 5, ("10 or 5 times", "5 times")),
+        ("from 5 to 10 s", "duration_s", 5.0, ("from 5 to 10 s", "5 s")),
+        ("for a few minutes", "duration_s", 180.0, ("for a few minutes", "3 minutes")),
         ("for 1.5 to 2 s", "duration_s", 1.75, ("for 1.5 to 2 s", "1.75 s")),
         ("for 1 to 2 s", "duration_s", 1.5, ("for 1 to 2 s", "1.5 s")),
         ("from 0 to 10 seconds", "duration_s", 10.0, ("from 0 to 10 seconds", "10 seconds")),
         ("0 to 3 times", "count", 3, ("0 to 3 times", "3 times")),
+        ("3 to 3 times", "count", 3, ("3 to 3 times", "3 times")),
         ("2 or 3 tmies", "count", 2, ("2 or 3 tmies", "2 times")),
         ("for one or two minutes", "duration_s", 60.0, ("for one or two minutes", "1 minutes")),
     ],
@@ -428,10 +474,10 @@ def test_of_a_range_one_number_is_read_and_told(words: str, slot: str, value: fl
     ("sentence", "slot", "value", "read_as"),
     [
         ("a man does two or three squats", "count", 2, (("two or three", "2"),)),
-        ("a man does a few squats", "count", 3, (("few", "3"),)),
+        ("a man does a few squats", "count", 3, (("a few", "3"),)),
         ("several hops of a girl", "count", 4, (("several", "4"),)),
         ("a man turns by 90-180 degrees", "angle_deg", 135.0, (("90 to 180 degrees", "135 degrees"),)),
-        ("a man climbs 10 to 12 stairs", "count", 11, (("10 to 12", "11 stairs"),)),
+        ("a man climbs 10 to 12 stairs", "count", 11, (("10 to 12 stairs", "11 stairs"),)),
         ("a man does one or two turns", "count", 1, (("one or two", "1"),)),
         ("a man makes 1 to 2 turns", "count", 1, (("1 to 2", "1"),)),
         ("a man turns 45-90 degrees", "angle_deg", 67.5, (("45 to 90 degrees", "67.5 degrees"),)),
@@ -455,15 +501,14 @@ def test_ranges_are_read_of_what_is_done(
 @pytest.mark.parametrize(
     ("words", "ignored", "count"),
     [
-        ("walks two or three steps", ("two or three",), None),
+        ("walks two or three steps", ("two or three steps",), None),
         ("walks 2 or 3 metres", ("2 or 3", "metres"), None),
         ("jumps 2-3 times faster", ("2 to 3 times",), None),
         ("jumps twice or 10 seconds", ("or", "10 seconds"), 2),
-        ("jumps 3 to 3 times", ("3",), 3),
         ("walks up to two chairs", ("two", "up"), None),
         ("jumps again and again", ("again and again",), None),
         ("jumps some times", ("some times",), None),
-        ("takes a few steps", ("few",), None),
+        ("takes a few steps", ("a few steps",), None),
         ("bends from 0 to 90 degrees", ("from 0 to 90 degrees",), None),
         ("squats 3 times, 4 or 5 times", ("4 or 5 times",), 3),
         ("climbs two or three times", ("two or three times",), None),
@@ -475,6 +520,44 @@ def test_ranges_that_count_nothing_are_left_out_and_told(
 ) -> None:
     parsed = parse_description(f"a man {words}")
     assert (parsed.ignored, parsed.description.count, parsed.read_as) == (ignored, count, ())
+
+
+def test_both_ranges_of_a_product_are_told() -> None:
+    parsed = parse_description("a man does two to three sets of 3 to 4 squats")
+    assert (parsed.description.count, parsed.read_as) == (6, (("two to three sets of 3 to 4", "6"),))
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("walks for 5/10 seconds", "5 / 10 seconds"),
+        ("walks from 10 to 5 s", "from 10 to 5 s"),
+        ("jumps 1 to 2 to 3 times", "1 to 2 to 3 times"),
+        ("walks for 5 +/- 1 s", "5 + / - 1 s"),
+        ("jumps at 5 s", "at 5 s"),
+        ("walks until 10 s", "until 10 s"),
+        ("jumps at t = 5 s", "t, = 5 s"),
+        ("falls 5 seconds later", "5 seconds later"),
+        ("falls 2 s after slipping", "2 s"),
+        ("squats with 5 s between", "5 s between"),
+        ("jumps 3 times per minute", "3 times per minute"),
+        ("jumps 3 times a second", "3 times a second"),
+        ("jumps >3", ">, 3"),
+        ("takes two small jumps of 2 m", "small, 2, m"),
+        ("patient 2 walks", "2"),
+        ("makes 20 steps", "20 steps"),
+        ("climbs up and down the stairs", "down"),
+        ("balances on one leg for 20 s and then on the other", "other"),
+        ("falls forward and lies on his back", "lies, on his back"),
+        ("slips twice and falls once", "once"),
+        ("sits down if he falls", "if"),
+        ("turns 90 degrees, 90 degrees", "90 degrees"),
+    ],
+)
+def test_numbers_that_are_not_read_are_told_in_the_words_of_the_sentence(words: str, told: str) -> None:
+    parsed = parse_description(f"he {words}")
+    assert str(parsed) == f"not understood and left out: {told}"
+    assert all(step.duration_s is None or step.duration_s == 20 for step in parsed.description.steps)
 
 
 def test_a_range_that_is_read_once_and_left_out_once_is_told_as_both() -> None:

@@ -139,10 +139,12 @@ def _settled(steps: list[ParseStep], ignored: list[str]) -> list[ParseStep]:
             step.said.pop("type", None)
     settled: list[ParseStep] = []
     for step in steps:
-        together = _together(settled[-1], step) if settled else None
+        together = _together(settled[-1], step, ignored) if settled else None
         settled = [*settled[:-1], together] if together is not None else [*settled, step]
     for step in settled:
         level = step.action in ("walk", "run") and step.get("object") != "stair"
+        if step.action == "climb" and step.given.get("direction") == "up and down":
+            ignored.append("down")
         if level and step.get("direction") in ("up", "down"):  # up to the door, down the street
             ignored.append(str(step.get("direction")))
             step.said.pop("direction")
@@ -176,29 +178,36 @@ def _without_weak(steps: list[ParseStep], ignored: list[str]) -> list[ParseStep]
     return telling_steps
 
 
-def _together(first: ParseStep, second: ParseStep) -> ParseStep | None:
+def _together(first: ParseStep, second: ParseStep, ignored: list[str]) -> ParseStep | None:
     """One step for two neighbours that are one action; None where they are two."""
     loose = second.joined in ("", ",", "while")
     actions = first.action, second.action
     if actions == ("fall", "fall"):
-        return merged(first, second)
+        return merged(first, second, ignored)
     if actions in (("fall", "lie_down"), ("fall", "sit")):
-        return merged(first, ParseStep("fall", {}, {**second.slots(), "type": first.get("type")})) or first
-    if actions in (("lie_down", "stand_up"), ("sit", "stand_up")) and first.words in ("lying", "sitting", "seated"):
-        return merged(second, ParseStep("stand_up", {}, {k: v for k, v in first.slots().items() if k == "object"}))
+        lying = ParseStep("fall", {}, {**second.slots(), "type": first.get("type")}, given=second.given)
+        together = merged(first, lying, ignored)
+        ignored += [] if together is not None else [second.words, *second.given.values()]
+        return together or first
+    resting = first.words in ("lying", "sitting", "seated") and first.said.keys() <= {"object"}
+    if resting and actions in (("lie_down", "stand_up"), ("sit", "stand_up")):
+        return merged(second, ParseStep("stand_up", {}, dict(first.said)), ignored)
     if first.action in ("sit", "lie_down") and second.action == "stand" and second.words in forms_of(lexicon().waiting):
         lasting_s = float(str(second.get("duration_s") or 0)) + (0 if first.get("duration_s") else DOWN_S)
-        return merged(first, ParseStep(first.action, {}, {**second.slots(), "duration_s": lasting_s}))
-    if second.action == "bend" and first.action in ("bend", "squat"):
-        return merged(first, second)
-    if second.action == "turn" and second.gerund and loose and first.action in ("dance", "jump", "walk", "run"):
-        return merged(first, ParseStep(first.action, {}, {"direction": "circle", **second.slots()}))
+        return merged(first, ParseStep(first.action, {}, {**second.slots(), "duration_s": lasting_s}), ignored)
+    same_direction = second.get("direction") in (None, first.get("direction"))
+    if second.action == "bend" and first.action in ("bend", "squat") and (same_direction or second.joined != "then"):
+        return merged(first, second, ignored)
+    turning = second.action == "turn" and second.gerund and loose and first.action in ("dance", "jump", "walk", "run")
+    if turning and not {"count", "angle_deg"} & second.said.keys() and second.get("direction") != "back":
+        circling = {slot: value for slot, value in second.slots().items() if slot != "angle_deg"}
+        return merged(first, ParseStep(first.action, {}, {"direction": "circle", **circling}), ignored)
     if first.action != second.action:
         return None
     typed = first.get("type") is not None or second.get("type") is not None
-    same_direction = second.get("direction") in (None, first.get("direction"))
-    one = loose or (typed and same_direction) or first.action in ("sit", "stand")
-    return merged(first, second) if one else None
+    again = second.joined == "," and first.words == second.words  # jumps, jumps
+    one = (loose and not again) or (typed and same_direction) or first.action in ("sit", "stand")
+    return merged(first, second, ignored) if one else None
 
 
 def _description(steps: list[ParseStep], reader: Reader, sentence: str) -> tuple[Description, list[tuple[str, str]]]:

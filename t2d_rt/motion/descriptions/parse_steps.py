@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.lexicon import forms_of, lexicon
 from t2d_rt.motion.descriptions.slots import TURNED_DEG
-from t2d_rt.motion.descriptions.tokens import Token
+from t2d_rt.motion.descriptions.tokens import HIS, TREADS, Token
 
 YIELDING = {"forward": ("left", "right", "straight"), "straight": ("left", "right")}
 """Directions that a more exact one replaces: forward and to the left is to the left."""
@@ -22,9 +22,12 @@ IN_PLACE = {"jump": "up", "walk": "in_place", "run": "in_place"}
 """Direction of those that go on the spot."""
 LEADING = "forward", "straight", "back", "left", "right"
 """Directions of a jump that does not stay on the spot."""
-TREADS = "stairs", "treads"
-"""What who climbs counts."""
 OBJECTS_FIRST = "handrail", "ball", "chair", "stair", "floor"
+
+MEASURES = "count", "duration_s", "angle_deg"
+OTHERS = "another", "other", "second"
+INDEFINITE = "a", "an", "one", *OTHERS
+"""Words before a noun of somebody who was not named before."""
 
 TWO_PEOPLE = {"man", "woman"}, {"man", "child"}, {"woman", "child"}, {"old_person", "child"}
 """Subjects that cannot be one person; others may be: an old man is a man."""
@@ -63,6 +66,14 @@ class ParseStep:
         """All slots, what is said before what is implied."""
         return {**self.implied, **self.said}
 
+    def again(self, tells: set[str], clause: Clause) -> ParseStep:
+        """The same action once more in a clause without a verb, which tells other slots and may hold a number that is not read."""
+        other = tells | ({*MEASURES} if clause.unread else set())
+        said = {slot: value for slot, value in self.said.items() if slot not in other}
+        given = {slot: words for slot, words in self.given.items() if slot not in other}
+        implied = {slot: value for slot, value in self.implied.items() if slot not in tells}
+        return ParseStep(self.action, implied, said, weak=self.weak, joined="then", words=self.words, given=given)
+
 
 @dataclass(slots=True)
 class Clause:
@@ -71,6 +82,8 @@ class Clause:
     join: str
     steps: list[ParseStep] = field(default_factory=list)
     pending: list[Token] = field(default_factory=list)
+    unread: bool = False
+    """Whether it holds a number that was not understood, and no action."""
 
 
 @dataclass(slots=True)
@@ -102,9 +115,12 @@ class Reader:
     """What limbs do and how they are, of which none has been named yet."""
     partly: list[str] = field(default_factory=list)
     """Words that say more than is made of them."""
+    article: str = ""
+    """The last of the articles, until a noun or a verb follows."""
 
     def read(self, token: Token) -> None:
         """Takes one more token."""
+        token = self._elliptic(token)
         limb = token.kind == "part" and token.slots["body_part"] != "waist"  # bends at the waist to the left
         self.of_part, before = limb or token.words == "together", self.of_part
         if token.kind == "direction":
@@ -115,6 +131,8 @@ class Reader:
             self.loose.clear()
         if token.kind in ("join", "action", "weak", "other"):
             self.settle_loose()
+        if token.words == ":" and self.clauses[-1].pending and not self.clauses[-1].steps:
+            return  # 5 s: he walks
         if token.kind == "join":
             self._join(str(token.slots["join"]))
         elif token.kind == "subject":
@@ -127,8 +145,9 @@ class Reader:
         elif token.kind == "other":
             self.dead, self.denied, self.attending = True, False, False
             self.ignored.append(token.said)
-        elif token.kind in ("unknown", "reported", "recover"):
+        elif token.kind in ("unknown", "reported", "recover", "number"):
             self.recovers = self.recovers or token.kind == "recover"
+            self.clauses[-1].unread = self.clauses[-1].unread or "number" in token.slots
             self.ignored.append(token.said)
         elif token.kind == "attend":
             if token.slots or self.denied:
@@ -143,6 +162,24 @@ class Reader:
             self._spot(token.said)
         elif token.kind not in ("fixed", "neutral"):
             self._modifier(token)
+        if token.words in (*INDEFINITE, *HIS):
+            self.article = token.words
+        elif token.kind not in ("slot", "neutral", "unknown"):
+            self.article = ""
+
+    def _elliptic(self, token: Token) -> Token:
+        """A token with what the step before tells of it: twice on the left foot and once on the right; by 90 degrees, then 45."""
+        last, side = self._last(), token.slots.get("direction")
+        if last is None:
+            return token
+        alone = token.words == side and self.article in HIS
+        if last.get("side") and side in ("left", "right") and (alone or token.words.startswith("on ")):
+            return Token("part", token.words, {"body_part": last.get("body_part"), "side": side})
+        measures = [slot for slot in MEASURES if slot in last.said]
+        if token.kind == "number" and len(measures) == 1 and not self.clauses[-1].steps:
+            (slot,), words = measures, f"{token.words} {last.given[measures[0]].split()[-1]}"
+            return Token("angle" if slot == "angle_deg" else "slot", words, {slot: token.slots["number"]})
+        return token
 
     def settle_loose(self) -> None:
         """Reports what is said of limbs where none is named, before what begins another clause."""
@@ -164,13 +201,17 @@ class Reader:
             self.ignored.append(words)
 
     def _subject(self, subject: str, words: str) -> None:
-        named = words not in lexicon().pronouns
+        named, clause = words not in lexicon().pronouns, self.clauses[-1]
+        if clause.join == "before" and clause.steps and len(self.clauses) == 1:  # before he sits down he walks
+            self.clauses.append(Clause(","))
         if named and self.named and {subject, self.subject} in TWO_PEOPLE:
             if self._last() is not None and not self.clauses[-1].steps:
                 raise InputError(
                     f"the sentence tells what several people do ({self.subject.replace('_', ' ')}, {words}); describe one of them"
                 )
             self.ignored.append(words)
+        elif named and self.article in INDEFINITE and (self.named or (self.subject and clause.steps)):
+            self.ignored.append(words)  # past a man who sits
         elif not self.subject or (named and not self.named):
             self.subject, self.named = subject, named
 
@@ -193,6 +234,8 @@ class Reader:
         implied = dict(token.slots)
         last = clause.steps[-1] if token.gerund and clause.steps else None
         action = str(implied.pop("action"))
+        if self.subject and self.article in OTHERS and token.words.split()[0].endswith("s"):  # and another sits
+            self.ignored.append(self.article)
         step = ParseStep(action, implied, weak=token.kind == "weak", gerund=token.gerund, words=token.words)
         if token.partly:
             self.partly.append(f"{token.words} (made as any {step.action.replace('_', ' ')})")
@@ -252,6 +295,8 @@ class Reader:
         """Gives what stands in the last clause without an action to the action before it, or makes a step of its own of it."""
         clause = self.clauses[-1]
         last = self._last()
+        if self.article == "other" and last is not None and not clause.steps and clause.join in ("then", "and"):
+            self.ignored.append(self.article)  # and on the other
         if clause.steps or not clause.pending:
             return
         if last is None and any(pending.kind == "gait" for pending in clause.pending):
@@ -261,23 +306,19 @@ class Reader:
             self.ignored += [pending.said for pending in clause.pending]
             clause.pending.clear()
             return
-        new = None
+        tells = {slot for pending in clause.pending for slot in pending.slots}
+        told = {slot for slot in tells if last.get(slot) is not None}
+        measured = told & {*MEASURES} & last.said.keys()  # 3 times on the left leg and 5 times on the right one
+        repeats = (told and clause.join == "then") or (measured and clause.join == "and")
+        new = last.again(tells, clause) if repeats else None
         for token in sorted(clause.pending, key=lambda pending: pending.kind != "direction"):
-            fresh = token.kind == "direction" and clause.join in ("then", "and") and new is None
-            again = fresh and clause.join == "then" and last.get("direction") is not None
-            if new is None and (clause.join == "then" or (clause.join == "and" and token.kind == "angle")):
-                other = {slot for slot in ("angle_deg", "side") if last.get(slot) not in (None, token.slots.get(slot))}
-                again = again or bool(other & {*token.slots})  # 90 degrees and 180 degrees
             try:
-                if not again:
-                    attach(new or last, token, self.ignored)
-                    continue
+                attach(new or last, token, self.ignored)
             except Opposite:
-                if not fresh:
+                if new is not None or token.kind != "direction" or clause.join not in ("then", "and", ","):
                     raise
-            pending_slots = {slot for pending in clause.pending for slot in pending.slots if slot != "direction"}
-            said = {slot: value for slot, value in last.said.items() if slot not in pending_slots} | {**token.slots}
-            new = ParseStep(last.action, dict(last.implied), said, weak=last.weak, joined="then", words=last.words)
+                new = last.again(tells, clause)
+                attach(new, token, self.ignored)
         clause.pending.clear()
         if new is not None:
             clause.steps.append(new)
@@ -314,7 +355,7 @@ def _as_noun(step: ParseStep, token: Token, ignored: list[str]) -> bool:
         attach(step, Token("object", token.words, {"object": "stair"}), ignored)
     elif token.words == "turns" and step.action == "turn" and "count" in step.said:
         step.implied.setdefault("angle_deg", 2 * HALF_TURN_DEG)
-    elif token.words == "circles" and step.action in ("walk", "run", "dance", "jump") and "count" in step.said:
+    elif token.words in ("circle", "circles") and step.action in ("walk", "run", "dance", "jump"):
         attach(step, Token("direction", token.words, {"direction": "circle"}), ignored)
     else:
         return False
@@ -355,9 +396,10 @@ def attach(step: ParseStep, token: Token, ignored: list[str]) -> None:
     for slot, value in token.slots.items():
         before = step.get(slot) if slot == "type" else step.said.get(slot)
         if slot == "direction":
+            step.given[slot] = token.words
             step.returns = token.words == "back"
             _direct(step, str(value), token.said, ignored)
-        elif before is None or before == value:
+        elif before is None or (before == value and slot not in MEASURES):
             step.said[slot] = value
             step.given[slot] = token.given
         elif slot in ("speed", "manner"):
@@ -399,23 +441,25 @@ def _direct(step: ParseStep, value: str, words: str, ignored: list[str]) -> None
         ignored.append(words)
 
 
-def merged(first: ParseStep, second: ParseStep) -> ParseStep | None:
-    """Two steps as one; None where they say different things."""
+def merged(first: ParseStep, second: ParseStep, ignored: list[str]) -> ParseStep | None:
+    """Two steps as one, what it cannot tell of both is reported; None where they say different things."""
     one, two = first.slots(), second.slots()
     firm = ("manner", "speed") if first.action == "fall" else ("manner", "speed", "type", "side", "count")
     if any(slot in one and slot in two and one[slot] != two[slot] for slot in firm):
         return None
     result = ParseStep(first.action, dict(first.implied), dict(first.said), weak=first.weak, gerund=first.gerund)
     result.joined, result.words = first.joined, f"{first.words} {second.words}"
-    ignored: list[str] = []
+    lost: list[str] = []
     try:
         for slot, value in two.items():
-            before = result.get(slot)
+            before, given = result.get(slot), second.given.get(slot, str(value))
             if slot == "duration_s" and before is not None:  # sits down for 3 s, stays seated for 5
                 result.said[slot] = float(str(before)) + float(str(value))
-            if slot not in ("direction", "object") and before is not None:
-                continue
-            attach(result, Token("slot", str(value), {slot: value}), ignored)
+            elif slot in ("count", "body_part", "side") and before not in (None, value):
+                lost += [given] * (given not in lost)
+            elif slot in ("direction", "object") or before is None:
+                attach(result, Token("slot", given, {slot: value}), lost)
     except (Opposite, InputError):
         return None
+    ignored += lost
     return result

@@ -11,7 +11,7 @@ from functools import cache
 from typing import Any
 
 from t2d_rt.motion.descriptions.lexicon import Forms, Synonyms, inflected, lexicon, meaning
-from t2d_rt.motion.descriptions.numbers import number_at, with_ranges
+from t2d_rt.motion.descriptions.numbers import TIMES, linked_numbers, number_at
 
 WORD = re.compile(r"\d+(?:\.\d+)?(?:e\d+(?!\w))?|[^\W\d_]+(?:'[^\W\d_]+)?|n't|[^\w\s]")
 COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![.,]?\d)")
@@ -20,11 +20,22 @@ GAP = "~"
 MOST_BETWEEN = 4
 """Words that `~` stands for at most: "picks the red ball up"."""
 
-BY, SETS = ("x", "\u00d7", "*"), (["sets", "of"], ["rounds", "of"], ["series", "of"])
+BY, SETS = ("x", "\u00d7", "*"), ("sets", "rounds", "series")
 """What stands between how many times and what is done: 2 x 90 degrees, 3 sets of 5 squats."""
 
-DASH = re.compile(r"(?<=\d)\s*[-\u2010-\u2015\u2212]\s*(?=\d)")
-"""What stands between the ends of a range: 2-3."""
+DASH = re.compile(r"(?<=\d)\s*[-\u2010-\u2015\u2212]\s*(?=\d)(?!\d+/\d)")
+"""What stands between the ends of a range: 2-3; but 1-1/2 is one number."""
+HYPHEN = re.compile(r"\b([^\W\d_]+)-(?=([^\W\d_]+)\b)")
+COMPARING = "<>\u2264\u2265\u00b1"
+"""Signs that say of a number what is not read."""
+
+CLOCK = "after", "every", "at", "until", "before", "from", "since", "by", "=", "@"
+"""Words before a time at which something happens, which is no duration."""
+NO_DURATION = "each", "every", "between", "apart", "later", "rest", "break", "pauses", "into"
+"""What follows a time that is not one in which something is done once: 10 s each, 5 s later."""
+
+TREADS = "stairs", "treads", "steps"
+"""What who climbs counts."""
 
 AS_JOINS = "if", "though", "in", "it", "well", "before"
 """What follows an "as" that compares nothing."""
@@ -32,9 +43,15 @@ AS_JOINS = "if", "though", "in", "it", "well", "before"
 PARTS = {"half": 0.5, "third": 1 / 3, "quarter": 0.25}
 """Parts of a turn or of a unit of angles."""
 
+MODIFYING = "slot", "direction"
+"""Kinds of words that may stand between a number and what is done: three slow squats, two left turns."""
+SIZES = "big", "small", "large", "little", "short", "long", "deep", "low", "full", "complete", "whole"
+WITHIN = *MODIFYING, "angle", "number", "part", "object", "unknown", "gait", "reported"
+"""Kinds of tokens that are taken of the words that `~` stands for."""
+
 HIS = ("his", "her", "their", "its", "the")
 HIM = ("him", "her", "them", "it")
-SELF = ("himself", "herself", "themself", "themselves")
+SELF = ("himself", "herself", "themself", "themselves", *(f"{his} body" for his in HIS))
 
 SHORTEST_SLIP, SHORTEST_SWAP = 5, 6
 """Letters of a word in which a letter too many, too few or two exchanged ones are read as a slip; and a wrong letter."""
@@ -78,18 +95,27 @@ class Entry:
 def words_of(text: str) -> list[str]:
     """Words, numbers and signs in lower case; hyphens part words, dashes are commas, signs of degrees and pi are words.
 
-    A dash between numbers is "to".
+    A dash between two numbers is "to".
 
     >>> words_of("High-stepping, it's 2.5 s!")
     ['high', 'stepping', ',', "it's", '2.5', 's', '!']
+    >>> words_of("two-three squats, twenty-one jumps, 5-10 s")
+    ['two', 'to', 'three', 'squats', ',', 'twenty', 'one', 'jumps', ',', '5', 'to', '10', 's']
     >>> words_of("1,5 turns, 1,000 steps, 1½ or .5")
     ['1.5', 'turns', ',', '1000', 'steps', ',', '1', '1', '/', '2', 'or', '0.5']
     """
     apart = re.sub(r"(?<=\d)(?=[¼-¾⅐-⅞])", " ", re.sub(r"(?<=\d)\s*[°º]", " degrees ", DASH.sub(" to ", text)))
     signs = {0x2019: "'", 0x2018: "'", 0x2014: ",", 0x2013: ",", 0x2044: "/", 0x3C0: "pi"}
     lowered = COMMA.sub(_with_point, unicodedata.normalize("NFKC", apart).lower().translate(signs))
-    lowered = re.sub(r"(?<![\w.])\.(?=\d)", "0.", lowered)
+    lowered = re.sub(r"\b(he|she|they|i|we|you)'(?:s|ll|d|ve|re|m)\b", r"\1", lowered)
+    lowered = HYPHEN.sub(_unhyphened, re.sub(r"(?<![\w.])\.(?=\d)", "0.", lowered))
     return WORD.findall(re.sub(r"(?<=\w)-(?=\w)", " ", re.sub(r"\s-+\s", " , ", lowered)))
+
+
+def _unhyphened(hyphened: re.Match[str]) -> str:
+    """A word and what stands for the hyphen behind it: two-three is two to three; twenty-one is twenty one."""
+    first, second = (lexicon().numbers.get(word, 0) for word in hyphened.groups())
+    return f"{hyphened[1]} {'to ' if min(first, second) > 0 and (first < 20 or second > 9) else ''}"
 
 
 def _with_point(number: re.Match[str]) -> str:
@@ -124,6 +150,8 @@ def _phrases(phrases: Iterable[str], kind: str, slots: Mapping[str, object]) -> 
 def _entries() -> Iterator[Entry]:
     """All phrases of the lexicon; of equal ones, the first counts."""
     lexemes = lexicon()
+    for join, phrases in lexemes.joins.items():
+        yield from (Entry(tuple(words_of(phrase)), "join", {"join": join}) for phrase in phrases)  # having
     for source in ("said", "understood"):
         for name, synonyms in lexemes.verbs.items():
             action, slots = meaning(name)
@@ -156,8 +184,6 @@ def _entries() -> Iterator[Entry]:
         ("negations", "not"),
     ):
         yield from _phrases(getattr(lexemes, section), kind, {})
-    for join, phrases in lexemes.joins.items():
-        yield from (Entry(tuple(words_of(phrase)), "join", {"join": join}) for phrase in phrases)
 
 
 def _of_synonyms(table: Mapping[Any, Synonyms], kind: str, slot: str) -> Iterator[Entry]:
@@ -180,25 +206,19 @@ def _index() -> dict[str, list[Entry]]:
 
 
 @cache
-def _body_parts() -> frozenset[str]:
-    return frozenset(phrase for phrases in lexicon().body_parts.values() for phrase in phrases)
-
-
-@cache
 def _vocabulary() -> frozenset[str]:
     """All words that are understood, which a misspelt one may mean."""
     lexemes = lexicon()
     words = {word for entries in _index().values() for entry in entries for word in entry.words}
-    more = {*lexemes.of_limbs, *lexemes.numbers, *lexemes.times, *lexemes.seconds, *lexemes.degrees, "times"}
-    return frozenset(words | more | {*lexemes.neutral}) - {GAP}
+    more = {*lexemes.of_limbs, *lexemes.numbers, *lexemes.times, *lexemes.seconds, *lexemes.degrees, *lexemes.neutral}
+    return frozenset(words | more | {*TIMES, *SETS}) - {GAP}
 
 
 def tokens_of(sentence: str) -> list[Token]:
     """The tokens of a sentence, in its order."""
     words: list[str] = []
     notes: dict[int, str] = {}
-    read, ranges = with_ranges(words_of(sentence))
-    for word in read:
+    for word in words_of(sentence):
         meant = _meant(word)
         if meant is not None:
             notes[len(words)] = word
@@ -213,23 +233,9 @@ def tokens_of(sentence: str) -> list[Token]:
             tokens = [Token("unknown", misspelt[0])]
         elif misspelt:
             tokens = [replace(tokens[0], note=" ".join(spoken)), *tokens[1:]]
-        for number in (number for number in range(place, after) if number in ranges):
-            rest = number + 1 + int(ranges[number].split()[-1] in lexicon().times)
-            said = [*spoken[: number - place], ranges[number], *spoken[rest - place :]]
-            tokens = _with_range(tokens, words[number], ranges[number], " ".join(said))
         sentence_tokens += tokens
         place = after
     return sentence_tokens
-
-
-def _with_range(tokens: list[Token], number: str, said: str, phrase: str) -> list[Token]:
-    """Tokens of a phrase in which a number was read for a range, with what was said; a range that measures nothing is reported."""
-    measures = [token for token in tokens if token.slots.keys() & {"count", "duration_s", "angle_deg"}]
-    if not measures:
-        other = [token for token in tokens if token.slots or number not in token.words.split()]
-        return [*other, Token("reported", said if other else phrase)]
-    note = phrase if measures[0] is tokens[0] else said
-    return [replace(token, note=note) if token is measures[0] else token for token in tokens]
 
 
 def _next(words: list[str], place: int) -> tuple[list[Token], int]:
@@ -238,164 +244,234 @@ def _next(words: list[str], place: int) -> tuple[list[Token], int]:
     if measure is not None:
         return [measure[0]], measure[1]
     for entry in _index().get(words[place], ()):
-        within = _match(entry.words, words, place)
-        if within is None:
+        gap = _match(entry.words, words, place)
+        if gap is None:
             continue
-        gap, after = within
-        of_part = after < len(words) and words[after] in _body_parts()
+        inside, gap_end, after = gap
+        of_part = after < len(words) and _is(words[after], "part")
         if entry.kind == "direction" and entry.words[-1] in ("left", "right") and of_part:
             continue  # on his left foot
-        token = Token(entry.kind, " ".join(words[place:after]), entry.slots, entry.gerund, partly=entry.partly)
-        inner = tokens_of(" ".join(gap)) if gap else []
-        digits = {word: int(word) for word in gap if word.isdecimal()}
-        numbers = {**lexicon().numbers, **lexicon().some, **digits} if gap else {}
-        counted = [numbers[word] for word in gap if word in numbers and word not in ("a", "an")]
-        counted = [] if any("count" in inner_token.slots for inner_token in inner) else counted
-        inner = [inner_token for inner_token in inner if not counted or inner_token.words not in numbers]
-        if counted and entry.words[-1] in ("step", "steps"):
-            inner.append(Token("reported", next(word for word in gap if numbers.get(word) == counted[0])))
-        elif counted:
-            vague = next((word for word in gap if word in lexicon().some and word != "couple"), "")
-            inner.append(Token("slot", str(counted[0]), {"count": counted[0]}, note=vague))
-        kinds = ("slot", "direction", "object", "unknown", "gait", "reported")
-        return [token, *(inner_token for inner_token in inner if inner_token.kind in kinds)], after
+        within: list[Token] = []
+        while inside < gap_end:
+            tokens, inside = _next(words, inside)
+            within += [
+                token for token in tokens if token.kind in WITHIN and (token.kind != "object" or inside <= gap_end)
+            ]
+        said = " ".join(words[place:after])
+        return [Token(entry.kind, said, entry.slots, entry.gerund, partly=entry.partly), *within], max(inside, after)
     word = words[place]
+    number = _number(words, place)
+    if number is not None:
+        return [number[0]], number[1]
     if word.endswith("n't") or word == "cannot":
         return [Token("not", word)], place + 1
-    neutral = (
-        word in lexicon().neutral or word in ("zero", "one", "a", "an") or not any(char.isalnum() for char in word)
-    )
+    sign = not any(char.isalnum() for char in word) and word not in COMPARING
+    neutral = sign or word in lexicon().neutral or word in ("one", "a", "an")
     kind = "of limb" if word in lexicon().of_limbs else "neutral" if neutral else "unknown"
     return [Token(kind, word)], place + 1
 
 
-def _match(pattern: tuple[str, ...], words: list[str], place: int) -> tuple[list[str], int] | None:
-    """The words that `~` stands for, and where the phrase ends; None where it does not stand here."""
-    if GAP not in pattern:
-        after = place + len(pattern)
-        return ([], after) if tuple(words[place:after]) == pattern else None
-    split = pattern.index(GAP)
+def _number(words: list[str], place: int) -> tuple[Token, int] | None:
+    """Numbers that measure nothing; linked ones, and those of steps and people, with what follows them."""
+    values, _, end = linked_numbers(words, place)
+    number, _, after = number_at(words, place) or (0.0, False, place)
+    after = end if len(values) > 1 else after
+    if words[place:after] in ([], ["a"], ["an"]):
+        return None
+    follows = words[after] if after < len(words) else ""
+    people = values != [1] and _is(follows, "subject") and follows not in lexicon().pronouns
+    if people or follows in ("steps", *TIMES, *lexicon().seconds, *lexicon().degrees):
+        return _told(words, place, after + 1, {}, kind="reported")
+    if len(values) > 1:
+        return _told(words, place, after, {}, kind="reported")
+    behind = {entry.kind for entry in _index().get(follows, ()) if _match(entry.words, words, after)}
+    if not follows or behind & {"direction", "join"}:  # it may repeat a measure
+        return _told(words, place, after, {"number": _whole(number)}, kind="number")
+    return None if words[place:after] == ["one"] else _told(words, place, after, {}, kind="unknown")  # one hand
+
+
+def _told(
+    words: list[str], place: int, after: int, slots: Mapping[str, object], read: str = "", kind: str = "slot"
+) -> tuple[Token, int]:
+    """The token of the words from `place` to `after`, and what is read for them where that is to be told."""
+    said = " ".join(words[place:after])
+    return Token(kind, read or said, slots, note=said if read else ""), after
+
+
+def _match(pattern: tuple[str, ...], words: list[str], place: int) -> tuple[int, int, int] | None:
+    """Where the words that `~` stands for begin and end, and where the phrase ends; None where it does not stand here."""
+    split = pattern.index(GAP) if GAP in pattern else len(pattern)
     first, last = pattern[:split], pattern[split + 1 :]
     start = place + len(first)
     if tuple(words[place:start]) != first:
         return None
     for end in range(start, start + MOST_BETWEEN + 1):
         if tuple(words[end : end + len(last)]) == last:
-            return words[start:end], end + len(last)
+            return start, end, end + len(last)
         if end >= len(words) or words[end] in ("and", "or", "then", ",", ".", "before", "after", "while", "to"):
             return None
     return None
 
 
+def _is(word: str, kind: str, **slots: object) -> bool:
+    """Whether a word is of a kind of tokens by itself, and tells these slots."""
+    entries = (entry for entry in _index().get(word, ()) if entry.kind == kind and entry.words == (word,))
+    return any(slots.items() <= entry.slots.items() for entry in entries)
+
+
 def _measure(words: list[str], place: int) -> tuple[Token, int] | None:
-    """A number of times or of seconds that begins at a token; one that compares, or is of each time, is reported."""
+    """A number of times or of seconds that begins at a token; one that compares, is a rate or of each time is reported."""
     measure = _said_measure(words, place)
     if measure is None:
         return None
     token, after = measure
-    follows, said = words[after : after + 2], " ".join(words[place:after])
-    if "duration_s" in token.slots and (follows[:1] == ["each"] or follows[:1] == ["every"]):
-        return Token("reported", f"{said} {follows[0]}"), after + 1
-    compares = follows[:1] and follows[0] in lexicon().compared and "count" in token.slots
-    if compares and not (follows[0] == "as" and (len(follows) == 1 or follows[1] in (*lexicon().not_once, *AS_JOINS))):
-        return Token("reported", f"{said} as" if follows[0] == "as" else said), after + int(follows[0] == "as")
+    follows, then = (words[at] if at < len(words) else "" for at in (after, after + 1))
+    if follows in ("per", "/", "a", "each", "every") and then in lexicon().seconds:
+        return _told(words, place, after + 2, {}, kind="reported")
+    if "duration_s" in token.slots and follows in NO_DURATION:
+        return _told(words, place, after + 1, {}, kind="reported")
+    begins = place == 0 or _is(words[place - 1], "join")  # 5 seconds before falling, he jumps
+    relative = words[place] != "for" and (follows == "after" or (begins and follows == "before"))
+    compares = follows in lexicon().compared and (
+        follows != "as" or (then and then not in (*lexicon().not_once, *AS_JOINS))
+    )
+    if ("duration_s" in token.slots and relative) or ("count" in token.slots and compares):
+        return _told(words, place, after + int(follows == "as"), {}, kind="reported")
     return measure
 
 
 def _said_measure(words: list[str], place: int) -> tuple[Token, int] | None:
-    word, rest = words[place], words[place + 1 : place + 5]
-    if word in lexicon().times:
-        conjunction = word == "once" and ((rest and rest[0] in lexicon().not_once) or words[max(place - 1, 0)] == "at")
+    word, follows = words[place], words[place + 1 : place + 2]
+    ranged = number_at(words, place) is not None  # once or twice, from 5 to 10 s
+    if word in lexicon().times and not ranged:
+        conjunction = word == "once" and (
+            (follows and follows[0] in lexicon().not_once) or words[max(place - 1, 0)] == "at"
+        )
         return None if conjunction else (Token("slot", word, {"count": lexicon().times[word]}), place + 1)
-    if word in ("for", "after", "every") and rest:
-        start = place + 1 + int(word == "for" and rest[0] in lexicon().roughly)
-        inner = _lasting(words, start, alone=False)
-        if inner is None or (word == "after" and inner[0].note.endswith("moment")):
+    if word in ("for", *CLOCK) and follows and not ranged:
+        of_verb = follows[0] == "the" and word in ("after", "before")  # after the 10 s walk
+        start = place + 1 + int(follows[0] in lexicon().roughly and not of_verb)
+        lasting = _lasting(words, start, alone=False)
+        if lasting is None:
             return None
-        return inner if word == "for" else (Token("reported", f"{word} {inner[0].words}"), inner[1])
-    return _turned(words, place) or _times(words, place) or _lasting(words, place, alone=True)
+        token, after = lasting
+        if word != "for" and (words[after - 1].startswith("moment") or words[after : after + 1] == ["of"]):
+            return None  # after 5 s of walking
+        if word != "for":
+            return _told(words, place, after, {}, kind="reported")
+        return replace(token, note=token.note and f"for {token.note}"), after
+    said = _turned(words, place) or _times(words, place) or _lasting(words, place, alone=True)
+    factor = number_at(words, said[1] + 1) if said and words[said[1] : said[1] + 1] and words[said[1]] in BY else None
+    if said is None or factor is None or "duration_s" not in said[0].slots:
+        return said
+    return _multiplied(words, place, factor[2], factor, (said[0], factor[2]))  # 10 s x 2
 
 
 def _times(words: list[str], place: int) -> tuple[Token, int] | None:
-    """How many times: four times, a few times; and four hops."""
-    reading = number_at(words, place)
-    if reading is None and words[place] in BY:
-        reading = number_at(words, place + 1)
-        return reading and (
-            Token("slot", " ".join(words[place : reading[2]]), {"count": _whole(reading[0])}),
-            reading[2],
-        )
-    if reading is None or reading[2] >= len(words):
+    """How many times: four times, x 3; four hops, two slow turns; 3 sets of 5 squats, 2 x 5 s."""
+    by = words[place : place + 1] != [] and words[place] in BY
+    reading = number_at(words, place + int(by))
+    if reading is None:
         return None
     number, vague, after = reading
-    whole = _whole(number)
-    follows = words[after]
-    start = after + 1 if follows in BY else after + 2 if words[after : after + 2] in SETS else 0
-    if start:
-        more, lasting = number_at(words, start), _lasting(words, start, alone=True)
-        if lasting is not None:  # 2 x 5 s, 10 s in all
-            seconds = whole * float(str(lasting[0].slots["duration_s"]))
-            said = " ".join(words[place : lasting[1]])
-            return Token("slot", said, {"count": whole, "duration_s": seconds}), lasting[1]
-        if more is not None and _turned(words, start) is None:
-            whole, start = _whole(whole * more[0]), more[2] + int(words[more[2] : more[2] + 1] == ["times"])
-        return Token("slot", " ".join(words[place:start]), {"count": whole}), start
-    if follows == "times" or (follows == "time" and words[place] not in ("a", "an")):
-        said = " ".join(words[place : after + 1])
-        note = said if vague else ""
-        return Token("slot", f"{whole} times" if vague else said, {"count": whole}, note=note), after + 1
+    follows, more = (words[at] if at < len(words) else "" for at in (after, after + 1))
+    unit = more if follows == "more" else follows
+    end = after + 1 + int(follows == "more")
+    if by or words[after - 1] in lexicon().times:  # x 3; once or twice
+        return _counted(words, place, after, reading, "" if by else "times")
+    if unit == "time" and words[place] not in ("a", "an"):
+        return _counted(words, place, end, reading, "times")
+    if unit in TIMES:
+        return _multiplied(words, place, end, reading, _times(words, end))
+    if follows in BY or (follows in SETS and more in ("of", *BY)):
+        start = after + 1 + int(follows in SETS)
+        single = number_at(words, start) if _turned(words, start) is None else None
+        said = _times(words, start) or _lasting(words, start, alone=True)
+        return _multiplied(words, place, start, reading, said or (single and _counted(words, start, single[2], single)))
     climbed = next((word for word in reversed(words[:place]) if word not in lexicon().roughly), "")
-    if follows == "steps" and (climbed in ("up", "down") or _is_verb(climbed, "climb")):
-        return Token("object", f"{number:g} stairs", {"object": "stair", "count": whole}), after + 1
-    side = words[after + 2 : after + 3] if words[after : after + 2] == ["to", "the"] else [follows]
-    sided = side in (["left"], ["right"]) and words[after + len(side) :][:1] not in ([part] for part in _body_parts())
-    if sided and words[place] not in ("a", "an"):  # two left and one right
-        return Token("slot", words[place], {"count": whole}), after
-    if words[after - 1] == "couple":  # who dances, not how often
+    if follows in TREADS and (
+        follows != "steps" or climbed in ("up", "down") or _is(climbed, "action", action="climb")
+    ):
+        read = f"{number:g} stairs" if vague else ""
+        return _told(words, place, after + 1, {"object": "stair", "count": _whole(number)}, read, "object")
+    if words[after - 1] == "couple" or (place and _is(words[place - 1], "subject")):  # who dances; patient 2 walks
         return None
     angle = _turned(words, after)  # two 360 degree turns
-    if follows in ("stairs", "treads") or (angle is not None and words[angle[1] : angle[1] + 1] == ["turns"]):
-        return Token("slot", f"{number:g} {follows}", {"count": whole}), after
-    deeds = any(entry.kind == "action" and entry.words == (follows,) for entry in _index().get(follows, ()))
-    if deeds and follows.endswith("s") and follows != "steps" and (number > 1 or words[place] == "1"):
-        said = " ".join(words[place:after])
-        return Token("slot", str(whole) if vague else said, {"count": whole}, note=said if vague else ""), after
-    return None
+    turns = angle is not None and words[angle[1] : angle[1] + 1] == ["turns"]
+    many = number > 1 or vague or words[place] == "1"
+    return _counted(words, place, after, reading) if turns or (many and _deed(words, after)) else None
+
+
+def _counted(
+    words: list[str], place: int, after: int, reading: tuple[float, bool, int], unit: str = ""
+) -> tuple[Token, int]:
+    """A token of a count; of a vague number or a range, with what is read for it."""
+    number, vague, _ = reading
+    return _told(words, place, after, {"count": _whole(number)}, f"{number:g} {unit}".strip() if vague else "")
+
+
+def _multiplied(
+    words: list[str], place: int, start: int, reading: tuple[float, bool, int], said: tuple[Token, int] | None
+) -> tuple[Token, int]:
+    """So many times, or so many times what is done as often or as long as is said behind it: 3 sets of 5 squats."""
+    number, vague, _ = reading
+    if said is None:
+        return _counted(words, place, start, reading, "times")
+    token, after = said
+    count, lasting_s = (float(str(token.slots.get(slot, 0))) for slot in ("count", "duration_s"))
+    whole, _ = _counted(words, place, after, (number * (count or 1), vague or token.note != "", after))
+    return (replace(whole, slots={**whole.slots, "duration_s": number * lasting_s}) if lasting_s else whole), after
+
+
+def _deed(words: list[str], place: int) -> bool:
+    """Whether a noun of several deeds stands at a place, behind two modifiers at most: hops, quick jumps."""
+    for after in range(place, min(place + 3, len(words))):
+        for entry in _index().get(words[after], ()):
+            plural = entry.words[-1].endswith("s") and entry.words != ("steps",)
+            if entry.kind == "action" and plural and GAP not in entry.words and _match(entry.words, words, after):
+                return True
+        if words[after] not in SIZES and not any(_is(words[after], kind) for kind in MODIFYING):
+            return False
+    return False
 
 
 def _whole(number: float) -> float:
     return int(number) if float(number).is_integer() else number
 
 
-def _is_verb(word: str, action: str) -> bool:
-    return any(entry.slots.get("action") == action and entry.words == (word,) for entry in _index().get(word, ()))
-
-
 def _lasting(words: list[str], place: int, *, alone: bool) -> tuple[Token, int] | None:
     """How long: ten seconds, 1 1/2 minutes, a few seconds; where it stands `alone`, behind no "for", not a moment or a second."""
-    reading = _amount(words, place) if place < len(words) else None
+    reading = _amount(words, place)
     if reading is None or reading[1] >= len(words) or words[reading[1]] not in lexicon().seconds:
         return None
     number, after = reading
-    unit = words[after]
-    if alone and (words[place] in ("a", "an") or unit.startswith("moment")):
+    unit, follows = words[after], words[after + 1 : after + 2]
+    if (alone and (words[place] in ("a", "an") or unit.startswith("moment"))) or follows == ["time"]:
         return None
-    seconds = float(number) * lexicon().seconds[unit]
-    more = _lasting(words, after + 1 + int(words[after + 1 : after + 2] == ["and"]), alone=True)
-    if (
-        more is not None and float(str(more[0].slots["duration_s"])) < lexicon().seconds[unit]
-    ):  # a minute and ten seconds
-        seconds, after = seconds + float(str(more[0].slots["duration_s"])), more[1] - 1
-    said = " ".join(words[place : after + 1])
-    vague = (number_at(words, place) or (0, False))[1] or unit.startswith("moment")
-    note = said if vague else ""
-    return Token("slot", f"{seconds:g} seconds" if vague else said, {"duration_s": seconds}, note=note), after + 1
+    divided = words[place:after].index("/") + place if "/" in words[place:after] else 0
+    if divided and words[divided - 1] != "1" and words[divided + 1] not in ("2", "3", "4"):
+        return None  # 5/10 s are two numbers
+    seconds, read = float(number) * lexicon().seconds[unit], "" if unit.startswith("moment") else f"{number:g} {unit}"
+    more = _lasting(words, after + 1 + int(follows == ["and"]), alone=True)
+    more_s = float(str(more[0].slots["duration_s"])) if more is not None else math.inf
+    part = _part(words, after + 2) if follows == ["and"] else None
+    if more is not None and more_s < lexicon().seconds[unit]:  # a minute and ten seconds
+        seconds, after, read = seconds + more_s, more[1] - 1, ""
+    elif part is not None and 0 < part[0] < 1:  # a minute and a half
+        seconds, after, read = seconds + part[0] * lexicon().seconds[unit], part[1] - 1, ""
+    vague = _vague(words, place) or unit.startswith("moment")
+    return _told(words, place, after + 1, {"duration_s": seconds}, (read or f"{seconds:g} seconds") if vague else "")
+
+
+def _vague(words: list[str], place: int) -> bool:
+    reading = number_at(words, place)
+    return reading is not None and reading[1]
 
 
 def _amount(words: list[str], place: int) -> tuple[float, int] | None:
     """How much, and where the unit stands: 1.5, half a, three quarters of a, one and a half, 1 1 / 4, pi / 2, two pi."""
     amount, after = 1.0, place
-    if words[place] != "pi":
+    if words[place : place + 1] != ["pi"]:
         reading = _part(words, place)
         if reading is None:
             return None
@@ -415,7 +491,10 @@ def _amount(words: list[str], place: int) -> tuple[float, int] | None:
 def _part(words: list[str], place: int) -> tuple[float, int] | None:
     """A number or a part of one, and where it ends: 1.5, half, a quarter, three quarters, 1 / 4."""
     ahead = words[place : place + 2]
-    start = place + int(len(ahead) == 2 and ahead[0] in ("a", "one") and ahead[1] in PARTS)
+    single = _part(words, place + 1) if ahead[:1] in (["a"], ["an"]) else None  # a three quarter turn
+    if single is not None:
+        return single
+    start = place + int(len(ahead) == 2 and ahead[0] == "one" and ahead[1] in PARTS)
     if ahead and words[start] in PARTS:
         return PARTS[words[start]], start + 1
     reading = number_at(words, place)
@@ -445,15 +524,19 @@ def _turned(words: list[str], place: int) -> tuple[Token, int] | None:
     amount, after = reading
     unit = words[after] if after < len(words) else ""
     unit_deg = lexicon().degrees.get(unit)
-    if unit in ("turn", "turns") and not float(amount).is_integer():
-        return Token("angle", " ".join(words[place : after + 1]), {"angle_deg": 360 * amount}), after
-    if unit == "right" and words[after + 1 : after + 2] in (["angle"], ["angles"]):
+    turns = unit in ("turn", "turns") and not float(amount).is_integer()
+    if turns:
+        unit_deg = 360.0
+    elif unit == "right" and words[after + 1 : after + 2] in (["angle"], ["angles"]):
         unit_deg, after = 90.0, after + 1
     elif unit_deg is None and "pi" in words[place:after]:
         unit_deg, after = math.degrees(1), after - 1
     if unit_deg is None:
         return None
-    return Token("angle", " ".join(words[place : after + 1]), {"angle_deg": float(amount * unit_deg)}), after + 1
+    angle_deg = float(amount * unit_deg)
+    read = f"{angle_deg:g} degrees" if _vague(words, place) else ""
+    token, after = _told(words, place, after + 1, {"angle_deg": angle_deg}, read, "angle")
+    return token, after - int(turns)
 
 
 def _meant(word: str) -> str | None:
