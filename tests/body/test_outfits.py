@@ -87,8 +87,7 @@ def test_a_shoe_is_longer_than_the_foot_and_its_sole_as_thick_as_given(walk, bod
     assert weight[np.abs(heights_m[below]).max(axis=1) < 1e-6].sum() > 0.7  # the rest is the edge of the sole
 
 
-@pytest.mark.parametrize("name", ["walk", "short_walk", "run"])
-@pytest.mark.parametrize("sole_m", [0.025, 0.06])
+@pytest.mark.parametrize(("name", "sole_m"), [("walk", 0.025), ("short_walk", 0.06), ("run", 0.06)])
 def test_shoes_stand_where_bare_feet_do(name: str, sole_m: float) -> None:
     motion = t2d.example(name)
     bare, shod = (
@@ -136,6 +135,7 @@ def test_a_plain_outfit_is_its_material_bit_for_bit(step, about) -> None:
         assert not np.array_equal(one.adc, t2d.simulate(step, material="dressed", **about, **QUICK).adc)
 
 
+@pytest.mark.usefixtures("coarse_bodies")
 @pytest.mark.parametrize("method", ["mesh", "ellipsoid"])
 def test_recordings_keep_outfits_and_are_made_again(step, tmp_path, method) -> None:
     shoes = Material(name="wood", relative_permittivity=2.0)
@@ -155,6 +155,7 @@ def test_recordings_keep_outfits_and_are_made_again(step, tmp_path, method) -> N
     assert np.array_equal(again.again().adc, by_hand.adc)
 
 
+@pytest.mark.usefixtures("coarse_bodies")
 def test_truth_knows_of_shoes(step) -> None:
     ranges_m = [
         t2d.simulate(step, material=each, **QUICK).truth_at(np.array([0.02, 0.06, 0.1])).segment_range_m.values

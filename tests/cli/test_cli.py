@@ -254,7 +254,6 @@ def test_a_real_ctrl_c(tmp_path: Path) -> None:
         # What a shell starts in the background ignores SIGINT, and so would its children.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
-    assert process.stdout is not None
     assert "flavour" in process.stdout.readline()  # it has read the file and goes on to the body
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)

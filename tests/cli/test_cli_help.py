@@ -39,7 +39,6 @@ def test_a_help_over_several_lines_is_whole() -> None:
     told = parameter_help(simulate)
     assert set(inspect.signature(simulate).parameters) <= set(told)
     entry = re.search(r"^accuracy: (.*?)^reflections: ", inspect.getdoc(simulate) or "", re.DOTALL | re.MULTILINE)
-    assert entry is not None
     assert entry[1].count("\n") > 2
     assert told["accuracy"].split() == ["An", *entry[1].split()[1:]]
     assert told["collisions"].endswith("unless there are `transmissions`.")

@@ -35,7 +35,6 @@ def test_arrays_come_back_as_they_were(home: Path) -> None:
     assert disk_cache.read(name, ARRAYS) is None
     disk_cache.write(name, ARRAYS)
     found = disk_cache.read(name, ARRAYS)
-    assert found is not None
     for each, array in ARRAYS.items():
         assert found[each].dtype == array.dtype
         np.testing.assert_array_equal(found[each], array)

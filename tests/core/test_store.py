@@ -149,7 +149,6 @@ def test_sigterm_tidies_up(tmp_path: Path, amidst_a_print: bool) -> None:
         [sys.executable, "-c", code], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )  # fmt: skip
-    assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
     process.terminate()
     _, err = process.communicate(timeout=60)

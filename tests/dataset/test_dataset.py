@@ -571,9 +571,7 @@ def test_a_background_that_fits_no_radar_is_told_before_anything_is_made(tmp_pat
     assert not (tmp_path / "set").exists()
 
 
-def test_a_background_of_another_band_is_told_before_anything_is_made(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_background_of_another_band_is_told_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("t2d_rt.dataset.making.check_axes", lambda *_: None)
     other = t2d.Radar.preset("table2", carrier_hz=60e9)
     (tmp_path / "taken").write_text("")  # the run ends there
@@ -590,9 +588,7 @@ def test_a_record_that_is_occluded_all_along_without_background_fails(made: Path
     assert "occluded windows cover the whole record" in found.record["failure"]
 
 
-def test_a_lock_that_was_taken_away_while_it_was_opened_is_taken_anew(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_lock_that_vanished_as_it_was_opened_is_taken_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import fcntl
 
     lock = fcntl.flock
@@ -613,9 +609,7 @@ def test_a_lock_that_was_taken_away_while_it_was_opened_is_taken_anew(
 
 @pytest.mark.usefixtures("remembered")
 @pytest.mark.parametrize("last", ["00000.npz", "00000.jsonl"])
-def test_a_run_that_is_killed_while_it_replaces_a_smaller_shard_goes_on(
-    copy: Path, monkeypatch: pytest.MonkeyPatch, last: str
-) -> None:
+def test_a_run_killed_as_it_replaces_a_shard_goes_on(copy: Path, monkeypatch: pytest.MonkeyPatch, last: str) -> None:
     """After its arrays there is no shard; after its records the manifest does not hold the smaller one's checksums against it."""
     before = contents(copy)
     shutil.rmtree(copy)

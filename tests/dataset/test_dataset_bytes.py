@@ -60,9 +60,7 @@ def made_by(folder: Path, recipe: str, *command: str, **variables: str) -> Path:
 
 
 @pytest.mark.slow
-def test_a_data_set_is_the_same_bytes_whatever_kernels_a_process_has(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_data_set_is_the_same_bytes_with_any_kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("T2D_RT_KERNELS")
     command = "-m", "t2d_rt", "dataset", "falls.yaml", "-o", "out", "--workers", "1", "--limit", "2"
     states = STATES | {"its own": {"T2D_RT_KERNELS": "own", "OPENBLAS_CORETYPE": "Sandybridge"}}

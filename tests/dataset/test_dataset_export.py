@@ -153,9 +153,7 @@ def test_columns_of_parquet_are_plain(dataset: Dataset, parquet: Path) -> None:
     assert told["points"]["shape"] == [None, 6]
 
 
-def test_hugging_face_reads_it(
-    dataset: Dataset, parquet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_datasets_reads_it(dataset: Dataset, parquet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     monkeypatch.setenv("HF_HOME", str(tmp_path / "home"))
     datasets = pytest.importorskip("datasets", reason="Hugging Face datasets is not installed")
@@ -240,9 +238,7 @@ def test_a_damaged_file_is_named(parquet: Path, tmp_path: Path) -> None:
         Dataset(copy)
 
 
-def test_a_package_that_is_not_installed_is_named(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_package_is_named(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(
         InputError, match=r"need the package pyarrow, which is not installed; run pip install -e '.\[export\]'"

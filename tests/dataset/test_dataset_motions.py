@@ -205,7 +205,6 @@ def test_in_free_space_the_first_place_that_is_drawn_is_taken(recipe: Recipe, wa
 )
 def test_what_moves_beside_the_person(recipe: Recipe, beside: str, kind: str) -> None:
     first, again, other = (interferer(beside, recipe, number) for number in (0, 0, 1))  # type: ignore[arg-type]
-    assert first is not None
     assert other is not None
     assert first.kind == kind
     assert first == again != other

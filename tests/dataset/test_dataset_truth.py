@@ -63,7 +63,6 @@ def test_every_record_tells_activities_and_breathing(made: Path) -> None:
     for index, record in enumerate(data.records):
         motion = sample(data.recipe, index).cut.motion
         assert record["activities"] == [[name, pytest.approx(begin_s, abs=1e-6)] for name, begin_s in motion.activities]
-        assert motion.breathing is not None
         assert record["breathing"] == asdict(motion.breathing)
         rows = data.values(index, "truth")
         assert rows[:, -1] == pytest.approx(motion.breathing.displacement_m(rows[:, 0]), abs=1e-7)

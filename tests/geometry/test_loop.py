@@ -142,7 +142,6 @@ def test_facets_join_edge_to_edge_and_share_their_nodes(adult: tuple[np.ndarray,
     sagitta = np.random.default_rng(0).uniform(0.7, 3, len(rest))
     fine = refined(rest, faces, sagitta)
     edges = np.sort(fine.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    assert fine.middles is not None
     unique, first, count = np.unique(edges, axis=0, return_index=True, return_counts=True)
     assert (count == 2).all()
     middle = fine.middles.ravel()

@@ -25,7 +25,6 @@ def test_sizes_are_those_of_table_iii(name: str) -> None:
     about = card(name)
     channels, *size = about.counted_at
     found = count(build(name, 8, (size[0], size[1]), channels), about.counted_at)
-    assert about.printed is not None
     parameters, gflops = found.parameters / 1e6, found.gflops
     if name == "vit-tiny":  # the two differences that its note tells
         from t2d_rt.learn.models.pictures import IDLE_PARAMETERS

@@ -122,9 +122,7 @@ def test_a_training_without_an_epoch_does_not_take_the_folder(tmp_path: Path, mo
     assert (tmp_path / "mine" / WEIGHTS).exists()
 
 
-def test_maps_of_one_level_and_ranges_beyond_the_stored_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_maps_of_one_level_and_wider_ranges_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     dataset = Dataset(write_dataset(tmp_path / "tiny"))
     monkeypatch.setattr(Dataset, "values", lambda *_: np.full((16, 16), -3.0, np.float32))
     with pytest.raises(InputError, match=r"sample 0 of .* has the same level in all cells"):

@@ -86,9 +86,7 @@ def test_bfloat16_learns_as_float32_does(tmp_path: Path) -> None:
     np.testing.assert_array_equal(load_model(tmp_path / "whole").probabilities(levels), whole.probabilities(levels))
 
 
-def test_a_finished_training_tells_no_time_that_it_did_not_take(
-    trained: tuple[SavedModel, Path], tmp_path: Path
-) -> None:
+def test_a_finished_training_tells_no_time_not_taken(trained: tuple[SavedModel, Path], tmp_path: Path) -> None:
     shutil.copytree(trained[1], tmp_path / "copy")
     threads, drawn = torch.get_num_threads(), torch.random.get_rng_state()
     again = train_model("streaming", ridges(48), ridges(12, seed=1), OPTIONS, output=tmp_path / "copy")

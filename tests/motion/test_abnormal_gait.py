@@ -112,9 +112,7 @@ def test_no_gait_makes_a_joint_jump(gaits: dict[GaitType, Poses], walk: Poses) -
         assert speed < 1.3 * recorded, name
 
 
-def test_parkinsons_steps_are_short_the_trunk_stoops_and_the_arms_hang(
-    gaits: dict[GaitType, Poses], walk: Poses
-) -> None:
+def test_parkinsons_steps_are_short_trunk_stoops_arms_hang(gaits: dict[GaitType, Poses], walk: Poses) -> None:
     found = gaits["parkinsonian"]
     assert travelled_m(found) < 0.7 * travelled_m(walk)
     assert lean_rad(found) - lean_rad(walk) > math.radians(6)
@@ -251,7 +249,6 @@ def test_no_abnormal_gait_passes_for_a_normal_walk(type: GaitType) -> None:
     for seed in (9, 10):
         made = t2d.motion_from_text(GAITS[type].sentence, seed=seed)
         severity = re.search(r"severity (\d\.\d\d)", " ".join(made.origin))
-        assert severity is not None
         assert 0.4 <= float(severity[1]) <= 1.0
         assert not t2d.check_motion(made, expected="walking").passed, seed
 

@@ -285,6 +285,7 @@ def moment() -> Motion:
     return t2d.trim(walk(), 0.5, 0.6)
 
 
+@pytest.mark.usefixtures("coarse_bodies")
 def test_a_ball_in_a_hand_is_a_ball_on_the_hands_track() -> None:
     held = t2d.carry(moment(), {"thing": "ball", "size_m": [0.1], "material": "pec"})
     vertices, faces = surface(held.carries[0])

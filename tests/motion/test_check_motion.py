@@ -161,9 +161,7 @@ def noisy(motion: Motion, sigma_m: float, seed: int = 0) -> Motion:
 @pytest.mark.parametrize(
     ("sign", "direction", "state"), [(1, "forward", "lying face down"), (-1, "backward", "lying on the back")]
 )
-def test_falls_are_found_at_any_rate_and_stature(
-    rate: float, stature: float, sign: float, direction: str, state: str
-) -> None:
+def test_falls_at_any_rate_and_stature(rate: float, stature: float, sign: float, direction: str, state: str) -> None:
     found = detect_fall(turned(topple(sign, rate=rate, stature=stature), 77.0))
     assert found.happened, found.reason
     assert (found.direction, found.end_state, found.got_up_s) == (direction, state, None)

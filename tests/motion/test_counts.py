@@ -491,9 +491,7 @@ def test_of_a_range_one_number_is_read_and_told(words: str, slot: str, value: fl
         ("a man turns up to 90 degrees", "angle_deg", 90.0, (("up to 90 degrees", "90 degrees"),)),
     ],
 )
-def test_ranges_are_read_of_what_is_done(
-    sentence: str, slot: str, value: float, read_as: tuple[tuple[str, str], ...]
-) -> None:
+def test_ranges_of_what_is_done(sentence: str, slot: str, value: float, read_as: tuple[tuple[str, str], ...]) -> None:
     parsed = parse_description(sentence)
     assert (getattr(parsed.description, slot), parsed.read_as, parsed.ignored) == (value, read_as, ())
 
@@ -515,9 +513,7 @@ def test_ranges_are_read_of_what_is_done(
         ("walks without jumpping", ("without", "jumpping"), None),
     ],
 )
-def test_ranges_that_count_nothing_are_left_out_and_told(
-    words: str, ignored: tuple[str, ...], count: int | None
-) -> None:
+def test_ranges_that_count_nothing_are_told(words: str, ignored: tuple[str, ...], count: int | None) -> None:
     parsed = parse_description(f"a man {words}")
     assert (parsed.ignored, parsed.description.count, parsed.read_as) == (ignored, count, ())
 

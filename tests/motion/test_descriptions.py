@@ -196,9 +196,7 @@ def test_verbs_are_inflected() -> None:
         ("verb", None, {}, "unknown lexicon key 'verb'; did you mean verbs"),
     ],
 )
-def test_mistakes_in_the_lexicon_are_told_in_a_sentence(
-    section: str, key: str | None, value: Any, message: str
-) -> None:
+def test_mistakes_in_the_lexicon_are_one_sentence(section: str, key: str | None, value: Any, message: str) -> None:
     given = packaged("lexicon")
     if key is None:
         given[section] = value

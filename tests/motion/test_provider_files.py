@@ -114,9 +114,7 @@ def test_momask_is_asked_for_the_durations_that_the_steps_have(checkout: Path) -
         ("auto", {"duration_s": 601.0}, "duration_s must"),
     ],
 )
-def test_options_that_a_provider_would_take_no_notice_of_are_refused(
-    provider: Any, options: dict[str, Any], match: str
-) -> None:
+def test_options_that_a_provider_would_ignore_are_refused(provider: Any, options: dict[str, Any], match: str) -> None:
     with pytest.raises(InputError, match=match):
         t2d.motion_from_text("a person walks", provider=provider, **options)
 

@@ -57,7 +57,7 @@ def level(found: Background) -> np.ndarray:
 
 
 def test_the_mean_spectrum_is_learned(model: BackgroundModel, records: list[BackgroundRecord]) -> None:
-    found = 10 * np.log10(model.columns(800, seed=3).power.mean(axis=1))
+    found = 10 * np.log10(model.columns(400, seed=3).power.mean(axis=1))
     wanted = 10 * np.log10(np.mean([10 ** (each.relative_db / 10) for each in records], axis=(0, 2)))
     assert np.abs(found - wanted).max() < 3
     assert wanted[23] - wanted[5] > 10
@@ -450,9 +450,7 @@ def test_commands_that_cannot_run(refused, words: tuple[str, ...], sentence: str
     assert sentence in refused(*words)
 
 
-def test_without_torch_a_sentence_tells_what_to_install(
-    monkeypatch: pytest.MonkeyPatch, records: list[BackgroundRecord]
-) -> None:
+def test_without_torch_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, records: list[BackgroundRecord]) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(InputError, match=r"pip install -e '.\[learn\]'"):
         learn_background(records)

@@ -24,7 +24,15 @@ from t2d_rt.noise.receiver import chain, receive
 from t2d_rt.noise.receiver.chain import RINGING, Interference, filtered_chirp
 from t2d_rt.noise.receiver.draws import Draws
 from t2d_rt.noise.receiver.flicker import filter_of
-from t2d_rt.noise.receiver.phase_noise import bin_delays_s, bounding, lags, residual_rms_rad
+from t2d_rt.noise.receiver.phase_noise import (
+    SMALL_RAD,
+    Oscillator,
+    _factors,
+    bin_delays_s,
+    bounding,
+    lags,
+    residual_rms_rad,
+)  # fmt: skip
 
 RADAR = t2d.Radar.preset("table2", samples=64)
 FAN = t2d.TableFan(position_m=(3, -1, 1), rpm=120)
@@ -38,6 +46,18 @@ def through(cube: np.ndarray, radar: t2d.Radar = RADAR, *, seed: int = 0, **fiel
     """A copy of the cube through a receiver that has these effects alone."""
     receiver = t2d.Receiver(**{"temperature_k": None, **fields})
     return np.asarray(receive(cube.copy(), radar, receiver, seed)[0])
+
+
+def tone(number: float, rows: int, radar: t2d.Radar = RADAR, level: float = 1.0) -> np.ndarray:
+    """A cube of a beat that lies in a range bin, alike in all rows and antennas."""
+    beat = level * np.exp(2j * np.pi * number * np.arange(radar.samples) / radar.samples)
+    return np.array(np.broadcast_to(beat, (rows, radar.antennas, radar.samples)), np.complex64)
+
+
+def oscillator_of(**shape: Any) -> Oscillator:
+    found = t2d.Receiver(phase_noise=shape).phase_noise
+    assert found is not None
+    return found
 
 
 def power(samples: np.ndarray) -> float:
@@ -73,10 +93,10 @@ def test_a_full_scale_tone_keeps_six_decibels_for_each_bit(bits: int) -> None:
     full_scale = math.sqrt(10 ** ((3.0 - 20.0 - 30) / 10))
     # Just below the highest code, where the noise of a sine is that of a random signal (the J0 terms of its exact power vanish).
     level = 1 - 0.625 * 2.0 ** (1 - bits)
-    tone = level * full_scale * np.exp(2j * np.pi * 0.1234567 * np.arange(65536))
-    cube = tone.reshape(-1, 1, RADAR.samples).astype(np.complex64)
+    sine = level * full_scale * np.exp(2j * np.pi * 0.1234567 * np.arange(65536))
+    cube = sine.reshape(-1, 1, RADAR.samples).astype(np.complex64)
     error = (through(cube, adc={"bits": bits, "full_scale_dbm": 3.0, "gain_db": 20.0}) - cube).ravel()
-    for channel, wanted in ((error.real, tone.real), (error.imag, tone.imag)):
+    for channel, wanted in ((error.real, sine.real), (error.imag, sine.imag)):
         assert abs(db(power(wanted) / power(channel) / level**2) - (6.02 * bits + 1.76)) < 0.2
 
 
@@ -84,9 +104,7 @@ def test_a_saturated_adc_is_told() -> None:
     adc = t2d.Receiver(temperature_k=None, adc={"bits": 8, "full_scale_dbm": 0.0})
     cube = np.full((10, 1, RADAR.samples), 0.01, np.complex64)
     cube[:5] *= 10  # full scale is sqrt(1 mW) = 0.0316
-    with pytest.warns(
-        T2DWarning, match=r"the ADC is saturated: 50 % of the samples are clipped, the highest by 10\.0 dB"
-    ):
+    with pytest.warns(T2DWarning, match=r"saturated: 50 % of the samples are clipped, the highest by 10\.0 dB"):
         found, settings = receive(cube, RADAR, adc, 0)
     assert settings["clipped"] == 0.5
     assert np.abs(np.asarray(found).real).max() == pytest.approx(math.sqrt(1e-3) * (1 - 2 / 2**8))
@@ -97,9 +115,8 @@ def test_a_step_beyond_the_signal_is_told_with_the_gain_that_mends_it(offset_dbm
     receiver = t2d.Receiver(
         temperature_k=None, dc_offset_dbm=offset_dbm, adc={"bits": 8, "full_scale_dbm": 0.0, "gain_db": 10.0}
     )
-    assert receiver.adc is not None
-    tone = np.exp(2j * np.pi * 0.1234567 * np.arange(10 * RADAR.samples)).reshape(10, 1, RADAR.samples)
-    small = (0.03 * receiver.adc.step * tone).astype(np.complex64)
+    beat = np.exp(2j * np.pi * 0.1234567 * np.arange(10 * RADAR.samples)).reshape(10, 1, RADAR.samples)
+    small = (0.03 * receiver.adc.step * beat).astype(np.complex64)
     # The rms of I is 0.0212 steps: 33.5 dB to one.
     expected = (
         r"times the rms of what comes in, and 100 % of the samples .* raise adc.gain_db from 10 to 44, lower adc.full_scale_dbm by "
@@ -129,7 +146,6 @@ def test_a_wall_close_by_is_told() -> None:
     beat = np.exp(2j * np.pi * float(radar.beat_frequency_hz(1.0)) * radar.sample_times_s)
     cube = np.array(np.broadcast_to(math.sqrt(mirror_w) * beat, (8, 1, radar.samples)), np.complex64)
     receiver = t2d.Receiver.preset(radar)
-    assert receiver.adc is not None
     _, settings = receive(cube.copy(), radar, receiver, 0)
     assert settings["adc_peak_dbfs"] == pytest.approx(-25, abs=1)
     with pytest.warns(T2DWarning, match="the ADC is saturated: .* by 5.* dB; lower adc.gain_db"):
@@ -140,24 +156,10 @@ def test_a_wall_close_by_is_told() -> None:
 @pytest.mark.slow
 def test_noise_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     where = str(tmp_path / "noisy.zarr")
-    words = (
-        "simulate",
-        "walk",
-        "--method",
-        "ellipsoid",
-        "--radar",
-        "ci4r",
-        "--stop-s",
-        "0.1",
-        "--distance-m",
-        "3",
-        "-o",
-        where,
-    )
+    words = f"simulate walk --method ellipsoid --radar ci4r --stop-s 0.1 --distance-m 3 -o {where}".split()
     assert main([*words, "--noise", "{adc: {bits: 12, full_scale_dbm: 9, gain_db: 30}}"]) == 0
     assert "dB over all noise of the receiver, -8" in capsys.readouterr().out
     noisy = t2d.Recording.load(where)
-    assert noisy.experiment is not None
     assert isinstance(noisy.experiment.noise, t2d.Receiver)
     assert noisy.settings["noise"] == "thermal noise, ADC"
 
@@ -217,12 +219,8 @@ def test_numbers_of_samples_chirps_and_effects_are_independent_and_normal() -> N
     parts = thermal.view(np.float32).astype(float) * math.sqrt(2)
     count = parts.size
     assert abs(parts.mean()) < 4 / math.sqrt(count)
-    for order, moment, spread in (
-        (2, 1, 2),
-        (3, 0, 15),
-        (4, 3, 96),
-        (6, 15, 10170),
-    ):  # of a normal number: Kendall and Stuart
+    # Moments of a normal number and the spread of their estimates: Kendall and Stuart.
+    for order, moment, spread in ((2, 1, 2), (3, 0, 15), (4, 3, 96), (6, 15, 10170)):
         assert abs((parts**order).mean() - moment) < 4 * math.sqrt(spread / count), order
     assert np.mean(np.abs(parts) > 4) == pytest.approx(6.334e-5, rel=0.35)  # 66 of them
     # White over chirps, over samples, and over both: every cell of the spectrum is that of a part alone.
@@ -301,9 +299,8 @@ MASK = {"kind": "mask", "points": [[1e5, -75.0], [1e6, -85.0], [1e7, -95.0]]}
 
 def residual_phase(bin_number: float, rows: int, mask: Any, radar: t2d.Radar) -> np.ndarray:
     """Phase noise [rad] left on an echo in a range bin, (row, sample)."""
-    beat = np.exp(2j * np.pi * bin_number * np.arange(radar.samples) / radar.samples).astype(np.complex64)
-    cube = np.array(np.broadcast_to(beat, (rows, radar.antennas, radar.samples)))
-    return np.angle(through(cube, radar, phase_noise=mask)[:, 0] * np.conj(beat))
+    cube = tone(bin_number, rows, radar)
+    return np.angle(through(cube, radar, phase_noise=mask) * np.conj(cube))[:, 0]
 
 
 def spectrum_of(phase: np.ndarray, rate_hz: float) -> np.ndarray:
@@ -315,8 +312,7 @@ def spectrum_of(phase: np.ndarray, rate_hz: float) -> np.ndarray:
 @pytest.mark.parametrize("bins", [(20.0, 60.0), (33.3, 140.5), (8.5, 200.5)])
 def test_residual_phase_noise_is_range_correlated(bins: tuple[float, float]) -> None:
     radar = t2d.Radar.preset("table2")
-    mask = t2d.Receiver(phase_noise=MASK).phase_noise
-    assert mask is not None
+    mask = oscillator_of(**MASK)
     frequency = np.fft.fftfreq(radar.samples, 1 / radar.sample_rate_hz)
     band = slice(6, radar.samples // 2 - 2)
     found, expected = [], []
@@ -343,42 +339,36 @@ def test_the_masks_integral_is_the_variance_of_the_phase(oscillator: dict[str, A
     radar = t2d.Radar.preset("table2")
     number = 100.0
     delay_s = number / radar.samples * radar.sample_rate_hz / radar.slope_hz_per_s
-    shape = t2d.Receiver(phase_noise=oscillator).phase_noise
-    assert shape is not None
     frequency = (np.arange(1_000_000) + 0.5) / 1_000_000 * radar.sample_rate_hz / 2
-    integral = 2 * np.mean(4 * np.sin(np.pi * frequency * delay_s) ** 2 * shape.density(frequency)) * frequency[-1]
+    integral = 2 * np.mean(
+        4 * np.sin(np.pi * frequency * delay_s) ** 2 * oscillator_of(**oscillator).density(frequency)
+    )
+    integral *= frequency[-1]
     phase = residual_phase(number, 1500, oscillator, radar)
     assert abs(db(np.var(phase) / integral)) < 0.2
 
 
 def test_leesons_model_and_masks_have_their_slopes() -> None:
-    leeson = t2d.Receiver(
-        phase_noise={"kind": "leeson", "floor_dbc_hz": -150, "half_bandwidth_hz": 1e6, "flicker_hz": 1e4}
-    )
-    assert leeson.phase_noise is not None
-    level = 10 * np.log10(leeson.phase_noise.density(np.array([1e2, 1e3, 1e5, 2e5, 1e9, -1e9])))
+    leeson = oscillator_of(kind="leeson", floor_dbc_hz=-150, half_bandwidth_hz=1e6, flicker_hz=1e4)
+    level = 10 * np.log10(leeson.density(np.array([1e2, 1e3, 1e5, 2e5, 1e9, -1e9])))
     assert level[0] - level[1] == pytest.approx(30, abs=0.5)
     assert level[2] - level[3] == pytest.approx(20 * math.log10(2), abs=0.3)
     assert level[4:] == pytest.approx([-150, -150], abs=0.01)
-    mask = t2d.Receiver(phase_noise=MASK).phase_noise
-    assert mask is not None
-    found = 10 * np.log10(mask.density(np.array([1.0, 1e5, 10**5.5, -1e6, 1e9])))
+    found = 10 * np.log10(oscillator_of(**MASK).density(np.array([1.0, 1e5, 10**5.5, -1e6, 1e9])))
     np.testing.assert_allclose(found, [-75, -75, -80, -85, -95], atol=1e-9)
 
 
 def test_phase_noise_is_shared_by_antennas_and_slow_noise_by_chirps() -> None:
     radar = t2d.Radar.preset("table2", rx_offsets_m=[(0, 0, 0), (0, 0.002, 0)], samples=32)
     steep = {"kind": "mask", "points": [[10.0, 0.0], [1e5, -160.0]]}  # what folds at the PRF is weak
-    cube = np.array(np.broadcast_to(np.exp(2j * np.pi * 10 * np.arange(32) / 32), (20_000, 2, 32)), np.complex64)
+    cube = tone(10, 20_000, radar)
     phase = np.angle(through(cube, radar, phase_noise=steep) * np.conj(cube))
     np.testing.assert_allclose(phase[:, 0], phase[:, 1], atol=1e-6)
     of_chirps = phase[:, 0].mean(axis=1)
     spectrum = np.abs(np.fft.fft((of_chirps * np.hanning(20_000)).reshape(1, -1), axis=1)[0]) ** 2
     frequency = np.fft.fftfreq(20_000, 1 / radar.prf_hz)
     delay_s = 10 / 32 * radar.sample_rate_hz / radar.slope_hz_per_s
-    window = np.hanning(20_000)
-    shape = t2d.Receiver(phase_noise=steep).phase_noise
-    assert shape is not None
+    window, shape = np.hanning(20_000), oscillator_of(**steep)
     for low, high in ((20.0, 100.0), (100.0, 300.0), (300.0, 1000.0)):
         within = (np.abs(frequency) > low) & (np.abs(frequency) < high)
         expected = (2 * np.pi * frequency[within] * delay_s) ** 2 * shape.density(frequency[within])
@@ -388,9 +378,8 @@ def test_phase_noise_is_shared_by_antennas_and_slow_noise_by_chirps() -> None:
 
 def test_negligible_phase_noise_is_left_out_and_no_other() -> None:
     radar = t2d.Radar.preset("table2")
-    tone = np.exp(2j * np.pi * 100 * np.arange(256) / 256)
     for level, changes in ((1e-7, False), (1e-3, True)):
-        cube = np.array(np.broadcast_to(level * tone, (4, 1, 256)), np.complex64)
+        cube = tone(100, 4, radar, level)
         thermal = through(cube, radar, temperature_k=290.0)
         both = through(cube, radar, temperature_k=290.0, phase_noise=MASK)
         assert (both != thermal).any() == changes
@@ -401,13 +390,12 @@ def test_negligible_phase_noise_is_left_out_and_no_other() -> None:
 
 @pytest.mark.parametrize(("gain_db", "phase_deg"), [(0.5, 0.0), (0.0, 3.0), (-1.0, 5.0)])
 def test_the_image_is_rejected_as_the_imbalance_says(gain_db: float, phase_deg: float) -> None:
-    cube = np.array(np.broadcast_to(np.exp(2j * np.pi * 10 * np.arange(64) / 64), (4, 1, 64)), np.complex64)
-    spectrum = np.abs(np.fft.fft(through(cube, iq_imbalance={"gain_db": gain_db, "phase_deg": phase_deg}), axis=2)) ** 2
+    fields = {"gain_db": gain_db, "phase_deg": phase_deg}
+    spectrum = np.abs(np.fft.fft(through(tone(10, 4), iq_imbalance=fields), axis=2)) ** 2
     g, p = 10 ** (gain_db / 20), math.radians(phase_deg)
     expected = (1 + 2 * g * math.cos(p) + g**2) / (1 - 2 * g * math.cos(p) + g**2)
     assert abs(db(spectrum[0, 0, 10] / spectrum[0, 0, 54]) - db(expected)) < 0.01
-    imbalance = t2d.Receiver(iq_imbalance={"gain_db": gain_db, "phase_deg": phase_deg}).iq_imbalance
-    assert imbalance is not None
+    imbalance = t2d.Receiver(iq_imbalance=fields).iq_imbalance
     assert imbalance.image_rejection_db == pytest.approx(db(expected))
 
 
@@ -446,8 +434,7 @@ def test_flicker_noise_of_chirps_goes_on_below_the_prf() -> None:
 
 def test_phase_noise_beyond_small_angles_is_told() -> None:
     """White phase noise of density L up to half the sample rate leaves 2 L fs (1 - sinc(fs tau)) at a delay tau."""
-    oscillator = t2d.Receiver(phase_noise={"kind": "mask", "points": [[1e6, -70]]}).phase_noise
-    assert oscillator is not None
+    oscillator = oscillator_of(kind="mask", points=[[1e6, -70]])
     rate, delay_s = RADAR.sample_rate_hz, np.abs(bin_delays_s(RADAR)).max()
     expected = math.sqrt(2 * 1e-7 * rate * (1 - np.sinc(rate * delay_s)))
     assert residual_rms_rad(RADAR, oscillator) == pytest.approx(expected, rel=1e-2)
@@ -516,13 +503,8 @@ def test_interference_has_the_power_of_friis_and_hits_as_often_as_chirps_cross()
 
 def test_interference_from_the_side_has_the_phases_of_its_direction() -> None:
     radar = t2d.Radar.preset("array-3x4")
-    other = {
-        **OTHER,
-        "position_m": (300.0, 300.0, 1.0),
-        "carrier_hz": 77.5e9,
-        "slope_hz_per_s": 30e12,
-        "interval_s": 201e-6,
-    }
+    there = {"position_m": (300.0, 300.0, 1.0), "carrier_hz": 77.5e9, "slope_hz_per_s": 30e12, "interval_s": 201e-6}
+    other = OTHER | there
     found = through(silence(200, radar), radar, interferers=[other])
     slots = found.reshape(-1, 4, radar.samples)
     hit = slots[np.abs(slots).max(axis=(1, 2)).argmax()]
@@ -540,14 +522,11 @@ ALL = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "left_out", ["temperature_k", "flicker_corner_hz", "phase_noise", "dc_offset_dbm", "interferers"]
-)
+@pytest.mark.parametrize("left_out", [name for name in ALL if name != "iq_imbalance"])
 def test_leaving_an_effect_out_does_not_change_the_draws_of_others(left_out: str) -> None:
     linear = {name: value for name, value in ALL.items() if name != "iq_imbalance"}
     rest = {name: value for name, value in linear.items() if name != left_out}
-    tone = np.exp(2j * np.pi * 30 * np.arange(64) / 64) * 1e-3
-    cube = np.array(np.broadcast_to(tone, (64, 1, 64)), np.complex64)
+    cube = tone(30, 64, level=1e-3)
     alone = through(cube, **{left_out: ALL[left_out]}) - cube
     assert np.abs(alone).max() > 0
     both = through(cube, **linear) - through(cube, **rest)
@@ -571,7 +550,6 @@ def test_rows_of_all_effects_do_not_depend_on_blocks(name: str, monkeypatch: pyt
 
 def test_noise_free_samples_and_hashes_stay_as_they_were() -> None:
     clean = fan()
-    assert clean.experiment is not None
     assert clean.experiment.noise == "none"
     assert (clean.snr_db, clean.noise_floor_dbm) == (None, None)
     assert "noise" not in clean.settings
@@ -582,14 +560,12 @@ def test_noise_free_samples_and_hashes_stay_as_they_were() -> None:
         del values[later]
     assert t2d.Experiment.model_validate(values).hash == clean.experiment.hash
     assert hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:32] == clean.experiment.hash
-    assert silent.experiment is not None
     assert silent.experiment.hash != clean.experiment.hash
 
 
 @pytest.mark.slow
 def test_a_noisy_recording_is_made_again_from_its_folder(tmp_path: Path) -> None:
     noisy = fan(noise="receiver")
-    assert noisy.experiment is not None
     assert noisy.experiment.noise == t2d.Receiver.preset(noisy.radar)
     noisy.save(tmp_path / "noisy.zarr")
     again = t2d.Recording.load(tmp_path / "noisy.zarr").again()
@@ -668,7 +644,6 @@ def test_noise_of_cubes_on_disk_is_that_of_cubes_in_memory(monkeypatch: pytest.M
     assert isinstance(clean.cube, DiskCube)
     noisy = t2d.add_noise(clean)
     assert isinstance(noisy.cube, DiskCube)
-    assert noisy.experiment is not None
     assert isinstance(noisy.experiment.noise, t2d.Receiver)
     expected, levels = receive(np.asarray(clean.cube), clean.radar, noisy.experiment.noise, 0)
     np.testing.assert_array_equal(np.asarray(noisy.cube), expected)
@@ -719,27 +694,18 @@ def test_every_preset_has_a_receiver(name: str) -> None:
     [
         ("loud", "noise must be 'none', 'receiver', a YAML file, a mapping or a Receiver, got 'loud'"),
         (3, "noise must be 'none', 'receiver'"),
-        (
-            {"adc": {"bits": -8, "full_scale_dbm": 0}},
-            "receiver's ADC key bits: got -8, should be greater than or equal to 2",
-        ),
-        (
-            {"adc": {"bits": 12, "full_scale_dbm": -math.inf}},
-            "receiver's ADC key full_scale_dbm: got -inf, should be a finite number",
-        ),
+        ({"adc": {"bits": -8, "full_scale_dbm": 0}}, "receiver's ADC key bits: got -8, should be greater than or equal to 2"),
+        ({"adc": {"bits": 12, "full_scale_dbm": -math.inf}}, "receiver's ADC key full_scale_dbm: got -inf, should be a finite"),
         ({"temperature_k": 0}, "receiver key temperature_k: got 0, should be greater than 0"),
         ({"temperature_k": math.nan}, "should be a finite number"),
         ({"seed": -1}, "receiver key seed: got -1"),
         ({"adcs": {}}, "unknown receiver key 'adcs'; did you mean adc?"),
         ({"adc": True}, "receiver key adc"),
-        (
-            {"phase_noise": {"kind": "mask", "points": [[1e6, -90], [1e5, -80]]}},
-            "offsets of a phase-noise mask must rise, got 100000 Hz after 1e\\+06 Hz; sort its points",
-        ),
+        ({"phase_noise": {"kind": "mask", "points": [[1e6, -90], [1e5, -80]]}}, "rise, got 100000 Hz after 1e\\+06 Hz; sort"),
         ({"phase_noise": {"kind": "mask", "points": []}}, "phase-noise mask key points is empty"),
         ({"phase_noise": {"kind": "mush"}}, "receiver key phase_noise: unknown kind 'mush'"),
     ],
-)
+)  # fmt: skip
 def test_what_no_receiver_can_have_is_refused(noise: Any, told: str) -> None:
     with pytest.raises(InputError, match=told):
         t2d.Experiment(targets=[FAN], radar="table2", noise=noise)
@@ -747,25 +713,18 @@ def test_what_no_receiver_can_have_is_refused(noise: Any, told: str) -> None:
 
 def test_bands_without_a_receiver_are_refused() -> None:
     radar = t2d.Radar.preset("table2", carrier_hz=10e9, slope_hz_per_s=1e12)
-    with pytest.raises(
-        InputError, match=r"no receiver is shipped for 10\.02 GHz \(there are those for 22 to 29, 56 to 71"
-    ):
+    with pytest.raises(InputError, match=r"no receiver is shipped for 10\.02 GHz \(there are those for 22 to 29, 56"):
         t2d.Receiver.preset(radar)
 
 
-def test_a_receiver_that_the_radar_cannot_have_is_refused_before_the_simulation(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    pipeline = sys.modules["t2d_rt.simulate"]
-    monkeypatch.setattr(pipeline, "summed", lambda *_, **__: pytest.fail("it was simulated"))
+def test_a_receiver_that_the_radar_cannot_have_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.modules["t2d_rt.simulate"], "summed", lambda *_, **__: pytest.fail("it was simulated"))
     radar = t2d.Radar.preset("table2", samples=8)
     with pytest.raises(InputError, match="phase noise is sorted by range"):
         t2d.simulate(t2d.trim(t2d.example("walk"), 1, 1.1), radar=radar, method="ellipsoid", noise="receiver")
 
 
 def test_phases_become_factors_without_the_loss_of_digits() -> None:
-    from t2d_rt.noise.receiver.phase_noise import SMALL_RAD, _factors
-
     rows = np.array(
         [[1e-6, -3e-4], [0.9 * SMALL_RAD, -0.9 * SMALL_RAD], [1.1 * SMALL_RAD, 1e-5], [2.0, -1.0]], np.float32
     )

@@ -48,9 +48,7 @@ def whole(request: pytest.FixtureRequest) -> tuple[t2d.Recording, Any, dict[str,
     return recorded(targets, **options), targets, options
 
 
-def test_a_path_alone_and_all_without_it_add_up_to_the_whole(
-    whole: tuple[t2d.Recording, Any, dict[str, Any]],
-) -> None:
+def test_a_path_and_all_without_it_add_up_to_the_whole(whole: tuple[t2d.Recording, Any, dict[str, Any]]) -> None:
     everything, targets, options = whole
     pairs = everything.settings["pairs"]
     assert len(pairs) > 4
@@ -82,7 +80,6 @@ def test_a_level_of_the_table_is_what_a_sphere_returns() -> None:
 
 def test_switched_paths_are_recorded_and_made_again(tmp_path: Path) -> None:
     first = recorded(piece(), method="ellipsoid", only_paths=["direct", "*floor*"], without_paths=["floor"])
-    assert first.experiment is not None
     assert first.experiment.only_paths == ("direct", "*floor*")
     assert first.experiment.without_paths == ("floor",)
     assert first.settings["pairs"] == ["direct", "direct, floor", *first.settings["pairs"][2:]]
@@ -91,7 +88,6 @@ def test_switched_paths_are_recorded_and_made_again(tmp_path: Path) -> None:
     assert np.array_equal(again.cube, first.cube)
     assert again.settings["pairs"] == first.settings["pairs"]
     plain = recorded(piece(), method="ellipsoid").experiment
-    assert plain is not None
     assert plain.hash != first.experiment.hash
     # Experiments of before have no such fields, and the same hash.
     older = plain.model_dump(mode="json", exclude={"only_paths", "without_paths"})
@@ -202,7 +198,6 @@ def test_paths_of_an_experiment_are_those_of_its_tolerance(
     Path("few.yaml").write_text(text + "tolerance_db: -8\n")
     plan = t2d.plan(t2d.Experiment.from_yaml("plain.yaml"), tolerance_db=-8.0)
     planned = plan.model.pairs(plan.accuracy)
-    assert planned is not None
     names = {pair.name for pair in planned.pairs if "floor" in pair.name or "wall" in pair.name}
     found = []
     for given in (["plain.yaml"], ["few.yaml"], ["plain.yaml", "--tolerance-db", "-8"]):

@@ -68,7 +68,6 @@ def test_the_page_needs_nothing_else(viewer: Viewer) -> None:
 
 def test_bodies_are_where_they_are(walker: Recording, shown: dict[str, Any]) -> None:
     assert [each["name"] for each in shown["targets"]] == ["adult", "fan"]
-    assert walker.experiment is not None
     motion = walker.experiment.targets_from(walker.inputs)[0]
     body = shown["targets"][0]
     times = np.arange(body["frames"]) / shown["frames_hz"]
@@ -100,7 +99,6 @@ def test_speeds_and_paths_are_those_of_the_tables(walker: Recording, shown: dict
     assert direct == pytest.approx(float(paths.level_dbm.sel(pair="direct", target="adult")[3]), abs=1e-3)
     fan = next(part for part in shown["parts"] if part["name"] == "fan")
     mesh = t2d.TableFan(position_m=(3.0, -1.0, 1.0), rpm=300).mesh(0.0, 0.8)
-    assert walker.experiment is not None
     ellipsoids = t2d.segments(walker.experiment.targets_from(walker.inputs)[0]).solid()
     owner = shown["targets"][0]["owner"]
     for part, places in (
@@ -380,9 +378,7 @@ def test_names_in_the_room_stand_apart(browser: Browser, page: Path, look: str) 
 
 
 @DARK
-def test_the_map_of_the_moment_shows_where_targets_are_or_all_of_it(
-    browser: Browser, page: Path, shown: dict[str, Any]
-) -> None:
+def test_the_map_of_the_moment_shows_targets_or_all_of_it(browser: Browser, page: Path, shown: dict[str, Any]) -> None:
     browser.open(page)
     chart = "state.panels[0].charts.find(each => each.kind == 'range_doppler')"
     parts, at = shown["parts"], box(browser, ".range_doppler canvas")
@@ -447,9 +443,7 @@ def test_a_click_on_the_arc_of_a_foot_lights_that_foot(browser: Browser, page: P
 
 @pytest.mark.slow
 @DARK
-def test_a_click_above_the_middle_of_a_foot_finds_its_fastest_point(
-    browser: Browser, page: Path, shown: dict[str, Any]
-) -> None:
+def test_a_click_above_a_foot_finds_its_fastest_point(browser: Browser, page: Path, shown: dict[str, Any]) -> None:
     browser.open(page)
     foot = max((part for part in shown["parts"] if part["foot"]), key=lambda part: part["fast"][2:-2].max())
     k = 2 + int(foot["fast"][2:-2].argmax())

@@ -74,9 +74,7 @@ PROCESSING: list[dict[str, Any]] = [
 
 
 @pytest.mark.parametrize("processing", slow_after(2, PROCESSING))
-def test_levels_are_those_of_the_parts_and_their_sums_those_of_their_samples(
-    limbs: Recording, processing: dict[str, Any]
-) -> None:
+def test_levels_are_those_of_parts_and_sums_of_their_samples(limbs: Recording, processing: dict[str, Any]) -> None:
     recording = limbs.processed(**processing)
     split = split_of(recording)
     assert split["names"] == list(recording.parts)

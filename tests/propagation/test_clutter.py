@@ -161,8 +161,6 @@ def test_each_antenna_has_the_delay_of_its_own_image() -> None:
     radar = Radar.preset("array-3x4")
     (path,) = found(ahead(2.0), radar=radar)
     echoes = mirror_echoes([path], radar, times_s=TIMES_S).gather()
-    assert echoes.departure_m is not None
-    assert echoes.arrival_m is not None
     departure, arrival = echoes.departure_m[0, 0].astype(float), echoes.arrival_m[0, 0].astype(float)
     tx, rx = radar.tx_positions_m, radar.rx_positions_m
 

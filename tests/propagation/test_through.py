@@ -41,9 +41,7 @@ def partition(material: str | Material = "plasterboard", thickness_m: float = 0.
 @pytest.mark.parametrize(
     ("scene", "place", "paths"), [("empty_room", (3.0, 4.2, 1.2), 7), ("living_room", (7.8, -4.0, 1.1), 9)]
 )
-def test_paths_through_walls_and_doors_are_those_of_sionna(
-    scene: str, place: tuple[float, float, float], paths: int
-) -> None:
+def test_paths_through_walls_are_those_of_sionna(scene: str, place: tuple[float, float, float], paths: int) -> None:
     """Behind a partition, and behind a closed door: all within 60 dB of the strongest, with delays, amplitudes and phases."""
     mitsuba(select("cpu"))
     import sionna.rt as rt
@@ -114,9 +112,7 @@ def moving_ball(method: str) -> MovingMesh | Ellipsoids:
     ("material", "thickness_m", "method"),
     slow_after(1, [("plasterboard", 0.0125, "mesh"), ("wood", 0.04, "mesh"), ("wood", 0.04, "ellipsoid")]),
 )
-def test_a_sphere_behind_a_partition_is_weaker_by_its_loss_out_and_back(
-    material: str, thickness_m: float, method: str
-) -> None:
+def test_a_sphere_behind_a_partition_has_its_loss_twice(material: str, thickness_m: float, method: str) -> None:
     """Sample by sample: the cube is that of free space times T squared at the sample's frequency; so power is down by |T|^4."""
     radar, target = Radar.preset("table2"), moving_ball(method)
     common: dict[str, Any] = {

@@ -10,13 +10,13 @@ import pytest
 from scipy.special import jv
 
 import t2d_rt as t2d
+from builders import ball, icosphere, moving, static_mesh
 from t2d_rt.accuracy.estimate import Chirps, Field, nmse_db
 from t2d_rt.core.constants import SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.experiment.experiment import Experiment
 from t2d_rt.experiment.setup import set_up
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar, RadarTrack, Scene, Surface, antennas
-from tests.builders import ball, icosphere, moving, static_mesh
 
 TABLE2 = Radar.preset("table2")
 UNTIL_S = 0.2
@@ -70,7 +70,6 @@ def test_frame_of_a_radar() -> None:
     own = (radar.passing(np.array([1.0])).points(ahead[None, None])[0, 0] - radar.position_m) @ radar.axes.T
     assert np.allclose(own, (2, 0, 0))
     rolled = RadarTrack.of_angles([0, 1], np.zeros((2, 3)), [(0, 0, 0), (0, 0, 90)]).axes(np.array([1.0]))
-    assert rolled is not None
     assert np.allclose(rolled[0], [(1, 0, 0), (0, 0, 1), (0, -1, 0)])  # the left side is up
 
 
@@ -131,7 +130,6 @@ def by_images(
 ) -> np.ndarray:
     """Samples of one antenna before a metal wall and a point of the RCS of a sphere, by images; all is at one height, so that the
     wall turns the sign of the vertical field at each reflection and changes nothing else."""
-    assert radar.track is not None
     tx_m, rx_m = np.array(radar.tx_offsets_m), np.array(radar.rx_offsets_m)
     out, back = divmod(antenna, len(rx_m))
     fast_s = radar.sample_times_s
@@ -172,20 +170,15 @@ def by_images(
 
 
 @pytest.mark.parametrize(
-    ("preset", "velocity_mps", "wall_at", "turns_deg", "at_most_db"),
+    ("preset", "velocity_mps", "turns_deg", "at_most_db"),
     [
-        ("table2", (1.0, 0.0, 0.0), (0, 5.0), 0.0, -90.0),  # -101 dB seen, with clutter -102
-        ("table2", (0.7, 0.6, 0.0), (0, 5.0), 0.0, -88.0),  # -99 dB
+        ("table2", (0.7, 0.6, 0.0), 0.0, -88.0),  # -99 dB seen, with and without clutter
         # -57 dB: apparent places in single precision and splines
-        ("array-3x4", (0.6, 0.5, 0.0), (0, 5.0), 25.0, -50.0),
+        ("array-3x4", (0.6, 0.5, 0.0), 25.0, -50.0),
     ],
 )
 def test_walls_pass_a_radar_that_moves(
-    preset: str,
-    velocity_mps: tuple[float, float, float],
-    wall_at: tuple[int, float],
-    turns_deg: float,
-    at_most_db: float,
+    preset: str, velocity_mps: tuple[float, float, float], turns_deg: float, at_most_db: float
 ) -> None:
     times_s = np.linspace(0, UNTIL_S, 81)
     places = np.array([0, 0, 1.0]) + np.outer(times_s, velocity_mps)
@@ -194,23 +187,17 @@ def test_walls_pass_a_radar_that_moves(
     radar, point_m = Radar.preset(preset, track=track, **more), np.array([2.5, 1.7, 1.0])
     target = Ellipsoids([[0.05] * 3], np.broadcast_to(point_m, (2, 1, 3)), [0, UNTIL_S], material="pec")
     for clutter in ("none", "specular"):
-        seen = t2d.simulate(
-            target,
-            radar=radar,
-            scene=wall(*wall_at),
-            reflections=2,
-            method="ellipsoid",
-            phase_from="centre",
-            clutter=clutter,
-        )
+        options = {"method": "ellipsoid", "phase_from": "centre", "clutter": clutter}
+        seen = t2d.simulate(target, radar=radar, scene=wall(0, 5.0), reflections=2, **options)
         antenna = radar.antennas - 1
-        expected = by_images(radar, antenna, point_m, 0.05, *wall_at, clutter=clutter != "none")
+        expected = by_images(radar, antenna, point_m, 0.05, 0, 5.0, clutter=clutter != "none")
         found = seen.cube[:, antenna]
         assert 10 * np.log10(np.sum(abs(found - expected) ** 2) / np.sum(abs(expected) ** 2)) < at_most_db
         speeds = seen.paths.speed_mps.values[0], -np.gradient(seen.paths.length_m.values[0], 0.04, axis=1) / 2
         assert np.allclose(speeds[0][:, 1:-1], speeds[1][:, 1:-1], atol=3e-3)
 
 
+@pytest.mark.usefixtures("coarse_bodies")
 @pytest.mark.filterwarnings("ignore:top speed")
 def test_a_track_of_one_place_is_that_place() -> None:
     walk = t2d.trim(t2d.example("walk"), 2.0, 2.06)
@@ -231,7 +218,6 @@ def test_echoes_at_an_instant_are_those_of_a_radar_that_stands_there() -> None:
     angles, places = np.outer(times_s, [60.0, 30.0, 0.0]), np.array([0, 0, 1.0]) + np.outer(times_s, [1.6, 1.2, 0.3])
     track, at_s = RadarTrack.of_angles(times_s, places, angles), np.array([0.2])
     place, axes = track.places_m(at_s)[0], track.axes(at_s)
-    assert axes is not None
     accuracy = t2d.Accuracy(tiers=[{"level_db": -200.0}], dynamic_range_db=80.0, least_level_db=-80.0)
 
     def seen(radar: Radar) -> tuple[np.ndarray, complex]:
@@ -261,12 +247,12 @@ def test_a_mirror_is_seen_while_the_radar_is_before_it() -> None:
         name="panel", vertices=corners, faces=np.array([[0, 1, 2], [1, 3, 2]]), material=PEC, thickness_m=0.1
     )
     places = [(-1.0, 0.0, 1.0), (1.0, 0.0, 1.0)]
-    radar = Radar.preset("table2-uniform", track=RadarTrack(times_s=[0, 1], positions_m=places))
-    target = ball((3.0, -1.0, 1.0), time_s=1.0, level=1)
+    radar = Radar.preset("table2-uniform", track=RadarTrack(times_s=[0, 0.4], positions_m=places))
+    target = ball((3.0, -1.0, 1.0), time_s=0.4, level=1)
     room = {"radar": radar, "scene": Scene(name="panel", surfaces=(panel,)), "reflections": 1}
     echo = t2d.simulate(target, **room).cube[:, 0] - t2d.simulate(target, clutter="none", **room).cube[:, 0]
     power = np.mean(abs(echo) ** 2, axis=1)
-    at_m = np.interp(radar.chirp_times_s(1.0), [0, 1], [-1, 1])
+    at_m = np.interp(radar.chirp_times_s(0.4), [0, 0.4], [-1, 1])
     lit = np.sqrt(power / power[np.abs(at_m) < 0.2].mean())
     assert np.allclose(lit[np.abs(at_m) < 0.3], 1, atol=0.01)
     assert lit[np.abs(at_m) > 0.5].max() < 1e-3
@@ -279,7 +265,7 @@ def test_what_a_ball_hides_of_a_wall_follows_the_track() -> None:
     riding = TABLE2.replace(track=RadarTrack(times_s=TIMES_S, positions_m=np.array(TABLE2.position_m) + along))
 
     def found(radar: Radar, carried_m: np.ndarray, occlusion: bool = True) -> t2d.Recording:
-        balls = [MovingMesh(each + carried_m[:, None], faces, TIMES_S, "pec") for each, faces in shapes]
+        balls = [moving(shape, carried_m, TIMES_S, sagitta_rad=0.6) for shape in shapes]
         accuracy = {"tiers": [{"level_db": -200.0}], "occlusion": occlusion}
         return t2d.simulate(balls, radar=radar, scene=wall(1, 2.0), reflections=1, accuracy=accuracy)
 
@@ -297,7 +283,7 @@ def test_what_a_ball_hides_of_a_path_over_a_wall_follows_the_track(path: str) ->
     riding = TABLE2.replace(track=RadarTrack(times_s=TIMES_S, positions_m=np.array(TABLE2.position_m) + along))
 
     def found(radar: Radar, carried_m: np.ndarray, which: slice = slice(None)) -> t2d.Recording:
-        balls = [MovingMesh(each + carried_m[:, None], faces, TIMES_S, "pec") for each, faces in shapes[which]]
+        balls = [moving(shape, carried_m, TIMES_S, sagitta_rad=0.6) for shape in shapes[which]]
         room = {"scene": wall(1, 2.0), "reflections": 2, "clutter": "none", "only_paths": [path]}
         return t2d.simulate(balls, radar=radar, **room, accuracy={"tiers": [{"level_db": -200.0}]})
 

@@ -10,11 +10,11 @@ import pytest
 import yaml
 
 import t2d_rt as t2d
+from builders import ball
 from t2d_rt.cli import main
 from t2d_rt.core.errors import InputError
 from t2d_rt.types import Radar
 from t2d_rt.types.radar_pairs import bistatic, heard
-from tests.builders import ball
 
 TABLE2 = Radar.preset("table2")
 ASIDE = TABLE2.replace(position_m=(2.0, -2.0, 1.2), boresight=(0.0, 1.0, 0.0))
@@ -38,7 +38,6 @@ def test_noise_of_each_is_its_own() -> None:
     assert abs(np.vdot(*added)) < 0.02 * np.linalg.norm(added[0]) * np.linalg.norm(added[1])
     # With its seed each is the same alone; the first one's is that of the simulation.
     assert np.array_equal(first.cube, t2d.simulate(TARGET, radar=TABLE2, **options).cube)
-    assert second.experiment is not None
     alone = t2d.simulate(TARGET, radar=TABLE2, **{**options, "noise": second.experiment.noise})
     assert np.array_equal(second.cube, alone.cube)
 
@@ -145,9 +144,7 @@ def test_radars_that_are_none() -> None:
         heard(TABLE2, TABLE2)
 
 
-def test_radars_of_an_experiment(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_of_an_experiment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
     other = {name: value for name, value in ASIDE.model_dump(mode="json").items() if value is not None}
     targets = [{"kind": "file", "file": "walk", "stop_s": 0.1}]

@@ -225,7 +225,6 @@ def test_what_is_read_at_once_does_not_matter(read_frames: int) -> None:
 
     def frames(start: int, stop: int) -> EchoArrays:
         asked.append((start, stop))
-        assert echoes.slope is not None
         return echoes.delay_s[start:stop], echoes.amplitude[start:stop], echoes.slope[start:stop]
 
     fractions: list[float] = []
@@ -268,7 +267,6 @@ def test_same_echoes_same_bits() -> None:
 def test_order_of_scatterers_does_not_matter() -> None:
     echoes = random_echoes(TABLE2, frames=8)
     order = np.random.default_rng(1).permutation(echoes.delay_s.shape[1])
-    assert echoes.slope is not None
     shuffled = Echoes(
         times_s=echoes.times_s, delay_s=echoes.delay_s[:, order], amplitude=echoes.amplitude[:, order],
         slope=echoes.slope[:, order],

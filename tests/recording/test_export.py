@@ -187,9 +187,7 @@ def test_command_line(
 
 
 @pytest.mark.parametrize("ending", slow_after(1, [".npz", ".mat", ".h5", ".nc"]))
-def test_truth_beside_a_recording(
-    seen: Recording, tmp_path: Path, ending: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_truth_of_a_recording(seen: Recording, tmp_path: Path, ending: str, capsys: pytest.CaptureFixture[str]) -> None:
     """By the command line, as other programs read it: numbers, flags and names."""
     if ending == ".h5":
         pytest.importorskip("h5py", reason="the extra hdf5 is not installed")

@@ -56,6 +56,7 @@ CASES: dict[str, Any] = {
 }  # fmt: skip
 
 
+@pytest.mark.usefixtures("coarse_bodies")
 @pytest.mark.parametrize("case", slow_after(3, list(CASES)))
 def test_parts_add_up_to_what_is_recorded_without_them(case: str) -> None:
     split, make, options, count = CASES[case]
@@ -195,9 +196,7 @@ def test_limbs_have_the_same_colours_in_all_pictures() -> None:
     assert len({*two.values()}) == 3  # of two persons' feet neither has the colour of feet
 
 
-def test_the_body_stands_above_the_picture_in_the_colours_of_its_limbs(
-    by_segment: t2d.Recording, coarse: t2d.Recording
-) -> None:
+def test_bodies_above_the_picture_have_its_limbs_colours(by_segment: t2d.Recording, coarse: t2d.Recording) -> None:
     figure = by_segment.plot_parts("walk", poses=3)
     strip, axes = figure.axes
     assert strip.get_title() == "walk"

@@ -56,14 +56,8 @@ def walk(stop_s: float = 1.6) -> Motion:
 
 def test_a_scatterer_of_ones_own_takes_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     def cube() -> np.ndarray:
-        return np.asarray(
-            t2d.simulate(
-                walk(),
-                radar=RADAR,
-                method="ellipsoid",
-                accuracy={"synthesis_error_db": -90.0, "surface_rate_hz": 200.0},
-            ).adc
-        )
+        accuracy = {"synthesis_error_db": -90.0, "surface_rate_hz": 200.0}
+        return np.asarray(t2d.simulate(walk(), radar=RADAR, method="ellipsoid", accuracy=accuracy).adc)
 
     without = cube()
     monkeypatch.setattr(prepare, "SCATTERERS", (*prepare.SCATTERERS, pelvis))
@@ -80,6 +74,7 @@ def test_a_scatterer_of_ones_own_takes_one_line(monkeypatch: pytest.MonkeyPatch)
     assert np.sum(np.abs(found - expected) ** 2) < 1e-5 * np.sum(np.abs(expected) ** 2)
 
 
+@pytest.mark.usefixtures("coarse_bodies")
 @pytest.mark.parametrize("method", ["ellipsoid", "mesh"])
 def test_each_echo_tells_where_it_comes_from(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prepare, "SCATTERERS", (*prepare.SCATTERERS, pelvis))

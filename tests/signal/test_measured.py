@@ -167,9 +167,7 @@ def test_real_samples_are_read_once_it_is_said(tmp_path: Path, ending: str, lane
 @pytest.mark.parametrize("noise", [1.0, 300.0])
 @pytest.mark.parametrize("lanes", [2, 4])
 @pytest.mark.parametrize("name", WRITERS)
-def test_captures_in_another_order_are_refused_by_their_samples(
-    tmp_path: Path, name: str, lanes: int, noise: float
-) -> None:
+def test_captures_in_another_order_are_refused(tmp_path: Path, name: str, lanes: int, noise: float) -> None:
     cube = scene(noise=noise)
     path = written(tmp_path / "a.bin", WRITERS[name](cube))
     if name == f"complex samples over {lanes} lanes":

@@ -132,7 +132,6 @@ def test_intervals_of_a_cell_are_those_of_its_groups() -> None:
     joined = alone | {"groups": [place // 40 * 4 + place % 4 for place in range(4000)]}
     for cell, count in ((alone, 4000), (joined, 400)):
         drawn = Accuracies([cell])("hard", "file", "crnn")
-        assert drawn is not None
         assert drawn[0] == pytest.approx(80.0)
         assert np.std(drawn[1:]) == pytest.approx(100 * (0.8 * 0.2 / count) ** 0.5, rel=0.1)
 
@@ -147,9 +146,7 @@ def test_scales_name_recipes_that_are_there() -> None:
 
 
 @pytest.mark.slow
-def test_conditions_are_trained_and_tested_one_by_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
-) -> None:
+def test_conditions_are_trained_one_by_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     monkeypatch.setattr(conditions, "OPTIONS", TrainOptions(epochs=1, batch=8))
     monkeypatch.setattr(conditions, "SEEDS", (0,))
     assert conditions.trainings(("a", "b", "c"))["all but b"] == ("a", "c")
