@@ -29,7 +29,7 @@ def tiny(**changes: Any) -> Recipe:
 
 
 def test_a_subject_is_one_person_in_all_samples() -> None:
-    recipe, seen = tiny(subjects=5), defaultdict(list)
+    recipe, seen = tiny(subjects=6), defaultdict(list)
     for index in range(12):
         found = sample(recipe, index)
         who, source = subject(recipe, found.subject), found.cut.source
