@@ -73,9 +73,10 @@ def line(name: str, dataset: Dataset, told: np.ndarray) -> Line:
 def benchmark(folder: str | Path, model: Model, *, name: str | None = None, size: int = 64) -> Line:
     """Trains a model on train and val of a data set whose recipe has sides, and tests it on what is kept apart.
 
+    Raises InputError where the recipe has no sides, or the model does not tell a class of each map.
+
     folder: the data set. model: of scikit-learn, or any with `fit` and `predict`. name: in the table; the class's by default.
     size: cells of speed and of time of the maps.
-    Raises InputError where the recipe has no sides, or the model does not tell a class of each map.
     """
     dataset = Dataset(folder)
     sides, maps = sides_of_recipe(dataset), maps_of(dataset, size=(size, size))
