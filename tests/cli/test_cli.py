@@ -130,18 +130,9 @@ def test_movers_and_persons_are_added(run: Command) -> None:
         "simulate", "walk.bvh", *QUICK, "--accuracy.occlusion", "false", "--config", "added.yaml", "-o", "file.zarr"
     )
     by_option = run(
-        "simulate",
-        "walk.bvh",
-        *QUICK,
-        "--accuracy.occlusion",
-        "false",
-        "--add",
-        "fan:2,1,1,rpm=60",
-        "--add",
-        other,
-        "-o",
-        "option.zarr",
-    )
+        "simulate", "walk.bvh", *QUICK, "--accuracy.occlusion", "false", "--add", "fan:2,1,1,rpm=60", "--add", other,
+        "-o", "option.zarr",
+    )  # fmt: skip
     assert (by_file.code, by_option.code) == (0, 0), by_file.err + by_option.err
     file, option = t2d.Recording.load("file.zarr"), t2d.Recording.load("option.zarr")
     assert np.array_equal(np.asarray(file.cube), np.asarray(option.cube))
@@ -351,11 +342,8 @@ def test_plan_refuses_a_tolerance_that_makes_no_sense(refused: Callable[..., str
 @pytest.mark.slow
 def test_a_closed_standard_output_is_no_traceback() -> None:
     done = subprocess.run(
-        ["/bin/sh", "-c", f"'{sys.executable}' -m t2d_rt info '{WALK}' >&-"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+        ["/bin/sh", "-c", f"'{sys.executable}' -m t2d_rt info '{WALK}' >&-"], capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert done.returncode == 0
     assert "Traceback" not in done.stderr
 

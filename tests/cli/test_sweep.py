@@ -233,9 +233,9 @@ def test_other_spectrograms_are_simulated_once(tmp_path: Path, monkeypatch: pyte
     vary = {"seed": [0, 1], "signal.n_window": [64, 128], "signal.overlap": [32, 48]}
     found = again(tmp_path / "windows", vary, {**FIELDS, "targets": [WALKER]}, processing={"mti": "mean"})
     assert seeds == [0, 1]
+    singles = [t2d.run(t2d.Experiment(**{**FIELDS, "targets": [WALKER], "seed": seed})) for seed in seeds]
     for number, (seed, n_window, overlap) in enumerate(itertools.product(*vary.values())):
-        single = t2d.run(t2d.Experiment(**{**FIELDS, "targets": [WALKER], "seed": seed}))
-        image = single.processed(mti="mean", n_window=n_window, overlap=overlap).spectrogram
+        image = singles[seed].processed(mti="mean", n_window=n_window, overlap=overlap).spectrogram
         np.testing.assert_array_equal(found.recording(number).spectrogram, image)
         np.testing.assert_array_equal(found.spectrograms[number], image)
     assert found.points[3].label == "seed 0, n_window 128, overlap 48"
@@ -398,12 +398,8 @@ def test_the_command_makes_what_simulate_makes(run: Command) -> None:
     names = sorted(path.name for path in Path("beside").iterdir())
     files = ["panels.pdf", "panels.png", "parts.csv", "parts.pdf", "parts.png", "table.csv"]
     assert names == ["000_without.zarr", "001_fan.zarr", "002_door.zarr", *files]
-    assert (
-        run(
-            "simulate", "walk.bvh", *QUICK, "--add", "fan:3,-1,1,rpm=120", "--signal.n-window", "64", "-o", "one.zarr"
-        ).code
-        == 0
-    )
+    alone = ("--add", "fan:3,-1,1,rpm=120", "--signal.n-window", "64", "-o", "one.zarr")
+    assert run("simulate", "walk.bvh", *QUICK, *alone).code == 0
     one, other = t2d.Recording.load("one.zarr"), t2d.Recording.load("beside/001_fan.zarr")
     np.testing.assert_array_equal(one.cube, other.cube)
     np.testing.assert_array_equal(one.spectrogram, other.spectrogram)
@@ -411,9 +407,8 @@ def test_the_command_makes_what_simulate_makes(run: Command) -> None:
 
 
 def test_an_experiment_in_yaml_and_a_recording_vary_by_field(run: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        t2d_rt.cli.sweeps, "write_picture", lambda *_, **__: None
-    )  # seconds, and drawn by the test before
+    # Pictures take seconds, and are drawn by the test before.
+    monkeypatch.setattr(t2d_rt.cli.sweeps, "write_picture", lambda *_, **__: None)
     Path("room.yaml").write_text(
         "targets: [{kind: file, file: walk.bvh, start_s: 1, stop_s: 1.2}]\nradar: ci4r\nmethod: ellipsoid\n"
         "accuracy: {surface_rate_hz: 100}\n"

@@ -261,12 +261,9 @@ def test_rays_where_two_mirrors_meet() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         fraction = edges._free_rays(
-            stops,
-            near,
-            np.ones((2, 1), bool),
-            np.array([[0.1, 0.1], [-0.1, 0.1]], np.float32),
+            stops, near, np.ones((2, 1), bool), np.array([[0.1, 0.1], [-0.1, 0.1]], np.float32),
             np.array([[floor], [wall]]),
-        )
+        )  # fmt: skip
     assert np.isfinite(fraction).all()
 
 
@@ -281,12 +278,9 @@ def test_freed_memory_is_kept_where_dask_says_otherwise() -> None:
 
     def pages(*words: str, **variables: str) -> int:
         run = subprocess.run(
-            [sys.executable, "-c", code, *words],
-            env={**os.environ, **variables},
-            capture_output=True,
-            text=True,
+            [sys.executable, "-c", code, *words], env={**os.environ, **variables}, capture_output=True, text=True,
             check=True,
-        )
+        )  # fmt: skip
         return int(run.stdout)
 
     trimmed = {"MALLOC_TRIM_THRESHOLD_": "65536"}

@@ -86,13 +86,9 @@ def test_the_benchmark_is_the_one_that_is_frozen(tmp_path: Path) -> None:
 def test_falls_are_the_same_falls_with_other_kernels(tmp_path: Path) -> None:
     """Their physics would multiply the last bit of what they begin with into millimetres and more."""
     states = {"Haswell": "X86_V4 AVX512_ICL AVX512_SPR", "Sandybridge": "X86_V4 AVX512_ICL AVX512_SPR X86_V3"}
-    first, second = (
-        np.load(
-            made_by(tmp_path / core, RECIPE, "-c", MOTION, OPENBLAS_CORETYPE=core, NPY_DISABLE_CPU_FEATURES=off)
-            / "motions.npz"
-        )
-        for core, off in states.items()
-    )
+    variables = [{"OPENBLAS_CORETYPE": core, "NPY_DISABLE_CPU_FEATURES": off} for core, off in states.items()]
+    folders = [made_by(tmp_path / str(k), RECIPE, "-c", MOTION, **each) for k, each in enumerate(variables)]
+    first, second = (np.load(folder / "motions.npz") for folder in folders)
     assert len(first.files) == 2
     for name in first.files:
         np.testing.assert_allclose(first[name], second[name], rtol=0, atol=1e-8)

@@ -54,17 +54,8 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 def test_parts_add_up_to_the_map(walk: Dataset) -> None:
     assert walk.parts == (
-        "head",
-        "trunk",
-        "arms",
-        "thighs",
-        "shanks",
-        "feet",
-        "beside",
-        "other",
-        "receiver",
-        "background",
-    )
+        "head", "trunk", "arms", "thighs", "shanks", "feet", "beside", "other", "receiver", "background",
+    )  # fmt: skip
     for place in range(len(walk)):
         found = walk.values(place, "parts")
         assert found.shape == (10, 16, 8)

@@ -28,15 +28,8 @@ def recipe(**changes: Any) -> Recipe:
 
 def test_recipes_that_ship() -> None:
     assert {
-        "benchmark-2",
-        "simple",
-        "hard",
-        "small-simple",
-        "small-hard",
-        "room-interference",
-        "fidelity",
-        "carriers",
-    } == set(recipe_names())
+        "benchmark-2", "simple", "hard", "small-simple", "small-hard", "room-interference", "fidelity", "carriers",
+    } == set(recipe_names())  # fmt: skip
     counts = {name: Recipe.read(name).samples for name in recipe_names()}
     assert counts["hard"] == counts["simple"] == 8 * 200 * 20
     assert counts["small-hard"] == counts["small-simple"] == 8 * 20 * 2
@@ -60,14 +53,10 @@ def test_a_recipe_written_is_read_as_the_same(name: str, tmp_path: Path) -> None
 @pytest.mark.parametrize(
     "changes",
     [
-        {"seed": 1},
-        {"duration_s": 4.0},
-        {"noise": "none"},
-        {"radar": "table2"},
-        {"conditions": CONDITIONS[:1]},
+        {"seed": 1}, {"duration_s": 4.0}, {"noise": "none"}, {"radar": "table2"}, {"conditions": CONDITIONS[:1]},
         {"attempts": 2},
     ],
-)
+)  # fmt: skip
 def test_the_hash_follows_what_samples_follow_from(changes: dict[str, Any]) -> None:
     assert recipe(**changes).hash != recipe().hash
     assert recipe(name="other", about="other words", frozen=[[3, "a" * 64]]).hash == recipe().hash

@@ -103,12 +103,8 @@ def test_activities(tmp_path: Path) -> None:
 
 def test_every_example_is_tested() -> None:
     assert [path.name for path in sorted((ROOT / "examples").glob("*.py"))] == [
-        "activities.py",
-        "demo.py",
-        "from_clean_to_measured.py",
-        "point_cloud.py",
-        "room_interference.py",
-    ]
+        "activities.py", "demo.py", "from_clean_to_measured.py", "point_cloud.py", "room_interference.py",
+    ]  # fmt: skip
 
 
 @pytest.mark.slow

@@ -13,19 +13,11 @@ ROOT = Path(__file__).resolve().parents[2]
 MOST_LINES, MOST_FUNCTION_LINES, MOST_PARAMETERS = 600, 80, 9
 
 FACADE = {
-    "t2d_rt/cli/background.py background",
-    "t2d_rt/cli/datasets.py dataset",
-    "t2d_rt/cli/learn.py train",
-    "t2d_rt/cli/motions.py describe",
-    "t2d_rt/cli/recordings.py plot",
-    "t2d_rt/motion/read/__init__.py load_motion",
-    "t2d_rt/simulate.py simulate",
-    "t2d_rt/plots/figures.py plot_comparison",
-    "t2d_rt/signal/angle.py range_angle",
-    "t2d_rt/signal/doppler.py spectrogram",
-    "t2d_rt/signal/points.py point_cloud",
-    "t2d_rt/types/mesh.py from_track",
-}
+    "t2d_rt/cli/background.py background", "t2d_rt/cli/datasets.py dataset", "t2d_rt/cli/learn.py train",
+    "t2d_rt/cli/motions.py describe", "t2d_rt/cli/recordings.py plot", "t2d_rt/motion/read/__init__.py load_motion",
+    "t2d_rt/simulate.py simulate", "t2d_rt/plots/figures.py plot_comparison", "t2d_rt/signal/angle.py range_angle",
+    "t2d_rt/signal/doppler.py spectrogram", "t2d_rt/signal/points.py point_cloud", "t2d_rt/types/mesh.py from_track",
+}  # fmt: skip
 """Calls that people type, in Python or as a command, whose parameters are options with defaults: they may have more than nine."""
 
 

@@ -34,47 +34,24 @@ INSTEAD = {word: term for term, words in SAY.items() for word in words}
 
 OF_PERSONS = {
     *(
-        "leg",
-        "legs",
-        "hand",
-        "hands",
-        "turn",
-        "turns",
-        "turned",
-        "pace",
-        "paces",
-        "shape",
-        "shapes",
-        "still",
-        "strong",
+        "leg", "legs", "hand", "hands", "turn", "turns", "turned", "pace", "paces", "shape", "shapes", "still", "strong",
         "weak",
     ),
-}
+}  # fmt: skip
 """Words that have their plain sense where persons move: in `motion/` and `body/`."""
 
 EXCEPTIONS = {
-    "_leg": "of a dog or a cat",
-    "turn_radius_m": "the turning radius of a pet, an option by that name",
+    "_leg": "of a dog or a cat", "turn_radius_m": "the turning radius of a pet, an option by that name",
     "looks": "the number of looks of a detector, a term of radar",
     "LEAST_LOOKS": "the number of looks of a detector, a term of radar",
-    "MOST_LOOKS": "the number of looks of a detector, a term of radar",
-    "keys": "of mappings and of sorting",
-    "_check_keys": "of mappings",
-    "ProgressBar": "a progress bar",
-    "_bar": "a progress bar",
-    "bar": "a colour bar",
-    "draw_bar": "a colour bar",
-    "COARSER": "Richardson's extrapolation compares a fine model with a coarser one",
-    "_coarser": "likewise",
-    "coarser": "likewise",
-    "coarser_db": "likewise",
-    "check_shape": "of an array",
+    "MOST_LOOKS": "the number of looks of a detector, a term of radar", "keys": "of mappings and of sorting",
+    "_check_keys": "of mappings", "ProgressBar": "a progress bar", "_bar": "a progress bar", "bar": "a colour bar",
+    "draw_bar": "a colour bar", "COARSER": "Richardson's extrapolation compares a fine model with a coarser one",
+    "_coarser": "likewise", "coarser": "likewise", "coarser_db": "likewise", "check_shape": "of an array",
     "shape": "of an array, or the element of a scene file by that name",
-    "shapes": "the elements of a scene file by that name",
-    "Shapes": "the elements of a scene file by that name",
-    "mode_shapes": "of a hanging chain",
-    "passed": "of a motion that passes the filter, a verdict on it",
-}
+    "shapes": "the elements of a scene file by that name", "Shapes": "the elements of a scene file by that name",
+    "mode_shapes": "of a hanging chain", "passed": "of a motion that passes the filter, a verdict on it",
+}  # fmt: skip
 """Identifiers that have one of the words in another sense, and which."""
 
 

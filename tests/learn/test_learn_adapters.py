@@ -354,12 +354,8 @@ def test_a_data_set_of_our_own_goes_through_the_same_door(tmp_path: Path) -> Non
     assert own.adapter == "dataset"
     assert len(set(own.maps.groups["event"])) == len(own.maps)
     first, *_ = own.maps.classes
-    some = read_real(
-        data,
-        options=AdapterOptions(
-            size=(16, 16), classes={each: "x" if each == first else "y" for each in own.maps.classes}
-        ),
-    )
+    classes = {each: "x" if each == first else "y" for each in own.maps.classes}
+    some = read_real(data, options=AdapterOptions(size=(16, 16), classes=classes))
     assert some.maps.classes == ("x", "y")
     assert some.maps.counts[0] == own.maps.counts[0]
 

@@ -45,23 +45,11 @@ def test_train_evaluate_and_refusals(tmp_path: Path, run: Command) -> None:
     other = f"{model}-other"
     assert (
         run(
-            "train",
-            data,
-            "--model",
-            "streaming",
-            "-o",
-            other,
-            "--epochs",
-            "1",
-            "--batch",
-            "4",
-            "--size",
-            "16",
-            "--seed",
+            "train", data, "--model", "streaming", "-o", other, "--epochs", "1", "--batch", "4", "--size", "16", "--seed",
             "5",
         ).code
         == 0
-    )
+    )  # fmt: skip
     apart = [
         set(json.loads(Path(each, "card.json").read_text())["about"]["indices"]["test"]) for each in (model, other)
     ]

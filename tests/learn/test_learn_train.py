@@ -56,12 +56,8 @@ def test_a_stopped_training_goes_on_to_the_same_bits(trained: tuple[SavedModel, 
     assert (tmp_path / "part" / WEIGHTS).read_bytes() == (trained[1] / WEIGHTS).read_bytes()
     with pytest.raises(InputError, match="another model, data or options"):
         train_model(
-            "streaming",
-            ridges(48),
-            ridges(12, seed=1),
-            OPTIONS.model_copy(update={"seed": 1}),
-            output=tmp_path / "part",
-        )
+            "streaming", ridges(48), ridges(12, seed=1), OPTIONS.model_copy(update={"seed": 1}), output=tmp_path / "part",
+        )  # fmt: skip
 
 
 def test_bfloat16_learns_as_float32_does(tmp_path: Path) -> None:

@@ -191,11 +191,8 @@ def test_wheels_roll_and_hands_push_their_rims(name: str) -> None:
         # The grip stays on the circle of the rim; in a push it goes round as fast as the rim does.
         wrist, elbow = (joints[:, found.index(f"{side}_{joint}")] for joint in ("wrist", "elbow"))
         down = np.sin(np.pi / 6) * ahead - np.cos(np.pi / 6) * np.array([0.0, 0.0, 1.0])
-        grip = (
-            wrist
-            + 0.045 * stature_m(dict(zip(given.names, np.moveaxis(given.joints, 1, 0), strict=True))) * down
-            - axle
-        )
+        stature = stature_m(dict(zip(given.names, np.moveaxis(given.joints, 1, 0), strict=True)))
+        grip = wrist + 0.045 * stature * down - axle
         along, up = (grip * ahead).sum(axis=1), grip[:, 2]
         assert np.abs(np.hypot(along, up) - 0.26).max() < 0.012
         rate = np.gradient(np.unwrap(np.arctan2(along, up)), times_s)
@@ -215,12 +212,10 @@ def test_a_spoke_is_as_the_next_one() -> None:
     (_, _, (left, _)), (_, _, (right, _)) = wheels(t2d.carry(walk(), "wheelchair").carries[0])
     for vertices in (left, right):
         turned = Rotation.from_rotvec([0.0, np.pi / 6, 0.0]).apply(vertices)
-        assert (
-            KDTree(vertices[np.linalg.norm(vertices[:, [0, 2]], axis=1) > 0.0255])
-            .query(turned[np.linalg.norm(turned[:, [0, 2]], axis=1) > 0.0255])[0]
-            .max()
-            < 1e-9
+        here, there = (
+            each[np.linalg.norm(each[:, [0, 2]], axis=1) > 0.0255] for each in (vertices, turned)
         )  # all but the hub
+        assert KDTree(here).query(there)[0].max() < 1e-9
     np.testing.assert_allclose(sorted(left[:, 1]), sorted(-right[:, 1]), atol=1e-9)
 
 
@@ -369,33 +364,24 @@ def test_the_command_line_names_them(tmp_path: Path, monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        ("hat", "unknown thing 'hat'"),
-        ("bag in the third hand", 'written as "bag" or "bag in the left hand"'),
-        (["bag", "bag", "bag"], "the hands are full"),
-        (["box", "bag"], "the hands are full"),
+        ("hat", "unknown thing 'hat'"), ("bag in the third hand", 'written as "bag" or "bag in the left hand"'),
+        (["bag", "bag", "bag"], "the hands are full"), (["box", "bag"], "the hands are full"),
         (["bag in the left hand", "cane in the left hand"], "the left hand is full"),
-        (5, 'things must be a text such as "bag"'),
-        ({"thing": "box", "hand": "left"}, "hand of a box must be left out"),
+        (5, 'things must be a text such as "bag"'), ({"thing": "box", "hand": "left"}, "hand of a box must be left out"),
         ({"thing": "box", "size_m": [1, 2]}, "size_m of a box is length, width and height"),
-        ({"thing": "box", "color": 1}, "unknown field 'color' of a thing"),
-        (["wheelchair", "bag"], "the hands are full"),
+        ({"thing": "box", "color": 1}, "unknown field 'color' of a thing"), (["wheelchair", "bag"], "the hands are full"),
         ("crutches in the left hand", "hand of crutches must be left out"),
         ({"thing": "crutches", "hand": "left"}, "hand of crutches must be left out"),
-        (
-            {"thing": "wheelchair", "size_m": [0.62, 1.5]},
-            "size_m of a wheelchair is width, .* 0.5 to 0.8, 0.4 to 0.6 m",
-        ),
+        ({"thing": "wheelchair", "size_m": [0.62, 1.5]}, "size_m of a wheelchair is width, .* 0.5 to 0.8, 0.4 to 0.6 m"),
         ({"thing": "wheelchair", "size_m": [0.1, 0.5]}, "size_m of a wheelchair"),
         ({"thing": "cane", "size_m": [0.02, 3.0]}, "size_m of a cane"),
         ({"thing": "cane", "size_m": [0.02, 0.3]}, "a cane of 0.3 m stays .* m over the floor"),
-        ({}, "a thing is a text as"),
-        (["backpack", "backpack"], "a back has room for one backpack"),
+        ({}, "a thing is a text as"), (["backpack", "backpack"], "a back has room for one backpack"),
         ({"thing": "ball", "size_m": [0.7]}, "size_m of a ball is radius, 0.02 to 0.3 m"),
-        ({"thing": [1]}, r"unknown thing \[1\]"),
-        ({"thing": "bag", "size_m": [0.3, 0.1, 0.9]}, "m below the floor at"),
+        ({"thing": [1]}, r"unknown thing \[1\]"), ({"thing": "bag", "size_m": [0.3, 0.1, 0.9]}, "m below the floor at"),
         ({"thing": "box", "size_m": [0.3, 1.5, 0.3]}, "the arms do not reach the box"),
     ],
-)
+)  # fmt: skip
 def test_wrong_things_are_refused(wrong: Any, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         t2d.carry(short(), wrong)

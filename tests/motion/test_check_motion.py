@@ -33,15 +33,9 @@ SHANK, THIGH, FOOT_M, ANKLE_M = 0.246, 0.245, 0.13, 0.08
 TRUNK = {"spine1": 0.06, "spine2": 0.13, "spine3": 0.19, "neck": 0.31, "head": 0.37}
 """Heights over stature above the hips."""
 SIDEWARD = {
-    "hip": 0.05,
-    "knee": 0.05,
-    "ankle": 0.05,
-    "foot": 0.05,
-    "collar": 0.03,
-    "shoulder": 0.11,
-    "elbow": 0.13,
+    "hip": 0.05, "knee": 0.05, "ankle": 0.05, "foot": 0.05, "collar": 0.03, "shoulder": 0.11, "elbow": 0.13,
     "wrist": 0.13,
-}
+}  # fmt: skip
 
 
 def figure(
@@ -260,19 +254,9 @@ def roll() -> Motion:
 
 @pytest.mark.parametrize(
     "motion",
-    [
-        lying_down(2.0),
-        lying_down(3.0),
-        sitting(),
-        squat(),
-        bend(),
-        jump(),
-        roll(),
-        figure(*[0 * times(2.0)] * 3),
-        walk(),
-    ],
+    [lying_down(2.0), lying_down(3.0), sitting(), squat(), bend(), jump(), roll(), figure(*[0 * times(2.0)] * 3), walk()],
     ids=["lie down in 2 s", "lie down in 3 s", "sit", "squat", "bend", "jump", "roll", "stand", "walk"],
-)
+)  # fmt: skip
 def test_what_is_no_fall(motion: Motion) -> None:
     for seen in (motion, turned(motion, 140.0), noisy(resample(motion, 20.0), 0.004)):
         found = detect_fall(seen)

@@ -48,20 +48,11 @@ def times_s(motion: Motion) -> np.ndarray:
     slow_after(
         4,
         [
-            ("timestamps", 1.0),
-            ("times_s", 1.0),
-            ("t", 1e3),
-            ("time_ms", 1e3),
-            ("time", 1e6),
-            ("timestamps", 1e7),
-            ("timestamps_ns", 1e9),
-            ("timestamp", 1e9),
-            ("ts", 1.0),
-            ("Elapsed_Time", 1.0),
-            ("TimeStamps_msec", 1e3),
+            ("timestamps", 1.0), ("times_s", 1.0), ("t", 1e3), ("time_ms", 1e3), ("time", 1e6), ("timestamps", 1e7),
+            ("timestamps_ns", 1e9), ("timestamp", 1e9), ("ts", 1.0), ("Elapsed_Time", 1.0), ("TimeStamps_msec", 1e3),
         ],
     ),
-)
+)  # fmt: skip
 def test_times_in_any_unit_give_the_rate(tmp_path: Path, walk: Motion, name: str, per_s: float) -> None:
     since = 1.7e9 if name != "t" else 0.0
     ticks = np.round((since + times_s(walk)) * per_s).astype(np.int64) if per_s > 1 else 5.0 + times_s(walk)
@@ -261,12 +252,8 @@ def test_sound_motions_are_not_doubted() -> None:
         assert rate_doubt(load_motion(path)) is None, path.name
     walk = load_motion(WALK)
     for sentence in ("a person walks very slowly forward", "a child jumps up", "a person trips and falls forward"):
-        assert (
-            rate_doubt(
-                t2d.motion_from_text(sentence, seed=1, provider="library" if "falls" not in sentence else "auto")
-            )
-            is None
-        )
+        provider = "library" if "falls" not in sentence else "auto"
+        assert rate_doubt(t2d.motion_from_text(sentence, seed=1, provider=provider)) is None
     assert rate_doubt(t2d.trim(walk, 0.0, 0.1)) is None
 
 

@@ -422,15 +422,9 @@ def test_the_key_is_nowhere(
     model = LanguageModel(model="m", base_url=endpoint.url)
     session = Session(model, TokenBudget())
     shown = [
-        repr(model),
-        str(written),
-        repr(written),
-        repr(session),
-        str(failure.value),
-        *files,
-        *capfd.readouterr(),
+        repr(model), str(written), repr(written), repr(session), str(failure.value), *files, *capfd.readouterr(),
         caplog.text,
-    ]
+    ]  # fmt: skip
     session.close()
     assert caplog.text
     assert not [each for each in shown if KEY in each]

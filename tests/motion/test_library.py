@@ -106,15 +106,11 @@ def test_storage_rounds_by_less_than_a_millimetre() -> None:
     [
         ("index.json", lambda data: data[:-200], "clip index .* is damaged"),
         ("index.json", lambda data: data.replace(b'"start": 0', b'"start": "0"', 1), "start has a wrong value"),
-        (
-            "index.json",
-            lambda data: data.replace(b'"sources": {', b'"sources": {}, "more": {', 1),
-            "no source for clip",
-        ),
+        ("index.json", lambda data: data.replace(b'"sources": {', b'"sources": {}, "more": {', 1), "no source for clip"),
         ("clips.npz", lambda data: data[: len(data) // 2], "cannot be read"),
         ("clips.npz", lambda data: b"no archive", "cannot be read"),
     ],
-)
+)  # fmt: skip
 def test_damaged_data_is_one_sentence(tmp_path: Path, name: str, change: object, match: str) -> None:
     for file in ("index.json", "clips.npz"):
         shutil.copy(FOLDER / file, tmp_path / file)
@@ -455,13 +451,10 @@ def test_the_command_writes_a_motion(run: Command, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("",),
-        ("...",),
-        ("a man walks", "--provider", "none"),
-        ("a man walks", "-o", "walk.txt"),
+        ("",), ("...",), ("a man walks", "--provider", "none"), ("a man walks", "-o", "walk.txt"),
         ("a man walks", "--seed", "-3"),
     ],
-)
+)  # fmt: skip
 def test_the_command_refuses_in_one_sentence(refused: object, arguments: tuple[str, ...]) -> None:
     refused("motion", *arguments)  # type: ignore[operator]
 
@@ -481,15 +474,10 @@ def test_the_command_adds_lists_and_removes_clips(run: Command, tmp_path: Path) 
 @pytest.mark.parametrize(
     "arguments",
     [
-        (),
-        ("sing",),
-        ("add", "clips"),
-        ("add", "--index", "i.csv"),
-        ("list", "here"),
-        ("remove", "clips"),
+        (), ("sing",), ("add", "clips"), ("add", "--index", "i.csv"), ("list", "here"), ("remove", "clips"),
         ("list", "--index", "i.csv"),
     ],
-)
+)  # fmt: skip
 def test_the_library_command_refuses_in_one_sentence(refused: object, arguments: tuple[str, ...]) -> None:
     refused("library", *arguments)  # type: ignore[operator]
 

@@ -23,12 +23,9 @@ from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 
 MOMASK = MOTIONS / "momask_22j_120frames.bvh"
 ALL = {
-    "cmu-a": WALK,
-    "cmu-b": MOTIONS / "131_01_walk_300frames.bvh",
-    "bvh-toolbox": MOTIONS / "bvhtoolbox_walk01.bvh",
-    "momask": MOMASK,
-    "iclone": MOTIONS / "iclone_002_03_run_jog.bvh.gz",
-}
+    "cmu-a": WALK, "cmu-b": MOTIONS / "131_01_walk_300frames.bvh", "bvh-toolbox": MOTIONS / "bvhtoolbox_walk01.bvh",
+    "momask": MOMASK, "iclone": MOTIONS / "iclone_002_03_run_jog.bvh.gz",
+}  # fmt: skip
 CHAIN = """HIERARCHY
 ROOT big hip
 {
@@ -215,12 +212,8 @@ def test_any_up_axis_is_found(tmp_path: Path, momask_text: str, up: str, order: 
     """The file turned as a whole (by an extra root) gives the same person, up to the heading."""
     angles = {"x": "0 0 -90", "z": "90 0 0", "-z": "-90 0 0"}[up]  # Xrotation Yrotation Zrotation take y to the new up
     head, motion = momask_text.split("MOTION\n")
-    head = (
-        head.replace(
-            "ROOT Hips", "ROOT Stage\n{\nOFFSET 0 0 0\nCHANNELS 3 Xrotation Yrotation Zrotation\nJOINT Hips", 1
-        )
-        + "}\n"
-    )
+    stage = "ROOT Stage\n{\nOFFSET 0 0 0\nCHANNELS 3 Xrotation Yrotation Zrotation\nJOINT Hips"
+    head = head.replace("ROOT Hips", stage, 1) + "}\n"
     lines = motion.splitlines()
     rotated = "\n".join([*lines[:2], *(f"{angles} {line}" for line in lines[2:])])
     found = load_motion(write(tmp_path, f"{head}MOTION\n{rotated}\n"))
@@ -267,14 +260,10 @@ def test_a_user_can_add_a_flavour_with_gaps(tmp_path: Path, momask_text: str) ->
         f"{side.lower()}_{joint}": side + own
         for side in ("Left", "Right")
         for joint, own in (
-            ("hip", "UpLeg"),
-            ("knee", "Leg"),
-            ("ankle", "Foot"),
-            ("shoulder", "Arm"),
-            ("elbow", "ForeArm"),
+            ("hip", "UpLeg"), ("knee", "Leg"), ("ankle", "Foot"), ("shoulder", "Arm"), ("elbow", "ForeArm"),
             ("wrist", "Hand"),
         )
-    }
+    }  # fmt: skip
     try:
         register_flavour("mine", {"pelvis": "hub", "spine3": "upper", "head": "Head"} | limbs)
         motion = load_motion(write(tmp_path, text))
@@ -462,19 +451,9 @@ def test_fuzz_random_bytes(tmp_path: Path, data: bytes) -> None:
 
 
 WORDS = [
-    "ROOT",
-    "JOINT a",
-    "End Site",
-    "{",
-    "}",
-    "OFFSET 0 1 0",
-    "CHANNELS 1 Xrotation",
-    "MOTION",
-    "Frames: 2",
-    "Frame Time: 0.1",
-    "1",
-    "nan",
-]
+    "ROOT", "JOINT a", "End Site", "{", "}", "OFFSET 0 1 0", "CHANNELS 1 Xrotation", "MOTION", "Frames: 2",
+    "Frame Time: 0.1", "1", "nan",
+]  # fmt: skip
 
 
 @fuzz

@@ -154,11 +154,8 @@ def test_amass_bones_are_those_of_smpl(tmp_path: Path) -> None:
     poses, moved = amass_poses(frames=15)
     motion = load_motion(save(tmp_path / "a.npz", poses=poses, trans=moved, mocap_framerate=60.0), smooth_hz=None)
     lengths = {
-        ("shoulder", "elbow"): 0.262,
-        ("elbow", "wrist"): 0.257,
-        ("hip", "knee"): 0.388,
-        ("knee", "ankle"): 0.409,
-    }
+        ("shoulder", "elbow"): 0.262, ("elbow", "wrist"): 0.257, ("hip", "knee"): 0.388, ("knee", "ankle"): 0.409,
+    }  # fmt: skip
     for side in ("left", "right"):
         for (upper, lower), length_m in lengths.items():
             bone = motion.joints[:, motion.index(f"{side}_{lower}")] - motion.joints[:, motion.index(f"{side}_{upper}")]

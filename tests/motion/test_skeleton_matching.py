@@ -323,14 +323,11 @@ def test_odd_names_are_printed_in_one_short_line(tmp_path: Path, odd: str) -> No
 # --- what lacks, and what there is too much of ------------------------------------------------------------------------
 
 LACKING = {
-    "toes": {"left_foot", "right_foot"},
-    "collars": {"left_collar", "right_collar"},
-    "neck": {"neck"},
-    "spine": {"spine1", "spine2"},
-    "all but one of the spine": {"spine1", "spine3"},
+    "toes": {"left_foot", "right_foot"}, "collars": {"left_collar", "right_collar"}, "neck": {"neck"},
+    "spine": {"spine1", "spine2"}, "all but one of the spine": {"spine1", "spine3"},
     "whole trunk": {"spine1", "spine2", "spine3", "neck", "left_collar", "right_collar"},
     "all that may lack": {"spine1", "spine2", "left_collar", "right_collar", "neck", "left_foot", "right_foot"},
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("base", BASES)

@@ -105,15 +105,9 @@ def test_threads_and_reading_change_nothing(backend: Backend) -> None:
     surface = ball(TDM, 20, -5, speed_mps=2.0, duration_s=0.12)
     times = np.linspace(0, 0.12, 70)
     echoes = mesh_echoes(
-        surface,
-        TDM,
-        times_s=times,
-        material=PEC,
-        detail=Detail(sagitta_rad=0.07),
-        seed=0,
-        views=[PathVisibility()],
+        surface, TDM, times_s=times, material=PEC, detail=Detail(sagitta_rad=0.07), seed=0, views=[PathVisibility()],
         backend=backend,
-    )
+    )  # fmt: skip
     before = dr.thread_count()
     try:
         dr.set_thread_count(max(2, os.cpu_count() or 1))

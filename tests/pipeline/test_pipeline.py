@@ -123,12 +123,9 @@ def test_a_placed_motion_stays_where_it_is(walk: Motion) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["mesh", "ellipsoid"])
 def test_static_body_stays_at_zero_doppler(walk: Motion, method: Any) -> None:
-    static = replace(
-        t2d.place(walk),
-        joints=np.repeat(t2d.place(walk).joints[:1], 12, axis=0),
-        rotations=np.repeat(t2d.place(walk).rotations[:1], 12, axis=0),
-        rate_hz=30.0,
-    )
+    placed = t2d.place(walk)
+    joints, rotations = (np.repeat(each[:1], 12, axis=0) for each in (placed.joints, placed.rotations))
+    static = replace(placed, joints=joints, rotations=rotations, rate_hz=30.0)
     cube = t2d.simulate(static, method=method, **COARSE).cube[:, 0].astype(complex)
     window = np.blackman(len(cube))[:, None]
     power = np.sum(np.abs(np.fft.fft(cube * window, axis=0)) ** 2, axis=1)

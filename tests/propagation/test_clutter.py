@@ -224,13 +224,10 @@ def test_paths_that_are_kept_are_those_of_the_scene_and_radar_at_hand() -> None:
     """Whatever changes a path must not find another's."""
     near, far, rough = ahead(3.0), ahead(4.0), ahead(3.0, material=replace(PEC, scattering_coefficient=0.5))
     table2 = Radar.preset("table2")
-    changes = [
-        {"position_m": (0.5, 0.0, 1.0)},
-        {"tx_offsets_m": ((0.0, 0.3, 0.0),)},
-        {"rx_polarization_deg": 90.0},
-        {"carrier_hz": 60e9},
-    ]
-    radars = [table2, *(table2.replace(**change) for change in changes)]
+    changes = {
+        "position_m": (0.5, 0.0, 1.0), "tx_offsets_m": ((0.0, 0.3, 0.0),), "rx_polarization_deg": 90.0, "carrier_hz": 60e9,
+    }  # fmt: skip
+    radars = [table2, *(table2.replace(**{name: value}) for name, value in changes.items())]
     seen = []
     for _ in range(2):  # made, then kept
         for surface, radar in [(near, table2), (far, table2), (rough, table2), *((near, each) for each in radars[1:])]:

@@ -334,18 +334,13 @@ SIDE = plate("side", [(0, 2, 0), (4, 2, 0), (4, 2, 3), (0, 2, 3)])
 @pytest.mark.parametrize(
     ("scene", "room"),
     [
-        (ROOM.scene(), True),
-        (OPEN.scene(), True),
+        (ROOM.scene(), True), (OPEN.scene(), True),
         (Scene(name="no ceiling", surfaces=tuple(s for s in ROOM.scene().surfaces if s.name != "ceiling")), True),
-        (Scene(name="wall", surfaces=(BACK,)), False),
-        (Scene(name="corner", surfaces=(FLOOR, BACK)), False),
+        (Scene(name="wall", surfaces=(BACK,)), False), (Scene(name="corner", surfaces=(FLOOR, BACK)), False),
         (Scene(name="half", surfaces=(FLOOR, BACK, SIDE)), False),
-        (
-            Scene(name="box", surfaces=tuple(replace(s, vertices=s.vertices * 0.25) for s in ROOM.scene().surfaces)),
-            False,
-        ),
+        (Scene(name="box", surfaces=tuple(replace(s, vertices=s.vertices * 0.25) for s in ROOM.scene().surfaces)), False),
     ],
-)
+)  # fmt: skip
 def test_what_is_a_room(backend: Backend, scene: Scene, room: bool) -> None:
     """Only a room has an outside where a radar has no business."""
     assert is_room(Mirrors.of(scene, backend)) is room

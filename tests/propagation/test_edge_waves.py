@@ -181,12 +181,9 @@ def test_a_target_of_which_nothing_faces_the_antenna_has_no_field(backend: Backe
     view = Occlusion.alone(meshes, SIGHT, samples_s=np.zeros(2) + [0, 1], backend=backend, wavelength_m=WAVELENGTH_M)
     turned = static_mesh(sheet.rest, sheet.faces[:, ::-1])
     other = Occlusion.alone(
-        Occluders([screen(0.0), turned]),
-        SIGHT,
-        samples_s=np.array([0.0, 1.0]),
-        backend=backend,
+        Occluders([screen(0.0), turned]), SIGHT, samples_s=np.array([0.0, 1.0]), backend=backend,
         wavelength_m=WAVELENGTH_M,
-    )
+    )  # fmt: skip
     dark, lit = (each.visibility(np.zeros(1))[1] for each in (view, other))
     assert sorted([bool(dark.any()), bool(lit.any())]) == [False, True]
 

@@ -28,12 +28,8 @@ WAVELENGTH_M = SPEED_OF_LIGHT / FREQUENCY_HZ
 def block(name: str, low_m: tuple[float, float, float], high_m: tuple[float, float, float]) -> Surface:
     solid = box(bounds=np.array([low_m, high_m]))
     return Surface(
-        name=name,
-        vertices=np.asarray(solid.vertices),
-        faces=np.asarray(solid.faces),
-        material="metal",
-        thickness_m=0.01,
-    )
+        name=name, vertices=np.asarray(solid.vertices), faces=np.asarray(solid.faces), material="metal", thickness_m=0.01,
+    )  # fmt: skip
 
 
 def paths_to(points: np.ndarray, *surfaces: Surface, order: int = 1) -> FoundPaths:

@@ -187,15 +187,12 @@ def test_scene_radar_and_target_may_be_moved_together() -> None:
         name="moved",
         surfaces=tuple(
             Surface(
-                name=s.name,
-                vertices=s.vertices @ rotation.T + shift,
-                faces=s.faces,
-                material=s.material,
+                name=s.name, vertices=s.vertices @ rotation.T + shift, faces=s.faces, material=s.material,
                 thickness_m=s.thickness_m,
             )
             for s in room.surfaces
         ),
-    )
+    )  # fmt: skip
     target = ball((3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05, sagitta_rad=0.07)
     # Patches are cut in the pose at rest, which a body brings with it.
     there = MovingMesh.from_track(
@@ -332,15 +329,11 @@ def test_a_fan_in_step_with_the_sample_times_keeps_its_faces() -> None:
     far = Scene(name="far", surfaces=(plate("far", [(30, -1, 0), (30, 1, 0), (30, 1, 2), (30, -1, 2)]),))
     alone, there = (
         t2d.simulate(
-            fan,
-            radar=Radar.preset("table2", prf_hz=11_000),
-            scene=scene,
-            reflections=0,
-            clutter="none",
+            fan, radar=Radar.preset("table2", prf_hz=11_000), scene=scene, reflections=0, clutter="none",
             accuracy={"occlusion": False, "sagitta_rad": 0.5},
         ).adc.values
         for scene in ("free_space", far)
-    )
+    )  # fmt: skip
     assert nmse_db(there, alone) < -40
 
 

@@ -119,16 +119,13 @@ def test_what_a_picture_needs_is_not_loaded(make: Make, body: str, tmp_path: Pat
 @pytest.mark.parametrize(
     "body",
     [
-        shape("../secret.ply"),
-        shape("link.ply"),
-        shape("folder/secret.ply"),
+        shape("../secret.ply"), shape("link.ply"), shape("folder/secret.ply"),
         '<default name="i" value="../secret.ply"/>' + shape("$i"),
         '<default name="a" value=".."/><default name="b" value="$a/secret"/>' + shape("$b.ply"),
-        '<include filename="../secret.xml"/>',
-        '<default name="i" value=".."/><include filename="$i/secret.xml"/>',
+        '<include filename="../secret.xml"/>', '<default name="i" value=".."/><include filename="$i/secret.xml"/>',
         '<include filename="inside.xml"/>',
     ],
-)
+)  # fmt: skip
 def test_nothing_leads_out_of_the_folder(make: Make, tmp_path: Path, body: str) -> None:
     path = make(body)
     (tmp_path / "secret.ply").write_text(WALL)

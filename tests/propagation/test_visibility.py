@@ -44,12 +44,9 @@ def moving_sphere(
 def occlusion(meshes: list[MovingMesh], backend: Backend, rate_hz: float = 10.0, at: np.ndarray = HERE) -> Occlusion:
     start, stop = max(m.times_s[0] for m in meshes), min(m.times_s[-1] for m in meshes)
     return Occlusion.alone(
-        Occluders(meshes),
-        *viewpoints_at([at]),
-        samples_s=sample_times(start, stop, rate_hz),
-        backend=backend,
+        Occluders(meshes), *viewpoints_at([at]), samples_s=sample_times(start, stop, rate_hz), backend=backend,
         wavelength_m=None,
-    )
+    )  # fmt: skip
 
 
 def the_scene(view: Occlusion, at: PosedOccluders) -> OccluderScene:
@@ -561,12 +558,9 @@ def test_subdivision_places_a_shadows_edge_more_closely(backend: Backend) -> Non
     errors = []
     for subdivision in range(3):
         occluded = Occlusion.alone(
-            Occluders([floor, shade], subdivision=subdivision),
-            *SIGHT,
-            samples_s=samples_s,
-            backend=backend,
+            Occluders([floor, shade], subdivision=subdivision), *SIGHT, samples_s=samples_s, backend=backend,
             wavelength_m=None,
-        )
+        )  # fmt: skip
         seen = occluded.visibility(np.array([0.5]))[0][0]
         stands = SubdividedMesh.of(faces, len(places), subdivision).operator @ places
         row = np.abs(stands[:, 2] - 1.0) < 1e-6

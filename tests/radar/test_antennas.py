@@ -177,16 +177,10 @@ def test_cuts_add_up_in_db() -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        "iwr6843isk",
-        "iwr6843aop",
-        "awr1843boost",
-        "iwr1443boost",
-        "iwr1642boost",
-        "awr2243-cascade",
-        "bgt60tr13c",
+        "iwr6843isk", "iwr6843aop", "awr1843boost", "iwr1443boost", "iwr1642boost", "awr2243-cascade", "bgt60tr13c",
         "k-mc1",
     ],
-)
+)  # fmt: skip
 def test_no_product_has_more_gain_than_its_lobe_is_narrow(name: str) -> None:
     """Gain is at most directivity, the inverse of the pattern's mean over the sphere, and patches lose 0 to 5 dB."""
     radar = Radar.preset(name)

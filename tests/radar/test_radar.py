@@ -316,14 +316,9 @@ def test_yaml_names_file_and_key(tmp_path) -> None:
 
 
 anything = st.one_of(
-    st.none(),
-    st.booleans(),
-    st.integers(),
-    st.floats(),
-    st.text(max_size=5),
-    st.lists(st.floats(), max_size=4),
+    st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5), st.lists(st.floats(), max_size=4),
     st.binary(max_size=3),
-)
+)  # fmt: skip
 plausible = st.fixed_dictionaries(
     {
         "carrier_hz": st.floats(1e9, 3e11),
@@ -351,13 +346,9 @@ def test_any_value_gives_a_radar_or_an_input_error(key: str, value: object) -> N
     assert all(
         math.isfinite(figure)
         for figure in (
-            radar.bandwidth_hz,
-            radar.max_range_m,
-            radar.max_speed_mps,
-            radar.link_amplitude,
-            radar.noise_power_w,
+            radar.bandwidth_hz, radar.max_range_m, radar.max_speed_mps, radar.link_amplitude, radar.noise_power_w,
         )
-    )
+    )  # fmt: skip
 
 
 @settings(max_examples=60, deadline=None)

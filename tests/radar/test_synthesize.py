@@ -85,13 +85,8 @@ def swinging_sheet(radar: Radar, *, frames: int = 60, rate_hz: float = 100.0) ->
     delay = sum(np.linalg.norm(places - place, axis=-1) for place in (radar.tx_position_m, radar.rx_position_m))
     slope = amplitude * rng.normal(size=len(down)) * 0.1 / radar.bandwidth_hz
     return Echoes(
-        times_s=t,
-        delay_s=delay / SPEED_OF_LIGHT,
-        amplitude=amplitude,
-        slope=slope,
-        departure_m=places,
-        arrival_m=places,
-    )
+        times_s=t, delay_s=delay / SPEED_OF_LIGHT, amplitude=amplitude, slope=slope, departure_m=places, arrival_m=places,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -168,11 +163,8 @@ def test_flat_echoes_need_no_slope() -> None:
     chirps = np.array([0, 1234, 3000])
     assert nmse_db(cube[chirps, 0, ::7], direct_sum(echoes, TABLE2, chirps, every=7)) < -50
     zeros = Echoes(
-        times_s=echoes.times_s,
-        delay_s=echoes.delay_s,
-        amplitude=echoes.amplitude,
-        slope=np.zeros_like(echoes.amplitude),
-    )
+        times_s=echoes.times_s, delay_s=echoes.delay_s, amplitude=echoes.amplitude, slope=np.zeros_like(echoes.amplitude),
+    )  # fmt: skip
     np.testing.assert_allclose(synthesize(zeros, TABLE2), cube, atol=1e-5 * np.abs(cube).max())
 
 

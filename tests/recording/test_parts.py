@@ -163,13 +163,8 @@ def test_the_picture_names_the_limbs(by_segment: t2d.Recording) -> None:
     figure = by_segment.plot_parts("walk")
     (axes,) = figure.axes
     assert {each.get_text() for each in axes.get_legend().get_texts()} == {
-        "head",
-        "trunk",
-        "arms",
-        "thighs",
-        "shanks",
-        "feet",
-    }
+        "head", "trunk", "arms", "thighs", "shanks", "feet",
+    }  # fmt: skip
     assert axes.get_ylabel().startswith("Radial velocity [m/s]")
     many = by_segment.plot_parts(groups={}).axes[0].get_legend().get_texts()
     assert many[-1].get_text() == "10 others"
@@ -215,20 +210,11 @@ def test_bodies_above_the_picture_have_its_limbs_colours(by_segment: t2d.Recordi
         assert corners[..., 1].min() == pytest.approx(0, abs=0.15)  # on the ground
     model = by_segment._set_up(None)[0]
     poses = poses_of(model, "segment", by_segment.parts.members(), 2)
-    toes_m, heels_m = (
-        np.percentile(poses.corners_m[0, np.array(poses.parts) == "feet", :, 0], each) for each in (99, 1)
-    )
+    heels_m, toes_m = np.percentile(poses.corners_m[0, np.array(poses.parts) == "feet", :, 0], [1, 99])
     assert toes_m - heels_m > 0.5  # the walk is seen from the side, one step long
     (few,) = coarse.plot_parts(poses=1).axes[0].collections
-    assert (
-        len(
-            {
-                tuple(each)
-                for each in np.round(few.get_facecolors()[:, :3] / few.get_facecolors()[:, :3].max(axis=1)[:, None], 3)
-            }
-        )
-        == 6
-    )
+    colours = few.get_facecolors()[:, :3]
+    assert len(np.unique(np.round(colours / colours.max(axis=1)[:, None], 3), axis=0)) == 6
 
 
 def test_stacked_parts_have_one_scale_and_common_axes(by_segment: t2d.Recording) -> None:
@@ -363,12 +349,8 @@ def test_parts_of_a_person_beside_a_mover_and_of_other_splits_are_compared_or_to
 
 def test_a_path_that_is_off_is_no_part() -> None:
     options: dict[str, Any] = {
-        "radar": RADAR,
-        "scene": small_room(),
-        "clutter": "none",
-        "method": "ellipsoid",
-        "split": "path",
-    }
+        "radar": RADAR, "scene": small_room(), "clutter": "none", "method": "ellipsoid", "split": "path",
+    }  # fmt: skip
     assert list(t2d.simulate(piece(), only_paths=["direct"], **options).parts) == ["direct"]
 
 

@@ -131,14 +131,9 @@ def test_the_table_is_that_of_sionnas_solver() -> None:
         down, aside = _spherical(arriving, around)
         waves = (field[0] * down + field[1] * aside) * (4 * np.pi * tau * SPEED_OF_LIGHT / radar.wavelength_m)
         from_there = np.cross(down, aside, axis=0)
-        sphere = t2d.Ellipsoids(
-            np.full((1, 3), 0.05), np.tile(point, (3, 1, 1)), np.linspace(0, 0.02, 3), material="pec"
-        )
-        paths = path_table(
-            set_up([sphere], "living_room", t2d.Experiment.without_targets(radar)).model,
-            t2d.Accuracy(),
-            np.zeros(1),
-        ).isel(target=0, time_s=0)
+        sphere = t2d.Ellipsoids([[0.05] * 3], np.tile(point, (3, 1, 1)), np.linspace(0, 0.02, 3), material="pec")
+        model = set_up([sphere], "living_room", t2d.Experiment.without_targets(radar)).model
+        paths = path_table(model, t2d.Accuracy(), np.zeros(1)).isel(target=0, time_s=0)
         limit = float(paths.level_dbm.max()) - 60
         for pair in paths.pair[(paths.level_dbm.values > limit) & (paths.blocked.values < 1e-6)].values.tolist():
             row = paths.sel(pair=pair)

@@ -92,15 +92,9 @@ def spheroid_mesh(poses: list[np.ndarray], centre: np.ndarray, radar: Radar, bac
     )
     times_s = np.arange(4.0 * len(poses))
     return mesh_echoes(
-        mesh,
-        radar,
-        times_s=times_s,
-        material=PEC,
-        detail=Detail(sagitta_rad=mesh.sagitta_rad),
-        seed=0,
-        views=[PathVisibility()],
-        backend=backend,
-    )
+        mesh, radar, times_s=times_s, material=PEC, detail=Detail(sagitta_rad=mesh.sagitta_rad), seed=0,
+        views=[PathVisibility()], backend=backend,
+    )  # fmt: skip
 
 
 @pytest.mark.slow

@@ -38,15 +38,9 @@ def echoes_of(
     mesh: MovingMesh, radar: Radar, backend: Backend, *, material: Material = PEC, seed: int = 0
 ) -> Scatterer:
     return mesh_echoes(
-        mesh,
-        radar,
-        times_s=FRAMES_S,
-        material=material,
-        detail=Detail(sagitta_rad=mesh.sagitta_rad),
-        seed=seed,
-        views=[PathVisibility()],
-        backend=backend,
-    )
+        mesh, radar, times_s=FRAMES_S, material=material, detail=Detail(sagitta_rad=mesh.sagitta_rad), seed=seed,
+        views=[PathVisibility()], backend=backend,
+    )  # fmt: skip
 
 
 def field(echoes: Echoes | Scatterer, radar: Radar) -> np.ndarray:
@@ -336,15 +330,9 @@ def speckle(frequency: int, seed: int, backend: Backend) -> np.ndarray:
     )
     times_s = np.arange(ASPECTS, dtype=float)
     stream = mesh_echoes(
-        mesh,
-        TABLE2,
-        times_s=times_s,
-        material=LAMBERT,
-        detail=Detail(sagitta_rad=0.4),
-        seed=seed,
-        views=[PathVisibility()],
-        backend=backend,
-    )
+        mesh, TABLE2, times_s=times_s, material=LAMBERT, detail=Detail(sagitta_rad=0.4), seed=seed,
+        views=[PathVisibility()], backend=backend,
+    )  # fmt: skip
     return field(stream, TABLE2) / math.sqrt(TABLE2.received_power_w(1.0, 30.1))
 
 
@@ -408,15 +396,9 @@ def test_frames_do_not_depend_on_how_they_are_asked_for(backend: Backend) -> Non
     path = np.stack([2 - 2 * times_s, 0 * times_s, 1 + 0 * times_s], axis=1)
     mesh = MovingMesh(rest + path[:, None], faces, times_s, sagitta_rad=0.4)
     stream = mesh_echoes(
-        mesh,
-        TABLE2,
-        times_s=times_s,
-        material=SKIN,
-        detail=Detail(sagitta_rad=0.4),
-        seed=0,
-        views=[PathVisibility()],
+        mesh, TABLE2, times_s=times_s, material=SKIN, detail=Detail(sagitta_rad=0.4), seed=0, views=[PathVisibility()],
         backend=backend,
-    )
+    )  # fmt: skip
     whole, part = stream.gather(), stream.frames(5, 9)
     assert np.array_equal(part[0], whole.delay_s[5:9])
     assert np.array_equal(part[1], whole.amplitude[5:9])

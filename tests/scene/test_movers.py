@@ -21,14 +21,10 @@ from t2d_rt.types import Ellipsoids, MovingMesh, Radar
 from validation.physics.movers import seen
 
 ENTRIES = (
-    "fan:2,1,1.2,rpm=600,swing_deg=80,elevation_deg=10",
-    "ceiling_fan:2,1,2.3,radius_m=0.3",
-    "curtain:3,0,2.2",
-    "door:3,-0.4,0,opens_at_s=0",
-    "pet:3,0,0",
-    "pet:3,0,0,animal=cat,speed_mps=1,turn_radius_m=0.5",
+    "fan:2,1,1.2,rpm=600,swing_deg=80,elevation_deg=10", "ceiling_fan:2,1,2.3,radius_m=0.3", "curtain:3,0,2.2",
+    "door:3,-0.4,0,opens_at_s=0", "pet:3,0,0", "pet:3,0,0,animal=cat,speed_mps=1,turn_radius_m=0.5",
     "pet:3,0,0,speed_mps=1.5,turn_radius_m=none,size=1.2",
-)
+)  # fmt: skip
 QUICK = Radar.preset("table2", samples=16, prf_hz=4_000.0)
 
 

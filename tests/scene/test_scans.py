@@ -290,10 +290,6 @@ def test_units_and_axis_on_the_command_line(tmp_path: Path, living: Scene, capsy
 @pytest.mark.slow
 def test_a_picture_of_a_mesh(tmp_path: Path, living: Scene, capsys: pytest.CaptureFixture[str]) -> None:
     write(living, tmp_path / "room.obj")
-    assert (
-        main(
-            ["scene", str(tmp_path / "room.obj"), "-o", str(tmp_path / "a.png"), "--scene-material", "door=metal 0.002"]
-        )
-        == 0
-    )
+    words = ["scene", str(tmp_path / "room.obj"), "-o", str(tmp_path / "a.png")]
+    assert main([*words, "--scene-material", "door=metal 0.002"]) == 0
     assert "122 plane parts of 169.8 m^2 reflect" in capsys.readouterr().out

@@ -56,14 +56,8 @@ def test_every_surface_faces_the_room() -> None:
 def test_a_wall_with_a_door_is_one_mirror() -> None:
     mirrors = Mirrors.of(Room(**BOX, openings=[{**DOOR, "slab": WOOD}]).scene(), select("cpu"))
     assert sorted(mirror.name for mirror in mirrors.parts) == [
-        "ceiling",
-        "door",
-        "floor",
-        "wall+x",
-        "wall+y",
-        "wall-x",
-        "wall-y",
-    ]
+        "ceiling", "door", "floor", "wall+x", "wall+y", "wall-x", "wall-y",
+    ]  # fmt: skip
     wall = next(mirror for mirror in mirrors.parts if mirror.name == "wall-y")
     points = np.array([[2.0, -1.5, 1.0], [2.0, -1.5, 2.2], [1.0, -1.5, 1.0], [5.0, -1.5, 1.0]])
     assert wall.holds(points).tolist() == [False, True, True, False]
@@ -165,19 +159,12 @@ METAL = '<bsdf type="itu-radio-material" id="m"><string name="type" value="metal
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("no xml", "is not XML"),
-        ("<room/>", "begins with <room>, not <scene>"),
-        (
-            f'<scene version="2.1.0">{shape("../../etc/passwd", METAL)}</scene>',
-            "lies outside its folder",
-        ),
-        (
-            f'<scene version="2.1.0">{shape("gone.ply", METAL)}</scene>',
-            "'gone.ply', which does not exist",
-        ),
+        ("no xml", "is not XML"), ("<room/>", "begins with <room>, not <scene>"),
+        (f'<scene version="2.1.0">{shape("../../etc/passwd", METAL)}</scene>', "lies outside its folder"),
+        (f'<scene version="2.1.0">{shape("gone.ply", METAL)}</scene>', "'gone.ply', which does not exist"),
         ('<scene version="2.1.0"><bsdf type="plastic-radio" id="m"/></scene>', "cannot load scene"),
     ],
-)
+)  # fmt: skip
 def test_files_that_are_no_scenes(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "scene.xml"
     path.write_text(text)

@@ -171,13 +171,9 @@ def test_a_configuration_is_a_file_or_its_lines() -> None:
 
 
 DEMO = Detection(
-    over="doppler",
-    range_skip=(0, 0),
-    training_cells=(8, 1),
-    guard_cells=(4, 0),
-    thresholds=(31.6, 1.0),
+    over="doppler", range_skip=(0, 0), training_cells=(8, 1), guard_cells=(4, 0), thresholds=(31.6, 1.0),
     field_of_view_deg=(89, 89),
-)
+)  # fmt: skip
 
 
 def movers(

@@ -196,12 +196,9 @@ def test_noise_has_no_order(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"samples": 64},
-        {"rx_offsets_m": RADAR.rx_offsets_m[:2]},
-        {"samples": 32},
-        {"samples": 96},
+        {"samples": 64}, {"rx_offsets_m": RADAR.rx_offsets_m[:2]}, {"samples": 32}, {"samples": 96},
     ],
-)
+)  # fmt: skip
 def test_chirps_cut_at_the_wrong_place_are_refused(tmp_path: Path, changes: dict[str, object]) -> None:
     path = written(tmp_path / "a.bin", two_lanes(scene()))
     assert len(t2d.load_recording(path, RADAR, lanes=2).cube) == 96

@@ -59,14 +59,10 @@ def test_rates_and_displacements_are_those_of_the_chest(burst: int | None) -> No
 @pytest.mark.parametrize(
     ("breath_hz", "beat_hz", "told"),
     [
-        (0.25, 1.25, "5 times"),
-        (0.2, 1.2, "6 times"),
-        (0.25, 1.0, "4 times"),
-        (0.25, 0.75, "3 times"),
-        (0.3, 1.8, "6 times"),
-        (0.3, 2.4, None),
+        (0.25, 1.25, "5 times"), (0.2, 1.2, "6 times"), (0.25, 1.0, "4 times"), (0.25, 0.75, "3 times"),
+        (0.3, 1.8, "6 times"), (0.3, 2.4, None),
     ],
-)
+)  # fmt: skip
 def test_a_heart_on_a_multiple_of_the_breathing_rate_is_told_by_its_harmonics(
     breath_hz: float, beat_hz: float, told: str | None
 ) -> None:

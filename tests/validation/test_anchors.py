@@ -32,12 +32,9 @@ def test_a_person_has_about_half_a_square_metre(backend: Backend) -> None:
     pose = body.at(np.array([0.1]))[0]
     pose = pose - pose.mean(axis=0)
     rotated = MovingMesh.from_track(
-        lambda t: pose @ rotations[np.rint(t * 10).astype(int)].transpose(0, 2, 1) + [RANGE_M, 0, 1],
-        body.faces,
-        aspects_s,
-        rest=body.rest,
-        crease_deg=180.0,
-    )
+        lambda t: pose @ rotations[np.rint(t * 10).astype(int)].transpose(0, 2, 1) + [RANGE_M, 0, 1], body.faces,
+        aspects_s, rest=body.rest, crease_deg=180.0,
+    )  # fmt: skip
     echoes = mesh_echoes(
         rotated, RADAR, times_s=aspects_s, material=resolve_material("skin", RADAR.mid_frequency_hz),
         detail=Detail(sagitta_rad=COARSE_RAD), seed=0, views=[PathVisibility()], backend=backend,

@@ -71,14 +71,9 @@ def test_a_kept_reference_is_read_again(case: Case, tmp_path: Path) -> None:
 
     for sagitta_rad in (0.5, 0.5, 0.4):
         found = kept_samples(
-            case.surface,
-            case.radar,
-            case.chirps,
-            SAMPLES,
-            Converged(material=PEC, sagitta_rad=sagitta_rad),
-            folder=tmp_path,
-            compute=compute,
-        )
+            case.surface, case.radar, case.chirps, SAMPLES, Converged(material=PEC, sagitta_rad=sagitta_rad),
+            folder=tmp_path, compute=compute,
+        )  # fmt: skip
         np.testing.assert_array_equal(found, np.full((2, 3), sagitta_rad))
     assert made == [0.5, 0.4]
 

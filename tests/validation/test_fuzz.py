@@ -31,15 +31,9 @@ def fuzzed(place: Path, *arguments: str) -> list[dict[str, Any]]:
     """The outcomes of a run in a fresh process: this one has computed, and its threads would be missing in forked ones."""
     results = place / "outcomes.json"
     command = [
-        sys.executable,
-        "-m",
-        "validation.robustness.fuzz",
-        "--results",
-        str(results),
-        "--keep",
-        str(place / "kept"),
+        sys.executable, "-m", "validation.robustness.fuzz", "--results", str(results), "--keep", str(place / "kept"),
         *arguments,
-    ]
+    ]  # fmt: skip
     run = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False)
     assert results.exists(), run.stderr[-2000:]
     found: list[dict[str, Any]] = json.loads(results.read_text())

@@ -13,15 +13,9 @@ from validation.methods.stability.case import Case
 
 pytestmark = pytest.mark.filterwarnings("ignore::t2d_rt.core.errors.T2DWarning")  # sheets and torn meshes are meant so
 QUICK: list[Callable[[Radar], Case | list[Case]]] = [
-    distances.inside,
-    facets.tangent,
-    facets.degenerate,
-    signals.coupling,
-    bodies.grazing,
-    bodies.end_on,
-    bodies.hidden,
+    distances.inside, facets.tangent, facets.degenerate, signals.coupling, bodies.grazing, bodies.end_on, bodies.hidden,
     rooms.random_rays,
-]
+]  # fmt: skip
 
 
 @pytest.mark.slow

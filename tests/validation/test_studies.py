@@ -49,16 +49,9 @@ def test_benchmark_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.
     for number, name in enumerate(("simple", "hard")):
         write_dataset(tmp_path / name, many(seed=number))
     words = (
-        "benchmark",
-        "--scale",
-        "tiny",
-        "--simple",
-        tmp_path / "simple",
-        "--hard",
-        tmp_path / "hard",
-        "-o",
+        "benchmark", "--scale", "tiny", "--simple", tmp_path / "simple", "--hard", tmp_path / "hard", "-o",
         tmp_path / "out",
-    )
+    )  # fmt: skip
     assert study(*words, "--minutes", "0") == 0
     assert "0 of 12 cells; the same command runs the others" in capsys.readouterr().out
     assert study(*words, "--only", "hard") == 0
