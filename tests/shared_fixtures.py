@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from types import FunctionType
 
 import numpy as np
 import pytest
@@ -60,23 +61,23 @@ def parsers_are_kept() -> Iterator[None]:
 @pytest.fixture(scope="session", autouse=True)
 def bundled_motions_are_read_once() -> Iterator[None]:
     """Hundreds of tests begin with the same walk, which takes a tenth of a second to read; what is made of it cannot change it."""
-    read = motion_reader._read
+    read, home, as_it_is = motion_reader._read, MOTIONS, Reading()
 
     @cache
     def bundled(path: Path) -> Motion:
-        motion = read(path, Reading())
+        motion = read(path, as_it_is)
         motion.joints.setflags(write=False)
         motion.rotations.setflags(write=False)
         return motion
 
     def read_once(path: Path, reading: Reading) -> Motion:
-        of_ours = path.resolve().parent == MOTIONS and reading == Reading()
-        return bundled(path.resolve()) if of_ours else read(path, reading)
+        place = path.resolve()
+        return bundled(place) if place.parent == home and reading == as_it_is else read(path, reading)
 
-    # A warning names the caller outside the package: this function counts as part of it.
-    read_once.__code__ = read_once.__code__.replace(co_filename=motion_reader.__file__)
+    # Warnings name the caller outside the package, of which this function has to be a part.
+    inside = FunctionType(read_once.__code__, vars(motion_reader), closure=read_once.__closure__)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(motion_reader, "_read", read_once)
+        patch.setattr(motion_reader, "_read", inside)
         yield
 
 
