@@ -323,9 +323,9 @@ def _pieces(
     # How far points extend at each instant; where there are none, no piece is near.
     starts = np.flatnonzero(np.diff(instant, prepend=-1))
     sides, lengths_m = np.full((2, len(at.times_s), 3), [[[np.inf]], [[-np.inf]]]), np.ones((2, len(at.times_s)))
-    for row, bound in enumerate((np.minimum, np.maximum)):
-        sides[row, instant[starts]] = bound.reduceat(towards, starts)
-        lengths_m[row, instant[starts]] = bound.reduceat(length_m, starts)
+    for end, bound in enumerate((np.minimum, np.maximum)):
+        sides[end, instant[starts]] = bound.reduceat(towards, starts)
+        lengths_m[end, instant[starts]] = bound.reduceat(length_m, starts)
 
     def distance(ends_m: np.ndarray) -> np.ndarray:
         return norms(ends_m.mean(axis=0) - part.origin_m)
