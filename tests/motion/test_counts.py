@@ -271,6 +271,13 @@ def test_factors_are_counts(words: str, count: int, angle_deg: float | None) -> 
         ("dances, spinning clockwise", [{"action": "dance", "direction": "clockwise"}]),
         ("sits for 10 s and gets up", [{"action": "sit", "duration_s": 10}, {"action": "stand_up"}]),
         ("walks three clockwise circles", [{"action": "walk", "direction": "clockwise", "count": 3}]),
+        (
+            "runs for 10 s to the chair and back",
+            [
+                {"direction": None, "object": "chair", "duration_s": 10},
+                {"direction": "back", "object": None, "duration_s": None},
+            ],
+        ),
         ("hops, hops", [{"action": "jump"}, {"action": "jump"}]),
         ("dances for 3 sets of 10 s", [{"count": 3, "duration_s": 30}]),
         (
@@ -547,6 +554,7 @@ def test_both_ranges_of_a_product_are_told() -> None:
         ("falls forward and lies on his back", "lies, on his back"),
         ("slips twice and falls once", "once"),
         ("sits down if he falls", "if"),
+        ("jumps and claps his hands three times", "three times"),
         ("turns 90 degrees, 90 degrees", "90 degrees"),
     ],
 )

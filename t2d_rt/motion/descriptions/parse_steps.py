@@ -251,7 +251,8 @@ class Reader:
 
     def _modifier(self, token: Token) -> None:
         clause = self.clauses[-1]
-        if self.dead or self.denied or self.other_choice:
+        of_limb = "count" in token.slots and clause.pending and clause.pending[-1].kind == "attend"  # claps three times
+        if self.dead or self.denied or self.other_choice or of_limb:
             self.ignored.append(token.said)
         elif token.kind == "direction" and (self.attending or (self.of_part and not self._stretching())):
             if token.slots["direction"] not in ("up", "down"):
@@ -309,7 +310,9 @@ class Reader:
         tells = {slot for pending in clause.pending for slot in pending.slots}
         told = {slot for slot in tells if last.get(slot) is not None}
         measured = told & {*MEASURES} & last.said.keys()  # 3 times on the left leg and 5 times on the right one
-        repeats = (told and clause.join == "then") or (measured and clause.join == "and")
+        returns = any(pending.words == "back" for pending in clause.pending)  # to the door and back
+        tells |= {"object", "count", "duration_s"} if returns else set()
+        repeats = (told and clause.join == "then") or ((measured or returns) and clause.join in ("and", "then"))
         new = last.again(tells, clause) if repeats else None
         for token in sorted(clause.pending, key=lambda pending: pending.kind != "direction"):
             try:
