@@ -1,4 +1,8 @@
-"""Fixtures of several test files: a kernel backend, the field of a target in an ADC cube, scene files, the command line."""
+"""Fixtures of several test files: a kernel backend, the field of a target in an ADC cube, scene files, the command line.
+
+Those of the session run by themselves: bundled motions and parsers of commands are kept, what is kept on disk has a folder of its
+own, no file waits for the disk, and Dr.Jit has one thread beside other processes of tests.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +78,7 @@ def bundled_motions_are_read_once() -> Iterator[None]:
         place = path.resolve()
         return bundled(place) if place.parent == home and reading == as_it_is else read(path, reading)
 
-    # Warnings name the caller outside the package, of which this function has to be a part.
+    # Warnings name the caller outside the package, so this function must look as if it were defined in the package.
     inside = FunctionType(read_once.__code__, vars(motion_reader), closure=read_once.__closure__)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(motion_reader, "_read", inside)

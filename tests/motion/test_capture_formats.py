@@ -370,7 +370,9 @@ def test_columns_of_mars(tmp_path: Path) -> None:
     np.save(tmp_path / "b.npy", joints.reshape(len(joints), 57))
     assert "columns of" not in load_motion(tmp_path / "b.npy", rate_hz=RATE_HZ).report
     np.save(tmp_path / "c.npy", columns * np.repeat([-1.0, 1.0, 1.0], 19))
-    with pytest.raises(InputError, match="left and right are swapped, or the axes are left-handed"):
+    with pytest.raises(
+        InputError, match="knees and feet point backward: left and right are swapped, or the axes are left-handed"
+    ):
         load_motion(tmp_path / "c.npy", rate_hz=RATE_HZ)
 
 
