@@ -159,8 +159,8 @@ class _Facing(NamedTuple):
 @one_thread_at_a_time
 def _amplitudes(facing: list[_Facing], hidden: np.ndarray, wavelength_m: float, backend: Backend) -> np.ndarray:
     """Amplitudes of the field at all of these points, hidden or not (N,), beside their outlines."""
-    if not len(hidden):
-        return np.zeros(0)
+    if not (len(hidden) and any(len(beam.pieces) for beam in facing)):
+        return 1.0 - hidden
     import drjit as dr
 
     Float32, Packet = backend.Float32, backend.arrays.Array4f

@@ -10,6 +10,19 @@ from trimesh.creation import box, cylinder
 import t2d_rt as t2d
 from builders import icosphere, plate, static_mesh
 from t2d_rt.core.backend import Backend, select
+from t2d_rt.geometry.vectors import inner, norms, unit, vector_product
+from t2d_rt.propagation.edge_waves import (
+    AT_EDGE_V,
+    FULL_V,
+    NARROW_ZONE_M,
+    NO_WAVE_V,
+    SHORTEST_PIECE_M,
+    TILT_RAD,
+    Straight,
+    _amplitudes,
+    _Beam,
+    smooth_step,
+)  # fmt: skip
 from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.occluders import Occluders
@@ -202,6 +215,73 @@ def test_nothing_changes_without_an_outline_near_the_path(backend: Backend) -> N
             assert np.array_equal(one, two)
     options = {"samples_s": samples_s, "backend": backend, "wavelength_m": WAVELENGTH_M}
     assert not Occlusion.alone(Occluders([ball, behind]), SIGHT, **options).visibility(samples_s)[1].any()
+
+
+def test_edges_inside_of_a_mesh_alone_leave_points_behind_it_dark(backend: Backend) -> None:
+    inside = box(extents=3 * [0.05])
+    faces = np.concatenate([FACES, inside.faces + len(VERTICES)])
+    ball = static_mesh(np.concatenate([0.5 * VERTICES, inside.vertices]) + [HALF_M, 0, 1], faces)
+    _, found = one_way([ball], backend)
+    assert not found.any()
+
+
+def amplitude(part: Straight, ends_m: np.ndarray, apparent_m: np.ndarray, hidden: np.ndarray) -> np.ndarray:
+    """Amplitude of the field at apparent points (N, 3), hidden or not (N,), beside an outline of pieces (2, M, 3): every point by
+    every piece, in double precision."""
+    (a, b), ahead = ends_m - part.origin_m, apparent_m - part.origin_m
+    distance, length = norms((a + b) / 2), norms(ahead)
+    ahead, a, b = unit(ahead / length[:, None] + TILT_RAD), unit(a), unit(b)
+    w, s, (first, last) = (a + b) / 2 - ahead[:, None], b - a, part.between(apparent_m) * length
+    counts = (distance > first[:, None]) & (distance < np.minimum(last, length)[:, None])
+    across = -inner(ahead[:, None], vector_product(w, s))
+    angle = np.arctan2(across, inner(w, w) - inner(s, s) / 4)
+    length = length[:, None]
+    left, scaled = length - distance, length * distance
+    w_squared = across / angle
+    v = np.sqrt(4 / WAVELENGTH_M * scaled * w_squared / (np.sqrt(left**2 + scaled * w_squared) + left))
+    zone_m = np.sqrt(WAVELENGTH_M * np.maximum(left, 0) * length / distance)
+    fade = smooth_step(np.clip((NO_WAVE_V - v) / (NO_WAVE_V - FULL_V), 0, 1))
+    fade *= counts * smooth_step(np.clip(zone_m / NARROW_ZONE_M - 1, 0, 1))
+    slope = inner(w, s) * scaled / (WAVELENGTH_M * np.maximum(left, SHORTEST_PIECE_M))
+    wave = angle * fade * np.sinc(slope) * np.exp(1j * np.pi / 2 * v**2) / (2 * np.pi)
+    dark = np.where((counts & (v < AT_EDGE_V)).any(axis=1), (counts * angle * (v < 1)).sum(axis=1) > 0, hidden)
+    return np.asarray(np.abs(1 - dark + wave.sum(axis=1)))
+
+
+def around(half_rad: float, distance_m: float, pieces: int = 300) -> np.ndarray:
+    """Pieces (2, M, 3) of a wavy outline seen so far off the x axis from its own origin."""
+    turn = np.linspace(0, 2 * np.pi, pieces + 1)
+    off, distance_m = half_rad * (1 + 0.1 * np.sin(7 * turn)), distance_m * (1 + 0.1 * np.sin(3 * turn))
+    places = distance_m * [np.cos(off), np.sin(off) * np.cos(turn), np.sin(off) * np.sin(turn)]
+    return np.stack([places.T[:-1], places.T[1:]])
+
+
+def summed(
+    part: Straight, outlines: list[np.ndarray], points: np.ndarray, hidden: np.ndarray, backend: Backend
+) -> np.ndarray:
+    """What the kernel makes of outlines (2, M, 3) and points (K, N, 3) at as many instants, hidden or not (K, N)."""
+    instant = np.arange(len(outlines)).repeat(points.shape[1])
+    when = np.repeat(np.arange(len(outlines)), [outline.shape[1] for outline in outlines])
+    beam = _Beam(part, 0, points.reshape(-1, 3), when, np.concatenate(outlines, axis=1))
+    facing = beam.facing(instant, np.ones(len(instant), bool), np.ones(len(when), bool), WAVELENGTH_M)
+    return _amplitudes([facing], hidden.ravel(), WAVELENGTH_M, backend).reshape(hidden.shape)
+
+
+def test_the_kernel_agrees_with_the_sum_in_double_precision(backend: Backend) -> None:
+    """At points up to 1 rad off the mean direction, beside outlines of which a plane cuts pieces off."""
+    rng = np.random.default_rng(7)
+    plane = unit(np.array([1.0, 0.5, 0.0])), 1.0
+    part = Straight(HERE, np.eye(3), np.zeros(3), plane, None)
+    outlines = [HERE + around(*shape) for shape in ((0.1, 1.5), (0.5, 1.3), (1.0, 1.6))]
+    points = np.stack([
+        HERE + rng.uniform(1.2, 4, (700, 1)) * unit(unit(ends_m[0, rng.integers(0, 300, 700)] - HERE)
+        + rng.normal(0, 0.03, (700, 3))) for ends_m in outlines
+    ])  # fmt: skip
+    hidden = rng.random(points.shape[:2]) < 0.5
+    expected = np.stack([amplitude(part, *row) for row in zip(outlines, points, hidden, strict=True)])
+    found = summed(part, outlines, points, hidden, backend)
+    assert np.mean(np.abs(expected - 1 + hidden) > 0.01) > 0.5
+    np.testing.assert_allclose(found, expected, atol=1e-4)
 
 
 def test_instants_together_are_as_each_alone(backend: Backend) -> None:
