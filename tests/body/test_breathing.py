@@ -50,7 +50,6 @@ def seen(recording: t2d.Recording) -> np.ndarray:
     return np.asarray(-phase * SPEED_OF_LIGHT / (4 * np.pi * recording.radar.mid_frequency_hz))
 
 
-@pytest.mark.usefixtures("coarse_bodies")
 @pytest.mark.parametrize(
     ("posture", "method"),
     slow_after(2, [("back", "mesh"), ("stands", "ellipsoid"), ("back", "ellipsoid"), ("stands", "mesh")]),

@@ -87,15 +87,17 @@ def test_a_shoe_is_longer_than_the_foot_and_its_sole_as_thick_as_given(walk, bod
     assert weight[np.abs(heights_m[below]).max(axis=1) < 1e-6].sum() > 0.7  # the rest is the edge of the sole
 
 
-@pytest.mark.parametrize(("name", "sole_m"), [("walk", 0.025), ("short_walk", 0.06), ("run", 0.06)])
-def test_shoes_stand_where_bare_feet_do(name: str, sole_m: float) -> None:
+@pytest.mark.parametrize("name", ["walk", "short_walk", "run"])
+def test_shoes_stand_where_bare_feet_do(name: str) -> None:
     motion = t2d.example(name)
-    bare, shod = (
-        t2d.skin(motion, material=each).vertices[..., 2].min(axis=1) for each in ("skin", Outfit(sole_m=sole_m))
+    bare, *shoes = (
+        t2d.skin(motion, material=each).vertices[..., 2].min(axis=1)
+        for each in ("skin", Outfit(sole_m=0.025), Outfit(sole_m=0.06))
     )
-    assert np.median(shod) == pytest.approx(np.median(bare), abs=0.001)
-    assert (shod - bare).max() < 1e-6
-    assert (shod - bare).min() > -TOE_M  # at push-off the room before the toes is lowest
+    for shod in shoes:
+        assert np.median(shod) == pytest.approx(np.median(bare), abs=0.001)
+        assert (shod - bare).max() < 1e-6
+        assert (shod - bare).min() > -TOE_M  # at push-off the room before the toes is lowest
 
 
 def test_every_face_is_of_one_part_which_is_that_of_its_segment(walk) -> None:
@@ -155,7 +157,6 @@ def test_recordings_keep_outfits_and_are_made_again(step, tmp_path, method) -> N
     assert np.array_equal(again.again().adc, by_hand.adc)
 
 
-@pytest.mark.usefixtures("coarse_bodies")
 def test_truth_knows_of_shoes(step) -> None:
     ranges_m = [
         t2d.simulate(step, material=each, **QUICK).truth_at(np.array([0.02, 0.06, 0.1])).segment_range_m.values
