@@ -19,6 +19,8 @@ COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![.,]?\d)")
 GAP = "~"
 MOST_BETWEEN = 4
 """Words that `~` stands for at most: "picks the red ball up"."""
+NO_GAP = "and", "or", "then", ",", ".", "before", "after", "while", "to", "no", "not", "without"
+"""Words that it does not stand for."""
 
 BY, SETS = ("x", "\u00d7", "*"), ("sets", "rounds", "series")
 """What stands between how many times and what is done: 2 x 90 degrees, 3 sets of 5 squats."""
@@ -39,6 +41,9 @@ TREADS = "stairs", "treads", "steps"
 
 AS_JOINS = "if", "though", "in", "it", "well", "before"
 """What follows an "as" that compares nothing."""
+
+PRONOUN_ONE = "left", "right", "other", "same", "this", "that"
+"""Words behind which "one" is a pronoun: the right one."""
 
 PARTS = {"half": 0.5, "third": 1 / 3, "quarter": 0.25}
 """Parts of a turn or of a unit of angles."""
@@ -271,12 +276,19 @@ def _next(words: list[str], place: int) -> tuple[list[Token], int]:
     return [Token(kind, word)], place + 1
 
 
+def _number_end(words: list[str], place: int) -> int:
+    """Where a number or linked ones end that begin at a place; the place itself where none does."""
+    values, _, end = linked_numbers(words, place)
+    reading = number_at(words, place)
+    return end if len(values) > 1 else reading[2] if reading else place
+
+
 def _number(words: list[str], place: int) -> tuple[Token, int] | None:
     """Numbers that measure nothing; linked ones, and those of steps and people, with what follows them."""
-    values, _, end = linked_numbers(words, place)
-    number, _, after = number_at(words, place) or (0.0, False, place)
-    after = end if len(values) > 1 else after
-    if words[place:after] in ([], ["a"], ["an"]):
+    values, _, _ = linked_numbers(words, place)
+    number, _, _ = number_at(words, place) or (0.0, False, place)
+    after = _number_end(words, place)
+    if words[place:after] in ([], ["a"], ["an"]) or (words[place] == "one" and words[place - 1] in PRONOUN_ONE):
         return None
     follows = words[after] if after < len(words) else ""
     people = values != [1] and _is(follows, "subject") and follows not in lexicon().pronouns
@@ -308,7 +320,8 @@ def _match(pattern: tuple[str, ...], words: list[str], place: int) -> tuple[int,
     for end in range(start, start + MOST_BETWEEN + 1):
         if tuple(words[end : end + len(last)]) == last:
             return start, end, end + len(last)
-        if end >= len(words) or words[end] in ("and", "or", "then", ",", ".", "before", "after", "while", "to"):
+        in_number = any(_number_end(words, number) > end for number in range(start, end))  # takes two or three steps
+        if end >= len(words) or (words[end] in NO_GAP and not in_number):
             return None
     return None
 
@@ -418,8 +431,8 @@ def _multiplied(
     if said is None:
         return _counted(words, place, start, reading, "times")
     token, after = said
-    count, lasting_s = (float(str(token.slots.get(slot, 0))) for slot in ("count", "duration_s"))
-    whole, _ = _counted(words, place, after, (number * (count or 1), vague or token.note != "", after))
+    count, lasting_s = (float(str(token.slots.get(slot, least))) for slot, least in (("count", 1), ("duration_s", 0)))
+    whole, _ = _counted(words, place, after, (number * count, vague or token.note != "", after))
     return (replace(whole, slots={**whole.slots, "duration_s": number * lasting_s}) if lasting_s else whole), after
 
 
