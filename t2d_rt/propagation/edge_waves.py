@@ -1,7 +1,7 @@
 """Shadows that targets cast on one another: beside the outline of one the field is a wave from there (docs/physics.md, eq. 27).
 
-Meshes at a chunk of instants are worked on together: which points lie near the outline of another mesh, what of its edges is
-outline and which mesh hides what is asked of one ray tracer's scene, in which each mesh stands alone.
+Meshes at a chunk of instants are worked on together. Rays in one scene, in which each mesh stands alone, tell which edges are
+outline and which mesh hides a point.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from t2d_rt.core.backend import Backend, one_thread_at_a_time
-from t2d_rt.geometry.vectors import dot, inner, norms, unit, vector_product
+from t2d_rt.geometry.vectors import cross, dot, inner, norms, unit, vector_product
 from t2d_rt.propagation.images import images, instants_of
 from t2d_rt.propagation.occluders import PosedOccluders
 from t2d_rt.propagation.rays import LIFT_M, mitsuba, mitsuba_mesh, rays, traceable
@@ -36,13 +36,14 @@ LEAST_DEPTH_M = 0.05
 """Boxes nearer to an antenna's plane are not told apart by their corners."""
 END_ON_RAD = 1e-3
 """Edges that are seen so nearly from their end, as an angle, are a point of the outline."""
-TILT_RAD = 1e-7 * np.array([0.51, 0.67, 0.54])
-"""Rays are rotated so far: none meets an outline where two of its pieces do."""
+TILT_RAD = 1e-6 * np.array([0.51, 0.67, 0.54])
+"""Rays are rotated so far, some ten steps of single precision, so that none meets an outline where two of its pieces do (but along
+this direction, which stays)."""
 NARROW_ZONE_M = 0.02
 """Radius of the first zone, projected to the points, up to which edges are hard; from twice of it their waves count in full. Close
 behind an edge, as that of a thing carried, they ripple more finely than the points lie at which visibility is asked."""
 LEAST_ANGLE_RAD = 1e-9
-"""Pieces that turn less are seen as points."""
+"""Pieces that turn less are seen as points, and where the phase changes less over half of a piece it is constant there."""
 AT_EDGE_V = 0.15
 """Clearance below which the pieces of an outline tell on which side of it a point is, and no ray."""
 
@@ -123,18 +124,17 @@ class _Beam(NamedTuple):
         """Some of the points, which are `shown` (N,) at their `instant` (N,), and pieces (M,) that are `outline`."""
         ends_m, ahead = self.ends_m[:, outline] - self.part.origin_m, self.apparent_m[shown] - self.part.origin_m
         distance_m, length_m = norms(ends_m.mean(axis=0)), norms(ahead)
-        a, b = unit(ends_m)
-        ahead, middle, s = unit(ahead / length_m[:, None] + TILT_RAD), (a + b) / 2, b - a
+        directions = unit(ends_m)
+        ahead, middle = unit(ahead / length_m[:, None] + TILT_RAD), directions.mean(axis=0)
         least_m, farthest_m = NO_WAVE_V**2 * wavelength_m / 4, length_m.max(initial=0.0)
         reach = (least_m + 2 * (farthest_m - distance_m)) * least_m / (distance_m * max(farthest_m, least_m))
         span_m = self.part.between(self.apparent_m[shown]) * length_m
         centre = ahead.sum(axis=0) / max(len(ahead), 1)
-        across = vector_product(middle, s)
-        ahead, middle = ahead - centre, middle - centre
-        points = np.column_stack([ahead, length_m, span_m[0], np.minimum(span_m[1], length_m)])
-        pieces = np.column_stack([middle, reach, s, distance_m, across, inner(s, s) / 4])
+        points = np.column_stack([ahead - centre, ahead, length_m, span_m[0], np.minimum(span_m[1], length_m)])
+        a, b = directions - centre
+        pieces = np.column_stack([a, reach, b, distance_m])
         # Along the axis in which points extend most, those that count lie side by side.
-        axis = (ahead**2).sum(axis=0).argmax()
+        axis = ((ahead - centre) ** 2).sum(axis=0).argmax()
         place, piece_place = (
             APART * when + row[:, axis] for when, row in ((instant[shown], ahead), (self.when[outline], middle))
         )
@@ -148,12 +148,12 @@ class _Facing(NamedTuple):
     directions relative to their mean, so that single precision tells them apart."""
 
     points: np.ndarray
-    """Direction, distance [m], and from and to which distance the part runs, (N, 6)."""
+    """Direction, relative and as it is, distance [m], and from and to which distance the part runs, (N, 9)."""
     ranges: np.ndarray
     """First of the pieces that may count at each point, and behind the last, (N, 2)."""
     pieces: np.ndarray
-    """Direction of the middle, square of the chord up to which it may count, extent, distance [m], vector product of middle and
-    extent, square of half the extent, (M, 12)."""
+    """Direction of its beginning, square of the chord up to which it may count, direction of its end, distance [m], (M, 8). Pieces
+    that join have one direction there, to the last bit, so that what they turn about a ray adds up."""
 
 
 @one_thread_at_a_time
@@ -166,8 +166,9 @@ def _amplitudes(facing: list[_Facing], hidden: np.ndarray, wavelength_m: float, 
     Float32, Packet = backend.Float32, backend.arrays.Array4f
     before = np.cumsum([0, *(len(beam.pieces) for beam in facing)])
     ranges = np.concatenate([beam.ranges + first for beam, first in zip(facing, before, strict=False)])
-    columns = np.concatenate([beam.points for beam in facing]).T
-    *ahead, length, first, last = (backend.lanes(column, Float32) for column in columns)
+    points = np.concatenate([beam.points for beam in facing])
+    columns = [backend.lanes(column, Float32) for column in points.T]
+    relative, ahead, (length, first, last) = columns[:3], columns[3:6], columns[6:]
     pieces = backend.lanes(np.concatenate([beam.pieces for beam in facing]), Float32)
     begin, end = (backend.lanes(column) for column in ranges.T)
     wavelength = dr.opaque(Float32, wavelength_m)
@@ -175,13 +176,13 @@ def _amplitudes(facing: list[_Facing], hidden: np.ndarray, wavelength_m: float, 
     def fading(u: Any) -> Any:
         return smooth_step(dr.clip(u, 0, 1))
 
-    def with_piece(piece: Any, w: list[Any], sums: list[Any]) -> list[Any]:
-        *s, distance = dr.gather(Packet, pieces, 3 * piece + 1)
-        *across_s, quarter = dr.gather(Packet, pieces, 3 * piece + 2)
+    def with_piece(a: list[Any], b: list[Any], w: list[Any], distance: Any, sums: list[Any]) -> list[Any]:
         counts = (distance > first) & (distance < last)
-        # Directions lie so close that chords are angles: about the ray to a point, w is the place of a piece and s its extent.
-        w_squared, across = dot(w, w), dot(w, across_s)
-        angle = dr.atan2(across, w_squared - quarter)
+        # Directions lie so close that chords are angles: about the ray to a point a piece runs from a to b, its middle is w and s
+        # its extent.
+        s = [end - begin for begin, end in zip(a, b, strict=True)]
+        w_squared, across = dot(w, w), dot(ahead, cross(b, a))
+        angle = dr.atan2(across, dot(a, b))
         # The mean of w squared over the angle that a piece turns about the ray, and the phase, which is about linear there.
         w_squared = dr.select(dr.abs(angle) > LEAST_ANGLE_RAD, across / angle, w_squared)
         left, scaled = length - distance, length * distance
@@ -196,11 +197,13 @@ def _amplitudes(facing: list[_Facing], hidden: np.ndarray, wavelength_m: float, 
         return [total + dr.select(counts, term, 0) for total, term in zip(sums, terms, strict=True)]
 
     def add(piece: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
-        *middle, reach = dr.gather(Packet, pieces, 3 * piece)
-        w = [one - other for one, other in zip(middle, ahead, strict=True)]
+        *a, reach = dr.gather(Packet, pieces, 2 * piece)
+        *b, distance = dr.gather(Packet, pieces, 2 * piece + 1)
+        a, b = ([one - other for one, other in zip(end, relative, strict=True)] for end in (a, b))
+        w = [(one + other) / 2 for one, other in zip(a, b, strict=True)]
         # A branch, which lanes pass over together where the piece is near none of their points.
         near = dot(w, w) < reach
-        return piece + 1, dr.if_stmt((piece, w, sums), near, with_piece, lambda *far: far[-1], mode="symbolic")
+        return piece + 1, dr.if_stmt((a, b, w, distance, sums), near, with_piece, lambda *far: far[-1], mode="symbolic")
 
     _, sums = dr.while_loop(
         state=(begin, [dr.zeros(Float32, len(hidden)) for _ in range(4)]),
@@ -269,9 +272,9 @@ def _groups(
         row, column = np.nonzero(of.front[np.ix_(crowded, mine)])
         if not len(row):
             continue
-        instant, number = crowded[row], mine[column]
-        here_m = of.places_m[instant, number]
-        here_m = here_m + LIFT_M * (of.normals[instant, number] + unit(images(path)[-1] - here_m))
+        instant, numbers = crowded[row], mine[column]
+        here_m = of.places_m[instant, numbers]
+        here_m = here_m + LIFT_M * (of.normals[instant, numbers] + unit(images(path)[-1] - here_m))
         pieces = [
             _pieces(at, part, other, close, instant, part.appear(here_m), wavelength_m) for part, other, close in near
         ]
@@ -282,7 +285,7 @@ def _groups(
                 _Beam(part, other, part.appear(here_m), when, ends_m)
                 for (part, other, _), (_, when, ends_m) in zip(near, pieces, strict=True)
             ]
-            yield _Group(mesh, instant[beside], number[beside], here_m, parts, beams)
+            yield _Group(mesh, instant[beside], numbers[beside], here_m, parts, beams)
 
 
 def _near(part: Straight, mine: np.ndarray, others: np.ndarray, wavelength_m: float) -> np.ndarray:
@@ -308,24 +311,24 @@ def _pieces(
     at: PosedOccluders,
     part: Straight,
     other: int,
-    instants: np.ndarray,
-    instant: np.ndarray,
+    near_instants: np.ndarray,
+    point_instant: np.ndarray,
     apparent_m: np.ndarray,
     wavelength_m: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which apparent points (N, 3) m, each at its `instant` (N,), ascending, are near edges of the other mesh that may be its
-    outline at some `instants` (k,), bool (N,); and pieces of these: the instant of each (M,), and its ends (2, M, 3)."""
+    """Which apparent points (N, 3) m, each at its `point_instant` (N,), ascending, are near edges of the other mesh that may
+    be its outline at `near_instants` (k,), bool (N,); and pieces of these: the instant of each (M,), and its ends (2, M, 3)."""
     from scipy.spatial import cKDTree
 
     towards = apparent_m - part.origin_m
     length_m = norms(towards)
     towards /= length_m[:, None]
     # How far points extend at each instant; where there are none, no piece is near.
-    starts = np.flatnonzero(np.diff(instant, prepend=-1))
+    starts = np.flatnonzero(np.diff(point_instant, prepend=-1))
     sides, lengths_m = np.full((2, len(at.times_s), 3), [[[np.inf]], [[-np.inf]]]), np.ones((2, len(at.times_s)))
     for end, bound in enumerate((np.minimum, np.maximum)):
-        sides[end, instant[starts]] = bound.reduceat(towards, starts)
-        lengths_m[end, instant[starts]] = bound.reduceat(length_m, starts)
+        sides[end, point_instant[starts]] = bound.reduceat(towards, starts)
+        lengths_m[end, point_instant[starts]] = bound.reduceat(length_m, starts)
 
     def distance(ends_m: np.ndarray) -> np.ndarray:
         return norms(ends_m.mean(axis=0) - part.origin_m)
@@ -342,9 +345,9 @@ def _pieces(
         beside = (np.minimum(*directions) - margin > high) | (np.maximum(*directions) + margin < low)
         return np.where(beside.any(axis=1), 0, reach)
 
-    row, ends_m = at.folds(instants, other, part.origin_m)
+    row, ends_m = at.folds(near_instants, other, part.origin_m)
     of, ends_m = _cut(ends_m, LONGEST_EDGE_RAD * np.maximum(distance(ends_m), LEAST_DEPTH_M))
-    when = instants[row[of]]
+    when = near_instants[row[of]]
     across = norms(np.diff(unit(ends_m - part.origin_m), axis=0)[0]) * norms(ends_m[0] - part.origin_m)
     chosen = (close(ends_m, when) > 0) & (across > END_ON_RAD * norms(ends_m[1] - ends_m[0]))
     ends_m, when = ends_m[:, chosen], when[chosen]
@@ -355,11 +358,11 @@ def _pieces(
     reach = close(ends_m, when)
     ends_m, when, reach = ends_m[:, reach > 0], when[reach > 0], reach[reach > 0]
     if not len(reach):
-        return np.zeros(len(instant), bool), when, ends_m
+        return np.zeros(len(point_instant), bool), when, ends_m
     directions = unit(ends_m - part.origin_m)
     bound = reach.max() + norms(directions[1] - directions[0]).max() / 2
     tree = cKDTree(np.column_stack([directions.mean(axis=0), APART * when]))
-    away, _ = tree.query(np.column_stack([towards, APART * instant]), distance_upper_bound=bound)
+    away, _ = tree.query(np.column_stack([towards, APART * point_instant]), distance_upper_bound=bound)
     return np.isfinite(away), when, ends_m
 
 
@@ -378,7 +381,7 @@ class _Group(NamedTuple):
     mesh: int
     instant: np.ndarray
     """(N,)."""
-    number: np.ndarray
+    numbers: np.ndarray
     """(N,)."""
     here_m: np.ndarray
     """Where rays from them start, (N, 3)."""
@@ -390,7 +393,7 @@ def _summed(groups: list[_Group], alone: MeshesAlone, visible: np.ndarray, wavel
     """`beside_others` of points near edges."""
     asked: list[tuple[Segments, np.ndarray, int]] = []
     for group in groups:
-        dark = ~visible[group.instant, group.number]
+        dark = ~visible[group.instant, group.numbers]
         instant = group.instant[dark]
         asked += [(part.segments(part.appear(group.here_m[dark])), instant, group.mesh) for part in group.parts]
         for beam in group.beams:
@@ -401,10 +404,10 @@ def _summed(groups: list[_Group], alone: MeshesAlone, visible: np.ndarray, wavel
     facing: list[_Facing] = []
     hidden: list[np.ndarray] = []
     for group in groups:
-        dark = ~visible[group.instant, group.number]
+        dark = ~visible[group.instant, group.numbers]
         shown = ~dark  # not hidden by their own mesh
         shown[dark] = np.all([next(free) for _ in group.parts], axis=0)
-        fractions[group.instant, group.number] = shown
+        fractions[group.instant, group.numbers] = shown
         for beam in group.beams:
             behind = dark.copy()
             behind[dark] = ~next(free)
@@ -413,8 +416,8 @@ def _summed(groups: list[_Group], alone: MeshesAlone, visible: np.ndarray, wavel
     amplitudes = _amplitudes(facing, np.concatenate(hidden), wavelength_m, alone.backend)
     of_beam = iter(np.split(amplitudes, np.cumsum([len(points) for points in hidden])[:-1]))
     for group in groups:
-        shown = fractions[group.instant, group.number] > 0
-        lit = group.instant[shown], group.number[shown]
+        shown = fractions[group.instant, group.numbers] > 0
+        lit = group.instant[shown], group.numbers[shown]
         fractions[lit] = np.prod([next(of_beam) for _ in group.beams], axis=0)
     return fractions
 

@@ -62,8 +62,8 @@ class PosedOccluders:
         return np.stack([ends[corner, ..., range(3)].transpose(1, 2, 0) for corner in np.ndindex(2, 2, 2)], axis=2)
 
     def folds(self, instants: np.ndarray, mesh: int, place_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Edges of a mesh between faces that face a place and others, or none: at which of some instants (k,) each is, by its place
-        among these (E,), ascending, and from and to where (2, E, 3), around the faces counter-clockwise as seen from there."""
+        """Edges of a mesh between faces that face a place and others, or none: the index into `instants` (k,) of each edge (E,),
+        ascending, and from and to where (2, E, 3), around the faces counter-clockwise as seen from there."""
         half_edges = self.meshes.half_edges[mesh]
         first, last = self.meshes.face_starts[mesh : mesh + 2]
         corner, area = (vectors[:, first:last, instants] for vectors in self._corner_and_area)

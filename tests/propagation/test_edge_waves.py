@@ -248,7 +248,7 @@ def amplitude(part: Straight, ends_m: np.ndarray, apparent_m: np.ndarray, hidden
     return np.asarray(np.abs(1 - dark + wave.sum(axis=1)))
 
 
-def around(half_rad: float, distance_m: float, pieces: int = 300) -> np.ndarray:
+def around(half_rad: float, distance_m: float, pieces: int = 999) -> np.ndarray:
     """Pieces (2, M, 3) of a wavy outline seen so far off the x axis from its own origin."""
     turn = np.linspace(0, 2 * np.pi, pieces + 1)
     off, distance_m = half_rad * (1 + 0.1 * np.sin(7 * turn)), distance_m * (1 + 0.1 * np.sin(3 * turn))
@@ -268,20 +268,25 @@ def summed(
 
 
 def test_the_kernel_agrees_with_the_sum_in_double_precision(backend: Backend) -> None:
-    """At points up to 1 rad off the mean direction, beside outlines of which a plane cuts pieces off."""
+    """At points up to 0.9 rad off the mean direction, behind joints of pieces and beside them; a plane cuts off some pieces."""
     rng = np.random.default_rng(7)
     plane = unit(np.array([1.0, 0.5, 0.0])), 1.0
     part = Straight(HERE, np.eye(3), np.zeros(3), plane, None)
-    outlines = [HERE + around(*shape) for shape in ((0.1, 1.5), (0.5, 1.3), (1.0, 1.6))]
-    points = np.stack([
-        HERE + rng.uniform(1.2, 4, (700, 1)) * unit(unit(ends_m[0, rng.integers(0, 300, 700)] - HERE)
-        + rng.normal(0, 0.03, (700, 3))) for ends_m in outlines
-    ])  # fmt: skip
-    hidden = rng.random(points.shape[:2]) < 0.5
-    expected = np.stack([amplitude(part, *row) for row in zip(outlines, points, hidden, strict=True)])
-    found = summed(part, outlines, points, hidden, backend)
+    outlines = [HERE + around(*shape) for shape in ((0.1, 1.5), (0.5, 1.3), (0.8, 1.6))]
+    points = []
+    for ends_m in outlines:
+        towards = unit(ends_m[0, ::3].repeat(3, axis=0) - HERE)
+        towards = unit(towards + rng.normal(0, 0.03, towards.shape) * (np.arange(len(towards)) % 3 > 0)[:, None])
+        points.append(HERE + rng.uniform(2.4, 4, (len(towards), 1)) * towards)
+    points_m = np.stack(points)
+    hidden = rng.random(points_m.shape[:2]) < 0.5
+    expected = np.stack([amplitude(part, *row) for row in zip(outlines, points_m, hidden, strict=True)])
+    found = summed(part, outlines, points_m, hidden, backend)
     assert np.mean(np.abs(expected - 1 + hidden) > 0.01) > 0.5
-    np.testing.assert_allclose(found, expected, atol=1e-4)
+    beside = np.arange(found.shape[1]) % 3 > 0
+    np.testing.assert_allclose(found[:, beside], expected[:, beside], atol=1e-5)
+    # Where joints hide points, rounding moves the bound between two pieces, and what both turn about a ray stays.
+    np.testing.assert_allclose(found[:, ~beside], expected[:, ~beside], atol=5e-3)
 
 
 def test_instants_together_are_as_each_alone(backend: Backend) -> None:
