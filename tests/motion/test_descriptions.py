@@ -376,6 +376,7 @@ def test_subjects_are_understood(sentence: str, subject: str) -> None:
         ("takes between two and four steps back", ("between two and four steps",)),
         ("makes no steps, he sits down", ("no", "steps")),
         ("does no squats but walks", ("no", "squats")),
+        ("a man aged 70 falls", ("aged", "70")),
     ],
 )  # fmt: skip
 def test_what_is_not_understood_is_told(sentence: str, ignored: tuple[str, ...]) -> None:

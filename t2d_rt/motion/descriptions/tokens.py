@@ -407,7 +407,8 @@ def _times(words: list[str], place: int) -> tuple[Token, int] | None:
     ):
         read = f"{number:g} stairs" if vague else ""
         return _told(words, place, after + 1, {"object": "stair", "count": _whole(number)}, read, "object")
-    if words[after - 1] == "couple" or (place and _is(words[place - 1], "subject")):  # who dances; patient 2 walks
+    whose = words[place - 1] if place else ""
+    if words[after - 1] == "couple" or whose == "aged" or _is(whose, "subject"):  # who dances; patient 2 walks
         return None
     angle = _turned(words, after)  # two 360 degree turns
     turns = angle is not None and words[angle[1] : angle[1] + 1] == ["turns"]
