@@ -146,6 +146,7 @@ def test_turns_without_a_side_are_all_to_the_same_one() -> None:
         ("by 2π", 360.0),
         ("by 3 pi / 4", 135.0),
         ("by 3/4 pi", 135.0),
+        ("by 3/2 pi", 270.0),
         ("by half of pi", 90.0),
         ("by pi over two to the left", 90.0),
         ("1,5 turns", 540.0),
@@ -171,7 +172,12 @@ def test_angles_are_read_in_any_order(words: str, angle_deg: float) -> None:
 @pytest.mark.parametrize(
     ("words", "seconds"),
     [
-        ("3/4 seconds", 0.75),
+        ("3/4 second", 0.75),
+        ("3/4 of a second", 0.75),
+        ("1/4 s", 0.25),
+        ("\u2154 minutes", 40.0),
+        ("2 2/3 minutes", 160.0),
+        ("five quarters of a second", 1.25),
         ("1 1/2 seconds", 1.5),
         ("one and a quarter seconds", 1.25),
         ("two and a half minutes", 150.0),
@@ -243,6 +249,9 @@ def test_factors_are_counts(words: str, count: int, angle_deg: float | None) -> 
         ("walks two circles", [{"action": "walk", "count": 2, "direction": "counterclockwise"}]),
         ("sits for 2 x 5 s", [{"action": "sit", "count": 2, "duration_s": 10}]),
         ("sits 5 s x 2", [{"action": "sit", "count": 2, "duration_s": 10}]),
+        ("sits for 5 s x 2", [{"action": "sit", "count": 2, "duration_s": 10}]),
+        ("jump jump jump", [{"action": "jump"}] * 3),
+        ("makes three half turns", [{"action": "turn", "count": 3, "angle_deg": 180}]),
         ("walks for a minute and a half", [{"duration_s": 90}]),
         ("walks for 1-1/2 minutes", [{"duration_s": 90}]),
         ("walks for 5 s, then for another 5 s", [{"duration_s": 5}, {"duration_s": 5}]),
@@ -459,6 +468,10 @@ def test_numbers_in_words(words: str, slot: str, value: float) -> None:
         ("from 5 to 10 s", "duration_s", 5.0, ("from 5 to 10 s", "5 s")),
         ("for a few minutes", "duration_s", 180.0, ("for a few minutes", "3 minutes")),
         ("for 1.5 to 2 s", "duration_s", 1.75, ("for 1.5 to 2 s", "1.75 s")),
+        ("for one and a half to 2 s", "duration_s", 1.75, ("for one and a half to 2 s", "1.75 s")),
+        ("for 1 1/2 to 4 minutes", "duration_s", 165.0, ("for 1 1 / 2 to 4 minutes", "2.75 minutes")),
+        ("for 1 to 1 1/2 s", "duration_s", 1.25, ("for 1 to 1 1 / 2 s", "1.25 s")),
+        ("half a minute to two minutes", "duration_s", 75.0, ("half a minute to two minutes", "1.25 minutes")),
         ("for 1 to 2 s", "duration_s", 1.5, ("for 1 to 2 s", "1.5 s")),
         ("from 0 to 10 seconds", "duration_s", 10.0, ("from 0 to 10 seconds", "10 seconds")),
         ("0 to 3 times", "count", 3, ("0 to 3 times", "3 times")),
@@ -495,6 +508,12 @@ def test_of_a_range_one_number_is_read_and_told(words: str, slot: str, value: fl
         ("a man turns from 90 to 180 degrees", "angle_deg", 90.0, (("from 90 to 180 degrees", "90 degrees"),)),
         ("a man turns from 180 to 45 degrees", "angle_deg", 135.0, (("from 180 to 45 degrees", "135 degrees"),)),
         ("a man turns between 0 and 90 degrees", "angle_deg", 90.0, (("between 0 and 90 degrees", "90 degrees"),)),
+        (
+            "a man turns between half a turn and one turn",
+            "angle_deg",
+            270.0,
+            (("between half a turn and one turn", "270 degrees"),),
+        ),
         ("a man turns up to 90 degrees", "angle_deg", 90.0, (("up to 90 degrees", "90 degrees"),)),
     ],
 )
@@ -545,6 +564,27 @@ def test_both_ranges_of_a_product_are_told() -> None:
         ("squats with 5 s between", "5 s between"),
         ("jumps 3 times per minute", "3 times per minute"),
         ("jumps 3 times a second", "3 times a second"),
+        ("jumps twice a day", "twice a day"),
+        ("jumps once a day", "once a day"),
+        ("jumps two times per day", "two times per day"),
+        ("jumps 3 times a week", "3 times a week"),
+        ("jumps twice daily", "twice daily"),
+        ("walks for 5 minutes every morning", "for 5 minutes every morning"),
+        ("walks for 2/3 seconds", "2 / 3 seconds"),
+        ("walks for 1/2 seconds", "1 / 2 seconds"),
+        ("walks for 2/3 s", "2 / 3 s"),
+        ("walks for 10/4 s", "10 / 4 s"),
+        ("walks for 4/8 s", "4 / 8 s"),
+        ("walks for 5/2 minutes", "5 / 2 minutes"),
+        ("walks for 1/2/3 s", "1 / 2 / 3 s"),
+        ("turns by 45/90 degrees", "45 / 90 degrees"),
+        ("does 2 sets of 3/4 turns", "3 / 4"),
+        ("jumps 2\u00bd times", "2 1 \u2044 2 times"),
+        ("spins one and a half times", "one and a half times"),
+        ("walks behind him", "behind him"),
+        ("sits on the chair, then the floor", "floor"),
+        ("is a man aged 70 who falls", "aged, 70"),
+        ("falls, a man aged about seventy", "aged, seventy"),
         ("jumps >3", ">, 3"),
         ("takes two small jumps of 2 m", "small, 2, m"),
         ("patient 2 walks", "2"),
@@ -579,8 +619,8 @@ def test_a_range_that_is_read_once_and_left_out_once_is_told_as_both() -> None:
         ("squats 1e999 times", "got 1e999 times; write"),
         ("squats 2 to 1e999 times", "got 1e999 times; write"),
         ("makes 1e999 turns", "got 1e999 turns; write"),
+        ("turns 1e999/1e999 turns", "got 1e999 turns; write"),
         ("walks for 1e999 s", "got 1e999 s; write"),
-        ("turns 1e999/1e999 turns", "got 1e999 / 1e999 turns; write"),
     ],
 )
 def test_errors_quote_the_words_of_the_sentence(words: str, message: str) -> None:
@@ -650,7 +690,7 @@ def test_what_is_made_is_not_warned_of(sentence: str) -> None:
     motion_from_text(sentence)  # warnings are errors
 
 
-@pytest.mark.parametrize("range_", ["1/2 to 4 minutes", "1 1/2 to 4 minutes", "1 to 3/2 minutes"])
+@pytest.mark.parametrize("range_", ["1/2 to 4 minutes", "1 to 3/2 minutes"])
 def test_ranges_that_end_in_fractions_are_told_as_left_out(range_: str) -> None:
     parsed = parse_description(f"a man walks for {range_}")
     assert parsed.ignored

@@ -82,9 +82,8 @@ def test_the_grammar_writes_what_is_like_other_classes() -> None:
     assert 20 <= sum(each.action == "balance" for each in written("bending")) <= 40
     assert all(each.side for each in written("bending") if (each.action, each.body_part) == ("balance", "leg"))
     steps = [step for activity in ACTIVITIES for each in written(activity) for step in each.steps]
-    assert not any(
-        step.direction == "in_place" for step in steps
-    )  # the filter asks of a walk and a run that the hips get on
+    # the filter asks of a walk and a run that the hips get on
+    assert not any(step.direction == "in_place" for step in steps)
     assert {90.0, 180.0, 270.0, 360.0} <= {each.angle_deg for each in written("walking")}
     assert all(
         any(each.count for each in written(activity)) for activity in ("walking", "sitting", "bending", "jumping")

@@ -117,9 +117,14 @@ class Reader:
     """Words that say more than is made of them."""
     article: str = ""
     """The last of the articles, until a noun or a verb follows."""
+    verb: str = ""
+    """The last words, if they are a verb."""
 
     def read(self, token: Token) -> None:
         """Takes one more token."""
+        if token.kind == "action" and token.words == self.verb:  # jump jump
+            self._join(",")
+        self.verb = token.words if token.kind == "action" else ""
         token = self._elliptic(token)
         limb = token.kind == "part" and token.slots["body_part"] != "waist"  # bends at the waist to the left
         self.of_part, before = limb or token.words == "together", self.of_part
@@ -458,7 +463,9 @@ def merged(first: ParseStep, second: ParseStep, ignored: list[str]) -> ParseStep
             before, given = result.get(slot), second.given.get(slot, str(value))
             if slot == "duration_s" and before is not None:  # sits down for 3 s, stays seated for 5
                 result.said[slot] = float(str(before)) + float(str(value))
-            elif slot in ("count", "body_part", "side") and before not in (None, value):
+            elif (
+                slot in ("count", "body_part", "side") or (slot == "object" and second.joined == "then")
+            ) and before not in (None, value):
                 lost += [given] * (given not in lost)
             elif slot in ("direction", "object") or before is None:
                 attach(result, Token("slot", given, {slot: value}), lost)

@@ -11,7 +11,15 @@ from functools import cache
 from typing import Any
 
 from t2d_rt.motion.descriptions.lexicon import Forms, Synonyms, inflected, lexicon, meaning
-from t2d_rt.motion.descriptions.numbers import TIMES, linked_numbers, number_at
+from t2d_rt.motion.descriptions.numbers import (
+    PARTS,
+    TIMES,
+    Reading,
+    fraction_at,
+    fraction_behind,
+    linked_numbers,
+    number_at,
+)
 
 WORD = re.compile(r"\d+(?:\.\d+)?(?:e\d+(?!\w))?|[^\W\d_]+(?:'[^\W\d_]+)?|n't|[^\w\s]")
 COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![.,]?\d)")
@@ -36,6 +44,12 @@ CLOCK = "after", "every", "at", "until", "before", "from", "since", "by", "=", "
 NO_DURATION = "each", "every", "between", "apart", "later", "rest", "break", "pauses", "into"
 """What follows a time that is not one in which something is done once: 10 s each, 5 s later."""
 
+PERIODS = "hour", "day", "week", "month", "year", "morning", "afternoon", "evening", "night"
+RATES = "hourly", "daily", "weekly", "nightly"
+"""What makes a rate of how often and how long: three times a day, twice daily."""
+AGED = "aged", "age", "of", "at"
+"""What stands between somebody and how old he is."""
+
 TREADS = "stairs", "treads", "steps"
 """What who climbs counts."""
 
@@ -44,9 +58,6 @@ AS_JOINS = "if", "though", "in", "it", "well", "before"
 
 PRONOUN_ONE = "left", "right", "other", "same", "this", "that"
 """Words behind which "one" is a pronoun: the right one."""
-
-PARTS = {"half": 0.5, "third": 1 / 3, "quarter": 0.25}
-"""Parts of a turn or of a unit of angles."""
 
 MODIFYING = "slot", "direction"
 """Kinds of words that may stand between a number and what is done: three slow squats, two left turns."""
@@ -106,11 +117,11 @@ def words_of(text: str) -> list[str]:
     ['high', 'stepping', ',', "it's", '2.5', 's', '!']
     >>> words_of("two-three squats, twenty-one jumps, 5-10 s")
     ['two', 'to', 'three', 'squats', ',', 'twenty', 'one', 'jumps', ',', '5', 'to', '10', 's']
-    >>> words_of("1,5 turns, 1,000 steps, 1½ or .5")
-    ['1.5', 'turns', ',', '1000', 'steps', ',', '1', '1', '/', '2', 'or', '0.5']
+    >>> words_of("1,5 turns, 1,000 steps, 1/2 or .5")
+    ['1.5', 'turns', ',', '1000', 'steps', ',', '1', '/', '2', 'or', '0.5']
     """
     apart = re.sub(r"(?<=\d)(?=[¼-¾⅐-⅞])", " ", re.sub(r"(?<=\d)\s*[°º]", " degrees ", DASH.sub(" to ", text)))
-    signs = {0x2019: "'", 0x2018: "'", 0x2014: ",", 0x2013: ",", 0x2044: "/", 0x3C0: "pi"}
+    signs = {0x2019: "'", 0x2018: "'", 0x2014: ",", 0x2013: ",", 0x3C0: "pi"}
     lowered = COMMA.sub(_with_point, unicodedata.normalize("NFKC", apart).lower().translate(signs))
     lowered = re.sub(r"\b(he|she|they|i|we|you)'(?:s|ll|d|ve|re|m)\b", r"\1", lowered)
     lowered = HYPHEN.sub(_unhyphened, re.sub(r"(?<![\w.])\.(?=\d)", "0.", lowered))
@@ -280,13 +291,14 @@ def _number_end(words: list[str], place: int) -> int:
     """Where a number or linked ones end that begin at a place; the place itself where none does."""
     values, _, end = linked_numbers(words, place)
     reading = number_at(words, place)
-    return end if len(values) > 1 else reading[2] if reading else place
+    mixed = bool(values) and values[0] > 1 and values[0] % 1 > 0  # 1 1/2 times
+    return end if len(values) > 1 or mixed else reading.end if reading else place
 
 
 def _number(words: list[str], place: int) -> tuple[Token, int] | None:
     """Numbers that measure nothing; linked ones, and those of steps and people, with what follows them."""
     values, _, _ = linked_numbers(words, place)
-    number, _, _ = number_at(words, place) or (0.0, False, place)
+    number, _, _ = number_at(words, place) or Reading(0.0, False, place)
     after = _number_end(words, place)
     if words[place:after] in ([], ["a"], ["an"]) or (words[place] == "one" and words[place - 1] in PRONOUN_ONE):
         return None
@@ -339,8 +351,8 @@ def _measure(words: list[str], place: int) -> tuple[Token, int] | None:
         return None
     token, after = measure
     follows, then = (words[at] if at < len(words) else "" for at in (after, after + 1))
-    if follows in ("per", "/", "a", "each", "every") and then in lexicon().seconds:
-        return _told(words, place, after + 2, {}, kind="reported")
+    if _is_rate(words, after):
+        return _told(words, place, after + 1 + int(follows not in RATES), {}, kind="reported")
     if "duration_s" in token.slots and follows in NO_DURATION:
         return _told(words, place, after + 1, {}, kind="reported")
     begins = place == 0 or _is(words[place - 1], "join")  # 5 seconds before falling, he jumps
@@ -353,6 +365,13 @@ def _measure(words: list[str], place: int) -> tuple[Token, int] | None:
     return measure
 
 
+def _is_rate(words: list[str], place: int) -> bool:
+    """Whether what follows a number of times or of seconds tells of how long it is: a day, per second, daily."""
+    follows, then = (words[at] if at < len(words) else "" for at in (place, place + 1))
+    divides = follows in ("per", "/", "a", "an", "each", "every")
+    return follows in RATES or (divides and then in (*lexicon().seconds, *PERIODS))
+
+
 def _said_measure(words: list[str], place: int) -> tuple[Token, int] | None:
     word, follows = words[place], words[place + 1 : place + 2]
     ranged = number_at(words, place) is not None  # once or twice, from 5 to 10 s
@@ -360,6 +379,7 @@ def _said_measure(words: list[str], place: int) -> tuple[Token, int] | None:
         conjunction = word == "once" and (
             (follows and follows[0] in lexicon().not_once) or words[max(place - 1, 0)] == "at"
         )
+        conjunction = conjunction and not _is_rate(words, place + 1)
         return None if conjunction else (Token("slot", word, {"count": lexicon().times[word]}), place + 1)
     if word in ("for", *CLOCK) and follows and not ranged:
         of_verb = follows[0] == "the" and word in ("after", "before")  # after the 10 s walk
@@ -372,12 +392,13 @@ def _said_measure(words: list[str], place: int) -> tuple[Token, int] | None:
             return None  # after 5 s of walking
         if word != "for":
             return _told(words, place, after, {}, kind="reported")
-        return replace(token, note=token.note and f"for {token.note}"), after
-    said = _turned(words, place) or _times(words, place) or _lasting(words, place, alone=True)
+        said: tuple[Token, int] | None = (replace(token, note=token.note and f"for {token.note}"), after)
+    else:
+        said = _turned(words, place) or _times(words, place) or _lasting(words, place, alone=True)
     factor = number_at(words, said[1] + 1) if said and words[said[1] : said[1] + 1] and words[said[1]] in BY else None
     if said is None or factor is None or "duration_s" not in said[0].slots:
         return said
-    return _multiplied(words, place, factor[2], factor, (said[0], factor[2]))  # 10 s x 2
+    return _multiplied(words, place, factor.end, factor, (said[0], factor.end))  # 10 s x 2
 
 
 def _times(words: list[str], place: int) -> tuple[Token, int] | None:
@@ -400,15 +421,17 @@ def _times(words: list[str], place: int) -> tuple[Token, int] | None:
         start = after + 1 + int(follows in SETS)
         single = number_at(words, start) if _turned(words, start) is None else None
         said = _times(words, start) or _lasting(words, start, alone=True)
-        return _multiplied(words, place, start, reading, said or (single and _counted(words, start, single[2], single)))
+        return _multiplied(
+            words, place, start, reading, said or (single and _counted(words, start, single.end, single))
+        )
     climbed = next((word for word in reversed(words[:place]) if word not in lexicon().roughly), "")
+    person = next((word for word in reversed(words[:place]) if word not in (*AGED, *lexicon().roughly)), "")
     if follows in TREADS and (
         follows != "steps" or climbed in ("up", "down") or _is(climbed, "action", action="climb")
     ):
         read = f"{number:g} stairs" if vague else ""
         return _told(words, place, after + 1, {"object": "stair", "count": _whole(number)}, read, "object")
-    whose = words[place - 1] if place else ""
-    if words[after - 1] == "couple" or whose == "aged" or _is(whose, "subject"):  # who dances; patient 2 walks
+    if words[after - 1] == "couple" or _is(person, "subject"):  # who dances; patient 2 walks, a man aged 70 falls
         return None
     angle = _turned(words, after)  # two 360 degree turns
     turns = angle is not None and words[angle[1] : angle[1] + 1] == ["turns"]
@@ -416,25 +439,24 @@ def _times(words: list[str], place: int) -> tuple[Token, int] | None:
     return _counted(words, place, after, reading) if turns or (many and _deed(words, after)) else None
 
 
-def _counted(
-    words: list[str], place: int, after: int, reading: tuple[float, bool, int], unit: str = ""
-) -> tuple[Token, int]:
+def _counted(words: list[str], place: int, after: int, reading: Reading, unit: str = "") -> tuple[Token, int]:
     """A token of a count; of a vague number or a range, with what is read for it."""
-    number, vague, _ = reading
-    return _told(words, place, after, {"count": _whole(number)}, f"{number:g} {unit}".strip() if vague else "")
+    read = f"{reading.number:g} {unit}".strip() if reading.vague else ""
+    return _told(words, place, after, {"count": _whole(reading.number)}, read)
 
 
 def _multiplied(
-    words: list[str], place: int, start: int, reading: tuple[float, bool, int], said: tuple[Token, int] | None
+    words: list[str], place: int, start: int, reading: Reading, said: tuple[Token, int] | None
 ) -> tuple[Token, int]:
     """So many times, or so many times what is done as often or as long as is said behind it: 3 sets of 5 squats."""
-    number, vague, _ = reading
     if said is None:
         return _counted(words, place, start, reading, "times")
     token, after = said
     count, lasting_s = (float(str(token.slots.get(slot, least))) for slot, least in (("count", 1), ("duration_s", 0)))
-    whole, _ = _counted(words, place, after, (number * count, vague or token.note != "", after))
-    return (replace(whole, slots={**whole.slots, "duration_s": number * lasting_s}) if lasting_s else whole), after
+    product = Reading(reading.number * count, reading.vague or token.note != "", after)
+    whole, _ = _counted(words, place, after, product)
+    slots = {**whole.slots, "duration_s": reading.number * lasting_s} if lasting_s else whole.slots
+    return replace(whole, slots=slots), after
 
 
 def _deed(words: list[str], place: int) -> bool:
@@ -462,16 +484,13 @@ def _lasting(words: list[str], place: int, *, alone: bool) -> tuple[Token, int] 
     unit, follows = words[after], words[after + 1 : after + 2]
     if (alone and (words[place] in ("a", "an") or unit.startswith("moment"))) or follows == ["time"]:
         return None
-    divided = words[place:after].index("/") + place if "/" in words[place:after] else 0
-    if divided and words[divided - 1] != "1" and words[divided + 1] not in ("2", "3", "4"):
-        return None  # 5/10 s are two numbers
     seconds, read = float(number) * lexicon().seconds[unit], "" if unit.startswith("moment") else f"{number:g} {unit}"
     more = _lasting(words, after + 1 + int(follows == ["and"]), alone=True)
     more_s = float(str(more[0].slots["duration_s"])) if more is not None else math.inf
-    part = _part(words, after + 2) if follows == ["and"] else None
+    part = fraction_at(words, after + 2) if follows == ["and"] else None
     if more is not None and more_s < lexicon().seconds[unit]:  # a minute and ten seconds
         seconds, after, read = seconds + more_s, more[1] - 1, ""
-    elif part is not None and 0 < part[0] < 1:  # a minute and a half
+    elif part is not None:  # a minute and a half
         seconds, after, read = seconds + part[0] * lexicon().seconds[unit], part[1] - 1, ""
     vague = _vague(words, place) or unit.startswith("moment")
     return _told(words, place, after + 1, {"duration_s": seconds}, (read or f"{seconds:g} seconds") if vague else "")
@@ -479,7 +498,7 @@ def _lasting(words: list[str], place: int, *, alone: bool) -> tuple[Token, int] 
 
 def _vague(words: list[str], place: int) -> bool:
     reading = number_at(words, place)
-    return reading is not None and reading[1]
+    return reading is not None and reading.vague
 
 
 def _amount(words: list[str], place: int) -> tuple[float, int] | None:
@@ -490,8 +509,8 @@ def _amount(words: list[str], place: int) -> tuple[float, int] | None:
         if reading is None:
             return None
         amount, after = reading
-        more = _part(words, after + int(words[after : after + 1] == ["and"]))
-        if more is not None and 0 < more[0] < 1 and amount.is_integer():
+        more = fraction_behind(words, after)
+        if more is not None and amount >= 1 and float(amount).is_integer() and not _vague(words, place):
             amount, after = amount + more[0], more[1]
     for between in (["of"], ["a"], ["an"]):
         after += int(words[after : after + 1] == between)
@@ -503,28 +522,19 @@ def _amount(words: list[str], place: int) -> tuple[float, int] | None:
 
 
 def _part(words: list[str], place: int) -> tuple[float, int] | None:
-    """A number or a part of one, and where it ends: 1.5, half, a quarter, three quarters, 1 / 4."""
-    ahead = words[place : place + 2]
-    single = _part(words, place + 1) if ahead[:1] in (["a"], ["an"]) else None  # a three quarter turn
-    if single is not None:
-        return single
-    start = place + int(len(ahead) == 2 and ahead[0] == "one" and ahead[1] in PARTS)
-    if ahead and words[start] in PARTS:
-        return PARTS[words[start]], start + 1
-    reading = number_at(words, place)
-    if reading is None:
-        return None
-    amount, _, after = reading
-    if words[after : after + 1] and words[after].removesuffix("s") in PARTS:
-        return amount * PARTS[words[after].removesuffix("s")], after + 1
-    divisor, after = _divisor(words, after)
-    return amount / divisor, after
+    """A number or a fraction, whichever takes more words, and where it ends: 1.5, half, a quarter, three quarters, 1 / 4."""
+    article = words[place : place + 1] in (["a"], ["an"])
+    behind = _part(words, place + 1) if article else None  # a 360 degree turn
+    reading, fraction = number_at(words, place), fraction_at(words, place)
+    if behind is not None or (fraction is not None and (reading is None or reading.end < fraction[1])):
+        return behind or fraction
+    return None if reading is None else (reading.number, reading.end)
 
 
 def _divisor(words: list[str], place: int) -> tuple[float, int]:
     """What is divided by, and where that ends: / 4, over two; 1 where nothing is."""
     reading = number_at(words, place + 1) if words[place : place + 1] and words[place] in ("/", "over") else None
-    return (1.0, place) if reading is None or not reading[0] > 0 else (reading[0], reading[2])
+    return (1.0, place) if reading is None or not reading.number > 0 else (reading.number, reading.end)
 
 
 def _turned(words: list[str], place: int) -> tuple[Token, int] | None:
