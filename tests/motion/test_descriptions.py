@@ -19,7 +19,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions import grammar, tokens
 from t2d_rt.motion.descriptions.diversity import NEAREST, diversity
 from t2d_rt.motion.descriptions.grammar import grammar_descriptions, rules
-from t2d_rt.motion.descriptions.lexicon import Lexicon, forms, packaged, with_article
+from t2d_rt.motion.descriptions.lexicon import Lexicon, forms, lexicon, packaged, with_article
 from t2d_rt.motion.descriptions.parse import Parsed, parse_description
 from t2d_rt.motion.descriptions.slots import (
     ACTIVITIES,
@@ -168,7 +168,19 @@ def test_verbs_are_inflected() -> None:
     assert forms("hurry")[1:4] == ("hurries", "hurrying", "hurried")
     assert forms("dance")[1:4] == ("dances", "dancing", "danced")
     assert forms("stretch")[1] == "stretches"
+    assert forms("let")[1:] == ("lets", "letting", "let", "let")
+    assert forms("slide")[1:] == ("slides", "sliding", "slid", "slid")
     assert (with_article("old man"), with_article("happy child")) == ("an old man", "a happy child")
+
+
+def test_short_verbs_double_their_last_letter_or_are_irregular() -> None:
+    words = lexicon()
+    tables = [*words.weak_verbs.values(), *words.body_part_verbs.values(), words.limb_verbs, words.other_actions]
+    tables += [phrases for verbs in words.verbs.values() for phrases in (verbs.said, verbs.understood)]
+    verbs = {verb.split()[0] for phrases in tables for phrase in phrases for verb in phrase.split(" and ")}
+    short = {verb for verb in verbs - {"hip"} if re.fullmatch(r"[^aeiou]*[aeiou][^aeiouwxy]", verb)}  # hip hop
+    assert {"let", "slip", "slap"} <= short
+    assert short <= {*words.irregular_verbs, *words.doubling_verbs}
 
 
 # --- the lexicon ---
