@@ -57,7 +57,7 @@ def train(
     model: one of vgg-7, resnet18, vit-tiny, crnn, conv1d-lstm, conv1d-alstm-fcn, streaming, which is small and causal, or
         envelope, which learns most of few samples.
     by: what is on one side only: description (and the motions of it), clip (too), or file, which lets descriptions leak. By
-        default the sides that the recipe makes, as benchmark-2 does, or by description where it makes none.
+        default the sides that the recipe makes, as benchmark-3 does, or by description where it makes none.
     split: file of a split with sides train, val and test, in place of --by.
     size: cells of speed and of time, 128 for envelope and 64 for the others by default; 224 is usual, too.
     dynamic_range_db: levels below that are clipped [dB].

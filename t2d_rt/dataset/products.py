@@ -106,18 +106,21 @@ class _Map(_Product):
         return 10.0 ** (0.0625 / 10.0) - 1.0, 1e-20  # half a step of float16 at -200 dB
 
     def rows(self, velocity_mps: np.ndarray) -> slice:
-        """Rows within the greatest speed, of speeds in ascending order.
+        """Rows of speeds within the greatest one whose opposite is on the axis, too; speeds ascend.
+
+        The cell at minus half the repetition rate has no opposite. With it, the cells of a coarser map would not lie alike on both
+        sides of zero, and what stands would show which way up a map is.
 
         Raises InputError where fewer than two are left, of which no axis can be told.
         """
-        if self.speed_mps is None:
-            return slice(None)
-        first, last = np.searchsorted(velocity_mps, [-self.speed_mps, self.speed_mps], side="left")
-        if last - first < 2:
+        speeds = np.abs(velocity_mps)
+        greatest = min(speeds[0], speeds[-1], np.inf if self.speed_mps is None else self.speed_mps)
+        kept = np.flatnonzero(speeds <= greatest * (1.0 + 1e-9))
+        if len(kept) < 2:
             raise InputError(
-                f"a map within {self.speed_mps:g} m/s has {last - first} cells of speed; raise speed_mps, or take a finer radar"
+                f"a map within {greatest:g} m/s has {len(kept)} cells of speed; raise speed_mps, or take a finer radar"
             )
-        return slice(int(first), int(last))
+        return slice(int(kept[0]), int(kept[-1]) + 1)
 
 
 class SpectrogramProduct(_Map):

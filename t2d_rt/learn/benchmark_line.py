@@ -95,7 +95,7 @@ def sides_of_recipe(dataset: Dataset) -> dict[str, np.ndarray]:
     sides = dataset.sides
     if not sides:
         raise InputError(
-            f"recipe {dataset.recipe.name} has no sides, so nothing says what is the test; take the recipe benchmark-2"
+            f"recipe {dataset.recipe.name} has no sides, so nothing says what is the test; take the recipe benchmark-3"
         )
     empty = [name for name, places in sides.items() if not len(places)]
     if empty:

@@ -76,8 +76,8 @@ def test_a_data_set_is_the_same_bytes_with_any_kernels(tmp_path: Path, monkeypat
 @pytest.mark.slow
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="frozen on x86-64")
 def test_the_benchmark_is_the_one_that_is_frozen(tmp_path: Path) -> None:
-    (quick, due), *_ = Recipe.read("benchmark-2").frozen
-    command = "-m", "t2d_rt", "dataset", "benchmark-2", "-o", "out", "--limit", str(quick)
+    (quick, due), *_ = Recipe.read("benchmark-3").frozen
+    command = "-m", "t2d_rt", "dataset", "benchmark-3", "-o", "out", "--limit", str(quick)
     folder = made_by(tmp_path / "benchmark", ALL_BITS, *command) / "out"
     assert content_hash(folder, recipe_of(folder), quick) == (due, quick)
 

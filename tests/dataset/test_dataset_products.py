@@ -11,6 +11,7 @@ from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.dataset.products import (
     Products,
     RangeDopplerProduct,
+    SpectrogramPower,
     SpectrogramProduct,
     averaging,
     axis,
@@ -51,6 +52,23 @@ def test_the_greatest_cell_is_the_target_without_the_mean(kind: Any, rows: int, 
     best = np.unravel_index(levels.argmax(), levels.shape)
     assert speeds[best[rows]] == pytest.approx(speed_mps, abs=speeds[1] - speeds[0])
     assert kind().mti == "mean"
+
+
+@pytest.mark.parametrize("greatest_mps", [None, 4.0])
+@pytest.mark.parametrize("cells", [255, 256])
+def test_the_map_of_a_mirrored_spectrum_is_the_mirrored_map(greatest_mps: float | None, cells: int) -> None:
+    """So no cell about zero tells which way somebody goes."""
+    velocity_mps = np.fft.fftshift(np.fft.fftfreq(cells, 1 / 20.0))
+    power = np.random.default_rng(0).exponential(size=(cells, 16))
+    opposite = power.copy()
+    opposite[1 - cells % 2 :] = power[1 - cells % 2 :][::-1]
+    product = SpectrogramProduct(size=(64, 8), speed_mps=greatest_mps)
+    (levels, told), (mirrored, _) = (
+        product.made(SpectrogramPower(each, velocity_mps, np.arange(16.0))) for each in (power, opposite)
+    )
+    np.testing.assert_allclose(mirrored, levels[::-1], atol=0.02)  # a step of float16
+    low, high = told["velocity_mps"]
+    assert low == -high
 
 
 def test_a_record_of_bursts_lasts_to_the_end_of_the_last() -> None:

@@ -28,7 +28,7 @@ def recipe(**changes: Any) -> Recipe:
 
 def test_recipes_that_ship() -> None:
     assert {
-        "benchmark-2", "simple", "hard", "small-simple", "small-hard", "room-interference", "fidelity", "carriers",
+        "benchmark-3", "simple", "hard", "small-simple", "small-hard", "room-interference", "fidelity", "carriers",
     } == set(recipe_names())  # fmt: skip
     counts = {name: Recipe.read(name).samples for name in recipe_names()}
     assert counts["hard"] == counts["simple"] == 8 * 200 * 20

@@ -24,7 +24,7 @@ from t2d_rt.learn import TrainOptions, benchmark, maps_of, train_model
 from t2d_rt.learn.baselines import BASELINES, baseline_probabilities
 from t2d_rt.learn.benchmark_line import line
 
-RECIPE = "benchmark-2"
+RECIPE = "benchmark-3"
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "benchmark.md"
 BEGIN, END = "<!-- table -->", "<!-- end of the table -->"
 HEAD = "| model | train / val / test | accuracy | macro-F1 | accuracy by condition |\n|---|---|---|---|---|"
