@@ -32,6 +32,7 @@ def hips(motion: Motion) -> np.ndarray:
         ("she takes three hops", 3),
         ("a girl jumps to the left twice", 2),
         ("a boy jumps forward a couple of times and stands still", 2),
+        ("a man jumps, then two more times", 3),
     ]),
 )  # fmt: skip
 def test_jumps_are_as_many_as_the_sentence_says(sentence: str, count: int) -> None:
@@ -226,6 +227,10 @@ def test_quarters_are_no_slip_and_powers_of_ten_are_numbers() -> None:
         ("does thirty-five squats", 35, None),
         ("does three slow squats", 3, None),
         ("squats five more times", 5, None),
+        ("does two more slow squats", 2, None),
+        ("does a couple more squats", 2, None),
+        ("does three more sets of 5 squats", 15, None),
+        ("makes two more 90 degree turns", 2, 90.0),
         ("climbs 12 stairs", 12, None),
     ],
 )
@@ -288,6 +293,22 @@ def test_factors_are_counts(words: str, count: int, angle_deg: float | None) -> 
             ],
         ),
         ("hops, hops", [{"action": "jump"}, {"action": "jump"}]),
+        ("hops, then two more times", [{"count": None}, {"count": 2}]),
+        ("hops forward, twice more to the left", [{"direction": "forward"}, {"direction": "left", "count": 2}]),
+        ("squats two or three times, then once more", [{"count": 2}, {"count": 1}]),
+        ("bows twice, then twice more", [{"count": 2}, {"count": 2}]),
+        ("hops and then another two times", [{"count": None}, {"count": 2}]),
+        ("squats three times, then two more", [{"count": 3}, {"count": 2}]),
+        ("climbs 3 stairs and then 5 more", [{"count": 3}, {"count": 5}]),
+        ("does five squats, another five squats", [{"count": 5}, {"count": 5}]),
+        ("turns left by 90 degrees, then again", [{"direction": "left", "angle_deg": 90}] * 2),
+        ("bows and bows again", [{"action": "bend"}] * 2),
+        ("walks for 5 s, then for 5 more seconds", [{"duration_s": 5}, {"duration_s": 5}]),
+        ("jumps for 5 s, then two more times", [{"count": None, "duration_s": 5}, {"count": 2, "duration_s": 10}]),
+        ("jumps twice for 6 s, then once more", [{"count": 2, "duration_s": 6}, {"count": 1, "duration_s": 3}]),
+        ("stands for 5 s twice and jumps", [{"count": 2, "duration_s": 10}, {"action": "jump"}]),
+        ("sits for 5 s, three times, then jumps", [{"count": 3, "duration_s": 15}, {"action": "jump"}]),
+        ("sits for 5 s, two jumps", [{"count": None, "duration_s": 5}, {"action": "jump", "count": 2}]),
         ("dances for 3 sets of 10 s", [{"count": 3, "duration_s": 30}]),
         (
             "turns 45 degrees right then another 90 degrees",
@@ -463,6 +484,14 @@ def test_numbers_in_words(words: str, slot: str, value: float) -> None:
         ("up to three times", "count", 3, ("up to three times", "3 times")),
         ("2/3 times", "count", 2, ("2 / 3 times", "2 times")),
         ("two-three times", "count", 2, ("two to three times", "2 times")),
+        ("between 2 times and 4 times", "count", 3, ("between 2 times and 4 times", "3 times")),
+        ("between two reps and five times", "count", 3, ("between two reps and five times", "3 times")),
+        ("2 times to 4 times", "count", 3, ("2 times to 4 times", "3 times")),
+        ("between 5 seconds and 1 minute", "duration_s", 32.5, ("between 5 seconds and 1 minute", "32.5 seconds")),
+        ("for 1 minute to 90 seconds", "duration_s", 75.0, ("for 1 minute to 90 seconds", "75 seconds")),
+        ("for half a minute to a minute", "duration_s", 45.0, ("for half a minute to a minute", "45 seconds")),
+        ("from 5 s to 1 min", "duration_s", 55.0, ("from 5 s to 1 min", "55 seconds")),
+        ("between about 5 s and about 10 sec", "duration_s", 7.5, ("between about 5 s and about 10 sec", "7.5 sec")),
         ("one, two or three times", "count", 1, ("one , two or three times", "1 times")),
         ("10 or 5 times", "count", 5, ("10 or 5 times", "5 times")),
         ("from 5 to 10 s", "duration_s", 5.0, ("from 5 to 10 s", "5 s")),
@@ -496,6 +525,19 @@ def test_of_a_range_one_number_is_read_and_told(words: str, slot: str, value: fl
         ("a man does two or three squats", "count", 2, (("two or three", "2"),)),
         ("a man does a few squats", "count", 3, (("a few", "3"),)),
         ("several hops of a girl", "count", 4, (("several", "4"),)),
+        ("a man does between 2 jumps and 4 jumps", "count", 3, (("between 2 jumps and 4", "3"),)),
+        (
+            "a man turns between 45 degrees and half a turn",
+            "angle_deg",
+            112.5,
+            (("between 45 degrees and half a turn", "112.5 degrees"),),
+        ),
+        (
+            "a man turns from 90 degrees to half a turn",
+            "angle_deg",
+            90.0,
+            (("from 90 degrees to half a turn", "90 degrees"),),
+        ),
         ("a man turns by 90-180 degrees", "angle_deg", 135.0, (("90 to 180 degrees", "135 degrees"),)),
         ("a man climbs 10 to 12 stairs", "count", 11, (("10 to 12 stairs", "11 stairs"),)),
         ("a man does one or two turns", "count", 1, (("one or two", "1"),)),
@@ -544,6 +586,17 @@ def test_ranges_that_count_nothing_are_told(words: str, ignored: tuple[str, ...]
     assert (parsed.ignored, parsed.description.count, parsed.read_as) == (ignored, count, ())
 
 
+def test_what_is_done_again_comes_before_what_follows() -> None:
+    steps = parse_description("before sitting, a man jumps, then two more times").description.steps
+    assert [(step.action, step.count) for step in steps] == [("jump", None), ("jump", 2), ("sit", None)]
+
+
+def test_a_range_of_what_is_done_twice_is_told() -> None:
+    parsed = parse_description("a man squats for 5 to 10 s twice")
+    assert (parsed.description.count, parsed.description.duration_s) == (2, 15)
+    assert parsed.read_as == (("for 5 to 10 s twice", "2 x 7.5 s"),)
+
+
 def test_both_ranges_of_a_product_are_told() -> None:
     parsed = parse_description("a man does two to three sets of 3 to 4 squats")
     assert (parsed.description.count, parsed.read_as) == (6, (("two to three sets of 3 to 4", "6"),))
@@ -560,6 +613,17 @@ def test_both_ranges_of_a_product_are_told() -> None:
         ("walks until 10 s", "until 10 s"),
         ("jumps at t = 5 s", "t, = 5 s"),
         ("falls 5 seconds later", "5 seconds later"),
+        ("jumps between 2 times and 4", "between 2 times and 4"),
+        ("jumps between 2 times and 5 seconds", "between 2 times and 5 seconds"),
+        ("walks between 1 minute and 5 seconds", "between 1 minute and 5 seconds"),
+        ("walks between 1 minute 30 seconds and 2 minutes", "between 1 minute 30 seconds and 2 minutes"),
+        ("squats at least 2 times and at most 4 times", "least, most, 4 times"),
+        ("falls, then once more", "once"),
+        ("sits down and again", "again"),
+        ("jumps while walking, then twice more", "twice"),
+        ("walks to one chair and then to another", "another"),
+        ("jumps, then a second time", "second"),
+        ("jumps time and time again", "time and time again"),
         ("falls 2 s after slipping", "2 s"),
         ("squats with 5 s between", "5 s between"),
         ("jumps 3 times per minute", "3 times per minute"),

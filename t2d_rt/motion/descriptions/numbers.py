@@ -13,6 +13,8 @@ from t2d_rt.motion.descriptions.lexicon import lexicon
 
 TIMES = "times", "reps", "repetitions"
 PERHAPS = "maybe", "perhaps", "possibly", "even"
+ABOUT = *PERHAPS, "about", "around", "roughly", "approximately"
+"""What may stand before the second of linked numbers, and behind "between"."""
 LINKS = "to", "or", ",", "/", "+", "-", "\u00b1"
 """What stands between numbers that belong together: 2 to 3; 1, 2 or 3; 5 / 10."""
 LINK_BEHIND = {"between": "and", "from": "to"}
@@ -50,14 +52,16 @@ def number_at(words: list[str], place: int) -> Reading | None:
     if links == ["/"] and not counted:
         return None
     low, high = values[0], values[-1]
+    whole = (low % 1, high % 1) == (0, 0)
+    turned = unit in (*lexicon().degrees, "pi") or (not whole and words[after : after + 1] in (["turn"], ["turns"]))
     if "or" in links and {*links} <= {"or", ","}:
         return Reading(min(values), True, after)
-    if words[place] == "from" and links == ["to"] and (unit in (*lexicon().degrees, "pi") or (unit and low < high)):
+    if words[place] == "from" and links == ["to"] and (turned or (unit and low < high)):
         return Reading(abs(high - low), True, after)
     if links not in ([LINK_BEHIND.get(words[place], "to")], ["/"]) or low > high:
         return None
     middle = high if low == 0 else (low + high) / 2
-    return Reading(middle if unit or (low % 1, high % 1) != (0, 0) else middle // 1, True, after)
+    return Reading(middle if unit or not whole else middle // 1, True, after)
 
 
 def _bounded(words: list[str], place: int, after: int) -> Reading | None:
@@ -78,23 +82,30 @@ def _bounded(words: list[str], place: int, after: int) -> Reading | None:
 def linked_numbers(words: list[str], place: int) -> tuple[list[float], list[str], int]:
     """Numbers that belong together from a word on, the links between them, and where they end; of a list, only one with "or".
 
-    The unit may stand behind each of them: 0 degrees to 90 degrees.
+    A unit may stand behind each of them, which is the last one's for all: 0 degrees to 90 degrees, 30 seconds to a minute.
     """
     behind = LINK_BEHIND.get(words[place], "") if place < len(words) else ""
     values: list[float] = []
     links: list[str] = []
-    end, number = place, _end(words, place + bool(behind))
+    end, start = place, place + bool(behind)
+    while behind and words[start : start + 1] and words[start] in ABOUT:
+        start += 1
+    number = _end(words, start, article=bool(behind))
     while number is not None:
         values.append(number[0])
         end = number[1]
-        unit = _singular_unit(words, end) if words[end + 1 : end + 2] == [behind or "to"] else ""
-        after = start = end + bool(unit)
-        while after < len(words) and words[after] in (*LINKS, *PERHAPS, behind):
+        unit = _scale(words, end) or (words[end], 1.0) if words[end + 1 : end + 2] == [behind or "to"] else None
+        after = start = end + (unit is not None)
+        while after < len(words) and words[after] in (*LINKS, behind, *(ABOUT if after > start else PERHAPS)):
             after += 1
-        links.append(" ".join(word for word in words[start:after] if word not in PERHAPS))
-        number = _end(words, after) if after > start else None
-        if number is not None and unit not in ("", _singular_unit(words, number[1])):
-            number = None
+        links.append(" ".join(word for word in words[start:after] if word not in ABOUT))
+        number = _end(words, after, article=unit is not None) if after > start else None
+        if number is not None and unit is not None:
+            name, size = _scale(words, number[1]) or ("".join(words[number[1] : number[1] + 1]), 1.0)
+            if name == unit[0]:
+                values[-1] *= unit[1] / size  # 30 seconds to a minute are 0.5 to 1 minute
+            else:
+                number = None
     lone = len(values) > 1 and words[place] in lexicon().times and not _of_times(words, end)  # twice or 10 seconds
     return ([], [], place) if lone or ("," in links[:-1] and "or" not in links) else (values, links[:-1], end)
 
@@ -110,22 +121,32 @@ def _unit(words: list[str], place: int) -> str:
     return unit if unit in (*lexicon().seconds, *lexicon().degrees, "pi") else ""
 
 
-def _singular_unit(words: list[str], place: int) -> str:
-    """The unit of seconds, of angles or of turns at a place, without its s; empty where none stands there."""
-    unit = "turn" if words[place : place + 1] in (["turn"], ["turns"]) else _unit(words, place)
-    return unit.rstrip("s") or unit
+def _scale(words: list[str], place: int) -> tuple[str, float] | None:
+    """What the unit at a place measures, and how much of it one is: seconds, degrees, times; None where none stands there."""
+    unit = words[place] if place < len(words) else ""
+    if unit in ("time", *TIMES):
+        return "times", 1.0
+    for name, table in (
+        ("seconds", lexicon().seconds),
+        ("degrees", {**lexicon().degrees, "turn": 360.0, "turns": 360.0}),
+    ):
+        if unit in table:
+            return name, table[unit]
+    return ("degrees", math.degrees(math.pi)) if unit == "pi" else None
 
 
-def _end(words: list[str], place: int) -> tuple[float, int] | None:
-    """A single finite number with its fraction, or once or twice; and where it ends: 2, one and a half, half a."""
+def _end(words: list[str], place: int, *, article: bool = False) -> tuple[float, int] | None:
+    """A single finite number with its fraction, or once or twice, and where it ends: 2, one and a half, half a; an `article` before
+    a unit is one, where it may be."""
     if place < len(words) and words[place] in lexicon().times:
         return float(lexicon().times[words[place]]), place + 1
     reading, fraction = _single(words, place), fraction_at(words, place)
     if fraction is not None and "/" not in words[place : fraction[1]] and words[place + 2 : place + 3] != ["dozen"]:
         after = fraction[1] + int(words[fraction[1] : fraction[1] + 1] == ["of"])
         return fraction[0], after + int(words[after : after + 1] in (["a"], ["an"]))
-    unread = reading is None or words[place : reading.end] in (["a"], ["an"]) or not math.isfinite(reading.number)
-    if reading is None or unread:
+    if reading is None or not math.isfinite(reading.number):
+        return None
+    if words[place : reading.end] in (["a"], ["an"]) and not (article and _scale(words, reading.end)):
         return None
     more = fraction_behind(words, reading.end)
     return (reading.number, reading.end) if more is None else (reading.number + more[0], more[1])
@@ -166,6 +187,48 @@ def fraction_behind(words: list[str], place: int) -> tuple[float, int] | None:
         return None
     fraction = fraction_at(words, place + int(ahead == ["and"]), mixed=True)
     return fraction if fraction is not None and fraction[0] < 1 else None
+
+
+def is_vague(words: list[str], place: int) -> bool:
+    """Whether a vague number or a range begins at a word."""
+    reading = number_at(words, place)
+    return reading is not None and reading.vague
+
+
+def amount_at(words: list[str], place: int) -> tuple[float, int] | None:
+    """How much, and where the unit stands: 1.5, half a, three quarters of a, one and a half, 1 1 / 4, pi / 2, two pi."""
+    amount, after = 1.0, place
+    if words[place : place + 1] != ["pi"]:
+        reading = _part(words, place)
+        if reading is None:
+            return None
+        amount, after = reading
+        more = fraction_behind(words, after)
+        if more is not None and amount >= 1 and float(amount).is_integer() and not is_vague(words, place):
+            amount, after = amount + more[0], more[1]
+    for between in (["more"], ["of"], ["a"], ["an"]):
+        after += int(words[after : after + 1] == between)
+    after += int(words[after : after + 2] in (["*", "pi"], ["times", "pi"]))
+    if words[after : after + 1] == ["pi"]:
+        divisor, after = _divisor(words, after + 1)
+        amount *= math.pi / divisor
+    return amount, after
+
+
+def _part(words: list[str], place: int) -> tuple[float, int] | None:
+    """A number or a fraction, whichever takes more words, and where it ends: 1.5, half, a quarter, three quarters, 1 / 4."""
+    article = words[place : place + 1] in (["a"], ["an"])
+    behind = _part(words, place + 1) if article else None  # a 360 degree turn
+    reading, fraction = number_at(words, place), fraction_at(words, place)
+    if behind is not None or (fraction is not None and (reading is None or reading.end < fraction[1])):
+        return behind or fraction
+    return None if reading is None else (reading.number, reading.end)
+
+
+def _divisor(words: list[str], place: int) -> tuple[float, int]:
+    """What is divided by, and where that ends: / 4, over two; 1 where nothing is."""
+    reading = number_at(words, place + 1) if words[place : place + 1] and words[place] in ("/", "over") else None
+    return (1.0, place) if reading is None or not reading.number > 0 else (reading.number, reading.end)
 
 
 def _single(words: list[str], place: int) -> Reading | None:

@@ -17,7 +17,7 @@ from t2d_rt.core.checks import shown, text
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions import slots
 from t2d_rt.motion.descriptions.lexicon import forms_of, lexicon
-from t2d_rt.motion.descriptions.parse_steps import Opposite, ParseStep, Reader, merged
+from t2d_rt.motion.descriptions.parse_steps import REPEATED, Opposite, ParseStep, Reader, merged
 from t2d_rt.motion.descriptions.slots import Activity, Description, Step
 from t2d_rt.motion.descriptions.tokens import tokens_of
 
@@ -180,6 +180,8 @@ def _without_weak(steps: list[ParseStep], ignored: list[str]) -> list[ParseStep]
 
 def _together(first: ParseStep, second: ParseStep, ignored: list[str]) -> ParseStep | None:
     """One step for two neighbours that are one action; None where they are two."""
+    if second.repeats and first.action == second.action and first.action in REPEATED:
+        return None
     loose = second.joined in ("", ",", "while")
     actions = first.action, second.action
     if actions == ("fall", "fall"):

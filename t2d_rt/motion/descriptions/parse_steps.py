@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from t2d_rt.core.errors import InputError
 from t2d_rt.motion.descriptions.lexicon import forms_of, lexicon
@@ -22,6 +22,8 @@ IN_PLACE = {"jump": "up", "walk": "in_place", "run": "in_place"}
 """Direction of those that go on the spot."""
 LEADING = "forward", "straight", "back", "left", "right"
 """Directions of a jump that does not stay on the spot."""
+REPEATED = "walk", "run", "jump", "turn", "dance", "bend", "squat", "stretch", "balance"
+"""Actions that can be done again at once: who has sat down is to stand up first."""
 OBJECTS_FIRST = "handrail", "ball", "chair", "stair", "floor"
 
 MEASURES = "count", "duration_s", "angle_deg"
@@ -57,6 +59,8 @@ class ParseStep:
     """Words that tell that a jump stays on the spot."""
     given: dict[str, str] = field(default_factory=dict)
     """Words that tell count and duration, by slot."""
+    repeats: bool = False
+    """Whether it is done again, and is no part of the same action before it."""
 
     def get(self, slot: str) -> object:
         """What the sentence says of a slot, or else what the verb implies."""
@@ -165,6 +169,8 @@ class Reader:
                 self.loose.append(token.said)
         elif token.kind == "spot":
             self._spot(token.said)
+        elif token.words == "again" and self.clauses[-1].join in ("and", "then"):
+            self._modifier(replace(token, kind="again"))
         elif token.kind not in ("fixed", "neutral"):
             self._modifier(token)
         if token.words in (*INDEFINITE, *HIS):
@@ -246,6 +252,7 @@ class Reader:
             self.partly.append(f"{token.words} (made as any {step.action.replace('_', ' ')})")
         step.joined = "" if clause.steps else clause.join
         for pending in clause.pending:
+            step.repeats = step.repeats or pending.kind == "again"
             attach(step, pending, self.ignored)
         clause.pending.clear()
         if last is not None and last.words in forms_of(lexicon().stopping):  # stops walking: walks, then stands
@@ -263,6 +270,7 @@ class Reader:
             if token.slots["direction"] not in ("up", "down"):
                 self.ignored.append(token.said)
         elif clause.steps:
+            clause.steps[-1].repeats = clause.steps[-1].repeats or token.kind == "again"
             attach(clause.steps[-1], token, self.ignored)
         else:
             clause.pending.append(token)
@@ -301,23 +309,30 @@ class Reader:
         """Gives what stands in the last clause without an action to the action before it, or makes a step of its own of it."""
         clause = self.clauses[-1]
         last = self._last()
-        if self.article == "other" and last is not None and not clause.steps and clause.join in ("then", "and"):
+        others = ("other",) if clause.pending else OTHERS
+        if self.article in others and last is not None and not clause.steps and clause.join in ("then", "and"):
             self.ignored.append(self.article)  # and on the other
         if clause.steps or not clause.pending:
             return
         if last is None and any(pending.kind == "gait" for pending in clause.pending):
             last = ParseStep("walk", words="gait")  # a waddling gait
             clause.steps.append(last)
-        if last is None:
+        tells = {slot for pending in clause.pending for slot in pending.slots}
+        again = any(pending.kind == "again" for pending in clause.pending) and bool(tells & {*MEASURES} or not tells)
+        again = again and clause.join in ("and", "then", ",")
+        holder = next((other for other in reversed(self.clauses) if other.steps), clause)
+        aside = holder.join in ("while", "after") and holder is not self.clauses[0]
+        if last is None or (again and (aside or last.action not in REPEATED)):
             self.ignored += [pending.said for pending in clause.pending]
             clause.pending.clear()
             return
-        tells = {slot for pending in clause.pending for slot in pending.slots}
         told = {slot for slot in tells if last.get(slot) is not None}
         measured = told & {*MEASURES} & last.said.keys()  # 3 times on the left leg and 5 times on the right one
         returns = any(pending.words == "back" for pending in clause.pending)  # to the door and back
         tells |= {"object", "count", "duration_s"} if returns else set()
-        repeats = (told and clause.join == "then") or ((measured or returns) and clause.join in ("and", "then"))
+        repeats = (
+            again or (told and clause.join == "then") or ((measured or returns) and clause.join in ("and", "then"))
+        )
         new = last.again(tells, clause) if repeats else None
         for token in sorted(clause.pending, key=lambda pending: pending.kind != "direction"):
             try:
@@ -329,7 +344,11 @@ class Reader:
                 attach(new, token, self.ignored)
         clause.pending.clear()
         if new is not None:
-            clause.steps.append(new)
+            new.repeats = again
+            if again and new.said.keys() >= {"count", "duration_s"} and "duration_s" not in tells:
+                times = int(str(new.said["count"])) / int(str(last.said.get("count", 1)))
+                new.said["duration_s"] = float(str(new.said["duration_s"])) * times
+            (holder if again else clause).steps.append(new)
 
     def ordered(self) -> list[ParseStep]:
         """The steps in the order in which they happen."""

@@ -15,8 +15,9 @@ from t2d_rt.motion.descriptions.numbers import (
     PARTS,
     TIMES,
     Reading,
+    amount_at,
     fraction_at,
-    fraction_behind,
+    is_vague,
     linked_numbers,
     number_at,
 )
@@ -41,6 +42,8 @@ COMPARING = "<>\u2264\u2265\u00b1"
 
 CLOCK = "after", "every", "at", "until", "before", "from", "since", "by", "=", "@"
 """Words before a time at which something happens, which is no duration."""
+MORE = "more", "again"
+"""What follows a once that repeats what was done before."""
 NO_DURATION = "each", "every", "between", "apart", "later", "rest", "break", "pauses", "into"
 """What follows a time that is not one in which something is done once: 10 s each, 5 s later."""
 
@@ -62,7 +65,7 @@ PRONOUN_ONE = "left", "right", "other", "same", "this", "that"
 MODIFYING = "slot", "direction"
 """Kinds of words that may stand between a number and what is done: three slow squats, two left turns."""
 SIZES = "big", "small", "large", "little", "short", "long", "deep", "low", "full", "complete", "whole"
-WITHIN = *MODIFYING, "angle", "number", "part", "object", "unknown", "gait", "reported"
+WITHIN = *MODIFYING, "again", "angle", "number", "part", "object", "unknown", "gait", "reported"
 """Kinds of tokens that are taken of the words that `~` stands for."""
 
 HIS = ("his", "her", "their", "its", "the")
@@ -298,8 +301,9 @@ def _number_end(words: list[str], place: int) -> int:
 def _number(words: list[str], place: int) -> tuple[Token, int] | None:
     """Numbers that measure nothing; linked ones, and those of steps and people, with what follows them."""
     values, _, _ = linked_numbers(words, place)
-    number, _, _ = number_at(words, place) or Reading(0.0, False, place)
+    number, vague, _ = number_at(words, place) or Reading(0.0, False, place)
     after = _number_end(words, place)
+    after += int(after > place and words[after : after + 1] == ["more"])
     if words[place:after] in ([], ["a"], ["an"]) or (words[place] == "one" and words[place - 1] in PRONOUN_ONE):
         return None
     follows = words[after] if after < len(words) else ""
@@ -310,8 +314,10 @@ def _number(words: list[str], place: int) -> tuple[Token, int] | None:
         return _told(words, place, after, {}, kind="reported")
     behind = {entry.kind for entry in _index().get(follows, ()) if _match(entry.words, words, after)}
     if not follows or behind & {"direction", "join"}:  # it may repeat a measure
-        return _told(words, place, after, {"number": _whole(number)}, kind="number")
-    return None if words[place:after] == ["one"] else _told(words, place, after, {}, kind="unknown")  # one hand
+        return _told(words, place, after, {"number": _whole(number)}, f"{number:g}" if vague else "", "number")
+    return (
+        None if words[place:after] in (["one"], ["one", "more"]) else _told(words, place, after, {}, kind="unknown")
+    )  # one hand
 
 
 def _told(
@@ -348,13 +354,15 @@ def _measure(words: list[str], place: int) -> tuple[Token, int] | None:
     """A number of times or of seconds that begins at a token; one that compares, is a rate or of each time is reported."""
     measure = _said_measure(words, place)
     if measure is None:
-        return None
+        return _unread_range(words, place)
     token, after = measure
     follows, then = (words[at] if at < len(words) else "" for at in (after, after + 1))
     if _is_rate(words, after):
         return _told(words, place, after + 1 + int(follows not in RATES), {}, kind="reported")
     if "duration_s" in token.slots and follows in NO_DURATION:
         return _told(words, place, after + 1, {}, kind="reported")
+    if words[max(place - 3, 0) : place] in (["and", "at", "most"], ["and", "at", "least"]):
+        return _told(words, place, after, {}, kind="reported")
     begins = place == 0 or _is(words[place - 1], "join")  # 5 seconds before falling, he jumps
     relative = words[place] != "for" and (follows == "after" or (begins and follows == "before"))
     compares = follows in lexicon().compared and (
@@ -362,7 +370,22 @@ def _measure(words: list[str], place: int) -> tuple[Token, int] | None:
     )
     if ("duration_s" in token.slots and relative) or ("count" in token.slots and compares):
         return _told(words, place, after + int(follows == "as"), {}, kind="reported")
-    return measure
+    reading = number_at(words, place)
+    more = "more" in (follows, *words[reading.end : reading.end + 1]) if reading is not None else follows in MORE
+    more = more or words[max(place - 1, 0)] == "another"
+    return (replace(token, kind="again"), after) if more and token.kind == "slot" else measure
+
+
+def _unread_range(words: list[str], place: int) -> tuple[Token, int] | None:
+    """Two measures that span no range, which are reported as a whole: between 5 s and 2 jumps, between 2 times and 4."""
+    measure = _measure(words, place + 1) if words[place] == "between" and words[place + 1 :] else None
+    if measure is None:
+        return None
+    after = measure[1]
+    if words[after : after + 1] == ["and"] and words[after + 1 :]:
+        measure = _measure(words, after + 1)
+        after = measure[1] if measure is not None else max(_number_end(words, after + 1), after)
+    return _told(words, place, after, {}, kind="reported")
 
 
 def _is_rate(words: list[str], place: int) -> bool:
@@ -395,10 +418,22 @@ def _said_measure(words: list[str], place: int) -> tuple[Token, int] | None:
         said: tuple[Token, int] | None = (replace(token, note=token.note and f"for {token.note}"), after)
     else:
         said = _turned(words, place) or _times(words, place) or _lasting(words, place, alone=True)
-    factor = number_at(words, said[1] + 1) if said and words[said[1] : said[1] + 1] and words[said[1]] in BY else None
-    if said is None or factor is None or "duration_s" not in said[0].slots:
+    factor = _factor(words, said[1]) if said is not None and "duration_s" in said[0].slots else None
+    if said is None or factor is None:
         return said
-    return _multiplied(words, place, factor.end, factor, (said[0], factor.end))  # 10 s x 2
+    return _multiplied(words, place, factor.end, factor, (said[0], factor.end))
+
+
+def _factor(words: list[str], place: int) -> Reading | None:
+    """How many times what lasts is done, where that is said behind it: 10 s x 2, 5 s twice; 5 s, three times."""
+    if words[place : place + 1] and words[place] in BY:
+        return number_at(words, place + 1)
+    start = place + int(words[place : place + 1] == [","])
+    token, after = (words[start:] and _measure(words, start)) or (Token("", ""), start)
+    if token.kind != "slot" or words[after - 1] not in (*TIMES, *lexicon().times):
+        return None
+    ends = words[after : after + 1] == [] or _is(words[after], "join")
+    return Reading(float(str(token.slots["count"])), token.note != "", after) if ends or start == place else None
 
 
 def _times(words: list[str], place: int) -> tuple[Token, int] | None:
@@ -408,16 +443,15 @@ def _times(words: list[str], place: int) -> tuple[Token, int] | None:
     if reading is None:
         return None
     number, vague, after = reading
-    follows, more = (words[at] if at < len(words) else "" for at in (after, after + 1))
-    unit = more if follows == "more" else follows
-    end = after + 1 + int(follows == "more")
-    if by or words[after - 1] in lexicon().times:  # x 3; once or twice
+    after += int(words[after : after + 1] == ["more"])
+    follows, behind = (words[at] if at < len(words) else "" for at in (after, after + 1))
+    if by or words[reading.end - 1] in lexicon().times:  # x 3; once or twice
         return _counted(words, place, after, reading, "" if by else "times")
-    if unit == "time" and words[place] not in ("a", "an"):
-        return _counted(words, place, end, reading, "times")
-    if unit in TIMES:
-        return _multiplied(words, place, end, reading, _times(words, end))
-    if follows in BY or (follows in SETS and more in ("of", *BY)):
+    if follows == "time" and words[place] not in ("a", "an"):
+        return _counted(words, place, after + 1, reading, "times")
+    if follows in TIMES:
+        return _multiplied(words, place, after + 1, reading, _times(words, after + 1))
+    if follows in BY or (follows in SETS and behind in ("of", *BY)):
         start = after + 1 + int(follows in SETS)
         single = number_at(words, start) if _turned(words, start) is None else None
         said = _times(words, start) or _lasting(words, start, alone=True)
@@ -455,8 +489,10 @@ def _multiplied(
     count, lasting_s = (float(str(token.slots.get(slot, least))) for slot, least in (("count", 1), ("duration_s", 0)))
     product = Reading(reading.number * count, reading.vague or token.note != "", after)
     whole, _ = _counted(words, place, after, product)
-    slots = {**whole.slots, "duration_s": reading.number * lasting_s} if lasting_s else whole.slots
-    return replace(whole, slots=slots), after
+    if not lasting_s:
+        return whole, after
+    read = f"{product.number:g} x {lasting_s:g} s" if product.vague else ""
+    return _told(words, place, after, {**whole.slots, "duration_s": reading.number * lasting_s}, read)
 
 
 def _deed(words: list[str], place: int) -> bool:
@@ -477,14 +513,17 @@ def _whole(number: float) -> float:
 
 def _lasting(words: list[str], place: int, *, alone: bool) -> tuple[Token, int] | None:
     """How long: ten seconds, 1 1/2 minutes, a few seconds; where it stands `alone`, behind no "for", not a moment or a second."""
-    reading = _amount(words, place)
+    reading = amount_at(words, place)
     if reading is None or reading[1] >= len(words) or words[reading[1]] not in lexicon().seconds:
         return None
     number, after = reading
     unit, follows = words[after], words[after + 1 : after + 2]
     if (alone and (words[place] in ("a", "an") or unit.startswith("moment"))) or follows == ["time"]:
         return None
-    seconds, read = float(number) * lexicon().seconds[unit], "" if unit.startswith("moment") else f"{number:g} {unit}"
+    seconds, read = (
+        float(number) * lexicon().seconds[unit],
+        "" if unit.startswith("moment") or number < 1 else f"{number:g} {unit}",
+    )
     more = _lasting(words, after + 1 + int(follows == ["and"]), alone=True)
     more_s = float(str(more[0].slots["duration_s"])) if more is not None else math.inf
     part = fraction_at(words, after + 2) if follows == ["and"] else None
@@ -492,49 +531,8 @@ def _lasting(words: list[str], place: int, *, alone: bool) -> tuple[Token, int] 
         seconds, after, read = seconds + more_s, more[1] - 1, ""
     elif part is not None:  # a minute and a half
         seconds, after, read = seconds + part[0] * lexicon().seconds[unit], part[1] - 1, ""
-    vague = _vague(words, place) or unit.startswith("moment")
+    vague = is_vague(words, place) or unit.startswith("moment")
     return _told(words, place, after + 1, {"duration_s": seconds}, (read or f"{seconds:g} seconds") if vague else "")
-
-
-def _vague(words: list[str], place: int) -> bool:
-    reading = number_at(words, place)
-    return reading is not None and reading.vague
-
-
-def _amount(words: list[str], place: int) -> tuple[float, int] | None:
-    """How much, and where the unit stands: 1.5, half a, three quarters of a, one and a half, 1 1 / 4, pi / 2, two pi."""
-    amount, after = 1.0, place
-    if words[place : place + 1] != ["pi"]:
-        reading = _part(words, place)
-        if reading is None:
-            return None
-        amount, after = reading
-        more = fraction_behind(words, after)
-        if more is not None and amount >= 1 and float(amount).is_integer() and not _vague(words, place):
-            amount, after = amount + more[0], more[1]
-    for between in (["of"], ["a"], ["an"]):
-        after += int(words[after : after + 1] == between)
-    after += int(words[after : after + 2] in (["*", "pi"], ["times", "pi"]))
-    if words[after : after + 1] == ["pi"]:
-        divisor, after = _divisor(words, after + 1)
-        amount *= math.pi / divisor
-    return amount, after
-
-
-def _part(words: list[str], place: int) -> tuple[float, int] | None:
-    """A number or a fraction, whichever takes more words, and where it ends: 1.5, half, a quarter, three quarters, 1 / 4."""
-    article = words[place : place + 1] in (["a"], ["an"])
-    behind = _part(words, place + 1) if article else None  # a 360 degree turn
-    reading, fraction = number_at(words, place), fraction_at(words, place)
-    if behind is not None or (fraction is not None and (reading is None or reading.end < fraction[1])):
-        return behind or fraction
-    return None if reading is None else (reading.number, reading.end)
-
-
-def _divisor(words: list[str], place: int) -> tuple[float, int]:
-    """What is divided by, and where that ends: / 4, over two; 1 where nothing is."""
-    reading = number_at(words, place + 1) if words[place : place + 1] and words[place] in ("/", "over") else None
-    return (1.0, place) if reading is None or not reading.number > 0 else (reading.number, reading.end)
 
 
 def _turned(words: list[str], place: int) -> tuple[Token, int] | None:
@@ -542,7 +540,7 @@ def _turned(words: list[str], place: int) -> tuple[Token, int] | None:
 
     Whole turns are counted as other actions are, and the word turn tells of the action, too.
     """
-    reading = _amount(words, place)
+    reading = amount_at(words, place)
     if reading is None:
         return None
     amount, after = reading
@@ -558,7 +556,7 @@ def _turned(words: list[str], place: int) -> tuple[Token, int] | None:
     if unit_deg is None:
         return None
     angle_deg = float(amount * unit_deg)
-    read = f"{angle_deg:g} degrees" if _vague(words, place) else ""
+    read = f"{angle_deg:g} degrees" if is_vague(words, place) else ""
     token, after = _told(words, place, after + 1, {"angle_deg": angle_deg}, read, "angle")
     return token, after - int(turns)
 
