@@ -47,13 +47,13 @@ from t2d_rt.types.radar_pairs import heard
 from t2d_rt.types.scatterer import FrameBlock, Scatterer, pose, visibility
 
 MOST_AGAIN = 2
-"""So often a small body or mesh that misses its tolerance is simulated again."""
+"""How often, at most, a small body or mesh that misses its tolerance is simulated again."""
 LATEST_S = 1.0
-"""Longest time between the starts of several radars [s]."""
+"""Greatest time between the first sweeps of several radars [s]."""
 NEXT_SEED = 1_000_003
 """Step between the seeds of the receivers of several radars."""
 FIRST_RUN = 0.8
-"""Fraction of the progress, or of what is left of it, that a run takes which may have to be made again."""
+"""Fraction of the remaining progress that a run takes which may have to be repeated."""
 
 
 def simulate(
@@ -246,7 +246,7 @@ def recorded(
     setup: Setup, wanted: Wanted, device: Device, progress: Progress | None, split: Split | None = None,
     gate: RangeGate | None = None,
 ) -> Recording:  # fmt: skip
-    """The recording of an experiment that is set up; with a gate that of the gate's cells."""
+    """The recording of an experiment that is set up; with a gate, only its range cells."""
     if wanted.measured and setup.model.paths_on is not None:
         raise InputError(
             "the error of a recording is that of all paths; give measure_error=False beside only_paths and without_paths"
@@ -267,8 +267,9 @@ def recorded(
 def planned_run(
     setup: Setup, plan: Plan, wanted: Wanted, device: Device, progress: Progress | None, split: Split | None
 ) -> tuple[Plan, Cube, PartCubes, dict[str, Any]]:  # fmt: skip
-    """The cube by a plan, its parts and what is told of it; by finer plans, up to `MOST_AGAIN` times, where the measured error asks
-    for one. A warning where the last one misses its tolerance."""
+    """Simulates by a plan, and by finer plans, up to `MOST_AGAIN` times, where the measured error calls for one; warns where the
+    last one misses its tolerance. Returns the plan that was used last, its cube, the cubes of its parts, and entries of the
+    recording's settings."""
     runs = 0
     while True:
         runs += 1
@@ -298,7 +299,7 @@ def planned_run(
 
 
 def summed(prepared: Prepared, device: Device, progress: Progress | None, into: PartCubes | None = None) -> Cube:
-    """The ADC cube of all echoes; what each part of them returns goes `into` a cube of its own."""
+    """The ADC cube of all echoes. With `into`, the echoes of each part of a split are also summed to a cube of their own."""
     into = into or PartCubes(None, prepared.model)
     cube, radar, parts = into.whole, prepared.model.radar, prepared.parts
     always = {"tolerance_db": prepared.synthesis_error_db, "device": device, "memory": prepared.model.memory}
@@ -316,13 +317,13 @@ def summed(prepared: Prepared, device: Device, progress: Progress | None, into: 
 
 
 def blocks_of_echoes(part: Scatterer) -> Iterator[tuple[FrameBlock, EchoArrays]]:
-    """The echoes of scatterers that are summed together, block by block of the surface frames."""
+    """The echoes of scatterers that are summed together, one block of surface frames after the other."""
     for block in blocks(part):
         yield block, echoes_in(part, block)
 
 
 def echoes_in(part: Scatterer, block: FrameBlock) -> EchoArrays:
-    """Their echoes in one block, after which poses and visibility are dropped."""
+    """The echoes of scatterers in one block of frames. Poses and visibility are computed here and dropped afterwards."""
     poses = pose(part.parts, block)
     seen = visibility(part.parts, block)
     return part.scatter(block, poses, seen)

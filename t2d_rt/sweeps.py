@@ -1,4 +1,5 @@
-"""Sweeps: one experiment with some of its fields varied; recordings stored as they are made, measures, pictures on one scale."""
+"""Sweeps: one experiment with some of its fields varied. Recordings are stored as they are made, then compared in a table and in
+figures on one scale."""
 
 from __future__ import annotations
 
@@ -47,69 +48,71 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_POINTS = 1000
-"""Recordings of one sweep."""
+"""Greatest number of recordings in one sweep."""
 CHECKED_CHIRPS = 2**16
-"""Length of the record for which options of the spectrogram are checked before there is one."""
+"""Number of chirps of an assumed record with which options of the spectrogram are checked before anything is simulated."""
 TABLE = "table.csv"
 PICTURES = "panels.png", "panels.pdf"
 PARTS_TABLE, PARTS_PICTURES = "parts.csv", ("parts.png", "parts.pdf")
-"""What may stand beside the recordings; the latter two where they have parts."""
+"""Files of a sweep's folder beside the recordings; the last ones are there where the recordings have parts."""
 LEAST_LIMIT_DB = 3.0
-"""Least limit of the colours of differences [dB]."""
+"""Least limit of the colour scale of differences [dB]."""
 MOST_WRITTEN = 8
-"""Columns of cells that have room for numbers."""
+"""Greatest number of columns of a figure for which numbers are written in its cells."""
 MOST_PARTS = 20
-"""Parts that are printed and drawn, the strongest ones."""
+"""Greatest number of parts that are printed and drawn: the strongest ones."""
 BESIDE = "accuracy", "tolerance_db", "signal"
-"""What may be varied beside fields of the experiment."""
+"""What may be varied beside the fields of the experiment."""
 MEASURES = {
     "level_db": "level [dB re 1 W]", "peak_db": "peak [dB re 1 W]", "torso_speed_mps": "torso [m/s]",
     "limb_speed_mps": "limbs [m/s]", "level_difference_db": "level [dB]", "mean_difference_db": "cells [dB]",
     "field_difference_db": "field [dB]",
 }  # fmt: skip
-"""Measures of a recording, and how they are headed; the last three are differences from the first recording."""
+"""Measures of a recording and their headings in the table; the last three are differences from the first recording."""
 DIFFERENCES = "level_difference_db", "mean_difference_db", "field_difference_db"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Point:
-    """One experiment of a sweep."""
+    """One experiment of a sweep, with its accuracy and the options of its spectrogram."""
 
     fields: Mapping[str, str]
-    """Text of each varied field's value, by the field's name."""
+    """The value of each varied field as text, by the field's name."""
     experiment: Experiment
     accuracy: Mapping[str, Any]
-    """Fields of `Accuracy` that are given."""
+    """The fields of `Accuracy` that are given."""
     tolerance_db: float | None
     signal: Mapping[str, Any]
-    """Options of its spectrogram."""
+    """Options of the spectrogram."""
     file: str
-    """Name of its recording in the folder."""
+    """File name of the recording in the sweep's folder."""
 
     @property
     def label(self) -> str:
-        """What tells it from the others."""
+        """A short text that distinguishes this experiment from the others of the sweep."""
         return ", ".join(self.fields.values())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sweep:
-    """Recordings of a sweep: printing it shows the table of their measures."""
+    """The recordings of a sweep. Printing it shows a table of their measures."""
 
     folder: Path
     points: tuple[Point, ...]
     measures: tuple[Mapping[str, float], ...]
-    """Of each recording, by the names in `MEASURES`; NaN where the first one has other axes. The level is the mean of the
-    spectrogram's cells, the difference of cells is the mean of its magnitude over those within 40 dB of the peak, that of the
-    field is the energy of the samples' difference over that of the first one's, both without what is static."""
+    """Measures of each recording by the names in `MEASURES`; differences are NaN where the first recording has other axes. The
+    level is the mean over the cells of the spectrogram. The difference of cells is the mean of its magnitude over the cells within
+    40 dB of the peak. The difference of the field is the energy of the difference of the samples over that of the first recording's
+    samples, both without static echoes."""
     spectrograms: tuple[xr.DataArray, ...]
-    """(velocity_mps, time_s), dB re 1 W."""
+    """Spectrograms (velocity_mps, time_s), dB re 1 W."""
     parts: xr.Dataset | None = None
-    """Of the recordings' parts (recording, part), where they were simulated with `split`: `level_db` and `strongest_fraction` as of
-    `Parts.levels`, and `level_difference_db` from the first recording [dB]; NaN where one of both has no such part."""
+    """Levels of the recordings' parts (recording, part), where they were simulated with `split`: `level_db` and
+    `strongest_fraction` as in `Parts.levels`, and `level_difference_db` from the first recording [dB], NaN where one of the two has
+    no such part."""
 
     def recording(self, number: int) -> Recording:
-        """One of the recordings, read from the folder."""
+        """Reads one of the recordings from the folder."""
         return Recording.load(self.folder / self.points[number].file)
 
     def __str__(self) -> str:
@@ -124,7 +127,7 @@ class Sweep:
         return "\n".join(lines + ([] if self.parts is None else ["", *self._rows_of_parts(self.parts)]))
 
     def _rows_of_parts(self, parts: xr.Dataset) -> list[str]:
-        """The strongest parts, a column for each recording."""
+        """Rows of the printed table for the strongest parts, with a column for each recording."""
         strongest, labels = _strongest(parts), [point.label for point in self.points]
         rows = [["", *labels]]
         for name in strongest.part.values:
@@ -139,7 +142,7 @@ class Sweep:
         ]
 
     def table(self) -> str:
-        """CSV text of fields and measures, a row for each recording."""
+        """The measures as CSV text, with a row for each recording."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(["recording", *self.points[0].fields, *MEASURES])
@@ -149,7 +152,7 @@ class Sweep:
         return text.getvalue()
 
     def parts_table(self) -> str:
-        """CSV text of the parts' levels, a row for each part of each recording."""
+        """The parts' levels as CSV text, with a row for each part of each recording."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         parts = self._parts()
@@ -169,7 +172,7 @@ class Sweep:
         return self.parts
 
     def plot(self, title: str | None = None, *, dynamic_range_db: float = 50.0, width_in: float = 7.0) -> Figure:
-        """Spectrograms side by side on one scale, whose top is the greatest level of all [dB re 1 W]."""
+        """Draws the spectrograms side by side on one scale, whose top is the greatest level of all [dB re 1 W]."""
         images = [(image.velocity_mps.values, image.time_s.values, image.values) for image in self.spectrograms]
         counts = [len({point.fields[name] for point in self.points}) for name in self.points[0].fields]
         columns = counts[-1] if len(counts) == 2 and counts[-1] <= 5 else None
@@ -177,14 +180,14 @@ class Sweep:
         return panels(images, [point.label for point in self.points], style=style, columns=columns, title=title)
 
     def plot_parts(self, title: str | None = None, *, width_in: float = 7.0) -> Figure:
-        """The strongest parts of each recording: their levels' differences from the first [dB], whose own levels are written, and
-        the fraction of their power where no other part is stronger."""
+        """Draws the strongest parts of each recording: the difference of their levels from the first recording, whose own levels
+        are written [dB], and the fraction of their power in cells where no other part is stronger."""
         strongest, labels = _strongest(self._parts()), [point.label for point in self.points]
         names = [drawable("names", str(value).replace("_", " ")) for value in strongest.part.values]
         figure = blank_figure(checked_width(width_in), 1.3 + 0.2 * len(names))
         left, right = figure.subplots(1, 2, sharey=True)
         change_db, fraction = strongest.level_difference_db.values.T.copy(), strongest.strongest_fraction.values.T
-        change_db[:, 0] = np.nan  # the first one's levels are written, and differ from nothing
+        change_db[:, 0] = np.nan  # the first recording shows its levels, as it has no difference from itself
         written = [
             [_part_cell(strongest.isel(part=row, recording=k)) for k in range(len(labels))] for row in range(len(names))
         ]
@@ -285,7 +288,7 @@ def _compared(levels: Sequence[xr.Dataset], comparable: Sequence[bool]) -> xr.Da
     """Levels of the recordings' parts side by side, with differences from the first where the axes are the same."""
     import xarray as xr
 
-    # The one person's segments are those of a person among other targets.
+    # One person's segments are named without the person; with several targets the name of the person stands before them.
     unprefixed = [
         level.assign_coords(part=[str(name).removeprefix("person: ") for name in level.part.values]) for level in levels
     ]
@@ -300,13 +303,14 @@ def _compared(levels: Sequence[xr.Dataset], comparable: Sequence[bool]) -> xr.Da
 
 
 def _strongest(parts: xr.Dataset) -> xr.Dataset:
-    """The strongest parts in any recording, in their own order."""
+    """The parts that are strongest in any of the recordings, in the order in which they were given."""
     order = np.argsort(-parts.level_db.max("recording").values, kind="stable")
     return parts.isel(part=np.sort(order[:MOST_PARTS]))
 
 
 def _part_cell(of: xr.Dataset, *, with_fraction: bool = False) -> str:
-    """What is written of a part of a recording: the difference of its level, or the level where it differs from nothing."""
+    """Text of the cell for a part of a recording: its level difference, or its level in the first recording or where there is no
+    difference."""
     level_db, change_db = float(of.level_db), float(of.level_difference_db)
     if math.isnan(level_db):
         return ""
@@ -318,7 +322,7 @@ def _draw_cells(
     axes: Axes, values: np.ndarray, written: Sequence[Sequence[str]], labels: Sequence[str], cmap: str,
     limits: tuple[float, float], title: str,
 ) -> None:  # fmt: skip
-    """Values (row, column) as colours, with what is written in each cell where there are few columns."""
+    """Draws values (row, column) as coloured cells, and writes texts into them where there are few columns."""
     image = axes.imshow(values, aspect="auto", cmap=cmap, vmin=limits[0], vmax=limits[1])
     if len(labels) <= MOST_WRITTEN:
         for (row, column), colour in np.ndenumerate(image.norm(np.nan_to_num(values))):
@@ -335,12 +339,12 @@ def _draw_cells(
 
 
 def _same_samples(one: Point, other: Point) -> bool:
-    """Whether they differ in their spectrograms alone."""
+    """Whether two experiments differ at most in the options of their spectrograms, so that one simulation serves both."""
     return (one.experiment, one.accuracy, one.tolerance_db) == (other.experiment, other.accuracy, other.tolerance_db)
 
 
 def _simulated(point: Point, inputs: Inputs, split: Split | None, device: Device, progress: Any) -> Recording:
-    """The recording of one point, as `simulate` makes it."""
+    """The recording of one experiment of the sweep, as `simulate` makes it."""
     wanted = Wanted.of(point.accuracy, point.tolerance_db)
     with one_blas_thread:
         setup = set_up_stored(point.experiment, inputs, device=device)
@@ -348,7 +352,8 @@ def _simulated(point: Point, inputs: Inputs, split: Split | None, device: Device
 
 
 def _points(experiment: Experiment, vary: Any, settings: Mapping[str, Any]) -> list[Point]:
-    """All combinations, the last field changing first; `given` are accuracy, tolerance and options of the spectrogram."""
+    """All combinations of the varied values, the field named last changing fastest; `settings` are accuracy, tolerance and options
+    of the spectrogram."""
     axes = []
     for name, values in vary.items():
         if isinstance(values, (str, Mapping)) or not isinstance(values, (Sequence, np.ndarray)) or not len(values):
@@ -380,19 +385,19 @@ def _points(experiment: Experiment, vary: Any, settings: Mapping[str, Any]) -> l
                 fields={name: text for name, _, text in chosen},
                 experiment=of,
                 **beside,
-                file=f"{number:03}_{name}.zarr",  # as many digits for any count, so that a sweep can grow
+                file=f"{number:03}_{name}.zarr",  # three digits whatever the count is, so that a sweep can grow
             )
         )
     return points
 
 
 def _accuracy_fields(accuracy: Accuracy | Mapping[str, Any] | None) -> dict[str, Any]:
-    """Fields of an accuracy that are given."""
+    """The fields that are set in an accuracy, by name."""
     return accuracy.model_dump(exclude_unset=True) if isinstance(accuracy, Accuracy) else dict(accuracy or {})
 
 
 def _as_in_yaml(name: str, value: Any) -> Any:
-    """A value as it stands in YAML; movers with all of their fields."""
+    """A value as YAML would hold it; movers with all of their fields."""
     of_mover = isinstance(value, Mapping) and value.get("kind") in kind_names()
     if of_mover or (isinstance(value, str) and re.fullmatch(r"targets\.\d+", name)):
         value = mover(value)
@@ -402,7 +407,8 @@ def _as_in_yaml(name: str, value: Any) -> Any:
 
 
 def _texts(name: str, values: Sequence[Any]) -> list[str]:
-    """What tells the values of a field apart: of targets their kinds and the fields that differ."""
+    """A short text for each value of a field, by which the values can be told apart: for targets, their kinds and the fields in
+    which they differ."""
     leaf = name.rpartition(".")[2]
     numbers = [number for number in values if isinstance(number, (int, float))]
     digits = next((n for n in range(6, 17) if len({f"{x:.{n}g}" for x in numbers}) == len(set(numbers))), 17)
@@ -425,7 +431,7 @@ def _texts(name: str, values: Sequence[Any]) -> list[str]:
 
 
 def _set(values: dict[str, Any], name: str, value: Any) -> None:
-    """Sets a field by its dotted name; the last part may be new, which the experiment then refuses by its name."""
+    """Sets a field by its dotted name, in place. The last part of the name may be new: the experiment then refuses it by name."""
     *parts, leaf = name.split(".")
     place: Any = values
     for part in parts:
@@ -455,7 +461,8 @@ def _inside(place: Any, part: str) -> Any:
 
 
 def _key(point: Point, inputs: Inputs, split: Split | None) -> str:
-    """Hash of all that a recording depends on, the content of files included."""
+    """Hash of everything that a recording depends on, including the content of input files; a stored recording with the same hash
+    is used again."""
     of, store = point.experiment, Store({})
     targets = [placed(target, of.radar) if isinstance(target, Motion) else target for target in of.targets_from(inputs)]
     named = of.scene_from(inputs)
@@ -497,7 +504,8 @@ def _progress(progress: Any, number: int, points: Sequence[Point]) -> Any:
 
 
 def _measures(recording: Recording, first: Recording | None) -> dict[str, float]:
-    """Measures of a recording and differences from the first, None for the first itself, by the names in `MEASURES`."""
+    """Measures of a recording and its differences from the first recording (None for the first itself), by the names in
+    `MEASURES`."""
     image = recording.spectrogram.values
     main_figures = figures(recording)
     measures = {

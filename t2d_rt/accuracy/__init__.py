@@ -1,4 +1,5 @@
-"""Accuracy chosen for a tolerance (`search`) by fitted `laws`, measured on random chirps (`measuring`); what it takes (`cost`)."""
+"""Chooses an accuracy for a tolerance (`search`) by fitted laws of error (`error_laws`), predicts time and memory of a run
+(`cost`), and measures its error at random chirps (`measuring`)."""
 
 from t2d_rt.accuracy.cost import check_memory
 from t2d_rt.accuracy.estimate import nmse_db

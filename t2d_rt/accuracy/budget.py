@@ -1,4 +1,4 @@
-"""What each simplification of a model costs in field error, by the fitted laws."""
+"""The error budget: what each simplification of a model adds to the field error, predicted by the fitted laws."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ FAST_OCCLUSION = "occlusion by targets that rotate fast, and of them by themselv
 NEGLIGIBLE = 1e-6
 """Fraction of the field's energy below which a simplification is not listed."""
 SURELY = 2.0
-"""Standard deviations of a law that are added to its prediction before this is compared with the tolerance."""
+"""How many standard deviations of a law are added to its prediction before the sum is compared with the tolerance."""
 PATCHES_DB, PATCHES_SCATTER_DB = -35.0, 3.0
-"""Error of a body's patches over which the phase may change from frame to frame as by default, which facets' law holds already, and
-its standard deviation; it goes with the square of that phase (of eleven motions, splines at -20 dB, the worst erred by -23 dB at
-twice of it, by -17 dB at four times)."""
+"""Field error [dB] that a body's patches cause at the default change of phase from frame to frame, which the law of facets already
+includes, and its standard deviation. The error energy goes with the square of the phase change. (Of eleven motions with splines at
+-20 dB, the worst had -23 dB at twice the default and -17 dB at four times.)"""
 BODY_SAGITTA_RAD = 1.5
-"""Phase sagitta of a body's facets that its own sagittas, one for each vertex, stand for."""
+"""Phase sagitta [rad] by which the law of facets knows a body whose facets follow its own sagittas, one for each vertex."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,28 +36,28 @@ class Omission:
 
     what: str
     error_db: float
-    """Field error that this causes [dB]."""
+    """Field error that this simplification causes [dB]."""
     scatter_db: float = 0.0
     """Standard deviation of the law that predicts it [dB]."""
     taken: bool = True
-    """Whether it is left out; False where the error would be too great."""
+    """Whether the simulation makes this simplification; False for one that it could make but whose error would be too great."""
     law: str = ""
-    """Name of the law whose deviation makes the margin; margins of one law add up."""
+    """Name of the law that predicts the error. Margins of one law add up, for its deviations are the same in all of them."""
 
     @property
     def energy(self) -> float:
-        """The error as a fraction of the field's energy."""
+        """The error as energy, relative to the energy of the field."""
         return ratio(self.error_db)
 
     @property
     def margin(self) -> float:
-        """What `SURELY` standard deviations add."""
+        """Energy that `SURELY` standard deviations of the law add to the error, relative to that of the field."""
         return ratio(self.error_db + SURELY * self.scatter_db) - self.energy
 
 
 @dataclass(frozen=True, slots=True)
 class Total:
-    """A sum of errors; margins of the same law add up, those of independent laws add in quadrature."""
+    """A sum of errors as energies. Margins of the same law add up, those of different laws add in quadrature."""
 
     energy: float = 0.0
     margins: Mapping[str, float] = field(default_factory=dict)
@@ -83,27 +83,27 @@ class Total:
 
     @property
     def surely(self) -> float:
-        """Energy that the sum hardly exceeds."""
+        """Energy that the error is unlikely to exceed: the sum and its margin."""
         return self.energy + self.margin
 
 
 @dataclass(frozen=True)
 class ErrorBudget:
-    """The parts of the field error at any accuracy, by the fitted laws."""
+    """The parts of the field error of a model at any accuracy, predicted by the fitted laws."""
 
     model: Model
     given: Accuracy
-    """The accuracy that was given; its fields that are set tell how fine the targets' own facets are."""
+    """The accuracy that the user gave. Its fields that are set say how fine the facets of the targets are."""
     laws: Laws = field(default_factory=Laws.fitted)
 
     @cached_property
     def counts(self) -> list[FacetCount]:
-        """How many facets each mesh has."""
+        """The estimated number of facets of each mesh, as a function of the sagitta scale."""
         return facet_counts(self.model, self.given)
 
     @cached_property
     def unoccluded(self) -> Law:
-        """Cost of no occlusion, found once."""
+        """Predicted error of a run that traces no occlusion; computed once."""
         return self._unoccluded(self._occluded)
 
     def _unoccluded(self, occluded: Occluded) -> Law:
@@ -111,7 +111,7 @@ class ErrorBudget:
 
     @cached_property
     def unoccluded_by_fast(self) -> Law:
-        """Cost of the occlusion by targets that rotate fast, which no run traces; found once."""
+        """Predicted error from leaving out occlusion by fast-rotating targets, which no run traces; computed once."""
         fastest = Accuracy(fast_rotating_hz=self.given.fastest_sampled_hz)
         return self._unoccluded(Occluded.of(self.model, fastest, by_fast=True))
 
@@ -121,7 +121,7 @@ class ErrorBudget:
 
     @cached_property
     def _meshes(self) -> list[tuple[float, FacetLaw]]:
-        """Phase sagitta [rad] of each mesh's facets at a scale of 1, and their law."""
+        """For each mesh, the phase sagitta [rad] of its facets at a sagitta scale of 1, and the law of their error."""
         meshes = []
         for mesh in self.model.geometries:
             if isinstance(mesh, MovingMesh):
@@ -133,20 +133,21 @@ class ErrorBudget:
 
     @cached_property
     def unsure(self) -> bool:
-        """Whether all targets are meshes of which the law of facets says little, small bodies among them."""
+        """Whether all targets are meshes for which the law of facets has a great scatter, such as small bodies."""
         scatters = [law.scatter_db for _, law in self._meshes]
         return len(scatters) == len(self.model.geometries) and min(scatters) >= SMALL_SCATTER_DB
 
     def facet_count(self, scale: float) -> float:
-        """About how many facets all meshes have at a sagitta scale."""
+        """Estimated number of facets of all meshes together at a sagitta scale."""
         return sum(count.at(scale) for count in self.counts)
 
     def _size(self, mesh: MovingMesh) -> float:
-        """Height or length of a mesh over the wavelength."""
+        """Largest extent of a mesh along x, y or z, in wavelengths."""
         return float(np.ptp(mesh.rest, axis=0).max()) / self.model.radar.wavelength_m
 
     def facets(self, tier: PathTier, scale: float) -> tuple[float, FacetLaw]:
-        """Phase sagitta [rad] of the facets that err most over a tier's paths at a sagitta scale, and their law."""
+        """Phase sagitta [rad] of the mesh whose facets have the greatest error over a tier's paths at a sagitta scale, and its
+        law."""
         facets = []
         for mesh_sagitta, law in self._meshes:
             finest = mesh_sagitta * scale
@@ -155,18 +156,18 @@ class ErrorBudget:
 
     @cached_property
     def power(self) -> np.ndarray:
-        """Power of each ranked path pair over that of all of them (P,)."""
+        """Power of each ranked path pair relative to the power of all of them, (P,); ones (1,) in free space."""
         power = 10 ** (np.array([pair.mean_db for pair in self.model.ranked]) / 10)
         return power / power.sum() if len(power) else np.ones(1)
 
     def omissions(self, accuracy: Accuracy) -> list[Omission]:
-        """What each simplification of that accuracy costs."""
+        """The field error of each simplification that a run of this accuracy makes, and of some that it might make but does not."""
         tiers = list(self.tiers(accuracy))
         of_paths = [*self.of_tiers(tiers, accuracy.sagitta_scale), *self.of_spectra(accuracy)]
         return [*self.in_time(accuracy), *of_paths, *self.of_visibility(accuracy), *self.untraced(accuracy)]
 
     def of_visibility(self, accuracy: Accuracy) -> list[Omission]:
-        """What no occlusion costs, or that visibility is sampled."""
+        """The error of leaving out occlusion, or else that of sampling visibility, and that of occlusion which no run traces."""
         if not self.counts:
             return []
         law, fast = self.unoccluded, self.unoccluded_by_fast
@@ -184,9 +185,9 @@ class ErrorBudget:
         return [nothing, Omission(what, edges.mean_db, edges.scatter_db, law="shadows"), *never]
 
     def untraced(self, accuracy: Accuracy) -> list[Omission]:
-        """What it costs that occlusion is not traced over some path pairs, of tiers whose visibility is "blockage".
+        """The error of path pairs whose tier has `visibility` "blockage", so that occlusion by the targets is not traced over them.
 
-        Ellipsoids err by more, whatever hides them: their law says it all.
+        Tiers of ellipsoids are not counted: the law of ellipsoids includes the error of their occlusion.
         """
         pairs = self.model.pairs(accuracy)
         if pairs is None or not accuracy.occlusion or not self.counts:
@@ -207,7 +208,7 @@ class ErrorBudget:
         return [Omission(what, level_db, math.hypot(law.scatter_db, of_power.scatter_db), law="occlusion")]
 
     def of_spectra(self, accuracy: Accuracy) -> list[Omission]:
-        """What it costs that walls' and slabs' spectra are straight lines over the sweep."""
+        """The error of taking the spectra of walls and slabs as straight lines over the sweep."""
         pairs = self.model.pairs(accuracy)
         if pairs is None:
             return []
@@ -218,7 +219,7 @@ class ErrorBudget:
         return [Omission("the spectra of walls over the sweep, straight lines", db(error), law.scatter_db, law="pairs")]
 
     def in_time(self, accuracy: Accuracy) -> list[Omission]:
-        """What interpolation between surface frames and the merging of echoes may add."""
+        """The errors of interpolating between surface frames and of merging echoes in the sum."""
         rates = enumerate(self.model.rates_hz(accuracy))
         splines_db = min(MOST_DB, max(self.model.rate(number).error_db(rate) for number, rate in rates))
         return [
@@ -227,7 +228,7 @@ class ErrorBudget:
         ]
 
     def tiers(self, accuracy: Accuracy) -> Iterator[tuple[PathTier, int, float]]:
-        """Tiers in use, how many path pairs each has and the fraction of the power that these have."""
+        """The tiers in use, each with its number of path pairs and the fraction of the power of all pairs that these have."""
         pairs = self.model.pairs(accuracy)
         if pairs is None:
             yield accuracy.tiers[0], 1, 1.0
@@ -238,21 +239,21 @@ class ErrorBudget:
             first += len(tier_pairs)
 
     def _power_of(self, levels_db: Sequence[float]) -> np.ndarray:
-        """Power of path pairs of these levels over that of all of them."""
+        """Power of the model's path pairs at these levels [dB], relative to the power of all ranked pairs."""
         power: np.ndarray = 10 ** (np.array(levels_db) / 10)
         return power / sum(10 ** (pair.mean_db / 10) for pair in self.model.ranked)
 
     @property
     def of_bodies(self) -> bool:
-        """Whether there is a body among the targets, which ellipsoids may stand for."""
+        """Whether there is a body among the targets, which ellipsoids could replace."""
         return any(isinstance(target, Motion) for target in self.model.targets)
 
     def by_limbs(self, tier: PathTier) -> bool:
-        """Whether bodies are ellipsoids over that tier's paths."""
+        """Whether bodies are ellipsoids over the paths of that tier."""
         return self.of_bodies and (self.model.method == "ellipsoid" or tier.scatterer == "ellipsoids")
 
     def of_tiers(self, tiers: Sequence[tuple[PathTier, int, float]], scale: float) -> list[Omission]:
-        """What facets of a sagitta scale, ellipsoids and path pairs left out cost, for what `tiers` gives."""
+        """The errors of facets at a sagitta scale, of ellipsoids and of path pairs that are left out, for the output of `tiers`."""
         omissions, kept_power, count = [], 0.0, 0
         for number, (tier, pairs, power) in enumerate(tiers):
             kept_power, count = kept_power + power, count + pairs
@@ -284,18 +285,18 @@ class ErrorBudget:
         return omissions
 
     def seconds(self, accuracy: Accuracy, clutter: Clutter = "none") -> float:
-        """Time that a run takes on a machine whose yardstick takes a second [s]."""
+        """Predicted time of a run [s] on a machine that takes one second for the reference computation (`core.backend`)."""
         return seconds(work_units(self.model, accuracy, self.counts, clutter), self.laws)
 
 
 def sampled(rate_hz: float, subdivision: int) -> str:
-    """How visibility is sampled, in words."""
+    """Words for a report on how visibility is sampled."""
     edges = "" if not subdivision else f", their edges divided by {2**subdivision}"
     return f"visibility at {rate_hz:g} Hz from the meshes' vertices{edges}"
 
 
 def patches_db(phase_scale: float) -> float:
-    """What a body's patches of so much more phase add to the field's error [dB]."""
+    """Field error [dB] that a body's patches add if their phase may change `phase_scale` times the default between frames."""
     return PATCHES_DB + 20 * math.log10(phase_scale) if phase_scale > 1 else -math.inf
 
 

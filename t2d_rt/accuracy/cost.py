@@ -1,4 +1,4 @@
-"""What a run takes: seconds by fitted laws of its parts, and memory, both known before it starts."""
+"""Predicted time of a run, by fitted laws of its parts, and predicted memory; both are known before the run starts."""
 
 from __future__ import annotations
 
@@ -27,23 +27,24 @@ from t2d_rt.types import Accuracy, MovingMesh, PathTier
 from t2d_rt.types.material import is_rough
 
 SUMMED_BYTES, SUMMED_ARRAY_BYTES = 6_900, 12_000
-"""Bytes that an echo takes while a window of frames is summed, for one antenna and for an array (this and what follows by least
-squares from the greatest memory of 11 runs, 0.34 to 1.48 GB, which they give within 10 %)."""
+"""Bytes that an echo takes while a window of frames is summed: for one antenna, and for an array. (These constants and those that
+follow are a least-squares fit to the peak memory of 11 runs, 0.34 to 1.48 GB, which they reproduce within 10 %.)"""
 POSED_BYTES = 1_000
-"""Bytes that a facet's vertex takes in the frames of a window."""
+"""Bytes for the positions of a facet's vertex in the frames of a window."""
 SAMPLED_BYTES = 5_400
-"""Bytes that a point takes at which visibility is sampled, in the frames of a window."""
+"""Bytes for a point at which visibility is sampled, in the frames of a window."""
 PART_BYTES = 3e5
-"""Bytes that the groups of a part take while a window is summed, for each receiver that is worked on at once."""
+"""Bytes for the groups of echoes of one part of a split recording while a window is summed, for each receiver computed at once."""
 SET_UP_BYTES, FACET_BYTES = 90e6, 1_400
-"""Memory that a run takes before it sums, and memory of each facet in it."""
+"""Bytes that a run takes before it sums echoes, and bytes of each of its facets."""
 FACETS_PER_SAGITTA, CURVED_PER_SAGITTA = 1.7, 1.9
-"""Flat and curved facets of a cage face over its phase sagitta in units of the limit (curved ones 1.58 to 2.19 for bodies from 2.5
-to 4 m, limits from 0.5 to 5 rad)."""
+"""Number of flat, and of curved, facets that an unrefined face is divided into, for each unit of its phase sagitta over the limit
+(curved ones 1.58 to 2.19 for bodies at 2.5 to 4 m, limits of 0.5 to 5 rad)."""
 CURVED_WORK = 2.7
-"""Time of a curved facet over that of a flat one (22 million curved ones a second, where flat ones run at 60 million)."""
+"""Computing time of a curved facet relative to a flat one (22 million curved facets a second, where flat ones run at 60
+million)."""
 MADE_ALONG = 0.5
-"""Cost of a facet that is refined along with other ones, over theirs."""
+"""Cost of refining a facet together with others, relative to refining it by itself."""
 KINDS = (
     "call",
     "ADC sample",
@@ -59,10 +60,10 @@ KINDS = (
     "path pair",
     "clutter",
 )
-"""Kinds of work, each with its fitted seconds a unit; in free space there is one path pair."""
+"""Kinds of work, each of which has a fitted time per unit; free space counts as one path pair."""
 PATCHES_PER_FACET, PATCHES_PER_ROOT = 0.35, 70.0
-"""Most patches over one path pair, for each facet and for the root of their number: finer facets share patches (12 000 to 44 000
-for 70 000 to 330 000 facets)."""
+"""Greatest number of patches over one path pair: so many for each facet, and so many for the root of the number of facets, as finer
+facets share patches (12 000 to 44 000 patches for 70 000 to 330 000 facets)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,21 +71,21 @@ class FacetCount:
     """The number of facets into which a mesh is refined, estimated without refining it."""
 
     sagitta_rad: np.ndarray
-    """Phase sagitta of each unrefined face over the limit of its mesh, (F,)."""
+    """Phase sagitta of each unrefined face relative to the limit of its mesh, (F,)."""
     limit_rad: np.ndarray
-    """That limit at a sagitta scale of 1, (F,)."""
+    """Limit of the phase sagitta [rad] of each face at a sagitta scale of 1, (F,)."""
     of_points: float
-    """Number of those that hold its diffuse points."""
+    """Number of the facets that hold the diffuse points of the mesh; 0 for a smooth one."""
     curved: bool
 
     @property
     def work(self) -> float:
-        """Work for one of its facets over that for a flat one."""
+        """Computing time of one of its facets relative to a flat one."""
         return CURVED_WORK if self.curved else 1.0
 
     @classmethod
     def of(cls, model: Model, mesh: MovingMesh, accuracy: Accuracy) -> FacetCount:
-        """The facet count at the least range in the record, from the curvature of the mesh at rest."""
+        """Estimates the facets of a mesh at its distance from the radar in the middle of the record, from its curvature at rest."""
         middle = np.array([np.mean(model.span_s)])
         places = np.array([model.radar.tx_position_m])
         range_m = rounded_range_m(float(norms(mesh.at(middle)[0][:, None] - places).min()))
@@ -101,17 +102,17 @@ class FacetCount:
         return cls((of_edges / limits).mean(axis=1), limits.mean(axis=1), of_points, mesh.curved)
 
     def of_tier(self, tier: PathTier, scale: float) -> float:
-        """The number over the paths of a tier."""
+        """Number of facets over the paths of a tier."""
         of_faces = np.minimum(scale * tier.sagitta_scale, tier.greatest_sagitta_rad / self.limit_rad)
         return self.at(np.maximum(scale, of_faces))
 
     def at(self, scale: float | np.ndarray) -> float:
-        """The number at a sagitta scale, one for all faces or one for each (F,)."""
+        """Number of facets at a sagitta scale: one for all faces, or one for each (F,)."""
         return _facets(self.sagitta_rad / scale, self.curved)
 
 
 def _facets(sagitta: np.ndarray, curved: bool) -> float:
-    """Number of facets of faces with such phase sagittas over their limit (F,)."""
+    """Total number of facets for faces of such phase sagittas relative to their limit (F,)."""
     return float(np.maximum(1, (CURVED_PER_SAGITTA if curved else FACETS_PER_SAGITTA) * sagitta).sum())
 
 
@@ -123,7 +124,8 @@ def facet_counts(model: Model, accuracy: Accuracy) -> list[FacetCount]:
 def work_units(
     model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter: Clutter = "none"
 ) -> dict[str, float]:
-    """Units of each kind of work that the sum of a record takes, without what sets it up; each kind has its fitted seconds."""
+    """Number of units of each kind of work (`KINDS`) for computing a record, without its set-up. Times the fitted seconds per unit
+    they give the time of the run."""
     radar, length_s = model.radar, model.span_s[1] - model.span_s[0]
     frames = float(max(len(times) for times in model.frame_times(accuracy)))
     pairs = model.pairs(accuracy)
@@ -163,17 +165,17 @@ def work_units(
 
 
 def beside_facets(counts: Sequence[FacetCount]) -> float:
-    """Refining the facets that hold diffuse points along with the others costs as much as this number of those."""
+    """Additional refined facets, for the cost of refining those that hold diffuse points along with the others."""
     return MADE_ALONG * sum(count.of_points for count in counts)
 
 
 def patches_of(facets: float) -> float:
-    """Number of patches, over one path pair."""
+    """Estimated number of patches over one path pair."""
     return min(PATCHES_PER_FACET * facets, PATCHES_PER_ROOT * math.sqrt(facets))
 
 
 def places_of(model: Model, accuracy: Accuracy) -> int:
-    """Number of antennas and of their images from which occlusion is traced."""
+    """Number of viewpoints from which occlusion is traced: antennas and their mirror images."""
     pairs = model.pairs(accuracy)
     if pairs is None:
         return len(model.radar.views_m)
@@ -181,7 +183,7 @@ def places_of(model: Model, accuracy: Accuracy) -> int:
 
 
 def seconds(units: dict[str, float], laws: Laws) -> float:
-    """Time that work takes on a machine whose yardstick takes a second."""
+    """Time [s] of so many units of work on a machine that takes one second for the reference computation."""
     return sum(laws.seconds[kind] * count for kind, count in units.items())
 
 
@@ -195,8 +197,11 @@ def memory_bytes(
     measured: bool,
     taken: float = 0.0,
 ) -> float:
-    """Greatest memory to be expected of a run beyond what the process held: of its greatest batch of echoes with that many facets'
-    vertices, of `facets` that are refined at once, and of what is `taken` before."""
+    """Expected peak memory of a run [bytes] beyond what the process held before.
+
+    echoes, vertices: number of echoes and of facets' vertices in the scatterers that are summed together and take most memory.
+    facets: number of facets that are refined at once. taken: memory that the run takes before it sums.
+    """
     radar = model.radar
     of_echo = SUMMED_ARRAY_BYTES if radar.is_array else SUMMED_BYTES
     summed = of_echo * echoes + POSED_BYTES * vertices + SAMPLED_BYTES * sampled_points(model, accuracy)
@@ -207,17 +212,17 @@ def memory_bytes(
 
 
 def sampled_points(model: Model, accuracy: Accuracy) -> float:
-    """Number of points on all meshes at which visibility is sampled."""
+    """Number of points on all meshes at which visibility is sampled, subdivision included."""
     return mesh_vertices(model) * 4.0**accuracy.visibility_subdivision if accuracy.occlusion else 0.0
 
 
 def mesh_vertices(model: Model) -> int:
-    """Number of vertices of all meshes."""
+    """Number of vertices of all unrefined meshes."""
     return sum(len(mesh.rest) for mesh in model.geometries if isinstance(mesh, MovingMesh))
 
 
 def predicted_bytes(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], *, measured: bool) -> float:
-    """`memory_bytes` as predicted before any facet is made."""
+    """`memory_bytes`, predicted before any facet is made."""
     units = work_units(model, accuracy, counts)
     facets, pairs = units["refined facet"] - beside_facets(counts), max(1.0, units["path pair"])
     of_pair = patches_of(units["facet of a path pair"] / pairs) + POINTS_PER_MESH * rough_meshes(model)
@@ -240,7 +245,7 @@ def rough_meshes(model: Model) -> int:
 
 
 def parts_bytes(model: Model, parts: int) -> float:
-    """What a run takes more where the echoes of so many parts are told apart, of which there may be hundreds."""
+    """Additional memory [bytes] for summing the echoes of so many parts separately; there may be hundreds of parts."""
     if parts < 2:
         return 0.0
     radar = model.radar
@@ -251,10 +256,10 @@ def parts_bytes(model: Model, parts: int) -> float:
 
 
 def check_memory(prepared: Prepared, *, measured: bool, parts: int = 0) -> float:
-    """What summing all echoes needs, of so many parts told apart, refused where it is more than the run may take."""
+    """Memory [bytes] that summing all echoes, divided into so many parts, needs; refused if it exceeds the limit."""
     needed = _summing_bytes(prepared, measured, parts)
     if needed > prepared.model.memory.limit_bytes:
-        release()  # what is free counts for nothing
+        release()  # memory that is kept for reuse is given back, so that it does not count
         needed = _summing_bytes(prepared, measured, parts)
     refuse(prepared.model, needed, measured=measured)
     return needed
@@ -263,7 +268,7 @@ def check_memory(prepared: Prepared, *, measured: bool, parts: int = 0) -> float
 def _summing_bytes(prepared: Prepared, measured: bool, parts: int) -> float:
     model, batches = prepared.model, prepared.parts
     greatest = max(batches, key=lambda batch: batch.echoes * SUMMED_BYTES + batch.vertices * POSED_BYTES)
-    # A surface has twice as many facets as vertices; these exist by now, but not the coarser ones of a measurement.
+    # A surface has twice as many facets as vertices. The facets of the run exist by now, those of the error measurement do not.
     facets = 2 * max(batch.vertices for batch in batches) / COARSER if measured else 0.0
     tables = max((table_bytes(batch.repeats, model.radar) for batch in batches if batch.repeats), default=0.0)
     return memory_bytes(
@@ -272,7 +277,7 @@ def _summing_bytes(prepared: Prepared, measured: bool, parts: int) -> float:
 
 
 def refuse(model: Model, needed_bytes: float, *, measured: bool) -> None:
-    """Refuses what needs more memory than the run may take."""
+    """Raises an `InputError` where a run needs more memory than it may take."""
     remedy = (
         "ask for a looser tolerance or a coarser sagitta_rad, cut the record, or measure no error (measure_error=False)"
     )

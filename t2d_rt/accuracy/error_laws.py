@@ -1,4 +1,4 @@
-"""Fitted laws: what each simplification costs in field error, and what a run takes; with their scatter.
+"""Fitted laws of the field error that each simplification causes and of the time that a run takes, with their scatter.
 
 `python -m validation.methods.laws` fits them to measurements and writes `laws.json`; nothing here is fitted by hand. Errors are
 energies of the field's difference over the field's energy. Means are means of decibels, and the scatter is the standard deviation
@@ -20,28 +20,32 @@ from t2d_rt.types import Accuracy
 
 FILE = Path(__file__).with_name("laws.json")
 COARSER = 3.0
-"""Facets that a run's are held against have so many times their phase sagitta."""
+"""Phase sagitta of the coarser facets with which a run is compared, relative to that of its own facets."""
 MOST_DB = 3.0
-"""Error of a field of right power whose phase means nothing."""
+"""Error [dB] of a field of the right power and a random phase: the greatest that a model with facets can have."""
 PERIMETER = 0.5
-"""The edge of what is occluded grows with the square root of its area, and so does the error along it, about."""
+"""Power of the occluded fraction with which the error at shadows' edges goes: the edge of an occluded area is about as long as the
+root of that area."""
 
 
 FITTED_SIZE, SIZE_POWER, MOST_SIZE_SCALE = 450.0, 0.75, 2.0
-"""Size over wavelength of the bodies that the law of facets was fitted to, at 77 GHz: smaller ones err as if their facets' phase
-sagittas were greater, by this power of it, at most by the last (`validation.methods.small_bodies`)."""
+"""Size in wavelengths of the bodies that the law of facets was fitted to, at 77 GHz. Smaller bodies have the error of facets whose
+phase sagitta is greater by a factor, the ratio of the sizes to this power, at most the last figure
+(`validation.methods.small_bodies`)."""
 CAGE_SIZE, CAGE_RAD, CAGE_POWER = 350.0, 4.3, 0.75
-"""Below this size a body's own mesh, of which nothing coarser is made, errs as facets of that phase sagitta [rad] do, times that
-power of the size over this one."""
+"""Below the first size, in wavelengths, a body's unrefined mesh has the error of facets of the phase sagitta `CAGE_RAD`, times the
+ratio of the sizes to the power `CAGE_POWER`; no facets of a body are coarser than its unrefined mesh."""
 SMALL_SCATTER_DB, SMALL_DIFFERENCE_DB, SMALL_RATIO_DB = 3.0, 3.5, 4.0
-"""Standard deviations about the law below that size."""
+"""Standard deviations [dB] about the law for bodies below `CAGE_SIZE`: of the error, of the difference from coarser facets, and of
+the ratio of both."""
 SAME_DB = -30.0
-"""Facets that are no coarser than others differ from them by that much less than these err."""
+"""Where the coarser model has facets of the same size as the run, the energy of their difference relative to the run's error
+[dB]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Law:
-    """A fitted figure [dB]."""
+    """A fitted figure [dB] and its scatter."""
 
     mean_db: float
     scatter_db: float
@@ -50,30 +54,30 @@ class Law:
 
 @dataclass(frozen=True, slots=True)
 class FacetLaw:
-    """Errors of a mesh's facets by their phase sagitta."""
+    """Field error of a mesh's facets as a function of their phase sagitta."""
 
     sagitta_rad: np.ndarray
-    """Ascending (K,)."""
+    """Phase sagittas of the fit [rad], ascending, (K,)."""
     facets_db: np.ndarray
-    """Error of facets of these (K,)."""
+    """Field error of facets of these phase sagittas [dB], (K,)."""
     coarser_db: np.ndarray
-    """Energy of what they differ by from facets of `COARSER` times the phase sagitta, of the first of these (K - 2,)."""
+    """Energy of the difference from facets of `COARSER` times the phase sagitta [dB], for the first K - 2 phase sagittas."""
     scatter_db: float
-    """Standard deviation of the first over the cases of the fit."""
+    """Standard deviation of `facets_db` over the cases of the fit [dB]."""
     difference_scatter_db: float
-    """Standard deviation of `coarser_db` over the cases of the fit."""
+    """Standard deviation of `coarser_db` over the cases of the fit [dB]."""
     ratio_scatter_db: float
-    """Standard deviation of the ratio of the two."""
+    """Standard deviation of the ratio of the two [dB]."""
     correlation: float
     """Correlation of the deviations of `facets_db` and of that ratio."""
     size_scale: float = 1.0
-    """Factor by which phase sagittas count more of what is smaller than the bodies of the fit."""
+    """Factor on phase sagittas for a target smaller than those of the fit, before they are looked up."""
     cage_rad: float = math.inf
-    """Phase sagitta of the mesh itself, so counted, which nothing exceeds."""
+    """Phase sagitta that stands for the unrefined mesh [rad]: the greatest that is looked up, as nothing coarser is made."""
 
     @classmethod
     def of(cls, fitted: dict[str, Any]) -> FacetLaw:
-        """From what the fit wrote."""
+        """The law in the form in which the fit stored it."""
         sagitta, facets_db, coarser = (np.array(fitted[name]) for name in ("sagitta_rad", "facets_db", "coarser_db"))
         return cls(
             sagitta,
@@ -86,7 +90,7 @@ class FacetLaw:
         )
 
     def at_size(self, size: float, *, body: bool) -> FacetLaw:
-        """The law for what is so many wavelengths tall: of a `body`, whose own mesh is a person's, or of another curved mesh."""
+        """The law for a curved mesh of `size` wavelengths; `body` where its unrefined mesh is that of a person."""
         if size >= FITTED_SIZE:
             return self
         scatter = (
@@ -106,11 +110,12 @@ class FacetLaw:
         )
 
     def error_db(self, sagitta_rad: float) -> float:
-        """Error of facets of that phase sagitta."""
+        """Field error of facets of that phase sagitta [dB]."""
         return self._at(self._equivalent_rad(sagitta_rad), self.facets_db)
 
     def difference_db(self, sagitta_rad: float) -> float:
-        """Energy of what they differ by from facets of `COARSER` times the phase sagitta."""
+        """Energy of the difference between facets of that phase sagitta and those of `COARSER` times as much, relative to the field
+        [dB]."""
         own_rad, other_rad = self._equivalent_rad(sagitta_rad), self._equivalent_rad(COARSER * sagitta_rad)
         if other_rad > 0.999 * COARSER * own_rad:
             return self._at(own_rad, self.coarser_db)
@@ -118,11 +123,12 @@ class FacetLaw:
         return 10 * math.log10(max(10 ** (other_db / 10) - 10 ** (own_db / 10), 10 ** ((own_db + SAME_DB) / 10)))
 
     def _equivalent_rad(self, sagitta_rad: float) -> float:
-        """Phase sagitta at which facets of the fitted size err as much."""
+        """Phase sagitta [rad] at which facets of a target of the fitted size have the same error."""
         return min(self.size_scale * sagitta_rad, self.cage_rad)
 
     def _at(self, sagitta_rad: float, table_db: np.ndarray) -> float:
-        """Between fitted phase sagittas; beyond them the amplitude of the error goes with the phase sagitta."""
+        """A table of levels [dB] at a phase sagitta: interpolated between fitted ones, and with an amplitude proportional to the
+        phase sagitta beyond them."""
         fitted_rad = self.sagitta_rad[: len(table_db)]
         within = np.clip(sagitta_rad, fitted_rad[0], fitted_rad[-1])
         between_db = np.interp(math.log10(within), np.log10(fitted_rad), table_db)
@@ -135,33 +141,34 @@ class Laws:
 
     bodies: FacetLaw
     smooth: FacetLaw
-    """Law of facets of smooth meshes, of the user or of movers."""
+    """Law for facets of smooth meshes, of the user or of movers."""
     occlusion: Law
-    """Cost of no occlusion, over what the unrefined mesh shows of it."""
+    """Error of leaving out occlusion [dB], relative to the estimate from the unrefined mesh (`occlusion.Occluded`)."""
     edges: dict[tuple[float, int], Law]
-    """Cost of sampled visibility, by rate [Hz] and subdivision, over the square root of the cost of no occlusion."""
+    """Error of sampled visibility, by rate [Hz] and subdivision, relative to the root of the error of leaving out occlusion."""
     direct: dict[tuple[float, int], Law]
-    """Cost of sampled visibility, over what it costs a model of coarser facets without interpolation in time."""
+    """Error of sampled visibility, by rate [Hz] and subdivision, relative to that measured on coarser facets without interpolation
+    in time."""
     direct_unoccluded: Law
-    """Cost of no occlusion, over what it costs such a model."""
+    """Error of leaving out occlusion, relative to that measured on such a model."""
     limbs: Law
-    """Error of ellipsoids in place of a body, over the power of the path pairs over which they are."""
+    """Error of ellipsoids in place of a body, relative to the power of the path pairs over which they are used."""
     limbs_power: Law
-    """Power of their echoes over that of the body's."""
+    """Power of the echoes of ellipsoids, relative to those of the body."""
     pairs: Law
-    """Power of path pairs over what probes at the targets say."""
+    """Power of path pairs, relative to the prediction from probe points at the targets."""
     seconds: dict[str, float]
-    """Time of a unit of each kind of work (`cost.KINDS`) on a machine whose yardstick takes a second [s]."""
+    """Time of a unit of each kind of work (`cost.KINDS`) [s], on a machine that takes one second for the reference computation."""
 
     @classmethod
     @functools.cache
     def fitted(cls) -> Laws:
-        """The laws that come with the package."""
+        """The laws that are shipped with the package."""
         return cls.of(json.loads(FILE.read_text()))
 
     @classmethod
     def of(cls, fitted: dict[str, Any]) -> Laws:
-        """From what the fit wrote."""
+        """The laws in the form in which the fit stored them."""
         edges, direct = (
             {(row["rate_hz"], row["subdivision"]): Law(row["mean_db"], row["scatter_db"]) for row in fitted[name]}
             for name in ("edges", "direct")
@@ -179,8 +186,9 @@ class Laws:
         )
 
     def sampled(self, none_db: float, rate_hz: float, subdivision: int, size: float = FITTED_SIZE) -> Law:
-        """Cost of visibility sampled at that rate from vertices subdivided so often, where no occlusion at all costs `none_db`: no
-        more than that. Of bodies so many wavelengths tall, of which shadows' edges are a greater part if they are small."""
+        """Error of sampling visibility at `rate_hz` from vertices of a mesh subdivided `subdivision` times, where leaving out
+        occlusion has the error `none_db`, which it does not exceed. `size` is that of the smallest body in wavelengths: the edges
+        of shadows are a greater part of a small body."""
         law, lowest_hz = _between(self.edges, rate_hz, subdivision)
         # Below the fitted rates the error grows with the time between samples.
         edge_db = law.mean_db + 20 * max(0.0, math.log10(lowest_hz / rate_hz))
@@ -188,14 +196,16 @@ class Laws:
         return Law(min(none_db, PERIMETER * none_db + edge_db), law.scatter_db)
 
     def over_direct(self, accuracy: Accuracy) -> Law:
-        """Cost of visibility as it is sampled, or of no occlusion, beside what it costs a model of coarser facets."""
+        """The error of sampled visibility, or of leaving out occlusion, relative to that measured on coarser facets without
+        interpolation in time."""
         if not accuracy.occlusion:
             return self.direct_unoccluded
         return _between(self.direct, accuracy.visibility_rate_hz, accuracy.visibility_subdivision)[0]
 
 
 def _between(laws: dict[tuple[float, int], Law], rate_hz: float, subdivision: int) -> tuple[Law, float]:
-    """The law between fitted rates, at the nearest subdivision that was fitted, and the lowest of these rates."""
+    """The law interpolated between the fitted rates, at the nearest subdivision that was fitted, and the lowest of these rates
+    [Hz]."""
     level = min(subdivision, max(n for _, n in laws))
     rates = sorted(rate for rate, n in laws if n == level)
     level_laws = [laws[rate, level] for rate in rates]

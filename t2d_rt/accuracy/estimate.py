@@ -1,4 +1,4 @@
-"""The targets' field at a few random chirps, at any accuracy and without interpolation in time."""
+"""The field of the targets at a few random chirps, at any accuracy and without interpolation in time."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ ECHO_BYTES, VERTEX_BYTES = 60, 100
 
 @dataclass(frozen=True, slots=True)
 class Chirps:
-    """Some chirps of a record and some samples of each."""
+    """Some chirps of a record, and some samples of each."""
 
     rows: np.ndarray
     """Rows of the cube (K,)."""
     antennas: np.ndarray
     """Antenna of each row (K,)."""
     starts_s: np.ndarray
-    """Times of their first samples on the clock of the targets [s] (K,)."""
+    """Times of the chirps' first samples on the clock of the targets [s], (K,)."""
     samples: np.ndarray
-    """Numbers of the samples (S,)."""
+    """Indices of the samples within a chirp (S,)."""
 
     @classmethod
     def random(cls, radar: Radar, span_s: tuple[float, float], *, seed: int, count: int) -> Chirps:
-        """One random chirp in each of `count` equal parts of the record, each of a random antenna; every fourth
-        part first, then the ones midway between these."""
+        """One random chirp in each of `count` equal parts of the record, each of a random antenna. They are ordered so that the
+        first few spread over the record: every fourth part first, then the ones midway between these."""
         starts = radar.chirp_times_s(span_s[1] - span_s[0])
         count = min(count, len(starts))
         edges = np.linspace(0, len(starts), count + 1)
@@ -56,17 +56,18 @@ class Chirps:
         return replace(self, rows=self.rows[chosen], antennas=self.antennas[chosen], starts_s=self.starts_s[chosen])
 
     def instants_s(self, radar: Radar) -> np.ndarray:
-        """First and last instant of each chirp [s] (2 K,)."""
+        """First and last instant of each chirp [s], (2 K,)."""
         return np.stack([self.starts_s, self.starts_s + radar.sample_times_s[-1]], axis=1).ravel()
 
     def nearest(self, samples_s: np.ndarray, radar: Radar) -> np.ndarray:
-        """Those of ascending times [s] between which the chirps lie; interpolation between samples needs no others."""
+        """The sample times [s] just before and after each chirp: the only ones of `samples_s`, ascending, that interpolation at the
+        chirps needs."""
         after = np.clip(np.searchsorted(samples_s, self.instants_s(radar)), 1, len(samples_s) - 1)
         return samples_s[np.unique([after - 1, after])]
 
 
 class Field:
-    """Samples of the targets alone at chirps, at an accuracy.
+    """Samples of the targets' echoes at some chirps, modelled at an accuracy of one's choice.
 
     With `samples_s`, visibility is that of a run: sampled at these times [s] from the meshes' vertices. Without, it is traced at
     every chirp, from every facet's vertices over the strongest path pair.
@@ -79,7 +80,7 @@ class Field:
         self._parts = batches(scatterers_of(model, accuracy, chirps.instants_s(model.radar), samples_s), model.radar)
 
     def samples(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        """Samples of the chirps from the first to before the last, (K, S) complex128 [sqrt(W)]."""
+        """Samples of chirps `first` up to, but without, `last`, (K, S) complex128 [sqrt(W)]."""
         chirps, radar = self._chirps, self._model.radar
         last = len(chirps.rows) if last is None else min(last, len(chirps.rows))
         total = np.zeros((last - first, len(chirps.samples)), complex)
@@ -97,12 +98,12 @@ class Field:
 
 
 def field(model: Model, accuracy: Accuracy, chirps: Chirps) -> np.ndarray:
-    """Samples (K, S) complex128 [sqrt(W)] of the targets alone at all chirps, visibility traced at each."""
+    """Samples (K, S) complex128 [sqrt(W)] of the targets' echoes at all chirps, with visibility traced at each chirp."""
     return Field(model, accuracy, chirps).samples()
 
 
 def of_cube(model: Model, cube: Cube, static: Sequence[Scatterer], chirps: Chirps) -> np.ndarray:
-    """Samples (K, S) of a cube at the same chirps, less the `static` echoes in it."""
+    """Samples (K, S) of a run's cube at the same chirps, less the echoes of the `static` scatterers."""
     where = zip(chirps.rows, chirps.antennas, strict=True)
     samples = np.array([np.asarray(cube[int(row)])[antenna, chirps.samples] for row, antenna in where], complex)
     times_s = chirps.starts_s - model.span_s[0]
@@ -112,7 +113,7 @@ def of_cube(model: Model, cube: Cube, static: Sequence[Scatterer], chirps: Chirp
 
 
 def nmse_db(samples: np.ndarray, expected: np.ndarray) -> float:
-    """Energy of the difference over that of what was expected [dB]."""
+    """Normalised mean square error [dB]: the energy of the difference over that of the expected samples."""
     if np.array_equal(samples, expected):
         return -math.inf
     wrong, all_of_it = (float(np.sum(np.abs(part) ** 2)) for part in (samples - expected, expected))

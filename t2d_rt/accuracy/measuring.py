@@ -1,4 +1,4 @@
-"""The error of a run, measured on a few of its chirps."""
+"""Measures the field error of a run at a few of its chirps."""
 
 from __future__ import annotations
 
@@ -25,33 +25,34 @@ from t2d_rt.types.accuracy import DEFAULT_TIERS
 from t2d_rt.types.scatterer import Scatterer
 
 CHIRPS = 4, 8, 16
-"""So many chirps are held against the coarser model, more of them where the first ones do not tell well enough."""
+"""Numbers of chirps that are compared with the coarser model: further ones are added where the first leave the error uncertain."""
 ENOUGH_DB = 1.4
-"""Standard error of the mean over chirps at which no more are asked."""
+"""Standard error of the mean over chirps [dB] at which no further chirps are compared."""
 CLEARLY = 1.5
-"""A tolerance that the error keeps by so many standard deviations is decided, and visibility costs what the law says where this
-decides it; one that it misses asks for all chirps."""
+"""How many standard deviations an error must lie below the tolerance to count as kept beyond doubt: then no more chirps are
+compared, and the error of visibility is taken from its law. Where an error exceeds the tolerance, all chirps are compared."""
 FEWER = 1.5
-"""Facets that are so many times fewer are coarser in fact."""
+"""Ratio of facet counts from which the coarser model counts as coarser."""
 FINER_CHIRPS, FINER_DB = 24, 1.0
-"""A run whose law of facets is unsure is held against finer facets at so many chirps: what is left of their own error makes that
-standard deviation."""
+"""Number of chirps at which a run is compared with finer facets, where the law of facets is too uncertain, and the standard
+deviation [dB] that the remaining error of these facets causes."""
 SPLIT, MOST_FINER, LEAST_FACTOR, LEAST_SCALE = 4.0, 260_000.0, 2.0, 0.01
-"""Flat facets are finer in fact where they are so many times more. No more than so many are made, and none where their sagitta
-scale would fall by less than that factor or below the last."""
+"""Flat facets count as finer only where there are `SPLIT` times as many of them. At most `MOST_FINER` facets are made; none if the
+sagitta scale could fall by less than `LEAST_FACTOR`, or has reached `LEAST_SCALE`."""
 LEAST_CHIRPS, LONE_DB = 4, 5.6
-"""The scatter of fewer chirps tells nothing; the energy of a single one has about that standard deviation."""
+"""Least number of chirps whose scatter is meaningful, and the standard deviation [dB] of the energy of a single chirp."""
 UNOCCLUDED_BELOW_DB = 6.0
-"""The coarser model traces no occlusion where that costs so much less than coarser facets."""
+"""The coarser model traces no occlusion where leaving it out causes an error this far below that of coarser facets [dB]."""
 SHADOWS = 0.3
-"""What visibility costs is measured where it may be more than this fraction of facets' error."""
+"""The error of visibility is measured where it may exceed this fraction of the error of facets."""
 EXACT: Mapping[str, Any] = {"occlusion": True, "visibility_subdivision": 2, "fast_rotating_hz": 100_000.0}
-"""What visibility costs is measured beside visibility traced on meshes subdivided so often, those of targets that rotate up to that
-surface rate [Hz] among them."""
+"""The accuracy against which the error of sampled visibility is measured: traced on meshes subdivided so often, with targets of
+surface rates up to this one [Hz] traced as well."""
 ROUNDING = 1e-12
-"""Energy over that of static echoes below which a field counts as none."""
+"""Energy relative to that of the static echoes below which the targets' field counts as zero."""
 EXPLAINED = 3.5
-"""A difference this many standard deviations above the law counts in full: short records scatter more than those of the fit."""
+"""A difference from the coarser model that exceeds the law by this many standard deviations counts in full as an error: chirps of
+short records scatter more than those of the fit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,11 +61,11 @@ class MeasuredError:
 
     error_db: float
     scatter_db: float
-    """Standard deviation: of the mean over chirps, and of the laws."""
+    """Standard deviation of the error [dB], from the scatter of chirps and that of the laws."""
     chirps: int
     facets_db: float | None = None
-    """What of it facets alone cause, the rest being visibility's; where finer facets tell the error, with visibility traced at each
-    chirp, and it misses the tolerance or keeps it by less than a standard deviation."""
+    """Part of the error that the facets alone cause [dB]; the rest is that of visibility. Known only where the run was compared
+    with finer facets and misses the tolerance, or keeps it by less than a standard deviation."""
 
     def described(self) -> dict[str, float]:
         """Entries of a recording's settings."""
@@ -74,15 +75,15 @@ class MeasuredError:
 
 
 def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> MeasuredError:
-    """The field error of a run by a plan, measured at random chirps of its cube, `static` being the echoes of the static scene in
-    it; a warning where there is nothing to measure.
+    """The field error of a run by a plan, measured at random chirps of its cube; `static` are the scatterers of the static scene in
+    it. Warns where there is no echo to measure.
 
-    The chirps are held against a model with coarser facets, which costs little. Facets' errors fall with their phase sagitta by a
-    fitted law, so the difference tells the run's own (`ErrorBudget`, as in Richardson's extrapolation). In free space the
-    coarser model tells what sampled visibility costs, too, beside one that traces it at each chirp, where the law of shadows'
-    edges leaves in doubt whether the tolerance is kept. Ellipsoids that stand for bodies over minor path pairs are not in the
-    coarser model: the difference has their power. Small bodies and meshes in free space are held against finer facets,
-    visibility traced at each chirp: the difference is the error.
+    The chirps are compared with a model of coarser facets, which costs little. The error of facets falls with their phase sagitta
+    by a fitted law, so the difference yields the error of the run itself (`ErrorBudget`, as in Richardson's extrapolation). In free
+    space, where the law of shadows' edges leaves in doubt whether the tolerance is kept, the coarser model is also compared with
+    one that traces visibility at each chirp; this gives the error of sampled visibility. Ellipsoids that stand for bodies over
+    minor path pairs are not in the coarser model: the difference includes their power. Small bodies and meshes in free space are
+    compared with finer facets and visibility traced at each chirp instead: there the difference is the error.
     """
     budget, model, accuracy = plan.budget, plan.model, plan.accuracy
     coarser, expected, fraction = compared_with(budget, accuracy)
@@ -101,14 +102,14 @@ def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> Measu
     facets, shadows, energy, with_all_echoes = np.zeros(0), np.zeros(0), 0.0, 0.0
     compared = np.zeros((0, len(chirps.samples)))
     count = len(chirps.rows)
-    enough = CHIRPS if plan.tolerance_db is not None else CHIRPS[1:]  # a tolerance may be kept by far
+    enough = CHIRPS if plan.tolerance_db is not None else CHIRPS[1:]  # an error may lie far below it
     for first, last in pairwise(sorted({0, count, *(chirp_count for chirp_count in enough if chirp_count < count)})):
         samples, with_static = (of_cube(model, cube, omitted, chirps[first:last]) for omitted in (static, ()))
         energy += float(np.sum(np.abs(samples) ** 2))
         with_all_echoes += float(np.sum(np.abs(with_static) ** 2))
         compared = np.concatenate([compared, again.samples(first, last)])
         facets = np.append(facets, np.sum(np.abs(samples - compared[first:]) ** 2, axis=1))
-        # Of float32 samples less the static echoes in them something remains in any case.
+        # Subtracting static echoes from float32 samples leaves a rounding error, even where there is no field.
         silent = energy <= ROUNDING * with_all_echoes
         if silent:
             continue
@@ -120,7 +121,7 @@ def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> Measu
         result = _combined(budget, accuracy, expected, fraction, facets / energy, np.zeros(0))
         if matter and (exact or not _clearly(result, plan.tolerance_db)):
             exact = exact or Field(full, coarser.replace(**EXACT), chirps)
-            done = len(shadows)  # of as many chirps as the energy
+            done = len(shadows)  # from there on, so that energy and shadows cover the same chirps
             traced = exact.samples(done, last)
             shadows = np.append(shadows, np.sum(np.abs(traced - compared[done:]) ** 2, axis=1))
             result = _combined(budget, accuracy, expected, fraction, facets / energy, shadows / energy)
@@ -141,20 +142,23 @@ def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> Measu
 
 
 def _clearly(result: MeasuredError, tolerance_db: float | None) -> bool:
-    """Whether the error keeps the tolerance, if there is one, beyond doubt."""
+    """Whether the error lies below the tolerance, if there is one, beyond doubt."""
     return tolerance_db is not None and result.error_db + CLEARLY * result.scatter_db < tolerance_db
 
 
 def measured_directly(plan: Plan) -> bool:
-    """Whether the error of a run by a plan is that against finer facets, so that one that misses its tolerance is made again."""
+    """Whether the error of a run by a plan is measured against finer facets, so that a run that misses its tolerance can be
+    repeated."""
     return finer(plan.budget, plan.accuracy) is not None
 
 
 def plan_again(plan: Plan, error: MeasuredError) -> Plan | None:
-    """A finer plan for a run that misses its tolerance, or keeps it by less than a standard deviation; None where it is kept,
-    where the laws have a part in the error, as for adults, or where a finer run could not be measured so well or has no memory.
+    """A finer plan for a run that misses its tolerance or keeps it by less than a standard deviation. None where the tolerance is
+    kept, where the error rests on the laws, as for adults, or where the error of a finer run could not be measured so directly or
+    memory does not suffice.
 
-    Facets and visibility may each have half of what is allowed, less that deviation: which has more becomes finer.
+    Facets and visibility may each cause half of the allowed error, less that deviation: the one that exceeds its half is made
+    finer.
     """
     if plan.tolerance_db is None or error.facets_db is None:
         return None
@@ -168,7 +172,7 @@ def plan_again(plan: Plan, error: MeasuredError) -> Plan | None:
 
 
 def warn_of_miss(plan: Plan, error: MeasuredError) -> None:
-    """Warns where the measured error misses the tolerance."""
+    """Warns where the measured error exceeds the tolerance."""
     if plan.tolerance_db is not None and error.error_db > plan.tolerance_db + OVER_DB:
         warn(
             f"the measured error of {error.error_db:.1f} dB misses the tolerance of {plan.tolerance_db:g} dB; plan tells what "
@@ -179,11 +183,12 @@ def warn_of_miss(plan: Plan, error: MeasuredError) -> None:
 def _combined(
     budget: ErrorBudget, accuracy: Accuracy, expected: float, fraction: float, facets: np.ndarray, shadows: np.ndarray
 ) -> MeasuredError:
-    """The error of a run from energies by which its chirps differ from coarser facets' (K,), and these from traced ones, if any.
+    """The error of a run from the measured differences and from the laws, each weighted by its variance.
 
-    What the laws say by themselves counts, too, each figure weighted by how well it is known. A difference that they cannot
-    explain is an error of the run in full; one that is smaller than they say counts only where the coarser model has fewer facets
-    in fact.
+    facets: energy of the difference from coarser facets at each chirp, over the energy of the field, (K,). shadows: that of the
+    difference between this coarser model and the same with visibility traced at each chirp; empty where it was not measured. A
+    difference from coarser facets that the laws cannot explain is in full an error of the run. One that is smaller than they
+    predict counts as such only where the coarser model does have fewer facets.
     """
     law, apart, of_chirps_db = (
         budget.facets(accuracy.tiers[0], accuracy.sagitta_scale)[1],
@@ -220,15 +225,15 @@ def _combined(
 
 
 def shadows_matter(budget: ErrorBudget, accuracy: Accuracy, coarser: Accuracy, expected: float) -> bool:
-    """Whether what visibility costs is measured: in free space, where it may be a good part of the error."""
+    """Whether the error of visibility is measured: in free space, where it may be a good part of the error."""
     if budget.model.scene is not None or coarser.occlusion != accuracy.occlusion:
         return False
     return Total.of(budget.of_visibility(accuracy)).surely > SHADOWS * expected
 
 
 def compared_with(budget: ErrorBudget, accuracy: Accuracy) -> tuple[Accuracy, float, float]:
-    """The coarser accuracy with which a run is compared, the energy of their difference by the laws, and the fraction of it that
-    is the error of the run."""
+    """The coarser accuracy with which a run is compared, the energy of their difference by the laws relative to the field, and the
+    fraction of it that is the error of the run."""
     laws = budget.laws
     apart, error = 0.0, 0.0
     for tier, _, power in budget.tiers(accuracy):
@@ -253,8 +258,8 @@ def compared_with(budget: ErrorBudget, accuracy: Accuracy) -> tuple[Accuracy, fl
 
 
 def finer(budget: ErrorBudget, accuracy: Accuracy) -> Accuracy | None:
-    """The finer accuracy, visibility traced at each chirp, with which the run of a small body or mesh in free space is compared;
-    None where the law of facets serves or finer ones cost too much."""
+    """The finer accuracy, with visibility traced at each chirp, with which a run of small bodies or meshes in free space is
+    compared; None where the law of facets is good enough, or where finer facets would cost too much."""
     scale, facet_count = accuracy.sagitta_scale, budget.facet_count(accuracy.sagitta_scale)
     if (
         budget.model.scene is not None
@@ -273,20 +278,21 @@ def finer(budget: ErrorBudget, accuracy: Accuracy) -> Accuracy | None:
 
 
 def left_out(budget: ErrorBudget, accuracy: Accuracy) -> float:
-    """Power of the path pairs that a run leaves out, over that of all of them, by the law."""
+    """Power of the path pairs that a run leaves out relative to that of all, by the law."""
     kept_power = sum(power for _, _, power in budget.tiers(accuracy))
     return max(0.0, 1 - kept_power) * ratio(budget.laws.pairs.mean_db)
 
 
 def has_fewer_facets(budget: ErrorBudget, accuracy: Accuracy) -> bool:
-    """Whether the coarser model has fewer facets: a mesh whose own faces are as fine as asked for is not refined at all."""
+    """Whether the coarser model does have fewer facets: a mesh whose own faces are finer than asked for has the same ones."""
     scale = accuracy.sagitta_scale
     finer_count, coarser = (budget.facet_count(factor * scale) for factor in (1.0, COARSER))
     return not budget.counts or finer_count > FEWER * coarser
 
 
 def _mean(first: tuple[float, float], second: tuple[float, float], correlation: float = 0.0) -> tuple[float, float]:
-    """The mean of least variance of two figures with standard deviations [dB], and its own standard deviation."""
+    """The combination of least variance of two figures (value, standard deviation) [dB] with correlated errors, and its standard
+    deviation [dB]."""
     (a_db, a), (b_db, b) = first, second
     if math.isinf(b):
         return first
@@ -299,7 +305,7 @@ def _mean(first: tuple[float, float], second: tuple[float, float], correlation: 
 
 
 def _standard_error_db(difference: np.ndarray) -> float:
-    """Standard error of the mean of chirps' energies (K,) [dB]; infinite where there are too few to tell."""
+    """Standard error [dB] of the mean of the energies of chirps (K,); infinite where there are too few."""
     count, mean = len(difference), float(np.mean(difference))
     if count < LEAST_CHIRPS or mean == 0:
         return math.inf
@@ -307,7 +313,8 @@ def _standard_error_db(difference: np.ndarray) -> float:
 
 
 def _coarser(accuracy: Accuracy, *, without_limbs: bool) -> Accuracy:
-    """Coarser facets over the same path pairs; `without_limbs` none over those where bodies are ellipsoids."""
+    """An accuracy with coarser facets over the same path pairs; `without_limbs` it leaves out pairs over which bodies are
+    ellipsoids."""
     run_tiers = DEFAULT_TIERS if accuracy.by_ellipsoids else accuracy.tiers
     facets = [tier for tier in run_tiers if tier.scatterer == "facets"]
     tiers = [

@@ -1,4 +1,4 @@
-"""Whether occlusion of targets by themselves and one another matters, from their unrefined meshes."""
+"""Estimates from the unrefined meshes how much power occlusion by the targets removes, to decide whether it must be traced."""
 
 from __future__ import annotations
 
@@ -20,27 +20,28 @@ from t2d_rt.types.paths import PathKey
 
 INSTANTS, ROOM_INSTANTS = 12, 8
 LEAST_DB, MOST_DB = -45.0, 20.0
-"""Less cannot be told from faces' centroids; beyond the most next to nothing is visible."""
+"""Limits of the estimate [dB]: less cannot be resolved by the centroids of faces, and at the greatest next to nothing is
+visible."""
 LEVEL_DB = -20.0
-"""Occlusion is judged over path pairs down to that level: who walks towards the radar occludes nothing from there, but much from a
-wall's image."""
+"""Occlusion is estimated over path pairs down to that level [dB]: a person who walks towards the radar occludes nothing as seen
+from there, but much as seen from the mirror image of the radar behind a wall."""
 GLINT_RAD = math.radians(15)
-"""Faces return power where their normal is about that close to the bisector of the directions to the antennas: the mesh's faces, as
-they are, lie so far apart in direction."""
+"""Faces count where their normal is within about this angle of the bisector of the directions to the antennas: so far apart are the
+normals of an unrefined mesh."""
 LEAST_GLINT = 1e-3
-"""Faces that return less, relative to one that faces the bisector, are passed over."""
+"""Faces with less weight than that, relative to one that faces the bisector, are ignored."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Faces:
-    """The meshes' faces at some instants."""
+    """The faces of some meshes at K instants."""
 
     middle: np.ndarray
-    """(K, F, 3) m."""
+    """Centroids [m], (K, F, 3)."""
     normal: np.ndarray
-    """(K, F, 3)."""
+    """Unit normals, (K, F, 3)."""
     area_m2: np.ndarray
-    """(K, F)."""
+    """Areas, (K, F)."""
 
     @classmethod
     def of(cls, meshes: list[MovingMesh], times_s: np.ndarray) -> _Faces:
@@ -53,7 +54,7 @@ class _Faces:
         return cls(corners.mean(axis=2), across / twice[..., None], twice / 2)
 
     def towards(self, place_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Unit vectors to a place, (3,) or (K, 1, 3), (K, F, 3) and the distances (K, F) [m]."""
+        """Unit vectors (K, F, 3) from the faces to a place, (3,) or (K, 1, 3), and distances (K, F) [m]."""
         offset = place_m - self.middle
         distance = norms(offset)
         return offset / distance[..., None], distance
@@ -66,7 +67,8 @@ class _Faces:
         relevant: dict[PathKey, np.ndarray],
         backend: Backend,
     ) -> dict[PathKey, np.ndarray]:
-        """Which of the `relevant` faces, bool (F,), the meshes leave visible from each viewpoint, (K, F)."""
+        """Whether each face is visible from each viewpoint past the meshes, bool (K, F); traced for the `relevant` faces (F,),
+        False for others."""
         if not meshes:
             return dict.fromkeys(seen_from, np.ones(self.area_m2.shape, bool))
         vertices = np.concatenate([mesh.at(times_s) for mesh in meshes], axis=1)
@@ -82,18 +84,18 @@ class _Faces:
 
 @dataclass(frozen=True, slots=True)
 class Occluded:
-    """Estimated power that occlusion removes from the targets' echoes, and that remains."""
+    """Estimated power of the targets' echoes, and how much of it occlusion removes."""
 
     power: np.ndarray
-    """Power without occlusion of each ranked path pair, without unit, (P,); in free space there is one pair."""
+    """Relative power of each ranked path pair without occlusion, (P,); in free space there is one pair."""
     removed: np.ndarray
-    """Power that occlusion removes from each of the strongest N pairs, (N,)."""
+    """Power that occlusion removes from each of the strongest N pairs, for which it was estimated, (N,)."""
     remaining: np.ndarray
-    """Power that remains of each of these, (N,)."""
+    """Power that remains of each of these pairs, (N,)."""
 
     @classmethod
     def of(cls, model: Model, accuracy: Accuracy, *, by_fast: bool = False) -> Occluded:
-        """Occlusion by targets that a run may trace or, `by_fast`, by those that it never traces (`_judged`)."""
+        """Estimates occlusion by the targets that a run may trace or, `by_fast`, by fast-rotating ones, which no run traces."""
         power = (
             np.array([10 ** (pair.mean_db / 10) for pair in model.ranked]) if model.scene is not None else np.ones(1)
         )
@@ -101,8 +103,8 @@ class Occluded:
         return cls(power, *(np.zeros((2, 0)) if judged is None else judged))
 
     def level_db(self, some: np.ndarray | None = None) -> float:
-        """The power removed over the power that remains [dB]: of all pairs or of `some`, bool (P,). Pairs
-        weaker than those judged lose as much as these do in the mean, weighted alike."""
+        """The power removed over the power that remains [dB]: of all pairs, or of those selected by `some`, bool (P,). Weaker pairs
+        than those estimated are taken to lose the same fraction in the mean."""
         judged = len(self.removed)
         if not judged:
             return -math.inf
@@ -121,12 +123,12 @@ class Occluded:
 def _judged(model: Model, accuracy: Accuracy, *, by_fast: bool) -> tuple[np.ndarray, np.ndarray] | None:
     """Power removed and power that remains of the strongest N path pairs, (N,) each; None where nothing occludes.
 
-    Of occlusion that a run may trace or, `by_fast`, of that which it never traces: targets that rotate fast occlude themselves and
-    others.
+    Counts occlusion that a run may trace or, `by_fast`, that which no run traces: by and of targets that rotate fast.
 
-    In geometrical optics a surface returns power where its normal points to the middle between the antennas, as much as its radii
-    of curvature say: the area of a mesh's faces whose normals lie near that direction is in proportion. Which of that area is
-    occluded is traced from the faces' centroids at a few random chirps (`Laws.occlusion` has the difference from the field's).
+    In geometrical optics a surface returns power where its normal points along the bisector of the directions to the antennas, in
+    proportion to its radii of curvature; the area of a mesh's faces with such normals is a measure of that power. Which of these
+    faces are occluded is found by tracing rays from their centroids at a few random chirps (`Laws.occlusion` has the ratio of the
+    field error to this estimate).
     """
     meshes = [
         (geometry, rotates)
@@ -169,7 +171,8 @@ def _judged(model: Model, accuracy: Accuracy, *, by_fast: bool) -> tuple[np.ndar
 
 
 def _ends(model: Model, accuracy: Accuracy) -> Iterator[tuple[float, OneWayPath, OneWayPath]]:
-    """Power of each path pair, and its paths; in free space the lines of sight of the antennas."""
+    """Relative power of each path pair that is strong enough, and its two one-way paths; in free space the lines of sight of the
+    antennas."""
     if model.scene is None:
         out, back = viewpoints_at([model.radar.tx_position_m, model.radar.rx_position_m])
         yield 1.0, out, back

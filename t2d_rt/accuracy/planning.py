@@ -1,4 +1,5 @@
-"""From the accuracy or tolerance that a user asks for to the settings of a run; `plan` tells what they are and cost, beforehand."""
+"""From the accuracy or tolerance that a user asks for to the settings of a run; `plan` shows them, and what they cost, before a
+run."""
 
 from __future__ import annotations
 
@@ -23,20 +24,20 @@ from t2d_rt.pipeline.targets import TargetLike
 from t2d_rt.types import Accuracy
 
 MACHINE = "device", "memory_gb"
-"""Options of the machine, which `set_up` takes."""
+"""Options of `simulate` that concern the machine, not the experiment; `set_up` takes them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """An accuracy, and a tolerance for which its other fields are chosen."""
+    """The accuracy that a user asks for: settings, a tolerance, or both."""
 
     given: Accuracy
-    """The fields that are set in it stay."""
+    """Its fields that are set are kept; with a tolerance all others are chosen."""
     tolerance_db: float | None
     measured: bool
     """Whether the error is measured after the run."""
     factored: bool = False
-    """Whether the cube keeps products, of which samples are made when they are read."""
+    """Whether the cube stores factors (`ProductRows`), from which samples are computed only when they are read."""
 
     @classmethod
     def of(
@@ -45,7 +46,7 @@ class Wanted:
         tolerance_db: float | None,
         measure_error: bool | None = None,
     ) -> Wanted:
-        """The wish that the options of `simulate` tell, checked."""
+        """Checks the options of `simulate` of these names and returns them as one value."""
         if measure_error is not None:
             flag("measure_error", measure_error)
         if tolerance_db is not None:
@@ -58,7 +59,7 @@ class Wanted:
 
 
 def checked_accuracy(accuracy: Accuracy | Mapping[str, Any] | None) -> Accuracy:
-    """An `Accuracy`, or one of the fields given; the default one for None."""
+    """An `Accuracy` from one, from a mapping of its fields, or the default one for None."""
     if accuracy is None:
         return Accuracy()
     if isinstance(accuracy, Accuracy):
@@ -71,7 +72,8 @@ def checked_accuracy(accuracy: Accuracy | Mapping[str, Any] | None) -> Accuracy:
 
 
 def chosen(model: Model, wanted: Wanted) -> Plan:
-    """The accuracy that keeps to the tolerance, or the one given where there is none: for all path pairs, whichever are on."""
+    """The plan that keeps to the tolerance, or that of the given accuracy where there is no tolerance. It is made for all path
+    pairs, including those that `only_paths` and `without_paths` silence."""
     if wanted.tolerance_db is None:
         return Plan(ErrorBudget(as_given(model, wanted.given), wanted.given), None, wanted.given)
     return planned(model, wanted.tolerance_db, wanted.given)

@@ -1,4 +1,4 @@
-"""`Plan`: how a recording will be modelled, in values and in words."""
+"""`Plan`: how a recording will be modelled, as values and as a printed summary."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ class Plan:
 
     budget: ErrorBudget
     tolerance_db: float | None
-    """None where an accuracy was given instead."""
+    """Tolerance of the field error [dB]; None where an accuracy was given instead."""
     accuracy: Accuracy
     seconds: Mapping[str, float] = field(default_factory=dict)
-    """Predicted time of each part of `simulate` and of the spectrogram [s]."""
+    """Predicted time of each part of `simulate`, and of the spectrogram [s]."""
     memory_bytes: float = math.nan
-    """Predicted greatest memory of the process beyond what it holds before."""
+    """Predicted peak memory of the process beyond what it held before [bytes]."""
 
     @property
     def model(self) -> Model:
@@ -32,7 +32,8 @@ class Plan:
 
     @property
     def omissions(self) -> Sequence[Omission]:
-        """What is left out, and what is kept because leaving it out would cause too great an error."""
+        """The simplifications of the run with their predicted errors, and those that it does not make because they would cause too
+        great an error."""
         return self.budget.omissions(self.accuracy)
 
     @property
@@ -41,7 +42,7 @@ class Plan:
         return db(sum(omission.energy for omission in self.omissions if omission.taken))
 
     def described(self, memory_bytes: float) -> dict[str, float]:
-        """Entries of the settings of a recording that needs so much memory."""
+        """Entries of the settings of a recording that needs `memory_bytes`."""
         asked = {} if self.tolerance_db is None else {"tolerance_db": self.tolerance_db}
         return asked | {"predicted_memory_gb": memory_bytes / 1e9}
 
@@ -55,7 +56,7 @@ class Plan:
 
 
 def summary(plan: Plan) -> str:
-    """What is modelled, what is left out, and what the run takes, line by line."""
+    """The plan as text: what is modelled, what is left out, and what the run takes."""
     model, accuracy = plan.model, plan.accuracy
     radar, counts = model.radar, iter(plan.budget.counts)
     asked = "no tolerance" if plan.tolerance_db is None else f"tolerance {plan.tolerance_db:g} dB"

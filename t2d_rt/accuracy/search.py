@@ -1,4 +1,4 @@
-"""No more than needed: the cheapest accuracy that keeps to a tolerance."""
+"""Searches the cheapest accuracy that keeps to a tolerance."""
 
 from __future__ import annotations
 
@@ -19,46 +19,51 @@ from t2d_rt.types import Accuracy, Motion, MovingMesh, PathTier
 from t2d_rt.types.accuracy import DEFAULT_TIERS, ELLIPSOID_TIERS, EVERY_PATH_DB
 
 LEAST_DB, MOST_DB = -40.0, 6.0
-"""Tolerances that there are settings for."""
+"""Least and greatest tolerance [dB] that can be asked for."""
 SCALES = tuple(2 ** (n / 8) for n in range(24, -29, -1))
-"""Sagitta scales, coarsest first: in steps, so that recordings of about the same tolerance have their facets in common."""
+"""Sagitta scales that may be chosen, coarsest first; in steps, so that recordings of similar tolerances can share refined
+facets."""
 MOST_SMOOTH_SCALE, MOST_FLAT_SCALE = 2.0, 1.0
-"""Greatest sagitta scale beside movers and meshes of the user, and where a good part of one is all but flat: of blades that face
-the radar or plates that move along themselves coarser facets err by more than the law of curved surfaces says."""
+"""Greatest sagitta scale where there are movers or meshes of the user, and where a good part of one is all but flat: for blades
+that face the radar, or plates that move within their plane, coarser facets have a greater error than the law for curved surfaces
+predicts."""
 FLAT_PER_M, FLAT_FRACTION = 4.0, 0.1
-"""Vertices where a surface curves less [1/m] are flat, and so large a fraction of them is a good part."""
+"""A vertex counts as flat where the surface curves less than the first [1/m]; a mesh with more than the second fraction of such
+vertices counts as flat in good part."""
 VISIBILITY = (12.5, 0), (25.0, 0), (25.0, 1), (50.0, 1), (50.0, 2), (100.0, 2)
-"""Rates [Hz] at which visibility may be sampled, and subdivisions, cheapest first."""
+"""Settings of visibility (rate [Hz], subdivision), cheapest first."""
 PLANNED = VISIBILITY[1:]
-"""What a plan chooses from: at 12.5 Hz a run and a fall erred by 8 and 4 dB more than said, for a twentieth of the time."""
+"""Settings that a plan chooses from. At 12.5 Hz, the errors of a run and of a fall were 8 and 4 dB above the prediction, and only a
+twentieth of the time is saved."""
 MOST_SUBDIVISION = 2
 MOST_VISIBILITY_HZ = 400.0
-"""Greatest rate at which a run that missed its tolerance samples visibility when it is made again."""
+"""Greatest rate at which visibility is sampled when a run that missed its tolerance is repeated."""
 MOST_VISIBILITIES = 3
-"""Settings of visibility that a plan tries at most, the cheapest of those that are good enough."""
+"""How many settings of visibility a plan tries at most: the cheapest of those that are good enough."""
 WITH = {
     "sagitta_rad": "sagitta_scale",
     "tiers": "least_level_db",
     "least_level_db": "tiers",
     "visibility_rate_hz": "occlusion",
 }
-"""Where the one is asked for, a rung leaves the other as it is, too."""
+"""Fields that belong together: where the user sets the first, a step of `LADDER` does not change the second either."""
 LEAST_FRACTION = 0.3
-"""Facets are not made finer than that fraction of the error allowed asks for, even where visibility alone costs more."""
+"""Facets are not made finer than for this fraction of the allowed error, even where visibility alone exceeds the allowed error."""
 SPLINES_BELOW_DB, PATCHES_BELOW_DB, SYNTHESIS_BELOW_DB = 9.0, 6.5, 20.0
-"""What the splines, larger patches and the sum may add lies that far below the tolerance."""
+"""How far below the tolerance the errors of the splines, of larger patches and of the sum must lie [dB]."""
 GREATEST_SPLINES_DB, GREATEST_SYNTHESIS_DB = -20.0, -40.0
-"""Greatest errors of the splines and of the sum: at lower surface rates the splines' law says too little."""
+"""Greatest errors of the splines and of the sum [dB]: at lower surface rates the law of the splines predicts too little."""
 PATCH_PHASES = 4.0, 2.0
-"""How much more the phase within a body's patches may change from frame to frame than by default, loosest first."""
+"""Factors on the default change of phase within a body's patches from frame to frame that may be chosen, greatest first."""
 OVER_DB = 1.0
-"""A plan may expect that much more than the tolerance before it warns."""
+"""How far the expected error of a plan may exceed the tolerance before a warning [dB]."""
 
 
 def _rung(
     dominant_db: float, least_db: float, greatest_sagitta_rad: float, scale: float = 1.0, **fields: Any
 ) -> Accuracy:
-    """Path pairs in full down to a level, with coarser facets to another one, the others left out."""
+    """An accuracy for rooms: path pairs down to `dominant_db` at full accuracy, those down to `least_db` with coarser facets,
+    others left out."""
     secondary = DEFAULT_TIERS[1].model_copy(
         update={"level_db": EVERY_PATH_DB, "greatest_sagitta_rad": greatest_sagitta_rad}
     )
@@ -77,24 +82,24 @@ LADDER = (
     _rung(-40.0, -60.0, 1.5, 0.5, visibility_rate_hz=100.0, visibility_subdivision=2),
     _rung(-60.0, EVERY_PATH_DB, 1.0, 0.35, visibility_rate_hz=100.0, visibility_subdivision=2),
 )
-"""Accuracies in rooms, cheapest first. Path pairs below the last level are left out: ellipsoids over them would cost more and err
-more, for an echo of the right power and a wrong phase counts twice."""
+"""Accuracies for rooms, cheapest first. Path pairs below the last level are left out: ellipsoids would cost more and have a greater
+error than nothing at all, for an echo of the right power but the wrong phase has twice the error of a missing one."""
 
 
 def check_tolerance(tolerance_db: float) -> None:
-    """Refuses one for which there are no settings."""
+    """Refuses a tolerance outside of the range that can be kept."""
     hint = "-20 suits most uses, at 0 there is as much error as signal"
     number("tolerance_db", tolerance_db, LEAST_DB, MOST_DB, unit="dB", hint=hint)
 
 
 def as_given(model: Model, given: Accuracy) -> Model:
-    """The model, bodies by ellipsoids where the accuracy says so."""
+    """The model, in which bodies are ellipsoids where the accuracy says so."""
     bodies = any(isinstance(target, Motion) for target in model.targets)
     return with_method(model, "ellipsoid") if given.by_ellipsoids and bodies else model
 
 
 def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
-    """The cheapest accuracy that keeps to the tolerance by the fitted laws; what is set in the `given` one stays."""
+    """The plan of the cheapest accuracy that keeps to the tolerance by the fitted laws; fields that are set in `given` are kept."""
     check_tolerance(tolerance_db)
     model = as_given(model, given)
     allowed, asked = ratio(tolerance_db), given.model_fields_set
@@ -109,7 +114,7 @@ def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
         "tiers": _in_patches(given.tiers, tolerance_db) if all(bodies) else given.tiers,
     }
     start = given.replace(**{name: value for name, value in in_time.items() if name not in asked})
-    # Ellipsoids err by more than the field itself: to fit them would be in vain.
+    # Ellipsoids have a greater error than the field itself, so no setting would help.
     by_ellipsoids = ratio(Laws.fitted().limbs.mean_db) <= allowed
     if model.method == "mesh" and all(bodies) and not asked and by_ellipsoids:
         simpler = ErrorBudget(with_method(model, "ellipsoid"), start)
@@ -121,7 +126,7 @@ def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
     candidates = list(_candidates(budget, start, asked, allowed))
     within = [accuracy for accuracy, error in candidates if error <= allowed]
     if not asked:
-        # The default may expect more, by what no plan warns of: to do without it costs a run three times the time.
+        # The default may exceed the tolerance by as much as no plan warns of: to switch it off would take three times as long.
         error = Total.of(budget.omissions(Accuracy())).surely
         candidates.append((Accuracy(), error))
         within += [Accuracy()] if error <= allowed * ratio(OVER_DB) else []
@@ -130,10 +135,12 @@ def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
 
 
 def _in_a_room(budget: ErrorBudget, start: Accuracy, asked: set[str], tolerance_db: float) -> Accuracy:
-    """The first rung of the ladder whose expected error is allowed, or about that of the best one; what is `asked` stays.
+    """The first step of `LADDER` whose expected error is allowed, or is close to that of the best step; fields in `asked` stay as
+    they are.
 
-    No margin is added: what the laws expect was 0.6 to 9.4 dB above the error in 60 runs (ten accuracies; a walk, a run and a
-    fall in two rooms). A fall to the side, which chose nothing, missed -10 and -18 dB by 1.8 while 1 dB more was allowed.
+    No margin is added: the prediction of the laws was 0.6 to 9.4 dB above the error in 60 runs (ten accuracies; a walk, a run and a
+    fall in two rooms). A fall to the side, which was not among the cases that the choice rests on, missed -10 and -18 dB by 1.8 dB,
+    where 1 dB is accepted.
     """
     coarsest, bodies = _coarsest_scale(budget.model), all(isinstance(target, Motion) for target in budget.model.targets)
     fixed = asked | {WITH[name] for name in asked & WITH.keys()}
@@ -149,7 +156,7 @@ def _in_a_room(budget: ErrorBudget, start: Accuracy, asked: set[str], tolerance_
 
 
 def _in_patches(tiers: tuple[PathTier, ...], tolerance_db: float) -> tuple[PathTier, ...]:
-    """The tiers with patches as large as the tolerance allows."""
+    """The tiers, with patches as large as the tolerance allows."""
     most_db = tolerance_db - PATCHES_BELOW_DB - SURELY * PATCHES_SCATTER_DB
     scale = next((patch_phase for patch_phase in PATCH_PHASES if patches_db(patch_phase) <= most_db), 1.0)
     return tuple(tier.model_copy(update={"patch_phase_scale": max(scale, tier.patch_phase_scale)}) for tier in tiers)
@@ -159,7 +166,7 @@ def finer_plan(plan: Plan, *, facets: bool, visibility: bool) -> Plan | None:
     """The plan with `facets` of half the phase sagitta and with `visibility` sampled twice as often, for a run that was measured to
     miss its tolerance; what the user set stays. None where nothing is left to change.
 
-    On small bodies each of them takes some 5 dB of its part of the error.
+    On small bodies each of the two lowers its part of the error by some 5 dB.
     """
     accuracy, asked = plan.accuracy, plan.budget.given.model_fields_set
     changes: dict[str, Any] = {}
@@ -179,8 +186,8 @@ def finer_plan(plan: Plan, *, facets: bool, visibility: bool) -> Plan | None:
 def _candidates(
     budget: ErrorBudget, start: Accuracy, asked: set[str], allowed: float
 ) -> Iterator[tuple[Accuracy, float]]:
-    """Accuracies and the errors that they hardly exceed, each with facets as coarse as what is allowed lets them be, or the finest
-    ones."""
+    """Accuracies to choose among, each with the energy that its error is unlikely to exceed: for each affordable setting of
+    visibility the coarsest facets that the `allowed` energy permits, or the finest ones."""
     fixed = not asked.isdisjoint(("sagitta_rad", "sagitta_scale")) or not budget.counts
     scales = (
         (start.sagitta_scale,) if fixed else tuple(scale for scale in SCALES if scale <= _coarsest_scale(budget.model))
@@ -193,7 +200,7 @@ def _candidates(
         unseen = sampled + spectra
         if settings.get("occlusion", start.occlusion):
             unseen += untraced
-        # The coarsest scale at which the error is allowed, or about that of the finest one; by the laws it falls with the scale.
+        # The coarsest scale whose error is allowed, or close to that of the finest one; by the laws the error falls with the scale.
         surely = [(error + unseen).surely for error in errors]
         enough = max(allowed, surely[-1] + LEAST_FRACTION * allowed)
         number = bisect_left([error <= enough for error in surely[:-1]], True)
@@ -201,7 +208,7 @@ def _candidates(
 
 
 def _coarsest_scale(model: Model) -> float:
-    """The greatest sagitta scale that the laws say enough of."""
+    """The greatest sagitta scale at which the law of facets holds for the targets."""
     meshes = [
         geometry
         for target, geometry in zip(model.targets, model.geometries, strict=True)
@@ -216,7 +223,8 @@ def _coarsest_scale(model: Model) -> float:
 def _visibilities(
     budget: ErrorBudget, start: Accuracy, asked: set[str], allowed: float
 ) -> list[tuple[dict[str, Any], Total]]:
-    """Whether, how often and from where visibility may be sampled, and what that costs; the best way if none is good enough."""
+    """Settings of visibility, as fields of `Accuracy`, and their errors: the cheapest ones whose error is below the `allowed`
+    energy, or the one of least error where there is none."""
     if not budget.counts:
         return [({}, Total())]
     choices: list[dict[str, Any]] = [{"occlusion": False}]
@@ -237,7 +245,7 @@ def _visibilities(
 
 
 def warn_out_of_reach(plan: Plan) -> None:
-    """Warns where the laws say that a plan misses its tolerance."""
+    """Warns where the laws predict that a plan misses its tolerance."""
     if plan.tolerance_db is None or plan.error_db <= plan.tolerance_db + OVER_DB:
         return
     worst = max((omission for omission in plan.omissions if omission.taken), key=lambda omission: omission.error_db)

@@ -24,11 +24,11 @@ class PathTier(Fields):
     noun: ClassVar[str] = "path tier"
 
     level_db: Decibel
-    """Lowest level of its path pairs [dB], relative to the strongest one, in the mean over the targets; the last tier takes all
-    that are left."""
+    """Lowest level of its path pairs [dB], relative to the strongest one, averaged over the targets; the last tier takes all weaker
+    ones."""
     scatterer: Literal["facets", "ellipsoids"] = "facets"
-    """What stands for a body; other targets keep their facets. Ellipsoids give the right power, not the right phase. Where they are
-    those of the first tier, all others have them, too."""
+    """What represents a body; other targets keep their facets. Ellipsoids give the right power, but not the right phase. Where the
+    first tier has ellipsoids, all others have them, too."""
     sagitta_scale: Scale = 1.0
     """Phase sagitta of the facets relative to the first tier's; cost falls with its inverse."""
     greatest_sagitta_rad: Annotated[Number, Field(gt=0, le=10)] = 10.0
@@ -43,7 +43,7 @@ class PathTier(Fields):
     diffuse_points: Annotated[Count, Field(ge=0, le=1_000_000)] = 4_000
     """Least number of diffuse points of a mesh; it does not change their power."""
     decimation: Annotated[Count, Field(ge=1, le=100)] = 1
-    """Ellipsoids and fast-rotating targets are evaluated at every so many surface frames only."""
+    """Ellipsoids and fast-rotating targets are evaluated only at every n-th surface frame, n being this number."""
 
 
 DEFAULT_TIERS = (
@@ -84,8 +84,9 @@ class Accuracy(Fields):
     written: ClassVar[Mapping[str, str]] = {"tiers": "a list of mappings, as in [{level_db: -6}, {level_db: -200}]"}
 
     sagitta_rad: Annotated[Number, Field(ge=0.01, le=10)] | None = None
-    """Greatest phase sagitta of a facet [rad], in place of each mesh's own (1.5 for a body at a radius of 0.1 m, whose facets are
-    curved, 0.07 for the flat ones of others, which gives 0.3 dB of RCS). The number of facets goes with its inverse."""
+    """Greatest phase sagitta of a facet [rad], in place of each mesh's own: 1.5 for a body, whose facets are curved, where its
+    radius is 0.1 m; 0.07 for the flat facets of other meshes, which gives 0.3 dB of RCS. The number of facets is inversely
+    proportional to it."""
     sagitta_scale: Scale = 1.0
     """Factor on that phase sagitta."""
     surface_rate_hz: Rate | None = None
@@ -93,24 +94,24 @@ class Accuracy(Fields):
     spline_error_db: Annotated[Number, Field(ge=-100, le=0)] = -32.0
     """Field error that splines between surface frames may add [dB]; it sets the surface rate where none is given."""
     occlusion: bool = True
-    """Whether targets occlude themselves and one another; the furniture of a room blocks paths in any case."""
+    """Whether targets occlude themselves and one another; the scene blocks paths in any case."""
     clutter_occlusion: bool | None = None
     """Whether targets occlude parts of the static scene; as `occlusion` by default."""
     visibility_rate_hz: Annotated[Number, Field(ge=1, le=1_000)] = 25.0
-    """Rate at which visibility is sampled [Hz], faded in between; 25 suits walking. Cost is proportional, and surface frames are no
-    fewer unless `surface_rate_hz` is given."""
+    """Rate at which visibility is sampled [Hz]; it is interpolated in between. 25 suits walking. Cost is proportional, and the
+    surface rate is no lower unless `surface_rate_hz` is given."""
     visibility_subdivision: Annotated[Count, Field(ge=0, le=4)] = 0
-    """How often the edges of the meshes are halved for the points at which visibility is sampled; each costs a factor of 4."""
+    """How often the edges of the meshes are halved for the points at which visibility is sampled; each time costs a factor of 4."""
     fast_rotating_hz: Annotated[Number, Field(ge=1, le=100_000)] | None = None
-    """Surface rate [Hz] above which a target rotates too fast for its visibility to be sampled point by point, so that its average
-    is used; 8 times the visibility rate by default."""
+    """Surface rate [Hz] above which a target counts as fast-rotating: its visibility is not sampled point by point, but averaged. 8
+    times the visibility rate by default."""
     repeats: bool = True
-    """Whether targets that rotate fast and at a constant rate, a fan's blades, are computed for a few rotations only, from
-    which the whole record is read."""
+    """Whether targets that rotate fast and at a constant rate, such as a fan's blades, are computed for a few rotations only, from
+    which the whole record is interpolated."""
     dynamic_range_db: Annotated[Number, Field(ge=0, le=200.0)] = 60.0
     """Path pairs weaker than the strongest one by more than that, at their best points, are left out [dB]."""
     least_level_db: Annotated[Number, Field(ge=-200, le=0)] = EVERY_PATH_DB
-    """Path pairs below that level, relative to the strongest one in the mean over the targets, are left out [dB]."""
+    """Path pairs below that level, relative to the strongest one and averaged over the targets, are left out [dB]."""
     tiers: tuple[PathTier, ...] = DEFAULT_TIERS
     """How path pairs of each range of levels are modelled, from dominant to minor ones."""
     synthesis_error_db: Annotated[Number, Field(ge=-90, le=-10)] = -50.0
@@ -153,6 +154,6 @@ class Accuracy(Fields):
         return self.occlusion if self.clutter_occlusion is None else self.clutter_occlusion
 
     def replace(self, **changes: object) -> Accuracy:
-        """A copy with some fields changed, checked like a new one; the others are set in it if they were set before."""
+        """A copy with some fields changed, checked like a new one. Fields that count as set by the user still do in the copy."""
         set_values = {name: getattr(self, name) for name in self.model_fields_set}
         return type(self)(**{**set_values, **changes})

@@ -18,14 +18,14 @@ from t2d_rt.types.fields import Decibel, Fields, Number
 
 ONE_VIEW_M = 0.01
 """Where transmitters and receivers are closer together than this [m], visibility is sampled from the midpoint between them. At 77
-GHz that costs 0.01 rad within a patch of 2 cm at 0.3 m, and falls with the square of the range; the vertices at which visibility is
-sampled are farther apart."""
+GHz this costs a phase error of 0.01 rad within a patch of 2 cm at 0.3 m, and less with the square of the range; the vertices at
+which visibility is sampled are farther apart than that."""
 
 
 Azimuths = Annotated[tuple[Annotated[Number, Field(ge=-180, le=180)], ...], Field(min_length=2)]
-"""Ascending, positive to the left [deg]."""
+"""Ascending azimuths, positive to the left [deg]."""
 Elevations = Annotated[tuple[Annotated[Number, Field(ge=-90, le=90)], ...], Field(min_length=2)]
-"""Ascending, positive upwards [deg]."""
+"""Ascending elevations, positive upwards [deg]."""
 
 
 class Isotropic(Fields):
@@ -41,7 +41,7 @@ class Isotropic(Fields):
 
 
 class CosinePower(Fields):
-    """Gain cos^n of the angle off boresight, nothing behind; either n or the beamwidth is given.
+    """Power gain cos^n of the angle off boresight, 0 behind the antenna; either n or the beamwidth is given.
 
     >>> round(CosinePower(half_power_beamwidth_deg=90).power, 6)
     2.0
@@ -51,7 +51,7 @@ class CosinePower(Fields):
 
     kind: Literal["cosine"] = "cosine"
     exponent: Annotated[Number, Field(ge=0, le=1e5)] | None = None
-    """n of the power gain; 2 is a cosine of the field."""
+    """Exponent n of the power gain; 2 is a cosine of the field."""
     half_power_beamwidth_deg: Annotated[Number, Field(gt=0, lt=180)] | None = None
     """Full width between the directions of half the peak gain [deg]."""
 
@@ -66,7 +66,7 @@ class CosinePower(Fields):
 
     @property
     def power(self) -> float:
-        """n, also where the beamwidth was given: cos^n(beamwidth / 2) = 1/2."""
+        """Exponent n of the power gain, also where the beamwidth was given: cos^n(beamwidth / 2) = 1/2."""
         if self.half_power_beamwidth_deg is None:
             return float(self.exponent or 0.0)
         return math.log(0.5) / math.log(math.cos(math.radians(self.half_power_beamwidth_deg) / 2))
@@ -78,7 +78,7 @@ class CosinePower(Fields):
 
 
 class Tabulated(Fields):
-    """A measured or computed gain over azimuth and elevation, between its points bilinear in dB."""
+    """A measured or computed gain over azimuth and elevation, interpolated bilinearly in dB between its points."""
 
     noun: ClassVar[str] = "antenna pattern"
 
@@ -122,9 +122,9 @@ Levels = Annotated[tuple[Annotated[Decibel, Field(le=0)], ...], Field(min_length
 
 
 class Cuts(Fields):
-    """A gain as data sheets draw it, along azimuth and along elevation: the sum of both in dB, between the points linear in dB.
+    """A gain as data sheets plot it, along azimuth and along elevation: the sum of both cuts in dB, interpolated linearly in dB.
 
-    Beyond the ends of a cut its last value holds. Off both cuts the sum is an assumption.
+    Beyond the ends of a cut its last value holds. For directions on neither cut the sum is an assumption.
     """
 
     noun: ClassVar[str] = "antenna pattern"
@@ -167,9 +167,9 @@ Pattern = Annotated[Isotropic | CosinePower | Tabulated | Cuts, Field(discrimina
 
 
 def polarization_product(departure: np.ndarray, arrival: np.ndarray, tx_rad: float, rx_rad: float) -> np.ndarray:
-    """Fraction of the field that a co-polar scatterer brings from one linear polarisation to the other, -1..1 (...).
+    """Fraction of the field that a co-polar scatterer returns from one linear polarisation to the other, -1..1 (...).
 
-    0 is vertical, pi/2 horizontal (to the left). Both unit vectors are made transverse to the bisector of the two
+    0 is vertical, pi/2 horizontal (to the left). Both unit vectors of polarisation are made transverse to the bisector of the two
     rays, which is the normal of a surface that reflects from one to the other.
     """
     shape = np.broadcast_shapes(departure.shape, arrival.shape)[:-1]
@@ -195,7 +195,7 @@ def _angles_deg(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _cell(name: str, values_deg: np.ndarray, axis_deg: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Which interval of the axis each value lies in, and how far along it, 0..1."""
+    """Index of the interval of the axis in which each value lies, and the relative position within it, 0..1."""
     least, greatest = float(values_deg.min(initial=np.inf)), float(values_deg.max(initial=-np.inf))
     if not (least >= axis_deg[0] - 1e-6 and greatest <= axis_deg[-1] + 1e-6):
         raise InputError(
@@ -209,16 +209,17 @@ def _cell(name: str, values_deg: np.ndarray, axis_deg: tuple[float, ...]) -> tup
 
 
 def one_view(tx_m: np.ndarray, rx_m: np.ndarray) -> list[np.ndarray]:
-    """Both positions (..., 3), or the midpoint between them where they are always within `ONE_VIEW_M`."""
+    """The viewpoints from which visibility is sampled: both positions (..., 3), or the midpoint between them where they are always
+    within `ONE_VIEW_M` of each other."""
     return [tx_m, rx_m] if np.linalg.norm(tx_m - rx_m, axis=-1).max() > ONE_VIEW_M else [(tx_m + rx_m) / 2]
 
 
 @lru_cache(maxsize=64)
 def axes_along(boresight: tuple[float, float, float]) -> np.ndarray:
-    """Unit vectors boresight, left, up, rows of (3, 3), not to be changed."""
+    """Unit vectors boresight, left and up as rows of a read-only (3, 3)."""
     forward = np.array(boresight) / np.linalg.norm(boresight)
     left = np.cross((0.0, 0.0, 1.0), forward)
-    if np.linalg.norm(left) < 1e-9:  # straight up or down: left is the world's y
+    if np.linalg.norm(left) < 1e-9:  # straight up or down: the world's y is taken as left
         left = np.array((0.0, 1.0, 0.0))
     left /= np.linalg.norm(left)
     return np.stack([forward, left, np.cross(forward, left)])

@@ -1,4 +1,4 @@
-"""A radar's bandwidth in place of its slope."""
+"""Conversion of a radar's bandwidth, where that is given, to its chirp slope."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from t2d_rt.core.checks import positive
 from t2d_rt.core.errors import InputError
 
 BANDWIDTHS = {"bandwidth_hz", "ramp_bandwidth_hz", "ramp_time_s"}
-"""What may be given in place of a radar's slope: the bandwidth swept while sampling, or that of a whole ramp and its time."""
+"""Fields that may be given in place of a radar's slope: the bandwidth swept while sampling, or that of a whole ramp and its
+time."""
 
 
 def with_changes(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields with some changed; a bandwidth replaces the slope, a track the place and the boresight."""
+    """Fields with some changed: a given bandwidth replaces the slope, and a track replaces position and boresight."""
     replaced = {"slope_hz_per_s"} if BANDWIDTHS & changes.keys() else set()
     replaced |= {"position_m", "boresight"} if changes.get("track") is not None else set()
     return {**{name: value for name, value in base.items() if name not in replaced}, **changes}
 
 
 def with_slope(values: dict[str, Any]) -> dict[str, Any]:
-    """Fields with the slope in place of bandwidths; what contradicts itself is refused."""
+    """Fields with the slope in place of bandwidths; refuses values that contradict one another."""
     sweeps = {name: positive(name, values.pop(name)) for name in sorted(BANDWIDTHS & values.keys())}
     slopes = {"slope_hz_per_s": values["slope_hz_per_s"]} if "slope_hz_per_s" in values else {}
     window_s = None

@@ -12,13 +12,13 @@ from t2d_rt.types.material import THING_NAMES, Material, known_material
 from t2d_rt.types.splines import set_fields
 
 ROTATION_LIMIT = 1e3
-"""Components of quaternions that need no more than normalising."""
+"""Greatest component of a quaternion that is accepted and normalised; larger ones are taken for a mistake."""
 HANDLE_M = 0.12
 """Length of a carried bag's handle, from its grip to its top [m]."""
 WHEEL_M, RIM_M = 0.305, 0.26
 """Radii of a wheelchair's rear wheels, of 24 inches, and of their hand rims [m]."""
 SIZES = {"bag": 3, "ball": 1, "box": 3, "backpack": 3, "cane": 2, "crutch": 2, "walker": 2, "wheelchair": 4}
-"""Number of dimensions that tell the size of each kind of thing."""
+"""Number of dimensions that describe the size of each kind of thing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,14 +28,14 @@ class Carried:
     thing: str
     """Kind of the thing: bag, box, cane, ... (`SIZES`)."""
     joint: str
-    """Joint of the motion whose orientation carries it."""
+    """Joint of the motion that moves the thing rigidly."""
     position_m: tuple[float, float, float]
     """Origin of the thing in the joint's frame [m]."""
     rotation: tuple[float, float, float, float]
     """Its axes, x forward, y left and z up, in the joint's frame: a unit quaternion x, y, z, w."""
     size_m: tuple[float, ...]
-    """Its dimensions [m], as `motion.carriers.SIZES_M` tells, with fitted ones; of a wheelchair also how far ahead of the hips and
-    how high its footrest is."""
+    """Its dimensions [m] as `motion.carriers.SIZES_M` lists them, followed by dimensions fitted to the person; for a wheelchair
+    also how far ahead of the hips, and how high, its footrest is."""
     material: str | Material
 
     def __post_init__(self) -> None:

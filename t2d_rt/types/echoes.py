@@ -1,4 +1,4 @@
-"""`Echoes`: what every scattering model returns and `radar.synthesize` alone turns into chirps."""
+"""`Echoes`: what every scattering model returns. `radar.synthesize` alone turns them into chirps."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ KINDS: dict[str, Any] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Echoes:
-    """Returns of N scatterers at T surface frames.
+    """Echoes of N scatterers at T surface frames.
 
-    Between frames the amplitude (and its slope) is a cubic through four frames (Catmull-Rom: the derivative at a frame
-    is the central difference, one-sided at the ends), the delay a C2 cubic spline (physics.md, eq. 14).
+    Between frames the amplitude (and its slope) is a cubic through four frames (Catmull-Rom: the derivative at a frame is the
+    central difference, one-sided at the ends), the delay a C2 cubic spline (physics.md, eq. 14).
     """
 
     times_s: np.ndarray
@@ -35,16 +35,16 @@ class Echoes:
     delay_s: np.ndarray
     """Round-trip delay [s], float64 (T, N)."""
     amplitude: np.ndarray
-    """Field at mid-sweep, or with `slope` the line's value there [sqrt(W) at the ADC], complex64 (T, N), without
-    exp(j 2 pi f_c tau); |amplitude|^2 is received power."""
+    """Complex field at mid-sweep [sqrt(W) at the ADC], complex64 (T, N), without exp(j 2 pi f_c tau); |amplitude|^2 is received
+    power. With `slope`, the value at mid-sweep of a straight line over frequency."""
     slope: np.ndarray | None = None
     """d amplitude / d frequency [sqrt(W)/Hz], complex64 (T, N); None where the amplitude is flat over the sweep."""
     departure_m: np.ndarray | None = None
-    """Apparent positions of the echoes as seen by the transmitters [m], world, float32 (T, N, 3): they say how the delay
-    differs from one antenna of an array to the next; `delay_s` is that of the arrays' centres. None: far away on the
+    """Apparent positions of the echoes as seen by the transmitters [m], world, float32 (T, N, 3). From them follows how the delay
+    differs from one antenna of an array to the next; `delay_s` is that of the arrays' centres. None means far away on the
     boresight, where all antennas see the same delay."""
     arrival_m: np.ndarray | None = None
-    """Apparent positions as seen by the receivers; None: the same as by the transmitters."""
+    """Apparent positions as seen by the receivers [m], (T, N, 3); None means those seen by the transmitters."""
 
     def __post_init__(self) -> None:
         for name, dtype in KINDS.items():
@@ -73,18 +73,18 @@ class Echoes:
 
 
 def _checked(name: str, value: Any, dtype: Any) -> np.ndarray:
-    """Finite numbers as `dtype`; complex ones only where that is complex."""
+    """A finite array of `dtype`; refuses complex numbers unless `dtype` is complex."""
     numbers = numeric(name, value)
     if np.iscomplexobj(numbers) and dtype is not np.complex64:
         raise InputError(f"{name} must hold real numbers, got {numbers.dtype}")
-    # Larger ones are refused as infinite: single precision ends at 3.4e38.
+    # Larger numbers become infinite here and are then refused: single precision ends at 3.4e38.
     if not np.isfinite(numbers).all() or not (numbers.size == 0 or np.abs(numbers).max() < 1e30):
         raise InputError(f"{name} must be finite, got NaN or infinite values")
     return np.asarray(numbers, dtype)
 
 
 class EchoArrays(NamedTuple):
-    """The arrays of `Echoes` for some of its frames."""
+    """The arrays of `Echoes` for some of the frames."""
 
     delay_s: np.ndarray
     amplitude: np.ndarray
@@ -95,23 +95,23 @@ class EchoArrays(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Repetition:
-    """How echoes of a few periods stand for those of a whole record."""
+    """How the echoes of a few periods of a rotation stand for those of the whole record (`radar.repetition`)."""
 
     period_s: float
     span_s: tuple[float, float]
-    """The record."""
+    """First and last instant of the whole record [s]."""
     radar: Radar
-    """The radar with another PRF, whose chirps over some periods begin at equal steps of one period."""
+    """The radar with another PRF: its chirps in a few periods fall on equally spaced phases of the period."""
     first: int
-    """Row of its first chirp that is used; before it the record of the echoes begins."""
+    """Index of its first chirp that is used; chirps before it only serve to begin the splines."""
     rows: int
-    """Number of rows that are used."""
+    """Number of chirps that are used."""
     periods: int
-    """Number of periods that these rows are of, coprime with theirs."""
+    """Number of periods in which these chirps lie; it has no common divisor with their number."""
     gain: Callable[[np.ndarray], np.ndarray] | None = None
-    """Factor (K,) on the field at times [s] (K,); None is 1."""
+    """Factor (K,) on the field at times [s] (K,), such as the visibility of the whole target; None is 1."""
 
     @property
     def step_s(self) -> float:
-        """Time from one row to the next [s]."""
+        """Time from one chirp to the next [s]."""
         return self.periods * self.period_s / self.rows

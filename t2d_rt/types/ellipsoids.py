@@ -1,4 +1,4 @@
-"""`Ellipsoids`: rigid ellipsoids in time, the form in which the ellipsoid echo model sees a body."""
+"""`Ellipsoids`: rigid ellipsoids in time, the targets of the ellipsoid echo model."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ PoseTrack = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 Method = Literal["mesh", "ellipsoid"]
 """How bodies are modelled."""
 LEAST_SEMI_AXIS_M, LARGEST_SEMI_AXIS_M = 1e-6, 1e3
-"""Limits beyond which a semi-axis was meant in another unit [m]."""
+"""Semi-axes outside of these limits are taken for a mistake of units [m]."""
 
 
 @dataclass(frozen=True, slots=True, init=False, eq=False, repr=False)
 class Ellipsoids:
-    """N ellipsoids of semi-axes (N, 3) m, the third along the bone, between the first and last of times_s (T,) s.
+    """N ellipsoids of semi-axes (N, 3) m, the third along the bone, that move during times_s (T,) s.
 
-    `centres` (T, N, 3) m follow a C2 cubic spline between the times; `axes` (T, N, 3, 3) hold the unit axes in columns;
-    (N, 3, 3) if they never rotate; left out, they are the axes of the world.
+    `centres` (T, N, 3) m follow a C2 cubic spline between the times. `axes` hold the unit axes in columns: (T, N, 3, 3), or (N, 3,
+    3) if they never rotate; by default they are the axes of the world.
     """
 
     semi_axes_m: np.ndarray
-    """float64 (N, 3)."""
+    """Semi-axes [m], float64 (N, 3)."""
     times_s: np.ndarray
-    """float64 (T,)."""
+    """Times of the frames [s], float64 (T,)."""
     material: str | Material | ByPart
     names: tuple[str, ...]
     track: PoseTrack = field(repr=False)
-    """Places of the ellipsoids as a function of time."""
+    """Function that gives centres and axes at any times."""
     made: Provenance | None
     """How they were made; None where a function of the user computes them."""
     name: ClassVar[str] = "the body of ellipsoids"
@@ -78,9 +78,9 @@ class Ellipsoids:
         names: Sequence[str] | None = None,
         made: Provenance | None = None,
     ) -> Ellipsoids:
-        """Ellipsoids whose places are computed when asked for, between the first and last of `times_s`.
+        """Ellipsoids whose centres and axes are computed by `track` for the times that are asked for, within those of `times_s`.
 
-        `made` tells how `track` was made, where it can be made again.
+        `made` says how `track` was made, so that it can be made again from stored data.
         """
         ellipsoids = cls.__new__(cls)
         ellipsoids._fill(semi_axes_m, times_s, material, names)
@@ -96,7 +96,7 @@ class Ellipsoids:
         material: str | Material | ByPart,
         names: Sequence[str] | None,
     ) -> None:
-        """Checks and sets the fields that both ways of making ellipsoids have in common."""
+        """Checks and sets the fields that both constructors have in common."""
         times_s = checked_times(times_s)
         semi_axes_m = array("semi_axes_m", semi_axes_m, ("ellipsoid", 3), limit=LARGEST_SEMI_AXIS_M, unit="m").copy()
         if not len(semi_axes_m):
@@ -119,7 +119,7 @@ class Ellipsoids:
         return float(self.times_s[-1] - self.times_s[0])
 
     def at(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Centres [m] (K, N, 3) and unit axes in columns (K, N, 3, 3), float64, at any times within the own ones."""
+        """Centres [m] (K, N, 3) and unit axes in columns (K, N, 3, 3), float64, at times [s] (K,) within `times_s`."""
         times_s = within(times_s, self.times_s, self.name)
         pose = self.track(times_s)
         if not isinstance(pose, tuple) or len(pose) != 2:
@@ -129,20 +129,20 @@ class Ellipsoids:
 
     @property
     def faces(self) -> np.ndarray:
-        """No triangles, (0, 3)."""
+        """No triangles, (0, 3): ellipsoids have none."""
         return np.zeros((0, 3), np.int32)
 
     @property
     def point_count(self) -> int:
-        """Number of its points in motion: the centres."""
+        """Number of points that stand for the moving target: the centres."""
         return len(self.semi_axes_m)
 
     def points_at(self, times_s: np.ndarray) -> np.ndarray:
-        """Centres at any times within the own ones [m], float64 (K, N, 3)."""
+        """Centres [m], float64 (K, N, 3), at times [s] (K,) within `times_s`."""
         return self.at(times_s)[0]
 
     def solid(self) -> Solid:
-        """What occludes others: a ball of triangles for each."""
+        """The occluder of these ellipsoids: a triangulated ball for each."""
         from trimesh.creation import icosphere
 
         ball, count = icosphere(subdivisions=2), len(self.semi_axes_m)
@@ -159,14 +159,14 @@ Geometry = MovingMesh | Ellipsoids
 
 
 def _interpolated(times_s: np.ndarray, centres: np.ndarray, axes: np.ndarray) -> PoseTrack:
-    """Splines of the centres and of the axes' quaternions (normalised); what is static is left as it is."""
+    """Splines of the centres and of the axes' quaternions (normalised); what does not move is kept constant."""
     place = spline(times_s, centres)
     if axes.ndim == 3:
         return partial(_without_rotation, place, axes)
     from scipy.spatial.transform import Rotation
 
     quaternions = Rotation.from_matrix(axes.reshape(-1, 3, 3)).as_quat().reshape(*axes.shape[:2], 4)
-    # q and -q are one rotation: of both the one that continues the frame before is taken, for the spline to be short.
+    # q and -q are the same rotation; the sign closer to the frame before keeps the spline short.
     flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(-1) < 0, -1.0, 1.0), axis=0)
     quaternions[1:] *= flips[..., None]
     return partial(_rotating, place, spline(times_s, quaternions))
@@ -185,6 +185,6 @@ def _rotating(place: Track, quaternions: Track, times_s: np.ndarray) -> tuple[np
 
 
 def _on_surfaces(ellipsoids: Ellipsoids, surface: np.ndarray, times_s: np.ndarray) -> np.ndarray:
-    """Points (N, P, 3) in the ellipsoids' own axes, in the world (K, N P, 3)."""
+    """Points (N, P, 3) given along each ellipsoid's own axes, in the world at times [s] (K,): (K, N P, 3)."""
     centres, axes = ellipsoids.at(times_s)
     return (centres[:, :, None] + np.einsum("knij,nvj->knvi", axes, surface)).reshape(len(centres), -1, 3)

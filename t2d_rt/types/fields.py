@@ -1,4 +1,4 @@
-"""Common parts of the models that people write as YAML: kinds of numbers, and errors in one sentence."""
+"""Base of the models that people write as YAML: kinds of numbers, and errors in one sentence."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def _not_bool(value: Any) -> Any:
 
 
 def _triples(value: Any) -> Any:
-    """One position x, y, z becomes a list of one."""
+    """Accepts a single position x, y, z as a list of one position."""
     if isinstance(value, (list, tuple)) and len(value) == 3 and not any(isinstance(x, (list, tuple)) for x in value):
         return (value,)
     return value
 
 
-# The limits catch a unit given wrongly (77 for 77 GHz, 46.4 for MHz/us) and keep every derived figure finite.
+# The limits catch values in a wrong unit (77 for 77 GHz, 46.4 for MHz/us) and keep every derived figure finite.
 Number = Annotated[float, BeforeValidator(_not_bool), Field(allow_inf_nan=False)]
 Decibel = Annotated[Number, Field(ge=-200, le=200)]
 Coordinate = Annotated[Number, Field(ge=-1e6, le=1e6)]
@@ -40,7 +40,8 @@ Count = Annotated[int, BeforeValidator(_not_bool)]
 
 
 def later(default: Any) -> Any:
-    """Default of a field that earlier versions did not have. It is not written, so that texts and hashes are as they were."""
+    """Default of a field that earlier versions did not have. The default is not written, so that files and hashes stay as they
+    were."""
     return Field(default, exclude_if=lambda value: value == default)
 
 
@@ -51,11 +52,11 @@ class Fields(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     noun: ClassVar[str] = "radar"
-    """Noun by which sentences call the model."""
+    """Noun by which error messages call the model."""
     if_missing: ClassVar[str] = "give it"
-    """What to do about a field that is not given."""
+    """What an error message says to do about a missing field."""
     written: ClassVar[Mapping[str, str]] = {}
-    """How fields that are lists or mappings are written, for a sentence about one that is not."""
+    """How to write fields that are lists or mappings, for error messages."""
 
     def __init__(self, **values: Any) -> None:
         try:
@@ -65,7 +66,7 @@ class Fields(BaseModel):
 
     @classmethod
     def from_options(cls, **values: Any) -> Self:
-        """A model of options of a function; a sentence about a wrong one has the option's name alone."""
+        """A model from the options of a function; error messages name the option alone."""
         try:
             return cls(**values)
         except InputError as error:
@@ -75,21 +76,21 @@ class Fields(BaseModel):
 
     @classmethod
     def of_file(cls, path: str | Path, values: Mapping[str, Any]) -> Self:
-        """A model of what a file holds; an InputError names the file."""
+        """A model from the content of a file; an InputError names the file."""
         try:
             return cls.model_validate(values)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 
     def yaml_text(self) -> str:
-        """All fields as YAML, which reads back as the same."""
+        """All fields as YAML text, from which an equal model can be read."""
         import yaml
 
         return str(yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False))
 
     @classmethod
     def model_validate(cls, obj: Any, **options: Any) -> Self:
-        """A model from a mapping of field names and values; an InputError where it is wrong."""
+        """A model from a mapping of field names and values; raises an InputError where it is wrong."""
         if isinstance(obj, Mapping) and not all(isinstance(key, str) for key in obj):
             raise InputError(
                 f"{_article(cls)} must be a mapping of field names and values, got keys {shown(list(obj))}"
@@ -101,7 +102,7 @@ class Fields(BaseModel):
 
     @classmethod
     def model_validate_json(cls, json_data: str | bytes | bytearray, **options: Any) -> Self:
-        """A model from a JSON object of field names and values; an InputError where it is wrong or gives a key twice."""
+        """A model from a JSON object of field names and values; raises an InputError where it is wrong or gives a key twice."""
         try:
             values = json.loads(json_data, object_pairs_hook=_each_once)
         except (TypeError, ValueError, RecursionError) as error:  # UnicodeDecodeError is a ValueError, too
@@ -111,7 +112,8 @@ class Fields(BaseModel):
 
 
 def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object's members as a dictionary; a ValueError where a key comes twice, of which `json` would keep the last."""
+    """The members of a JSON object as a dictionary; raises a ValueError where a key comes twice, of which `json` would keep the
+    last."""
     members = dict(pairs)
     if len(members) < len(pairs):
         twice = next(key for number, (key, _) in enumerate(pairs) if key in dict(pairs[:number]))
@@ -124,8 +126,8 @@ def _article(model: type[Fields]) -> str:
 
 
 def _sentence(error: ValidationError, model: type[Fields], *, options: bool = False) -> str:
-    """One sentence for the first thing that pydantic found wrong."""
-    # A key that there is none of is misspelt more often than another one is missing.
+    """One sentence about the first error that pydantic found."""
+    # An unknown key comes before a missing one: it is mostly the missing one, misspelt.
     errors = error.errors(include_url=False)
     first = next((fault for fault in errors if fault["type"] == "extra_forbidden"), errors[0])
     others = {fault["loc"][:1] for fault in errors} - {first["loc"][:1]}
@@ -164,6 +166,6 @@ def _sentence(error: ValidationError, model: type[Fields], *, options: bool = Fa
 
 
 def _unknown_kind(context: Mapping[str, Any]) -> str:
-    """That there is no such kind, which the key `kind` names, with the one that it is close to."""
+    """A sentence that the value of `kind` is unknown, with the closest known one."""
     kinds = [tag.strip().strip("'") for tag in context["expected_tags"].split(",")]
     return f"unknown kind {shown(context['tag'])}; {names_advice(context['tag'], kinds)}"

@@ -1,4 +1,4 @@
-"""`Material`: what a surface is made of, as far as its echo goes."""
+"""`Material`: electrical properties and roughness of a surface."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from t2d_rt.core.errors import InputError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
-    """A half-space behind a surface that may be rough."""
+    """A homogeneous half-space with a surface that may be rough."""
 
     name: str = "custom"
     relative_permittivity: float = 1.0
@@ -49,7 +49,8 @@ class Material:
 
 
 def loss(conductivity_s_per_m: Any, frequency_hz: Any) -> Any:
-    """Imaginary part sigma/(omega eps0) of the relative permittivity eps' - j eps'', of numbers or arrays."""
+    """Imaginary part sigma/(omega eps0) of the relative permittivity eps' - j eps'' for a conductivity sigma; of numbers or
+    arrays."""
     return conductivity_s_per_m / (2 * math.pi * VACUUM_PERMITTIVITY * frequency_hz)
 
 
@@ -58,9 +59,9 @@ class ByPart:
     """Several materials of one surface: each face of a mesh, or each ellipsoid, has one of them."""
 
     materials: tuple[str | Material, ...]
-    """Names or values."""
+    """The materials: names or values."""
     part: np.ndarray
-    """Number of the material of each face or ellipsoid, int (N,)."""
+    """Index into `materials` for each face or ellipsoid, int (N,)."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.materials, (tuple, list)) or not self.materials:
@@ -81,11 +82,11 @@ class ByPart:
 
     @property
     def name(self) -> str:
-        """Names of the materials."""
+        """Names of the materials, for messages."""
         return ", ".join(material if isinstance(material, str) else material.name for material in self.materials)
 
     def resolved(self, resolve: Callable[[str | Material], Material]) -> Material | ByPart:
-        """The material of each part with its values, or one material where all faces have it."""
+        """The material of each part with its values at one frequency, or a single material where all faces have the same."""
         resolved_materials = [resolve(material) for material in self.materials]
         used = list(dict.fromkeys(resolved_materials[number] for number in np.unique(self.part)))
         if len(used) == 1:
@@ -94,19 +95,19 @@ class ByPart:
         return ByPart(tuple(used), np.array(numbers)[self.part])
 
     def of_faces(self, faces: np.ndarray) -> ByPart:
-        """The same of other faces, by the number of the face (N,) that each is a part of."""
+        """The materials of the faces of a refined mesh; `faces` (N,) are the indices of the original faces on which these lie."""
         return ByPart(self.materials, self.part[faces])
 
 
 def values_of(material: Material | ByPart, count: int, value: Callable[[Material], complex]) -> np.ndarray:
-    """A value of the material of each of `count` faces or ellipsoids (count,); materials by part are resolved."""
+    """A property of the material of each of `count` faces or ellipsoids, (count,); materials by part must be resolved."""
     if isinstance(material, Material):
         return np.full(count, value(material))
     return np.array([value(resolved) for resolved in _values(material)])[material.part]
 
 
 def is_rough(material: Material | ByPart) -> bool:
-    """Whether any of it scatters diffusely; materials by part are resolved."""
+    """Whether any of the materials scatters diffusely; materials by part must be resolved."""
     return any(one.scattering_coefficient > 0 for one in _values(material))
 
 
@@ -120,14 +121,15 @@ def _values(material: Material | ByPart) -> tuple[Material, ...]:
 
 
 def checked_material(material: Any) -> str | Material:
-    """The name of a material, or its values."""
+    """A checked material: the name of one, or a `Material`."""
     if not isinstance(material, (str, Material)) or (isinstance(material, str) and not 0 < len(material) <= 200):
         raise InputError(f"material must be a name or a Material, got {shown(material)}; 'skin' is a body's")
     return material
 
 
 def known_material(noun: str, material: Any, *, others: Collection[str] = ()) -> str | Material:
-    """The values of a material, or the name of a body's, of an ITU one or of `others`; refuses any other name of this noun."""
+    """A checked material: a `Material`, or the name of a material of bodies, of ITU-R P.2040 or of `others`; refuses any other
+    name, which the error calls by this noun."""
     names = (*others, *BODY_NAMES, *ITU_NAMES)
     if isinstance(checked_material(material), str) and material not in names and short_name(material) not in ITU_NAMES:
         raise unknown_name(noun, material, names, hint=", or give a Material")
@@ -135,7 +137,8 @@ def known_material(noun: str, material: Any, *, others: Collection[str] = ()) ->
 
 
 def checked_materials(material: Any, count: int) -> str | Material | ByPart:
-    """The material of a surface, or those of the parts that its `count` faces or ellipsoids belong to."""
+    """The checked material of a surface, or the materials of its parts, to which its `count` faces or ellipsoids must be
+    assigned."""
     if not isinstance(material, ByPart):
         return checked_material(material)
     if len(material.part) != count:
@@ -144,19 +147,19 @@ def checked_materials(material: Any, count: int) -> str | Material | ByPart:
 
 
 def short_name(name: str) -> str:
-    """An ITU name as P.2040 has it: "itu_concrete" is "concrete"."""
+    """The name of an ITU material as P.2040 writes it: "itu_concrete" is "concrete"."""
     return name.removeprefix("itu_").replace("-", "_")
 
 
 def known_itu(name: str) -> str:
-    """The name of an ITU material; refuses any other."""
+    """The name of an ITU material; raises an InputError for any other."""
     if name not in ITU_NAMES:
         raise InputError(f"unknown material {shown(name)}; ITU names are {', '.join(ITU_NAMES)}")
     return name
 
 
 def materials_by_name(materials: Any) -> Mapping[str, str | Material]:
-    """What a user gives in place of a scene's materials: names or values by name; None is nothing."""
+    """Substitutes for a scene's materials by name, each a name or a `Material`; an empty mapping for None."""
     by_name = {} if materials is None else materials
     if not isinstance(by_name, Mapping) or not all(
         isinstance(name, str) and isinstance(material, str | Material) for name, material in by_name.items()
@@ -166,7 +169,7 @@ def materials_by_name(materials: Any) -> Mapping[str, str | Material]:
 
 
 def checked_frequency(frequency_hz: Any) -> float:
-    """A frequency [Hz] from radio to light."""
+    """A checked frequency [Hz], between radio and light."""
     return number("frequency_hz", frequency_hz, 1, 1e15, unit="Hz", hint="77e9 is 77 GHz")
 
 
@@ -175,7 +178,7 @@ PEC = Material(name="pec", relative_permittivity=math.inf)
 
 
 ABSORBER = Material(name="absorber", relative_permittivity=1.0, conductivity_s_per_m=0.25)
-"""What blocks and does not reflect: a slab of 10 cm takes 40 dB, and paths end at it (`absorbs`)."""
+"""Material that absorbs and does not reflect: a slab of 10 cm attenuates by 40 dB, and paths end at it (`absorbs`)."""
 
 BODY_NAMES = "pec", "skin", "clothed", "shoe"
 """Materials of bodies; `body.materials` has their values."""
@@ -200,9 +203,9 @@ THICKNESS_M = {
     "floorboard": 0.02,
     "concrete": 0.2,
 }
-"""Thickness [m] of what furniture is made of, and of walls without a thickness of their own."""
+"""Thickness [m] of furniture, and of walls without a thickness of their own, by their material."""
 
 
 def absorbs(material: str | Material) -> bool:
-    """Whether paths end at a material; made rougher it still does."""
+    """Whether a material is the absorber, with any scattering coefficient, at which paths end."""
     return isinstance(material, Material) and replace(material, scattering_coefficient=0.0) == ABSORBER

@@ -1,4 +1,4 @@
-"""`MovingMesh`: a triangle mesh in time, the form in which bodies, fans, spheres and curtains reach the echo models."""
+"""`MovingMesh`: a triangle mesh in time. Bodies, fans, spheres and curtains are given to the echo models in this form."""
 
 from __future__ import annotations
 
@@ -27,57 +27,59 @@ class Provenance:
 
     by: Literal["arrays", "skin", "segments", "mover", "passing"]
     arguments: Mapping[str, Any]
-    """Arguments of that maker."""
+    """Arguments of the function that made it."""
 
 
 class Solid(NamedTuple):
-    """Triangles that occlude, in time."""
+    """The triangles of an occluder in time."""
 
     vertices_at: Track
     faces: np.ndarray
-    """(F, 3)."""
+    """Indices of the vertices of each triangle, (F, 3)."""
     vertices: int
-    """Number of them."""
+    """Number of vertices."""
 
 
 PERIOD_PROBES, PERIOD_M = 100, 2e-6
-"""A period is checked at so many instants of the record; there vertices may be so far apart."""
+"""Number of random instants at which a period is checked, and greatest deviation of a vertex that is accepted there [m]."""
 SAGITTA_RAD = 1e-3, 1e9
-"""Phase sagittas that are taken: below, no memory holds the facets; a very large one keeps the triangles as they are."""
+"""Least and greatest phase sagitta [rad]: with less the facets would not fit memory, and a very large one keeps the triangles as
+they are."""
 
 
 @dataclass(frozen=True, slots=True, init=False, eq=False, repr=False)
 class MovingMesh:
     """Vertices (T, V, 3) m at times_s (T,) s, triangles (F, 3), counter-clockwise seen from outside.
 
-    Between the given times the vertices follow a C2 cubic spline. Triangles are samples of a curved surface: edges bent by
-    less than `crease_deg` are smooth, sharper ones (a box's) stay edges; 0 takes every triangle as flat as it is.
-    Echo models refine them to flat facets of a phase sagitta of `sagitta_rad`, one number or one per vertex: 0.07 gives 0.3 dB of
-    RCS for canonical targets (docs/physics.md, eq. 5). A closed mesh without edges may have `curved` facets instead, as a body
-    has, on Loop's surface, which passes through its vertices but for their roughness, whatever `crease_deg`: a few of up to 2 rad
-    do for many flat ones (eq. 30).
+    Between the given times the vertices follow a C2 cubic spline. Triangles are samples of a curved surface: edges bent by less
+    than `crease_deg` are smoothed, sharper ones (those of a box) stay edges; 0 keeps every triangle flat. Echo models refine them
+    to flat facets of a phase sagitta of `sagitta_rad`, one number or one per vertex: 0.07 gives 0.3 dB of RCS for canonical targets
+    (docs/physics.md, eq. 5). A closed mesh without edges may have `curved` facets instead, as a body has. These lie on Loop's
+    surface, whatever `crease_deg`, which passes through the vertices except for their roughness; a few curved facets of up to 2 rad
+    replace many flat ones (eq. 30).
     """
 
     rest: np.ndarray
-    """Pose in which curvature is measured and diffuse points are spread [m], float64 (V, 3)."""
+    """Pose in which curvature is measured and over which diffuse points are distributed [m], float64 (V, 3)."""
     faces: np.ndarray
-    """int32 (F, 3)."""
+    """Indices of the vertices of each triangle, int32 (F, 3)."""
     times_s: np.ndarray
-    """float64 (T,)."""
+    """Times of the frames [s], float64 (T,)."""
     material: str | Material | ByPart
     crease_deg: float
     sagitta_rad: float | np.ndarray
     curved: bool
-    """Whether facets are curved ones on a smooth surface, as a body's are."""
+    """Whether facets are curved and lie on a smooth surface, as those of a body do."""
     name: str
     track: Track = field(repr=False)
-    """The vertices as a function of time."""
+    """Function that gives the vertices at any times."""
     made: Provenance | None
-    """How it was made; None where a function of the user computes it."""
+    """How the mesh was made, so that it can be made again; None where a function of the user computes it."""
     period_s: float | None
-    """Time after which it is in the same place again, at any time; None where it is not [s]."""
+    """Period [s] after which, from any instant on, the mesh is in the same place again; None where there is none."""
     refined_as: np.ndarray | None
-    """A like shape at rest (V, 3) [m] whose curved facets this one takes, as others do: they are made once; None for its own."""
+    """Vertices at rest (V, 3) [m] of a similar mesh whose curved facets this one shares, so that they are made only once for
+    several bodies; None where it has facets of its own."""
 
     def __init__(
         self,
@@ -117,12 +119,13 @@ class MovingMesh:
         period_s: float | None = None,
         refined_as: np.ndarray | None = None,
     ) -> MovingMesh:
-        """A mesh whose vertices are computed when asked for: `track` gives (K, V, 3) at times (K,) within `times_s`.
+        """A mesh whose vertices are computed by `track`, which gives (K, V, 3) m at times (K,) s within `times_s`.
 
-        `rest` (V, 3) is the pose in which curvature is measured and diffuse points are spread; the first frame by default.
-        `made` tells how `track` was made, where it can be made again. After each `period_s` the mesh is in the same place again;
-        one that rotates fast is then computed for a few periods only. `refined_as`: a shape at rest whose curved facets it takes;
-        it counts as a body, whose shadows are wider than its vertices lie apart.
+        `rest` (V, 3) is the pose in which curvature is measured and over which diffuse points are distributed; the first frame by
+        default. `made` says how `track` was made, so that it can be made again from stored data. `period_s`: after each period the
+        mesh is in the same place again, so that a fast-rotating one needs to be computed for a few periods only. `refined_as`:
+        vertices at rest of a similar mesh whose curved facets this one shares; such a mesh counts as a body, whose shadows are
+        wider than the distance of its vertices.
         """
         mesh = cls.__new__(cls)
         times_s, name = checked_times(times_s), text("name", name)
@@ -149,7 +152,7 @@ class MovingMesh:
         sagitta_rad: float | np.ndarray,
         curved: bool,
     ) -> None:
-        """Checks and sets the fields that both ways of making a mesh have in common."""
+        """Checks and sets the fields that both constructors have in common."""
         faces = checked_faces(f"faces of {name}", faces, len(rest))
         _check_faces(faces, len(rest), name, curved)
         _check_side(rest[faces], name)
@@ -170,7 +173,7 @@ class MovingMesh:
 
     @property
     def refined_rest(self) -> np.ndarray:
-        """The shape at rest (V, 3) [m] by which it is refined: that of `refined_as`, or its own."""
+        """Vertices at rest (V, 3) [m] of the mesh that is refined to facets: those of `refined_as`, or its own."""
         return self.rest if self.refined_as is None else self.refined_as
 
     @property
@@ -184,20 +187,20 @@ class MovingMesh:
         return float(self.times_s[-1] - self.times_s[0])
 
     def at(self, times_s: np.ndarray) -> np.ndarray:
-        """Vertices at any times within the mesh's own [m], float64 (K, V, 3)."""
+        """Vertices [m], float64 (K, V, 3), at times [s] (K,) within `times_s`."""
         return _positions(self.track, within(times_s, self.times_s, self.name), len(self.rest), self.name)
 
     @property
     def point_count(self) -> int:
-        """Number of its points in motion: the vertices."""
+        """Number of points that stand for the moving target: the vertices."""
         return len(self.rest)
 
     def points_at(self, times_s: np.ndarray) -> np.ndarray:
-        """Vertices at times [s] (K,), as `at` has them."""
+        """The same as `at`."""
         return self.at(times_s)
 
     def solid(self) -> Solid:
-        """What occludes others: its triangles."""
+        """The occluder of this mesh: its triangles."""
         return Solid(self.at, self.faces, len(self.rest))
 
     def trimesh(self, time_s: float | None = None) -> trimesh.Trimesh:
@@ -216,7 +219,7 @@ class MovingMesh:
 
 
 def _positions(track: Track, times_s: np.ndarray, count: int | None, name: str) -> np.ndarray:
-    """What a track gives at these times (K, count, 3), checked: a user's may give anything."""
+    """Vertices that a track gives at these times, (K, count, 3) m, checked, since the track may be a user's function."""
     points = track(times_s)
     if (
         not isinstance(points, np.ndarray)
@@ -225,7 +228,7 @@ def _positions(track: Track, times_s: np.ndarray, count: int | None, name: str) 
     ):
         points = array(f"the track of {name}", points)
     check_shape(f"the track of {name}", points, (len(times_s), "vertex" if count is None else count, 3))
-    # A sum is finite where all of it is, and takes no array of its own.
+    # The sum is finite only where all values are, and needs no array of its own.
     if not np.isfinite(points.sum()):
         at = times_s[~np.isfinite(points).all(axis=(1, 2))]
         raise InputError(f"the track of {name} must be finite, got NaN or infinite vertices at {at[0]:.6g} s")
@@ -233,13 +236,13 @@ def _positions(track: Track, times_s: np.ndarray, count: int | None, name: str) 
 
 
 def _check_period(track: Track, times_s: np.ndarray, count: int, period_s: float, name: str) -> None:
-    """Refuses a track that is elsewhere, anywhere in its record, than at the same place of its first period."""
-    # Instants are random within equal parts of the record: no track can keep to a period at even ones alone.
+    """Refuses a track that, at any of some instants of its record, is not where it was at the same phase of its first period."""
+    # Instants are random within equal parts of the record: at evenly spaced ones alone a track might repeat by chance.
     parts = np.linspace(0, times_s[-1] - times_s[0], PERIOD_PROBES + 1)
     since = parts[:-1] + np.random.default_rng(0).random(PERIOD_PROBES) * np.diff(parts)
     since = np.append(since[since >= period_s], parts[-1])
     if parts[-1] < period_s:
-        return  # less than a period: nothing is read from it
+        return  # a record shorter than a period never uses it
     apart_m = 0.0
     for probes in np.array_split(since, 10):
         here, first = (_positions(track, times_s[0] + probe, count, name) for probe in (probes, probes % period_s))
@@ -251,7 +254,7 @@ def _check_period(track: Track, times_s: np.ndarray, count: int, period_s: float
 
 
 def _check_faces(faces: np.ndarray, vertex_count: int, name: str, curved: bool) -> None:
-    """Refuses vertices of no face; warns where faces leave edges open or are turned either way."""
+    """Refuses vertices that no face uses; warns where faces leave edges open or do not agree in their orientation."""
     unused = np.count_nonzero(np.bincount(faces.ravel(), minlength=vertex_count) == 0)
     if unused:
         raise InputError(
@@ -280,9 +283,9 @@ def _check_faces(faces: np.ndarray, vertex_count: int, name: str, curved: bool) 
 
 
 def _check_side(corners: np.ndarray, name: str) -> None:
-    """Refuses a closed mesh (F, 3, 3) whose faces look inward."""
+    """Refuses a closed mesh (F, 3, 3) whose faces are oriented inward."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    # Areas of a closed mesh, as vectors, add up to nothing; its volume is that of the tetrahedra over its faces.
+    # Vectors of area of a closed mesh add up to zero; its volume is that of the tetrahedra under its faces.
     closed = np.allclose(edge_cross(corners).sum(axis=0), 0, atol=1e-9 * np.abs(corners).max() ** 2)
     across = np.cross(b, c) - np.cross(a, c) - np.cross(b, a)
     volume = float(np.einsum("fi,fi->", a - corners.mean(axis=(0, 1)), across)) / 6

@@ -1,4 +1,4 @@
-"""`Motion`: a skeleton in time."""
+"""`Motion`: the joints of one person in time."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ OPTIONAL_JOINTS: dict[str, str] = {
     "left_toe": "left_foot",
     "right_toe": "right_foot",
 }
-"""Ends that a file may or may not have, with their parents; they follow the 22 in this order."""
+"""Ends of limbs that a file may or may not have, with their parent joints; they follow the 22 in this order."""
 
 RATES_HZ = 1e-3, 1e5
-"""Frame rates that are taken."""
+"""Least and greatest frame rate that is accepted [Hz]."""
 
 
 _COORDINATES = {
@@ -40,11 +40,12 @@ _COORDINATES = {
     False: "in its own coordinates",
     None: "in coordinates that are not known",
 }
-"""What a motion's `placed` says."""
+"""Words for the values of a motion's `placed`."""
 
 
 INHALES = 0.35
-"""How much earlier than half way a breath is fullest [rad]: breathing in takes 40 % of it, as at rest (1 : 1.5)."""
+"""How much earlier than half way through its cycle a breath is fullest [rad]: breathing in takes 40 % of it, as at rest (1 :
+1.5)."""
 
 BEAT_NARROWNESS = 1.7
 """k of a beat exp(k cos(cycle)): half of its height or more for 30 % of the time, as the ventricles contract for
@@ -54,52 +55,52 @@ Tech. 66(7), 2018)."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Breathing:
-    """How chest and abdomen rise and fall, whatever the rest of the body does."""
+    """Movement of chest and abdomen by breathing, in addition to that of the joints."""
 
     rate_hz: float
     """Breaths a second; adults at rest take 12 to 20 a minute."""
     depth_m: float
-    """How far the front of the trunk comes forward in a breath [m], from its least to its greatest."""
+    """How far the front of the trunk moves forward in a breath [m], peak to peak."""
     phase_rad: float = 0.0
-    """Phase of the breath at the first frame: 0 before the person breathes in."""
+    """Phase of the breath at the first frame [rad]; at 0 the person begins to breathe in."""
 
     def __post_init__(self) -> None:
         _check_cycle(self, (0.01, 5.0), 0.1)
 
     def displacement_m(self, times_s: np.ndarray) -> np.ndarray:
-        """How far the front of the trunk has come forward at times [s] (K,) of the motion [m], from 0 to the depth."""
+        """Displacement of the front of the trunk at times [s] (K,) of the motion [m], (K,): 0 to the depth, positive outwards."""
         cycle = _cycle_rad(self, times_s)
         return np.asarray(0.5 * self.depth_m * (1 - np.cos(cycle + INHALES * (1 - np.cos(cycle)))))
 
     def from_time(self, start_s: float) -> Breathing:
-        """The breaths on a clock that begins at another instant [s]."""
+        """The same breathing on a clock that begins `start_s` later [s]."""
         return replace(self, phase_rad=float(_cycle_rad(self, start_s) % (2 * np.pi)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Heartbeat:
-    """How the heart moves the front of the trunk, beside `Breathing`: a pulse for each beat."""
+    """Movement of the front of the trunk by the heart, in addition to `Breathing`: a pulse for each beat."""
 
     rate_hz: float
     """Beats a second; adults at rest have 60 to 100 a minute."""
     depth_m: float
-    """How far the front of the trunk comes forward in a beat [m], from its least to its greatest: some 0.5 mm in adults at rest
-    (Droitcour et al., IEEE Trans. Microw. Theory Tech. 52(3), 2004), mostly less."""
+    """How far the front of the trunk moves forward in a beat [m], peak to peak: some 0.5 mm in adults at rest (Droitcour et al.,
+    IEEE Trans. Microw. Theory Tech. 52(3), 2004), mostly less."""
     phase_rad: float = 0.0
-    """Phase of the beat at the first frame: 0 half way between two beats."""
+    """Phase of the beat at the first frame [rad]: 0 half way between two beats."""
 
     def __post_init__(self) -> None:
         _check_cycle(self, (0.1, 10.0), 0.01)
 
     def displacement_m(self, times_s: np.ndarray) -> np.ndarray:
-        """How far the front of the trunk has come forward at times [s] (K,) of the motion [m], from 0 to the depth."""
+        """Displacement of the front of the trunk at times [s] (K,) of the motion [m], (K,): 0 to the depth, positive outwards."""
         cycle = _cycle_rad(self, times_s)
         pulse = np.exp(-BEAT_NARROWNESS * (1 + np.cos(cycle)))
         least = np.exp(-2 * BEAT_NARROWNESS)
         return np.asarray(self.depth_m * (pulse - least) / (1 - least))
 
     def from_time(self, start_s: float) -> Heartbeat:
-        """The beats on a clock that begins at another instant [s]."""
+        """The same heartbeat on a clock that begins `start_s` later [s]."""
         return replace(self, phase_rad=float(_cycle_rad(self, start_s) % (2 * np.pi)))
 
 
@@ -112,7 +113,7 @@ def _check_cycle(cycle: Breathing | Heartbeat, rates_hz: tuple[float, float], mo
 
 
 def _cycle_rad(cycle: Breathing | Heartbeat, times_s: np.ndarray | float) -> np.ndarray:
-    """Where in its cycles it is at times [s] (K,) of the motion [rad]."""
+    """Phase of the cycle at times [s] (K,) of the motion [rad]."""
     return 2 * np.pi * cycle.rate_hz * np.asarray(times_s, float) + cycle.phase_rad
 
 
@@ -126,8 +127,8 @@ class Motion:
     joints: np.ndarray
     """Positions [m], float64 (T, J, 3)."""
     rotations: np.ndarray
-    """Global orientations, unit quaternions x, y, z, w, float64 (T, J, 4); each carries its joint's bone rigidly, but its
-    zero is the file's own and says nothing about the body's pose."""
+    """Global orientations, unit quaternions x, y, z, w, float64 (T, J, 4). Each rotates its joint's bone rigidly; which orientation
+    is zero differs from file to file and says nothing about the pose."""
     rate_hz: float
     names: tuple[str, ...] = CANONICAL_JOINTS
     parents: tuple[int, ...] = CANONICAL_PARENTS
@@ -137,13 +138,14 @@ class Motion:
     report: str = ""
     """One line: what the reader found in the file (units, up axis, flavour, floor, dropped frames, smoothing)."""
     origin: tuple[str, ...] = ()
-    """Origin of the motion: the file's name and the SHA-256 of its content, then each edit since."""
+    """Origin of the motion: the file's name and the SHA-256 of its content, then each edit made since."""
     activities: tuple[tuple[str, float], ...] = ()
-    """What the person does and from when on [s], in order, each until the next one begins; () where it is not known."""
+    """What the person does, and from when on [s], in order; each activity lasts until the next one begins. () where it is not
+    known."""
     breathing: Breathing | None = None
-    """How the person breathes, which joints do not tell; None where nothing but the joints moves, as of a file."""
+    """How the person breathes, which does not show in the joints; None for a motion without breathing, such as one of a file."""
     heartbeat: Heartbeat | None = None
-    """How the person's heart beats; None where it does not move the skin."""
+    """How the person's heart moves the skin; None where it does not."""
     carries: tuple[Carried, ...] = ()
     """Things that move with the person's joints, as `carry` adds them."""
 
@@ -203,11 +205,11 @@ class Motion:
         return html_table("Motion", rows)
 
     def edited(self, edit: str, **changes: Any) -> Motion:
-        """A copy with some fields changed by an edit, which its origin names."""
+        """A copy with some fields changed; `edit` names the change in the copy's origin."""
         return replace(self, **changes, origin=(*self.origin, edit))
 
     def activity_at(self, times_s: np.ndarray) -> np.ndarray:
-        """What the person does at times [s] (K,), texts (K,); "" where it is not known."""
+        """Name of the activity at times [s] (K,), as texts (K,); "" where it is not known."""
         names = ["", *(name for name, _ in self.activities)]
         begins_s = [begin_s for _, begin_s in self.activities]
         return np.array(names, np.str_)[np.searchsorted(begins_s, np.asarray(times_s) + 1e-9, side="right")]
@@ -218,7 +220,7 @@ class Motion:
         return self.breathing is not None or self.heartbeat is not None
 
     def chest_m(self, times_s: np.ndarray) -> np.ndarray:
-        """How far breath and heart have brought the front of the trunk forward at times [s] (K,) [m], (K,)."""
+        """Displacement of the front of the trunk by breathing and heartbeat at times [s] (K,) of the motion [m], (K,)."""
         cycles = [cycle.displacement_m(times_s) for cycle in (self.breathing, self.heartbeat) if cycle is not None]
         return np.asarray(sum(cycles, np.zeros(len(times_s))))
 
@@ -240,7 +242,7 @@ class Motion:
 
 
 def _activities(value: Any) -> tuple[tuple[str, float], ...]:
-    """Names and the times at which they begin, checked."""
+    """Checked activities: names, and the times at which they begin."""
     hint = "such as [('walk', 0.0), ('sit', 2.5)], each later than the one before"
     listed = instance("activities", value, (list, tuple), f"a list of names and times, {hint}")
     if not all(isinstance(item, (list, tuple)) and len(item) == 2 for item in listed):
@@ -253,18 +255,18 @@ def _activities(value: Any) -> tuple[tuple[str, float], ...]:
 
 
 def checked_motion(motion: Any) -> Motion:
-    """A motion; not a file's name, nor an array."""
+    """A checked motion; refuses the name of a file, or an array."""
     hint = "load_motion reads a file, motion_from_joints takes arrays"
     return cast(Motion, instance("motion", motion, Motion, "a Motion", hint=hint))
 
 
 def checked_rate(rate_hz: Any) -> float:
-    """A frame rate [Hz]."""
+    """A checked frame rate [Hz]."""
     return number("rate_hz", rate_hz, *RATES_HZ, unit="Hz", hint="frames per second, 20 to 240 in most files")
 
 
 def _parents(value: Any) -> tuple[int, ...]:
-    """Parents of joints, checked: each one's comes before it, so that a chain can be followed in one pass."""
+    """Checked indices of the joints' parents: parents come before their children, so that a chain can be followed in one pass."""
     chain = numeric("parents", value)
     if chain.ndim != 1 or not np.issubdtype(chain.dtype, np.integer):
         raise InputError(f"parents must be a list of joint numbers, got {shown(value)}")

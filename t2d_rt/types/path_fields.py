@@ -1,4 +1,5 @@
-"""Fields over one-way paths from a path's data alone (docs/physics.md, eq. 23, 24), with the coefficients of the slabs they meet.
+"""Fields over one-way paths, computed from a path's data alone (docs/physics.md, eq. 23, 24), and the coefficients of the slabs on
+them.
 
 Reflection and transmission of slabs after ITU-R P.2040-3, eq. (37), (43) and (44), with e^{+j omega t}: coefficients of the field
 for TE and TM waves at angles of incidence given by their cosine (...), complex (...). A perfect conductor has R_TE = -1, R_TM = +1
@@ -21,7 +22,7 @@ from t2d_rt.types.material import loss
 from t2d_rt.types.paths import Elements, passed, points_in_scene
 
 Polarized = tuple[np.ndarray, np.ndarray]
-"""A coefficient of TE and of TM waves."""
+"""Coefficients of the TE and of the TM wave."""
 
 
 def reflection(material: Material, thickness_m: float, cosine: np.ndarray, frequency_hz: float) -> Polarized:
@@ -35,7 +36,7 @@ def transmission(material: Material, thickness_m: float, cosine: np.ndarray, fre
 
 
 def _reflection(eta: np.ndarray, thickness_m: Any, cosine: np.ndarray, frequency_hz: Any) -> Polarized:
-    """`reflection` by slabs of relative permittivities (...)."""
+    """The same as `reflection`, for slabs of complex relative permittivities (...)."""
     perfect = np.isinf(eta.real)
     (te, tm), once = _waves(np.where(perfect, 1, eta), thickness_m, cosine, frequency_hz)
     twice = once**2
@@ -45,7 +46,7 @@ def _reflection(eta: np.ndarray, thickness_m: Any, cosine: np.ndarray, frequency
 
 
 def _transmission(eta: np.ndarray, thickness_m: Any, cosine: np.ndarray, frequency_hz: Any) -> Polarized:
-    """`transmission` through such slabs."""
+    """The same as `transmission`, for slabs of complex relative permittivities (...)."""
     perfect = np.isinf(eta.real)
     singles, once = _waves(np.where(perfect, 1, eta), thickness_m, cosine, frequency_hz)
     squares, twice = [single**2 for single in singles], once**2
@@ -54,7 +55,7 @@ def _transmission(eta: np.ndarray, thickness_m: Any, cosine: np.ndarray, frequen
 
 
 def _waves(eta: np.ndarray, thickness_m: Any, cosine: np.ndarray, frequency_hz: Any) -> tuple[Polarized, np.ndarray]:
-    """Reflection at one face alone, TE and TM, and the factor of the field from face to face."""
+    """Reflection coefficients of a single face for TE and TM, and the propagation factor of the field from face to face."""
     cosine = np.asarray(cosine, float)
     root = np.sqrt(eta - (1 - cosine**2))
     # e^{-jq}: an evanescent or lossy wave decays.
@@ -64,36 +65,37 @@ def _waves(eta: np.ndarray, thickness_m: Any, cosine: np.ndarray, frequency_hz: 
 
 @dataclass(frozen=True, slots=True)
 class SweepNodes:
-    """Frequencies, nodes of Gauss's rule over the sweep, from which the straight line nearest to a spectrum is found.
+    """Frequencies over the sweep, the nodes of a Gauss quadrature, at which spectra are evaluated to fit a straight line to them.
 
-    An echo's spectrum is such a line, around the delay's phase: of two numbers those of the least mean square error, where the
-    spectrum goes through no more than about one cycle over the sweep, as that of the scenes' walls does. The value at mid-sweep
-    with the slope between two others errs by up to 4 dB more.
+    The spectrum of an echo is modelled as such a line, apart from the phase of the delay: the one of least mean square error. This
+    holds where the spectrum goes through no more than about one cycle over the sweep, as that of walls does. The value at mid-sweep
+    with a slope between two other frequencies would have up to 4 dB more error.
     """
 
     frequencies_hz: np.ndarray
-    """(F,)."""
+    """Frequencies [Hz], (F,)."""
     places: np.ndarray
-    """Places of the frequencies in -1..1 over the sweep."""
+    """Positions of the frequencies within the sweep, -1..1, (F,)."""
     fractions: np.ndarray
-    """Fraction of the sweep that each stands for."""
+    """Weights of the quadrature: the fraction of the sweep that each frequency stands for, (F,)."""
     half_band_hz: float
 
     @classmethod
     def of(cls, radar: Radar, count: int = 3) -> SweepNodes:
-        """Three find the line of spectra that are cubic in the frequency exactly; what it leaves out of them takes four."""
+        """`count` nodes over the sampled bandwidth of a radar. Three give the line exactly for spectra that are cubic in the
+        frequency; the power of the residual takes four."""
         places, weights = np.polynomial.legendre.leggauss(count)
         half_hz = radar.bandwidth_hz / 2
         return cls(radar.mid_frequency_hz + half_hz * places, places, weights / 2, half_hz)
 
     def line(self, spectrum: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Value at the middle of the band and slope [1/Hz] (...) of the line nearest to a spectrum (F, ...)."""
+        """Value at mid-band and slope [1/Hz], (...) each, of the line fitted to a spectrum (F, ...)."""
         value = np.tensordot(self.fractions, spectrum, 1)
         rise = 3 * np.tensordot(self.fractions * self.places, spectrum, 1)
         return value, rise / self.half_band_hz
 
     def powers(self, spectrum: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean power over the sweep of a spectrum (F, ...), and of what that line leaves out of it, (...)."""
+        """Mean power over the sweep of a spectrum (F, ...), and that of its residual from the fitted line, (...) each."""
         value, slope = self.line(spectrum)
         rest = spectrum - value - np.multiply.outer(self.places * self.half_band_hz, slope)
         whole, left_out = (np.tensordot(self.fractions, np.abs(part) ** 2, 1) for part in (spectrum, rest))
@@ -101,22 +103,22 @@ class SweepNodes:
 
 
 class PathFields(NamedTuple):
-    """Fields that an antenna of gain 1 radiates over P one-way paths to points (...), components first."""
+    """Fields that an antenna of gain 1 radiates over P one-way paths to points (...); vector components come first."""
 
     departure: np.ndarray
-    """Unit vectors from the antenna as it sees them, (3, P, ...)."""
+    """Unit vectors of the rays where they leave the antenna, in its coordinates, (3, P, ...)."""
     arrival: np.ndarray
-    """Unit vectors on to the points in the scene, (3, P, ...)."""
+    """Unit vectors of the rays where they arrive at the points, in the scene, (3, P, ...)."""
     field: np.ndarray
-    """Field in the scene, complex (3, F, P, ...), without the attenuation and phase of distance and of the path's `delay_s`, so of
-    length 1 in the line of sight."""
+    """Field vectors in the scene at F frequencies, complex (3, F, P, ...), without the attenuation and phase of the distance and of
+    the path's `delay_s`; so they have length 1 in the line of sight."""
 
 
 def fields_over(
     paths: Sequence[OneWayPath], points: np.ndarray, frequencies_hz: np.ndarray, times_s: np.ndarray | None = None
 ) -> PathFields:
-    """Fields over P paths to points (..., 3) m at frequencies (F,) Hz, paths of as many elements all at once; to points (K, ..., 3)
-    at times (K,) of a radar that moves."""
+    """Fields over P paths, which must have the same number of elements, to points (..., 3) m at frequencies (F,) Hz. For a radar
+    that moves the points are (K, ..., 3) at times (K,) s."""
     passing, shape = paths[0].passing if paths else None, points.shape
     flat = points_in_scene(passing, points, times_s).reshape(-1, 3)
     departure, arrival = np.empty((2, 3, len(paths), len(flat)))
@@ -130,7 +132,7 @@ def fields_over(
             np.stack([_of_points(getattr(path, name), shape).T for path in there], axis=1).reshape(3, len(group), -1)
             for name in ("antenna_m", "polarization")
         )
-        # The straight path from the image, folded back mirror by mirror, begins at the antenna.
+        # The straight path from the image begins at the antenna once it is folded back at one mirror after the other.
         ahead = np.stack([path.unfolded(flat).T for path in there], axis=1) - antenna
         ahead /= np.sqrt(dot(ahead, ahead))
         departure[:, rows] = ahead
@@ -147,20 +149,20 @@ def fields_over(
 
 
 def _of_points(vectors: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """A vector (3,) for all points, or those of points of that shape (..., 3) as flat (Q, 3)."""
+    """A vector (3,) as it is, or vectors that belong to points of that shape (..., 3) as (Q, 3)."""
     return vectors if vectors.ndim == 1 else np.broadcast_to(vectors, shape).reshape(-1, 3)
 
 
 def field_over(
     path: OneWayPath, points: np.ndarray, frequencies_hz: np.ndarray, times_s: np.ndarray | None = None
 ) -> np.ndarray:
-    """The field over one path to points (..., 3) m at frequencies (F,) Hz, complex (F, ..., 3)."""
+    """The field vector over one path to points (..., 3) m at frequencies (F,) Hz, complex (F, ..., 3)."""
     return np.moveaxis(fields_over([path], points, frequencies_hz, times_s).field[:, :, 0], 0, -1)
 
 
 def received(path: StaticPath, frequencies_hz: np.ndarray) -> np.ndarray:
-    """What antennas of gain 1 and the radar's polarisations receive over a static path at frequencies (F,) Hz, without the
-    attenuation and phase of distance: complex (F,), or (F, T)."""
+    """Field that antennas of gain 1 with the radar's polarisations receive over a static path at frequencies (F,) Hz, without the
+    attenuation and phase of the distance: complex (F,), or (F, T) for a radar that moves."""
     field = field_over(path.path, path.stops_m[-1], frequencies_hz)
     return field @ path.taken if path.taken.ndim == 1 else np.einsum("fti,ti->ft", field, path.taken)
 
@@ -168,18 +170,18 @@ def received(path: StaticPath, frequencies_hz: np.ndarray) -> np.ndarray:
 def _after(
     wave: np.ndarray, ahead: np.ndarray, element: Elements, frequencies_hz: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The fields (3, F, P, Q) and their directions (3, P, Q) after one element (P,) of each path.
+    """The fields (3, F, P, Q) and ray directions (3, P, Q) after one element (P,) of each path.
 
-    TE is across the plane of incidence, TM = TE x direction before and after: at normal incidence R_TE = -R_TM is one and the same,
-    and so is T_TE = T_TM.
+    TE is perpendicular to the plane of incidence, TM = TE x direction before and after the element: at normal incidence R_TE =
+    -R_TM describe the same reflection, and T_TE = T_TM.
     """
     normal = element.normal.T[..., None]
     cosine = dot(ahead, normal)
-    # A slab lets the wave through without bending it: what refraction does within it is in the coefficient.
+    # A slab does not bend the ray: refraction within it is part of the coefficient.
     onward = ahead - np.where(element.through, 0, 2)[:, None] * cosine * normal
     across = np.stack(cross(ahead, normal))
     length = np.sqrt(dot(across, across))
-    # At normal incidence any direction across will do.
+    # At normal incidence TE may be any direction across the ray.
     helper = np.stack(cross(normal, np.where(np.abs(normal[0]) < 0.6, *np.eye(3)[:2, :, None, None])))
     helper /= np.sqrt(dot(helper, helper))
     across = np.where(length > 1e-9, across / np.maximum(length, 1e-12), helper)
@@ -193,10 +195,10 @@ def _after(
 
 def _coefficients(element: Elements, cosine: np.ndarray, frequencies_hz: np.ndarray) -> Polarized:
     """TE and TM coefficients (F, P, Q) of one element (P,) of each path at angles of incidence given by their cosine (P, Q): of
-    reflection, or of transmission without the phase of `delay_s`."""
+    reflection, or of transmission without the phase that `delay_s` accounts for."""
     frequency_hz = frequencies_hz[:, None, None]
     te, tm = np.empty((2, len(frequencies_hz), *cosine.shape), complex)
-    # What a rough surface scatters is missing from what it reflects (docs/physics.md, eq. 9), not from what it transmits.
+    # The diffuse scattering of a rough surface is taken from its reflection (docs/physics.md, eq. 9), not from its transmission.
     passing = np.exp(2j * math.pi * frequencies_hz[:, None] * element.delay_s)
     for of, members, factor in (
         (_reflection, ~element.through, np.broadcast_to(element.specular, passing.shape)),

@@ -1,4 +1,5 @@
-"""Paths as data: `PathSet` of one antenna, `OneWayPath`, one of these, `PathPair` of two, and `StaticPath` between antennas."""
+"""Paths as data: `PathSet` (all paths of one antenna), `OneWayPath` (one of these), `PathPair` (out and back) and `StaticPath`
+(from transmitter to receiver without a target)."""
 
 from __future__ import annotations
 
@@ -11,25 +12,27 @@ import numpy as np
 from t2d_rt.types.radar_track import Rigid
 
 Passing = Callable[[np.ndarray], Rigid]
-"""How the scene stands at times [s] (K,) to a radar that moves, in the frame in which that keeps its place (`Radar.passing`)."""
+"""Function that gives, at times [s] (K,), the rigid motion from the scene's coordinates to the frame in which a moving radar stands
+still (`Radar.passing`)."""
 PathKey = tuple[tuple[str, ...], bytes]
-"""A chain of mirrors, and the image of the antenna in them."""
+"""Identity of a one-way path: the names of its chain, and the bytes of the antenna's image in it."""
 
 
 def passed(passing: Passing, times_s: np.ndarray | None) -> Rigid:
-    """How the scene stands at the times (K,) that whoever asks of a radar that moves must tell."""
+    """The rigid motion of the scene before a moving radar at times (K,); such paths cannot be asked for without times."""
     if times_s is None:
         raise ValueError("paths to a radar that moves are known at given times alone")
     return passing(times_s)
 
 
 def points_in_scene(passing: Passing | None, points: np.ndarray, times_s: np.ndarray | None) -> np.ndarray:
-    """Points (K, ..., 3) m as a radar sees them at times (K,), in the coordinates of the scene; the same where it stands still."""
+    """Points (K, ..., 3) m, given in the frame in which the radar stands still at times (K,), in the coordinates of the scene;
+    unchanged if the radar does not move."""
     return points if passing is None else passed(passing, times_s).back.points(points)
 
 
 class _Compared:
-    """A dataclass whose values are equal where all of their fields are, arrays element by element."""
+    """Base of dataclasses that are equal where all their fields are; arrays are compared element by element."""
 
     __slots__ = ()
 
@@ -42,28 +45,29 @@ class _Compared:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Elements(_Compared):
-    """Mirrors and slabs that paths meet, from the antenna on: arrays (n,) for one path, (P, L) for P paths of up to L elements."""
+    """The mirrors and slabs that paths meet, from the antenna on: arrays (n,) for one path, (P, L) for P paths of up to L
+    elements."""
 
     mirror: np.ndarray
-    """Numbers of the mirrors in the scene."""
+    """Indices of the planes in the scene."""
     through: np.ndarray
-    """Whether the path passes through, bool; otherwise it is reflected."""
+    """Whether the path passes through the slab (True) or is reflected (False), bool."""
     normal: np.ndarray
     """Unit normals of the planes, (..., 3)."""
     offset_m: np.ndarray
-    """normal . x of the planes' points."""
+    """Offsets of the planes [m]: normal . x for points x of the plane."""
     relative_permittivity: np.ndarray
-    """Real part; inf for a perfect conductor."""
+    """Real part of the relative permittivity; inf for a perfect conductor."""
     conductivity_s_per_m: np.ndarray
     thickness_m: np.ndarray
     specular: np.ndarray
     """Fraction of the reflected field that a rough surface does not scatter, 0..1 (docs/physics.md, eq. 9)."""
     delay_s: np.ndarray
-    """Delay of the transmitted wave, straight on from face to face; 0 for a reflection."""
+    """Additional delay [s] that the slab causes to the wave it transmits; 0 for a reflection."""
 
     @classmethod
     def none(cls) -> Elements:
-        """The elements of the line of sight, none."""
+        """No elements, as on the line of sight."""
         shapes: dict[str, Any] = {"normal": (0, 3)}
         kinds: dict[str, Any] = {"mirror": np.int64, "through": bool}
         names = [field.name for field in fields(cls)]
@@ -71,45 +75,45 @@ class Elements(_Compared):
 
     @classmethod
     def stacked(cls, paths: Sequence[Elements]) -> Elements:
-        """Elements of P paths of as many elements each, (P, n)."""
+        """The elements of P paths, which must have the same number n of elements each, as arrays (P, n)."""
         return cls(**{field.name: np.array([getattr(path, field.name) for path in paths]) for field in fields(cls)})
 
     def taken(self, index: Any) -> Elements:
-        """Elements at an index of the arrays' leading axes."""
+        """The elements at an index of the arrays' leading axes."""
         return Elements(**{field.name: getattr(self, field.name)[index] for field in fields(self)})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OneWayPath(_Compared):
-    """The path over a chain of plane reflectors and through slabs, as if it came straight from the antenna's image.
+    """A path over a chain of plane reflectors and through slabs, described as a straight path from the antenna's image.
 
-    From the antenna, a target at x appears at `mirror_matrix @ x + shift_m`, as far from the antenna as x is from the image. Of a
-    radar that moves all places are given as it sees them, in the frame in which it stands still, and with the times at which it
-    does; the mirrors, the matrix and the shift are those of the scene.
+    From the antenna, a target at x appears at `mirror_matrix @ x + shift_m`, as far from the antenna as x is from the image. If the
+    radar moves, positions are given in the frame in which it stands still, together with the times at which they hold; the mirrors,
+    the matrix and the shift are those of the scene.
     """
 
     chain: tuple[str, ...]
     """Names of the reflectors, and of slabs "(through)", from the antenna on; () is the line of sight."""
     antenna_m: np.ndarray
-    """(3,)."""
+    """Position of the antenna [m], (3,)."""
     polarization: np.ndarray
     """Unit vector of the antenna's linear polarisation, (3,)."""
     elements: Elements
-    """What the chain consists of, arrays (n,)."""
+    """The mirrors and slabs of the chain, arrays (n,)."""
     image_m: np.ndarray
-    """(3,)."""
+    """Image of the antenna in the mirrors of the chain [m], (3,)."""
     mirror_matrix: np.ndarray
     """(3, 3), orthogonal; its determinant is -1 for an odd number of mirrors."""
     shift_m: np.ndarray
-    """(3,)."""
+    """Translation of the mirror image [m], (3,)."""
     passing: Passing | None = None
-    """How the world passes a radar that moves; its image then stands in `place_m`."""
+    """Motion of the scene relative to a radar that moves; the image is then at `place_m`. None if the radar stands still."""
 
     @classmethod
     def line_of_sight(
         cls, antenna_m: np.ndarray, polarization: np.ndarray, passing: Passing | None = None
     ) -> OneWayPath:
-        """The path over no mirrors."""
+        """The direct path, over no mirrors and slabs."""
         return cls(
             chain=(),
             antenna_m=antenna_m,
@@ -123,12 +127,12 @@ class OneWayPath(_Compared):
 
     @property
     def key(self) -> PathKey:
-        """The same for one-way paths over the same chain to the same antenna; antennas apart have paths of their own."""
+        """Identity of the path: equal for one-way paths over the same chain to the same antenna position."""
         return self.chain, self.image_m.tobytes()
 
     @property
     def planes(self) -> list[tuple[np.ndarray, float]]:
-        """Unit normal (3,) and offset [m] of each plane that is met, from the antenna on."""
+        """Unit normal (3,) and offset [m] of each plane on the path, from the antenna on."""
         return list(zip(self.elements.normal, self.elements.offset_m.tolist(), strict=True))
 
     @property
@@ -138,7 +142,7 @@ class OneWayPath(_Compared):
 
     @property
     def delay_s(self) -> float:
-        """Delay that these add [s]."""
+        """Delay that the slabs on the path add [s]."""
         return float(sum(self.elements.delay_s.tolist()))
 
     @property
@@ -148,24 +152,26 @@ class OneWayPath(_Compared):
 
     @property
     def name(self) -> str:
-        """Name for people, from the antenna on: "direct", "floor", "door (through) > floor"."""
+        """Name of the path from the antenna on: "direct", "floor", "door (through) > floor"."""
         return " > ".join(self.chain) or "direct"
 
     def unfolded(self, points: np.ndarray, times_s: np.ndarray | None = None) -> np.ndarray:
-        """Apparent positions of points (..., 3) as seen from the antenna [m]; (K, ..., 3) at times (K,) for one that moves."""
+        """Apparent positions of points (..., 3) m as seen from the antenna [m]; for a radar that moves, of points (K, ..., 3) at
+        times (K,)."""
         if self.passing is None:
             return points @ self.mirror_matrix.T + self.shift_m
         passing = passed(self.passing, times_s)
         return passing.points(passing.back.points(points) @ self.mirror_matrix.T + self.shift_m)
 
     def place_m(self, times_s: np.ndarray | None = None) -> np.ndarray:
-        """The image (3,) m; (K, 3) at times (K,) for an antenna that moves and is seen in mirrors."""
+        """Position of the antenna's image [m], (3,); (K, 3) at times (K,) for a radar that moves, if the path has mirrors."""
         if self.passing is None or not self.order:
             return self.image_m
         return passed(self.passing, times_s).points(self.in_scene(times_s).image_m)
 
     def seen_at(self, times_s: np.ndarray) -> list[OneWayPath]:
-        """The path and its mirrors as a radar that moves sees them at each of times (K,) [s]; once, where they are the same."""
+        """The path with its mirrors in the frame in which a moving radar stands still, one for each of the times (K,) [s]; a single
+        path where it does not change."""
         if self.passing is None:
             return [self]
         if not self.chain:
@@ -183,8 +189,8 @@ class OneWayPath(_Compared):
         return paths
 
     def in_scene(self, times_s: np.ndarray | None, axes: int = 2) -> OneWayPath:
-        """The same path in the coordinates of the scene at times (K,). Places have shape (K, 1, ..., 1, 3), of `axes` axes, to
-        stand beside points (K, ..., 3)."""
+        """The same path in the coordinates of the scene at times (K,). Positions get the shape (K, 1, ..., 1, 3) with `axes` axes,
+        so that they broadcast with points (K, ..., 3)."""
         if self.passing is None:
             return self
         back = passed(self.passing, times_s).back
@@ -204,30 +210,30 @@ class OneWayPath(_Compared):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PathSet(_Compared):
-    """The P one-way paths between an antenna and its targets, of up to L elements, as padded arrays.
+    """The P one-way paths between an antenna and its targets, of up to L elements each, as padded arrays.
 
-    Functions evaluate it: `path_fields.field_over`, and in `propagation` `images.vertices`, `images.existing` and
+    These functions evaluate it: `path_fields.field_over`, and in `propagation` `images.vertices`, `images.existing` and
     `SceneBlockage.fraction`.
     """
 
     antenna_m: np.ndarray
-    """(3,)."""
+    """Position of the antenna [m], (3,)."""
     polarization: np.ndarray
     """Unit vector of the antenna's linear polarisation, (3,)."""
     chains: tuple[tuple[str, ...], ...]
-    """Names of what each path meets, as `OneWayPath.chain`."""
+    """Names of the mirrors and slabs of each path, as in `OneWayPath.chain`."""
     mask: np.ndarray
-    """Which elements there are, bool (P, L); those of a path come first, from the antenna on."""
+    """Which elements exist, bool (P, L); those of a path come first, from the antenna on."""
     elements: Elements
-    """Arrays (P, L); where there is no element they mean nothing."""
+    """The elements, arrays (P, L); padding where the mask is False."""
     image_m: np.ndarray
-    """(P, 3)."""
+    """Images of the antenna [m], (P, 3)."""
     mirror_matrix: np.ndarray
-    """(P, 3, 3)."""
+    """Mirror matrices (P, 3, 3), as `OneWayPath.mirror_matrix`."""
     shift_m: np.ndarray
-    """(P, 3)."""
+    """Translations of the mirror images [m], (P, 3)."""
     passing: Passing | None = None
-    """How the world passes a radar that moves."""
+    """Motion of the scene relative to a radar that moves; None if it stands still."""
 
     def __len__(self) -> int:
         return len(self.chains)
@@ -249,7 +255,7 @@ class PathSet(_Compared):
         return (self[number] for number in range(len(self)))
 
     def taken(self, numbers: np.ndarray) -> PathSet:
-        """Some of the paths, by their numbers or a mask, padded no more than these need."""
+        """Some of the paths, chosen by indices or a mask, with no more padding than these need."""
         numbers = np.arange(len(self))[numbers]
         longest = int(self.mask[numbers].sum(axis=1).max(initial=0))
         return replace(
@@ -270,7 +276,7 @@ class PathPair:
     out: OneWayPath
     back: OneWayPath
     copies: int = 1
-    """2 where back and out may be swapped and both are meant."""
+    """Number of path pairs that this one stands for: 2 if it also stands for the same paths in the other order."""
 
     @property
     def order(self) -> int:
@@ -284,35 +290,36 @@ class PathPair:
 
     @property
     def delay_s(self) -> float:
-        """Delay that these add [s]."""
+        """Delay that the slabs on both one-way paths add [s]."""
         return self.out.delay_s + self.back.delay_s
 
     @property
     def name(self) -> str:
-        """Name for people: "direct", "floor" for the same path out and back, "direct, floor"."""
+        """Name of the pair: "direct", "floor" for the same path out and back, "direct, floor" for different ones."""
         return self.out.name if self.out.chain == self.back.chain else f"{self.out.name}, {self.back.name}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StaticPath(_Compared):
-    """A path from the transmitters' centre over mirrors to the receivers'; of a radar that moves at T times, (T, 3) each."""
+    """A path from the transmitters' centre over mirrors to the receivers', without a target. For a radar that moves, positions and
+    vectors are given at T times, (T, 3) each."""
 
     path: OneWayPath
     """The path from the transmitters to `stops_m[-1]`."""
     stops_m: np.ndarray
-    """Transmitters, reflections, receivers in the scene, (order + 2, 3)."""
+    """Vertices of the path in the scene [m]: transmitters, reflections, receivers, (order + 2, 3)."""
     departure_m: np.ndarray
-    """Apparent position of the receivers as seen from the transmitters, (3,)."""
+    """Apparent position of the receivers as seen from the transmitters [m], (3,)."""
     taken: np.ndarray
-    """Unit vector of the receivers' polarisation across the path where it arrives in the scene, (3,)."""
+    """Unit vector of the receivers' polarisation transverse to the path, in the scene, (3,): the field is projected on it."""
     arrival_m: np.ndarray
-    """Apparent position of the transmitters as seen from the receivers, (3,)."""
+    """Apparent position of the transmitters as seen from the receivers [m], (3,)."""
     at: Callable[[np.ndarray], StaticPath] | None = None
-    """The path at times [s] (T,), for a radar that moves."""
+    """Function that gives the path at times [s] (T,), for a radar that moves."""
     fraction: np.ndarray | None = None
-    """Fraction of its field at sample times, as the path exists or does not, (S,); None: it always exists."""
+    """Fraction of its field at sample times, (S,), for a path that exists only at some of them; None: it always exists."""
 
     @property
     def name(self) -> str:
-        """Name for people: "wall+y > floor"."""
+        """Name of the path: "wall+y > floor"."""
         return self.path.name

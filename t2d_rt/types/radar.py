@@ -37,7 +37,7 @@ def preset_names() -> list[str]:
 
 
 def preset_fields(name: str) -> dict[str, Any]:
-    """Field names and values of a preset, from its packaged YAML file or from another package."""
+    """Fields of a preset by name, from its packaged YAML file or from another package."""
     packaged, key = _packaged(), str(name).lower().replace("_", "-")
     if key in packaged:
         return read_radar(_preset_folder() / f"{key}.yaml")
@@ -58,7 +58,7 @@ def _packaged() -> list[str]:
 
 
 def _preset_folder() -> Path:
-    # By path, not as a package: data of the radar stage, none of its code.
+    # The folder is found by its path: importing its package would import the radar stage.
     return Path(str(files("t2d_rt"))) / "radar" / "presets"
 
 
@@ -68,7 +68,7 @@ def _check_no_folder(target: Path) -> None:
 
 
 def _write(path: str | Path, text: str) -> None:
-    """A file, written whole or not at all."""
+    """Writes a text file, whole or not at all."""
     target = file_path("path", path).resolve()
     _check_no_folder(target)
     with replacing(target, partial(_check_no_folder, target)) as new:
@@ -76,12 +76,12 @@ def _write(path: str | Path, text: str) -> None:
 
 
 def read_radar(path: str | Path) -> dict[str, Any]:
-    """Field names and values of a radar's YAML file."""
+    """Reads the fields of a radar's YAML file, by name."""
     return read_yaml(path, noun="radar file", example="field names and values such as 'prf_hz: 10240'")
 
 
 def radar_from(name: str | Path) -> Radar:
-    """The radar of a .yaml or .cfg file, or of a preset's name."""
+    """The radar of a .yaml or .cfg file, or of a preset by name."""
     ending = Path(name).suffix.lower()
     if ending in (".yaml", ".yml"):
         return Radar.from_yaml(name)
@@ -89,9 +89,9 @@ def radar_from(name: str | Path) -> Radar:
 
 
 MOST_CHIRPS = 10**8
-"""Most chirps of a record (three hours of `table2`): their times must fit memory."""
+"""Greatest number of chirps in a record (three hours of `table2`): their times must fit memory."""
 MOST_BINS = 2**26
-"""Most bins of an axis, which must fit memory."""
+"""Greatest number of bins of an axis, which must fit memory."""
 
 
 class Radar(Fields):
@@ -164,7 +164,7 @@ class Radar(Fields):
     @model_validator(mode="before")
     @classmethod
     def _where_track_begins(cls, values: Any) -> Any:
-        """Place and boresight where the track begins; others that are given are refused."""
+        """Takes position and boresight from the beginning of the track; refuses other ones."""
         if not isinstance(values, Mapping) or values.get("track") is None:
             return values
         track = track_named(values["track"])
@@ -174,7 +174,7 @@ class Radar(Fields):
     @model_validator(mode="before")
     @classmethod
     def _slope_of_bandwidth(cls, values: Any) -> Any:
-        """The slope, where the bandwidth is given in its place."""
+        """Computes the slope where a bandwidth is given in its place."""
         return with_slope(dict(values)) if isinstance(values, Mapping) and BANDWIDTHS & values.keys() else values
 
     @model_validator(mode="after")
@@ -185,7 +185,7 @@ class Radar(Fields):
         return self
 
     def _check_timing(self) -> None:
-        """Refuses sweeps longer than the chirp interval, and bursts longer than their interval or of unfinished loops."""
+        """Refuses sweeps longer than the chirp interval, bursts longer than their interval, and bursts that end within a loop."""
         interval = 1 / self.prf_hz
         if self.sweep_time_s > interval * (1 + 1e-9):
             raise InputError(
@@ -295,7 +295,7 @@ class Radar(Fields):
 
     @property
     def chirp_interval_s(self) -> float:
-        """Start of one chirp to the start of the next [s]."""
+        """Time from the start of one chirp to the start of the next [s]."""
         return 1 / self.prf_hz
 
     @property
@@ -305,7 +305,7 @@ class Radar(Fields):
 
     @property
     def loop_interval_s(self) -> float:
-        """Start of one row of the cube to the start of the next [s]: the interval of Doppler sampling."""
+        """Time from the start of one row of the cube to the start of the next [s]: the interval of Doppler sampling."""
         return self.loop_chirps / self.prf_hz
 
     @property
@@ -315,7 +315,8 @@ class Radar(Fields):
 
     @property
     def sharing_transmitters(self) -> int:
-        """Transmitters that share the chirps, in time (TDM) or in Doppler (DDM); 1 where all send on each chirp alone."""
+        """Number of transmitters that share the chirps, in time (TDM) or in Doppler (DDM); 1 where each pair is recorded on every
+        chirp."""
         return 1 if self.multiplexing == "simultaneous" else len(self.tx_offsets_m)
 
     @property
@@ -330,7 +331,7 @@ class Radar(Fields):
 
     @property
     def mid_time_s(self) -> float:
-        """Mid-sweep, from the first ADC sample [s]: the mean of `sample_times_s`."""
+        """Time of mid-sweep after the first ADC sample [s]: the mean of `sample_times_s`."""
         return (self.samples - 1) / 2 / self.sample_rate_hz
 
     @property
@@ -375,10 +376,9 @@ class Radar(Fields):
         return 2 * self.slope_hz_per_s * array("range_m", range_m, unit="m") / SPEED_OF_LIGHT
 
     def range_axis_m(self, n_fft: int | None = None, *, speed_mps: float = 0.0) -> np.ndarray:
-        """Range of each FFT bin [m], (n_fft,); `speed_mps` corrects for range-Doppler coupling of a target of that
-        speed.
+        """Range of each FFT bin [m], (n_fft,); `speed_mps` corrects for range-Doppler coupling of a target of that speed.
 
-        A target approaching at v appears f v / S short (6.7 mm at 4 m/s for table2), f the mid-sweep frequency.
+        A target that approaches at speed v appears too close by f v / S (6.7 mm at 4 m/s for table2), f the mid-sweep frequency.
         """
         n_fft = self.samples if n_fft is None else integer("n_fft", n_fft, 1, MOST_BINS)
         speed_mps = number("speed_mps", speed_mps, unit="m/s")
@@ -388,7 +388,7 @@ class Radar(Fields):
     def speed_axis_mps(self, n_fft: int) -> np.ndarray:
         """Speed of each Doppler bin [m/s], (n_fft,), ascending, positive = approaching: v = -lambda f_D / 2.
 
-        Of the cube's rows: of a "ddm" cube before it is separated, +-lambda PRF / 4.
+        The Doppler FFT runs over the rows of the cube; before a "ddm" cube is separated the axis spans +-lambda PRF / 4.
         """
         n_fft = integer("n_fft", n_fft, 1, MOST_BINS)
         doppler_hz = np.fft.fftshift(np.fft.fftfreq(n_fft, self.loop_interval_s))
@@ -397,7 +397,7 @@ class Radar(Fields):
     # --- timing ---
 
     def chirp_starts_s(self, chirps: int) -> np.ndarray:
-        """First ADC samples of the first `chirps` rows of the cube [s], (chirps,): with "tdm", of loops."""
+        """Times of the first ADC samples of the first `chirps` rows of the cube [s], (chirps,); with "tdm" a row is a loop."""
         chirp = np.arange(integer("chirps", chirps, 0, MOST_CHIRPS, hint="cut the record"))
         if self.loops_per_frame is None or self.frame_interval_s is None:
             return chirp * self.loop_chirps / self.prf_hz
@@ -405,16 +405,16 @@ class Radar(Fields):
         return frame * self.frame_interval_s + within * self.loop_chirps / self.prf_hz
 
     def chirp_times_s(self, duration_s: float) -> np.ndarray:
-        """First ADC samples of all rows of the cube whose samples lie within `duration_s` [s], (chirps,); whole loops
-        of the transmitters, and of bursts the whole ones."""
+        """Times of the first ADC samples of all rows of the cube whose samples lie within `duration_s` [s], (chirps,). Only whole
+        loops of the transmitters and whole bursts count."""
         duration_s = positive("duration_s", duration_s, unit="s")
         window = (self.samples - 1) / self.sample_rate_hz
         group, name = self.sharing_transmitters, "chirp" if self.sharing_transmitters == 1 else "loop"
         period = group / self.prf_hz
         if self.chirps_per_frame is not None and self.frame_interval_s is not None:
             group, name, period = self.chirps_per_frame, "burst", self.frame_interval_s
-        last = window + (group - 1) * self.chirp_interval_s  # last sample of a group, from its start
-        # The slack keeps a chirp that ends with the record on paper but not in the last digit.
+        last = window + (group - 1) * self.chirp_interval_s  # last sample, after the group's start
+        # The slack keeps a chirp that ends with the record but for rounding.
         groups = math.floor((duration_s - last) / period + 1e-9) + 1
         if groups < 1:
             raise InputError(f"duration of {duration_s:.6g} s holds no whole {name}; it must be at least {last:.6g} s")
@@ -424,15 +424,16 @@ class Radar(Fields):
 
     @property
     def link_amplitude(self) -> float:
-        """Received amplitude is `link_amplitude` sqrt(sigma) / (R_tx R_rx) [sqrt(W) m]: sqrt(Pt Gt Gr Gif lambda^2 / (4
-        pi)^3)."""
+        """Constant of the link budget [sqrt(W) m], sqrt(Pt Gt Gr Gif lambda^2 / (4 pi)^3): the received amplitude is
+        `link_amplitude` sqrt(sigma) / (R_tx R_rx)."""
         level_dbm = self.tx_power_dbm + self.tx_gain_dbi + self.rx_gain_dbi + self.if_gain_db
         return math.sqrt(10 ** ((level_dbm - 30) / 10) / (4 * math.pi) ** 3) * self.wavelength_m
 
     def received_power_w(
         self, rcs_m2: float | np.ndarray, range_m: float | np.ndarray, rx_range_m: float | np.ndarray | None = None
     ) -> float | np.ndarray:
-        """Power at the ADC [W] by the radar equation (Skolnik); `rx_range_m` where the receiver is elsewhere."""
+        """Power at the ADC [W] by the radar equation (Skolnik); `rx_range_m` where the receiver has another distance from the
+        target."""
         rx_range_m = range_m if rx_range_m is None else rx_range_m
         there, back = array("range_m", range_m, unit="m"), array("rx_range_m", rx_range_m, unit="m")
         for name, distance_m, argument in (("range_m", there, range_m), ("rx_range_m", back, rx_range_m)):
@@ -445,7 +446,7 @@ class Radar(Fields):
 
     @property
     def noise_power_w(self) -> float:
-        """Receiver noise of one complex ADC sample [W]: k T0 F B Gif, B the sample rate."""
+        """Thermal noise power of one complex ADC sample [W]: k T0 F B Gif, B the sample rate."""
         gain = 10 ** ((self.noise_figure_db + self.if_gain_db) / 10)
         return BOLTZMANN * REFERENCE_TEMPERATURE_K * self.sample_rate_hz * gain
 
@@ -453,11 +454,12 @@ class Radar(Fields):
 
     @property
     def axes(self) -> np.ndarray:
-        """Unit vectors boresight, left, up of the radar in the world, rows of (3, 3)."""
+        """Unit vectors boresight, left and up of the radar in the world, as rows of (3, 3)."""
         return axes_along(self.boresight).copy()
 
     def passing(self, times_s: np.ndarray) -> Rigid:
-        """How the world stands at times [s] (K,) to a radar that moves, in the frame in which that keeps its place and axes."""
+        """Rigid motion from the world's coordinates, at times [s] (K,), to the frame in which a moving radar keeps its position and
+        axes."""
         if self.track is None:
             raise ValueError("the radar stands still")
         position_m, axes = np.array(self.position_m), self.track.axes(times_s)
@@ -467,12 +469,12 @@ class Radar(Fields):
 
     @property
     def tx_positions_m(self) -> np.ndarray:
-        """Transmitters in the world [m], (M, 3)."""
+        """Positions of the transmitters in the world [m], (M, 3)."""
         return np.array(self.position_m) + np.array(self.tx_offsets_m) @ self.axes
 
     @property
     def rx_positions_m(self) -> np.ndarray:
-        """Receivers in the world [m], (N, 3)."""
+        """Positions of the receivers in the world [m], (N, 3)."""
         return np.array(self.position_m) + np.array(self.rx_offsets_m) @ self.axes
 
     @property
@@ -501,31 +503,32 @@ class Radar(Fields):
 
     @property
     def outermost(self) -> list[tuple[int, int]]:
-        """Pairs (transmitter, receiver) of the antennas farthest out in either direction along each axis."""
+        """Pairs (transmitter, receiver) of the antennas that lie farthest out along each axis, in both directions."""
         tx, rx = np.array(self.tx_offsets_m), np.array(self.rx_offsets_m)
         ends = {(int(np.argmax(tx @ axis)), int(np.argmax(rx @ axis))) for axis in (*np.eye(3), *-np.eye(3))}
         return sorted(ends)
 
     @property
     def antenna_delays_s(self) -> np.ndarray:
-        """Start of each antenna's chirp after the start of its row of the cube [s], (antennas,): m / PRF with "tdm"."""
+        """Start of each antenna's chirp after the start of its row of the cube [s], (antennas,): m / PRF with "tdm", else 0."""
         if self.multiplexing != "tdm":
             return np.zeros(self.antennas)
         return np.repeat(np.arange(len(self.tx_offsets_m)) / self.prf_hz, len(self.rx_offsets_m))
 
     def tx_phase(self, chirps: np.ndarray) -> np.ndarray:
-        """Factor of each transmitter's echoes at IF in the chirps of the given numbers, complex (chirp, M).
+        """Phase factor of each transmitter's echoes at IF in the chirps of the given numbers, complex (chirp, M).
 
         exp(-j 2 pi m k / M) with "ddm", minus because IF conjugates the received wave; else 1.
         """
         transmitters = len(self.tx_offsets_m)
-        # By remainders: whole cycles do not cost digits however long the record.
+        # Remainders keep whole cycles out, so that no digits are lost however long the record is.
         step = np.outer(chirps, np.arange(transmitters)) % transmitters * (self.multiplexing == "ddm")
         return np.exp(-2j * np.pi / transmitters * step)
 
     @property
     def virtual_offsets_m(self) -> np.ndarray:
-        """Virtual antennas relative to `position_m` in the radar's frame [m], (M N, 3): midpoints of transmitter and receiver.
+        """Positions of the virtual antennas relative to `position_m` in the radar's frame [m], (M N, 3): midpoints of transmitter
+        and receiver.
 
         In the far field a pair records the same phase as one antenna at the midpoint that transmits and receives.
         """
@@ -534,12 +537,12 @@ class Radar(Fields):
 
     @property
     def virtual_positions_m(self) -> np.ndarray:
-        """Virtual antennas in the world [m], (M N, 3)."""
+        """Positions of the virtual antennas in the world [m], (M N, 3)."""
         return np.array(self.position_m) + self.virtual_offsets_m @ self.axes
 
     @property
     def separated(self) -> Radar:
-        """The radar that a cube from `signal.separate_ddm` belongs to: every pair on each chirp, at PRF / M."""
+        """The radar that a cube from `signal.separate_ddm` belongs to: it records every pair on each chirp, at PRF / M."""
         if self.multiplexing != "ddm":
             return self
         shared = self.sharing_transmitters
@@ -553,12 +556,13 @@ class Radar(Fields):
 
     @property
     def directional(self) -> bool:
-        """Whether `antenna_factor` is not 1 everywhere."""
+        """Whether `antenna_factor` differs from 1 in any direction."""
         isotropic = all(isinstance(pattern, Isotropic) for pattern in (self.tx_pattern, self.rx_pattern))
         return not isotropic or self.tx_polarization_deg != self.rx_polarization_deg
 
     def antenna_factor(self, departure: np.ndarray, arrival: np.ndarray) -> np.ndarray:
-        """Amplitude by patterns and polarisation, real (...), 1 for the defaults: sqrt(G_t G_r / peaks) p (eq. 17).
+        """Factor on the amplitude by antenna patterns and polarisation, real (...), 1 for the defaults: sqrt(G_t G_r / peaks) p
+        (eq. 17).
 
         `departure` and `arrival` are unit vectors (..., 3) in the world from transmitter and receiver to the target.
         """

@@ -1,4 +1,4 @@
-"""Two radars: one that transmits and one that receives, and how one hears the chirps of the other."""
+"""Pairs of radars: a bistatic radar made of two, and the interference that one radar causes at another."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ from t2d_rt.types.radar import Radar
 from t2d_rt.types.receiver import Interferer
 
 WAVEFORM = "carrier_hz", "slope_hz_per_s", "sample_rate_hz", "samples", "prf_hz", "chirps_per_frame", "frame_interval_s"
-"""What a transmitter and a receiver of echoes have in common."""
+"""Fields that the transmitting and the receiving radar must have in common."""
 SAME_AXES = 1e-9
 
 
 def bistatic(transmitter: Radar, receiver: Radar) -> Radar:
-    """The radar whose echoes go from the transmitters of one radar to the receivers of another, of one waveform and one clock.
+    """The bistatic radar whose echoes go from the transmitters of one radar to the receivers of another; both must have the same
+    waveform and one clock.
 
-    Its place and axes are the receiver's. What cannot be told in these axes is refused: directional transmitters that look
-    elsewhere, and radars that move.
+    Its position and axes are the receiver's. Refused are directional transmitters that point elsewhere, which cannot be described
+    in these axes, and radars that move.
     """
     for name, radar in (("transmitter", transmitter), ("receiver", receiver)):
         instance(name, radar, Radar, "a Radar", hint="Radar.preset gives one by its name")
@@ -54,12 +55,13 @@ def bistatic(transmitter: Radar, receiver: Radar) -> Radar:
 
 
 def heard(other: Radar, radar: Radar, later_s: float | None = None) -> Interferer:
-    """Another radar as one hears it over the line of sight: its place, its chirps, and its power in that direction.
+    """The interferer that another radar is to `radar` over the line of sight: its position, its chirps, and its power in that
+    direction.
 
-    later_s: by how much later than this radar's its first sweep begins [s]; by default when they begin is drawn.
+    later_s: by how much later than this radar's its first sweep begins [s]; by default the start is drawn at random.
 
-    Both must stand still, and the other one must chirp without pauses. Where all transmitters send on each chirp, their powers
-    add up.
+    Both must stand still, and the other one must chirp without pauses. Where all transmitters send on each chirp, their powers add
+    up.
     """
     if other.track is not None or radar.track is not None:
         raise InputError("radars hear one another where both stand still; leave the track out, or interference")

@@ -1,7 +1,7 @@
-"""`RadarTrack`: where a radar that moves is, and how it is turned, over time; rigid motions between the world and its frame.
+"""`RadarTrack`: positions and orientations of a moving radar over time; rigid motions between the world and its frame.
 
-A moving radar is worked out in the frame of its antennas, as a radar that stands still in a world that moves: it keeps `position_m`
-and `boresight`, those of its track's begin, and the world is carried past it.
+A moving radar is simulated in the frame of its antennas, as a radar that stands still in a world that moves: it keeps the
+`position_m` and `boresight` of the beginning of its track, and the world moves past it.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from t2d_rt.types.mesh import Track
 from t2d_rt.types.splines import checked_times, spline, within
 
 MOST_POSES = 100_000
-"""Most poses of one track."""
+"""Greatest number of poses in one track."""
 MOST_BYTES = 100_000_000
-"""Most bytes of a track's file."""
+"""Greatest size of a track's file [bytes]."""
 COLUMNS = "t", "x", "y", "z", "yaw", "pitch", "roll"
-"""Columns of a track's file: seconds, metres, degrees; the last three may be left out."""
+"""Columns of a track's file: seconds, metres, degrees; the three angles may be left out."""
 
 
 def _listed(value: Any) -> Any:
-    """An array as lists."""
+    """An array as nested lists."""
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
@@ -44,25 +44,25 @@ Quaternions = Annotated[
 
 
 class Rigid(NamedTuple):
-    """Rigid motions at K times: x becomes `rotation` x + `shift_m`."""
+    """Rigid motions at K times: a point x moves to `rotation` x + `shift_m`."""
 
     rotation: np.ndarray
-    """(K, 3, 3), rotations."""
+    """Rotation matrices (K, 3, 3)."""
     shift_m: np.ndarray
-    """(K, 3)."""
+    """Translations [m], (K, 3)."""
 
     @property
     def back(self) -> Rigid:
-        """The motions that undo these."""
+        """The inverse motions."""
         rotated = self.rotation.swapaxes(1, 2)
         return Rigid(rotated, -np.einsum("kij,kj->ki", rotated, self.shift_m))
 
     def points(self, points_m: np.ndarray) -> np.ndarray:
-        """Points (K, ..., 3) m carried along."""
+        """Points (K, ..., 3) m after the motions."""
         return self.directions(points_m) + _spread(self.shift_m, points_m.ndim)
 
     def directions(self, vectors: np.ndarray) -> np.ndarray:
-        """Vectors (K, ..., 3) turned."""
+        """Vectors (K, ..., 3) after the rotations."""
         flat = vectors.reshape(len(vectors), -1, 3)
         return np.asarray((flat @ self.rotation.swapaxes(1, 2)).reshape(vectors.shape))
 
@@ -72,7 +72,7 @@ def _spread(values: np.ndarray, axes: int) -> np.ndarray:
 
 
 class RadarTrack(Fields):
-    """Poses of a radar over time; between them the place follows a C2 cubic spline, and so do the quaternions.
+    """Poses of a radar over time. Between them the position, and the quaternion, follow C2 cubic splines.
 
     >>> track = RadarTrack(times_s=[0, 1], positions_m=[(0, 0, 1), (1, 0, 1)])
     >>> track.places_m(np.array([0.25])).tolist()
@@ -87,12 +87,12 @@ class RadarTrack(Fields):
     }
 
     times_s: Times
-    """Times of the poses on the clock of the targets [s], increasing (T,)."""
+    """Times of the poses on the clock of the targets [s], increasing, (T,)."""
     positions_m: Places
-    """Places of the radar in the world [m], (T, 3)."""
+    """Positions of the radar in the world [m], (T, 3)."""
     orientations: Quaternions | None = None
-    """Unit quaternions x, y, z, w that turn the radar's frame (x boresight, y left, z up) into the world, (T, 4); left out where it
-    keeps its boresight."""
+    """Unit quaternions x, y, z, w that rotate the radar's frame (x boresight, y left, z up) into the world, (T, 4); left out where
+    it keeps its boresight."""
 
     @model_validator(mode="after")
     def _check_lengths(self) -> Self:
@@ -113,7 +113,8 @@ class RadarTrack(Fields):
 
     @classmethod
     def of_angles(cls, times_s: Any, positions_m: Any, yaw_pitch_roll_deg: Any) -> RadarTrack:
-        """From angles [deg], (T, 3): azimuth of the boresight (left > 0), its elevation (up > 0), roll (left side up > 0)."""
+        """A track from angles [deg], (T, 3): azimuth of the boresight (left > 0), its elevation (up > 0), roll (left side up >
+        0)."""
         from scipy.spatial.transform import Rotation
 
         hint = "give yaw, pitch and roll of each pose"
@@ -124,8 +125,9 @@ class RadarTrack(Fields):
 
     @classmethod
     def read(cls, path: str | Path) -> RadarTrack:
-        """From a file: .csv whose first line is "t,x,y,z" or "t,x,y,z,yaw,pitch,roll" (seconds, metres, degrees as of `of_angles`;
-        spreadsheets' semicolons, tabs and decimal commas too), .npz of arrays of these names, or .yaml of a track's fields."""
+        """Reads a track from a file: .csv whose first line is "t,x,y,z" or "t,x,y,z,yaw,pitch,roll" (seconds, metres, degrees as in
+        `of_angles`; semicolons, tabs and decimal commas of spreadsheets are understood), .npz of arrays of these names, or .yaml of
+        a track's fields."""
         path = Path(path)
         kind = path.suffix.lower()
         if kind in (".yaml", ".yml"):
@@ -146,17 +148,17 @@ class RadarTrack(Fields):
         return cls.of_angles(values[:, 0], values[:, 1:4], values[:, 4:])
 
     def places_m(self, times_s: np.ndarray) -> np.ndarray:
-        """Places of the radar at times [s] (K,) of the track, (K, 3) m."""
+        """Positions of the radar at times [s] (K,) within the track, (K, 3) m."""
         return self._curves[0](self._within(times_s))
 
     @property
     def reach_m(self) -> float:
-        """Greatest distance of the radar from the place where its track begins [m]."""
+        """Greatest distance of the radar from the position where its track begins [m]."""
         places = np.array(self.positions_m)
         return float(np.linalg.norm(places - places[0], axis=1).max())
 
     def axes(self, times_s: np.ndarray) -> np.ndarray | None:
-        """Boresight, left and up in the world at these times, rows of (K, 3, 3); None where they do not turn."""
+        """Unit vectors boresight, left and up in the world at these times, as rows of (K, 3, 3); None where they do not change."""
         from scipy.spatial.transform import Rotation
 
         turning = self._curves[1]
@@ -165,7 +167,8 @@ class RadarTrack(Fields):
         return np.asarray(Rotation.from_quat(turning(self._within(times_s))).as_matrix().swapaxes(1, 2))
 
     def begins(self, position_m: Any = None, boresight: Any = None) -> dict[str, tuple[float, ...]]:
-        """The radar's `position_m` at the first time, and its `boresight` where the track tells it; given ones must be the same."""
+        """The radar's `position_m` at the first time, and its `boresight` if the track has orientations; values that are given must
+        agree with these."""
         begin: dict[str, tuple[float, ...]] = {"position_m": self.positions_m[0]}
         axes = self.axes(np.array(self.times_s[:1]))
         if axes is not None:
@@ -188,13 +191,13 @@ class RadarTrack(Fields):
 
     @cached_property
     def _curves(self) -> tuple[Track, Track | None]:
-        """Splines of the places, and of the quaternions."""
+        """Splines of the positions, and of the quaternions if there are any."""
         place = spline(self._known_s, np.array(self.positions_m))
         if self.orientations is None:
             return place, None
         quaternions = np.array(self.orientations)
         quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
-        # q and -q are one rotation: of both the one that continues the pose before is taken, for the spline to be short.
+        # q and -q are the same rotation; the sign closer to the pose before keeps the spline short.
         quaternions[1:] *= np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(-1) < 0, -1.0, 1.0))[:, None]
         return place, spline(self._known_s, quaternions)
 
@@ -202,7 +205,7 @@ class RadarTrack(Fields):
         return within(times_s, self._known_s, "the radar's track")
 
     def __eq__(self, other: object) -> bool:
-        # The curves, which are kept once they are known, are no fields.
+        # Cached curves are not fields, so they do not count.
         return isinstance(other, RadarTrack) and self._fields == other._fields
 
     def __hash__(self) -> int:
@@ -221,7 +224,7 @@ class RadarTrack(Fields):
 
 
 def _of_csv(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a table by the names of its first line."""
+    """Columns of a table by the names in its first line."""
     lines = [
         line
         for line in read_bytes(path, limit=MOST_BYTES, noun="radar track").decode("utf-8-sig", "replace").splitlines()
@@ -230,7 +233,7 @@ def _of_csv(path: Path) -> dict[str, np.ndarray]:
     if len(lines) < 2:
         return {}
     comma = next((separator for separator in ";\t" if separator in lines[0]), ",")
-    if comma != ",":  # of spreadsheets whose decimal sign is the comma
+    if comma != ",":  # spreadsheets whose decimal sign is the comma separate columns by semicolons
         lines[1:] = [line.replace(",", ".") for line in lines[1:]]
     rows = [[word.strip(' "') for word in line.rstrip(f"{comma} ").split(comma)] for line in lines]
     names = [name.lower() for name in rows[0]]
@@ -248,13 +251,13 @@ def _of_csv(path: Path) -> dict[str, np.ndarray]:
 
 
 def _of_npz(path: Path) -> dict[str, np.ndarray]:
-    """Arrays by their names."""
+    """Arrays of an .npz file by name."""
     try:
         with regular_file(path, noun="radar track") as file, np.load(file, allow_pickle=False) as held:
             arrays = {name: held[name] for name in held.files}
     except InputError:
         raise
-    except Exception:  # numpy raises whatever a damaged file makes it raise
+    except Exception:  # a damaged file may make numpy raise anything
         raise InputError(
             f"{path} is cut short, damaged or no .npz file of plain arrays; write it with numpy.savez"
         ) from None
@@ -266,12 +269,12 @@ def _of_npz(path: Path) -> dict[str, np.ndarray]:
 
 
 def track_named(value: Any) -> Any:
-    """A track in place of the name of its file."""
+    """A track, read from a file if its name is given."""
     return RadarTrack.read(value) if isinstance(value, (str, Path)) else value
 
 
 def with_track_beside(fields: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
-    """Fields of a radar from a file, where that of its track lies beside it."""
+    """Fields of a radar that were read from a file; the name of a track's file is taken relative to that file."""
     track_fields = dict(fields)
     if isinstance(track_fields.get("track"), str):
         track_fields["track"] = Path(path).parent / track_fields["track"]

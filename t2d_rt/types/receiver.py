@@ -21,7 +21,7 @@ from t2d_rt.types.radar import Radar
 Offset = Annotated[Number, Field(gt=0, le=1e11)]
 Density = Annotated[Number, Field(ge=-300, le=0)]
 BANDS = {"24ghz": (22e9, 29e9), "60ghz": (56e9, 71e9), "77ghz": (75e9, 82e9)}
-"""Carriers [Hz] for which values of a receiver are shipped, by the name of their file."""
+"""Ranges of the carrier [Hz] for which values of a receiver are shipped, by the name of their file."""
 
 
 class _Part(Fields):
@@ -30,13 +30,13 @@ class _Part(Fields):
 
 
 class Mask(_Part):
-    """Phase noise by a mask: straight lines between points over the logarithm of the offset, constant beyond the ends."""
+    """Phase noise by a mask: straight lines between its points over the logarithm of the offset, constant beyond the ends."""
 
     noun: ClassVar[str] = "phase-noise mask"
 
     kind: Literal["mask"] = "mask"
     points: Annotated[tuple[tuple[Offset, Density], ...], Field(min_length=1, max_length=1000)]
-    """Offset from the carrier [Hz], rising, and level L there [dBc/Hz]."""
+    """Offsets from the carrier [Hz], rising, and the level L at each of them [dBc/Hz]."""
 
     @field_validator("points")
     @classmethod
@@ -49,7 +49,7 @@ class Mask(_Part):
         return points
 
     def density(self, offset_hz: np.ndarray) -> np.ndarray:
-        """L(f) as a power relative to the carrier's in 1 Hz [1/Hz], for offsets of any sign."""
+        """Phase noise L(f), a power density relative to the carrier [1/Hz], at offsets of any sign."""
         offsets, levels = np.array(self.points).T
         place = np.log10(np.maximum(np.abs(offset_hz), 1e-300))
         return np.asarray(10 ** (np.interp(place, np.log10(offsets), levels) / 10))
@@ -69,7 +69,7 @@ class Leeson(_Part):
     """Corner of the oscillator's flicker noise [Hz]."""
 
     def density(self, offset_hz: np.ndarray) -> np.ndarray:
-        """L(f) as a power relative to the carrier's in 1 Hz [1/Hz], for offsets of any sign but 0."""
+        """Phase noise L(f), a power density relative to the carrier [1/Hz], at offsets of any sign but 0."""
         offset = np.maximum(np.abs(offset_hz), 1e-9)
         shaped = (1 + (self.half_bandwidth_hz / offset) ** 2) * (1 + self.flicker_hz / offset)
         return np.asarray(10 ** (self.floor_dbc_hz / 10) * shaped)
@@ -81,9 +81,9 @@ class IqImbalance(_Part):
     noun: ClassVar[str] = "receiver's IQ imbalance"
 
     gain_db: Annotated[Number, Field(ge=-20, le=20)] = 0.0
-    """Gain of Q over that of I [dB]."""
+    """Gain of the Q channel relative to I [dB]."""
     phase_deg: Annotated[Number, Field(ge=-80, le=80)] = 0.0
-    """Departure of their phases from 90 degrees [deg]."""
+    """Deviation of the phase between I and Q from 90 degrees [deg]."""
 
     @property
     def coefficients(self) -> tuple[complex, complex]:
@@ -93,18 +93,18 @@ class IqImbalance(_Part):
 
     @property
     def image_rejection_db(self) -> float:
-        """Power of a signal over that of its image [dB]."""
+        """Power of a signal relative to that of its image [dB]."""
         direct, image = self.coefficients
         return 20 * math.log10(abs(direct) / abs(image)) if image else math.inf
 
 
 class Adc(_Part):
-    """Two converters, of I and Q, that round to two's complement and saturate at full scale."""
+    """Two analog-to-digital converters, for I and Q, that round to two's complement and saturate at full scale."""
 
     noun: ClassVar[str] = "receiver's ADC"
 
     bits: Annotated[Count, Field(ge=2, le=20)]
-    """Resolution of each."""
+    """Resolution of each converter [bits]."""
     full_scale_dbm: Annotated[Number, Field(ge=-150, le=100)]
     """Power of a complex tone whose I and Q just reach full scale, at the converters [dBm]."""
     gain_db: Annotated[Number, Field(ge=0, le=150)] = 0.0
@@ -112,12 +112,12 @@ class Adc(_Part):
 
     @property
     def full_scale_w(self) -> float:
-        """Power of such a tone as the samples give it [W]: before `gain_db`."""
+        """Power [W] of such a full-scale tone as it appears in the samples, which are given without `gain_db`."""
         return float(10 ** ((self.full_scale_dbm - self.gain_db - 30) / 10))
 
     @property
     def step(self) -> float:
-        """Least significant bit as the samples give it [sqrt(W)]."""
+        """Least significant bit [sqrt(W)] as it appears in the samples."""
         return float(2 * math.sqrt(self.full_scale_w) / 2**self.bits)
 
     @property
@@ -127,12 +127,12 @@ class Adc(_Part):
 
 
 class Interferer(_Part):
-    """Another FMCW radar in line of sight, that points at this one."""
+    """Another FMCW radar in line of sight whose antenna points at this one."""
 
     noun: ClassVar[str] = "interferer"
 
     position_m: Vector
-    """Place of the interferer in the world [m]."""
+    """Position of the interferer in the world [m]."""
     carrier_hz: Annotated[Number, Field(ge=1e6, le=1e13)]
     """Frequency at the start of its chirps [Hz]."""
     slope_hz_per_s: Annotated[Number, Field(ge=-1e18, le=1e18)]
@@ -140,13 +140,14 @@ class Interferer(_Part):
     duration_s: Annotated[Number, Field(ge=1e-6, le=1e3)]
     """Length of its chirps [s]."""
     interval_s: Annotated[Number, Field(ge=1e-6, le=1e3)]
-    """Start of one of its chirps to the start of the next [s]."""
+    """Time from the start of one of its chirps to the start of the next [s]."""
     eirp_dbm: Decibel = 21.0
     """Transmitted power times antenna gain [dBm]."""
     first_s: Annotated[Number, Field(ge=-1e3, le=1e3)] | None = later(None)
     """When its first chirp arrives, on the clock of the radar that hears it [s].
 
-    By default it chirps all the time, and when one of its chirps begins is drawn."""
+    By default it chirps all the time, and the start of its chirps is drawn at random.
+    """
 
     @model_validator(mode="after")
     def _check_interval(self) -> Self:
@@ -179,15 +180,15 @@ class Receiver(_Part):
     phase_noise: Annotated[Mask | Leeson, Discriminator("kind")] | None = None
     """Phase noise of the oscillator, which transmitter and receiver share: a mask or Leeson's model."""
     interferers: Annotated[tuple[Interferer, ...], Field(max_length=100)] = ()
-    """Other FMCW radars."""
+    """Other FMCW radars that interfere."""
     iq_imbalance: IqImbalance | None = None
     """Difference between I and Q."""
     dc_offset_dbm: Decibel | None = None
-    """Power of a constant in all samples of a receive channel [dBm]; its phase is drawn for each channel."""
+    """Power of a constant offset in all samples of a receive channel [dBm]; its phase is drawn for each channel."""
     adc: Adc | None = None
     """Quantisation and saturation."""
     seed: Annotated[Count, Field(ge=0)] | None = None
-    """Seed of all that is drawn; that of the experiment by default."""
+    """Seed of all random draws; that of the experiment by default."""
 
     @classmethod
     def preset(cls, radar: Radar) -> Receiver:
@@ -223,11 +224,12 @@ class Receiver(_Part):
         return self._density_w(radar, self.temperature_k) * radar.sample_rate_hz
 
     def flicker_density_w(self, radar: Radar) -> float:
-        """Density of thermal noise that flicker noise has at its corner [W/Hz]; of 290 K where thermal noise is left out."""
+        """Density [W/Hz] of thermal noise, which flicker noise has at its corner frequency; that of 290 K where thermal noise is
+        left out."""
         return self._density_w(radar, self.temperature_k or REFERENCE_TEMPERATURE_K)
 
     def _density_w(self, radar: Radar, temperature_k: float) -> float:
-        """Density of receiver noise k (T + (F - 1) 290 K) Gif at a temperature of the antenna [W/Hz]."""
+        """Noise density of the receiver k (T + (F - 1) 290 K) Gif at a noise temperature T of the antenna [W/Hz]."""
         if radar.noise_figure_db < 0:
             raise InputError(
                 f"noise_figure_db of a receiver with noise must be 0 or more, got {radar.noise_figure_db:g}; correct the radar"
@@ -237,7 +239,8 @@ class Receiver(_Part):
         return float(BOLTZMANN * noise_k * 10 ** (radar.if_gain_db / 10))
 
     def noise_floor_w(self, radar: Radar) -> float:
-        """White additive noise of one complex sample [W]: thermal and quantisation noise, as far as they are on."""
+        """Power of white additive noise of one complex sample [W]: the sum of thermal and quantisation noise, as far as they are
+        on."""
         return self.thermal_power_w(radar) + (self.adc.noise_power_w if self.adc else 0.0)
 
     @property

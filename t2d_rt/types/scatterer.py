@@ -1,4 +1,4 @@
-"""`Scatterer`: what returns echoes, block by block of surface frames."""
+"""`Scatterer`: part of a target or of the scene that returns echoes, computed for one block of surface frames at a time."""
 
 from __future__ import annotations
 
@@ -18,40 +18,41 @@ from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.mesh import MovingMesh
 
 Fraction = Callable[[np.ndarray], np.ndarray]
-"""What arrives of a field, its amplitude over that with nothing in the way, (K, N) at times [s] (K,): 0 in the dark, 1 in the open
-and up to some 1.4 beside an edge. Scatterers that need the same one hold the same object."""
+"""Function that gives a fraction: the amplitude of the field that arrives, relative to that with nothing in the way, (K, N) at
+times [s] (K,). 0 is dark, 1 unobstructed, and up to some 1.4 occur beside an edge. Scatterers that need the same fraction hold the
+same object, so that it is computed once."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameBlock:
-    """Some surface frames of a record that follow one another."""
+    """Consecutive surface frames of a record, for which echoes are computed at once."""
 
     record_s: np.ndarray
-    """All frames of the record [s]."""
+    """Times of all frames of the record [s]."""
     first: int
     last: int
-    """The one after the last frame of the block."""
+    """Index of the frame after the last one of the block."""
 
     @property
     def times_s(self) -> np.ndarray:
-        """Frames of the block [s] (K,)."""
+        """Times of the frames of the block [s], (K,)."""
         return self.record_s[self.first : self.last]
 
     def wider(self, frames: int) -> np.ndarray:
-        """Its frames and so many on either side, as far as the record goes [s]."""
+        """Times [s] of the block's frames and of so many more on either side, as far as the record goes."""
         return self.record_s[max(0, self.first - frames) : self.last + frames]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EchoLabels:
-    """Where each of N echoes comes from; the same at all times."""
+    """Where each of N echoes comes from; constant in time."""
 
     target: np.ndarray
-    """Number of the target, (N,); -1 is the static scene, or ray tubes between several surfaces."""
+    """Index of the target, (N,); -1 for the static scene, and for ray tubes between several surfaces."""
     face: np.ndarray
-    """Number of the face of the target's mesh, (N,); -1 is none."""
+    """Index of the face of the target's mesh, (N,); -1 for none."""
     ellipsoid: np.ndarray
-    """Number of its ellipsoid, (N,); -1 is none."""
+    """Index of the ellipsoid, (N,); -1 for none."""
     path: np.ndarray
     """Name of the path pair, (N,)."""
     bounces: np.ndarray
@@ -68,73 +69,75 @@ class EchoLabels:
         path: Any = "direct",
         bounces: Any = 1,
     ) -> EchoLabels:
-        """Labels of so many echoes; each value is one for all of them or (N,)."""
+        """Labels of `count` echoes; each value is one for all of them, or (N,)."""
         values = {"target": target, "face": face, "ellipsoid": ellipsoid, "bounces": bounces}
         numbers = {name: np.broadcast_to(value, count).astype(np.int32) for name, value in values.items()}
         return cls(path=np.broadcast_to(np.asarray(path, object), count), **numbers)
 
     @classmethod
     def joined(cls, labels: Iterable[EchoLabels]) -> EchoLabels:
-        """Labels of different echoes, one after the other."""
+        """Labels of all echoes, one group after the other."""
         parts = list(labels)
         return cls(**{item.name: np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(cls)})
 
 
 @dataclass(frozen=True, slots=True)
 class EchoParts:
-    """Which part of a recording each of N echoes belongs to, so that parts that are summed apart add up to the whole."""
+    """Which part of a recording each of N echoes belongs to, so that parts that are summed separately add up to the whole."""
 
     number: np.ndarray
-    """Number of the part, (N,); -1 is none of them: the echo is grouped with the others but is silent."""
+    """Index of the part, (N,); -1 for an echo that is left out of the sum, though it is grouped with the others."""
     rows: Sequence[ProductRows] = ()
-    """What each part returns is added to those of one cube; without them all that is not silent is one part."""
+    """Rows of the cube of each part, to which its echoes are added. Without them, all echoes that are not left out form one
+    part."""
 
     @property
     def count(self) -> int:
-        """How many parts there are."""
+        """Number of parts."""
         return max(1, len(self.rows))
 
 
 Poses = Mapping[int, Any]
-"""Targets by their numbers at the frames of a block: vertices (K, V, 3) m of meshes, centres and axes of ellipsoids."""
+"""Poses of the targets at the frames of a block by the targets' indices: vertices (K, V, 3) m of meshes, centres and axes of
+ellipsoids."""
 Visibility = Mapping[Fraction, np.ndarray]
-"""Fractions at the frames of a block."""
+"""Values (K, N) of each fraction at the frames of a block."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scatterer(ABC):
-    """What returns the same echoes in every block: facets, ellipsoids, ray tubes, the static scene.
+    """What returns the same set of echoes in every block: facets, ellipsoids, ray tubes, the static scene.
 
-    `scatter` is all that the loop of a simulation asks of it. A scatterer may be asked outside of that loop, too (`frames`).
+    The loop of a simulation calls `scatter`. `frames` computes echoes outside of that loop.
     """
 
     times_s: np.ndarray
-    """Surface frames of the record [s], uniform (T,)."""
+    """Times of the surface frames of the record [s], uniform, (T,)."""
     echoes: int
-    """Number of echoes at each frame."""
+    """Number of echoes in each frame."""
     vertices: int = 0
-    """Number of vertices from which these are made at each frame."""
+    """Number of vertices in each frame from which the echoes are computed."""
     at_once: int = 0
-    """How many frames it may be asked for at once, where what they are made from takes much memory; 0: any number."""
+    """Greatest number of frames that may be computed at once, where this takes much memory; 0: any number."""
     repeats: Repetition | None = None
-    """How the record repeats, where it stands for a longer one."""
+    """For a periodic target, how this record of a few periods stands for a longer one; else None."""
 
     reach = 0
-    """Frames on either side of a block at which it must know its fractions, too."""
+    """Number of frames on either side of a block at which its fractions must also be known."""
 
     @property
     def parts(self) -> tuple[Scatterer, ...]:
-        """Scatterers of fewer echoes each that return the same echoes together."""
+        """Scatterers with fewer echoes each that together return the same echoes."""
         return (self,)
 
     @property
     def targets(self) -> Mapping[int, MovingMesh | Ellipsoids]:
-        """The targets whose poses it needs, by their numbers."""
+        """The targets whose poses it needs, by their indices."""
         return {}
 
     @property
     def fractions(self) -> Iterable[Fraction]:
-        """The fractions that it needs."""
+        """The fractions that it needs at the frames of a block."""
         return ()
 
     @property
@@ -158,12 +161,13 @@ class Scatterer(ABC):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EchoStream(Scatterer):
-    """Echoes of one's own that are made when they are asked for, so that memory does not grow with duration."""
+    """A user's own echoes, computed block by block when they are needed, so that memory does not grow with duration."""
 
     frames: Callable[[int, int], EchoArrays] = field()  # type: ignore[assignment]
-    """`frames(start, stop)`: the arrays of `Echoes` for frames start..stop-1; the echoes are the same ones in every call."""
+    """`frames(start, stop)` gives the arrays of `Echoes` for frames start..stop-1; every call has the same echoes in the same
+    order."""
     echoes: int = 0
-    """Number of echoes, where it is known beforehand."""
+    """Number of echoes, where it is known in advance."""
 
     def __post_init__(self) -> None:
         call("frames", self.frames, "a function from the first frame and the one after the last to their EchoArrays")
@@ -184,19 +188,19 @@ def stream(echoes: Echoes | Scatterer) -> Scatterer:
 
 
 def _frames_of(echoes: Echoes, start: int, stop: int) -> EchoArrays:
-    """Echoes at frames start..stop - 1."""
+    """The arrays of echoes at frames start..stop - 1."""
     values = (getattr(echoes, name) for name in EchoArrays._fields)
     return EchoArrays(*(None if value is None else value[start:stop] for value in values))  # type: ignore[arg-type]
 
 
 def pose(scatterers: Iterable[Scatterer], block: FrameBlock) -> Poses:
-    """All targets that the scatterers need, each posed once."""
+    """Poses, in a block, of all targets that the scatterers need; each target is posed once."""
     targets = {number: target for scatterer in scatterers for number, target in scatterer.targets.items()}
     return {number: target.at(block.times_s) for number, target in targets.items()}
 
 
 def visibility(scatterers: Iterable[Scatterer], block: FrameBlock) -> Visibility:
-    """All fractions that the scatterers need, each found once."""
+    """Values, in a block, of all fractions that the scatterers need; each is computed once."""
     reach: dict[Fraction, int] = {}
     for scatterer in scatterers:
         for fraction in scatterer.fractions:

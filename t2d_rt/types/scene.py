@@ -14,33 +14,35 @@ from t2d_rt.types.material import Material
 from t2d_rt.types.splines import set_fields
 
 LARGEST_M = 3_000.0
-"""Town quarters are smaller; what exceeds it was meant in other units."""
+"""Greatest extent of a scene [m]; larger ones are taken for a mistake of units, as even town quarters are smaller."""
 MAX_SURFACES = 20_000
 MAX_TRIANGLES = 500_000
 MAX_VERTICES = 500_000
 ROOM_M, ROOM_SURFACES, ROOM_TRIANGLES, ROOM_PLANES = 100.0, 2_000, 100_000, 10_000
-"""Limits of what rays are traced in, ten times a furnished room's: edges and mirrors take time and memory with each plane."""
+"""Limits for a scene in which rays are traced whole: ten times a furnished room. Time and memory grow with each plane, through
+edges and mirrors."""
 NO_AREA_M2 = 1e-12
-"""A triangle of less than half of that is a line or a point; it reflects nothing and is passed over where there are others."""
+"""A triangle of less than half this area is a line or a point; it reflects nothing and is ignored where there are other
+triangles."""
 MAX_NAME = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Surface:
-    """Triangles of one material; each is a slab of that thickness, which reflects from both sides."""
+    """Triangles of one material. Each is a slab of that thickness, which reflects from both sides."""
 
     name: str
     vertices: np.ndarray
-    """[m], float64 (V, 3)."""
+    """Vertices [m], float64 (V, 3)."""
     faces: np.ndarray
-    """Integers (F, 3)."""
+    """Indices of the vertices of each triangle, (F, 3)."""
     material: str | Material
-    """An ITU name, whose values follow from the frequency, or a `Material` with values of its own."""
+    """An ITU name, whose values depend on the frequency, or a `Material` with values of its own."""
     thickness_m: float
 
     def __post_init__(self) -> None:
         _check_name(self.name, "surface")
-        # Copies: arrays of one's own.
+        # copies, so that later changes of the user's arrays have no effect
         vertices = array(f"vertices of {self.name}", self.vertices, ("vertex", 3), limit=np.inf).copy()
         faces = checked_faces(f"faces of {self.name}", self.faces, len(vertices)).astype(np.int64)
         if len(faces) > MAX_TRIANGLES or len(vertices) > MAX_VERTICES:
@@ -59,7 +61,7 @@ class Surface:
 
 
 def _check_name(name: object, noun: str) -> None:
-    """Names stand in sentences, results and file names."""
+    """Refuses a name that could not stand in sentences, results and file names."""
     if not isinstance(name, str) or not 0 < len(name) <= MAX_NAME or not name.isprintable():
         raise InputError(
             f"the name of a {noun} must be a text of 1..{MAX_NAME} printable characters, got {shown(name)}; give another"
@@ -68,18 +70,18 @@ def _check_name(name: object, noun: str) -> None:
 
 def _twice_area(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Twice the area of each triangle [m^2]."""
-    with np.errstate(over="ignore", invalid="ignore"):  # of what is refused as too large in a scene
+    with np.errstate(over="ignore", invalid="ignore"):  # a scene so large that this overflows is refused later
         return np.asarray(np.linalg.norm(edge_cross(vertices[faces]), axis=1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """Static surfaces: walls, doors, furniture."""
+    """The static surroundings of the targets: walls, doors, furniture."""
 
     name: str
     surfaces: tuple[Surface, ...]
     report: str = ""
-    """What a reader of meshes found and assumed."""
+    """What the reader of meshes found and assumed, for people."""
 
     def __post_init__(self) -> None:
         _check_name(self.name, "scene")
@@ -135,7 +137,7 @@ class Scene:
 
     @property
     def content(self) -> tuple[object, ...]:
-        """All that is reflected from, hashable: equal for equal scenes of any name."""
+        """All geometry and materials, hashable: equal for scenes that differ in name only."""
         return tuple(
             (surface.name, surface.vertices.tobytes(), surface.faces.tobytes(), surface.material, surface.thickness_m)
             for surface in self.surfaces
@@ -143,13 +145,14 @@ class Scene:
 
     @property
     def is_large(self) -> bool:
-        """Whether it is more than what rays are traced in, so that only what lies near a radar is."""
+        """Whether it exceeds the limits within which rays are traced in the whole scene; then only its surroundings of the radar
+        are used."""
         low, high = self.bounds_m
         many = len(self.surfaces) > ROOM_SURFACES or self._triangles > ROOM_TRIANGLES
         return many or bool((high - low).max() > ROOM_M)
 
     def near(self, place_m: np.ndarray, reach_m: float) -> Scene | None:
-        """The triangles that come as near to a place (3,) as `reach_m`, by the boxes around them; None where none does."""
+        """The triangles whose bounding boxes come within `reach_m` of a place (3,) m; None where there are none."""
         near_surfaces = []
         for surface in self.surfaces:
             corners = surface.vertices[surface.faces]
@@ -162,6 +165,6 @@ class Scene:
 
     @property
     def bounds_m(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest corner of the bounding box [m]."""
+        """Lowest and highest corner of the bounding box [m], (3,) each."""
         vertices = np.concatenate([surface.vertices for surface in self.surfaces])
         return vertices.min(axis=0), vertices.max(axis=0)

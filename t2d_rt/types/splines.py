@@ -1,4 +1,4 @@
-"""Times at which a moving target is known, how what is given then goes on between them; fields of frozen values."""
+"""Interpolation in time between the frames of a moving target, checks of times, and setting fields of frozen values."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from t2d_rt.core.errors import InputError
 
 
 def spline(times_s: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """C2 cubic interpolation in time of values (T, ...); a straight line or parabola where there are only 2 or 3 frames.
+    """C2 cubic interpolation in time of values (T, ...); a straight line or a parabola where there are only 2 or 3 frames.
 
-    It can be pickled."""
+    The returned function can be pickled.
+    """
     if (values == values[:1]).all():
         return partial(_constant, values[:1])
     from scipy.interpolate import CubicSpline, make_interp_spline
@@ -37,7 +38,7 @@ LEAST_STEP_S = 1e-9
 
 
 def checked_times(value: Any) -> np.ndarray:
-    """At least two finite, increasing times as a float64 array of one's own (T,)."""
+    """A copy of at least two finite, increasing times, float64 (T,)."""
     times_s = numeric("times_s", value)
     if times_s.ndim != 1 or len(times_s) < 2:
         raise InputError(
@@ -45,7 +46,7 @@ def checked_times(value: Any) -> np.ndarray:
         )
     if not np.isfinite(times_s).all():
         raise InputError("times_s must be finite and increasing, got NaN or infinite times")
-    # Times count from anywhere, such as 1970, but not in nanoseconds.
+    # Times may count from any origin, such as 1970, but not in nanoseconds.
     times_s = array("times_s", times_s, limit=1e10, unit="s").copy()
     if not (np.diff(times_s) >= LEAST_STEP_S).all():
         raise InputError(
@@ -55,7 +56,8 @@ def checked_times(value: Any) -> np.ndarray:
 
 
 def within(asked_s: np.ndarray, known_s: np.ndarray, name: str) -> np.ndarray:
-    """`asked_s` as an array of times (K,) between the first and last of `known_s`, to rounding."""
+    """Times that are asked for as an array (K,); refuses those outside of `known_s`, except for rounding. `name` is for the
+    error."""
     asked_s = np.atleast_1d(array("times_s", asked_s))
     if asked_s.ndim != 1:
         raise InputError(f"times_s must be one time or a list of times, got shape {asked_s.shape}")
@@ -69,6 +71,6 @@ def within(asked_s: np.ndarray, known_s: np.ndarray, name: str) -> np.ndarray:
 
 
 def set_fields(value: Any, **fields: Any) -> None:
-    """Sets fields of a frozen value while it is made."""
+    """Sets fields of a frozen value while it is being constructed."""
     for name, field in fields.items():
         object.__setattr__(value, name, field)

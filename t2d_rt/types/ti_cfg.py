@@ -1,8 +1,8 @@
-"""Configuration files (.cfg) of Texas Instruments' radars: the chirps and the antennas.
+"""Configuration files (.cfg) of Texas Instruments' radars: reading and writing their chirps and antennas.
 
-The fields of each command stand in the mmWave SDK's user guide (channelCfg, adcCfg, profileCfg, chirpCfg, frameCfg) and in the
-tuning guide of the people-tracking demo's detection layer (antGeometry). Signs of antennas (antPhaseRot) are of the device's own
-samples and not of a `Radar`.
+The fields of each command are described in the mmWave SDK's user guide (channelCfg, adcCfg, profileCfg, chirpCfg, frameCfg) and in
+the tuning guide of the people-tracking demo's detection layer (antGeometry). Signs of antennas (antPhaseRot) are those of the
+device's own samples and not of a `Radar`.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ BOARDS = {
     "xwr14xx": "iwr1443boost", "xwr16xx": "iwr1642boost", "xwr18xx": "awr1843boost", "xwr68xx": "iwr6843isk",
     "xwr68xx_aop": "iwr6843aop", "xwr64xx": "iwr6843isk", "xwr64xx_aop": "iwr6843aop",
 }  # fmt: skip
-"""Presets of the evaluation boards that the visualizer's comment "Platform:..." means."""
+"""Presets of the evaluation boards that the visualizer's comment "Platform:..." names."""
 FULL_DBM = 12.0
-"""Power of a transmitter without back-off [dBm], where no board is known."""
+"""Power of a transmitter without back-off [dBm], where the board is not known."""
 
 
 def read_lines(source: Source) -> list[str]:
@@ -42,7 +42,7 @@ def read_lines(source: Source) -> list[str]:
 
 
 def read_commands(source: Source) -> Commands:
-    """The numbers of every line of a .cfg file, or of its lines, by the name of the command; none of a line with words."""
+    """The numbers of every line of a .cfg file, or of its lines, by the name of the command; lines with words have no numbers."""
     commands: Commands = {}
     for line in read_lines(source):
         words = line.split("%")[0].split()
@@ -59,7 +59,7 @@ def read_commands(source: Source) -> Commands:
 
 
 def board_of(source: Source) -> str | None:
-    """Preset of the board that a .cfg file's comment "Platform:..." names; None where it names none that there is."""
+    """Preset of the board that a .cfg file's comment "Platform:..." names; None where it names no known board."""
     for line in read_lines(source):
         name, _, value = line.strip().lstrip("%").strip().partition(":")
         if name.lower() == "platform":
@@ -68,7 +68,7 @@ def board_of(source: Source) -> str | None:
 
 
 def numbers(commands: Commands, name: str, least: int) -> list[float]:
-    """Numbers of a command that the file must have once."""
+    """Numbers of a command, which the file must have exactly once."""
     rows = commands.get(name, [])
     if len(rows) != 1 or len(rows[0]) < least:
         raise InputError(
@@ -79,14 +79,16 @@ def numbers(commands: Commands, name: str, least: int) -> list[float]:
 
 
 def radar_fields(source: Source, board: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Fields of a `Radar` that a .cfg file tells: waveform, bursts, transmit power and antennas.
+    """Fields of a `Radar` from a .cfg file: waveform, bursts, transmit power and antennas.
 
     The antennas are those of antGeometry0 and 1 or, without them, those of the board that chirpCfg and channelCfg choose. The power
-    is the board's less the profile's back-off of the first transmitter. What the file has and a Radar has not is a warning.
+    is the board's less the profile's back-off of the first transmitter. Settings of the file that a Radar does not have cause a
+    warning.
+
     board: all fields of a preset whose antennas are in the device's order.
     """
     commands = read_commands(source)
-    # Other ways to send chirps: advanced frames, no frames, and the low-power devices'.
+    # other ways to send chirps: advanced frames, no frames, and those of the low-power devices
     for name in ("advFrameCfg", "subFrameCfg", "contModeCfg", "chirpComnCfg", "chirpTimingCfg"):
         if name in commands:
             raise InputError(
@@ -96,7 +98,7 @@ def radar_fields(source: Source, board: Mapping[str, Any] | None = None) -> dict
         raise InputError("bpmCfg must be off; give a file of time multiplexing")
     _check_whole(commands)
     frame = numbers(commands, "frameCfg", 5)
-    loops, period_ms = frame[2], frame[5 if len(frame) > 7 else 4]  # devices of 2021 and later have a number more
+    loops, period_ms = frame[2], frame[5 if len(frame) > 7 else 4]  # devices from 2021 on have one number more
     chirps = _chirps(commands, frame)
     profile = _profile(commands, chirps[0])
     _, start_ghz, idle_us, adc_us, ramp_us, backoff, phases, slope, _, samples, rate_khz = profile[:11]
@@ -135,18 +137,19 @@ def radar_fields(source: Source, board: Mapping[str, Any] | None = None) -> dict
 
 
 OF_BOARD = "tx_gain_dbi", "rx_gain_dbi", "noise_figure_db", "tx_pattern", "rx_pattern"
-"""Fields of a board's preset that no .cfg file tells."""
+"""Fields of a board's preset that a .cfg file does not contain."""
 
 
 WHOLE = {
     "channelCfg": {0: 255, 1: 255, 2: 255}, "chirpCfg": {0: 511, 1: 511, 2: 255, 7: 255}, "frameCfg": {0: 511, 1: 511, 3: 65535},
     "profileCfg": {0: 255, 5: 2**32 - 1, 6: 2**32 - 1},
 }  # fmt: skip
-"""Places of whole numbers among those of a command, and the greatest that each holds: numbers of chirps and profiles, masks."""
+"""Positions of whole numbers among the numbers of a command, and the greatest value of each: indices of chirps and profiles,
+masks."""
 
 
 def _check_whole(commands: Commands) -> None:
-    """Refuses halves, signs and numbers too great for their field."""
+    """Refuses fractions, negative numbers, and numbers too great for their field."""
     for name, places in WHOLE.items():
         for line in commands.get(name, []):
             for place, most in places.items():
@@ -158,7 +161,7 @@ def _check_whole(commands: Commands) -> None:
 
 
 def _chirps(commands: Commands, frame: list[float]) -> list[list[float]]:
-    """The numbers of chirpCfg for each chirp of a loop, in order."""
+    """The numbers of the chirpCfg of each chirp of a loop, in order."""
     first, last = int(frame[0]), int(frame[1])
     by_number: dict[int, list[float]] = {}
     for chirp in commands.get("chirpCfg", []):
@@ -179,7 +182,7 @@ def _chirps(commands: Commands, frame: list[float]) -> list[list[float]]:
 
 
 def _profile(commands: Commands, chirp: list[float]) -> list[float]:
-    """Numbers of the profile of a chirp, what the chirp adds to it added: Hz, kHz/us, us and us."""
+    """Numbers of the profile of a chirp, with the variations of the chirp added: Hz, kHz/us, us and us."""
     profiles = [profile for profile in commands.get("profileCfg", []) if profile and profile[0] == chirp[2]]
     profile = list(numbers({"profileCfg": profiles}, "profileCfg", 11))
     for place, change in ((1, chirp[3] * 1e-9), (7, chirp[4] * 1e-3), (2, chirp[5]), (3, chirp[6])):
@@ -188,7 +191,7 @@ def _profile(commands: Commands, chirp: list[float]) -> list[float]:
 
 
 def _order(masks: list[int]) -> list[int]:
-    """Numbers of the transmitters, from 0, in the order in which they send, of the chirps' masks."""
+    """Indices of the transmitters, from 0, in the order in which they send, from the transmit masks of the chirps."""
     period = next(n for n in range(1, len(masks) + 1) if len(masks) % n == 0 and masks == masks[:n] * (len(masks) // n))
     once = masks[:period]
     if any(mask not in (1, 2, 4, 8) for mask in once) or len(set(once)) != len(once):
@@ -199,7 +202,7 @@ def _order(masks: list[int]) -> list[int]:
 
 
 def _warn_of_rest(commands: Commands, backoffs: list[int], phases: int) -> None:
-    """Tells of what the file has and a Radar has not."""
+    """Warns of settings of the file that a Radar does not have."""
     differences = []
     if len(set(backoffs)) > 1:
         differences.append(f"back-offs of {backoffs} dB, of which the first is taken for all transmitters")
@@ -218,7 +221,7 @@ def _bits(mask: float) -> list[int]:
 
 
 def _antennas(commands: Commands, order: list[int], board: Mapping[str, Any] | None, half_m: float) -> dict[str, Any]:
-    """Offsets [m] of the transmitters in the order in which they send, and of the receivers that are on, about their centres."""
+    """Offsets [m] of the transmitters, in the order in which they send, and of the active receivers, each about their centre."""
     channels = commands.get("channelCfg", [])
     on = _bits(channels[-1][0]) if channels and channels[-1] else [0, 1, 2, 3]
     if not on:
@@ -253,7 +256,8 @@ def _antennas(commands: Commands, order: list[int], board: Mapping[str, Any] | N
 
 
 def _of_geometry(commands: Commands, transmitters: int, on: int | None, half_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Offsets from the places of the virtual antennas, which stand in half wavelengths, across to the right and upwards."""
+    """Offsets [m] of transmitters and receivers from the positions of the virtual antennas in antGeometry, which count half
+    wavelengths to the right and upwards."""
     across, up = (np.array(numbers(commands, f"antGeometry{axis}", 1)) for axis in (0, 1))
     receivers = len(across) // transmitters
     if len(across) != len(up) or receivers * transmitters != len(across) or receivers != (on or receivers):
@@ -271,10 +275,10 @@ def _of_geometry(commands: Commands, transmitters: int, on: int | None, half_m: 
 
 
 def ti_lines(radar: Any, board: str | None, full_dbm: float) -> list[str]:
-    """Lines of a .cfg file of a `Radar` with bursts, whose transmitters take turns; errors name what cannot be written.
+    """Lines of a .cfg file of a `Radar` with bursts and time multiplexing; errors name what cannot be written.
 
-    Of the time that a chirp does not sample a third, at most 6 us, is put before the samples and a sixth, at most 1 us, between
-    them and the ramp's end; the rest is idle. Power is written as back-off from `full_dbm`, the board's, in whole dB.
+    Of the time in which a chirp does not sample, a third, at most 6 us, is put before the samples, and a sixth, at most 1 us,
+    between them and the end of the ramp; the rest is idle. Power is written as back-off from the board's `full_dbm`, in whole dB.
     """
     transmitters, receivers = len(radar.tx_offsets_m), len(radar.rx_offsets_m)
     idle_s = radar.chirp_interval_s - radar.sweep_time_s
@@ -319,7 +323,7 @@ def ti_lines(radar: Any, board: str | None, full_dbm: float) -> list[str]:
 
 
 def _warn_of_unwritten(radar: Any) -> None:
-    """Tells of what the radar has and the file has not, and of a slope that no device has."""
+    """Warns of properties of the radar that the file does not contain, and of a slope that no device has."""
     place = type(radar).model_fields["position_m"].default
     if radar.track is not None or radar.position_m != place or not np.allclose(radar.axes, np.eye(3)):
         warn("place, boresight and track of the radar are not in a .cfg file; give them again where it is read")
@@ -331,13 +335,14 @@ def _warn_of_unwritten(radar: Any) -> None:
 
 
 STEEPEST_HZ_PER_S = 250e12
-"""Slope of the devices at 60 GHz by mmWaveLink's rlProfileCfg_t [Hz/s]; those at 77 GHz have less."""
+"""Greatest slope of the 60 GHz devices by mmWaveLink's rlProfileCfg_t [Hz/s]; those at 77 GHz have less."""
 LEAST_IDLE_S = 3e-6
-"""Time of a chirp that a device needs beside its samples: the synthesizer's way back and the filters' settling."""
+"""Time that a device needs in each chirp beside its samples [s]: for the return of the synthesizer and the settling of the
+filters."""
 
 
 def _geometry_lines(radar: Any) -> list[str]:
-    """antGeometry0 and 1, where the virtual antennas stand on a grid of about half wavelengths; a warning where not."""
+    """The lines antGeometry0 and 1, if the virtual antennas lie on a grid of about half wavelengths; else a warning."""
     places = 2 * (radar.virtual_offsets_m - radar.virtual_offsets_m[0])
     steps = np.abs(places[np.abs(places) > 1e-6])
     half_m = float(steps.min()) if steps.size else 1.0
