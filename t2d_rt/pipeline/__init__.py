@@ -1,1 +1,1 @@
-"""What stands between the parts of an experiment and its ADC cube: targets, path pairs, visibility, echoes, their sum."""
+"""The stages between an experiment and its ADC cube: targets, path pairs, visibility, and the scatterers made from them."""

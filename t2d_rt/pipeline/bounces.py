@@ -1,4 +1,4 @@
-"""Which targets take part in several bounces, and their echoes over these."""
+"""Which targets take part in echoes of several bounces, and the scatterers of these echoes."""
 
 from __future__ import annotations
 
@@ -24,28 +24,29 @@ from t2d_rt.types.material import values_of
 from t2d_rt.types.scatterer import Scatterer
 
 SAME_S = 1e-3
-"""Instants closer than that have their tubes from one of them."""
+"""Instants closer together than this [s] share the ray tubes of one of them."""
 FRAMES = 2
-"""Frames to each surface frame of a single bounce: directions between two surfaces change faster than those to the antennas."""
+"""Frames of ray tubes for each surface frame of a single bounce: directions between two surfaces change faster than those to the
+antennas."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bouncing:
-    """A target that may take part in several bounces."""
+    """A target that may take part in echoes of several bounces."""
 
     name: str
     mesh: MovingMesh | None
-    """None where ellipsoids scatter."""
+    """The mesh of the target; None where ellipsoids scatter."""
     fast_rotating: bool
     material: Material | ByPart
     sagitta_rad: Sagitta
-    """Phase sagitta of its facets."""
+    """Phase sagitta of its facets [rad]."""
     times_s: np.ndarray
-    """Surface frames of the target [s]."""
+    """Surface frames of the target [s], (T,)."""
 
     @property
     def why_not(self) -> str | None:
-        """Why it takes no part in them; None where it does."""
+        """A sentence about why the target takes no part in several bounces; None where it does."""
         if self.mesh is None:
             return (
                 f"{self.name} is made of ellipsoids and takes no part in several bounces; method 'mesh' has them, "
@@ -56,7 +57,7 @@ class Bouncing:
         return None
 
     def reflector(self, radar: Radar, span_s: tuple[float, float], max_facets: int) -> Reflector:
-        """The surface of the target, with the facets that it has for a single bounce."""
+        """The surface of the target for ray tubes, with the same facets as for a single bounce."""
         assert self.mesh is not None
         range_m = least_range_m(self.mesh, [PairPlaces.of(radar)], np.array(span_s))
         (facets,) = refined(self.mesh, 2 * math.pi / radar.wavelength_m, range_m, [self.sagitta_rad], max_facets)
@@ -66,7 +67,8 @@ class Bouncing:
 
 
 def direct_pair(pairs: Sequence[PathPair], bounces: int, *, warned: bool) -> PathPair | None:
-    """The pair without mirrors or slabs, over which there are several bounces; a warning where there is none."""
+    """The pair without mirrors or slabs, on which several bounces are modelled. None, with a warning if `warned`, where there is
+    none."""
     direct = [pair for pair in pairs if not pair.out.chain and not pair.back.chain]
     if not direct and warned:
         warn(f"no direct path leads from the radar to the targets, so there are no echoes of {bounces} bounces")
@@ -84,10 +86,10 @@ def bounce_scatterers(
     backend: Backend,
     memory: MemoryLimit,
 ) -> list[Scatterer]:
-    """Echoes of the targets over 2 to `bounces` bounces, a warning for each that takes no part in them.
+    """Scatterers of the echoes of 2 to `bounces` bounces between targets; warns of each target that takes no part in them.
 
-    Tubes are traced at `samples_s`, or at the targets' frames where these are instants (None). In a scene only the `direct` path
-    pair leads to the targets and back; None is free space.
+    Ray tubes are traced at `samples_s`, or at the targets' frames where these are single instants (None). In a scene only the
+    `direct` path pair leads to the targets and back; None is free space.
     """
     if samples_s is not None:
         for target in targets:
@@ -123,7 +125,8 @@ def _unblocked(
 
 
 def _apart(times_s: np.ndarray) -> np.ndarray:
-    """Some of the instants, ascending: no two of them, and none of the others, are nearer to the one before than `SAME_S`."""
+    """Some of the instants, ascending, at least `SAME_S` apart from one another; every other instant follows one of them within
+    `SAME_S`."""
     instants: list[float] = []
     for time_s in np.unique(times_s).tolist():
         if not instants or time_s - instants[-1] > SAME_S:

@@ -1,4 +1,4 @@
-"""`Model`: targets before a radar in a scene, and what an accuracy asks of each: rates, frames, facets, path pairs."""
+"""`Model`: targets before a radar in a scene, and what an accuracy implies for each of them: rates, frames, facets, path pairs."""
 
 from __future__ import annotations
 
@@ -40,30 +40,30 @@ from t2d_rt.types.scatterer import Scatterer
 
 SPLINE_ERROR_DB = Accuracy().spline_error_db
 LEAST_SPEED_SAMPLES, SPEED_SAMPLES = 50, 200
-"""Instants at which speeds are sampled, at least and at most."""
+"""Least and greatest number of instants at which the speeds of a target are sampled."""
 SPEED_RATE_HZ = 1000.0
-"""In records in between: eight instants in a rotation at 7500 rpm."""
+"""Rate at which speeds are sampled between these limits [Hz]: eight instants per rotation at 7500 rpm."""
 SAME_RATE = 2.0
-"""Targets whose surface rates differ by more are summed apart, each at its own."""
+"""Targets whose surface rates differ by more than this factor are summed separately, each at its own rate."""
 PASSING_M = 3.0
-"""Distance of the points by which a scene passes a radar that moves."""
+"""Distance [m] of the points that stand for the scene, to find the surface rate that the movement of the radar needs."""
 TWIN_SEED = 1_000_003
-"""Step between the seeds of targets that have the same shape at rest."""
+"""Step between the seeds of targets that have the same geometry at rest."""
 
 
 @dataclass(frozen=True)
 class Model:
-    """How targets become echoes, path pairs of every tier at its own accuracy."""
+    """The physical model of an experiment: targets, radar, scene and path pairs, from which an accuracy makes scatterers."""
 
     radar: Radar
     modelled: Sequence[Target]
     span_s: tuple[float, float]
     scene: Scene | None
-    """None in free space."""
+    """The scene; None in free space."""
     ranked: Sequence[Ranked]
-    """Path pairs to the targets, where there is a scene."""
+    """Path pairs to the targets, strongest first; empty in free space."""
     blockage: SceneBlockage
-    """What of the scene blocks them."""
+    """Blockage of these paths by the scene."""
     _: KW_ONLY
     method: Method
     material: str | Material | Outfit | None
@@ -73,31 +73,31 @@ class Model:
     backend: Backend
     memory: MemoryLimit
     bounces: int = 1
-    """Greatest number of them, within and between targets."""
+    """Greatest number of bounces, within and between targets."""
     paths_on: frozenset[str] | None = None
-    """Names of the path pairs that have echoes; None for all. The others are modelled alike and are silent, so that recordings of
-    parts add up to that of the whole."""
+    """Names of the path pairs that have echoes; None for all. The others are modelled in the same way but left silent, so that
+    recordings of parts add up to that of the whole."""
     surface_rates: dict[int, SurfaceRate] = field(default_factory=dict)
-    """Surface rates that targets need, by their number; found when they are first asked for."""
+    """Surface rates that targets need, by the index of the target; cached when first asked for."""
     own_rates: dict[int, SurfaceRate] = field(default_factory=dict)
     """The same rates without the movement of the radar."""
 
     @property
     def targets(self) -> list[TargetLike]:
-        """The targets as they were given, motions after placement."""
+        """The targets as the user gave them, motions after placement."""
         return [target.source for target in self.modelled]
 
     @property
     def geometries(self) -> list[Geometry]:
-        """The geometry of each target."""
+        """The geometry of each target: its mesh or its ellipsoids."""
         return [target.geometry for target in self.modelled]
 
     def rates_hz(self, accuracy: Accuracy) -> list[float]:
-        """Surface rate of each target: what its motion needs, and no less than visibility is sampled at."""
+        """Surface rate of each target [Hz]: what its motion needs, and at least the rate at which visibility is sampled."""
         if accuracy.surface_rate_hz is not None:
             return [accuracy.surface_rate_hz] * len(self.geometries)
         sampled_hz = accuracy.visibility_rate_hz if accuracy.occlusion else 0.0
-        # A radar's movement across the line of sight to a target is one along paths over walls.
+        # Movement of the radar across the line of sight is movement along some of the reflected paths.
         least_hz = 0.0 if self.passing_rate is None else self.passing_rate.needed_hz(accuracy.spline_error_db)
         return [
             max(
@@ -110,7 +110,8 @@ class Model:
 
     @cached_property
     def passing_rate(self) -> SurfaceRate | None:
-        """What the scene needs as it passes a radar that moves, by points on all sides; None where there is none."""
+        """Surface rate that the scene needs because the radar moves past it, from points on all sides of the radar; None in free
+        space, or where the radar stands still."""
         if self.radar.track is None or self.scene is None:
             return None
         places = self.radar.track.places_m(np.linspace(*self.span_s, 100))
@@ -120,14 +121,15 @@ class Model:
         return SurfaceRate(passing(standing, self.radar), self.radar, self.span_s)
 
     def rate(self, number: int) -> SurfaceRate:
-        """What the motion of the target of that number needs."""
+        """Surface rate that the motion of the target of that index needs."""
         if number not in self.surface_rates:
             stand_in = self.modelled[number].ellipsoids()
             self.surface_rates[number] = SurfaceRate(self.geometries[number], self.radar, self.span_s, stand_in)
         return self.surface_rates[number]
 
     def own_rate(self, number: int) -> SurfaceRate:
-        """The rate without the movement of the radar: what turns with all of the world keeps its visibility."""
+        """Surface rate of a target without the movement of the radar: that movement does not change what occludes the target's own
+        points."""
         if self.radar.track is None:
             return self.rate(number)
         if number not in self.own_rates:
@@ -135,7 +137,7 @@ class Model:
         return self.own_rates[number]
 
     def frame_times(self, accuracy: Accuracy) -> list[np.ndarray]:
-        """Surface frames of each target [s] at its rate or more; those that need about the same rate have the same ones."""
+        """Surface frames of each target [s], at its rate or more; targets that need about the same rate share the frames."""
         rates = self.rates_hz(accuracy)
         length = self.span_s[1] - self.span_s[0]
         times: dict[float, np.ndarray] = {}
@@ -145,42 +147,42 @@ class Model:
         return [times[min(frame_rate for frame_rate in times if frame_rate >= rate)] for rate in rates]
 
     def facets(self, geometry: MovingMesh, accuracy: Accuracy) -> MovingMesh:
-        """The facets of a target in free space."""
+        """The refined mesh of a target in free space."""
         return facets(
             geometry, self.radar, sagitta_rad(geometry, accuracy), span_s=self.span_s, max_facets=self.max_facets
         )
 
     @property
     def max_facets(self) -> int:
-        """Greatest number of facets of one mesh in the memory that may be taken."""
+        """Greatest number of facets of one mesh for which there is memory."""
         return most_facets(self.memory)
 
     def pairs(self, accuracy: Accuracy) -> ChosenPairs | None:
-        """Path pairs that are modelled; None in free space."""
+        """Path pairs that are modelled, by tier; None in free space."""
         return None if self.scene is None else ChosenPairs.of(self.ranked, accuracy, self.paths_on)
 
     def fast_rotating(self, accuracy: Accuracy) -> list[bool]:
-        """Which targets rotate too fast for their visibility to be sampled point by point."""
+        """Whether each target rotates too fast for its visibility to be sampled point by point."""
         return [
             target.may_rotate_fast and self.own_rate(number).rotation_hz(SPLINE_ERROR_DB) > accuracy.fastest_sampled_hz
             for number, target in enumerate(self.modelled)
         ]
 
     def seed_of(self, number: int) -> int:
-        """Seed of a target's diffuse points: two persons of one shape have points of their own."""
+        """Seed of a target's diffuse points: two persons of the same geometry get different points."""
         rest = [None if target.mesh is None else target.mesh.rest for target in self.modelled[: number + 1]]
         return self.seed + TWIN_SEED * sum(np.array_equal(rest[-1], earlier) for earlier in rest[:-1])  # type: ignore[arg-type]
 
     def material_of(self, number: int) -> Material | ByPart:
-        """What a target is made of, at mid-sweep."""
+        """Material of a target's surface, with its values at mid-sweep."""
         return resolved(self.modelled[number].material, self.radar)
 
     def decimated(self, times_s: np.ndarray, tier: PathTier) -> np.ndarray:
-        """Every so many of the surface frames."""
+        """Surface frames of decimated scatterers of a tier: as many fewer as its `decimation` says."""
         return np.linspace(*self.span_s, max(4, math.ceil(len(times_s) / tier.decimation)))
 
     def clutter(self, kind: Clutter, accuracy: Accuracy) -> tuple[list[Scatterer], dict[str, object]]:
-        """Echoes of the static scene, and how many there are."""
+        """Scatterers of the static scene, and counts of its echoes for a recording's settings."""
         if self.scene is None or kind == "none":
             return [], {}
         fast, occludes = self.fast_rotating(accuracy), accuracy.occludes_clutter
@@ -200,13 +202,13 @@ class Model:
 
 
 def sagitta_rad(geometry: MovingMesh, accuracy: Accuracy) -> Sagitta:
-    """Phase sagitta of a mesh's facets over dominant paths."""
+    """Phase sagitta [rad] of a mesh's facets over dominant paths."""
     sagitta = geometry.sagitta_rad if accuracy.sagitta_rad is None else accuracy.sagitta_rad
     return np.multiply(accuracy.sagitta_scale, sagitta)
 
 
 def farthest_and_fastest(geometry: Geometry, radar: Radar, span_s: tuple[float, float]) -> tuple[float, float]:
-    """Greatest range [m] and speed towards or from the antennas [m/s] of any point of a target."""
+    """Greatest range [m] of any point of a target, and its greatest speed towards or away from the antennas [m/s]."""
     start, stop = span_s
     step = min(1e-3, (stop - start) / 10)
     places = np.unique([radar.tx_position_m, radar.rx_position_m], axis=0)
@@ -221,14 +223,14 @@ def farthest_and_fastest(geometry: Geometry, radar: Radar, span_s: tuple[float, 
 
 
 def resolved(material: str | Material | ByPart, radar: Radar) -> Material | ByPart:
-    """Values at mid-sweep, part by part where a surface has several materials."""
+    """Material with its values at mid-sweep; part by part where a surface has several materials."""
     if isinstance(material, ByPart):
         return material.resolved(partial(values, radar=radar))
     return values(material, radar)
 
 
 def values(material: str | Material, radar: Radar) -> Material:
-    """Values at mid-sweep: a body's material, or an ITU one by name."""
+    """Material with its values at mid-sweep, from the name of a body's or an ITU material."""
     if isinstance(material, Material) or material in BODY_NAMES:
         return resolve_material(material, radar.mid_frequency_hz)
     if not isinstance(material, str):
@@ -240,6 +242,6 @@ def values(material: str | Material, radar: Radar) -> Material:
 
 
 def with_method(model: Model, method: Method) -> Model:
-    """The model with bodies by another echo model."""
+    """The model in which bodies scatter by `method`."""
     modelled = [target.by(method) for target in model.modelled]
     return replace(model, modelled=modelled, method=method, surface_rates={}, own_rates={})

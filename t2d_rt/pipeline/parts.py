@@ -1,4 +1,4 @@
-"""Parts of a recording by name: the segment, the path pair, the target or the bounces that each echo comes from."""
+"""Splits a recording into named parts: by segment, path pair, target, or number of bounces of each echo."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from t2d_rt.types import Accuracy, Motion, MovingMesh
 from t2d_rt.types.scatterer import EchoLabels, EchoParts, Scatterer
 
 Split = Literal["segment", "path", "target", "bounce"]
-"""What the parts of a recording differ in."""
+"""What the parts of a recording are distinguished by."""
 STATIC = "static scene"
-"""The part of echoes that no target takes part in."""
+"""Name of the part for echoes of the static scene alone."""
 BETWEEN = "several bounces"
-"""The part of echoes over several surfaces, which belong to none of them."""
+"""Name of the part for echoes over several surfaces, which belong to none of these."""
 UNLABELLED = "no target"
-"""The part of single bounces whose labels name no target, as those of other packages may."""
+"""Name of the part for single bounces whose labels name no target, as scatterers of other packages may return them."""
 MOST_PIECES = 24
-"""A mesh of more pieces that hang together is one part."""
+"""A mesh of more separate pieces than this is one part."""
 
 
 def checked_split(split: str | None) -> Split | None:
-    """One of the kinds of parts, or None."""
+    """A checked way to split a recording, or None."""
     if split is not None and split not in get_args(Split):
         raise InputError(f"split must be one of {', '.join(get_args(Split))}, got {shown(split)}")
     return split  # type: ignore[return-value]
 
 
 class PartNames:
-    """Names of parts by the labels of echoes, no two parts of one name.
+    """The name of the part of each echo, from its labels; no two parts have the same name.
 
-    Segments are those of bodies, and the pieces of other meshes that hang together, such as a fan's hub and blades; the name of the
-    target stands before theirs where there are several targets.
+    Segments are those of bodies, and the connected pieces of other meshes, such as the hub and the blades of a fan. Where there are
+    several targets, the name of the target stands before that of the segment.
     """
 
     def __init__(self, split: Split, model: Model) -> None:
@@ -55,27 +55,28 @@ class PartNames:
             of_segments = [
                 (number, name) for number, segments in enumerate(self._segments) for name in segments.names if name
             ]
-            keys = of_segments + keys  # what has no segment comes last
+            keys = of_segments + keys  # targets without segments come last
         before = [f"{name}: " if len(targets) > 1 else "" for name in numbered(targets)]
         wished = [before[number] + name if name else targets[number] for number, name in keys]
         distinct = numbered(wished, taken=(STATIC, UNLABELLED, BETWEEN))
         self._names = dict(zip(keys, distinct, strict=True))
         self.renamed = {name: wish for name, wish in zip(distinct, wished, strict=True) if name != wish}
-        """What parts would be called if no other one had that name, by what they are called."""
+        """For parts whose name had to be changed because another part has it, the original name by the new one."""
 
     @property
     def count(self) -> int:
-        """Most parts of segments and targets that there can be."""
+        """Upper limit of the number of parts by segments or targets."""
         return len(self._names) + 3
 
     def of_target(self, number: int, *, ellipsoids: bool) -> tuple[str, list[str]]:
-        """The part that a target is, and those of its faces, or of its ellipsoids, where they are split by segment."""
+        """Name of the part for a target itself, and names of the parts for each of its faces, or of its ellipsoids, where they are
+        split by segment."""
         segments = self._segments[number]
         names = segments.of_ellipsoids if ellipsoids else segments.of_faces
         return self._names[number, ""], [self._names[number, name] for name in names]
 
     def of(self, labels: EchoLabels) -> np.ndarray:
-        """The part that each of N echoes belongs to, names (N,)."""
+        """Name of the part of each of N echoes, (N,)."""
         if self.split == "bounce":
             more = (f"{count} bounces" for count in range(2, labels.bounces.max(initial=1) + 1))
             return np.array([STATIC, "1 bounce", *more])[labels.bounces]
@@ -95,19 +96,19 @@ class PartNames:
 
 @dataclass(frozen=True, slots=True)
 class _Segments:
-    """The segment of a target that each of its faces and its ellipsoids belongs to; an empty name is the target itself."""
+    """Name of the segment of each face, and of each ellipsoid, of a target; an empty name stands for the target itself."""
 
     of_faces: Sequence[str]
     of_ellipsoids: Sequence[str]
 
     @property
     def names(self) -> list[str]:
-        """Names of the segments of faces and ellipsoids, each once, in their order."""
+        """Names of all segments, each once, in the order of faces and ellipsoids."""
         return list(dict.fromkeys([*self.of_faces, *self.of_ellipsoids]))
 
     @classmethod
     def of(cls, model: Model, number: int) -> _Segments:
-        """The segments of the target of that number."""
+        """The segments of the target of that index."""
         target, body = model.modelled[number], model.body
         made, motion = None if target.mesh is None else target.mesh.made, target.source
         if made is not None and made.by == "skin":
@@ -121,7 +122,7 @@ class _Segments:
 
 
 def _parts_of_targets(model: Model) -> list[str]:
-    """The part that each target is, with a number where several have the same name."""
+    """Name of the part of each target, with a number where several have the same name."""
     names = ["person" if isinstance(target.source, Motion) else target.geometry.name for target in model.modelled]
     return [
         name if names.count(name) == 1 else f"{name} {names[:number].count(name) + 1}"
@@ -130,11 +131,12 @@ def _parts_of_targets(model: Model) -> list[str]:
 
 
 def _pieces(mesh: MovingMesh) -> list[str]:
-    """The piece of the mesh that each face hangs together with, counted from the first face on; empty names where it is one."""
+    """Name of the connected piece to which each face of a mesh belongs, numbered from the first face on; empty names for a mesh of
+    one piece, or of too many."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    # Files of loose triangles have each vertex several times.
+    # Files of loose triangles repeat each vertex, so equal positions count as one vertex.
     _, same = np.unique(np.round(mesh.rest, 6), axis=0, return_inverse=True)
     faces = same.reshape(-1)[mesh.faces]
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]]).T
@@ -148,18 +150,18 @@ def _pieces(mesh: MovingMesh) -> list[str]:
 
 
 class PartCubes:
-    """The cubes that parts are summed to, each of which comes into being with its first echo.
+    """The ADC cubes to which the parts of a recording are summed; each is created with its first echo.
 
-    They hold products of which samples are made when they are read (`ProductRows`), all in one file.
+    They store products, from which samples are computed when they are read (`ProductRows`), all in one file.
     """
 
     def __init__(self, split: Split | None, model: Model, *, factored: bool = False) -> None:
-        """factored: whether the cube of the whole holds products, too."""
+        """factored: whether the cube of the whole recording stores products, too."""
         self._model, self._file = model, ScratchFile() if split else None
         self._names = PartNames(split, model) if split else None
         self._rows: dict[str, ProductRows] = {}
         self.whole: Cube | None = DiskCube(ProductRows(self._axes)) if factored else None
-        """What all echoes are added to; None where the sum makes a cube of its own."""
+        """The cube to which all echoes are added; None where the synthesis creates it."""
 
     @property
     def _axes(self) -> tuple[int, int, int]:
@@ -168,11 +170,11 @@ class PartCubes:
 
     @property
     def cubes(self) -> dict[str, DiskCube]:
-        """ADC cubes by the parts' names."""
+        """ADC cube of each part by the part's name."""
         return {name: DiskCube(rows) for name, rows in self._rows.items()}
 
     def most(self, accuracy: Accuracy) -> int:
-        """Most parts that there can be; 0 without a split."""
+        """Upper limit of the number of parts; 0 without a split."""
         if self._names is None:
             return 0
         pairs = self._model.pairs(accuracy)
@@ -180,9 +182,9 @@ class PartCubes:
         return of_split.get(self._names.split, self._names.count)
 
     def of(self, scatterers: Scatterer) -> EchoParts | None:
-        """Which part each of their echoes belongs to; None where all are one.
+        """Assigns the echoes of scatterers to parts; None where all belong to one.
 
-        Echoes of path pairs that are switched off are silent; several bounces are on the direct one.
+        Echoes of path pairs that are switched off are left out of the sum; those of several bounces belong to the direct pair.
         """
         model = self._model
         if self._names is None and model.paths_on is None:
@@ -195,13 +197,13 @@ class PartCubes:
         if self._names is not None:
             echo_names = self._names.of(labels)[on]
             names, first, inverse = np.unique(echo_names, return_index=True, return_inverse=True)
-            order = np.argsort(first)  # as they come: segments by the body's faces, path pairs by their strength
+            order = np.argsort(first)  # in order of appearance
             names, number[on] = names[order], np.argsort(order)[inverse]
         number[~on] = -1
         return EchoParts(number, [self._part(name) for name in names.tolist()])
 
     def _part(self, name: str) -> ProductRows:
-        """The rows of a part, new ones where it has had no echo."""
+        """The rows of the cube of a part; new ones with its first echo."""
         if name not in self._rows:
             self._rows[name] = ProductRows(self._axes, self._file)
             if self._names is not None and (wished := self._names.renamed.get(name)):

@@ -1,4 +1,4 @@
-"""The path pairs to the targets in a room, in tiers by their levels, and the scatterers of its static clutter."""
+"""The path pairs to the targets in a room, divided into tiers by level, and the scatterers of static clutter."""
 
 from __future__ import annotations
 
@@ -43,45 +43,46 @@ from t2d_rt.types.scatterer import Fraction, Scatterer
 from t2d_rt.types.scene import ROOM_SURFACES, ROOM_TRIANGLES
 
 Clutter = Literal["specular", "diffuse", "none"]
-"""Static clutter: specular paths, these and the scatter of rough walls, or none."""
+"""Static clutter: "specular" paths, with "diffuse" also the scattering of rough walls, or "none"."""
 
 CLUTTER_ORDER = 3
-"""Reflections of static clutter: a trihedral corner takes three."""
+"""Greatest number of reflections of static clutter: a trihedral corner has three."""
 CEILING_M = 60.0
-"""Halls are lower; a radar under a higher ceiling stands in a room in other units."""
+"""Greatest height of a ceiling [m]; with a higher one above the radar, the scene is taken to be in other units."""
 SLAB_M = 1.0
-"""Half of the thickest slab."""
+"""Half of the greatest thickness of a slab [m]."""
 SCATTERING_COEFFICIENT = 0.2
-"""Scattering coefficient, with "diffuse", of walls whose material has none: a choice, 4 % of what is reflected."""
+"""Scattering coefficient, with "diffuse", of walls whose material has none; a choice: 4 % of the reflected power."""
 
 
 @dataclass(frozen=True, slots=True)
 class ChosenPairs:
-    """Path pairs that are modelled, strongest first, in tiers, and those left out."""
+    """The path pairs that are modelled, strongest first, divided into tiers; and those that are left out."""
 
     pairs: list[PathPair]
     levels_db: list[float]
-    """Level of each pair in the mean over the targets, relative to the strongest pair's [dB]."""
+    """Level of each pair averaged over the targets, relative to the strongest pair [dB]."""
     bent_db: list[float]
-    """Level of what a line over frequency leaves out of each pair's spectrum, likewise relative."""
+    """Level of the residual of each pair's spectrum after fitting a straight line over frequency, likewise relative [dB]."""
     left_out_db: list[float]
-    """Levels of the pairs left out, at their best points, likewise relative."""
+    """Greatest levels, over the points of the targets, of the pairs that are left out, likewise relative [dB]."""
     ends: list[int]
-    """How many of the pairs belong to each tier or to one before it."""
+    """For each tier, the number of pairs in it and in the tiers before it."""
     occluded: list[PathPair]
-    """The pairs of tiers whose occlusion by the targets is traced along all of their paths."""
+    """The pairs whose occlusion by the targets is traced: those up to the last tier that asks for it."""
     switched_on: list[PathPair]
     """The pairs that have echoes."""
 
     @classmethod
     def of(cls, ranked: Sequence[Ranked], accuracy: Accuracy, names_on: frozenset[str] | None) -> ChosenPairs:
-        """Those within the dynamic range at their best points and not below the least level in the mean. Pairs of other names than
-        those that are on, None for all, are modelled as well, for how finely one is does not depend on the others."""
+        """Chooses the pairs within the dynamic range at their best points whose average level is not below the least level. Pairs
+        whose names are not in `names_on` (None for all) are modelled as well but have no echoes, because the accuracy of a pair
+        must not depend on the others."""
         keep = [
             entry.best_db >= -accuracy.dynamic_range_db and entry.mean_db >= accuracy.least_level_db for entry in ranked
         ]
         kept = [entry for entry, stays in zip(ranked, keep, strict=True) if stays]
-        least = 1  # the strongest one is dominant whatever its level
+        least = 1  # the strongest pair is dominant, whatever its level is
         ends: list[int] = []
         for tier in accuracy.tiers:
             least = max(least, sum(entry.mean_db >= tier.level_db for entry in kept))
@@ -104,22 +105,23 @@ class ChosenPairs:
 
     @property
     def dominant(self) -> int:
-        """How many are in the first tier."""
+        """Number of pairs in the first tier."""
         return self.ends[0]
 
     def by_tier(self, accuracy: Accuracy) -> Iterator[tuple[PathTier, list[PathPair]]]:
-        """Tiers that have path pairs, and these."""
+        """The tiers that have path pairs which are switched on, with these pairs."""
         for tier, first, last in zip(accuracy.tiers, [0, *self.ends], self.ends, strict=False):
             if last > first:
                 yield tier, self.pairs[first:last]
 
     def bound_db(self) -> float | None:
-        """What those left out amount to at most, were they all in phase, relative to the strongest one [dB]."""
+        """Upper bound of the level of the pairs left out, as if all were in phase, relative to the strongest pair [dB]; None where
+        none is left out."""
         total = sum(10 ** (level / 20) for level in self.left_out_db)
         return 20 * float(np.log10(total)) if total else None
 
     def describe(self) -> dict[str, object]:
-        """Entries of a recording's settings."""
+        """Entries of a recording's settings about path pairs."""
         return {
             "pairs": [pair.name for pair in self.switched_on],
             "left_out": len(self.left_out_db),
@@ -128,8 +130,8 @@ class ChosenPairs:
 
 
 def switched_on(ranked: Sequence[Ranked], only: Sequence[str] | None, without: Sequence[str]) -> frozenset[str] | None:
-    """Names of the path pairs that have echoes: of `only` these, but not `without` those; None for all. In a name * stands for any
-    characters. In the place of no path pairs, in free space, there is one that is called direct."""
+    """Names of the path pairs that have echoes: those that match `only`, without those that match `without`; None for all. In a
+    name * stands for any characters. Free space counts as one pair called "direct"."""
     if only is None and not without:
         return None
     names = [entry.pair.name for entry in ranked] or ["direct"]
@@ -143,7 +145,7 @@ def switched_on(ranked: Sequence[Ranked], only: Sequence[str] | None, without: S
 
 
 def _matching(option: str, patterns: Sequence[str], names: Sequence[str]) -> set[str]:
-    """The names that match one of the patterns that an option was given."""
+    """The names that match one of the patterns given to an option; refuses a pattern without a match."""
     matches: set[str] = set()
     for pattern in patterns:
         matching = fnmatch.filter(names, pattern.replace("[", "[[]"))
@@ -154,8 +156,9 @@ def _matching(option: str, patterns: Sequence[str], names: Sequence[str]) -> set
 
 
 def within_reach(scene: Scene, radar: Radar) -> Scene | None:
-    """What of a large scene echoes can come from: the IF filter lets no path through that is longer than twice the farthest range,
-    and none that is shorter leads farther away. None where that is nothing; smaller scenes are kept as they are.
+    """The part of a large scene from which echoes can come; None where there is nothing of it. Smaller scenes are kept as they are.
+
+    The IF filter passes no path longer than twice the greatest range, and no shorter path leads farther away.
     """
     if not scene.is_large:
         return scene
@@ -186,10 +189,10 @@ def within_reach(scene: Scene, radar: Radar) -> Scene | None:
 
 
 def _ceiling_m(scene: Scene, place_m: np.ndarray) -> float:
-    """Height over a place of the first surface straight above it [m]; 0 where there is none."""
+    """Height [m] of the first surface vertically above a place; 0 where there is none."""
     corners = np.concatenate([surface.vertices[surface.faces] for surface in scene.surfaces]) - place_m
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners.transpose(1, 2, 0)
-    # Barycentric coordinates of the place within each triangle, seen from above.
+    # barycentric coordinates of the place within each triangle, in plan view
     weights = np.stack([bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx])
     total = weights.sum(axis=0)
     over = ((weights >= 0).all(axis=0) | (weights <= 0).all(axis=0)) & (total != 0)
@@ -207,7 +210,8 @@ def find_path_pairs(
     transmissions: int = 0,
     backend: Backend,
 ) -> tuple[list[Ranked], SceneBlockage]:
-    """Path pairs of up to `order` reflections and `transmissions` in all to the targets, strongest first, and what blocks them."""
+    """Path pairs to the targets with up to `order` reflections and `transmissions` transmissions in all, strongest first, and their
+    blockage by the scene."""
     points, probed_s = probes(geometries, *span_s)
     most = {"order": order, "transmissions": transmissions}
     along = Along.of(radar, span_s, probed_s)
@@ -222,7 +226,8 @@ def find_path_pairs(
 
 
 def probed(found: RadarPaths, probes_m: np.ndarray, probed_s: np.ndarray | None = None) -> Probed:
-    """Paths of a radar to the points that they were searched to, and when these are there, which a radar that moves needs."""
+    """The paths of a radar with the points at the targets to which they were searched, and the times of these points, which a
+    moving radar needs."""
     return Probed(
         probes_m=probes_m,
         probed_s=probed_s,
@@ -234,7 +239,8 @@ def probed(found: RadarPaths, probes_m: np.ndarray, probed_s: np.ndarray | None 
 
 
 def paths_to(scene: Scene, radar: Radar, point_m: np.ndarray, *, reflections: int) -> list[tuple[str, np.ndarray]]:
-    """Names of the one-way paths from the transmitters, where a track begins, to a point, and their vertices (P, 3) [m]."""
+    """Names of the one-way paths from the transmitters (where a track begins) to a point, and the vertices of each path (P, 3)
+    [m]."""
     point_m = np.asarray(point_m, float)
     paths = radar_paths(scene, radar.replace(track=None), point_m[None], order=reflections, backend=select("auto"))
     return [(path.name, vertices(path, point_m)) for path in paths.out.paths]
@@ -251,7 +257,7 @@ def clutter_scatterers(
     seed: int,
     backend: Backend,
 ) -> tuple[list[Scatterer], dict[str, object]]:
-    """Echoes of the static scene, occluded by targets, and how many, for a result's settings."""
+    """Scatterers of the static scene, occluded by the targets, and counts of its echoes for a recording's settings."""
     if kind == "diffuse":
         if radar.track is not None:
             raise InputError(

@@ -1,4 +1,5 @@
-"""Targets that repeat fast, a fan's blades: echoes of a few periods, and how walkers and furniture occlude them meanwhile."""
+"""Fast periodic targets such as the blades of a fan: echoes of a few periods stand for the whole record, with gains for the changes
+of visibility by other targets and the scene."""
 
 from __future__ import annotations
 
@@ -15,13 +16,14 @@ from t2d_rt.types import MovingMesh, Radar
 from t2d_rt.types.scatterer import Fraction, Scatterer
 
 GAIN_RATE_HZ = 250.0
-"""Rate at which visibility is read from its fades, which take some 40 ms."""
+"""Rate at which visibility is sampled to find these gains [Hz]; its changes take some 40 ms."""
 UNCHANGED = 0.01
-"""Visibility over the strongest path that stays as close to its median is that; over a path 20 dB weaker, ten times as close."""
+"""Greatest deviation from its median of a visibility that counts as constant, on the strongest path pair; for a pair 20 dB weaker
+it is ten times as much."""
 SPEED_PROBES = 60
 
 Make = Callable[..., Scatterer]
-"""Echoes at surface frames `times_s`, over `views`."""
+"""Function that makes the scatterer of a mesh at surface frames `times_s` over path pairs `views`."""
 
 
 def in_periods(
@@ -33,12 +35,11 @@ def in_periods(
     *,
     level_db: float = 0.0,
 ) -> list[Scatterer] | None:
-    """Echoes of a few periods that stand for the record of these surface frames; None where nothing is gained by it.
+    """Scatterers of a few periods that stand for the record of these surface frames; None where this would not save work.
 
-    `level_db` is that of the strongest of these views beside all others, and tells which changes of visibility matter.
-
-    All of the mesh has one visibility at a time. Over each view its median is part of the echoes, and what it departs from that is
-    a gain on those of the view alone.
+    `level_db`: level of the strongest of these path pairs relative to all others; it decides which changes of visibility matter.
+    The whole mesh has one visibility at a time. For each path pair, the median of the visibility is constant in one scatterer, and
+    the deviation from it is a gain over time on a further one.
     """
     span_s = float(frames_s[0]), float(frames_s[-1])
     rate_hz = (len(frames_s) - 1) / (span_s[1] - span_s[0])
@@ -63,7 +64,7 @@ def in_periods(
         departs = fractions - (level if level > UNCHANGED else 0.0)
         most = float(departs[np.abs(departs).argmax()])
         if abs(most) > unchanged:
-            # Views over paths that are dimmed at the same times have one gain, each with a factor of its own.
+            # Path pairs whose visibility changes in the same way share one gain, each with a constant factor.
             gain = departs / most
             _, alike_views = alike.setdefault(np.round(gain, 2).tobytes(), (np.sign(most) * gain, []))
             alike_views.append(_dimmed(view, abs(most), len(mesh.rest)))
@@ -74,7 +75,7 @@ def in_periods(
 
 
 def _visibility(view: PathVisibility, samples_s: np.ndarray) -> np.ndarray:
-    """Visibility of the whole mesh over a view at these times (K,)."""
+    """Visibility of the whole mesh over a path pair at times [s] (K,), with occlusion and blockage, (K,)."""
     fractions = np.ones(len(samples_s))
     for fraction in (*view.visibility, *view.unblocked):
         fractions *= np.concatenate([fraction(chunk_s)[:, 0] for chunk_s in blocks(samples_s, 10_000)])
@@ -82,7 +83,7 @@ def _visibility(view: PathVisibility, samples_s: np.ndarray) -> np.ndarray:
 
 
 def _dimmed(view: PathVisibility, level: float, vertices: int) -> PathVisibility:
-    """The view with a visibility that never changes."""
+    """The path pair with its visibility replaced by the constant `level`, for all vertices and times."""
     if level > 1 - UNCHANGED:
         return view
     constant: Fraction = lambda times_s: np.broadcast_to(np.float32(level), (len(times_s), vertices))  # noqa: E731
@@ -90,7 +91,7 @@ def _dimmed(view: PathVisibility, level: float, vertices: int) -> PathVisibility
 
 
 def _greatest_speed_mps(mesh: MovingMesh, start_s: float) -> float:
-    """Greatest speed of any point of the mesh over a period."""
+    """Greatest speed of any vertex of the mesh over a period [m/s]."""
     assert mesh.period_s is not None
     step_s = mesh.period_s / SPEED_PROBES / 100
     times_s = start_s + mesh.period_s * np.arange(SPEED_PROBES) / SPEED_PROBES

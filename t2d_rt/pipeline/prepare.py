@@ -1,4 +1,4 @@
-"""What a simulation finds once, before its loop over the frames: the scatterers of all targets and of the scene."""
+"""What a simulation prepares before its loop over the frames: the scatterers of all targets and of the scene."""
 
 from __future__ import annotations
 
@@ -34,16 +34,18 @@ from t2d_rt.types import Accuracy, ByPart, Ellipsoids, Material, MovingMesh, Pat
 from t2d_rt.types.scatterer import FrameBlock, Scatterer
 
 OCCLUDER_SAGITTA_SCALE = 2.0
-"""Sagitta scale of facets that occlude others, where visibility is traced from every facet's vertices: below -45 dB."""
+"""Sagitta scale of the facets that serve as occluders where visibility is traced from every facet's vertices; the error is below
+-45 dB."""
 BESIDE_CLUTTER_DB = -50.0
-"""Greatest error of the sum where there are static echoes: they are far stronger than those of a walker."""
+"""Greatest error of the sum where there are static echoes [dB], which are far stronger than those of a walking person."""
 BLOCKAGE_RATE = 0.5
-"""Visibility of path pairs without their own occlusion is sampled less often, by this factor: fields fade over some 10 cm."""
+"""Factor on the rate at which visibility is sampled for path pairs without occlusion by the targets: blockage changes over some 10
+cm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prepared:
-    """All that returns echoes in a simulation."""
+    """All scatterers of a simulation, ready for its loop."""
 
     model: Model
     accuracy: Accuracy
@@ -52,11 +54,12 @@ class Prepared:
     static: list[Scatterer]
     """Scatterers of the static scene."""
     counts: dict[str, object]
-    """How many echoes the static scene has, for a recording's settings."""
+    """Number of echoes of the static scene, for a recording's settings."""
 
     @property
     def parts(self) -> list[Scatterer]:
-        """Scatterers of the same surface frames together, as far as memory allows, and then those that repeat, each by itself."""
+        """Groups of scatterers with the same surface frames, as far as memory allows, followed by the periodic ones, each by
+        itself."""
         scatterers = [*self.scatterers, *self.static]
         return batches([scatterer for scatterer in scatterers if scatterer.repeats is None], self.model.radar) + [
             scatterer for scatterer in scatterers if scatterer.repeats is not None
@@ -64,13 +67,13 @@ class Prepared:
 
     @property
     def synthesis_error_db(self) -> float:
-        """Greatest error of the sum."""
+        """Greatest error of the synthesis [dB]."""
         error_db = self.accuracy.synthesis_error_db
         return min(error_db, BESIDE_CLUTTER_DB) if self.static else error_db
 
 
 def prepare(model: Model, accuracy: Accuracy, clutter: Clutter) -> Prepared:
-    """Finds the scatterers of all targets at surface frames of their own, and those of the static scene."""
+    """Makes the scatterers of all targets, each at its own surface frames, and those of the static scene."""
     pairs = model.pairs(accuracy)
     if pairs is not None and not pairs.switched_on:
         raise InputError(
@@ -84,7 +87,7 @@ def prepare(model: Model, accuracy: Accuracy, clutter: Clutter) -> Prepared:
 
 
 def blocks(part: Scatterer) -> Iterator[FrameBlock]:
-    """All surface frames in order, as many at a time as fit a fixed amount of memory."""
+    """All surface frames of a scatterer in order, in blocks that fit a fixed amount of memory."""
     first, frames = 0, len(part.times_s)
     while first < frames:
         last = block_end(first, frames, echoes=part.echoes, vertices=part.vertices, at_once=part.at_once)
@@ -95,10 +98,10 @@ def blocks(part: Scatterer) -> Iterator[FrameBlock]:
 def scatterers_of(
     model: Model, accuracy: Accuracy, instants_s: np.ndarray | None = None, samples_s: np.ndarray | None = None
 ) -> list[Scatterer]:
-    """The scatterers of all targets, at surface frames of their own or at just these instants.
+    """The scatterers of all targets, at their own surface frames or at the instants `instants_s` only.
 
-    At instants visibility is traced just then, over the strongest path pair from every facet's vertices, through the facets; or,
-    where `samples_s` are given, it is sampled at these times as in a run.
+    At instants visibility is traced exactly then, over the strongest path pair from every facet's vertices with facets as
+    occluders; or, where `samples_s` are given, it is sampled at these times as in a run.
     """
     pairs, fast = model.pairs(accuracy), model.fast_rotating(accuracy)
     if instants_s is None:
@@ -139,12 +142,12 @@ def scatterers_of(
 
 
 def _visibility(model: Model, accuracy: Accuracy, sight: VisibilityContext, *, exact: bool) -> VisibilityModel:
-    """How visibility is found: `exact` at instants, through the facets, or sampled."""
+    """How visibility is computed: traced from facets at instants (`exact`), sampled, or without occlusion."""
     if not accuracy.occlusion:
         return Sampled(sight, solid=False)
     if not exact:
         return Sampled(sight, subdivision=accuracy.visibility_subdivision)
-    # Facets about as coarse as that need no refinement of their own.
+    # Facets that are nearly as coarse serve as they are.
     scale = accuracy.sagitta_scale if accuracy.sagitta_scale > OCCLUDER_SAGITTA_SCALE / 2 else OCCLUDER_SAGITTA_SCALE
     coarse = accuracy.replace(sagitta_scale=scale)
     meshes = [target.mesh for target, fast in zip(model.modelled, sight.fast_rotating, strict=True) if not fast]
@@ -154,31 +157,31 @@ def _visibility(model: Model, accuracy: Accuracy, sight: VisibilityContext, *, e
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Preparation:
-    """What the scatterers of all targets have in common."""
+    """What the scatterers of all targets need to be made."""
 
     model: Model
     accuracy: Accuracy
     pairs: ChosenPairs | None
-    """None in free space."""
+    """Chosen path pairs; None in free space."""
     sight: VisibilityContext
     visibility: VisibilityModel
     samples_s: np.ndarray
-    """When visibility is sampled, and ray tubes are traced."""
+    """Times at which visibility is sampled and ray tubes are traced [s]."""
     decimated_s: np.ndarray
-    """When visibility is sampled over path pairs without their own occlusion."""
+    """Times at which visibility is sampled over path pairs without occlusion by the targets [s]."""
     at_instants: bool
 
     def tiers(self) -> list[tuple[PathTier, list[PathPair] | None]]:
-        """Tiers of path pairs that are used, and these; None in free space."""
+        """Tiers in use, each with its path pairs; None in place of these in free space."""
         return [(self.accuracy.tiers[0], None)] if self.pairs is None else list(self.pairs.by_tier(self.accuracy))
 
     def detail(self, mesh: MovingMesh, number: int) -> Detail:
-        """How a mesh is modelled over the tier of that number."""
+        """How finely a mesh is modelled over the tier of that index."""
         tier, sagitta = self.accuracy.tiers[number], sagitta_rad(mesh, self.accuracy)
         most = np.minimum(tier.sagitta_scale * np.asarray(sagitta), tier.greatest_sagitta_rad)
         return Detail(
             sagitta_rad=np.maximum(sagitta, most),
-            # At instants frames lie far apart, and phases from one to the next mean nothing.
+            # At single instants, changes of phase from one frame to the next have no meaning.
             cycles_per_step=math.inf if self.at_instants else tier.patch_phase_scale * CYCLES_PER_STEP,
             sweep_cycles=tier.patch_span_scale * SWEEP_CYCLES,
             points=tier.diffuse_points,
@@ -188,7 +191,7 @@ class Preparation:
 
 
 def own_ellipsoids(preparation: Preparation, number: int, times_s: np.ndarray) -> Iterator[Scatterer]:
-    """The ellipsoids of a target that has no mesh, over all path pairs."""
+    """Scatterers of a target that consists of ellipsoids, over all path pairs."""
     model, sight = preparation.model, preparation.sight
     ellipsoids, fast = model.modelled[number].geometry, sight.fast_rotating[number]
     if not isinstance(ellipsoids, Ellipsoids):
@@ -201,7 +204,7 @@ def own_ellipsoids(preparation: Preparation, number: int, times_s: np.ndarray) -
 
 
 def facets(preparation: Preparation, number: int, times_s: np.ndarray) -> Iterator[Scatterer]:
-    """The facets of a target's mesh, tier by tier of the path pairs."""
+    """Scatterers of the facets of a target's mesh, one tier of path pairs after the other."""
     model, fast = preparation.model, preparation.sight.fast_rotating[number]
     target = model.modelled[number]
     if target.mesh is None:
@@ -225,7 +228,7 @@ def _facets(
     times_s: np.ndarray,
     views: Sequence[PathVisibility],
 ) -> list[Scatterer]:
-    """Facets of a mesh over the path pairs of one tier."""
+    """Scatterers of the facets of a mesh over the path pairs of one tier."""
     model, accuracy = preparation.model, preparation.accuracy
     fast, place = preparation.sight.fast_rotating[number], accuracy.tiers.index(tier)
     make = partial(
@@ -250,7 +253,7 @@ def _facets(
 
 
 def limbs(preparation: Preparation, number: int, times_s: np.ndarray) -> Iterator[Scatterer]:
-    """A body's ellipsoids in place of its facets, over minor path pairs."""
+    """Scatterers of the ellipsoids that replace a body's facets over minor path pairs."""
     target, model = preparation.model.modelled[number], preparation.model
     if target.mesh is None:
         return
@@ -262,7 +265,7 @@ def limbs(preparation: Preparation, number: int, times_s: np.ndarray) -> Iterato
         if not preparation.at_instants:
             samples_s, frames_s = np.append(samples_s[:-1:2], samples_s[-1]), model.decimated(times_s, tier)
         views = coarse_views(ellipsoids, pairs, samples_s, model.blockage, minor=True)
-        # An outfit numbers faces on the mesh and segments here.
+        # An outfit assigns materials to faces of the mesh, but here to segments.
         echoes = _ellipsoids(
             preparation, number, ellipsoids, resolved(ellipsoids.material, model.radar), frames_s, views
         )
@@ -291,23 +294,23 @@ def _ellipsoids(
 
 
 Finder = Callable[[Preparation, int, np.ndarray], Iterable[Scatterer]]
-"""Finds the scatterers of one kind that a target of that number has, at its surface frames [s] (T,)."""
+"""Function that makes the scatterers of one kind for the target of an index, at its surface frames [s] (T,)."""
 
 SCATTERERS: tuple[Finder, ...] = (own_ellipsoids, facets, limbs)
-"""The kinds of scatterers of this project."""
+"""The kinds of scatterers of this package."""
 
 
 def plugin_finders() -> dict[str, Finder]:
-    """Kinds of scatterers of other packages by name (docs/extend.md)."""
+    """Kinds of scatterers that other packages register, by name (docs/extend.md)."""
     names = [finder.__name__ for finder in SCATTERERS]
     return {name: loaded(entry) for name, entry in plugins("scatterers", names).items()}
 
 
 def _added(name: str, find: Finder, preparation: Preparation, number: int, times_s: np.ndarray) -> list[Scatterer]:
-    """What another package finds, checked."""
+    """The scatterers that another package makes for a target, checked."""
     try:
         scatterers = list(find(preparation, number, times_s))
-    except Exception as error:  # code of others
+    except Exception as error:  # it may raise anything, as it is other people's code
         raise InputError(
             f"the scatterers {name} of another package failed ({type(error).__name__}: {error}); repair or uninstall that package"
         ) from error
@@ -328,7 +331,8 @@ def _added(name: str, find: Finder, preparation: Preparation, number: int, times
 
 
 def several_bounces(preparation: Preparation, times: Sequence[np.ndarray]) -> list[Scatterer]:
-    """Those of several bounces of all targets, on the direct path pair alone; `times` are the frames of each target [s]."""
+    """Scatterers of several bounces between all targets, on the direct path pair alone; `times` are the surface frames of each
+    target [s]."""
     model, accuracy = preparation.model, preparation.accuracy
     if model.bounces == 1:
         return []
@@ -338,7 +342,7 @@ def several_bounces(preparation: Preparation, times: Sequence[np.ndarray]) -> li
         if (pair := direct_pair(pairs, model.bounces, warned=not preparation.at_instants)) is None:
             return []
         direct = pair, model.blockage
-    # The same ones in a run and where its error is measured, which samples fans point by point.
+    # The same targets take part in a run and in the measurement of its error, where fans are sampled point by point.
     fast = model.fast_rotating(accuracy.replace(fast_rotating_hz=None))
     targets = [
         Bouncing(

@@ -1,4 +1,4 @@
-"""Targets as the model asks for them: bodies, meshes and ellipsoids of the user, movers."""
+"""Targets in the form that the model needs: bodies, meshes and ellipsoids of the user, movers, and things that persons carry."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ from t2d_rt.types.mesh import Provenance
 from t2d_rt.types.splines import set_fields, spline
 
 TargetLike = Motion | MovingMesh | Ellipsoids | Mover
-"""What may be handed to `simulate`."""
+"""Types of target that `simulate` accepts."""
 AnyGeometry = TypeVar("AnyGeometry", bound=Geometry)
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A body, a mesh or ellipsoids of the user, a mover, or what a person carries, made ready for one way of modelling it."""
+    """A body, a mesh or ellipsoids of the user, a mover, or a thing that a person carries, made ready for one scattering method."""
 
     source: Any
-    """What was handed to `simulate`, a motion in its place before the radar."""
+    """The object that was given to `simulate`; a motion after placement."""
     world: Geometry
-    """Points of the target in motion, in the world."""
+    """Mesh or ellipsoids of the target in the world."""
     geometry: Geometry
-    """The geometry in the frame in which a radar that moves stands still."""
+    """The same geometry in the frame in which a moving radar stands still."""
     material: str | Material | ByPart
-    """What its surface is made of."""
+    """Material of its surface."""
     radar: Radar
     template: str = "ellipsoids"
-    """Name of a body's template."""
+    """Name of a body's template; of no meaning for other targets."""
     worn: str | Material | Outfit = "skin"
     """What a body wears, or its one material."""
 
@@ -51,7 +51,7 @@ class Target:
     def of(
         cls, source: Any, world: Geometry, radar: Radar, material: str | Material | ByPart | None = None, **body: Any
     ) -> Target:
-        """What moves so in the world; its own material by default."""
+        """A target with this geometry in the world; its material is the geometry's own by default."""
         own = world.material if material is None else material
         return cls(source, world, passing(world, radar), own, radar, **body)
 
@@ -59,18 +59,19 @@ class Target:
     def of_body(
         cls, motion: Motion, template: str, worn: str | Material | Outfit, method: Method, radar: Radar
     ) -> Target:
-        """A body by its skin or its segments; the motion stands in its place before the radar."""
+        """A body as a mesh or as ellipsoids, according to `method`; the motion must have been placed."""
         make = skin if method == "mesh" else segments
         return cls.of(motion, make(motion, template, material=worn), radar, template=template, worn=worn)
 
     @property
     def mesh(self) -> MovingMesh | None:
-        """The surface whose facets scatter; None where ellipsoids do."""
+        """The mesh whose facets scatter; None where ellipsoids do."""
         return self.geometry if isinstance(self.geometry, MovingMesh) else None
 
     @property
     def tested(self) -> Tested:
-        """What must not go through the scene."""
+        """The geometry that is checked for collisions with the scene: a motion's joints, the outline of a carried thing, or all
+        vertices."""
         world = self.world
         if isinstance(world, MovingMesh) and isinstance(world.track, Rigid):
             return Held(world, outline(world.rest), world.track.pelvis_at)
@@ -82,20 +83,20 @@ class Target:
         return not isinstance(self.source, Motion)
 
     def ellipsoids(self) -> Ellipsoids | None:
-        """Its coarse form, of a body one ellipsoid for each segment; None where it has none."""
+        """The target as ellipsoids, for a body one for each segment; None for a mesh that is no body."""
         coarse = self.by("ellipsoid").geometry if self.mesh is not None else self.geometry
         return coarse if isinstance(coarse, Ellipsoids) else None
 
     def by(self, method: Method) -> Target:
-        """The target, modelled by another method if it is a body."""
+        """The target modelled by another method; unchanged if it is no body."""
         if not isinstance(self.source, Motion):
             return self
         return Target.of_body(self.source, self.template, self.worn, method, self.radar)
 
 
 def passing(geometry: AnyGeometry, radar: Radar) -> AnyGeometry:
-    """What is given in the world as a radar that moves sees it, in the frame in which it stands still, while both are known; the
-    same where the radar stands still."""
+    """A geometry given in the world, in the frame in which a moving radar stands still, for the time in which both are known;
+    unchanged if the radar does not move."""
     if radar.track is None:
         return geometry
     own_s, track_s = geometry.times_s, np.array(radar.track.times_s)
@@ -105,7 +106,7 @@ def passing(geometry: AnyGeometry, radar: Radar) -> AnyGeometry:
             f"the radar's track from {track_s[0]:.6g} to {track_s[-1]:.6g} s and {geometry.name} from {own_s[0]:.6g} to "
             f"{own_s[-1]:.6g} s have no time in common; give overlapping times_s"
         )
-    # Its places were given as often as those of the faster of the two: what vibrates is looked for up to that rate.
+    # Keep the denser of both time grids: the surface rate is searched up to the rate at which positions were given.
     times_s = min(own_s, track_s, key=lambda given_s: float(np.diff(given_s).min()))
     half_s = float(np.diff(times_s).min()) / 2
     inside = times_s[(times_s > begin + half_s) & (times_s < end - half_s)]
@@ -114,17 +115,17 @@ def passing(geometry: AnyGeometry, radar: Radar) -> AnyGeometry:
     if geometry.made is not None and geometry.made.by == "arrays":
         set_fields(moved, made=Provenance("passing", {}))  # these arrays are in the world
     if isinstance(moved, MovingMesh):
-        set_fields(moved, period_s=None)  # it is never in the same place before the radar again
+        set_fields(moved, period_s=None)  # before a moving radar it does not return to the same place
     return moved
 
 
 def in_frame(radar: Radar, times_s: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-    """Points of the world (K, ..., 3) m at times [s] (K,), in the frame in which a radar that moves stands still."""
+    """Points of the world (K, ..., 3) m at times [s] (K,), in the frame in which a moving radar stands still."""
     return points_m if radar.track is None else radar.passing(times_s).points(points_m)
 
 
 def _carried(geometry: Geometry, radar: Radar, times_s: np.ndarray) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
-    """Vertices of a mesh, or centres and axes of ellipsoids, as `in_frame`."""
+    """Vertices of a mesh, or centres and axes of ellipsoids, in the frame of `in_frame`."""
     if isinstance(geometry, MovingMesh):
         return in_frame(radar, times_s, geometry.at(times_s))
     centres, axes = geometry.at(times_s)
@@ -134,8 +135,8 @@ def _carried(geometry: Geometry, radar: Radar, times_s: np.ndarray) -> np.ndarra
 def targets_of(
     given: Sequence[TargetLike], method: Method, body: str, material: str | Material | Outfit | None, radar: Radar
 ) -> list[Target]:
-    """The targets that were handed in, each person followed by what they carry, movers over the time that all others have in
-    common; `material` is that of persons, meshes and ellipsoids, an outfit that of persons alone, None their own."""
+    """The targets that the user gave, each person followed by the things that they carry. Movers last for the time that all others
+    have in common. `material` is that of persons, meshes and ellipsoids, None their own; an outfit applies to persons only."""
     if material is not None and outfit_of(material) is not None and not any(isinstance(item, Motion) for item in given):
         raise InputError(
             f"an outfit is worn by a Motion, got {given!r:.60}; give one, or skin(motion, material=...) in the outfit"
@@ -176,7 +177,7 @@ def _lasting(
 
 
 def shared_time(geometries: Sequence[Geometry]) -> tuple[float, float]:
-    """First and last instant that all targets have in common [s]."""
+    """First and last instant that all geometries have in common [s]."""
     start = max(float(s.times_s[0]) for s in geometries)
     stop = min(float(s.times_s[-1]) for s in geometries)
     if not stop > start:
@@ -193,7 +194,7 @@ def skin(motion: Motion, body: str = "adult", *, material: str | Material | Outf
 
 
 def things(motion: Motion) -> list[MovingMesh]:
-    """Meshes of what a person carries, and of the wheels that roll with it."""
+    """Meshes of the things that a person carries, and of wheels that roll with them."""
     followed = track(motion) if motion.carries else None
     return [mesh for carried in motion.carries if followed is not None for mesh in _thing(followed, carried)]
 
@@ -219,19 +220,19 @@ def _thing(followed: Track, carried: Carried) -> list[MovingMesh]:
 
 @dataclass(frozen=True, slots=True)
 class Rigid:
-    """Points that move with a thing that a person carries, as a function of time."""
+    """Track of points that move rigidly with a thing that a person carries."""
 
     followed: Track
     carried: Carried
     points: np.ndarray = field(default_factory=lambda: np.zeros((1, 3)))
-    """In the frame of the thing, or about the axle of a wheel [m], (V, 3)."""
+    """Points in the frame of the thing, or relative to the axle of a wheel [m], (V, 3)."""
     axle: np.ndarray | None = None
-    """Axle of a wheel in the frame of the thing [m], (3,)."""
+    """Axle of a wheel in the frame of the thing [m], (3,); None for other parts."""
     rolled: Callable[[np.ndarray], np.ndarray] | None = None
-    """Angle that the wheel has rolled by at times (K,) [rad]."""
+    """Function that gives the angle [rad] by which the wheel has rolled at times (K,)."""
 
     def __call__(self, times_s: np.ndarray) -> np.ndarray:
-        """Places (K, V, 3) at times (K,) [m]."""
+        """Positions (K, V, 3) m at times (K,) s."""
         points = self.points
         if self.rolled is not None:
             spins = quaternions.about_axis(np.array([0.0, 1.0, 0.0]), self.rolled(times_s))
@@ -242,16 +243,16 @@ class Rigid:
         return places[:, joint, None] + quaternions.rotate(rotations[:, joint, None], local)
 
     def pelvis_at(self, times_s: np.ndarray) -> np.ndarray:
-        """Places (K, 3) [m] of the pelvis of who carries it, at times (K,)."""
+        """Positions (K, 3) m of the pelvis of the person who carries the thing, at times (K,) s."""
         return self.followed(times_s)[0][:, self.followed.motion.index("pelvis")]
 
 
 def segments(motion: Motion, body: str = "adult", *, material: str | Material | Outfit = "skin") -> Ellipsoids:
-    """One ellipsoid for each segment of the same body."""
+    """One ellipsoid for each segment of the motion's body."""
     made = Provenance("segments", {"motion": motion, "body": body, "material": material})
     return fit_segments(motion, body, material=material, track=track(motion), made=made)
 
 
 def placed(motion: Motion, radar: Radar) -> Motion:
-    """A motion as it is where somebody placed it, else before the radar."""
+    """The motion, placed before the radar unless it has been placed already."""
     return motion if motion.placed else place(motion, radar_position_m=radar.position_m, boresight=radar.boresight)

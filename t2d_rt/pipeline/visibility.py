@@ -1,4 +1,4 @@
-"""Visibility of targets over path pairs: sampled and faded, or exact at instants."""
+"""Visibility of targets over path pairs: sampled and interpolated in time, or traced exactly at single instants."""
 
 from __future__ import annotations
 
@@ -21,37 +21,38 @@ from t2d_rt.types.ellipsoids import Geometry
 from t2d_rt.types.scatterer import Fraction
 
 _Place = tuple[tuple[str, ...], int]
-"""A chain of mirrors, and from which end."""
+"""Viewpoint: the chain of mirrors, and the end of the path pair, 0 for the transmitters."""
 
 
 class VisibilityModel(Protocol):
-    """How targets are seen; they are named by their number."""
+    """A way to compute the visibility of targets, which are named by their index."""
 
     def views(self, number: int) -> list[PathVisibility]:
-        """Views of a mesh over the path pairs whose occlusion is traced."""
+        """The path pairs to a mesh whose occlusion is traced, with its visibility over each."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VisibilityContext:
-    """Targets before a radar, and when their visibility is sampled."""
+    """Targets before a radar, and the times at which their visibility is sampled."""
 
     geometries: Sequence[Geometry]
     fast_rotating: Sequence[bool]
-    """These occlude nothing, and all of their vertices have the mean visibility."""
+    """Whether each target rotates fast. Such targets occlude nothing, and all of their vertices share an averaged visibility."""
     radar: Radar
     pairs: Sequence[PathPair | None]
-    """Path pairs whose occlusion is traced; None is free space."""
+    """Path pairs whose occlusion is traced; None stands for free space."""
     samples_s: np.ndarray
     backend: Backend
     blockage: SceneBlockage
-    """What of the scene blocks the paths."""
+    """Blockage of the paths by the scene."""
 
 
 class Sampled:
-    """Visibility sampled at the vertices of meshes, subdivided `subdivision` times, and faded from one sample to the next.
+    """Visibility sampled at the vertices of meshes, which are subdivided `subdivision` times, and interpolated from sample to
+    sample.
 
-    Pairs have one-way paths in common, over each of which visibility is traced once; transmitters and receivers that stand close
-    together have one visibility. Unless targets are `solid` they occlude nothing, and only the scene blocks paths.
+    One-way paths that several pairs share are traced once; transmitters and receivers that are close together share one visibility.
+    Unless targets are `solid` they occlude nothing, and only the scene blocks paths.
     """
 
     def __init__(self, sight: VisibilityContext, *, solid: bool = True, subdivision: int = 0) -> None:
@@ -62,7 +63,7 @@ class Sampled:
             if isinstance(geometry, MovingMesh) and not rotates
         ]
         self.index = {number: index for index, number in enumerate(traced)}
-        """Number of each mesh among those that are traced."""
+        """Position of each mesh among those that are traced, by the index of the target."""
         self._meshes = Occluders([sight.geometries[number] for number in traced], subdivision=subdivision)  # type: ignore[misc]
         self._viewpoints = Viewpoints(
             self._meshes, sight.samples_s, sight.backend, wavelength_m=sight.radar.wavelength_m
@@ -71,16 +72,16 @@ class Sampled:
         self._mean: dict[int, MeanVisibility] = {}
 
     def views(self, number: int) -> list[PathVisibility]:
-        """Views of a mesh over the path pairs whose occlusion is traced."""
+        """The path pairs to a mesh whose occlusion is traced, with its visibility over each."""
         return [self.view(number, pair) for pair in self._sight.pairs]
 
     def _place(self, end: int, path: OneWayPath | None) -> _Place:
-        """Viewpoint of the one-way path of an end."""
+        """Viewpoint of the one-way path at an end."""
         return () if path is None else path.chain, 0 if len(self._sight.radar.views_m) == 1 else end
 
     def view(self, number: int, pair: PathPair | None) -> PathVisibility:
-        """The view of a mesh over one pair."""
-        # One sample serves where both ends have one visibility; it counts over both one-way paths, though.
+        """One path pair to a mesh (None in free space), with its visibility."""
+        # Where out and back have the same viewpoint it is traced once, but it counts for both paths.
         ends = {self._place(end, path): (end, path) for end, path in _ends(pair) if path or self._solid}
         fractions = tuple(self._fraction(number, *end, 3 - len(ends)) for end in ends.values())
         if self._sight.fast_rotating[number]:
@@ -90,14 +91,14 @@ class Sampled:
         )
 
     def _fraction(self, number: int, end: int, path: OneWayPath | None, path_count: int) -> Fraction:
-        """Visibility over the one-way path of an end, which `path_count` paths share."""
+        """Fraction over the one-way path at an end; it counts for `path_count` paths, 2 where out and back are the same."""
         key, sight = self._place(end, path), self._sight
         viewpoint = viewpoints_at(sight.radar.views_m)[key[1]] if path is None else path
         blockage = None if path is None else partial(sight.blockage.fraction, path)
         if sight.fast_rotating[number]:
             if number not in self._mean:
                 mesh = sight.geometries[number]
-                assert isinstance(mesh, MovingMesh)  # ellipsoids rotate with limbs
+                assert isinstance(mesh, MovingMesh)  # no ellipsoid rotates that fast, as they move with limbs
                 self._mean[number] = MeanVisibility(
                     mesh, self._meshes, sight.samples_s, solid=self._solid, backend=sight.backend
                 )
@@ -108,8 +109,8 @@ class Sampled:
 
 
 class ExactOverStrongest:
-    """Over the strongest pair, occlusion is traced from every facet's vertices at every instant asked for, through `occluders`,
-    the targets' facets; over all other pairs, and of fast-rotating targets, it is `Sampled`."""
+    """Traces occlusion over the strongest pair from every facet's vertices at every instant asked for, with the targets' facets as
+    `occluders`. Over all other pairs, and for fast-rotating targets, visibility is that of `Sampled`."""
 
     def __init__(self, sight: VisibilityContext, occluders: Sequence[MovingMesh], *, subdivision: int = 0) -> None:
         strongest, others = (replace(sight, pairs=pairs) for pairs in (sight.pairs[:1], sight.pairs[1:]))
@@ -118,7 +119,7 @@ class ExactOverStrongest:
         self._others = Sampled(others, subdivision=subdivision)
 
     def views(self, number: int) -> list[PathVisibility]:
-        """Views of a mesh over the path pairs whose occlusion is traced."""
+        """The path pairs to a mesh whose occlusion is traced, with its visibility over each."""
         if self._sight.fast_rotating[number]:
             return [self._others.view(number, pair) for pair in self._sight.pairs]
         strongest = [
@@ -128,7 +129,7 @@ class ExactOverStrongest:
         return strongest + self._others.views(number)
 
     def _facet_visibility(self, number: int, pair: PathPair | None) -> FacetVisibility:
-        """Visibility of a mesh, traced from every facet's vertices."""
+        """Function that traces the visibility of a mesh from every facet's vertices over a path pair."""
         mesh_index = self._others.index[number]
         ends = viewpoints_at(self._sight.radar.views_m) if pair is None else [pair.out, pair.back]
         return _TracedFromFacets(
@@ -147,18 +148,18 @@ class ExactOverStrongest:
 
 @dataclass(frozen=True, slots=True)
 class _TracedFromFacets:
-    """Visibility of facets' own vertices from both ends of a path pair."""
+    """Visibility at the vertices of facets over both one-way paths of a pair: the product of both."""
 
     ends: tuple[ExactVisibility, ...]
 
     def __call__(self, *where: np.ndarray) -> np.ndarray:
-        # One end where out and back are the same; both count.
+        # With a single viewpoint for out and back the visibility counts twice.
         return np.asarray(np.prod([end.fraction(*where) for end in self.ends], axis=0) ** (3 - len(self.ends)))
 
 
 @dataclass(frozen=True, slots=True)
 class _Occluded:
-    """Visibility of one mesh over a one-way path, as a function of times."""
+    """The fraction of one mesh over a one-way path, as a function of times."""
 
     occlusion: Occlusion
     path_count: int
@@ -177,9 +178,10 @@ def coarse_views(
     fast_rotating: bool = False,
     minor: bool = False,
 ) -> list[PathVisibility]:
-    """Views of one target over pairs, with blockage by the scene sampled at a few of its points at `samples_s`, without occlusion.
+    """Path pairs to one target with blockage by the scene only, sampled at a few of its points at `samples_s`; occlusion is not
+    traced.
 
-    All points of a `fast_rotating` one have the mean visibility. Over `minor` pairs ellipsoids have the visibility of their
+    All points of a `fast_rotating` target share the averaged visibility. Over `minor` pairs ellipsoids have the visibility of their
     centres.
     """
     paths = {path.key: path for pair in pairs for path in (pair.out, pair.back)}
@@ -199,5 +201,5 @@ def coarse_views(
 
 
 def _ends(pair: PathPair | None) -> Iterator[tuple[int, OneWayPath | None]]:
-    """Numbers of the ends, the transmitters' first, and their one-way paths; None in free space."""
+    """The ends of a pair, transmitters first: index and one-way path, None in free space."""
     return enumerate((None, None) if pair is None else (pair.out, pair.back))

@@ -1,4 +1,4 @@
-"""The radar stage: from echoes to ADC samples; and whether a waveform suffices for a motion."""
+"""The radar stage: from echoes to ADC samples, and a check whether a waveform is suitable for the speeds of a motion."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["check_speed"]
 
 
 def check_speed(radar: Radar, top_speed_mps: float, *, what: str = "target") -> None:
-    """Warn where the top speed of `what` exceeds the unambiguous one, with the prf_hz that would suffice."""
+    """Warns where the top speed of `what` exceeds the unambiguous speed, and names the prf_hz that would suffice."""
     if abs(top_speed_mps) <= radar.max_speed_mps:
         return
     needed = math.ceil(radar.prf_hz * abs(top_speed_mps) / radar.max_speed_mps / 10) * 10

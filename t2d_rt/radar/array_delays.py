@@ -1,4 +1,4 @@
-"""Delays from the antennas of an array's end, its transmitters or its receivers, relative to those from its centre."""
+"""Delays of echoes at each antenna of an array (its transmitters or its receivers), relative to the delay at the array's centre."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from t2d_rt.types import Radar
 
 
 def extra_length(line_of_sight: Any, step: Any, offset: Any, sqrt: Callable[[Any], Any]) -> Any:
-    """Distance of points from an antenna relative to that from its array's centre, and its rate of change, without cancellation.
+    """Distance of points from an antenna minus that from the array's centre [m], and its rate of change, without loss of digits.
 
-    `line_of_sight` is the vector from the centre to the points, `step` how that changes, `offset` where the antenna is: three
-    numbers each, NumPy or Dr.Jit.
+    `line_of_sight`: vector from the centre to the points; `step`: its change from frame to frame; `offset`: vector from the centre
+    to the antenna. Three components each, NumPy or Dr.Jit.
     """
     squared = dot(line_of_sight, line_of_sight)
     more = dot(offset, offset) - 2 * dot(line_of_sight, offset)
@@ -30,16 +30,17 @@ def extra_length(line_of_sight: Any, step: Any, offset: Any, sqrt: Callable[[Any
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """An array's transmitters or receivers, and the apparent positions of echoes for them."""
+    """One end of the links of an array, that is its transmitters or its receivers, and the apparent positions of echoes for
+    them."""
 
     centre_m: np.ndarray
     offsets_m: np.ndarray
-    """(antenna, 3)."""
+    """Offsets of the antennas from the array's centre [m], (antenna, 3)."""
     apparent: ApparentPositions | None
-    """None where they are unknown: then all antennas have the centre's delay."""
+    """Apparent positions of the echoes; None where they are unknown: then all antennas have the centre's delay."""
 
     def extra_delays(self) -> list[Delay]:
-        """Each antenna's delays relative to the centre's, float32."""
+        """Delay of the echoes at each antenna minus that at the centre, and its slope, float32."""
         if self.apparent is None:
             return [(np.zeros((1, 1), np.float32), np.zeros((1, 1), np.float32))] * len(self.offsets_m)
         line_of_sight = [
@@ -53,12 +54,12 @@ class End:
         return [(extra * per_s, step * per_s) for extra, step in extras]
 
     def only(self, antennas: Sequence[int] | slice) -> End:
-        """The same for the chosen antennas only."""
+        """The same array with the chosen antennas only."""
         return replace(self, offsets_m=self.offsets_m[antennas])
 
 
 def ends(window: Window, radar: Radar) -> tuple[End, End]:
-    """The array's transmitters, and its receivers."""
+    """The radar's transmitters, and its receivers, with the apparent positions of a window's echoes."""
     apparent = window.apparent or (None, None)
     return (
         End(radar.tx_position_m, radar.tx_positions_m - radar.tx_position_m, apparent[0]),
@@ -68,33 +69,37 @@ def ends(window: Window, radar: Radar) -> tuple[End, End]:
 
 @dataclass(frozen=True, slots=True)
 class ArrayDelays:
-    """Delays of an end's antennas, for echoes on the device and for the groups that they are merged to."""
+    """Additional delays of an array's antennas, for the echoes on the device and for the groups into which they are merged."""
 
     end: End
     table: tuple[Any, Any] | None
-    """The echoes' points [m] and steps [m per frame]: flat float32 (echo, frame, 4)."""
+    """Apparent positions [m] of the echoes and their steps [m per frame], flat float32 (echo, frame, 4) each; None where
+    unknown."""
     groups: list[list[Delay]]
-    """Delays of each antenna and level: those of its groups' mean points, from which their members' are counted."""
+    """For each antenna and each level of groups, the additional delays of the groups' mean positions, to which those of their
+    members are relative."""
 
     def __len__(self) -> int:
         return len(self.groups)
 
     def only(self, antennas: range) -> ArrayDelays:
-        """The same for the chosen antennas only."""
+        """The delays of the chosen antennas only."""
         chosen = slice(antennas.start, antennas.stop)
         return ArrayDelays(self.end.only(chosen), self.table, self.groups[chosen])
 
 
 def array_delays(pair: tuple[End, End], means: list[Any], backend: Backend) -> tuple[ArrayDelays, ArrayDelays]:
-    """Delays of both ends; `means`: sparse, from each level's values to the means of the groups of the next."""
-    # Where transmitters and receivers stand in one place, apparent positions are the same for both.
+    """Additional delays of transmitters and of receivers. `means`: sparse matrices that average each level's values over the groups
+    of the next."""
+    # Where transmitters and receivers are in one place, their apparent positions are the same and are computed once.
     same = pair[0].apparent is pair[1].apparent
     tables = [_table(end.apparent, backend) for end in pair[: 1 if same else 2]]
     return _of_end(pair[0], means, tables[0]), _of_end(pair[1], means, tables[-1])
 
 
 def _of_end(end: End, means: list[Any], table: tuple[Any, Any] | None) -> ArrayDelays:
-    """Delays of one end's antennas for the groups of each level, whose mean points follow from those of the level below."""
+    """Additional delays of the antennas of one end for the groups of each level; their mean positions are averages over the level
+    below."""
     of_levels, apparent = [], end.apparent
     for mean in means:
         apparent = None if apparent is None else apparent.mean(mean)
@@ -103,7 +108,7 @@ def _of_end(end: End, means: list[Any], table: tuple[Any, Any] | None) -> ArrayD
 
 
 def _table(apparent: ApparentPositions | None, backend: Backend) -> tuple[Any, Any] | None:
-    """Points and steps of echoes as kernels read them: four numbers at once, of which the last is unused."""
+    """Positions and steps of echoes in the layout that kernels read: four numbers at once, of which the last is unused."""
     if apparent is None:
         return None
     tables = []

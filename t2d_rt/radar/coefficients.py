@@ -1,6 +1,6 @@
 """Fields of echoes at nodes of the sweep, at any instants (docs/physics.md, eq. 16).
 
-One kernel does the sum: its lanes are (bucket, instant), its loop runs over the echoes of the bucket.
+One kernel computes the sum: it has a lane for each bucket and instant, and loops over the echoes of the bucket.
 """
 
 from __future__ import annotations
@@ -20,21 +20,22 @@ from t2d_rt.radar.windows import Window
 
 
 def cubic(frames: list[Any], scale: Any | None) -> list[Any]:
-    """The cubic between the second and the third of four frames, times a factor where there is one."""
+    """Coefficients of the cubic between the second and the third of four frames, times a factor unless that is None."""
     middle = 0.5 * (frames[2] - frames[0]), 0.5 * (frames[3] - frames[1])
     return [c if scale is None else c * scale for c in hermite(frames[1], frames[2], *middle)]
 
 
 @dataclass(frozen=True, slots=True)
 class AmplitudeFrames:
-    """Amplitudes at the frames, as kernels read them, which make cubics between the frames themselves."""
+    """Amplitudes of echoes at the frames on the device, from which kernels compute the cubics between the frames."""
 
     parts: list[tuple[Any, Any | None]]
-    """Flat float32 (echo, frame, 2) on the device and the factor on the cubics, of the amplitude and of its slope."""
+    """Of the amplitude and, if there is one, of its slope: flat float32 (echo, frame, 2) on the device, and a factor on the
+    cubics."""
     frames: Any
-    """n + 5."""
+    """Number of frames, n + 5 for n intervals, on the device."""
     pair: Any
-    """Type of two numbers that are read together."""
+    """Dr.Jit type of the two numbers that are read at once."""
 
     @classmethod
     @one_thread_at_a_time
@@ -43,7 +44,7 @@ class AmplitudeFrames:
         import drjit as dr
 
         half_band = dr.opaque(backend.Float32, sweep.slope * sweep.half_time_s)
-        # Neighbouring lanes are neighbouring intervals of one echo.
+        # Neighbouring lanes are neighbouring intervals of one echo, so they read neighbouring numbers.
         parts = [
             (_by_echo(values, backend), scale)
             for values, scale in ((window.amplitude, None), (window.sweep, half_band))
@@ -52,8 +53,8 @@ class AmplitudeFrames:
         return cls(parts, dr.opaque(backend.UInt32, len(window.amplitude)), backend.arrays.Array2f)
 
     def cubics(self, echo: Any, interval: Any) -> list[list[Any]]:
-        """Cubics of echoes in an interval: real and imaginary part of the amplitude, and of its slope over half the sweep where
-        there is one."""
+        """Cubics of echoes in an interval: of the real and the imaginary part of the amplitude, then of its slope over half the
+        sweep if there is one."""
         import drjit as dr
 
         place = echo * self.frames + interval
@@ -72,7 +73,7 @@ def _by_echo(values: np.ndarray, backend: Backend) -> Any:
 
 
 MOST_PARTS, ENOUGH_LANES = 16, 1 << 14
-"""The echoes of a bin are divided among several lanes where there are fewer lanes than that."""
+"""The echoes of a bucket are divided among up to so many lanes, where the kernel would have fewer lanes than the second number."""
 
 
 @one_thread_at_a_time
@@ -84,12 +85,12 @@ def phases(
     origin_s: float,
     backend: Backend,
 ) -> tuple[Any, Any]:
-    """Flat float32 tables for every (echo, interval) of delays [s] (n + 3, L) and their slopes [s per frame]: the phase [cycles] as
-    cubics in the frame step u, four numbers each, and theta at u = 0. Neighbouring lanes are neighbouring intervals, mostly of one
-    echo: they read neighbouring numbers.
+    """Phases of echoes or groups as the kernels read them, for delays [s] (n + 3, L) and their slopes [s per frame].
 
-    Both are relative to the echo's group among the `references`; without any, phase comes without whole cycles and theta is
-    that of the delay after `origin_s`. Delays are float64, as needed for the fraction of thousands of cycles.
+    Two flat float32 tables over (echo, interval): the phase [cycles] as a cubic in the frame step u, four coefficients each, and
+    theta at u = 0. Neighbouring lanes are mostly neighbouring intervals of one echo, so they read neighbouring numbers. Both are
+    relative to the echo's group among the `references`; without any, the phase lacks whole cycles and theta is that of the delay
+    after `origin_s`. Delays are float64, as needed for the fraction of thousands of cycles.
     """
     import drjit as dr
 
@@ -118,9 +119,9 @@ def phases(
 def _cycles(
     delay: np.ndarray, delay_slope: np.ndarray, frames: list[Any], mid: Any, ramp: Any, Real: Any
 ) -> tuple[list[Any], Any]:
-    """Phase f_mid tau - S tau^2 / 2 [cycles] at both frames and its slopes there, and the delay at the first, on the device.
+    """Phase f_mid tau - S tau^2 / 2 [cycles] at both frames and its slopes there, and the delay at the first frame, on the device.
 
-    `frames` are their places among the delays, `mid` and `ramp` are f_mid and S.
+    `frames` are the indices of both frames among the delays, `mid` and `ramp` are f_mid and S.
     """
     import drjit as dr
 
@@ -131,7 +132,7 @@ def _cycles(
 
 
 def _echo_interval(delay: np.ndarray, backend: Backend) -> tuple[Any, Any, Any]:
-    """Echo and interval of every lane for delays (n + 3, L), and L."""
+    """Index of the echo and of the interval of every lane for delays (n + 3, L), and L."""
     import drjit as dr
 
     UInt32 = backend.UInt32
@@ -149,10 +150,10 @@ def fields_at(
     places: np.ndarray,
     backend: Backend,
 ) -> np.ndarray:
-    """Fields of every bucket at `places` of the sweep, pairs +x, -x, complex64: part by part, (instant, bucket,
-    place) of each, flat.
+    """Sums of the echoes of every bucket at `places` of the sweep, pairs +x, -x; flat complex64, part after part, each (instant,
+    bucket, place).
 
-    `table` is that of `phases`, with the buckets' origin, `fields` the echoes' amplitudes.
+    `table` is that of `phases` with the origin of the buckets, `fields` are the amplitudes of the echoes.
     """
     import drjit as dr
 
@@ -173,50 +174,50 @@ def fields_at(
 
     sums = summed(backend.Float32, (lanes.begin, lanes.end), lanes.step, 2 * len(places), values_of)
     if lanes.parts > 1:
-        dr.eval(sums)  # all at once; else each part's sum would run the loop again
+        dr.eval(sums)  # all at once, for evaluating the sums one by one would run the loop again for each
         sums = [dr.block_sum(part, lanes.parts) for part in sums]
     return lanes.scattered(sums, backend).ravel()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lanes:
-    """Lanes of a kernel over buckets, on the device: one for each bucket and instant at which the bucket holds any member, an echo
-    or a group; or several, which divide its members, where these are few for all the lanes of a device.
+    """Lanes of a kernel over buckets, on the device: one for each bucket and instant at which the bucket has members (echoes or
+    groups). Several lanes share the members where there are fewer lanes than a device can use.
 
-    All that changes from window to window comes in as arrays: a number in the code would compile a new kernel.
+    All that changes from window to window is passed in arrays: a number in the code would compile a new kernel.
     """
 
     parts: int
-    """Lanes of a bucket and instant."""
+    """Number of lanes for one bucket and instant."""
     begin: Any
-    """First of a lane's members."""
+    """Position, among `members`, of a lane's first member."""
     end: Any
-    """One after the bucket's last."""
+    """Position after the last member of the lane's bucket."""
     step: Any
-    """Step from one of a lane's members to the next: `parts`."""
+    """Step from one member of a lane to its next: `parts`."""
     members: Any
-    """Numbers of the echoes or groups, bucket by bucket."""
+    """Indices of the echoes or groups, bucket after bucket."""
     table: tuple[Any, Any]
-    """Phases of the members, as `phases` gives them."""
+    """Phases of the members, as `phases` returns them."""
     packet: Any
-    """Type of four numbers that are read together."""
+    """Dr.Jit type of the four numbers that are read at once."""
     interval: Any
-    """Frame interval that the instant lies in."""
+    """Index of the frame interval in which the instant lies."""
     intervals: Any
-    """Number of intervals that a member has in the table."""
+    """Number of intervals for which the table has phases of a member."""
     instant: Any
-    """Number of the instant."""
+    """Index of the instant."""
     u: Any
-    """Place of the instant in its interval, 0..1."""
+    """Position of the instant within its interval, 0..1."""
     centre: Any
-    """theta of the bucket's middle."""
+    """theta of the middle of the bucket."""
     place: Any
-    """Number of the result, one for all parts."""
+    """Index of the lane's result, the same for all `parts`."""
     empty: np.ndarray
-    """Numbers of the results that no lane has."""
+    """Indices of the results that no lane computes: buckets without members."""
     results: int
     per_cycle: Any
-    """`Instants.per_cycle` on the device: theta per cycle; theta and eps per cycle per frame."""
+    """`Instants.per_cycle` on the device: theta per cycle, then theta and eps per cycle per frame."""
     per_rate: Any
     eps_per_rate: Any
 
@@ -229,7 +230,7 @@ class Lanes:
         backend: Backend,
         most_parts: int = MOST_PARTS,
     ) -> Lanes:
-        """Lanes for some instants."""
+        """Lanes for all members of buckets at some instants."""
         import drjit as dr
 
         Float32, UInt32, members = backend.Float32, backend.UInt32, buckets.members
@@ -268,8 +269,8 @@ class Lanes:
         )
 
     def read(self, i: Any) -> tuple[Any, Any, Any]:
-        """Number of the i-th member, the cubic of its phase [cycles], and theta at the interval's start, counted from the bucket's
-        middle."""
+        """Index of the i-th member, the cubic of its phase [cycles], and its theta at the beginning of the interval, relative to
+        the middle of the bucket."""
         import drjit as dr
 
         member = dr.gather(type(self.members), self.members, i)
@@ -279,11 +280,11 @@ class Lanes:
         return member, cubic, dr.gather(type(thetas), thetas, place) - self.centre
 
     def scattered(self, sums: list[Any], backend: Backend) -> np.ndarray:
-        """Sums of real and imaginary parts as complex64 numbers (result, number), zeros for results that no lane has."""
+        """Sums of real and imaginary parts as complex64 numbers (result, number); zeros for results that no lane computes."""
         import drjit as dr
 
         out = dr.empty(backend.Float32, self.results * len(sums))
-        # One scatter: each further one into the same array would run the loop again.
+        # One scatter: each further scatter into the same array would run the loop again.
         dr.scatter(out, backend.arrays.ArrayXf(sums), self.place)
         numbers = np.asarray(out.numpy()).view(np.complex64).reshape(self.results, -1)
         numbers[self.empty] = 0

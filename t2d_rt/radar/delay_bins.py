@@ -1,4 +1,4 @@
-"""Buckets of fixed delay: which echoes, or groups of them, fall into which bucket when."""
+"""Buckets of fixed delay, and which echoes or groups fall into each of them at which time."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from t2d_rt.radar.sweep import Instants, Sweep
 from t2d_rt.radar.windows import Delay
 
 MOST_SLOTS = 1000
-"""Time slots that a frame interval may have."""
+"""Greatest number of time slots in a frame interval."""
 SLOT_BINS = 1.0
-"""Range bins that an echo may move within a time slot; narrower buckets allow only their own width."""
+"""Range bins by which an echo may move within a time slot; for narrower buckets their width is the limit."""
 MANY_SLOTS = 16
-"""Where a frame interval has more slots than this, those that hold no chirp are left out."""
+"""Where a frame interval has more slots than this, slots without a chirp are left out."""
 
 
 @dataclass(frozen=True, slots=True)
 class BinMembers:
-    """Which echoes fall into each bin during each time slot, a part of a frame interval."""
+    """Which echoes fall into each bin during each time slot; the slots divide the frame intervals."""
 
     bins: int
     slots_per_interval: int
     starts: np.ndarray
-    """(slot * bins + 1,): row r's echoes are members[starts[r]:starts[r + 1]], r = slot * bins + bin."""
+    """Row r = slot * bins + bin has the echoes members[starts[r]:starts[r + 1]]; (slots * bins + 1,)."""
     members: np.ndarray
-    """Echo of each."""
+    """Indices of the echoes, row after row."""
 
     @classmethod
     def of(
@@ -43,40 +43,43 @@ class BinMembers:
         per: int,
         size: int,
     ) -> BinMembers:
-        """Members of triples (slot, bin, member); `shape` is (slots, bins), `per` slots of an interval, `size` echoes."""
+        """The members for triples (slot, bin, member). `shape`: numbers of slots and bins; `per`: slots in an interval; `size`:
+        number of echoes."""
         from scipy.sparse import coo_array
 
-        # A counting sort: the rows of a CSR matrix are the members of the bins.
+        # A counting sort, by SciPy: the rows of a CSR matrix are the members of the bins.
         row = slot * shape[1] + bin_number
         table = coo_array((np.ones(len(row), np.int8), (row, member)), shape=(shape[0] * shape[1], size)).tocsr()
         return cls(shape[1], per, table.indptr, table.indices)
 
     def slot(self, position: np.ndarray) -> np.ndarray:
-        """Time slots of instants [frames after the window's start, of which one interval lies before], ascending."""
+        """Time slots in which ascending instants lie [frames after the window's start, which is preceded by one interval]."""
         last = (len(self.starts) - 1) // self.bins - 1
         return np.clip(np.floor((position + 1) * self.slots_per_interval).astype(np.int64), 0, last)
 
 
 @dataclass(frozen=True, slots=True)
 class Buckets:
-    """Buckets of fixed delay."""
+    """Buckets of fixed delay, into which echoes are sorted to be summed."""
 
     origin_s: float
-    """Delay that buckets are counted from."""
+    """Delay [s] from which the delays of the buckets are counted."""
     centres: np.ndarray
-    """theta of each bucket's middle, counted from there."""
+    """theta of the middle of each bucket, relative to the origin, (bucket,)."""
     part: np.ndarray
-    """Number of the part that each bucket belongs to, ascending."""
+    """Index of the part of the recording to which each bucket belongs, ascending, (bucket,)."""
     members: BinMembers
-    """Which echoes fall into each during which slot, so short that no echo moves by more than `SLOT_BINS`, or a bucket."""
+    """Members of each bucket during each slot; slots are so short that no echo moves by more than `SLOT_BINS`, or than a bucket's
+    width."""
 
     def place(self, bucket: np.ndarray, batch: np.ndarray, batches: int) -> np.ndarray:
-        """Numbers of results that lie part by part, of each batch by batch and bucket by bucket."""
+        """Indices of results in an array that holds the parts one after the other, and within each part the batches, and within
+        these the buckets."""
         first, last = (np.searchsorted(self.part, self.part, side) for side in ("left", "right"))
         return (first * (batches - 1) + np.arange(len(first)))[bucket] + batch * (last - first)[bucket]
 
     def theta(self, sweep: Sweep) -> np.ndarray:
-        """theta of the buckets' carriers, their phase over x, (bucket,)."""
+        """theta of the carriers of the buckets, their phase per unit of x, (bucket,)."""
         return self.origin_s * sweep.theta_per_s + self.centres
 
 
@@ -88,9 +91,10 @@ def buckets(
     width: float,
     apart: np.ndarray | None = None,
 ) -> Buckets:
-    """Buckets of `width` range bins for pairs (interval, echo); those of different parts `apart` go to different buckets."""
+    """Sorts pairs (interval, echo) into buckets of `width` range bins. `apart`: index of the part of each pair; pairs of different
+    parts go to different buckets."""
     (delay, delay_slope), step_s = delays, instants.step_s
-    # The delay that the beat frequency shows.
+    # the delay that corresponds to the beat frequency, range-Doppler coupling included
     effective = delay + delay_slope * (instants.sweep.coupling_s / step_s)
     width_s = width * instants.sweep.bin_s
     before, after = effective[interval, echo], effective[interval + 1, echo]
@@ -102,7 +106,7 @@ def buckets(
             f"{step_s * 1e3:.3g} ms later, and at most {MOST_SLOTS * slot_s * SPEED_OF_LIGHT / 2:.3g} m can be followed; remove "
             "the jump from the target, raise surface_rate_hz, or give echoes of your own in seconds of delay"
         )
-    # An echo changes its bucket from slot to slot at most, by where it is in the middle of the slot.
+    # The bucket of an echo is constant within a slot: the one in which the echo is in the middle of the slot.
     slots = max(1, math.ceil(travel))
     origin_s = float(min(before.min(), after.min())) - width_s
     parts = []
@@ -126,7 +130,7 @@ def _occupied(
 ) -> Iterator[tuple[np.ndarray, np.ndarray | slice]]:
     """For each slot of an interval, the pairs (interval, echo) that need a bucket in it: their intervals, and their indices.
 
-    Where there are many slots most hold no chirp, and the pairs in those are left out.
+    Where there are many slots, most hold no chirp; pairs in those are left out.
     """
     used = np.zeros(intervals * slots, bool)
     used[np.clip(np.floor((position + 1) * slots).astype(np.int64), 0, intervals * slots - 1)] = True
@@ -139,7 +143,7 @@ def _occupied(
 
 
 def _ranked(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The distinct numbers, all 0 or more, ascending, and the index of each given number among them."""
+    """The distinct numbers (all 0 or more), ascending, and the index of each given number among them."""
     present = np.flatnonzero(np.bincount(numbers))
     rank = np.zeros(present[-1] + 1, np.int64)
     rank[present] = np.arange(len(present))

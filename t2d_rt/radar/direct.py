@@ -1,4 +1,5 @@
-"""The slow twin of `synthesize`: every echo at every ADC sample, in float64 (docs/physics.md, eq. 1)."""
+"""Direct sum of echoes: every echo at every ADC sample, in float64 (docs/physics.md, eq. 1); slow, the reference for
+`synthesize`."""
 
 from __future__ import annotations
 
@@ -12,11 +13,12 @@ from t2d_rt.types import EchoArrays, Echoes, Radar, stream
 from t2d_rt.types.scatterer import Scatterer
 
 FRAMES_NEARBY = 12
-"""Frames on either side of a chirp that determine its spline; the influence of farther ones is below 2e-7 (0.268 per frame)."""
+"""Frames on either side of a chirp from which its spline is computed; the influence of farther ones is below 2e-7 (it falls by
+0.268 per frame)."""
 
 
 def direct_sum(echoes: Echoes, radar: Radar, chirps: np.ndarray, *, every: int = 1, antenna: int = 0) -> np.ndarray:
-    """ADC samples (len(chirps), sample) complex128 of one antenna of the cube's given rows; `every` n-th sample of each.
+    """ADC samples (len(chirps), sample) complex128 of one antenna, at some rows of the cube; every `every`-th sample of each.
 
     s(t) = sum A(f) exp(j 2 pi (f_c tau + S tau t - S tau^2/2)), tau and A at the instant of each sample, f = f_c + S t.
     """
@@ -33,9 +35,10 @@ def direct_sum(echoes: Echoes, radar: Radar, chirps: np.ndarray, *, every: int =
 def chirp_samples(
     ends: EchoArrays, radar: Radar, rows: np.ndarray, antennas: np.ndarray, samples: np.ndarray
 ) -> np.ndarray:
-    """Given samples (K, S) complex128 at the cube's `rows` and `antennas` (K,), from echoes (2 K, N) at each chirp's ends.
+    """Samples (K, S) complex128 at the cube's `rows` and `antennas` (K,), from echoes (2 K, N) given at the first and the last
+    instant of each chirp.
 
-    Delays are straight lines from end to end, over 40 us right to 1 nm; amplitudes are means.
+    Delays are straight lines between these instants, exact to 1 nm over 40 us; amplitudes are the means of both.
     """
     out, ends = np.zeros((len(rows), len(samples)), np.complex128), filtered(ends, radar)
     for k, (row, antenna) in enumerate(zip(rows, antennas, strict=True)):
@@ -64,7 +67,7 @@ def between(
     antennas: np.ndarray,
     samples: np.ndarray,
 ) -> np.ndarray:
-    """`direct_sum` of a stream at surface frames, for chirps that start at `starts_s` [s] after its first one."""
+    """The `direct_sum` of a scatterer's echoes at surface frames, for chirps that start at `starts_s` [s] after its first frame."""
     out = np.zeros((len(rows), len(samples)), np.complex128)
     step = float(source.times_s[1] - source.times_s[0])
     for k, (start, row, antenna) in enumerate(zip(starts_s, rows, antennas, strict=True)):
@@ -82,14 +85,14 @@ def _filtered(times_s: np.ndarray, echoes: EchoArrays, radar: Radar) -> Echoes:
 
 
 def _heard(radar: Radar, row: int, antenna: int) -> list[tuple[int, int, complex]]:
-    """Transmitters and the receiver that an antenna of the cube records in a row, and each one's factor."""
+    """The pairs of transmitter and receiver that an antenna of the cube records in a row, each with its phase factor."""
     if radar.multiplexing == "ddm":
         return [(tx, int(antenna), factor) for tx, factor in enumerate(radar.tx_phase(np.array([row]))[0])]
     return [(*divmod(int(antenna), len(radar.rx_offsets_m)), 1.0)]
 
 
 def _seen_from(echoes: Echoes | EchoArrays, radar: Radar, tx: int, rx: int) -> np.ndarray:
-    """Delays relative to those of the arrays' centres (T, N) [s]."""
+    """Delays of the echoes for one transmitter and one receiver relative to those of the arrays' centres [s], (T, N)."""
     if echoes.departure_m is None:
         return np.zeros(echoes.delay_s.shape)
     arrival_m = echoes.departure_m if echoes.arrival_m is None else echoes.arrival_m
@@ -128,6 +131,6 @@ def _pair(echoes: Echoes, radar: Radar, starts: np.ndarray, tx: int, rx: int, sa
 
 
 def _extra_m(points: np.ndarray, centre: np.ndarray, antenna: np.ndarray) -> np.ndarray:
-    """Distance of points (T, N, 3) from an antenna relative to that from its array's centre [m]."""
+    """Distance of points (T, N, 3) from an antenna minus that from the array's centre [m], (T, N)."""
     points = points.astype(np.float64)
     return np.asarray(np.linalg.norm(points - antenna, axis=-1) - np.linalg.norm(points - centre, axis=-1))

@@ -1,4 +1,4 @@
-"""Which echoes go into which groups, level by level: those whose phases part slowly and whose delays lie close."""
+"""Merging echoes into groups, level by level: echoes of a group have similar phase rates and similar delays."""
 
 from __future__ import annotations
 
@@ -15,41 +15,44 @@ from t2d_rt.radar.sweep import Sweep, nodes_for
 from t2d_rt.radar.windows import Delay, Window
 
 FIRST_RATES = ((-50.0, 4), (-60.0, 8))
-"""Samples of the smallest groups' factors per frame interval, by tolerance [dB]: the amplitudes' interpolants have kinks at the
-frames, which leave -54 and -62 dB. Beyond these tolerances echoes are not merged."""
+"""By tolerance [dB], the samples per frame interval of the factors of the smallest groups. The interpolants of the amplitudes have
+kinks at the frames, which cause errors of -54 and -62 dB; for tolerances below the last one echoes are not merged."""
 FIRST_BINS = 0.35
-"""Range bins that the smallest groups' echoes span at most."""
+"""Greatest span of the echoes in one of the smallest groups [range bins]."""
 MOST_BINS = 3.0
-"""Range bins that the largest groups' echoes span at most."""
+"""Greatest span of the echoes in one of the largest groups [range bins]."""
 NARROW_BINS, WIDE_BINS = 3.0, 9.0
-"""Width of a bucket of groups: wide ones have fewer nodes for each bin, but a group has to be summed at more of them."""
+"""Widths of a bucket of groups [range bins]: wide ones need fewer nodes per bin, but each group is summed at more nodes."""
 WIDE_GROUPS = 2.0
-"""Groups for each range bin up to which buckets are wide, of a sweep of `USUAL_SAMPLES`."""
+"""Number of groups per range bin up to which buckets are wide, for a sweep of `USUAL_SAMPLES` samples."""
 USUAL_SAMPLES = 256
 WIDE = 0.25
-"""Fraction of what the smallest groups may span from which the outermost antennas of an array count too."""
+"""The outermost antennas of an array limit groups, too, where they change phase rates or delays by more than this fraction of the
+smallest groups' limits."""
 FEW_ECHOES, ROUNDING = 100, 1e-4
-"""Of so few it is first asked whether groups can pay, with limits that much wider: features are float32."""
+"""For so few echoes it is checked first whether groups can save work at all; limits are widened by the second figure, as features
+are float32."""
 PROBE_EVERY = 4
-"""Frames between samples of the echoes' phase rates and delays."""
+"""Frames between the samples of the echoes' phase rates and delays."""
 
 
 @dataclass(frozen=True, slots=True)
 class GroupLevel:
-    """Groups of one level, of echoes or of the groups of the level below."""
+    """Groups of one level: of echoes, or of groups of the level below."""
 
     rate: int
-    """Samples per frame interval."""
+    """Samples of the groups' factors per frame interval."""
     nodes: int
-    """Nodes of the sweep."""
+    """Number of nodes over the sweep."""
     bins: float
-    """Range bins that a group's echoes span at most."""
+    """Greatest span of the echoes of a group [range bins]."""
     group: np.ndarray
-    """Group of each echo, or of each group below."""
+    """Index of the group to which each echo, or each group of the level below, belongs."""
     mean: Any
-    """Sparse: values of these times this are the means of the groups; of one pair of antennas, where there are several."""
+    """Sparse matrix: values of the members times it are the means of the groups. With several pairs of antennas, it is that of one
+    pair."""
     delay: np.ndarray
-    """Mean of the members' [s], (n + 3, K)."""
+    """Mean delay of each group's members [s], (n + 3, K)."""
     delay_slope: np.ndarray
     """Slope of the mean delay [s per frame], (n + 3, K)."""
 
@@ -57,7 +60,7 @@ class GroupLevel:
         return self.delay.shape[1]
 
     def part(self, number: int, parts: int) -> GroupLevel:
-        """One of `parts` equal parts of the groups."""
+        """One of `parts` equal pieces of the groups, by its index."""
         block = slice(number * len(self) // parts, (number + 1) * len(self) // parts)
         return replace(self, delay=self.delay[:, block], delay_slope=self.delay_slope[:, block])
 
@@ -65,9 +68,9 @@ class GroupLevel:
 def levels(
     window: Window, sweep: Sweep, rate: float, tolerance: float, extras: Sequence[Delay] = ()
 ) -> list[GroupLevel]:
-    """Levels that save work for instants that come `rate` times per frame interval, none where summing echo by echo is less work.
+    """The levels of groups that save work for `rate` instants per frame interval; none where summing echo by echo is less work.
 
-    `extras`: what is added to the delays [s] and their slopes, each (n + 3, L), at the outermost antennas of an array.
+    `extras`: what is added to the delays [s] and their slopes, (n + 3, L) each, at the outermost antennas of an array.
     """
     rates = [first for limit_db, first in FIRST_RATES if tolerance >= 10 ** (limit_db / 20) * (1 - 1e-9)]
     if not rates:
@@ -82,7 +85,7 @@ def levels(
     middles = len(cycles) // 2, len(cycles) + len(bins) // 2
     count, delay, slope = low.shape[1], window.delay, window.delay_slope
     work, spent = [count * rate * WORK_ECHO], 0.0
-    # work[k]: that of k levels and of a sum over the groups of the last one at every chirp; the least decides how many there are.
+    # work[k]: work of k levels and of the sum over the last level's groups at every chirp. The least of them decides on k.
     while samples <= rate:
         points = nodes_for(0.8 * math.pi * width, tolerance)
         spent += count * samples * (WORK_NODE * points if tree else WORK_ECHO)
@@ -102,18 +105,19 @@ def levels(
 
 
 def by_part(tree: Sequence[GroupLevel], part: np.ndarray, parts: int) -> tuple[list[GroupLevel], np.ndarray]:
-    """The same groups, each once for each of so many parts that it holds echoes of; and the parts of the last level's groups.
+    """Divides groups by the part of the recording: each group becomes one group for each part of which it holds echoes. Also
+    returns the part of each of the last level's groups.
 
-    `part` is that of each echo, (L,). Group by group the sums of the parts add up to those of `tree`, for delays stay the same.
+    `part` is that of each echo, (L,). The groups keep their delays, so the sums of a group's parts add up to the group of `tree`.
     """
     from scipy.sparse import csr_array
 
-    split_levels, below = [], np.arange(len(part))  # of what is below: which group of `tree` it was, or echo
+    split_levels, below = [], np.arange(len(part))  # the item in `tree` that each item below was
     for level in tree:
         key = level.group[below] * parts + part
         distinct, group = np.unique(key, return_inverse=True)
         original = distinct // parts
-        # The mean over all members, of which the first copy of each counts.
+        # The mean is over all members of the group in `tree`: one copy of each of them is counted.
         _, first = np.unique(below, return_index=True)
         copies = csr_array((np.ones(len(first)), (first, below[first])), shape=(len(below), len(first)))
         mean = copies @ level.mean[:, original]
@@ -123,13 +127,13 @@ def by_part(tree: Sequence[GroupLevel], part: np.ndarray, parts: int) -> tuple[l
     return split_levels, part
 
 
-# Measured costs of one echo and one node in a sum, relative to one another.
+# measured cost of an echo and of a node in a sum, relative to one another
 WORK_ECHO, WORK_NODE = 1.0, 0.25
 
 
 def _may_pay(cycles: np.ndarray, bins: np.ndarray, allowed: float, samples: int, rate: float, tolerance: float) -> bool:
-    """Whether any level may take less work than the sum echo by echo, by the fewest groups that echoes (probes, L) can fall into:
-    False only where `levels` would find none."""
+    """Whether any level of groups may save work over the sum echo by echo, judged by the least number of groups that the echoes can
+    form (probes, L); False only where `levels` would find none."""
     count, spent, width, first = cycles.shape[1], 0.0, FIRST_BINS, True
     alone = count * rate * WORK_ECHO
     while samples <= rate:
@@ -145,7 +149,8 @@ def _may_pay(cycles: np.ndarray, bins: np.ndarray, allowed: float, samples: int,
 
 
 def _fewest(features: np.ndarray, limit: float) -> int:
-    """Fewest groups none of which spans more than a limit in any feature (C, L): what one feature alone asks for."""
+    """A lower bound on the number of groups, none of which spans more than a limit in any feature (C, L): the number that the most
+    demanding single feature needs."""
     most, limit = 0, limit * (1 + ROUNDING)
     for values in np.sort(features, axis=1).tolist():
         count, end = 0, -math.inf
@@ -157,21 +162,22 @@ def _fewest(features: np.ndarray, limit: float) -> int:
 
 
 def bucket_bins(groups: GroupLevel, count: int, sweep: Sweep) -> float:
-    """Width of buckets of a level's groups, `count` of them for each pair of antennas."""
+    """Width [range bins] of buckets for the groups of a level, of which each pair of antennas has `count`."""
     span = float(np.ptp(groups.delay)) / sweep.bin_s
     return WIDE_BINS if count < WIDE_GROUPS * span * len(sweep.x) / USUAL_SAMPLES else NARROW_BINS
 
 
 def bucket_theta(bucket: float, width: float) -> float:
-    """Greatest theta of a bucket, so many bins wide, that holds groups of `width` bins."""
+    """Greatest theta in a bucket of `bucket` range bins, relative to its middle, if it holds groups of `width` range bins."""
     return math.pi * (bucket / 2 + 0.8 * width + SLOT_BINS / 2)
 
 
 def _cycles_per_step(tolerance: float) -> float:
-    """Greatest difference of the phase steps within a group [cycles per sample].
+    """Greatest difference of the phase steps within a group [cycles per sample] for a tolerance.
 
-    A cubic at the midpoint of four samples misses a phasor of step w by (3/128) w^4, of w uniform in -pi p..pi p by (pi p)^4/3
-    of that in the mean square. That is the last step, at the chirps; the levels' midpoints are those of quintics and leave less.
+    At the midpoint of four samples a cubic differs from a phasor of step w by (3/128) w^4; for w uniform in -pi p..pi p the mean
+    square is (pi p)^4/3 of that. This is the last step, at the chirps; the levels below interpolate midpoints by quintics, which
+    cause less error.
     """
     return (tolerance * (128 / 3) * 3) ** 0.25 / math.pi
 
@@ -179,14 +185,15 @@ def _cycles_per_step(tolerance: float) -> float:
 def _features(
     window: Window, sweep: Sweep, extras: Sequence[Delay], wide: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What distinguishes echoes, at a few instants of the window: phase rates [cycles per frame] and delays that the beat shows
-    [bins], float32 (probes, L); the same at outermost antennas for which either differs by more than `wide` from echo to echo."""
+    """Features by which echoes are grouped, at a few instants of the window: phase rates [cycles per frame] and delays as the beat
+    frequency shows them [bins], float32 (probes, L) each. Outermost antennas are included where their features differ by more than
+    `wide` from echo to echo."""
     last = len(window.delay) - 1
     instants = np.unique(np.linspace(0, last, 2 + last // PROBE_EVERY).astype(int))
     rates = window.delay_slope[instants]
-    # Delays at all of these instants too: limbs that pass each other at some are a metre apart at others.
+    # Delays count at all of these instants: limbs that pass each other at one are a metre apart at another.
     shown = window.delay[instants] + rates * (sweep.coupling_s / window.step_s)
-    # Relative to the first echo: float32 would round absolute delays.
+    # Relative to the first echo, for float32 would round absolute delays.
     cycles, bins = (rates - rates[:, :1]) * sweep.mid_hz, (shown - shown[:, :1]) / sweep.bin_s
     features = [(cycles, bins)]
     for delays, slope in extras:
@@ -198,10 +205,11 @@ def _features(
 
 
 def _grouped(low: np.ndarray, high: np.ndarray, cells: Sequence[int]) -> np.ndarray:
-    """Groups items, (N,) numbers 0, 1, ..., none of which spans more than 1: cells of a grid of that width in some features,
-    `cells`, are halved along their widest feature for as long as they span more.
+    """Divides items into groups, none of which spans more than 1 in any feature; returns the group of each item, (N,).
 
-    low, high (C, N): what each item spans itself, at most 1; both may be one. The items of a part lie side by side in memory.
+    Items are first sorted into the cells of a grid of width 1 in the features `cells`; a cell that spans more than 1 is halved
+    along its widest feature, again and again. low, high (C, N): least and greatest value of each feature of each item, at most 1
+    apart; both may be the same array. Items of one group lie next to one another in memory.
     """
     rows = order = np.arange(low.shape[1])
     key = np.zeros(len(order), np.int64)
@@ -214,7 +222,7 @@ def _grouped(low: np.ndarray, high: np.ndarray, cells: Sequence[int]) -> np.ndar
     while len(rows):
         by_key = np.argsort(key, kind="stable")
         rows, key = rows[by_key], key[by_key]
-        # Echoes span nothing themselves, so that both are one.
+        # Echoes have no extent, so that low and high are one array.
         reordered = np.take(low, rows, axis=1)
         low, high, order = reordered, reordered if low is high else np.take(high, rows, axis=1), order[rows]
         starts = np.flatnonzero(np.diff(key, prepend=-1))
@@ -237,7 +245,7 @@ def _grouped(low: np.ndarray, high: np.ndarray, cells: Sequence[int]) -> np.ndar
 
 
 def _mean(group: np.ndarray) -> Any:
-    """Sparse (N, K): values of items times this are the means of their groups."""
+    """Sparse matrix (N, K): values of the items times it are the means of their groups."""
     from scipy.sparse import csr_array
 
     weight = 1 / np.bincount(group)
@@ -245,7 +253,7 @@ def _mean(group: np.ndarray) -> Any:
 
 
 def _hulls(group: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Extent of each group in each feature, (C, K)."""
+    """Least and greatest value of each feature in each group, (C, K) each."""
     order = np.argsort(group, kind="stable")
     starts = np.flatnonzero(np.diff(group[order], prepend=-1))
     first = np.take(low, order, axis=1)

@@ -1,8 +1,9 @@
-"""Echoes between frames: the one interpolation contract, as matrices (docs/physics.md, eq. 14).
+"""Interpolation of echoes between frames, as matrices; all code that needs echoes between frames uses these (docs/physics.md, eq.
+14).
 
-Within the interval from frame i to i+1, with u in 0..1, both delay and amplitude are cubic Hermite polynomials of the values
-and slopes at the two frames. They differ in where the slopes come from: a C2 spline for the delay, central differences for
-the amplitude.
+Within the interval from frame i to i+1, with u in 0..1, both delay and amplitude are cubic Hermite polynomials of the values and
+slopes at the two frames. The slopes differ: those of the delay are from a C2 spline, those of the amplitude are central
+differences.
 """
 
 from __future__ import annotations
@@ -12,13 +13,14 @@ from functools import lru_cache
 import numpy as np
 
 END_FRAMES = 5
-"""So many frames, or all there are, give the delay's slope at either end; more would err more (docs/decisions.md)."""
+"""Number of frames, or all if there are fewer, from which the slope of the delay at either end is computed; more would have a
+greater error (docs/decisions.md)."""
 
 
 @lru_cache(maxsize=64)
 def spline_slopes(frames: int) -> np.ndarray:
-    """Matrix (T, T) from values at unit-spaced frames to the derivatives there of the C2 cubic spline whose slope at either end is
-    that of the polynomial through the five frames there."""
+    """Matrix (T, T) from values at unit-spaced frames to the derivatives of a C2 cubic spline there. At either end the slope is
+    that of the polynomial through the nearest five frames."""
     from scipy.interpolate import CubicSpline
 
     end_frames = min(frames, END_FRAMES)
@@ -33,7 +35,7 @@ def spline_slopes(frames: int) -> np.ndarray:
 
 
 def central_slopes(values: np.ndarray) -> np.ndarray:
-    """Central differences of values (T, ...) at unit spacing, one-sided at the ends."""
+    """Central differences of values (T, ...) at unit spacing, one-sided at both ends."""
     slopes = np.empty_like(values)
     slopes[1:-1] = (values[2:] - values[:-2]) * 0.5
     slopes[0] = values[1] - values[0]

@@ -1,8 +1,9 @@
-"""Groups of echoes merged level by level, each level at twice the rate of the one before (docs/physics.md, eq. 21).
+"""Merges groups of echoes level by level; each level has twice the sample rate of the one before (docs/physics.md, eq. 21).
 
-A group returns its members' sum as a factor beside its own delay, the mean of theirs, at a few nodes of the sweep. The factor
-varies slowly, so it is sampled at a rate far below the chirps'; that of a larger group varies faster and is sampled faster. What
-a group may hold follows from how fast its members' phases part and how far their delays lie apart.
+The sum of a group's members is a slowly varying complex factor, times the phasor of the group's own delay, which is the mean of the
+members' delays. The factor is stored at a few nodes of the sweep and sampled at a rate far below that of the chirps; the factor of
+a larger group varies faster and is sampled faster. How fast the phases of members diverge, and how far their delays lie apart,
+limits what a group may hold.
 """
 
 from __future__ import annotations
@@ -40,30 +41,31 @@ from t2d_rt.radar.windows import Window
 
 @dataclass(frozen=True, slots=True)
 class Factors:
-    """Factors of a level's groups, sampled."""
+    """Sampled complex factors of the groups of one level."""
 
     values: Any
-    """Flat float32 (group, sample, node, 2) on the device."""
+    """Flat float32 (group, sample, node, 2) on the device; the last axis holds real and imaginary parts."""
     samples: int
     first: int
-    """Place of the first sample, counted from the window's start."""
+    """Time of the first sample in samples after the window's start; negative if before."""
 
 
 @dataclass(frozen=True, slots=True)
 class Leaves:
-    """The echoes that the first level's groups add up."""
+    """The echoes from which the groups of the first level are summed."""
 
     members: BinMembers
     fields: AmplitudeFrames
     """Amplitudes of the echoes at the frames."""
     phase: tuple[Any, Any]
-    """Tables of `phases`, relative to the groups."""
+    """The tables of `phases`, relative to the groups."""
     ends: tuple[ArrayDelays, ...] = ()
-    """Transmitters and receivers, each pair of which is to have groups of its own."""
+    """Transmitters and receivers for which groups are computed separately, for each pair of antennas; () for the arrays' centres
+    alone."""
 
 
 def leaves(window: Window, level: GroupLevel, sweep: Sweep, backend: Backend) -> Leaves:
-    """The echoes of the first level's groups."""
+    """The echoes of the groups of the first level, with their phases relative to these."""
     intervals, count = window.delay.shape[0] - 1, window.delay.shape[1]
     interval, echo = window.lit
     members = BinMembers.of(interval, level.group[echo], echo, shape=(intervals, len(level)), per=1, size=count)
@@ -74,7 +76,8 @@ def leaves(window: Window, level: GroupLevel, sweep: Sweep, backend: Backend) ->
 def at_antennas(
     tree: list[GroupLevel], leaves: Leaves, send: ArrayDelays, receive: ArrayDelays
 ) -> tuple[list[GroupLevel], Leaves]:
-    """Levels and leaves of all pairs of antennas: groups of the first transmitter with the first receiver, with the second, ..."""
+    """Levels and leaves for all pairs of antennas. Groups are ordered by pair: first transmitter with first receiver, first with
+    second, and so on."""
     of_pairs, below = [], 0
     pairs = list(itertools.product(send.groups, receive.groups))
     for number, level in enumerate(tree):
@@ -82,7 +85,7 @@ def at_antennas(
             np.concatenate([base + out[number][k] + back[number][k] for out, back in pairs], axis=1)
             for k, base in enumerate((level.delay, level.delay_slope))
         )
-        # The echoes below the first level are the same for all pairs.
+        # The echoes below the first level are the same for all pairs of antennas.
         group = level.group + (len(level) * np.arange(len(pairs)) if below else np.zeros(1, int))[:, None]
         of_pairs.append(replace(level, group=group.ravel(), delay=delay, delay_slope=slope))
         below = len(level)
@@ -90,7 +93,7 @@ def at_antennas(
 
 
 def factors(window: Window, tree: list[GroupLevel], leaves: Leaves, sweep: Sweep, backend: Backend) -> Factors:
-    """Factors of the groups of the tree's last level."""
+    """Factors of the groups of the last level, computed from the first level upwards."""
     out = _smallest(window, tree[0], leaves, sweep, backend)
     for below, level in pairwise(tree):
         out = _merged(out, below, level, sweep, window.step_s, backend)
@@ -99,11 +102,11 @@ def factors(window: Window, tree: list[GroupLevel], leaves: Leaves, sweep: Sweep
 
 @one_thread_at_a_time
 def _smallest(window: Window, level: GroupLevel, leaves: Leaves, sweep: Sweep, backend: Backend) -> Factors:
-    """Factors of the first level's groups, those of one pair of antennas after those of another, straight from the echoes.
+    """Factors of the groups of the first level, summed from the echoes; ordered by pair of antennas.
 
-    One kernel: its lanes are (group, frame interval), its loop runs over the group's echoes, of which a lane reads each once for
-    all instants and all pairs. Every level takes two samples before and three after: an interval before the window, and a little
-    more than one after it, where the last lanes go on with the last interval's cubics.
+    One kernel with a lane for each group and frame interval loops over the group's echoes; it reads each echo once for all instants
+    and pairs. Every level needs two samples before and three samples after those of the next: these are one interval before the
+    window and a little more than one after it, where the last lanes extrapolate the cubics of the last interval.
     """
     import drjit as dr
 
@@ -150,14 +153,14 @@ def _smallest(window: Window, level: GroupLevel, leaves: Leaves, sweep: Sweep, b
     sums = summed(Float32, ends_of_row, 1, level.rate * pairs * numbers, values_of)
     by_pair = np.reshape(np.arange(len(sums)), (level.rate, pairs, numbers)).swapaxes(0, 1).reshape(pairs, -1)
     values: Any = [dr.ravel(backend.arrays.ArrayXf([sums[k] for k in of_pair])) for of_pair in by_pair.tolist()]
-    dr.eval(values)  # all at once; else each pair's would run the loop again
+    dr.eval(values)  # all at once, for evaluating the pairs one by one would run the loop again for each
     values = dr.concat(values) if pairs > 1 else values[0]
     dr.eval(values)
     return Factors(values, (intervals + 1) * level.rate, -level.rate)
 
 
 def _at_nodes(parts: list[Any], u: Any, count: int) -> list[Any]:
-    """An echo's amplitude at u, cubics of its parts in the frame step, at nodes of the sweep: real and imaginary parts in turn."""
+    """Amplitude of an echo at u and at nodes of the sweep, from cubics in the frame step: real and imaginary parts in turn."""
     values = [cubic_at(part, u) for part in parts]
     slopes = values[2:] or [0.0, 0.0]
     return [
@@ -166,7 +169,7 @@ def _at_nodes(parts: list[Any], u: Any, count: int) -> list[Any]:
 
 
 class _ExtraPhases:
-    """Extra phases of the leaves' echoes from each antenna of an array's end, relative to those of their groups."""
+    """Phases that an array's antennas add to the echoes of the leaves, relative to those that they add to the echoes' groups."""
 
     def __init__(
         self, delays: ArrayDelays, group: Any, interval: Any, sweep: Sweep, window: Window, backend: Backend
@@ -181,7 +184,8 @@ class _ExtraPhases:
         self.centre, *self.offsets = (
             [dr.opaque(Float32, float(x)) for x in place] for place in (delays.end.centre_m, *delays.end.offsets_m)
         )
-        # The residual video phase of the extra delay, -S tau e, with the window's mean delay: within a group it hardly differs.
+        # The residual video phase -S tau e of the additional delay e is taken at the window's mean delay tau: within a group it
+        # hardly differs.
         mid_hz = sweep.mid_hz - sweep.slope * float(window.delay.mean())
         self.per_metre = dr.opaque(Float32, mid_hz / SPEED_OF_LIGHT)
         self.groups = []
@@ -193,7 +197,7 @@ class _ExtraPhases:
             self.groups.append([dr.gather(Float32, of_groups, place + k) for k in range(4)])
 
     def cycles(self, echo: Any) -> list[list[Any]]:
-        """Cubics of the phase [cycles] of each antenna."""
+        """Cubics of the additional phase [cycles] of an echo, one for each antenna."""
         import drjit as dr
 
         place = echo * self.frames + self.interval
@@ -214,7 +218,12 @@ class _ExtraPhases:
 def _merged(
     inner: Factors, below: GroupLevel, level: GroupLevel, sweep: Sweep, step_s: float, backend: Backend
 ) -> Factors:
-    """The next level's factors, at twice the rate."""
+    """Factors of the groups of `level`, from the factors `inner` of the level `below`, with twice as many samples per frame
+    interval.
+
+    The factor of each child is multiplied by the phasor of its phase relative to the parent and added up, at the samples and, by a
+    quintic, half way between them.
+    """
     import drjit as dr
 
     Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
@@ -240,7 +249,7 @@ def _merged(
         child = dr.gather(UInt32, children, i)
         cubic = dr.gather(Packet, delta, row + child)
         frames = [read(inner.values, child * samples + index + k, below.nodes, Packet) for k in range(6)]
-        # The quintic through six samples; what it misses of a phasor of step w, 5/1024 w^6, is an image at the rate below.
+        # Quintic through six samples. Its error for a phasor of step w is 5/1024 w^6, an image at the lower rate.
         middle = [
             (150 * (c + d) - 25 * (b + e) + 3 * (a + f)) * (1 / 256) for a, b, c, d, e, f in zip(*frames, strict=True)
         ]
@@ -259,8 +268,9 @@ def _merged(
 
 
 def _places(inner: Factors, below: GroupLevel) -> tuple[np.ndarray, np.ndarray]:
-    """Interval, of those whose delays are known, in which each of the samples' places lies that have two before and three after
-    them, and where in it [frames]; those after the last interval go on with its cubics."""
+    """For each sample that has two samples before and three after it: the index of the frame interval, among those with known
+    delays, whose cubics give its phase, and its position in that interval [frames]. Samples after the last interval extrapolate its
+    cubics."""
     place = inner.first + 2 + np.arange(inner.samples - 5)
     interval = np.minimum(place // below.rate + 1, len(below.delay) - 2)
     return interval, place / below.rate - (interval - 1)
@@ -277,10 +287,11 @@ def at_instants(
     places: np.ndarray,
     backend: Backend,
 ) -> np.ndarray:
-    """Fields of buckets at `places` of the sweep, pairs +x, -x, from groups' factors; complex64, part by part, (instant,
-    bucket, place) of each, flat.
+    """Sums of the groups in every bucket at `places` of the sweep, pairs +x, -x; flat complex64, part after part, each (instant,
+    bucket, place).
 
-    The factors of `level`'s groups are those of `inner` from `first` on, `phase` holds the tables of `phases` for the groups.
+    The factors of the groups of `level` are those of `inner` from index `first` on; `phase` holds the tables of `phases` for the
+    groups.
     """
     import drjit as dr
 
@@ -308,8 +319,8 @@ def at_instants(
 
 
 def _interpolation(inner: Factors, level: GroupLevel, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The second of the four samples of a factor between which each instant lies, (instant,), and the weights of the four, those of
-    the cubic through samples at -1, 0, 1, 2, (instant, 4)."""
+    """For each instant, the index of the second of the four samples of a factor between which it lies, (instant,), and the weights
+    of the four samples, (instant, 4): those of the cubic through samples at -1, 0, 1, 2."""
     place = position * level.rate - inner.first
     sample = np.clip(np.floor(place).astype(np.int64), 1, inner.samples - 3)
     p = place - sample
@@ -323,7 +334,7 @@ def _interpolation(inner: Factors, level: GroupLevel, position: np.ndarray) -> t
 
 
 def _relative(below: GroupLevel, level: GroupLevel, sweep: Sweep) -> np.ndarray:
-    """Phase of each group against its parent's [cycles], cubics in the frame step, float32 (n + 2, K, 4)."""
+    """Phase of each group relative to that of its parent [cycles], as cubics in the frame step, float32 (n + 2, K, 4)."""
     above, above_slope = level.delay[:, level.group], level.delay_slope[:, level.group]
     cycles = (sweep.mid_hz - 0.5 * sweep.slope * (below.delay + above)) * (below.delay - above)
     own_rate = (sweep.mid_hz - sweep.slope * below.delay) * below.delay_slope

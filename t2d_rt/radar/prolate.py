@@ -1,7 +1,8 @@
-"""Nodes of the sweep for functions of limited bandwidth: exp(j t x) with |t| <= theta, x in -1..1 (docs/physics.md, eq. 16).
+"""Interpolation over the sweep of functions of limited bandwidth: exp(j t x) with |t| <= theta, x in -1..1 (docs/physics.md, eq.
+16).
 
-A polynomial through Chebyshev nodes needs pi/2 times as many. The nodes are the zeros of a prolate spheroidal wave function, and
-what is interpolated are those of lower order (Xiao, Rokhlin and Yarvin, Inverse Problems 17 (2001), 805-838).
+A polynomial through Chebyshev nodes would need pi/2 times as many nodes. Here the nodes are the zeros of a prolate spheroidal wave
+function, and the interpolating functions are those of lower order (Xiao, Rokhlin and Yarvin, Inverse Problems 17 (2001), 805-838).
 """
 
 from __future__ import annotations
@@ -13,19 +14,20 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 CHECKED = 128
-"""Places of the sweep, and values of t, at which the error is checked."""
+"""Number of positions in the sweep, and of values of t, at which the error is checked."""
 TRIES = 12
-"""How many even numbers of nodes are tried, from 2 theta/pi up: fewer cannot hold the band."""
+"""How many even numbers of nodes are tried, beginning with 2 theta/pi; fewer cannot represent the band."""
 
 
 @lru_cache(maxsize=64)
 def band_nodes(theta: float, tolerance: float) -> np.ndarray:
-    """As few nodes as carry exp(j t x) for all |t| <= `theta` within `tolerance`, in pairs +x, -x, largest first."""
+    """The least number of nodes that interpolate exp(j t x) for all |t| <= `theta` within `tolerance`; in pairs +x, -x, largest
+    first."""
     t, x = np.linspace(0, theta, CHECKED), np.linspace(0, 1, CHECKED)
     least = 2 * max(1, math.ceil(theta / math.pi))
     series = _wave_functions(theta, least + 2 * TRIES)
-    # Zeros lie closer near the ends, about as Chebyshev nodes do; of a symmetric set only the positive ones are looked for.
-    # Places between two zeros; the functions are linear between them, and need not be exact.
+    # Zeros are closer together near the ends, much as Chebyshev nodes; by symmetry only positive ones are searched.
+    # A few grid points between neighbouring zeros suffice: zeros are interpolated linearly and need not be exact.
     grid = np.cos(np.linspace(0, math.pi / 2, 32 * series.shape[1]))
     on_grid, at_x = (legvander(places, series.shape[0] - 1) @ series for places in (grid, x))
     for count in range(least, least + 2 * TRIES, 2):
@@ -39,13 +41,14 @@ def band_nodes(theta: float, tolerance: float) -> np.ndarray:
 
 
 def band_weights(theta: float, tolerance: float, x: np.ndarray) -> np.ndarray:
-    """What values at `band_nodes` add to the function at `x`, (node, len(x)); the same array for the same arguments."""
+    """Matrix (node, len(x)) from values at `band_nodes` to those of the interpolated function at `x`; cached, so not to be
+    changed."""
     return _interpolation(theta, tolerance, x.tobytes())
 
 
 @lru_cache(maxsize=16)
 def _interpolation(theta: float, tolerance: float, places: bytes) -> np.ndarray:
-    """The matrix of `band_weights`, kept by the bytes of the places."""
+    """The matrix of `band_weights`; `places` are the bytes of x, so that they can be a key of the cache."""
     x = np.frombuffer(places)
     nodes = band_nodes(theta, tolerance)
     series = _wave_functions(theta, len(nodes))[:, : len(nodes)]
@@ -53,12 +56,13 @@ def _interpolation(theta: float, tolerance: float, places: bytes) -> np.ndarray:
 
 
 def _through(nodes: np.ndarray, series: np.ndarray, at_x: np.ndarray) -> np.ndarray:
-    """Matrix from values at nodes to the sum of as many wave functions through them, at places where these are `at_x` (x, node)."""
+    """Matrix from values at nodes to the combination of as many wave functions through them, at positions where these have the
+    values `at_x` (x, node)."""
     return np.linalg.solve((legvander(nodes, len(series) - 1) @ series).T, at_x.T).T
 
 
 def _zeros(grid: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Places at which values change their sign on a grid."""
+    """Positions of the sign changes of values on a grid, by linear interpolation."""
     k = np.flatnonzero(values[1:] * values[:-1] < 0)
     return np.asarray(grid[k] + (grid[k + 1] - grid[k]) * values[k] / (values[k] - values[k + 1]))
 
@@ -69,8 +73,8 @@ def _pairs(positive: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def _wave_functions(theta: float, order: int) -> np.ndarray:
-    """Series in Legendre polynomials of the wave functions of orders 0 to `order`, (terms, order + 1), up to a scale: eigenvectors
-    of the matrix that the differential equation becomes in these polynomials."""
+    """Legendre series of the wave functions of orders 0 to `order`, (terms, order + 1), up to a scale: eigenvectors of the
+    differential equation's matrix in Legendre polynomials."""
     k = np.arange(order + math.ceil(theta) + 40)
     diagonal = k * (k + 1) + (2 * k * (k + 1) - 1) / ((2 * k + 3) * (2 * k - 1)) * theta**2
     j = k[2:]

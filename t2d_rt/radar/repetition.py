@@ -1,9 +1,9 @@
-"""Echoes that repeat, a fan's: a few periods are summed, and every chirp of the record is read from them.
+"""Echoes of a periodic target such as a fan: a few periods are summed, and every chirp of the record is interpolated from these.
 
-What a chirp records of a rotor depends on the rotor's angle when the chirp begins, and on nothing else; motion within the chirp is
-part of it. Chirps of a few periods, timed so that they begin at equal steps of the angle, are a table of it. Between its steps it
-is a band-limited periodic function, interpolated by a Kaiser-Bessel window as non-uniform Fourier transforms are (Fessler and
-Sutton, 2003).
+What a chirp records of a rotor depends only on the angle of the rotor when the chirp begins; motion within the chirp is included.
+Chirps of a few periods that begin at equal steps of the angle form a table. Between the steps the record is a band-limited periodic
+function of the angle, which is interpolated with a Kaiser-Bessel window as in non-uniform Fourier transforms (Fessler and Sutton,
+2003).
 """
 
 from __future__ import annotations
@@ -26,25 +26,26 @@ from t2d_rt.types.echoes import Repetition
 from t2d_rt.types.scatterer import EchoParts, Scatterer
 
 TAPS, OVERSAMPLING = 6, 2
-"""Taps of the interpolation, which errs by less than -90 dB."""
+"""Taps of the interpolation, and its oversampling; its error is below -90 dB."""
 BAND = 1.25
-"""Steps of the table over those that the fastest points ask for."""
+"""Number of steps of the table relative to what the fastest points need."""
 END_FRAMES = 6
-"""Surface frames beyond the table at both of its ends, for the splines through them."""
+"""Surface frames beyond the table at both of its ends, which the splines there need."""
 LEAST_GAIN = 3.0
-"""Records that are so many times longer than the table are read from it."""
+"""A table is used where the record is longer by at least this factor than the table."""
 ROWS_AT_ONCE = 4_096
-"""Rows of the record at a time."""
+"""Number of rows of the record that are interpolated at once."""
 TABLE_BYTES = 256e6
-"""Greatest table, oversampled."""
+"""Greatest size of a table, with oversampling [bytes]."""
 
 
 def repetition(
     radar: Radar, period_s: float, speed_mps: float, frame_rate_hz: float, span_s: tuple[float, float]
 ) -> Repetition | None:
-    """The repetition for points of that greatest speed; None where nothing is gained by it.
+    """Chooses the table for points of that greatest speed; None where it would not save work.
 
-    Chirps do not overlap, so one period hardly ever has enough of them. Several have, at other angles each.
+    Chirps do not overlap, so a single period seldom has enough of them. Several periods have, since their chirps begin at different
+    angles.
     """
     row_rate_hz = 1 / (radar.sweep_time_s * radar.loop_chirps)
     shortest_m = SPEED_OF_LIGHT / (radar.mid_frequency_hz + radar.bandwidth_hz / 2)
@@ -56,18 +57,18 @@ def repetition(
     first = math.ceil(END_FRAMES / frame_rate_hz / step_s)
     timed = radar.replace(prf_hz=radar.loop_chirps / step_s, chirps_per_frame=None, frame_interval_s=None)
     table = Repetition(period_s=period_s, span_s=span_s, radar=timed, first=first, rows=rows, periods=periods)
-    # Transmitters told apart by Doppler change their phase from one row of the record to the next.
+    # With "ddm", the phase of the transmitters changes from row to row of the record, so no table can serve.
     worth = span_s[1] - span_s[0] > LEAST_GAIN * duration_s(table, frame_rate_hz) and radar.multiplexing != "ddm"
     return table if worth and 8.0 * OVERSAMPLING * rows * radar.antennas * radar.samples < TABLE_BYTES else None
 
 
 def duration_s(table: Repetition, frame_rate_hz: float) -> float:
-    """Duration [s] of the echoes that the table is summed from."""
+    """Duration [s] of the echoes from which the table is summed."""
     return (table.first + table.rows + 1) * table.step_s + END_FRAMES / frame_rate_hz
 
 
 def _coprime(rows: int, periods: int) -> int:
-    """The greatest number of rows up to that one that has no divisor in common with the periods."""
+    """The greatest number, at most `rows`, without a common divisor with `periods`."""
     while rows > 0 and math.gcd(rows, periods) > 1:
         rows -= 1
     return rows
@@ -84,8 +85,8 @@ def add_repeated(
     progress: Progress | None = None,
     parts: EchoParts | None = None,
 ) -> Cube:
-    """The ADC cube of a record whose echoes repeat, added to another one or by itself. What each of the `parts` returns is added to
-    its cube, if it has one."""
+    """Adds a record whose echoes repeat to the cube `onto`, or to a new one, and returns it. The echoes of each of the `parts` are
+    also added to the cube of that part, if it has one."""
     table = source.repeats
     assert table is not None
     starts_s = radar.chirp_times_s(table.span_s[1] - table.span_s[0])
@@ -100,7 +101,7 @@ def add_repeated(
     with CubeAdder(onto) as adder:
         for block in record.blocks():
             record.read(steps, block, adder.room(block.stop - block.start))
-    del whole, steps  # before those of the parts are made, one after another
+    del whole, steps  # frees memory before the parts are computed one after the other
     for part_sum, rows_of_part in zip(of_parts, parts.rows if parts else (), strict=True):
         _add_part(part_sum, record, rows_of_part)
     if progress is not None:
@@ -109,7 +110,7 @@ def add_repeated(
 
 
 def _add_part(part_sum: ProductRows, record: _Record, onto: ProductRows) -> None:
-    """Adds what a part returns in a table to its rows of the record, as coefficients of a few functions of the sample."""
+    """Adds the table of one part to its rows of the record, as coefficients of a few functions of the sample."""
     table = record.table
     coefficients, functions = part_sum.in_one_basis(table.first, table.first + table.rows)
     steps = record.oversampled(coefficients)
@@ -126,33 +127,33 @@ def _add_part(part_sum: ProductRows, record: _Record, onto: ProductRows) -> None
 
 @dataclass(frozen=True, slots=True)
 class _Record:
-    """The chirps of a record, which are read from the steps of a period."""
+    """The chirps of a record, which are interpolated from a table of one period."""
 
     table: Repetition
     radar: Radar
     starts_s: np.ndarray
-    """When its rows begin, (row,)."""
+    """Start of each row of the record [s], (row,)."""
 
     def blocks(self) -> Iterator[slice]:
-        """Some rows at a time."""
+        """Slices of rows, which are interpolated one after the other."""
         for first in range(0, len(self.starts_s), ROWS_AT_ONCE):
             yield slice(first, min(first + ROWS_AT_ONCE, len(self.starts_s)))
 
     def oversampled(self, rows: np.ndarray) -> np.ndarray:
-        """What `read` reads, from rows of the table (row, antenna, value)."""
+        """The oversampled table that `read` interpolates, from the rows of the table (row, antenna, value)."""
         table = self.table
         steps = np.empty_like(rows)
-        steps[np.arange(table.rows) * table.periods % table.rows] = rows  # by the angles at which their chirps begin
+        steps[np.arange(table.rows) * table.periods % table.rows] = rows  # ordered by the rotor's angle
         return _oversampled(steps)
 
     def read(self, dense: np.ndarray, rows: slice, out: np.ndarray) -> None:
-        """Fills `out` (row, antenna, value) with some rows of the record."""
+        """Interpolates some rows of the record into `out` (row, antenna, value), and applies the gain."""
         table, row_starts_s = self.table, self.starts_s[rows]
         gain = np.ones(len(row_starts_s)) if table.gain is None else table.gain(table.span_s[0] + row_starts_s)
         if not gain.any():
             out[:] = 0
             return
-        # Chirps of the table and of the record begin at times of their own after the starts of their rows.
+        # Antennas of the table and of the record start their chirps at different times after the starts of their rows.
         late_s = self.radar.antenna_delays_s - table.radar.antenna_delays_s - table.first * table.step_s
         for antenna, offset_s in enumerate(late_s.tolist()):
             position = (row_starts_s + offset_s) / table.period_s % 1 * dense.shape[1]
@@ -168,7 +169,7 @@ def _summed(
     device: str,
     memory: MemoryLimit,
 ) -> tuple[Cube, list[ProductRows]]:
-    """What the chirps of a table record, and each part of it."""
+    """The cube of a table, and that of each part of it."""
     whole: Cube | None = None
     first, rows = 0, len(table.radar.chirp_times_s(source.times_s[-1] - source.times_s[0]))
     shape = rows, table.radar.antennas, table.radar.samples
@@ -191,7 +192,8 @@ def _summed(
 
 
 def _oversampled(steps: np.ndarray) -> np.ndarray:
-    """Values between which `_at` interpolates, complex64 (antenna, step, value), from those of (step, antenna, value)."""
+    """Oversampled and deconvolved values, complex64 (antenna, step, value), between which `_at` interpolates; from those of (step,
+    antenna, value)."""
     from scipy import fft
 
     count = len(steps)
@@ -199,19 +201,19 @@ def _oversampled(steps: np.ndarray) -> np.ndarray:
     harmonic = fft.fftfreq(count, 1 / count)
     window = OVERSAMPLING / _window_spectrum(harmonic / dense_count)[:, None].astype(np.float32)
     dense = np.zeros((steps.shape[1], dense_count, steps.shape[2]), steps.dtype)
-    for antenna, inside in enumerate(dense):  # one by one, for memory
+    for antenna, inside in enumerate(dense):  # one antenna after the other, to save memory
         inside[harmonic.astype(int)] = fft.fft(steps[:, antenna], axis=0) * window
         inside[:] = fft.ifft(inside, axis=0)
     return dense
 
 
 def table_bytes(table: Repetition, radar: Radar) -> float:
-    """Memory that a table takes while it is made and read [byte]."""
+    """Memory [bytes] that a table takes while it is computed and used."""
     return 1.5 * 8 * OVERSAMPLING * table.rows * radar.antennas * radar.samples
 
 
 def _at(dense: np.ndarray, position: np.ndarray, gain: np.ndarray) -> np.ndarray:
-    """Values (K, value) at positions (K,) among periodic steps (step, value), times a gain (K,)."""
+    """Interpolated values (K, value) at positions (K,) of a periodic table (step, value), times a gain (K,)."""
     from scipy.sparse import csr_array
 
     first = np.floor(position).astype(int) - TAPS // 2 + 1
@@ -228,13 +230,13 @@ _BETA = math.pi * math.sqrt((TAPS / OVERSAMPLING) ** 2 * (OVERSAMPLING - 0.5) **
 
 
 def _window(x: np.ndarray) -> np.ndarray:
-    """Kaiser-Bessel window, `TAPS` wide."""
+    """Kaiser-Bessel window, `TAPS` steps wide."""
     from scipy.special import i0
 
     return np.asarray(i0(_BETA * np.sqrt(np.maximum(0.0, 1 - (2 * x / TAPS) ** 2))))
 
 
 def _window_spectrum(frequency: np.ndarray) -> np.ndarray:
-    """Fourier transform of the window at frequencies below that of its first zero [1 / step]."""
+    """Fourier transform of the window, at frequencies below its first zero [1 / step]."""
     root = np.sqrt(_BETA**2 - (math.pi * TAPS * frequency) ** 2)
     return np.asarray(TAPS * np.sinh(root) / root)

@@ -1,6 +1,6 @@
-"""The sweep of a chirp as x in -1..1: its quantities, polynomials over it, and products with phasors on the device.
+"""The sweep of a chirp as a coordinate x in -1..1: its quantities, polynomials over it, and products with phasors on the device.
 
-Complex numbers lie on the device as alternating real and imaginary parts.
+Complex numbers are stored on the device as alternating real and imaginary parts.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from t2d_rt.types import Radar
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """Quantities of a sweep that the sum needs; x = -1 at its first sample, 1 at its last."""
+    """Quantities of a sweep for the sum of echoes; x = -1 at its first sample, 1 at its last."""
 
     mid_hz: float
     slope: float
-    """Slope of the frequency [Hz/s]."""
+    """Chirp slope [Hz/s]."""
     half_time_s: float
     x: np.ndarray
-    """(sample,)."""
+    """Position of each sample in the sweep, (sample,)."""
 
     @classmethod
     def of(cls, radar: Radar) -> Sweep:
@@ -41,16 +41,17 @@ class Sweep:
 
     @property
     def bin_s(self) -> float:
-        """A range bin in delay: 1/B, B = 2 S T_half."""
+        """Range bin as a delay [s]: 1/B, B = 2 S T_half."""
         return 1 / (2 * self.slope * self.half_time_s)
 
     @property
     def coupling_s(self) -> float:
-        """Range-Doppler coupling [s]: apparent delay per rate of delay, f_mid / S."""
+        """Range-Doppler coupling [s]: apparent delay per unit of the delay's rate of change, f_mid / S."""
         return self.mid_hz / self.slope
 
     def per_cycle(self, step_s: float) -> tuple[float, float, float]:
-        """Conversion of phase: theta per cycle at mid-sweep; theta and eps per cycle per frame, frames being `step_s` apart."""
+        """Factors that convert phase: theta per cycle at mid-sweep; theta and eps per cycle per frame, for frames `step_s`
+        apart."""
         return (
             self.theta_per_s / self.mid_hz,
             self.theta_per_s / (self.slope * step_s),
@@ -60,12 +61,12 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True)
 class Instants:
-    """Chirps of a window of frames: when they are sent, and their sweep."""
+    """Start times of the chirps within a window of frames, and their sweep."""
 
     position: np.ndarray
-    """[frames after the window's start], ascending, (instant,)."""
+    """Times of the chirps [frames after the window's start], ascending, (instant,)."""
     step_s: float
-    """Frame interval."""
+    """Frame interval [s]."""
     sweep: Sweep
 
     def __len__(self) -> int:
@@ -76,31 +77,32 @@ class Instants:
 
     @property
     def per_cycle(self) -> tuple[float, float, float]:
-        """Conversion of phase, as `Sweep.per_cycle` gives it."""
+        """Factors that convert phase, as in `Sweep.per_cycle`."""
         return self.sweep.per_cycle(self.step_s)
 
 
 @lru_cache(maxsize=64)
 def nodes(count: int) -> np.ndarray:
-    """Chebyshev nodes in -1..1 in pairs +x, -x, largest first; `count` is even."""
+    """Chebyshev nodes in -1..1, in pairs +x, -x, largest first; `count` is even."""
     positive = np.cos(math.pi * (np.arange(count // 2) + 0.5) / count)
     return np.stack([positive, -positive], axis=1).ravel()
 
 
 def chebyshev(orders: int, x: np.ndarray) -> np.ndarray:
-    """T_0 ... of x, (orders, len(x))."""
+    """Chebyshev polynomials T_0, T_1, ... at x, (orders, len(x))."""
     return np.cos(np.outer(np.arange(orders), np.arccos(np.clip(x, -1, 1))))
 
 
 def interpolation(count: int, x: np.ndarray) -> np.ndarray:
-    """Matrix (len(x), count) from values at `nodes(count)` to the polynomial through them at x."""
+    """Matrix (len(x), count) from values at `nodes(count)` to values at x of the polynomial through them."""
     weight = np.where(np.arange(count) == 0, 1, 2) / count
     return (chebyshev(count, x).T * weight) @ chebyshev(count, nodes(count))
 
 
 @lru_cache(maxsize=256)
 def nodes_for(theta: float, tolerance: float) -> int:
-    """Nodes, an even number, that carry exp(j t x) for all |t| <= theta within `tolerance`: the first term left out is 2 J_n."""
+    """Number of Chebyshev nodes, even, that interpolate exp(j t x) for all |t| <= theta within `tolerance`: the first omitted term
+    is 2 J_n."""
     from scipy.special import jv
 
     count = 2
@@ -110,7 +112,7 @@ def nodes_for(theta: float, tolerance: float) -> int:
 
 
 def sin_cos(cycles: Any, *, within_half: bool = False) -> tuple[Any, Any]:
-    """Sine and cosine of 2 pi `cycles`, each to 6e-7; twice as fast as those of the library, which have to reduce any angle.
+    """Sine and cosine of 2 pi `cycles`, with an error of 6e-7; twice as fast as those of the library, which reduce any angle.
 
     `within_half`: |cycles| <= 1/2 is known.
     """
@@ -124,23 +126,23 @@ def sin_cos(cycles: Any, *, within_half: bool = False) -> tuple[Any, Any]:
 
 @cache
 def _polynomials() -> tuple[list[float], list[float]]:
-    """Coefficients of the polynomials of `sin_cos`."""
+    """Coefficients of the polynomials in `sin_cos`."""
     return sine_and_cosine(5, 6)
 
 
 def cubic_at(cubic: Any, u: Any) -> Any:
-    """c0 + c1 u + c2 u^2 + c3 u^3."""
+    """Value c0 + c1 u + c2 u^2 + c3 u^3 of a cubic."""
     return cubic[0] + u * (cubic[1] + u * (cubic[2] + u * cubic[3]))
 
 
 def moved(cubic: Any, u: Any) -> tuple[Any, Any]:
-    """How far a cubic has come at u from its value at 0, and its derivative there."""
+    """Change of a cubic from 0 to u, and its derivative at u."""
     return u * (cubic[1] + u * (cubic[2] + u * cubic[3])), cubic[1] + u * (2 * cubic[2] + u * (3 * cubic[3]))
 
 
 def summed(kind: Any, ends: tuple[Any, Any], step: Any, count: int, values: Callable[[Any], list[Any]]) -> list[Any]:
-    """Sums of `count` numbers of a type `kind` in each lane of a kernel: of `values(i)` for i = begin, begin + step, ... < end,
-    which are its `ends`."""
+    """Sums, in each lane of a kernel, of `count` numbers of a Dr.Jit type `kind`: of `values(i)` for i = begin, begin + step, ... <
+    end, where `ends` = begin, end."""
     import drjit as dr
 
     def body(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
@@ -155,7 +157,7 @@ def summed(kind: Any, ends: tuple[Any, Any], step: Any, count: int, values: Call
 
 
 def read(values: Any, sample: Any, count: int, packet: Any) -> list[Any]:
-    """Real and imaginary parts at `count` nodes of a sample of a factor."""
+    """Reads a sample of a group's factor: real and imaginary parts at `count` nodes."""
     import drjit as dr
 
     base = sample * (count // 2)
@@ -163,7 +165,7 @@ def read(values: Any, sample: Any, count: int, packet: Any) -> list[Any]:
 
 
 def times_phasor(values: list[Any], sin: Any, cos: Any) -> list[Any]:
-    """Complex numbers, as alternating real and imaginary parts, times exp(j phase)."""
+    """Multiplies complex numbers, stored as alternating real and imaginary parts, by exp(j phase)."""
     out = []
     for real, imag in zip(values[::2], values[1::2], strict=True):
         out += [real * cos - imag * sin, real * sin + imag * cos]
@@ -171,17 +173,19 @@ def times_phasor(values: list[Any], sin: Any, cos: Any) -> list[Any]:
 
 
 def spread_to(inner: int, outer: np.ndarray) -> Callable[[list[Any]], list[Any]]:
-    """Takes values at `inner` Chebyshev nodes of the sweep to the polynomial through them at `outer` nodes, pairs +x, -x."""
+    """Function that takes values at `inner` Chebyshev nodes of the sweep to those of the polynomial through them at the `outer`
+    nodes, pairs +x, -x."""
     if np.array_equal(nodes(inner), outer):
         return list
-    # Nodes come in pairs +-x: even and odd parts apart halve the work.
+    # Nodes come in pairs +-x: to treat even and odd parts separately halves the work.
     matrix = interpolation(inner, outer)[::2]
     even, odd = ((matrix[:, ::2] + sign * matrix[:, 1::2]) / 2 for sign in (1, -1))
     return partial(_spread, even, odd)
 
 
 def _spread(even: np.ndarray, odd: np.ndarray, values: list[Any]) -> list[Any]:
-    """Values at pairs of outer nodes from those at pairs of inner ones, by matrices (outer pair, inner pair) of both parts."""
+    """Values at pairs of outer nodes from those at pairs of inner nodes, by one matrix (outer pair, inner pair) for even and one
+    for odd parts."""
     out = []
     pairs = [values[k : k + 4] for k in range(0, len(values), 4)]
     for row_even, row_odd in zip(even, odd, strict=True):
@@ -195,7 +199,7 @@ def _spread(even: np.ndarray, odd: np.ndarray, values: list[Any]) -> list[Any]:
 
 
 def rotated(values: list[Any], theta: Any, x: list[float], *, bend: Any = None, small: bool = False) -> list[Any]:
-    """Values at pairs of nodes +-x, times exp(j (theta x + bend (x^2 - 1/2))), bend to second order.
+    """Values at pairs of nodes +-x times exp(j (theta x + bend (x^2 - 1/2))), the bend expanded to second order.
 
     `small`: |theta| <= pi is known.
     """

@@ -1,12 +1,12 @@
-"""Echoes to the ADC cube: the only code that knows chirps.
+"""From echoes to the ADC cube: the only code that knows chirps.
 
-Relative to mid-sweep, x in -1..1 over the sweep, an echo's phase is (docs/physics.md, eq. 16)
+Relative to mid-sweep, with x in -1..1 over the sweep, the phase of an echo is (docs/physics.md, eq. 16)
 
     psi + theta x + eps x^2,   psi = 2 pi (f_m tau - S tau^2/2),  theta = pi B (tau + f_m tau'/S),  eps = 2 pi (T/2)^2 S tau'
 
-theta is the beat with its range-Doppler coupling. Where there are many echoes they are merged first, level by level, into a few
-groups (`multilevel`); what is left, echoes or groups, is sorted by theta into buckets of fixed delay and summed at every chirp, at
-a few nodes of the sweep, and a small matrix product per chirp then gives the samples (`products`).
+theta is the beat with its range-Doppler coupling. Many echoes are first merged, level by level, into a few groups (`multilevel`).
+The remaining echoes or groups are sorted by theta into buckets of fixed delay and summed at every chirp, at a few nodes of the
+sweep; a small matrix product per chirp then gives the samples (`products`).
 """
 
 from __future__ import annotations
@@ -40,22 +40,25 @@ from t2d_rt.types import EchoArrays, Echoes, Radar, stream
 from t2d_rt.types.scatterer import EchoParts, Scatterer
 
 FEW_ECHOES, WIDE_BUCKET_BINS, BUCKET_BINS = 500, 9.0, 0.5
-"""Up to so many echoes are summed in buckets that wide, in range bins: nodes are more work for each echo and less for what comes
-after. More of them in narrower ones."""
+"""Up to FEW_ECHOES echoes are summed in wide buckets, and more echoes in narrow ones [range bins]: wide buckets need more nodes,
+thus more work for each echo, but there are fewer buckets to make samples of."""
 ECHO_ERROR = 3e-6
-"""Error of the nodes of these buckets, which is that of float32."""
+"""Relative error of the interpolation nodes of these buckets: that of float32."""
 BUCKET_FRACTION = 0.25
-"""Fraction of the tolerance that the nodes of a bucket may err by: the error changes as a target passes from bucket to bucket,
-which makes lines in its Doppler spectrum. Those of a moving sphere then lie at -101 dBc, and at -80 with the whole tolerance."""
+"""Fraction of the tolerance that is allowed for the nodes of a bucket. Their error changes as a target passes from bucket to
+bucket, which makes lines in its Doppler spectrum: for a moving sphere at -101 dBc, and at -80 dBc if the whole tolerance were
+allowed."""
 RECEIVERS, MOST_SUMS = 4, 400
-"""Receivers worked on at once, with as many transmitters as leave a lane of the leaves' kernel that many numbers to sum."""
+"""Number of receivers computed at once; and greatest number of sums in one lane of the kernel over echoes, which limits how many
+transmitters are computed with them."""
 MOST_INSTANTS, FEWER_INSTANTS, MANY_ECHOES = 20_000, 2_500, 50_000
-"""Chirps of a window that buckets are summed for at once: chirps may come far faster than surface frames. Fewer beside many
-echoes, which take memory themselves."""
+"""Greatest number of chirps of a window for which buckets are summed at once, as chirps may come far faster than surface frames;
+and the lower number for windows of at least MANY_ECHOES echoes, which take memory themselves."""
 WAITING_BYTES, FIELDS_BYTES = 128e6, 64e6
-"""Most coefficients that wait to become samples, and of parts most that are summed at once [byte]: parts may be hundreds."""
+"""Greatest size of the coefficients that wait to become samples, and of those of parts that are summed at once [bytes]; there may
+be hundreds of parts."""
 USUAL_NODES = 24
-"""Numbers that a bucket has for each chirp, at most as a rule."""
+"""Usual number of nodes of a bucket at each chirp, for estimates of memory."""
 
 Progress = Callable[[float], None]
 
@@ -74,14 +77,14 @@ def synthesize(
 ) -> Cube:
     """ADC cube (chirp, antenna, sample) complex64 [sqrt(W)] of all chirps that lie within the echoes' record.
 
-    A large one is a `DiskCube`: its products are on disk, and samples are made of them where they are read.
+    A large one is a `DiskCube`: its products are on disk, and samples are computed from them when they are read.
 
-    Motion within a chirp is included, echoes from beyond the range axis are not (`windows.filtered`). The direct sum of the same
-    echoes (`direct.direct_sum`) is met within `tolerance_db` of NMSE.
-    `read_frames` is about how many frames of echoes are held at once, by default as many as fit a fixed amount of memory; it does
-    not change the result. `onto`: a cube of the same shape that the samples are added to and that is returned. `memory`: what
-    may be taken; unused memory is given back between windows. `progress` is called with the fraction done, 0..1.
-    `parts`: which echoes belong to which part of the whole, or are silent.
+    Motion within a chirp is included; echoes from beyond the range axis are not (`windows.filtered`). The cube differs from the
+    direct sum of the same echoes (`direct.direct_sum`) by at most `tolerance_db` of NMSE. `read_frames`: about how many frames of
+    echoes are held at once, by default as many as fit a fixed amount of memory; it does not change the result. `onto`: a cube of
+    the same shape to which the samples are added and which is returned. `memory`: the limit of memory; unused memory is given back
+    between windows. `progress` is called with the fraction done, 0..1. `parts`: to which part of the recording each echo belongs,
+    or that it is left out.
     """
     checks.instance("radar", radar, Radar, "a Radar", hint="Radar.preset('table2') makes one")
     assert getattr(echoes, "repeats", None) is None, "echoes that repeat are summed by add_repeated"
@@ -108,7 +111,7 @@ def synthesize(
 
 
 def _read(source: Scatterer, read_frames: int | None) -> Iterator[tuple[int, EchoArrays]]:
-    """All echoes of a stream in order, block by block, each with its first frame."""
+    """All echoes of a scatterer in order, block by block, each with the index of its first frame."""
     first, frames, echoes = 0, len(source.times_s), source.echoes
     while first < frames:
         last = block_end(
@@ -120,7 +123,7 @@ def _read(source: Scatterer, read_frames: int | None) -> Iterator[tuple[int, Ech
 
 
 class Synthesis:
-    """The sum of blocks of echoes, which come in order, as an ADC cube; a context, which is left when all have come."""
+    """Sums blocks of echoes, which must come in order, to an ADC cube. A context manager: the cube is complete when it is left."""
 
     def __init__(
         self,
@@ -134,7 +137,7 @@ class Synthesis:
         progress: Progress | None = None,
         parts: EchoParts | None = None,
     ) -> None:
-        """The arguments are those of `synthesize`, for echoes at surface frames `times_s` (T,)."""
+        """Arguments as in `synthesize`, for echoes at surface frames `times_s` (T,) s."""
         self._radar, self._memory, self._progress = radar, memory, progress
         self._sweep, self._tolerance, self._backend = Sweep.of(radar), 10 ** (tolerance_db / 20), select(device)
         self._windows = Windows(times_s, None if parts is None else parts.number)
@@ -150,7 +153,7 @@ class Synthesis:
         self._filler = _filler(self.cube, onto, radar)
         self._pool, self._done = ThreadPoolExecutor(1), 0
         self._jobs: deque[tuple[Future[None], int]] = deque()
-        """What makes samples of coefficients, and how many bytes of these it holds, in order."""
+        """Tasks of the second thread in order, each of which makes samples of coefficients, and the size of these [bytes]."""
 
     def __enter__(self) -> Synthesis:
         with ExitStack() as opened:
@@ -163,14 +166,14 @@ class Synthesis:
         return self
 
     def add(self, first: int, echoes: EchoArrays) -> None:
-        """The echoes at frames from the `first` on, which follows those that came before."""
+        """Adds the echoes at frames from `first` on; blocks must follow one another."""
         for window in self._windows.add(first, filtered(echoes, self._radar)):
             self._sum(window)
-            del window  # before its memory is given back
+            del window  # waits for the samples of the window before its memory is given back
             self._memory.release()
 
     def _sum(self, window: Window) -> None:
-        """The rows of the cube whose chirps fall into a window."""
+        """Computes the rows of the cube whose chirps lie in a window."""
         first, last = np.searchsorted(self._mid_times_s, np.array([window.start, window.stop]) * window.step_s).tolist()
         if window.stop == self._last:
             last = len(self._mid_times_s)
@@ -180,7 +183,7 @@ class Synthesis:
             raise RuntimeError(f"rows {self._done}..{first} of a cube were left out")
         position = self._mid_times_s[first:last] / window.step_s - window.start
         sums = _sums(window, self._radar, position, self._sweep, self._tolerance, self._parts, self._backend)
-        # Samples are made in another thread: with the first sums of a window most of its kernels are done.
+        # Samples are made in another thread: after the first sums of a window most of its kernels have been launched.
         head = list(itertools.islice(sums, 1))
         self._wait()
         for sink in (self._filler, *self._of_parts):
@@ -195,7 +198,8 @@ class Synthesis:
             self._progress(last / len(self._mid_times_s))
 
     def _put(self, antenna: int, chirps: slice, products: Sequence[Product]) -> None:
-        """What the parts return, and together, at some chirps of the rows that come next."""
+        """Hands the sums of some chirps of the next rows to the fillers: those of each part to the part's own, and all together to
+        the cube's."""
         for of_products in zip(*(product.pieces() for product in products), strict=True):
             pieces = [piece for _, piece in of_products]
             row = chirps.start + of_products[0][0].start
@@ -208,7 +212,8 @@ class Synthesis:
             self._jobs.popleft()[0].result()
 
     def _finish(self, kind: Any, *_: Any) -> None:
-        """After the last block: all samples are made, and all rows have come; what fails here is a failure of the filler's, too."""
+        """Completes the cube after the last block: waits for all samples and checks that all rows have come; an error here also
+        closes the filler as failed."""
         if kind is None:
             self._wait()
             if self._done != len(self._mid_times_s):
@@ -219,14 +224,14 @@ class Synthesis:
 
 
 def _new_cube(shape: tuple[int, int, int], memory: MemoryLimit) -> Cube:
-    """A cube that is not initialised: every row must be written."""
+    """A cube without initial values: every row must be written."""
     if is_large(shape, memory.limit_bytes):
         return DiskCube(ProductRows(shape))
     return aligned_empty(math.prod(shape), np.complex64, reused).reshape(shape)
 
 
 def _filler(cube: Cube, onto: Cube | None, radar: Radar) -> _Samples | _Products:
-    """Makes the filler of a new cube, or one that adds to the cube given."""
+    """The filler of a new cube, or one that adds to the cube `onto`."""
     if isinstance(cube, DiskCube) and isinstance(cube.rows, ProductRows):
         return _Products(cube.rows)
     return _Samples(CubeWriter(cube) if onto is None else CubeAdder(cube), zeroed=radar.multiplexing == "ddm")
@@ -247,18 +252,18 @@ class _Samples:
         self._writer.__exit__(*failed)
 
     def next(self, rows: int) -> None:
-        """Goes on to the next rows; what `put` was given before must be done."""
+        """Goes on to the next rows; all pieces of the rows before must have been put."""
         self._out = self._writer.room(rows)
         if self._zeroed:
             self._out[:] = 0
 
     def put(self, antenna: int, row: int, piece: Piece) -> None:
-        """Makes samples of some of the rows, from that one on."""
+        """Adds the samples of a piece to the rows that begin with `row`."""
         piece.put(self._out[row : row + len(piece.coefficients), antenna])
 
 
 class _Products:
-    """Fills a cube with a layer of products, of which samples are made when they are read."""
+    """Fills a cube with a layer of products, from which samples are computed when they are read."""
 
     def __init__(self, rows: ProductRows) -> None:
         self._rows, self._first, self._stop = rows, 0, 0
@@ -276,12 +281,13 @@ class _Products:
         self._first, self._stop = self._stop, self._stop + rows
 
     def put(self, antenna: int, row: int, piece: Piece) -> None:
-        """Keeps a piece for some of the rows, from that one on."""
+        """Stores a piece for the rows that begin with `row`."""
         self._rows.add(self._first + row, antenna, piece)
 
 
 def _products(sums: Iterator[_Sum], radar: Radar, rows: slice) -> Iterator[tuple[int, slice, list[Product]]]:
-    """The results of `_sums` with the antennas whose samples they are, and which of the cube's `rows`, counted from the first."""
+    """Results of `_sums`, each with the index of the cube's antenna and its `rows`; with "ddm", multiplied by the transmitter's
+    phase."""
     phase = radar.tx_phase(np.arange(rows.start, rows.stop)).astype(np.complex64)
     for tx, rx, chirps, products in sums:
         if radar.multiplexing == "ddm":
@@ -299,8 +305,8 @@ def _sums(
     parts: int,
     backend: Backend,
 ) -> Iterator[_Sum]:
-    """What each transmitter and receiver record of chirps at `position` [frames after window.start], block by block of these, of
-    each of so many `parts`."""
+    """What each pair of transmitter and receiver records of the chirps at `position` [frames after window.start], for each of the
+    `parts`; one block of chirps after the other."""
     rate = len(position) / (window.stop - window.start)
     both = ends(window, radar)
     outermost = (end.only(outer).extra_delays() for end, outer in zip(both, np.transpose(radar.outermost), strict=True))
@@ -337,7 +343,7 @@ def _sums(
 
 
 def _chirp_blocks(count: int, window: Window, results: int) -> list[slice]:
-    """Chirps of a window that are summed at once, for so many results."""
+    """Slices of a window's chirps that are summed at once, for `results` sums per chirp."""
     size = FEWER_INSTANTS if window.delay.shape[1] > MANY_ECHOES else MOST_INSTANTS
     if window.part is not None:
         fit = int(FIELDS_BYTES / (8 * USUAL_NODES * results)) // PIECE_CHIRPS * PIECE_CHIRPS
@@ -354,13 +360,14 @@ def _both(out: Delay, back: Delay) -> Delay:
 
 
 _Sum = tuple[int, int, slice, list[Product]]
-"""Numbers of a transmitter and a receiver, some of a window's chirps, and what these two record of them, part by part."""
+"""Indices of a transmitter and a receiver, a slice of a window's chirps, and the products that this pair records, one for each
+part."""
 
 
 def _sum_echoes(window: Window, instants: Instants, parts: int, backend: Backend) -> list[Product]:
-    """Chirps at `instants`, echo by echo, of each of the parts."""
+    """Sums echo by echo at the chirps `instants`: one product for each of the parts."""
     sweep = instants.sweep
-    # An antenna's time slot may come a little after the window's end.
+    # The time slot of an antenna may come a little after the window's end.
     inside = window.lit[0] > 0
     interval, echo = window.lit[0][inside], window.lit[1][inside]
     recorded = np.clip(np.floor(instants.position).astype(int) + 1, 0, len(window.delay) - 2)
@@ -379,23 +386,23 @@ def _sum_echoes(window: Window, instants: Instants, parts: int, backend: Backend
 
 @dataclass(frozen=True, slots=True)
 class _Groups:
-    """Groups whose factors are known, of one transmitter with several receivers, receiver after receiver."""
+    """Groups of one transmitter with several receivers, and their factors; ordered by receiver."""
 
     top: GroupLevel
-    """All of them."""
+    """The groups of all these receivers."""
     factors: Factors
     first: int
-    """The factor of the first one."""
+    """Index of the first of these groups among the factors."""
     count: int
-    """Number of groups that a receiver has before its parts are told apart."""
+    """Number of groups of a receiver before they are divided by part."""
     receivers: int
     parts: int
     part: np.ndarray
-    """The part of each group of a receiver."""
+    """Index of the part of each group of a receiver."""
 
 
 def _sum_groups(groups: _Groups, instants: Instants, tolerance: float, backend: Backend) -> list[Product]:
-    """The same group by group, of each of the parts that each receiver records, receiver after receiver."""
+    """Sums group by group at the chirps `instants`: one product for each receiver and part, ordered by receiver."""
     sweep, top = instants.sweep, groups.top
     interval, group = np.indices((len(top.delay) - 2, len(top))).reshape(2, -1)
     receiver, group_number = np.divmod(group, len(top) // groups.receivers)
@@ -411,7 +418,7 @@ def _sum_groups(groups: _Groups, instants: Instants, tolerance: float, backend: 
 
 
 def _apart(fields: np.ndarray, bucket_set: Buckets, parts: int, over: tuple[np.ndarray, Sweep, float]) -> list[Product]:
-    """Fields of buckets, part by part, (chirp, bucket, Q) of each, flat, as the products of the parts."""
+    """Products of the parts, from flat fields of buckets that hold the parts one after the other, each (chirp, bucket, Q)."""
     (weights, sweep, limit), theta = over, bucket_set.theta(over[1])
     products = []
     for first, last in pairwise(np.searchsorted(bucket_set.part, np.arange(parts + 1)).tolist()):

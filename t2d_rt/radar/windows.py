@@ -1,4 +1,4 @@
-"""What the sum is given: echoes behind the IF filter, in windows, the frames that one piece of it needs whatever a block's size."""
+"""Input of the synthesis: echoes after the IF filter, in windows of frames that do not depend on the size of the blocks."""
 
 from __future__ import annotations
 
@@ -13,30 +13,32 @@ from t2d_rt.radar.interpolants import spline_slopes
 from t2d_rt.types import EchoArrays, Radar
 
 INTERVALS = 32
-"""Frame intervals of a window: how echoes are grouped is decided anew for each, so it must not depend on what is read at once."""
+"""Frame intervals of a window. Echoes are grouped anew in each window, so its length must not depend on how many frames are read at
+once."""
 HALO_FRAMES = 12
-"""A spline's end conditions fade by 0.268 per frame: 1e-7 after 12 frames."""
+"""Additional frames at either end of a window: the influence of a spline's end conditions falls by 0.268 per frame, to 1e-7 after
+12 frames."""
 READ_ECHO_FRAMES = 2_000_000
-"""Echoes x frames of a block, 24 bytes each."""
+"""Greatest number of echoes times frames in a block, at 24 bytes each."""
 READ_VERTEX_FRAMES = 8_000_000
-"""Vertices x frames that these are made from, 16 bytes each."""
+"""Greatest number of vertices times frames in a block, at 16 bytes each."""
 LEAST_FRAMES = 4
-"""Blocks of very large meshes have at least so many frames."""
+"""Least number of frames in a block, whatever the size of a mesh."""
 
 Delay = tuple[np.ndarray, np.ndarray]
-"""[s] and its slope [s per frame], both (n + 3, N)."""
+"""Delays [s] and their slopes [s per frame], (n + 3, N) each."""
 
 
 @dataclass(frozen=True, slots=True)
 class ApparentPositions:
-    """Apparent positions of echoes, float32 (3, n + 3, L)."""
+    """Apparent positions of echoes [m], float32 (3, n + 3, L)."""
 
     points_m: np.ndarray
     steps_m: np.ndarray
-    """How that changes [m per frame]."""
+    """Change of the positions per frame [m], (3, n + 3, L)."""
 
     def mean(self, mean: Any) -> ApparentPositions:
-        """Mean positions of groups; `mean` is sparse, (L, K)."""
+        """Mean apparent positions of groups; `mean` is the sparse matrix (L, K) of the averages."""
         points, steps = (
             (values.reshape(-1, values.shape[-1]) @ mean).reshape(*values.shape[:2], -1)
             for values in (self.points_m, self.steps_m)
@@ -46,43 +48,46 @@ class ApparentPositions:
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Intervals start..stop of the L echoes that are not silent there, and one interval more at either end.
+    """Echoes in the frame intervals start..stop, and in one more interval at either end; L echoes, without those that are silent in
+    all of them.
 
-    n = stop - start; beyond the record echoes go on in straight lines.
+    n = stop - start; beyond the record echoes continue on straight lines.
     """
 
     start: int
     stop: int
     step_s: float
-    """Frame interval."""
+    """Frame interval [s]."""
     delay: np.ndarray
     """Delays [s], (n + 3, L)."""
     delay_slope: np.ndarray
     """Slopes of the delays [s per frame], (n + 3, L)."""
     amplitude: np.ndarray
-    """complex64 (n + 5, L): one frame more at either end."""
+    """Amplitudes [sqrt(W)], complex64 (n + 5, L): one more frame at either end than the delays."""
     sweep: np.ndarray | None
-    """Slope over frequency, likewise."""
+    """Slopes of the amplitudes over frequency, in the same shape; None where there are none."""
     lit: tuple[np.ndarray, np.ndarray]
-    """(interval, echo) of all echoes that are not dark in an interval, whose frames are four of the amplitude's."""
+    """Indices of interval and echo, for all pairs of them in which any of the four frames that determine the amplitude is not 0."""
     apparent: tuple[ApparentPositions, ApparentPositions] | None
-    """Apparent positions for transmitters and for receivers."""
+    """Apparent positions for transmitters and for receivers; None where they are not known."""
     part: np.ndarray | None = None
-    """Number of the part of the recording that each echo belongs to, (L,); -1 is none, and its amplitude 0."""
+    """Index of the part of the recording to which each echo belongs, (L,); -1 for an echo that is left out, whose amplitude is set
+    to 0."""
 
 
 class Windows:
-    """Blocks of echoes in, windows out; a window needs some frames more on either side."""
+    """Turns blocks of echoes into windows, which also need some frames before and after them."""
 
     def __init__(self, times_s: np.ndarray, part: np.ndarray | None = None) -> None:
-        """`times_s`: the record's surface frames [s] (T,); `part`: number of the part that each echo belongs to, -1 is none."""
+        """`times_s`: surface frames of the record [s] (T,). `part`: index of the part to which each echo belongs, -1 for none."""
         self._part, self._frames = part, len(times_s)
         self.step_s = float(times_s[-1] - times_s[0]) / (self._frames - 1)
         self._held: list[tuple[int, EchoArrays]] = []
         self._start = 0
 
     def add(self, first: int, echoes: EchoArrays) -> Iterator[Window]:
-        """The windows that are complete with echoes from frame `first` on, which is the one after those given before."""
+        """Takes the echoes at frames from `first` on, which must follow those before, and gives the windows that are then
+        complete."""
         if self._part is not None and len(self._part) != echoes.delay_s.shape[1]:
             raise ValueError(f"{len(self._part)} echoes have parts and {echoes.delay_s.shape[1]} came")
         self._held.append((first, echoes))
@@ -98,9 +103,9 @@ class Windows:
 
 
 def filtered(echoes: EchoArrays, radar: Radar) -> EchoArrays:
-    """Echoes behind the IF filter, ideal from 0 to the sample rate: those whose beat frequency S tau lies beyond are silent.
+    """Echoes after an ideal IF filter from 0 to the sample rate: those whose beat frequency S tau lies outside are silent.
 
-    The filter falls over the last range bin, so that echoes that move out of range fade, as they leave bin after bin.
+    The filter falls to 0 over the last range bin, so that echoes that move out of range fade instead of stopping abruptly.
     """
     last_s = radar.sample_rate_hz / radar.slope_hz_per_s
     if not echoes.delay_s.size or echoes.delay_s.max() <= last_s - 1 / radar.bandwidth_hz:
@@ -113,14 +118,15 @@ def filtered(echoes: EchoArrays, radar: Radar) -> EchoArrays:
 def block_end(
     first: int, frames: int, *, echoes: int, vertices: int = 0, at_once: int = 0, read_frames: int | None = None
 ) -> int:
-    """The frame after the last of the block that begins with frame `first` of a record: as many as fit a fixed amount of memory.
+    """Index after the last frame of the block that begins with frame `first` of a record; a block has as many frames as fit a fixed
+    amount of memory.
 
-    `vertices` make the `echoes` of a frame, `at_once` is the greatest number of frames that may be asked for, 0 for any, and
-    `read_frames` about how many a block shall have.
+    `echoes`, `vertices`: number in each frame. `at_once`: greatest number of frames that may be computed at once, 0 for any.
+    `read_frames`: about how many frames a block shall have.
     """
     most = max(LEAST_FRAMES, READ_VERTEX_FRAMES // max(1, vertices))
     most = min(most, at_once or most)
-    head = INTERVALS + 3 + HALO_FRAMES  # as many as the first window needs
+    head = INTERVALS + 3 + HALO_FRAMES  # the first block has all frames that the first window needs
     if first >= head:
         fit = min(READ_ECHO_FRAMES // max(1, echoes), READ_VERTEX_FRAMES // max(1, vertices))
         head = first + max(1, (read_frames or fit) // INTERVALS) * INTERVALS
@@ -137,10 +143,10 @@ def _window(
     step_s: float,
     part: np.ndarray | None,
 ) -> Window:
-    """The window of intervals start..stop, from frames low..high of the blocks held; the record has `total` frames."""
+    """The window of intervals start..stop, from frames low..high of the blocks `held`; the record has `total` frames."""
     near = max(0, start - 2), min(total, stop + 3)
     live = np.flatnonzero(np.any([np.any(part.amplitude, axis=0) for part in _rows(held, *near)], axis=0))
-    # The line through the record's last two frames makes the central difference there the one-sided one.
+    # Beyond the record's ends, frames on straight lines make the central differences there one-sided.
     before, after = near[0] - (start - 2), stop + 3 - near[1]
     amplitude, sweep = (
         None
@@ -149,7 +155,7 @@ def _window(
         for field in (1, 2)
     )
     assert amplitude is not None
-    if part is not None:  # silent echoes are grouped with the others, so that groups do not depend on which are silent
+    if part is not None:  # echoes that are left out are grouped with the others, so that groups do not depend on them
         part = part[live]
         for column in (amplitude, sweep):
             if column is not None:
@@ -179,7 +185,8 @@ def _window(
 
 
 def _with_slopes(values: np.ndarray, keep: slice, begins: bool, ends: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Values at the frames `keep` and their slopes there, one frame more, on a straight line, where the record begins or ends."""
+    """Values at the frames `keep` and their slopes there. Where the record begins or ends, one more frame is added on a straight
+    line."""
     matrix = spline_slopes(len(values))[keep].astype(values.dtype)
     slope = np.matmul(matrix, values, out=reused_empty((len(matrix), values.shape[1]), values.dtype))
     values = values[keep]
@@ -199,18 +206,19 @@ def _taken(
     before: int = 0,
     after: int = 0,
 ) -> np.ndarray:
-    """A field of live echoes at frames first..last-1, with room for more frames before and after."""
+    """One field of the echoes `live` at frames first..last-1, with uninitialised room for frames before and after."""
     parts: list[Any] = [part[field] for part in _rows(held, first, last)]
     out = reused_empty((before + last - first + after, len(live), *parts[0].shape[2:]), parts[0].dtype)
     row = before
     for part in parts:
-        np.take(part, live, axis=1, out=out[row : row + len(part)], mode="clip")  # "raise" would copy once more
+        np.take(part, live, axis=1, out=out[row : row + len(part)], mode="clip")  # mode "raise" would copy once more
         row += len(part)
     return out
 
 
 def _lengthened(values: np.ndarray, before: int, after: int) -> np.ndarray:
-    """`values` (T, N), whose first `before` and last `after` frames are written: on the lines through the two next to them."""
+    """`values` (T, N) with its first `before` and last `after` frames filled in: on straight lines through the two frames next to
+    them."""
     last = len(values) - 1 - after
     if before:
         steps = np.arange(before, 0, -1, dtype=np.float32)[:, None]
@@ -222,7 +230,7 @@ def _lengthened(values: np.ndarray, before: int, after: int) -> np.ndarray:
 
 
 def _rows(held: list[tuple[int, EchoArrays]], first: int, last: int) -> list[EchoArrays]:
-    """Frames first..last-1 of what is held, as views."""
+    """Views of the arrays that are held, for frames first..last-1."""
     rows = []
     for begin, fields in held:
         cut = slice(max(first - begin, 0), max(last - begin, 0))
