@@ -293,11 +293,11 @@ def test_factors_are_counts(words: str, count: int, angle_deg: float | None) -> 
             ],
         ),
         ("hops, hops", [{"action": "jump"}, {"action": "jump"}]),
-        ("hops, then two more times", [{"count": None}, {"count": 2}]),
+        ("hops, then two more times", [{"count": 1}, {"count": 2}]),
         ("hops forward, twice more to the left", [{"direction": "forward"}, {"direction": "left", "count": 2}]),
         ("squats two or three times, then once more", [{"count": 2}, {"count": 1}]),
         ("bows twice, then twice more", [{"count": 2}, {"count": 2}]),
-        ("hops and then another two times", [{"count": None}, {"count": 2}]),
+        ("hops and then another two times", [{"count": 1}, {"count": 2}]),
         ("squats three times, then two more", [{"count": 3}, {"count": 2}]),
         ("climbs 3 stairs and then 5 more", [{"count": 3}, {"count": 5}]),
         ("does five squats, another five squats", [{"count": 5}, {"count": 5}]),
@@ -588,7 +588,7 @@ def test_ranges_that_count_nothing_are_told(words: str, ignored: tuple[str, ...]
 
 def test_what_is_done_again_comes_before_what_follows() -> None:
     steps = parse_description("before sitting, a man jumps, then two more times").description.steps
-    assert [(step.action, step.count) for step in steps] == [("jump", None), ("jump", 2), ("sit", None)]
+    assert [(step.action, step.count) for step in steps] == [("jump", 1), ("jump", 2), ("sit", None)]
 
 
 def test_a_range_of_what_is_done_twice_is_told() -> None:

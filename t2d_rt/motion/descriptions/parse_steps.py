@@ -345,6 +345,8 @@ class Reader:
         clause.pending.clear()
         if new is not None:
             new.repeats = again
+            if again and "count" in tells and not {"count", "duration_s"} & last.said.keys():
+                last.said["count"], last.given["count"] = 1, "once"  # jumps, then two more times
             if again and new.said.keys() >= {"count", "duration_s"} and "duration_s" not in tells:
                 times = int(str(new.said["count"])) / int(str(last.said.get("count", 1)))
                 new.said["duration_s"] = float(str(new.said["duration_s"])) * times
