@@ -308,6 +308,9 @@ def test_factors_are_counts(words: str, count: int, angle_deg: float | None) -> 
         ("jumps twice for 6 s, then once more", [{"count": 2, "duration_s": 6}, {"count": 1, "duration_s": 3}]),
         ("stands for 5 s twice and jumps", [{"count": 2, "duration_s": 10}, {"action": "jump"}]),
         ("sits for 5 s, three times, then jumps", [{"count": 3, "duration_s": 15}, {"action": "jump"}]),
+        ("sits (for 5 s) twice and jumps", [{"count": 2, "duration_s": 10}, {"action": "jump"}]),
+        ("dances for 5 s, two times slowly", [{"count": 2, "duration_s": 10, "speed": "slow"}]),
+        ("waits for 5 s, twice jumping", [{"count": None, "duration_s": 5}, {"action": "jump", "count": 2}]),
         ("sits for 5 s, two jumps", [{"count": None, "duration_s": 5}, {"action": "jump", "count": 2}]),
         ("dances for 3 sets of 10 s", [{"count": 3, "duration_s": 30}]),
         (
@@ -621,6 +624,8 @@ def test_both_ranges_of_a_product_are_told() -> None:
         ("falls, then once more", "once"),
         ("sits down and again", "again"),
         ("jumps while walking, then twice more", "twice"),
+        ("walks forward and back, then once more", "once"),
+        ("walks for 45 s to 1 min 30 s", "45 s to 1 min 30 s"),
         ("walks to one chair and then to another", "another"),
         ("jumps, then a second time", "second"),
         ("jumps time and time again", "time and time again"),

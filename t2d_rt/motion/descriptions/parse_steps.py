@@ -322,7 +322,7 @@ class Reader:
         again = again and clause.join in ("and", "then", ",")
         holder = next((other for other in reversed(self.clauses) if other.steps), clause)
         aside = holder.join in ("while", "after") and holder is not self.clauses[0]
-        if last is None or (again and (aside or last.action not in REPEATED)):
+        if last is None or (again and (aside or last.returns or last.action not in REPEATED)):
             self.ignored += [pending.said for pending in clause.pending]
             clause.pending.clear()
             return

@@ -8,6 +8,7 @@ import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
+from itertools import takewhile
 from typing import Any
 
 from t2d_rt.motion.descriptions.lexicon import Forms, Synonyms, inflected, lexicon, meaning
@@ -428,12 +429,14 @@ def _factor(words: list[str], place: int) -> Reading | None:
     """How many times what lasts is done, where that is said behind it: 10 s x 2, 5 s twice; 5 s, three times."""
     if words[place : place + 1] and words[place] in BY:
         return number_at(words, place + 1)
-    start = place + int(words[place : place + 1] == [","])
+    start = place + int(words[place : place + 1] != [] and words[place] in ",;()")
     token, after = (words[start:] and _measure(words, start)) or (Token("", ""), start)
     if token.kind != "slot" or words[after - 1] not in (*TIMES, *lexicon().times):
         return None
-    ends = words[after : after + 1] == [] or _is(words[after], "join")
-    return Reading(float(str(token.slots["count"])), token.note != "", after) if ends or start == place else None
+    rest = takewhile(lambda word: not _is(word, "join"), words[after:])
+    if start > place and any(word == "for" or _is(word, "action") for word in rest):  # for 5 s, twice he jumps
+        return None
+    return Reading(float(str(token.slots["count"])), token.note != "", after)
 
 
 def _times(words: list[str], place: int) -> tuple[Token, int] | None:
@@ -450,7 +453,8 @@ def _times(words: list[str], place: int) -> tuple[Token, int] | None:
     if follows == "time" and words[place] not in ("a", "an"):
         return _counted(words, place, after + 1, reading, "times")
     if follows in TIMES:
-        return _multiplied(words, place, after + 1, reading, _times(words, after + 1))
+        said = _times(words, after + 1) if words[after + 1 : after + 2] != ["up"] else None
+        return _multiplied(words, place, after + 1, reading, said)
     if follows in BY or (follows in SETS and behind in ("of", *BY)):
         start = after + 1 + int(follows in SETS)
         single = number_at(words, start) if _turned(words, start) is None else None
@@ -525,8 +529,10 @@ def _lasting(words: list[str], place: int, *, alone: bool) -> tuple[Token, int] 
         "" if unit.startswith("moment") or number < 1 else f"{number:g} {unit}",
     )
     more = _lasting(words, after + 1 + int(follows == ["and"]), alone=True)
-    more_s = float(str(more[0].slots["duration_s"])) if more is not None else math.inf
+    more_s = float(str(more[0].slots.get("duration_s", math.inf))) if more is not None else math.inf
     part = fraction_at(words, after + 2) if follows == ["and"] else None
+    if more is not None and more_s < lexicon().seconds[unit] and len(linked_numbers(words, place)[0]) > 1:
+        return _told(words, place, more[1], {}, kind="reported")  # 45 s to 1 minute 30 s
     if more is not None and more_s < lexicon().seconds[unit]:  # a minute and ten seconds
         seconds, after, read = seconds + more_s, more[1] - 1, ""
     elif part is not None:  # a minute and a half
