@@ -28,7 +28,7 @@ EXAMPLES: dict[str, tuple[str, str]] = {
     "short_walk": ("bvhtoolbox_walk01.bvh", "a walk of 4.2 s at 24 frames a second (bvh-toolbox)"),
     "momask": ("momask_22j_120frames.bvh", "2 s of dancing (the template of MoMask's files)"),
 }
-"""Files of the bundled motions, and what they hold."""
+"""Files of the bundled motions, and a description of each."""
 
 FREE_SPACE = "free_space"
 
@@ -59,7 +59,7 @@ def examples() -> list[str]:
 
 
 def example(name: str) -> Motion:
-    """A bundled motion by its name, e.g. "walk", or by that of its file."""
+    """A bundled motion by its name, e.g. "walk", or by the name of its file."""
     path = _example_path(text("name", name, hint="examples() lists them"))
     if path is None:
         raise unknown_name("example motion", name, EXAMPLES)
@@ -67,25 +67,25 @@ def example(name: str) -> Motion:
 
 
 def motion_path(source: str | Path) -> Path:
-    """The motion file of that path or, where there is none, the bundled motion of that name."""
+    """The path of a motion file or, where there is none, of the bundled motion of that name."""
     path = file_path("a motion file", source)
     bundled = None if os.path.lexists(path) else _example_path(str(source))
     if bundled is not None:
         return bundled
-    if not path.suffix and not path.exists():  # a name, not a file's
+    if not path.suffix and not path.exists():  # it must be a bundled motion's name, not a path
         advice = names_advice(source, EXAMPLES, hint=", or give a .bvh file")
         raise InputError(f"there is no motion file {shown(str(source))} and no bundled motion of that name; {advice}")
     return path
 
 
 def found_from(folder: Path, source: str) -> Path:
-    """A motion file relative to a folder; where there is none of that path, but a bundled motion of that name, the name."""
+    """The path of a motion file relative to a folder; a bundled motion's name stays as it is, unless a file of that name exists."""
     path = folder / source
     return Path(source) if _example_path(source) is not None and not os.path.lexists(path) else path
 
 
 def target_named(target: Any) -> Any:
-    """A target of a simulation, or a list of them, with motions in place of their files and names."""
+    """A target of a simulation, or a list of them; files and names of motions are read."""
     if isinstance(target, (str, os.PathLike)):
         return motion.load_motion(motion_path(file_path("target", target)))
     if isinstance(target, Sequence):
@@ -94,14 +94,14 @@ def target_named(target: Any) -> Any:
 
 
 def radar_named(radar: Any) -> Any:
-    """A radar in place of a preset's name or a .yaml or .cfg file."""
+    """A radar, from a preset's name, a .yaml or a .cfg file if it is not one already."""
     if not isinstance(radar, (str, os.PathLike)):
         return radar
     return radar_from(file_path("radar", radar))
 
 
 def noise_named(noise: Any, radar: Radar) -> Literal["none"] | Receiver:
-    """A receiver in place of "receiver" (the values for the radar's band), a .yaml file or a mapping; "none" as it is."""
+    """A receiver: from "receiver" (the shipped values for the radar's band), a .yaml file or a mapping; "none" stays as it is."""
     if isinstance(noise, Receiver):
         return noise
     if isinstance(noise, Mapping):
@@ -121,7 +121,7 @@ def noise_named(noise: Any, radar: Radar) -> Literal["none"] | Receiver:
 
 
 def _example_path(name: str) -> Path | None:
-    """The bundled file of that name, with or without its ending."""
+    """The file of the bundled motion of that name, with or without its ending; None where there is none."""
     for short, (file, _) in EXAMPLES.items():
         if name in (short, file, file.removesuffix(".gz").removesuffix(".bvh")):
             return resource("motions", file)

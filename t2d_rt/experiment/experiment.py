@@ -1,4 +1,4 @@
-"""`Experiment`: what there is, as plain data; the arrays that it names are kept beside it (`inputs`)."""
+"""`Experiment`: what is simulated, as plain data; arrays to which it refers are stored beside it (`inputs`)."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ from t2d_rt.types.fields import Count
 from t2d_rt.types.radar_track import with_track_beside
 
 FILES = (".xml", *MESHES)
-"""Endings of scenes that are found beside an experiment's file."""
+"""Endings of scene files, which are looked up relative to an experiment's file."""
 SETTINGS = ".yaml", ".yml", ".cfg"
-"""Endings of radars and of noise that are found beside it."""
+"""Endings of files of radars and receivers, which are looked up likewise."""
 
 
 def _checked_material(value: Any) -> Any:
-    """A material or an outfit; a mapping with the fields of neither is refused."""
+    """A checked material or outfit; refuses a mapping with the fields of neither."""
     if not isinstance(value, Mapping):
         return value
     material_fields, outfit_fields = ([field.name for field in fields_of(kind)] for kind in (Material, Outfit))
@@ -61,13 +61,13 @@ def _checked_material(value: Any) -> Any:
         raise InputError(
             f"a material must tell its relative_permittivity, an outfit its cloth or shoes, got {shown(value)}"
         )
-    if set(value) <= set(outfit_fields):  # which tells the field that is wrong
+    if set(value) <= set(outfit_fields):  # its error names the wrong field
         Outfit(**{name: setting for name, setting in value.items() if not isinstance(setting, Mapping)})
     return value
 
 
 BodyMaterial = Annotated[Substance | Outfit | None, BeforeValidator(_checked_material)]
-"""What bodies are made of: a material, or an outfit that they wear; None is each body's own."""
+"""Material of bodies, or an outfit that they wear; None keeps each body's own."""
 
 
 class Experiment(Plain):
@@ -107,15 +107,16 @@ class Experiment(Plain):
     method: Method = "mesh"
     """Scattering model: physical optics of a "mesh", or "ellipsoid"."""
     body: str = "adult"
-    """Template of the bodies."""
+    """Name of the template of the bodies."""
     material: BodyMaterial = None
-    """Material of all but movers and what is carried, or an outfit, which bodies wear; by default each target's own."""
+    """Material of all targets except movers and things that are carried, or an outfit, which bodies wear; by default each target's
+    own."""
     phase_from: Literal["specular", "centre"] = "specular"
-    """Point of an ellipsoid that its phase comes from."""
+    """Point of an ellipsoid at which the phase of its echo is taken."""
     only_paths: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
     """Names of the path pairs that have echoes; all by default."""
     without_paths: tuple[str, ...] = ()
-    """Names of path pairs that have none."""
+    """Names of path pairs that have no echoes."""
     seed: Annotated[Count, Field(ge=0)] = 0
     """Seed of the diffuse points, and of noise whose receiver has no seed of its own."""
     noise: Literal["none"] | Receiver = "none"
@@ -134,7 +135,7 @@ class Experiment(Plain):
     @field_validator("noise", mode="before")
     @classmethod
     def _named_noise(cls, value: Any, info: ValidationInfo) -> Any:
-        return noise_named(value, info.data["radar"]) if "radar" in info.data else "none"  # whose error is told
+        return noise_named(value, info.data["radar"]) if "radar" in info.data else "none"  # its error comes first
 
     @classmethod
     def without_targets(cls, radar: Radar | str | Path | None = None, **fields: Any) -> Experiment:
@@ -142,7 +143,7 @@ class Experiment(Plain):
 
         radar: a `Radar`, a preset's name, a .yaml or a .cfg file; the `table2` preset by default.
         """
-        # A text or a float, 2.0 too, is no count in Python; in YAML and on the command line pydantic reads them.
+        # In Python, texts and floats (even 2.0) are not counts; YAML and the command line let pydantic convert them.
         counts = [name for name, field in cls.model_fields.items() if field.annotation is int and name in fields]
         fields |= {name: integer(name, fields[name]) for name in counts}
         named_radar = Radar.preset("table2") if radar is None else radar_named(radar)
@@ -152,19 +153,19 @@ class Experiment(Plain):
         )
 
     def stored_with(self, targets: Sequence[TargetLike], scene: Scene | None, store: Store) -> Experiment:
-        """The same experiment of these targets in this scene, whose arrays go into the store."""
+        """The same experiment with these targets in this scene; their arrays go into the store."""
         sources = tuple(source_of(target, store) for target in targets)
         return self.model_copy(update={"targets": sources, "scene": stored_scene(scene, store)})
 
     @property
     def physics(self) -> dict[str, Any]:
-        """Fields beside targets, radar and scene, as options of `simulate`."""
+        """Fields except targets, radar and scene, as options of `simulate`."""
         return {name: value for name, value in self if name not in ("targets", "radar", "scene")}
 
     @property
     def hash(self) -> str:
-        """Hash of its content: the same for equal experiments, and without noise and path names that of older versions, which had
-        none."""
+        """Hash of the content: equal for equal experiments. Without noise and path names it is that of older versions, which did
+        not have these fields."""
         later = {"noise": "none", "only_paths": None, "without_paths": ()}
         values = self.model_dump(
             mode="json", exclude={name for name, none in later.items() if getattr(self, name) == none}
@@ -173,15 +174,15 @@ class Experiment(Plain):
 
     @property
     def lost(self) -> str | None:
-        """Description of a target that was not stored, so that a recording cannot be made again; None where all were."""
+        """Description of a target that could not be stored, so that a recording cannot be repeated; None where all were stored."""
         return next((target.description for target in self.targets if isinstance(target, Unknown)), None)
 
     def targets_from(self, inputs: Inputs) -> list[TargetLike]:
-        """The targets themselves."""
+        """The targets themselves, made from their sources."""
         return [target_from(target, inputs, self.radar) for target in self.targets]
 
     def scene_from(self, inputs: Inputs) -> str | Scene:
-        """The scene, or its name."""
+        """The scene itself, or its name."""
         if isinstance(self.scene, str):
             return self.scene
         if isinstance(self.scene, SceneFile):
@@ -210,12 +211,12 @@ class Experiment(Plain):
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> Experiment:
-        """An experiment from a YAML file of its fields; files that it names lie beside it, or are given whole."""
+        """Reads an experiment from a YAML file of its fields; files that it names are looked up relative to it, or are absolute."""
         return cls.read(read_yaml(path, noun="experiment", example="targets, radar and scene"), Path(path))
 
     @classmethod
     def read(cls, values: Mapping[str, Any], path: Path) -> Experiment:
-        """An experiment from the fields that a file holds."""
+        """An experiment from the fields of a file at `path`."""
         if "radars" in values:
             raise InputError(
                 f"{path} has several radars, which t2d-rt simulate alone takes; give one of them as radar in place of radars"
@@ -233,5 +234,5 @@ class Experiment(Plain):
         return experiment.model_copy(update={"targets": targets, "scene": scene})
 
     def to_yaml(self) -> str:
-        """Text that `from_yaml` reads back as the same."""
+        """YAML text from which `from_yaml` reads an equal experiment."""
         return self.yaml_text()

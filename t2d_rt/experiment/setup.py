@@ -1,4 +1,5 @@
-"""`Setup`: an experiment set up: targets placed, on one clock, checked against radar and room, with the path pairs to them."""
+"""`Setup`: an experiment that is ready to run: targets placed, on one clock, checked against radar and room, with their path
+pairs."""
 
 from __future__ import annotations
 
@@ -41,36 +42,36 @@ from t2d_rt.types.ellipsoids import Geometry
 from t2d_rt.types.receiver import Receiver
 
 JUMP_MPS = 300.0
-"""Greatest speed of a joint between two frames; a jump of 2.5 m in a file of 120 frames a second is faster."""
+"""Greatest speed of a joint between two frames [m/s]; a jump of 2.5 m at 120 frames a second just reaches it."""
 
 MOSTLY_MONOSTATIC_M = 1e-6
-"""Distance of the antennas below which they lie in one place."""
+"""Distance of transmitters and receivers below which they count as being in one place [m]."""
 
 BISTATIC_DEG = 120.0
-"""Greatest angle between transmitter and receiver as a target sees them. There the field of a sphere of 10 cm by physical
-optics is up to 0.9 dB off Mie's series at 77 GHz (20 cm 0.6 dB, 3 cm 1.4 dB), at 130 to 150 degrees up to 2.5 dB: its edge of
-shadow is too sharp."""
+"""Greatest angle between transmitter and receiver as seen from a target [deg]. At this angle the field of a sphere of 10 cm by
+physical optics is up to 0.9 dB off Mie's series at 77 GHz (20 cm 0.6 dB, 3 cm 1.4 dB), at 130 to 150 degrees up to 2.5 dB, because
+its shadow boundary is too sharp."""
 
 BISTATIC_DB = -10.0
-"""Level of a path pair, relative to the strongest one's, from which such an angle is told: 2.5 dB of it are then 10 % of the
-strongest one's field."""
+"""Level of a path pair, relative to the strongest one, from which there is a warning of such an angle [dB]: an error of 2.5 dB is
+then 10 % of the strongest pair's field."""
 
 LEAST_CUT_S = 0.05
-"""Part of a motion beyond the record's end from which it is told; durations in whole frames differ by less."""
+"""Part of a motion beyond the end of the record from which there is a warning [s]; durations in whole frames differ by less."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """An experiment set up."""
+    """An experiment that is ready to run."""
 
     experiment: Experiment
     inputs: Inputs
-    """Arrays that the experiment names."""
+    """Arrays to which the experiment refers, by their hash."""
     model: Model
     """How its targets become echoes."""
 
     def described(self, model: Model, accuracy: Accuracy) -> dict[str, Any]:
-        """What a recording was made with, in a few words; `model` may be simpler than the own one."""
+        """Settings that describe how a recording was made; `model` may be a simplified one of this setup."""
         pairs, material, experiment = model.pairs(accuracy), model.material, self.experiment
         room = {name: getattr(experiment, name) for name in ("reflections", "transmissions", "collisions")}
         return {
@@ -95,12 +96,12 @@ class Setup:
 def set_up(
     target: Any, scene: Any, experiment: Experiment, *, device: str = "auto", memory_gb: float = LIMIT_GB
 ) -> Setup:
-    """The setup of a target or several, in a scene, which take the place of those that the experiment names; all are checked."""
+    """Sets up one target or several in a scene, which replace those of the experiment, and checks them all."""
     memory, radar = MemoryLimit.of(memory_gb), experiment.radar
-    whole = _scene_of(scene, radar)  # before the targets: a motion takes longer to read
+    whole = _scene_of(scene, radar)  # checked before the targets, as reading a motion takes longer
     targets = placed_targets(target, radar)
     if experiment.material is not None:
-        outfit_of(experiment.material)  # refuses what is neither a material nor an outfit
+        outfit_of(experiment.material)  # refuses anything that is neither a material nor an outfit
     scene = None if whole is None else within_reach(whole, radar)
     if isinstance(experiment.noise, Receiver):
         check_receiver(radar, experiment.noise)
@@ -168,7 +169,7 @@ def set_up(
 
 
 def placed_targets(target: Any, radar: Radar) -> list[TargetLike]:
-    """What was given as a target or several, checked, with motions in their places before the radar."""
+    """The checked targets as a list, with motions placed before the radar."""
     target = target_named(target)
     targets = [target] if isinstance(target, TargetLike) else target
     if not isinstance(targets, Sequence) or not targets or not all(isinstance(item, TargetLike) for item in targets):
@@ -182,7 +183,7 @@ def placed_targets(target: Any, radar: Radar) -> list[TargetLike]:
 def set_up_stored(
     experiment: Experiment, inputs: Inputs, *, device: str = "auto", memory_gb: float = LIMIT_GB
 ) -> Setup:
-    """The setup of an experiment with the targets and the scene that it names itself, their arrays among the inputs."""
+    """Sets up an experiment with the targets and the scene that it names; their arrays are in `inputs`."""
     targets, scene = experiment.targets_from(inputs), experiment.scene_from(inputs)
     return set_up(targets, scene, experiment, device=device, memory_gb=memory_gb)
 
@@ -190,7 +191,7 @@ def set_up_stored(
 def set_up_again(
     experiment: Experiment | None, inputs: Inputs, *, device: str = "auto", memory_gb: float = LIMIT_GB
 ) -> Setup:
-    """A recording's experiment set up once more, for what follows from it beside the samples; its warnings have been told."""
+    """Sets up the experiment of a recording again, to compute anything but its samples; warnings were given the first time."""
     if experiment is None:
         raise InputError("the recording was measured: it has no experiment, from which paths and truth are worked out")
     experiment = repeatable(experiment)
@@ -200,7 +201,7 @@ def set_up_again(
 
 
 def repeatable(experiment: Experiment | None) -> Experiment:
-    """The experiment of a recording, if there is one and all of it is stored."""
+    """The experiment of a recording; refuses a measured recording, and one with a target that was not stored."""
     if experiment is None:
         raise InputError(
             "the recording was measured and has no experiment, so it cannot be simulated again; give an Experiment"
@@ -213,7 +214,7 @@ def repeatable(experiment: Experiment | None) -> Experiment:
 
 
 def _placed(motion: Motion, radar: Radar) -> Motion:
-    """The motion placed before the radar; a warning if its coordinates may have been those of the world already."""
+    """The motion placed before the radar; warns if its coordinates may already have been those of the world."""
     placed_motion = placed(motion, radar)
     _check_steps(placed_motion)
     if motion.placed is None:
@@ -225,8 +226,8 @@ def _placed(motion: Motion, radar: Radar) -> Motion:
 
 
 def _tell_of_cuts(targets: Sequence[TargetLike], geometries: Sequence[Geometry], stop_s: float) -> None:
-    """Warns of a motion that goes on after the record, which ends with the target that ends first."""
-    # Movers have the time that the others have in common, and whoever gives a mesh chooses its length.
+    """Warns of a motion that is longer than the record, which ends with the first target that ends."""
+    # Movers last for the time that the others have in common, and the user chooses the length of a mesh.
     ends_s = [
         np.inf if isinstance(t, Mover) else float(g.times_s[-1]) for t, g in zip(targets, geometries, strict=True)
     ]
@@ -246,7 +247,7 @@ def _tell_of_cuts(targets: Sequence[TargetLike], geometries: Sequence[Geometry],
 
 
 def _tell_of_track(sources: Sequence[Any], span_s: tuple[float, float]) -> None:
-    """Warns of a record that begins or ends with the radar's track, while all of its targets are known."""
+    """Warns of a record that is shortened by the radar's track although all targets are known for longer."""
     start_s, stop_s = span_s
     begin_s = max(float(source.times_s[0]) for source in sources if not isinstance(source, Mover))
     ends_s = [float(source.times_s[-1]) for source in sources if not isinstance(source, Mover)]
@@ -263,7 +264,7 @@ def _tell_of_track(sources: Sequence[Any], span_s: tuple[float, float]) -> None:
 
 
 def _check_steps(motion: Motion) -> None:
-    """Warns of jumps that the reader has not told, and refuses those through which a spline has no meaning."""
+    """Warns of jumps of which the reader has not warned, and refuses jumps that make a spline meaningless."""
     speeds = np.linalg.norm(np.diff(motion.joints, axis=0), axis=-1) * motion.rate_hz
     frame, joint = np.unravel_index(int(speeds.argmax()), speeds.shape)
     if speeds[frame, joint] > JUMP_MPS:
@@ -277,7 +278,7 @@ def _check_steps(motion: Motion) -> None:
 
 
 def _scene_of(scene: Any, radar: Radar) -> Scene | None:
-    """The scene, whose materials have values at the radar's frequency; None in free space."""
+    """The scene with material values at the radar's frequency; None in free space."""
     if isinstance(scene, Room):
         scene = scene.scene()
     if isinstance(scene, Scene):
@@ -305,13 +306,13 @@ def _check_geometry(geometry: Geometry, radar: Radar, span_s: tuple[float, float
 
 
 def _check_bistatic(geometry: Geometry, radar: Radar, span_s: tuple[float, float]) -> None:
-    """Refuses a target between the antennas, where physical optics without diffraction no longer holds."""
+    """Refuses a target between the antennas, where physical optics without diffraction does not hold."""
     antennas = radar.tx_position_m, radar.rx_position_m
     apart_m = np.linalg.norm(antennas[0] - antennas[1])
     if apart_m < MOSTLY_MONOSTATIC_M:
         return
     times_s = np.linspace(*span_s, 50)
-    if apart_m > ONE_VIEW_M:  # not the antennas of one board; between those instants a target may dash through
+    if apart_m > ONE_VIEW_M:  # only antennas of separate boards, since a target may pass between instants
         own_s = geometry.times_s
         times_s = np.union1d(np.linspace(*span_s, 200), own_s[(own_s >= span_s[0]) & (own_s <= span_s[1])])
     for times in blocks(times_s, geometry.point_count):
@@ -329,10 +330,10 @@ def _check_bistatic(geometry: Geometry, radar: Radar, span_s: tuple[float, float
 def _tell_of_bistatic(
     ranked: Sequence[Ranked], geometries: Sequence[Geometry], radar: Radar, span_s: tuple[float, float]
 ) -> None:
-    """Warns where antennas apart see a target from almost opposite sides over a path pair of a room that carries weight.
+    """Warns where separated antennas see a target from almost opposite sides over a strong reflected path pair.
 
-    A radar in one place has such pairs as well, out direct and back by the wall behind the target: beside its direct echo, which
-    is seen from one side, they are ghosts.
+    A radar in one place has such pairs, too: out on the direct path and back by a wall behind the target. These are ghosts beside
+    its direct echo, which is not affected.
     """
     if np.linalg.norm(radar.tx_position_m - radar.rx_position_m) <= ONE_VIEW_M:
         return
@@ -360,7 +361,7 @@ def _check_outside_ellipsoids(geometry: Ellipsoids, radar: Radar, times_s: np.nd
 
 
 def _radar_within(radar: Radar, antenna_m: np.ndarray, time_s: float, relation: str) -> InputError:
-    """The refusal of a radar inside a target, which tells where its antenna (3,) is at that time."""
+    """The error for a radar inside a target, with the position (3,) of its antenna at that time."""
     place_m, mend = antenna_m, "move the radar"
     if radar.track is not None:
         place_m = radar.passing(np.array([time_s])).back.points(antenna_m[None])[0].round(6) + 0.0

@@ -1,4 +1,4 @@
-"""Where the targets and the scene of an experiment come from, as plain data; arrays that they name are kept beside (`inputs`)."""
+"""Sources of an experiment's targets and scene, as plain data; arrays to which they refer are stored beside them (`inputs`)."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ Fraction = Annotated[Number, Field(ge=-1e6, le=1e6)]
 
 
 class Plain(Fields):
-    """Values that stand in YAML and JSON."""
+    """Base of sources: plain data that YAML and JSON can hold."""
 
     model_config = ConfigDict(ser_json_inf_nan="constants")
 
 
 def _things(value: Any) -> Any:
-    """What a person carries, checked, as a list also where it is one thing."""
+    """Checked list of the things that a person carries; a single thing becomes a list."""
     things = (value,) if isinstance(value, (str, Mapping)) else value
     if not isinstance(things, (list, tuple)):
         raise InputError(f'carries must be a text such as "bag", a mapping or a list of them, got {shown(value)}')
@@ -62,7 +62,7 @@ Things = Annotated[tuple[str | dict[str, Any], ...], BeforeValidator(_things)]
 
 
 class _Placed(Plain):
-    """A motion that is cut and placed before the radar."""
+    """Fields of a motion that is cut and placed before the radar."""
 
     model_config = ConfigDict(use_attribute_docstrings=True)  # options of the command line
     noun: ClassVar[str] = "motion"
@@ -99,11 +99,11 @@ class _Placed(Plain):
         return motion
 
     def placed(self, motion: Motion, radar: Radar) -> Motion:
-        """The piece of a motion that is used, where it starts."""
+        """The piece of a motion that is used, placed before the radar."""
         return self.put(self.cut(motion), radar)
 
     def put(self, piece: Motion, radar: Radar) -> Motion:
-        """A piece where it starts."""
+        """A piece, placed before the radar."""
         motion = place(
             carry(piece, self.carries),
             distance_m=self.distance_m,
@@ -115,7 +115,7 @@ class _Placed(Plain):
 
 
 class MotionFile(_Placed):
-    """A motion of a file."""
+    """A motion that is read from a file."""
 
     if_missing: ClassVar[str] = "write file: walk.bvh, or person:walk.bvh on the command line"
 
@@ -123,9 +123,9 @@ class MotionFile(_Placed):
     file: str
     """Path, in a YAML file relative to its folder; or the name of a bundled motion."""
     subject: str | None = None
-    """Name of the person who is taken of a file that holds several; by default the first who is complete."""
+    """Name of the person to take from a file with several persons; by default the first whose data is complete."""
     reading: dict[str, Any] = later({})
-    """Further options of `load_motion`, as {units: cm, up: z}; what is not given is detected."""
+    """Further options of `load_motion`, such as {units: cm, up: z}; options that are not given are detected."""
 
     @field_validator("reading")
     @classmethod
@@ -137,16 +137,16 @@ class MotionFile(_Placed):
         return value
 
     def read(self) -> Motion:
-        """The motion of the file; what the reader found is told to those who log it."""
+        """Reads the motion from its file; what the reader found is logged."""
         motion = load_motion(motion_path(self.file), subject=self.subject, **self.reading)
         logging.getLogger("t2d_rt.motion").info(motion.report)
         return motion
 
 
 NOWHERE: Mapping[str, object] = {"distance_m": None, "angle_deg": 0.0, "aside_m": 0.0, "carries": ()}
-"""Fields of the source of a motion that stands nowhere, with nothing in hand."""
+"""Values of the placement fields of a motion that is not placed and carries nothing."""
 WHOLE: Mapping[str, object] = {"start_s": 0.0, "stop_s": None, "radius_m": 0.0}
-"""Fields of one that is neither cut nor bent."""
+"""Values of the fields of a motion that is neither cut nor bent."""
 
 
 class MotionText(_Placed):
@@ -156,7 +156,7 @@ class MotionText(_Placed):
     text: str
     """What a person does, as "a person walks slowly forward, slips and falls backward"."""
     seed: Annotated[Count, Field(ge=0)] = 0
-    """Seed of all that is drawn: person, clips, speed."""
+    """Seed of all random choices: person, clips, speed."""
     provider: str = "auto"
     """How it is made: auto, library, physics, momask, or files:FOLDER, in a YAML file relative to its folder."""
     body: str | None = None
@@ -168,15 +168,15 @@ class MotionText(_Placed):
     duration_s: Number | None = None
     """Duration of the main action [s], where the sentence says nothing of it."""
     gait_factor: Number = 1.0
-    """How many times as fast it is then walked, step by step."""
+    """Factor on the walking speed, applied step by step."""
     gait_spread: Number = 0.0
-    """Standard deviation of the logarithm of each step's own factor."""
+    """Standard deviation of the logarithm of an additional random factor for each step."""
     hold_s: Annotated[Number, Field(ge=0, le=LONGEST_S)] = 0.0
-    """Time for which the last pose is held [s], before it is cut."""
+    """Time for which the last pose is held, before the motion is cut [s]."""
     stand_s: Annotated[Number, Field(ge=0, le=LONGEST_S)] = later(0.0)
-    """Time for which the person stands when all that the text says is done [s]."""
+    """Time for which the person stands after everything that the text says [s]."""
     radius_m: Fraction = later(0.0)
-    """Radius of the arc that the path of the piece is bent to [m], to the left where it is positive; 0 leaves it as it is."""
+    """Radius of the arc to which the path of the piece is bent [m], to the left if positive; 0 leaves the path as it is."""
 
     def made(self) -> Motion:
         """The motion before it is held, cut and placed."""
@@ -185,13 +185,14 @@ class MotionText(_Placed):
         return _composed(self.model_copy(update={**NOWHERE, **WHOLE, "hold_s": 0.0}))
 
     def cut(self, motion: Motion) -> Motion:
-        """The piece of a motion that is used, held at its end, its path bent."""
+        """The piece of a motion that is used, with its last pose held and its path bent."""
         held = self._held(motion)
         self._tell_of_end(held)
         return self._bent(held)
 
     def piece(self, made: Motion | None = None) -> Motion:
-        """`cut` of what is `made`. The last few are kept: a data set judges pieces of a motion, one of which it then simulates."""
+        """The result of `cut` for the motion `made`. The last few are cached: a data set judges several pieces of a motion and then
+        simulates one of them."""
         if self.provider not in COMPOSED:
             return self.cut(self.made() if made is None else made)
         self._tell_of_end(_piece(self.model_copy(update={**NOWHERE, **WHOLE})))
@@ -225,32 +226,32 @@ def _generated(source: MotionText) -> Motion:
 
 
 _composed = functools.lru_cache(maxsize=8)(_generated)
-"""The last few are kept: a data set looks at a motion before it simulates it, and may simulate it under several conditions."""
+"""The last few are cached: a data set inspects a motion before it simulates it, perhaps under several conditions."""
 
 
 @functools.lru_cache(maxsize=8)
 def _piece(source: MotionText) -> Motion:
-    """The piece of a motion that stands nowhere; all are cut out of what is held once."""
+    """The piece of a motion, not placed; all pieces are cut from the held motion, which is computed once."""
     whole = source.model_copy(update=WHOLE)
     return source._held(source.made()) if source == whole else source._bent(_piece(whole))
 
 
 class MotionArrays(Plain):
-    """A motion whose joints are stored."""
+    """A motion whose joints are stored as arrays."""
 
     noun: ClassVar[str] = "motion"
 
     kind: Literal["motion"] = "motion"
     input: Hash
-    """`joints` and `rotations`."""
+    """Hash of the arrays `joints` and `rotations`."""
     rate_hz: Number
     names: tuple[str, ...]
     parents: tuple[int, ...]
     placed: bool | None
     report: str
-    """What the reader found in the file, and how the motion was placed."""
+    """What the reader found in the file, and how the motion was placed, as text."""
     origin: tuple[str, ...] = ()
-    """The file's name and the SHA-256 of its content, then each edit since."""
+    """The file's name and the SHA-256 of its content, then each edit made since."""
     activities: tuple[tuple[str, Number], ...] = later(())
     """What the person does, and from when on [s]."""
     breathing: Breathing | None = later(None)
@@ -262,7 +263,7 @@ class MotionArrays(Plain):
 
 
 class BodyMesh(Plain):
-    """A body's mesh, skinned from a motion."""
+    """The mesh of a body, skinned from a motion."""
 
     noun: ClassVar[str] = "body"
 
@@ -284,23 +285,23 @@ class MoverMesh(Plain):
 
 
 class OtherMover(Plain):
-    """A mover of another package, by its fields."""
+    """A mover that another package defines, by its fields."""
 
     noun: ClassVar[str] = "mover"
 
     kind: Literal["mover"] = "mover"
     fields: dict[str, Any]
-    """Fields of the mover, `kind` among them."""
+    """Fields of the mover, with `kind` among them."""
 
 
 class MeshArrays(Plain):
-    """A mesh of the user, its vertices stored."""
+    """A mesh of the user with stored vertices."""
 
     noun: ClassVar[str] = "mesh"
 
     kind: Literal["mesh"] = "mesh"
     input: Hash
-    """`vertices`, `faces`, `times_s` and `sagitta_rad`, and `part` of a mesh of several materials."""
+    """Hash of the arrays `vertices`, `faces`, `times_s` and `sagitta_rad`, and `part` if the mesh has several materials."""
     material: Substance | tuple[Substance, ...]
     crease_deg: Number
     curved: bool = False
@@ -308,19 +309,19 @@ class MeshArrays(Plain):
 
 
 class EllipsoidArrays(Plain):
-    """Ellipsoids of the user, their positions stored."""
+    """Ellipsoids of the user with stored positions."""
 
     noun: ClassVar[str] = "ellipsoids"
 
     kind: Literal["ellipsoids"] = "ellipsoids"
     input: Hash
-    """`semi_axes_m`, `centres`, `axes` and `times_s`, and `part` of ellipsoids of several materials."""
+    """Hash of the arrays `semi_axes_m`, `centres`, `axes` and `times_s`, and `part` if there are several materials."""
     material: Substance | tuple[Substance, ...]
     names: tuple[str, ...]
 
 
 class Unknown(Plain):
-    """A target that a function of the user computes: it cannot be stored, nor the recording made again."""
+    """A target that a function of the user computes: it cannot be stored, so the recording cannot be repeated."""
 
     noun: ClassVar[str] = "target"
 
@@ -329,7 +330,7 @@ class Unknown(Plain):
 
 
 class StoredSurface(Plain):
-    """One surface of a stored scene; its vertices and faces are parts of the scene's arrays."""
+    """One surface of a stored scene; its vertices and faces are consecutive parts of the scene's arrays."""
 
     noun: ClassVar[str] = "surface"
 
@@ -337,24 +338,24 @@ class StoredSurface(Plain):
     material: Substance
     thickness_m: Number
     vertices: Count
-    """How many of the scene's vertices are its own, in order."""
+    """Number of the scene's vertices that belong to this surface."""
     faces: Count
-    """How many of the scene's faces are its own, in order."""
+    """Number of the scene's faces that belong to this surface."""
 
 
 class StoredScene(Plain):
-    """A scene whose surfaces are stored."""
+    """A scene whose surfaces are stored as arrays."""
 
     noun: ClassVar[str] = "scene"
 
     name: str
     input: Hash
-    """`vertices` and `faces` of all surfaces."""
+    """Hash of the arrays `vertices` and `faces`, which hold all surfaces."""
     surfaces: tuple[StoredSurface, ...]
 
 
 class SceneFile(Plain):
-    """A scene of a file with substitutes for its materials."""
+    """A scene from a file, with substitutes for its materials."""
 
     noun: ClassVar[str] = "scene"
 
@@ -364,7 +365,7 @@ class SceneFile(Plain):
     """Substitutes by the names of what they stand for, as {brick: concrete}; of a mesh, materials of its objects, as
     {door: wood 0.04}."""
     units: Number | str | None = later(None)
-    """Unit of a mesh, in metres or by name."""
+    """Unit of a mesh, as a number of metres or a name."""
     up: str | None = later(None)
     """Upward axis of a mesh, y or z."""
 
@@ -386,19 +387,20 @@ Source = Annotated[
     | Pet,
     Discriminator("kind"),
 ]
-"""Where a target comes from."""
+"""A source of a target; `kind` distinguishes them."""
 MOTION_FIELDS = (
     "rate_hz", "names", "parents", "placed", "report", "origin", "activities", "breathing", "heartbeat", "carries",
 )  # fmt: skip
-"""Fields of a `Motion` beside its arrays, which are stored as they are."""
+"""Fields of a `Motion`, except its arrays, that are stored unchanged."""
 MESH_FIELDS = "crease_deg", "curved", "name"
-"""Fields of a `MovingMesh` beside its arrays, which are stored as they are."""
+"""Fields of a `MovingMesh`, except its arrays, that are stored unchanged."""
 OWN_KINDS = "file", "text", "motion", "skin", "segments", "mover_mesh", "mesh", "ellipsoids", "unknown", "mover"
-"""Kinds of sources that are no movers."""
+"""Kinds of sources that are not movers."""
 
 
 def with_others(source: Any) -> Any:
-    """A source as it is stored, where it is a mover of another package or a mapping of its fields."""
+    """Converts a mover of another package, or a mapping of its fields, to the source that is stored; returns anything else
+    unchanged."""
     if isinstance(source, OwnMover):
         return OtherMover(fields=source.model_dump(mode="json"))
     kind = source.get("kind") if isinstance(source, Mapping) else None
@@ -408,12 +410,12 @@ def with_others(source: Any) -> Any:
 
 
 def file_beside(value: Any, folder: Path, endings: tuple[str, ...]) -> Any:
-    """The name of a file of one of these endings as found from a folder; anything else as it is."""
+    """The path of a file with one of these endings relative to a folder; anything else unchanged."""
     return str(folder / value) if isinstance(value, str) and value.lower().endswith(endings) else value
 
 
 def found_beside(source: Any, folder: Path) -> Any:
-    """A source whose file, or folder of results, is found from the folder of the file that names it."""
+    """A source whose file, or folder of results, is given relative to a folder, with its path resolved."""
     if isinstance(source, MotionFile):
         return source.model_copy(update={"file": str(found_from(folder, source.file))})
     if isinstance(source, MotionText) and source.provider.startswith("files:"):
@@ -423,7 +425,7 @@ def found_beside(source: Any, folder: Path) -> Any:
 
 
 def stored_scene(scene: Scene | None, store: Store) -> str | StoredScene:
-    """A scene as it is stored."""
+    """A scene in its stored form; its arrays go into the store."""
     if scene is None:
         return "free_space"
     surfaces = scene.surfaces
@@ -445,7 +447,7 @@ def stored_scene(scene: Scene | None, store: Store) -> str | StoredScene:
 
 
 def source_of(target: TargetLike, store: Store) -> Any:
-    """The source of a target, its arrays in the store."""
+    """The source of a target in its stored form; its arrays go into the store."""
     if isinstance(target, OwnMover):
         return OtherMover(fields=target.model_dump(mode="json"))
     if isinstance(target, Mover):
@@ -473,7 +475,7 @@ def source_of(target: TargetLike, store: Store) -> Any:
 
 
 def target_from(source: Any, inputs: Inputs, radar: Radar) -> TargetLike:
-    """The target of a source."""
+    """The target that a source describes."""
     if isinstance(source, OtherMover):
         return mover(source.fields)
     if isinstance(source, Mover):
@@ -505,7 +507,7 @@ def target_from(source: Any, inputs: Inputs, radar: Radar) -> TargetLike:
 def _with_material(
     source: MeshArrays | EllipsoidArrays, inputs: Inputs, names: tuple[str, ...]
 ) -> tuple[dict[str, np.ndarray], str | Material | ByPart]:
-    """The stored arrays of these names, and what the surface is made of."""
+    """The stored arrays of these names, and the material or materials of the surface."""
     if not isinstance(source.material, tuple):
         return named_arrays(inputs, source.input, names), source.material
     arrays = named_arrays(inputs, source.input, (*names, "part"))

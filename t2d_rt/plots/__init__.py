@@ -1,4 +1,4 @@
-"""Pictures with true axes: maps, comparisons, scenes and point clouds, for papers and notebooks."""
+"""Figures with physical axes for papers and notebooks: maps, comparisons, scenes and point clouds."""
 
 from t2d_rt.core.calls import public
 from t2d_rt.plots.figures import (

@@ -1,4 +1,4 @@
-"""What is common to pictures: figures that notebooks show, colours of levels, checked and thinned maps, drawable labels."""
+"""What all figures have in common: figures that notebooks show, colours of levels, checks and thinning of maps, labels."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLUMNS = 2000
-"""More columns than any page shows; longer images are averaged (in power) down to it."""
+"""Greatest number of columns that are drawn; longer images are averaged in power, as no page shows more."""
 
 MARGIN = 0.15
-"""Fraction of the occupied span of an axis that stays free on both sides of it."""
+"""Margin on both sides of the occupied part of an axis, as a fraction of it."""
 
 
 class StyleOptions(TypedDict, total=False):
-    """Fields of a `Style`, as keywords of plot functions."""
+    """The fields of a `Style`, as keyword arguments of plot functions."""
 
     cmap: str
     dynamic_range_db: float
@@ -38,20 +38,20 @@ class StyleOptions(TypedDict, total=False):
 @public
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Style:
-    """How a map is drawn: the colours of its levels, its colour bar, its width."""
+    """How a map is drawn: colours of its levels, colour bar, width."""
 
     cmap: str = "viridis"
     """A colour map of Matplotlib."""
     dynamic_range_db: float = 50.0
-    """Below the peak."""
+    """Range of the colours below the peak [dB]."""
     limits_db: tuple[float, float] | None = None
-    """Least and greatest level [dB re 1 W], for pictures that are to be compared; by default the peak and what lies below it within
-    `dynamic_range_db`."""
+    """Least and greatest level of the colours [dB re 1 W], for pictures that are to be compared; by default the peak, and
+    `dynamic_range_db` below it."""
     bar: bool = True
-    """Whether a colour bar stands beside the map; a grid of maps on one scale needs only one."""
+    """Whether a colour bar is drawn beside the map; a grid of maps on one scale needs only one."""
     width_in: float | None = None
-    """Width of the figure [inch], 3.5 for a column of a paper and 7 for its width; by default 7, and 5.4 of maps over range or
-    angle. In axes of a figure of one's own it has no effect."""
+    """Width of the figure [inch]: 3.5 for a column of a paper, 7 for its width. By default 7, and 5.4 for maps over range or angle.
+    It has no effect for axes in a figure of one's own."""
 
     def __post_init__(self) -> None:
         check_colours(self.cmap)
@@ -67,13 +67,14 @@ class Style:
             object.__setattr__(self, "width_in", checked_width(self.width_in))
 
     def bounds_db(self, power_db: np.ndarray) -> tuple[float, float]:
-        """Least and greatest level [dB] that colours tell apart in a map."""
+        """Least and greatest level [dB] of the colours for a map."""
         peak = peak_db(power_db)
         return self.limits_db or (peak - self.dynamic_range_db, peak)
 
 
 def occupied(axis: np.ndarray, levels_db: np.ndarray, floor_db: float, *, zero: bool = True) -> tuple[float, float]:
-    """Part of an axis that holds a level above the floor and, if asked for, zero, with a margin; all of it where nothing does."""
+    """The part of an axis that has levels above the floor (and zero if asked for), with a margin; the whole axis where there are
+    none."""
     held = axis[levels_db > floor_db]
     if not held.size:
         return float(axis[0]), float(axis[-1])
@@ -85,17 +86,18 @@ def occupied(axis: np.ndarray, levels_db: np.ndarray, floor_db: float, *, zero: 
 
 
 def checked_width(width_in: Any) -> float:
-    """A width that a page or a screen may have [inch]."""
+    """A checked width of a figure [inch]."""
     return number("width_in", width_in, 2, 40, unit="inch", hint="3.5 is a column of a paper, 7 its width")
 
 
 def sized(width_in: float, height_in: float, wanted_in: float | None) -> tuple[float, float]:
-    """Width and height of a figure of another width [inch]; its height changes less, as labels keep their size."""
+    """Size of a figure [inch] for another width than its usual `width_in`; the height changes less than the width, as labels keep
+    their size."""
     return (width_in, height_in) if wanted_in is None else (wanted_in, height_in * (wanted_in / width_in) ** 0.65)
 
 
 def is_small(axes: Axes) -> bool:
-    """Whether axes have less room than a figure across a page gives them, so that their texts must be smaller and shorter."""
+    """Whether axes are so much smaller than a figure across a page that their texts must be smaller and shorter."""
     figure = axes.get_figure(root=True)
     assert figure is not None
     width, height = figure.get_size_inches() * axes.get_position(original=True).size
@@ -103,7 +105,7 @@ def is_small(axes: Axes) -> bool:
 
 
 def blank_figure(width_in: float, height_in: float) -> Figure:
-    """An empty figure of that size [inch], which belongs to no window and which notebooks show."""
+    """An empty figure of that size [inch], which has no window and which notebooks show."""
     with _usable():
         from t2d_rt.plots.new_figure import NotebookFigure
 
@@ -112,7 +114,7 @@ def blank_figure(width_in: float, height_in: float) -> Figure:
 
 @contextmanager
 def _usable() -> Iterator[None]:
-    """Matplotlib refuses to load where its settings, such as MPLBACKEND, are wrong."""
+    """Context that turns an error on loading Matplotlib, such as a wrong MPLBACKEND, into an `InputError`."""
     try:
         yield
     except ValueError as error:
@@ -120,7 +122,7 @@ def _usable() -> Iterator[None]:
 
 
 def checked_axes(axes: Any) -> Axes:
-    """Axes of a figure of Matplotlib, flat ones."""
+    """Checked two-dimensional axes of a Matplotlib figure."""
     with _usable():
         from matplotlib.axes import Axes
 
@@ -130,14 +132,16 @@ def checked_axes(axes: Any) -> Axes:
         raise InputError("ax must be flat, got axes in three dimensions; make others")
     figure = flat_axes.get_figure(root=True)
     if figure is not None and figure.get_layout_engine() is None and len(figure.axes) > 1:
-        # In a grid labels and colour bars would lie over one another; who has placed a colour bar has arranged the figure.
+        # A constrained layout keeps labels and colour bars of a grid apart; whoever has placed a colour bar arranges the figure
+        # themselves.
         with suppress(RuntimeError):
             figure.set_layout_engine("constrained")
     return flat_axes
 
 
 def scaled_image(axes: Axes, x: np.ndarray, y: np.ndarray, power_db: np.ndarray, style: Style) -> tuple[float, float]:
-    """Draws a map with its colour bar, relative to the peak or, where levels are given, as it is; the levels at both ends."""
+    """Draws a map with its colour bar, relative to the peak or, if limits are given, in absolute levels; returns the levels at both
+    ends."""
     low, high = style.bounds_db(power_db)
     offset = high if style.limits_db is None else 0.0
     mesh = axes.pcolormesh(
@@ -158,7 +162,7 @@ def scaled_image(axes: Axes, x: np.ndarray, y: np.ndarray, power_db: np.ndarray,
 
 
 def draw_note(axes: Axes, note: str | None) -> None:
-    """A small text in the lower left corner."""
+    """Draws a small text in the lower left corner."""
     if note is not None:
         axes.text(
             0.01, 0.02, drawable("note", note), transform=axes.transAxes, color="white", fontsize=8, parse_math=False
@@ -166,7 +170,7 @@ def draw_note(axes: Axes, note: str | None) -> None:
 
 
 def draw_bar(axes: Axes, mesh: Collection, label: str, extend: str = "neither") -> None:
-    """The colour bar of a map."""
+    """Draws the colour bar of a map."""
     small = is_small(axes)
     bar = axes.figure.colorbar(mesh, ax=axes, pad=0.015, extend=extend)
     bar.set_label(label, fontsize=8 if small else 9)
@@ -174,7 +178,7 @@ def draw_bar(axes: Axes, mesh: Collection, label: str, extend: str = "neither") 
 
 
 def label_axes(axes: Axes, x: str, y: str, title: str | None) -> None:
-    """Names of both axes, and a title."""
+    """Labels both axes and sets a title."""
     small = is_small(axes)
     axes.set_xlabel(x, fontsize=8 if small else 9)
     axes.set_ylabel(y, fontsize=8 if small else 9)
@@ -184,20 +188,20 @@ def label_axes(axes: Axes, x: str, y: str, title: str | None) -> None:
 
 
 def drawable(name: str, value: Any) -> str:
-    """A text that can be drawn: a file's name may hold bytes that are no characters."""
+    """A text that can be drawn: bytes of a file name that are not characters are replaced."""
     signs = text(name, value)[:300]
     return "".join(sign if sign.isprintable() or sign == "\n" else "\N{REPLACEMENT CHARACTER}" for sign in signs)
 
 
 def checked_labels(labels: Any) -> tuple[str, str]:
-    """Names of two things that are compared."""
+    """Checked names of two things that are compared."""
     if len(texts := listed("labels", labels, str, "two texts")) != 2:
         raise InputError(f"labels must be two texts, got {shown(labels)}")
     return texts[0], texts[1]
 
 
 def check_colours(cmap: Any) -> None:
-    """Refuses what is no colour map of Matplotlib."""
+    """Refuses a name that is no colour map of Matplotlib."""
     with _usable():
         from matplotlib import colormaps
         from matplotlib.colors import Colormap
@@ -207,7 +211,7 @@ def check_colours(cmap: Any) -> None:
 
 
 def checked_map(y_name: str, y: np.ndarray, x_name: str, x: np.ndarray, power_db: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Axes and levels of a map; silence, -inf dB, is a level."""
+    """Checked axes and levels of a map; -inf dB (silence) is a valid level."""
     y, x = array(y_name, y, ("rows",)), array(x_name, x, ("columns",))
     if len(x) < 1 or len(y) < 2:
         raise InputError(f"a picture needs 2 values of {y_name} and 1 of {x_name} at least, got {len(y)} and {len(x)}")
@@ -219,7 +223,7 @@ def checked_map(y_name: str, y: np.ndarray, x_name: str, x: np.ndarray, power_db
 
 
 def peak_db(power_db: np.ndarray) -> float:
-    """Greatest level of a map [dB]; silence has none."""
+    """Greatest level of a map [dB]; refuses a map of silence."""
     finite = power_db[np.isfinite(power_db)]
     if not finite.size:
         raise InputError("nothing to plot: no finite level in the map; the record is silent")
@@ -227,11 +231,11 @@ def peak_db(power_db: np.ndarray) -> float:
 
 
 def thinned(time_s: np.ndarray, power_db: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """At most `COLUMNS` columns: powers averaged over equal groups of times."""
+    """Times and levels averaged in power over equal groups of columns, so that there are at most `COLUMNS`."""
     step = -(-len(time_s) // COLUMNS)
     if step == 1 or power_db.shape[-1] != len(time_s):
         return time_s, power_db
     whole = len(time_s) // step * step
     power = (10 ** (power_db[:, :whole] / 10)).reshape(len(power_db), -1, step).mean(axis=-1)
-    with np.errstate(divide="ignore"):  # silence is -inf dB and is drawn at the floor
+    with np.errstate(divide="ignore"):  # silence is -inf dB and appears at the floor
         return time_s[:whole].reshape(-1, step).mean(axis=-1), 10 * np.log10(power)

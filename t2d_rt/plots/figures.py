@@ -49,7 +49,7 @@ MAPS: dict[MapKind, tuple[tuple[str, str], tuple[float, float]]] = {
     "range_doppler": (("velocity_mps", "range_m"), (5.4, 4.2)),
     "range_angle": (("range_m", "azimuth_rad"), (5.4, 4.2)),
 }
-"""Names of a map's axes, upward and to the right, and width and height of its figure [inch]."""
+"""Names of a map's vertical and horizontal axis, and width and height of its figure [inch]."""
 
 VELOCITY_LABEL = "Radial velocity [m/s], approaching > 0"
 
@@ -72,7 +72,7 @@ def draw_map(
     title: str | None = None,
     note: str | None = None,
 ) -> None:
-    """A map (y, x) into axes, and only as much of it as holds anything."""
+    """Draws a map (y, x) into axes, cropped to the part that holds levels above the floor."""
     (y_name, x_name), _ = MAPS[kind]
     y, x, power_db = checked_map(y_name, y, x_name, x, power_db)
     if x_name == "time_s":
@@ -81,7 +81,7 @@ def draw_map(
         x = np.degrees(x)
     low, _ = scaled_image(axes, x, y, power_db, style)
     axes.set_ylim(occupied(y, power_db.max(axis=1), low))
-    if x_name == "azimuth_rad":  # left on the left
+    if x_name == "azimuth_rad":  # positive angles, to the left, are drawn on the left
         axes.set_xlim(x[-1], x[0])
     elif x_name != "time_s":
         axes.set_xlim(occupied(x, power_db.max(axis=0), low, zero=False))
@@ -91,7 +91,7 @@ def draw_map(
 
 
 def _with_width(time_s: np.ndarray, power_db: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """One column over the time of its window, which a record of that length begins at 0; with a warning."""
+    """A map of a single column stretched over the duration of its window, for a record of that length; warns about it."""
     warn(
         f"the record has room for one column, at {time_s[0]:.4g} s: the picture shows no change in time; take a longer record, or "
         "shorter windows (n_window)"
@@ -103,7 +103,7 @@ def _with_width(time_s: np.ndarray, power_db: np.ndarray) -> tuple[np.ndarray, n
 def plotted(
     kind: MapKind, y: np.ndarray, x: np.ndarray, power_db: np.ndarray, ax: Any, style: Style, title: Any, note: Any
 ) -> Any:
-    """A map in a figure of its own, or in axes of the user's, which are returned."""
+    """Draws a map in a new figure, or into axes `ax`, and returns these."""
     figure = None if ax is not None else blank_figure(*sized(*MAPS[kind][1], style.width_in))
     axes = checked_axes(ax) if figure is None else figure.subplots()
     draw_map(axes, kind, y, x, power_db, style=style, title=title, note=note)
@@ -120,7 +120,8 @@ def plot_spectrogram(
     note: str | None = None,
     **style: Unpack[StyleOptions],
 ) -> Any:
-    """Micro-Doppler spectrogram; `power_db` (velocity, time). `note` stands in a corner of it; options as `canvas.Style`."""
+    """Micro-Doppler spectrogram; `power_db` (velocity, time). `note` is a small text in its corner; options as in
+    `canvas.Style`."""
     return plotted("spectrogram", velocity_mps, time_s, power_db, ax, Style(**style), title, note)
 
 
@@ -134,12 +135,12 @@ def plot_range_time(
     note: str | None = None,
     **style: Unpack[StyleOptions],
 ) -> Any:
-    """Range over time; `power_db` (range, time). `note` stands in a corner of it."""
+    """Power over range and time; `power_db` (range, time). `note` is a small text in its corner."""
     return plotted("range_time", range_m, time_s, power_db, ax, Style(**style), title, note)
 
 
 def plot_displacement(time_s: np.ndarray, displacement_m: np.ndarray, title: str | None = None) -> Figure:
-    """How far a chest has come towards the radar, (T,) [m] at times (T,) [s]."""
+    """Displacement of a chest towards the radar, (T,) [m], over times (T,) [s]."""
     figure = blank_figure(*sized(7.0, 3.0, None))
     axes = figure.subplots()
     axes.plot(time_s, 1e3 * displacement_m, linewidth=1.0)
@@ -158,7 +159,7 @@ def plot_range_doppler(
     note: str | None = None,
     **style: Unpack[StyleOptions],
 ) -> Any:
-    """Range-Doppler map; `power_db` (velocity, range). `note` stands in a corner of it."""
+    """Range-Doppler map; `power_db` (velocity, range). `note` is a small text in its corner."""
     return plotted("range_doppler", velocity_mps, range_m, power_db, ax, Style(**style), title, note)
 
 
@@ -172,7 +173,7 @@ def plot_range_angle(
     note: str | None = None,
     **style: Unpack[StyleOptions],
 ) -> Any:
-    """Range-azimuth map with left on the left; `power_db` (range, azimuth). `note` stands in a corner of it."""
+    """Range-azimuth map with left on the left; `power_db` (range, azimuth). `note` is a small text in its corner."""
     return plotted("range_angle", range_m, azimuth_rad, power_db, ax, Style(**style), title, note)
 
 
@@ -184,8 +185,8 @@ def panels(
     columns: int | None = None,
     title: str | None = None,
 ) -> Figure:
-    """Spectrograms (speeds, times, levels) in a grid with common axes, on one scale, whose top is the greatest level of all unless
-    the style has limits, with one colour bar [dB re 1 W]."""
+    """A grid of spectrograms (speeds, times, levels) with common axes and a single colour bar [dB re 1 W]. The scale begins at the
+    greatest level of all, unless the style has limits."""
     across = columns or (len(images) if len(images) < 4 else 2 if len(images) == 4 else 3 if len(images) < 10 else 4)
     down = -(-len(images) // across)
     top_db = peak_db(np.array([power_db.max() for *_, power_db in images]))
@@ -196,14 +197,14 @@ def panels(
     speeds = []
     for axes, (velocity_mps, time_s, power_db), label in zip(grid.flat, images, labels, strict=False):
         draw_map(axes, "spectrogram", velocity_mps, time_s, power_db, style=each_style, title=label)
-        if power_db.max() > limits_db[0]:  # of what is below there is nothing to see, at any speed
+        if power_db.max() > limits_db[0]:  # crop to the speeds at which any image has a level above the floor
             speeds.append(axes.get_ylim())
         axes.set(xlabel="", ylabel="")
     if speeds:
         grid[0, 0].set_ylim(min(low for low, _ in speeds), max(high for _, high in speeds))  # the axes are shared
     for axes in grid.flat[len(images) :]:
         axes.set_axis_off()
-    for number in range(max(0, len(images) - across), len(images)):  # above an empty place there are times, too
+    for number in range(max(0, len(images) - across), len(images)):  # the column below an empty place needs times, too
         grid.flat[number].tick_params(labelbottom=True)
     bar = figure.colorbar(grid[0, 0].collections[0], ax=grid, pad=0.015, aspect=30)
     bar.set_label("Power [dB re 1 W]", fontsize=8)
@@ -224,8 +225,8 @@ def plot_point_cloud(
     cmap: str = "coolwarm",
     width_in: float = 7.0,
 ) -> Any:
-    """Points in the radar's frame from above and from the side, or in axes of the user's from above alone, coloured by speed;
-    `xyz_m` (point, 3)."""
+    """Points in the radar's frame from above and from the side, coloured by speed, or into axes `ax` from above only; `xyz_m`
+    (point, 3)."""
     speed_mps = array("speed_mps", speed_mps, ("point",), limit=1e9, unit="m/s")
     xyz_m = array("xyz_m", xyz_m, limit=LARGEST_M, unit="m")
     if xyz_m.shape != (len(speed_mps), 3):
@@ -263,8 +264,8 @@ def plot_scene(
     track_m: np.ndarray | None = None,
     title: str | None = None,
 ) -> Any:
-    """A room from above and in three dimensions, or in axes of the user's from above alone: its surfaces without the ceiling, the
-    radar, paths (name, points (P, 3)), and a target's track (K, 3)."""
+    """A room from above and in three dimensions, or into axes `ax` from above only: its surfaces without the ceiling, the radar,
+    paths (name, vertices (P, 3)), and the track of a target (K, 3)."""
     instance("scene", scene, Scene, "a Scene", hint="load_scene reads one")
     radar_m = array("radar_m", radar_m, (3,), limit=LARGEST_M, unit="m")
     if track_m is not None:
@@ -284,7 +285,7 @@ def plot_scene(
     view: Any = figure.add_subplot(1, 2, 2, projection="3d")
     _draw_scene(view, 3, scene, radar_m, paths_m, track_m)
     extent = scene.bounds_m[1] - scene.bounds_m[0]
-    view.set_box_aspect(np.maximum(extent, 0.01 * extent.max()))  # one wall alone has no depth
+    view.set_box_aspect(np.maximum(extent, 0.01 * extent.max()))  # a single wall has no depth
     view.set_zlabel("z [m]")
     label_axes(view, "x [m]", "y [m]", None)
     return figure
@@ -298,7 +299,7 @@ def _draw_scene(
     paths_m: list[tuple[str, np.ndarray]],
     track_m: np.ndarray | None,
 ) -> None:
-    """Draws the lines of a scene into axes of two or three dimensions."""
+    """Draws the outlines of a scene, the radar, paths and track into axes of two or three dimensions."""
     from matplotlib.collections import LineCollection
     from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
 
@@ -331,7 +332,7 @@ def _checked_paths(paths_m: Any) -> list[tuple[str, np.ndarray]]:
 
 
 def outline(surface: Surface) -> np.ndarray:
-    """Edges (E, 2, 3) on a surface's boundary and at its creases."""
+    """Edges (E, 2, 3) at a surface's boundary and at its creases."""
     triangles = surface.vertices[surface.faces]
     sides_of_edges: dict[tuple[tuple[float, ...], ...], list[np.ndarray]] = {}
     for corners, across in zip(np.round(triangles, 6), unit(edge_cross(triangles)), strict=True):
@@ -355,7 +356,7 @@ def plot_comparison(
     cmap: str = "viridis",
     width_in: float = 7.0,
 ) -> Figure:
-    """Two spectrograms (velocity, time) on one colour scale, and second minus first where either is in range."""
+    """Two spectrograms (velocity, time) on one colour scale, and second minus first where either is above the floor."""
     first_db, second_db = numeric("first_db", first_db), numeric("second_db", second_db)
     if first_db.shape != second_db.shape:
         raise InputError(
@@ -376,7 +377,7 @@ def plot_comparison(
     for axes, power_db, label in ((upper, first_db, labels[0]), (middle, second_db, labels[1])):
         scaled_image(axes, time_s, velocity_mps, power_db, style)
         label_axes(axes, "", "", label)
-    # Below the floor of the pictures a difference says nothing: clip both to it, leave out where both are below.
+    # Differences below the floor of the pictures mean nothing: both are clipped to it, and cells with both below are left out.
     floor = peak - dynamic_range_db
     difference = np.maximum(second_db, floor) - np.maximum(first_db, floor)
     difference = np.ma.masked_where((first_db < floor) & (second_db < floor), difference)
@@ -402,8 +403,8 @@ def plot_comparison(
 
 
 def occupied_speeds(velocity_mps: np.ndarray, power_db: np.ndarray, dynamic_range_db: float) -> tuple[float, float]:
-    """Least and greatest speed to draw: where anything rises above the floor, and zero, with a margin, within the axis.
+    """Least and greatest speed to draw: where any level is above the floor, and zero, with a margin.
 
-    A radar may see three times the speed that a person has; what is left out is empty.
+    The speed axis of a radar may reach three times as far as a person's speeds; the empty part is left out.
     """
     return occupied(velocity_mps, power_db.max(axis=1), peak_db(power_db) - dynamic_range_db)

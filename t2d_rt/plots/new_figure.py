@@ -1,4 +1,4 @@
-"""The figure that plots draw on. Import it where something is drawn: it loads Matplotlib."""
+"""The figure class that plots use. Import this module only where something is drawn, for it loads Matplotlib."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from matplotlib.figure import Figure
 
 
 class NotebookFigure(Figure):
-    """A figure without pyplot, so that nothing global holds it, which notebooks show all the same."""
+    """A figure that is not registered with pyplot, so that it is freed when unused, but that notebooks still show."""
 
     def savefig(self, fname: Any, **options: Any) -> None:
-        """Writes a picture; in a vector file texts stay texts, in fonts that publishers take, and only the maps are dots."""
+        """Writes a picture. In a vector file texts stay texts, in fonts that publishers accept, and only the maps are bitmaps."""
         if isinstance(fname, (str, Path)) and str(fname).lower().endswith((".pdf", ".svg")):
             options = {"dpi": 300, **options}
         with rc_context({"pdf.fonttype": 42, "svg.fonttype": "none"}):
             super().savefig(fname, **options)
 
     def _repr_png_(self) -> bytes:
-        """What IPython and its kin show."""
+        """The picture that IPython and notebooks show."""
         picture = BytesIO()
         self.savefig(picture, format="png")
         return picture.getvalue()

@@ -1,4 +1,5 @@
-"""What makes a spectrogram: coloured by its parts, with bodies above it in the same colours; or the parts side by side."""
+"""Spectrograms by their parts: one coloured by the strongest part, with bodies above it in the same colours; or all side by
+side."""
 
 from __future__ import annotations
 
@@ -32,30 +33,30 @@ if TYPE_CHECKING:
 LIMBS = {
     "head": "#f0e442", "trunk": "#56b4e9", "arms": "#e69f00", "thighs": "#009e73", "shanks": "#cc79a7", "feet": "#d55e00",
 }  # fmt: skip
-"""Colours of limbs, the same in all pictures, which people with any colour vision tell apart (Okabe and Ito, "Color Universal
-Design", 2008)."""
+"""Colours of limbs, the same in all pictures, and distinguishable with any colour vision (Okabe and Ito, "Color Universal Design",
+2008)."""
 HUES = ("#56b4e9", "#e69f00", "#009e73", "#f0e442", "#cc79a7", "#d55e00", "#0072b2")
-"""Hues of other parts, the strongest first."""
+"""Colours of other parts, for the strongest first."""
 OTHERS = "#b0b0b0"
-"""Colour of the weakest parts together, those beyond these."""
+"""Colour that all weaker parts share."""
 GAMMA = 0.5
-"""Lightness is the fraction of the dynamic range to that power: dark colours cannot be told apart."""
+"""Exponent of lightness over the fraction of the dynamic range; below 1, because dark colours are hard to distinguish."""
 STRIP_IN, TALL_IN, INCHES_PER_M = 1.2, 4.8, 0.62
-"""Height of the strip of bodies above a spectrogram, of the figure of both [inch], and the bodies' greatest size."""
+"""Height of the strip of bodies above a spectrogram, height of the figure with both [inch], and greatest scale of the bodies."""
 SHADE, LIGHT = 0.5, np.array([0.35, 0.80, 0.50])
-"""Lightness of faces in the shade, and direction to the light: right, towards the camera, up."""
+"""Lightness of faces in the shade, and direction towards the light: right, towards the camera, up."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Poses:
-    """Surfaces at some instants, to be drawn above a spectrogram."""
+    """Surfaces at some instants, drawn above a spectrogram."""
 
     times_s: np.ndarray
-    """(pose,)."""
+    """Instants [s], (pose,)."""
     corners_m: np.ndarray
-    """Corners of the faces in the picture's frame: right, towards the camera, up (pose, face, 3, 3)."""
+    """Corners of the faces [m] in the picture's frame (right, towards the camera, up), (pose, face, 3, 3)."""
     parts: Sequence[str]
-    """Names of the parts that the faces belong to, (face,)."""
+    """Name of the part to which each face belongs, (face,)."""
 
 
 def plot_parts(
@@ -128,7 +129,7 @@ def plot_stacked_parts(
 
 
 def checked_parts(parts_db: np.ndarray, names: Sequence[str], shape: tuple[int, ...]) -> np.ndarray:
-    """Levels of parts (part, velocity, time), one for each of the names."""
+    """Checked levels of parts (part, velocity, time), one for each name."""
     levels = numeric("parts_db", parts_db)
     if levels.shape != (len(names), *shape) or not len(names):
         raise InputError(
@@ -138,9 +139,9 @@ def checked_parts(parts_db: np.ndarray, names: Sequence[str], shape: tuple[int, 
 
 
 def part_hues(names: Sequence[str], levels_db: np.ndarray) -> dict[str, str]:
-    """Colours of parts by their names, as the legend has them: limbs from head to feet, then others, the strongest first."""
+    """Colour of each part by name, in the order of the legend: limbs from head to feet, then other parts, strongest first."""
     order = np.argsort(-np.sum(10 ** (levels_db / 10), axis=(1, 2)), kind="stable")
-    words = [name.rpartition(": ")[2] for name in names]  # the one person's limbs, whatever moves beside
+    words = [name.rpartition(": ")[2] for name in names]  # names of one person's limbs without those of other targets
     limbs = {
         name: LIMBS[word] for name, word in zip(names, words, strict=True) if word in LIMBS and words.count(word) == 1
     }
@@ -152,7 +153,7 @@ def part_hues(names: Sequence[str], levels_db: np.ndarray) -> dict[str, str]:
 
 
 def draw_poses(axes: Axes, poses: Poses, hues: Mapping[str, str]) -> None:
-    """Surfaces at their times, all of one size, into axes of time; far faces first, so that near ones are drawn over them."""
+    """Draws surfaces at their times, all on the same scale, into axes of time; far faces first, so that near ones cover them."""
     from matplotlib.collections import PolyCollection
     from matplotlib.transforms import Affine2D
 
@@ -160,7 +161,7 @@ def draw_poses(axes: Axes, poses: Poses, hues: Mapping[str, str]) -> None:
     assert figure is not None
     (width_in, height_in), places_m = figure.get_size_inches(), poses.corners_m[..., 0]
     widest_m = float((places_m.max(axis=(1, 2)) - places_m.min(axis=(1, 2))).max())
-    room_in = 0.76 * width_in / len(poses.times_s)  # beside the axes there are labels and the legend
+    room_in = 0.76 * width_in / len(poses.times_s)  # labels and the legend need the rest
     scale = Affine2D().scale(min(INCHES_PER_M * height_in / TALL_IN, room_in / max(widest_m, 1e-6)))
     colours = np.array([rgb(hues.get(name, OTHERS)) for name in poses.parts])
     for time_s, corners in zip(poses.times_s, poses.corners_m, strict=True):
@@ -181,7 +182,7 @@ def draw_poses(axes: Axes, poses: Poses, hues: Mapping[str, str]) -> None:
 
 
 def rgb(hue: str) -> list[float]:
-    """Red, green and blue, 0..1, of a colour #rrggbb."""
+    """Red, green and blue, 0..1 each, of a colour #rrggbb."""
     return [int(hue[k : k + 2], 16) / 255 for k in (1, 3, 5)]
 
 

@@ -1,1 +1,1 @@
-"""Recordings: samples and settings, their maps, paths and truth; reading, saving, exporting, comparing, making again."""
+"""Recordings: samples, settings, maps, paths and ground truth; reading, saving, exporting, comparing and repeating them."""

@@ -1,4 +1,4 @@
-"""Two recordings side by side: figures that a radar engineer reads off their spectrograms."""
+"""Compares two recordings by their spectrograms and by figures that a radar engineer reads off these."""
 
 from __future__ import annotations
 
@@ -21,11 +21,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ENVELOPE_LEVEL_DB = -35.0
-"""The envelope is where a column of the spectrogram falls this far below the record's own ridge."""
+"""Level of the Doppler envelope in a column of the spectrogram, relative to the ridge of the record [dB]."""
 TORSO_LEVEL_DB = -10.0
-"""The torso's speed is the centre of the power above this level in a column: without the limbs, without any background."""
+"""The speed of the torso is the power-weighted mean of the cells of a column above this level, relative to the strongest [dB]:
+limbs and background lie below it."""
 TARGET_LEVEL_DB = -40.0
-"""Range bins this far below the strongest hold no target; R^4 would make much of what is in them."""
+"""Range bins below this level, relative to the strongest, count as empty [dB]; the factor R^4 would turn what is in them into much
+RCS."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,39 +35,40 @@ class Figures:
     """Figures of one recording."""
 
     mean_rcs_dbsm: float
-    """Mean over chirps of the radar cross-section, all range bins with a target added."""
+    """Radar cross-section [dBsm], the mean over chirps of the sum over range bins with a target."""
     torso_speed_mps: float
-    """Median over time of the centre of the spectrogram's ridge, positive = approaching."""
+    """Median over time of the speed of the spectrogram's ridge [m/s], positive = approaching."""
     limb_speed_mps: float
-    """95th percentile over time of the envelope's greatest speed, approaching or receding."""
+    """95th percentile over time of the greatest speed of the envelope, approaching or receding [m/s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """Figures of two recordings and how their spectrograms agree; printing it shows a table."""
+    """Figures of two recordings, and how well their spectrograms agree; printing it shows a table."""
 
     labels: tuple[str, str]
-    """Names of the two."""
+    """Names of the two recordings."""
     first: Figures
     second: Figures
     shift_s: float
-    """Time by which the second lagged behind the first, which was taken out; 0 unless they were aligned."""
+    """Time by which the second recording lagged and was shifted [s]; 0 unless they were aligned."""
     level_difference_db: float
-    """Power of the second spectrogram over that of the first, in the cells that both have [dB]."""
+    """Power of the second spectrogram relative to the first, over the cells that both have [dB]."""
     envelope_correlation: float
-    """Pearson correlation over time of the two envelopes, upper and lower each about its own mean; NaN if one is constant."""
+    """Pearson correlation over time of both envelopes, upper and lower, each relative to its mean; NaN if one is constant."""
     mean_difference_db: float
-    """Mean of |second - first| over the cells within 40 dB of either's peak; 6 dB for two speckle patterns of one mean."""
+    """Mean of |second - first| over the cells within 40 dB of the peak of either [dB]; two speckle patterns of the same mean give 6
+    dB."""
     parts_db: Mapping[str, float]
-    """Power of the second one's part over that of the first's, where both have parts of that name [dB]."""
+    """Power of each part of the second recording relative to the part of that name in the first [dB]."""
     velocity_mps: np.ndarray = field(repr=False)
-    """Speeds that both have, (velocity,)."""
+    """Speeds that both spectrograms have [m/s], (velocity,)."""
     time_s: np.ndarray = field(repr=False)
-    """Times that both have, on the first one's clock, (time,)."""
+    """Times that both have, on the clock of the first [s], (time,)."""
     first_db: np.ndarray = field(repr=False)
-    """Its spectrogram there [dB re 1 W], (velocity, time)."""
+    """Spectrogram of the first at these speeds and times [dB re 1 W], (velocity, time)."""
     second_db: np.ndarray = field(repr=False)
-    """Its spectrogram there [dB re 1 W], or relative to the first one's level, (velocity, time)."""
+    """Spectrogram of the second there, (velocity, time) [dB re 1 W], with its level shifted to that of the first if asked for."""
 
     def __str__(self) -> str:
         rows = (
@@ -92,7 +95,7 @@ class Comparison:
         return "\n".join(lines)
 
     def plot(self, title: str | None = None) -> Figure:
-        """Both spectrograms on one scale, and the second minus the first."""
+        """Draws both spectrograms on one scale, and the difference second minus first."""
         from t2d_rt.plots import plot_comparison
 
         return plot_comparison(
@@ -136,7 +139,7 @@ def compare(
         two_db = two_db - level_db
     envelopes = [np.stack(envelope(image, speeds)) for image in (one_db, two_db)]
     near_peak = (one_db > one_db.max() - 40) | (two_db > two_db.max() - 40)
-    floor = max(one_db.max(), two_db.max()) - 60  # silence is not infinitely different
+    floor = max(one_db.max(), two_db.max()) - 60  # two silent cells do not differ
     difference = np.abs(np.maximum(two_db, floor) - np.maximum(one_db, floor))
     return Comparison(
         labels=names,
@@ -155,7 +158,8 @@ def compare(
 
 
 def _parts_db(first: Recording, second: Recording) -> dict[str, float]:
-    """Levels of parts of the same name against each other; the one person's segments are those of a person among other targets."""
+    """Power of each part of the second recording relative to the part of that name in the first [dB]. One person's segments are
+    matched with those of a person among several targets."""
     first_names, second_names = (
         {name.removeprefix("person: "): name for name in recording.parts} for recording in (first, second)
     )
@@ -169,7 +173,7 @@ def _parts_db(first: Recording, second: Recording) -> dict[str, float]:
 
 
 def _common(one: np.ndarray, two: np.ndarray, noun: str, unit: str) -> np.ndarray:
-    """Values of the coarser axis within both."""
+    """Values of the coarser of two axes within the range of both; `noun` and `unit` are for the error where they do not overlap."""
     if one.shape == two.shape and np.allclose(one, two):
         return one
     steps = [float(np.median(np.diff(axis))) if len(axis) > 1 else math.inf for axis in (one, two)]
@@ -186,7 +190,7 @@ def _common(one: np.ndarray, two: np.ndarray, noun: str, unit: str) -> np.ndarra
 
 
 def _resampled(power_db: np.ndarray, axis: np.ndarray, new_axis: np.ndarray, number: int) -> np.ndarray:
-    """Levels at other values of one axis; powers are interpolated in between."""
+    """Levels [dB] at other values of one axis; powers are interpolated linearly."""
     if axis.shape == new_axis.shape and np.allclose(axis, new_axis):
         return power_db
     power = np.moveaxis(10 ** (power_db / 10), number, -1)
@@ -195,15 +199,15 @@ def _resampled(power_db: np.ndarray, axis: np.ndarray, new_axis: np.ndarray, num
 
 
 def _lag_s(images: Sequence[np.ndarray], clocks: Sequence[np.ndarray]) -> float:
-    """Time by which the second image (velocity, time) lags behind the first, where their levels correlate most (Pearson), the mean
-    of what overlaps left out; half of the shorter one overlaps at least."""
+    """Time [s] by which the second image (velocity, time) lags behind the first: the shift with the greatest Pearson correlation of
+    their levels, where at least half of the shorter one overlaps."""
     if min(len(clock) for clock in clocks) < 2:
         raise InputError("records of one column cannot be aligned; compare longer ones, or leave align out")
     step = max(float(np.median(np.diff(clock))) for clock in clocks)
     levels = []
     for image, clock in zip(images, clocks, strict=True):
         even = _resampled(image, clock, np.arange(clock[0], clock[-1] + 0.01 * step, step), 1)
-        levels.append(np.maximum(even, even.max() - 40))  # what lies lower is noise, or nothing
+        levels.append(np.maximum(even, even.max() - 40))  # levels below the floor are noise or silence
     first, second = (level - level.mean() for level in levels)
     length = first.shape[1] + second.shape[1] - 1
     spectra = [np.fft.rfft(level, length) for level in (first, second)]
@@ -223,13 +227,13 @@ def _lag_s(images: Sequence[np.ndarray], clocks: Sequence[np.ndarray]) -> float:
 
 
 def _sums(values: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
-    """Sums over columns start..stop of values (row, column), one for each of the ranges (lag,)."""
+    """Sum of values (row, column) over the columns start..stop, one for each lag, (lag,)."""
     total = np.concatenate([[0.0], np.cumsum(values.sum(axis=0))])
     return np.asarray(total[stop] - total[start])
 
 
 def _labels(first: Recording, second: Recording) -> tuple[str, str]:
-    """The first of method and scene that tells them apart; numbers where neither does."""
+    """Labels for two recordings: their methods or else their scenes, where these differ; else numbers."""
     kinds = [
         str(recording.settings.get("method") or ("measured" if recording.experiment is None else "simulated"))
         for recording in (first, second)
@@ -242,7 +246,7 @@ def _labels(first: Recording, second: Recording) -> tuple[str, str]:
 
 
 def figures(result: Recording) -> Figures:
-    """Figures of one recording."""
+    """Computes the figures of one recording."""
     _check("result", result)
     image = result.spectrogram
     speeds = image.velocity_mps.values
@@ -255,8 +259,9 @@ def figures(result: Recording) -> Figures:
 
 
 def field_difference_db(first: Recording, second: Recording) -> float:
-    """Energy of the samples' difference over that of the first one's, both without their means over the chirps [dB]; NaN where the
-    cubes have other sizes, -inf where nothing but what is static differs, inf where only the difference moves."""
+    """Energy of the difference of the samples relative to that of the first recording [dB], both without their means over the
+    chirps, that is without static echoes. NaN where the cubes differ in size, -inf where nothing but static echoes differs, inf
+    where only the difference varies in time."""
     _check("first", first)
     _check("second", second)
     if second.cube.shape != first.cube.shape:
@@ -267,7 +272,7 @@ def field_difference_db(first: Recording, second: Recording) -> float:
             energies[place] += np.sum(part.real**2 + part.imag**2, dtype=np.float64)
             means[place] = means[place] + part.sum(axis=0, dtype=np.complex128) / chirps
     moving = [energy - chirps * np.sum(np.abs(mean) ** 2) for energy, mean in zip(energies, means, strict=True)]
-    # What float64 sums leave of a static record is less than that, and nothing that moves.
+    # Rounding in the float64 sums of a static record lies below that; echoes of anything that moves lie above.
     difference, signal = (part if part > 1e-14 * energies.max() else 0.0 for part in moving)
     if not (difference and signal):
         return math.inf if difference else -math.inf
@@ -275,7 +280,7 @@ def field_difference_db(first: Recording, second: Recording) -> float:
 
 
 def same_axes(first: Recording, second: Recording) -> bool:
-    """Whether speeds and times of the spectrograms, and numbers and ranges of the samples, are the same."""
+    """Whether the axes of the spectrograms, and the number and ranges of the samples, are the same."""
     axes = [
         (image.velocity_mps.values, image.time_s.values, np.array(recording.cube.shape), recording.radar.range_axis_m())
         for recording in (first, second)
@@ -285,14 +290,14 @@ def same_axes(first: Recording, second: Recording) -> bool:
 
 
 def mean_rcs_m2(result: Recording) -> float:
-    """Mean radar cross-section over the record [m^2], read back from the ADC cube by the radar equation in every range bin.
+    """Mean radar cross-section over the record [m^2], computed from the ADC cube by the radar equation in every range bin.
 
-    Of antennas apart, the range is half the path. Where the scene has clutter, the mean over the chirps is left out, so that walls
-    do not count.
+    For separated antennas the range is half the path length. Where the scene has clutter, the mean over the chirps is removed, so
+    that walls do not count.
     """
     _check("result", result)
     radar = result.radar
-    bins = np.arange(1, radar.samples)  # the first bin holds range 0, where the radar equation has no inverse
+    bins = np.arange(1, radar.samples)  # the first bin is at range 0, where the radar equation cannot be inverted
     profile = range_fft(result.cube, window="hann")[..., bins]
     if result.settings.get("clutter", "none") != "none":
         profile = profile - profile.mean(axis=0)
@@ -300,14 +305,14 @@ def mean_rcs_m2(result: Recording) -> float:
     power = np.where(power > power.max() * 10 ** (TARGET_LEVEL_DB / 10), power, 0.0)
     if not power.any():
         raise InputError("the recording is silent, so it has no radar cross-section; check where target and radar are")
-    # A Hann window spreads a target's power over 1.5 bins' worth, to be divided out.
+    # A Hann window spreads the power of a target over 1.5 bins.
     return float(np.sum(power * radar.range_axis_m()[bins] ** 4)) / (1.5 * radar.link_amplitude**2)
 
 
 def ridge(power_db: np.ndarray, speeds_mps: np.ndarray) -> np.ndarray:
-    """Mean speed at each time [m/s], (time,), weighted with power, of the cells within TORSO_LEVEL_DB of the strongest.
+    """Power-weighted mean speed [m/s] at each time, (time,), of the cells within TORSO_LEVEL_DB of the strongest.
 
-    The strongest cell itself jumps from speckle to speckle, in steps of a Doppler bin.
+    The strongest cell itself would jump from one speckle to another, in steps of a Doppler bin.
     """
     power_db, speeds_mps = _checked_spectrogram(power_db, speeds_mps)
     relative = power_db - power_db.max(axis=0)
@@ -316,10 +321,11 @@ def ridge(power_db: np.ndarray, speeds_mps: np.ndarray) -> np.ndarray:
 
 
 def envelope(power_db: np.ndarray, speeds_mps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Greatest and least speed at each time whose power lies within ENVELOPE_LEVEL_DB of the median peak [m/s], (time,) each."""
+    """Greatest and least speed [m/s] at each time, (time,) each, at which the power is within ENVELOPE_LEVEL_DB of the median
+    peak."""
     power_db, speeds_mps = _checked_spectrogram(power_db, speeds_mps)
     level = np.median(power_db.max(axis=0)) + ENVELOPE_LEVEL_DB
-    # A lull, a column without any cell above the level, has its envelope at its strongest cell.
+    # In a column without such a cell the envelope is at the strongest cell.
     above = (power_db > level) | (power_db == power_db.max(axis=0))
     return speeds_mps[len(speeds_mps) - 1 - np.argmax(above[::-1], axis=0)], speeds_mps[np.argmax(above, axis=0)]
 
@@ -337,7 +343,7 @@ def _checked_spectrogram(power_db: np.ndarray, speeds_mps: np.ndarray) -> tuple[
 
 
 def _correlation(one: np.ndarray, two: np.ndarray) -> float:
-    """Pearson correlation of (row, time) with each row about its own mean: different means alone would correlate rows."""
+    """Pearson correlation of (row, time), each row relative to its own mean; otherwise different means alone would correlate."""
     if not (np.ptp(one, axis=1).any() and np.ptp(two, axis=1).any()):
         return math.nan
     one, two = (values - values.mean(axis=1, keepdims=True) for values in (one, two))

@@ -1,9 +1,8 @@
-"""The files of a recording: the zarr folder that it is kept in, and one file for other programs.
+"""The files of a recording: the zarr folder in which it is saved, and single files for other programs.
 
-The folder is a group of arrays and attributes, which seal one another by their checksums. A file for other programs (MATLAB .mat,
-HDF5 .h5, NetCDF .nc, NumPy .npz) holds `adc` (chirp, antenna, sample), `spectrogram` (velocity_mps, time_s), their axes, the unit
-of each, and as JSON texts what the recording was made with. NetCDF has no complex numbers: there `adc_real` and `adc_imag` stand
-for `adc`.
+The folder is a group of arrays and attributes, whose checksum detects changes. A file for other programs (MATLAB .mat, HDF5 .h5,
+NetCDF .nc, NumPy .npz) holds `adc` (chirp, antenna, sample), `spectrogram` (velocity_mps, time_s), their axes and units, and, as
+JSON texts, how the recording was made. NetCDF has no complex numbers: there `adc_real` and `adc_imag` replace `adc`.
 """
 
 from __future__ import annotations
@@ -34,22 +33,22 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FORMAT = 4
-"""Format of the folders that `save` writes; `load` refuses others."""
+"""Format of the folders that `save` writes; `load` refuses any other."""
 MADE_BY = "t2d-rt"
-"""The mark of a result; only what carries it is replaced."""
+"""Mark of a folder that this package wrote; only folders with it are ever replaced."""
 UNMARKED_FORMATS = ("1", "2")
-"""Formats from before that mark, which are known by their attributes."""
+"""Formats from before that mark; such folders are recognised by their attributes."""
 ARRAYS = (NAME, "spectrogram", "chirp_time_s", "sample_time_s", "velocity_mps", "time_s")
 INPUTS = "inputs"
-"""Folder of the arrays that the experiment names."""
+"""Name of the folder for arrays that the experiment refers to."""
 PARTS = "parts"
-"""Folder of the parts that a recording was split into."""
+"""Name of the folder for the parts into which a recording was split."""
 FILES = re.compile(
     rf"zarr\.json|{INPUTS}/[0-9a-f]{{32}}\.npz|{PARTS}/\d+\.npz|({'|'.join(ARRAYS)})/(zarr\.json|c(/\d+)*)"
 )
-"""Files that a result's folder holds, by their paths within it."""
+"""Pattern for the files in a recording's folder, by their paths within it."""
 LARGEST_METADATA_BYTES = 64 * 2**20
-"""Greatest size of a result's zarr.json, which holds its settings."""
+"""Greatest size of a recording's zarr.json, which holds its settings [bytes]."""
 
 
 def write_folder(
@@ -60,15 +59,15 @@ def write_folder(
     inputs: Inputs,
     parts: Mapping[str, DiskCube],
 ) -> None:
-    """A new folder of the cube, the `labelled` spectrogram and axes with all attributes, the inputs and the parts; `adc` are the
-    cube's own attributes."""
+    """Writes a new folder with the cube, the `labelled` spectrogram and axes with all attributes, the inputs and the parts; `adc`
+    are the attributes of the cube."""
     samples, digest = new_array(folder, cube.shape), hashlib.sha256()
     for rows, block in row_blocks(cube):
         samples[rows] = block
         digest.update(np.ascontiguousarray(block, np.complex64).view(np.uint8).data)
     samples.attrs.update({**adc, "sha256": digest.hexdigest()})
     with warnings.catch_warnings():
-        # Without consolidated metadata a plain xarray.open_zarr warns, with it the writer does; both can do either.
+        # Without consolidated metadata a plain xarray.open_zarr warns, with it the writer does; both can read either.
         warnings.filterwarnings("ignore", message="Consolidated metadata is currently not part")
         labelled.to_zarr(folder, mode="a", consolidated=True, write_empty_chunks=True)
     if inputs:
@@ -83,19 +82,19 @@ def write_folder(
 
 
 def read_folder(source: Path) -> dict[str, Any]:
-    """What `write_folder` wrote, whole and unchanged: the arguments of a `Recording` by their names."""
+    """Arguments of a `Recording` from a folder that `write_folder` wrote; refuses one that is incomplete or was changed."""
     while True:
         before = _state(source)
         try:
             return _read(source)
         except InputError:
-            if _state(source) == before:  # else it was replaced while it was read
+            if _state(source) == before:  # unchanged state: the folder was not replaced while it was read
                 raise
 
 
 def _read(source: Path) -> dict[str, Any]:
     if not source.is_dir():
-        with suppress(OSError):  # a folder that is not there, or may only be read
+        with suppress(OSError):  # the folder may be missing, or not writable
             settle(source)
     if not source.is_dir():
         raise InputError(f"{source} is not a result folder; give a .zarr folder that `simulate` wrote")
@@ -124,12 +123,12 @@ def _read(source: Path) -> dict[str, Any]:
         return contents
     except InputError:
         raise
-    except Exception as error:  # files of any content
+    except Exception as error:  # a damaged file may raise anything
         raise not_a_result(source, error) from error
 
 
 def json_text(name: str, values: Mapping[str, Any]) -> str:
-    """Values as JSON text that is stored with a result."""
+    """Values as JSON text for the attributes of a recording; an InputError calls them by `name`."""
     try:
         return json.dumps(values)
     except (TypeError, ValueError) as error:
@@ -137,18 +136,18 @@ def json_text(name: str, values: Mapping[str, Any]) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Numbers and lists in place of NumPy's, which JSON does not take."""
+    """Converts NumPy numbers and arrays to numbers and lists, which JSON accepts."""
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
 
 
 def not_a_result(source: Path, error: Exception) -> InputError:
-    """The error of a folder in which something is missing or is not what it should be."""
+    """The error for a folder in which something is missing or wrong."""
     reason = f"no {error}" if isinstance(error, KeyError) else error
     return InputError(f"{source} does not hold a t2d-rt result ({reason}); simulate it again")
 
 
 def check_free(target: Path, *, overwrite: bool) -> None:
-    """Refuses a place for a result that is taken or cannot be written, before any work is done."""
+    """Refuses a path for a recording that exists or cannot be written, before any work is done."""
     if target.is_file():
         raise InputError(f"{target} is a file and a result is a folder; choose another name")
     check_place(target, overwrite=overwrite)
@@ -156,7 +155,8 @@ def check_free(target: Path, *, overwrite: bool) -> None:
 
 
 def check_replaceable(target: Path, picture: Path | None = None, *, overwrite: bool) -> None:
-    """Refuses what exists, unless `overwrite` and it is a result and holds nothing else; and a picture that exists, likewise."""
+    """Refuses a path that exists, unless `overwrite` is set and it is the folder of a recording and holds nothing else; likewise a
+    picture that exists."""
     for place in (target, picture):
         if place is not None:
             check_taken(place, overwrite=overwrite)
@@ -180,7 +180,8 @@ def check_replaceable(target: Path, picture: Path | None = None, *, overwrite: b
 
 
 def _state(folder: Path) -> tuple[int, ...] | None:
-    """What identifies a folder: it changes when the folder is replaced or written to."""
+    """Identity of a folder (device, inode, time of modification), which changes when it is replaced or written to; None if there is
+    none."""
     try:
         status = folder.stat()
     except OSError:
@@ -189,7 +190,7 @@ def _state(folder: Path) -> tuple[int, ...] | None:
 
 
 def _metadata(folder: Path) -> dict[str, Any]:
-    """The group's zarr.json, which holds the arrays' too."""
+    """The zarr.json of the group, with the metadata of the arrays."""
     path = folder / "zarr.json"
     if not path.is_file() or path.stat().st_size > LARGEST_METADATA_BYTES:
         raise ValueError("its zarr.json is missing or too large")
@@ -200,12 +201,13 @@ def _metadata(folder: Path) -> dict[str, Any]:
 
 
 def _checksum(folder: Path, metadata: Mapping[str, Any]) -> str:
-    """Checksum of the metadata without itself, and of all other files but the samples, whose checksum the metadata hold."""
+    """Checksum of the metadata, without this checksum itself, and of all files except the samples, whose own checksum is part of
+    the metadata."""
     attributes = {name: value for name, value in metadata["attributes"].items() if name != "checksum"}
     digest = hashlib.sha256(json.dumps({**metadata, "attributes": attributes}, sort_keys=True).encode())
     files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if not path.is_dir()}
     for name in sorted(files):
-        hidden = name.rpartition("/")[2].startswith(".")  # file systems and desktops leave such
+        hidden = name.rpartition("/")[2].startswith(".")  # file systems and desktops leave hidden files
         if name == "zarr.json" or name.startswith(f"{NAME}/c/") or hidden:
             continue
         if not files[name].is_file():
@@ -216,7 +218,7 @@ def _checksum(folder: Path, metadata: Mapping[str, Any]) -> str:
 
 
 def _sha256(cube: Cube) -> str:
-    """Checksum of all samples, in order."""
+    """Checksum of all samples in order."""
     digest = hashlib.sha256()
     for _, block in row_blocks(cube):
         digest.update(np.ascontiguousarray(block).view(np.uint8).data)
@@ -224,12 +226,13 @@ def _sha256(cube: Cube) -> str:
 
 
 LARGEST_BYTES = {".mat": 2**31 - 2**10, ".nc": 2 * (2**32 - 2**10)}
-"""Of a cube: MATLAB's variables have up to 2 GiB in files before version 7.3 (its manual, "MAT-File Versions"), those of NetCDF-3,
-one for each part of a complex number, less than 4 GiB."""
+"""Greatest size of a cube [bytes]: MATLAB's variables have up to 2 GiB in files before version 7.3 (its manual, "MAT-File
+Versions"), those of NetCDF-3, one each for real and imaginary parts, less than 4 GiB."""
 
 
 def check_export(path: str | Path, cube: Cube, *, overwrite: bool) -> Path:
-    """The place for the file, if its ending is known, the cube goes into it, and it may be written."""
+    """The path for an exported file; refuses an unknown ending, a cube too large for the format, and a path that cannot be
+    written."""
     target = file_path("path", path).resolve()
     flag("overwrite", overwrite)
     kind = target.suffix.lower()
@@ -252,7 +255,8 @@ def check_export(path: str | Path, cube: Cube, *, overwrite: bool) -> Path:
 def write_export(
     target: Path, cube: Cube, labelled: xr.Dataset, attributes: Mapping[str, str], *, overwrite: bool
 ) -> None:
-    """Writes the cube, and the labelled arrays and axes with the units in their attributes; a failure changes nothing."""
+    """Writes the cube, and the labelled arrays and axes with their units, to a file for other programs; an error leaves an existing
+    file unchanged."""
     with writing(target, overwrite=overwrite) as new:
         WRITERS[target.suffix.lower()](new, cube, labelled, attributes)
 
@@ -262,7 +266,7 @@ def _units(labelled: xr.Dataset) -> dict[str, str]:
 
 
 def _write_mat(new: Path, cube: Cube, labelled: xr.Dataset, attributes: Mapping[str, str]) -> None:
-    """MATLAB 5: arrays by their names, `units` and `attributes` as structures of texts."""
+    """MATLAB 5 file: arrays by their names; `units` and `attributes` as structures of texts."""
     from scipy.io import savemat
 
     arrays = {str(name): array.values for name, array in labelled.variables.items()}
@@ -271,7 +275,7 @@ def _write_mat(new: Path, cube: Cube, labelled: xr.Dataset, attributes: Mapping[
 
 
 def _write_netcdf(new: Path, cube: Cube, labelled: xr.Dataset, attributes: Mapping[str, str]) -> None:
-    """NetCDF-3 with 64-bit offsets, which needs no further library."""
+    """NetCDF-3 file with 64-bit offsets, which needs no further library."""
     whole = np.asarray(cube)
     parts = {
         f"{NAME}_{word}": (DIMENSIONS, part, {"units": "sqrt(W)"})
@@ -282,7 +286,7 @@ def _write_netcdf(new: Path, cube: Cube, labelled: xr.Dataset, attributes: Mappi
 
 
 def _write_npz(new: Path, cube: Cube, labelled: xr.Dataset, attributes: Mapping[str, str]) -> None:
-    """Arrays by their names, `units` and `attributes` as JSON texts; the cube block by block."""
+    """NumPy .npz file: arrays by their names; `units` and `attributes` as JSON texts; the cube is written block by block."""
     with zipfile.ZipFile(new, "w", allowZip64=True) as archive:
         header = {"descr": np.lib.format.dtype_to_descr(DTYPE), "fortran_order": False, "shape": tuple(cube.shape)}
         with archive.open(f"{NAME}.npy", "w", force_zip64=True) as file:
@@ -297,7 +301,8 @@ def _write_npz(new: Path, cube: Cube, labelled: xr.Dataset, attributes: Mapping[
 
 
 def _write_hdf5(new: Path, cube: Cube, labelled: xr.Dataset, attributes: Mapping[str, str]) -> None:
-    """HDF5 with dimension scales; the cube block by block, complex as h5py has it (a compound of r and i)."""
+    """HDF5 file with dimension scales; the cube is written block by block, complex numbers as h5py stores them (a compound of r and
+    i)."""
     units = _units(labelled)
     with _h5py().File(new, "w") as file:
         file.attrs.update(attributes)
@@ -305,7 +310,7 @@ def _write_hdf5(new: Path, cube: Cube, labelled: xr.Dataset, attributes: Mapping
         for rows, block in row_blocks(cube):
             samples[rows] = block
         for name, array in labelled.variables.items():
-            values = array.values if array.dtype.kind != "U" else array.values.astype(object)  # h5py's texts
+            values = array.values if array.dtype.kind != "U" else array.values.astype(object)  # h5py's form of texts
             file.create_dataset(str(name), data=values)
         dimensions = {NAME: DIMENSIONS} | {str(name): array.dims for name, array in labelled.variables.items()}
         for name in labelled.coords:
@@ -336,4 +341,4 @@ WRITERS: dict[str, Callable[[Path, Cube, xr.Dataset, Mapping[str, str]], None]] 
     ".nc": _write_netcdf,
     ".npz": _write_npz,
 }
-"""Functions that write a file for other programs, by its ending."""
+"""Functions that write files for other programs, by file ending."""

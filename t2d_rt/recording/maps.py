@@ -1,4 +1,5 @@
-"""Maps of a recording as its spectrogram is made, with the same MTI and windows, and the learned background in the spectrogram."""
+"""Maps of a recording with the options of its spectrogram (MTI, windows, range gate), and the learned background in the
+spectrogram."""
 
 from __future__ import annotations
 
@@ -24,9 +25,9 @@ from t2d_rt.signal.maps import RangeAngle, RangeDoppler, RangeTime, Spectrogram
 from t2d_rt.types import Radar
 
 GHOSTS = 15
-"""Most paths that are marked on a map."""
+"""Greatest number of paths that are marked on a map."""
 APART_PT = 11.0
-"""Distance between the middles of numbers beside marks [pt], which are 7 pt high."""
+"""Least distance of the numbers beside marks [pt]; they are 7 pt high."""
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,30 +37,30 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Maps:
-    """Maps of a cube with the options of its spectrogram."""
+    """Maps of an ADC cube, made with the options of its spectrogram."""
 
     cube: Cube
     radar: Radar
     processing: Mapping[str, Any]
-    """Options of `signal.spectrogram`."""
+    """Options of `signal.spectrogram` that were given."""
     mti: str
 
     def range_time(self) -> RangeTime:
-        """Range over time, in the columns of the spectrogram."""
+        """Power over range and time, in the columns of the spectrogram."""
         n_window, overlap = self._columns()
         return range_time(
             self.cube, self.radar, range_window=self._range_window(), n_window=n_window, overlap=overlap, **self._mti()
         )
 
     def range_doppler_at(self, time_s: float | None, interval_s: float | None) -> tuple[RangeDoppler, float, float]:
-        """Range-Doppler map of one coherent interval, and the interval's middle and length [s]."""
+        """Range-Doppler map of one coherent interval; also the middle and the length of the interval [s]."""
         part, radar, middle_s, length_s = self._interval(time_s, interval_s)
         return range_doppler(part, radar, range_window=self._range_window()), middle_s, length_s
 
     def range_angle(
         self, time_s: float | None, interval_s: float | None, options: Mapping[str, Any]
     ) -> tuple[RangeAngle, float, float]:
-        """Range-azimuth map of one coherent interval by an antenna array, and the interval's middle and length [s]."""
+        """Range-azimuth map of one coherent interval of an antenna array; also the middle and the length of the interval [s]."""
         if not np.ptp(self.radar.virtual_offsets_m[:, 1]) > 1e-3 * self.radar.wavelength_m:
             raise InputError(
                 f"azimuths need antennas side by side, and this radar has {self.radar.antennas} above one another or alone; "
@@ -70,7 +71,7 @@ class Maps:
         return range_angle(part, radar, mti="none", **options), middle_s, length_s
 
     def _interval(self, time_s: float | None, interval_s: float | None) -> tuple[np.ndarray, Radar, float, float]:
-        """Rows of one coherent interval after MTI, their radar, middle and length [s]."""
+        """Rows of the cube in one coherent interval after MTI, their radar, and the interval's middle and length [s]."""
         interval = self.radar.separated.loop_interval_s
         if interval_s is None:
             chirps, _ = self._columns()
@@ -80,7 +81,8 @@ class Maps:
         return part, radar, middle_s, chirps * interval
 
     def range_doppler_over(self, times_s: np.ndarray) -> tuple[np.ndarray, RangeDoppler]:
-        """Range-Doppler maps of intervals as long as the spectrogram's windows about these times, and the middles of these [s]."""
+        """Range-Doppler maps at the given times, of intervals as long as the spectrogram's windows; also the middles of the
+        intervals [s]."""
         n_window, _ = self._columns()
         return range_doppler_over(
             self.cube,
@@ -100,7 +102,7 @@ class Maps:
         }
 
     def _columns(self) -> tuple[int, int]:
-        """Window and overlap of the spectrogram."""
+        """Window and overlap of the spectrogram, in chirps."""
         radar, chirps = self.radar.separated, len(self.cube)
         rows = chirps // len(self.radar.tx_offsets_m) if self.radar.multiplexing == "ddm" else chirps
         n_window, overlap = (self.processing.get(name) for name in ("n_window", "overlap"))
@@ -108,7 +110,8 @@ class Maps:
 
 
 def labelled_map(name: str, result: Any, attributes: Mapping[str, str]) -> xr.DataArray:
-    """Levels of a map [dB re 1 W] with their axes, which are the fields of the map in order."""
+    """A map as levels [dB re 1 W] with axes; the fields of `result` are the power and then the axes, in the order of its
+    dimensions."""
     axes = {field.name: getattr(result, field.name) for field in fields(result) if field.name != "power"}
     return labelled(name, decibel(result.power), tuple(axes), axes, {**attributes, "units": "dB re 1 W"})
 
@@ -116,7 +119,7 @@ def labelled_map(name: str, result: Any, attributes: Mapping[str, str]) -> xr.Da
 def labelled(
     name: str, values: Any, dims: tuple[str, ...], axes: Mapping[str, Any], attributes: Mapping[str, str]
 ) -> xr.DataArray:
-    """Values with their axes, each with its unit."""
+    """An xarray.DataArray of values (dims) whose axes carry the units that their names end in."""
     import xarray as xr
 
     array = xr.DataArray(values, dims=dims, coords=axes, name=name, attrs=attributes)
@@ -133,7 +136,7 @@ def draw_map(
     style: StyleOptions,
     paths: xr.Dataset | None = None,
 ) -> Figure | Axes:
-    """A labelled map in a figure of its own, or in axes of the user's, which are returned; with the strongest of `paths` marked."""
+    """Draws a labelled map in a new figure, or into axes `ax`, and returns these; the strongest of `paths` are marked."""
     kind: Any = image.name
     y, x = (image[axis].values for axis in image.dims)
     result = plotted(kind, y, x, image.values, ax, Style(**style), title, note)
@@ -144,13 +147,13 @@ def draw_map(
 
 
 def interval_told(image: xr.DataArray) -> str:
-    """Length and middle of the interval of a map."""
+    """Length and middle of the interval of a map, as words for a title."""
     return f"{1e3 * image.attrs['interval_s']:.3g} ms, its middle at {image.attrs['time_s']:.3f} s"
 
 
 def mark_ghosts(axes: Axes, paths: xr.Dataset, speeds_mps: float) -> None:
-    """Numbers the strongest of the paths at one instant on a range-Doppler map that shows them, and names them below it; speeds are
-    folded into the map's, which are `speeds_mps` wide, and what is not marked is told."""
+    """Marks the strongest paths at one instant on a range-Doppler map with numbers, and lists their names below it. Speeds are
+    aliased into the `speeds_mps` that the map spans; a note says which paths are not marked."""
     range_m, speed_mps = 0.5 * SPEED_OF_LIGHT * paths.delay_s.values[..., 0], paths.speed_mps.values[..., 0]
     folded_mps = (speed_mps + speeds_mps / 2) % speeds_mps - speeds_mps / 2
     (left, right), (low, high) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
@@ -200,10 +203,10 @@ def mark_ghosts(axes: Axes, paths: xr.Dataset, speeds_mps: float) -> None:
 
 
 def _beside(axes: Axes, places: np.ndarray) -> list[np.ndarray]:
-    """Where the number of each of the marks (mark, 2) stands from it [points], (2,): the nearest spot about it at which there is no
-    other mark, no other number and no edge of the axes."""
+    """Offset (2,) [points] of the number beside each mark (mark, 2): the nearest position without another mark, another number or
+    the edge of the axes."""
     figure: Any = axes.figure.canvas.figure
-    figure.draw_without_rendering()  # a layout sets the axes' size
+    figure.draw_without_rendering()  # the layout determines the size of the axes
     to_points = 72 / figure.dpi
     marks, box = axes.transData.transform(places) * to_points, axes.get_window_extent().get_points() * to_points
     occupied, offsets = list(marks), []
@@ -222,7 +225,8 @@ def _beside(axes: Axes, places: np.ndarray) -> list[np.ndarray]:
 
 
 BAND = 0.05
-"""By how much the carrier may differ from that of the recordings that a model was learned from."""
+"""Greatest relative difference between the carrier of a recording and that of the recordings from which a background was
+learned."""
 
 
 def background_settings(
@@ -260,12 +264,12 @@ def background_settings(
 
 
 def background_power(image: Spectrogram, settings: Mapping[str, Any]) -> np.ndarray:
-    """Power [W] of a spectrogram with the background of a recording's settings."""
+    """Power [W] of a spectrogram plus the background that a recording's settings describe."""
     return add_background(image.power, background(image.velocity_mps, image.time_s, settings), settings["level_db"])
 
 
 def background(velocity_mps: np.ndarray, time_s: np.ndarray, settings: Mapping[str, Any]) -> Background:
-    """The background of a recording's settings by itself, on the axes of a spectrogram."""
+    """The background that a recording's settings describe, alone, on the axes of a spectrogram."""
     learned = load_background(settings["model"])
     if learned.digest != settings["digest"]:
         raise InputError(
@@ -277,7 +281,7 @@ def background(velocity_mps: np.ndarray, time_s: np.ndarray, settings: Mapping[s
 
 
 def check_axes(model: str | Path, radar: Radar, processing: Mapping[str, Any]) -> None:
-    """Refuses a radar and options of the spectrogram whose axes the model cannot serve, before anything is simulated."""
+    """Refuses a radar and spectrogram options whose axes the background model does not support, before anything is simulated."""
     radar = radar.separated
     plenty = radar.loops_per_frame or 1 << 20
     options = [processing.get(name) for name in ("n_window", "overlap", "n_fft")]

@@ -1,4 +1,5 @@
-"""The parts of a recording: what each segment, path pair, target or number of bounces returned, and which of them make a cell."""
+"""The parts of a recording: the echoes of each segment, path pair, target or number of bounces, and which of them dominate a
+cell."""
 
 from __future__ import annotations
 
@@ -36,17 +37,18 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     **{f"{name}s": (f"left_{name}", f"right_{name}") for name in ("thigh", "shank")},
     "feet": ("left_foot", "right_foot"),
 }
-"""Limbs, by which the segments of a body are put together in pictures."""
+"""Limbs, into which the segments of a body are grouped for pictures."""
 NONE = "the recording has no parts; simulate with split='segment', 'path', 'target' or 'bounce'"
 
 MOST_POSES = 24
-"""Bodies above one spectrogram."""
+"""Greatest number of bodies drawn above one spectrogram."""
 
 
 class Parts(Mapping[str, "Recording"]):
-    """The parts of a recording by name, each a recording without the receiver's noise; they add up to the echoes of the whole.
+    """The parts of a recording by name. Each is a recording without receiver noise, and together they add up to the echoes of the
+    whole.
 
-    Samples of a part are made when they are read. Maps of the parts are stacked along an axis `part`.
+    Samples of a part are computed when they are read. Maps of the parts are stacked along an axis `part`.
     """
 
     def __init__(self, whole: Recording, cubes: Mapping[str, DiskCube]) -> None:
@@ -72,7 +74,7 @@ class Parts(Mapping[str, "Recording"]):
 
     @property
     def cubes(self) -> dict[str, DiskCube]:
-        """ADC cubes by the parts' names."""
+        """ADC cube of each part by the part's name."""
         return dict(self._cubes)
 
     def grouped(self, groups: Mapping[str, Sequence[str]] = GROUPS) -> Parts:
@@ -86,11 +88,11 @@ class Parts(Mapping[str, "Recording"]):
         return Parts(self._whole, cubes)
 
     def members(self, groups: Mapping[str, Sequence[str]] = GROUPS) -> dict[str, list[str]]:
-        """The parts that each group holds, by its name; those in no group by their own."""
+        """Names of the parts in each group, by the group's name; a part in no group is a group by itself."""
         if groups is not GROUPS:
             self._check(groups)
         members_by_group: dict[str, list[str]] = {}
-        # Where there are several targets, the name of each stands before its segments.
+        # Where there are several targets, the name of each stands before the names of its segments.
         whose = dict.fromkeys(cube.rpartition(": ")[0] for cube in self._cubes)
         for target, (name, members) in itertools.product(whose, groups.items()):
             before = f"{target}: " if target else ""
@@ -105,7 +107,7 @@ class Parts(Mapping[str, "Recording"]):
         return members_by_group | single_parts
 
     def _check(self, groups: Any) -> None:
-        """Refuses groups that are no texts, name what is no part, or hold a part twice."""
+        """Refuses groups that are not names, that name an unknown part, or that hold a part twice."""
         instance("groups", groups, Mapping, "a mapping of names to lists of parts")
         part_names = {cube.rpartition(": ")[2] for cube in self._cubes} | self._cubes.keys()
         held: set[str] = set()
@@ -122,17 +124,18 @@ class Parts(Mapping[str, "Recording"]):
 
     @property
     def spectrogram(self) -> xr.DataArray:
-        """Spectrograms of the parts, power [dB re 1 W] (part, velocity_mps, time_s), as the whole's is made."""
+        """Spectrograms of the parts, power [dB re 1 W] (part, velocity_mps, time_s), with the options of the whole recording."""
         if self._spectrogram is None:
             self._spectrogram = self._stacked([part.spectrogram for part in self.values()])
         return self._spectrogram
 
     @property
     def contributions(self) -> xr.DataArray:
-        """What each part adds to the power of the whole's spectrogram [W], (part, velocity_mps, time_s); all of them add up to it.
+        """Contribution of each part to the power of the whole spectrogram [W], (part, velocity_mps, time_s); all of them add up to
+        it.
 
-        A part's is Re(S_p S*), S_p its short-time spectrum and S that of all echoes: half of what two parts have in common by
-        interference counts for each, and a part that lowers the sum adds less than nothing. What the receiver adds to the power of
+        The contribution of a part is Re(S_p S*), S_p its short-time spectrum and S that of all echoes: each of two parts gets half
+        of their interference, and a part that lowers the sum has a negative contribution. What the receiver adds to the power of
         the echoes is a part of its own, `receiver`, and a learned background another, `background`.
         """
         whole = self._whole
@@ -161,13 +164,13 @@ class Parts(Mapping[str, "Recording"]):
         return labelled("contributions", np.stack([*powers.values()]), ("part", *axes), coordinates, {"units": "W"})
 
     def range_doppler_at(self, time_s: float | None = None, *, interval_s: float | None = None) -> xr.DataArray:
-        """Range-Doppler maps of the parts, power [dB re 1 W] (part, velocity_mps, range_m); options as of `Recording`."""
+        """Range-Doppler maps of the parts, power [dB re 1 W] (part, velocity_mps, range_m); options as in `Recording`."""
         return self._stacked([part.range_doppler_at(time_s, interval_s=interval_s) for part in self.values()])
 
     def range_angle(
         self, time_s: float | None = None, *, interval_s: float | None = None, **options: Any
     ) -> xr.DataArray:
-        """Range-azimuth maps of the parts, power [dB re 1 W] (part, range_m, azimuth_rad); options as of `Recording`."""
+        """Range-azimuth maps of the parts, power [dB re 1 W] (part, range_m, azimuth_rad); options as in `Recording`."""
         return self._stacked([part.range_angle(time_s, interval_s=interval_s, **options) for part in self.values()])
 
     def levels(self, start_s: float = 0.0, stop_s: float | None = None) -> xr.Dataset:
@@ -197,10 +200,10 @@ class Parts(Mapping[str, "Recording"]):
         return xr.Dataset({"level_db": of_parts, "strongest_fraction": ("part", fractions)}, {"part": list(self)})
 
     def strongest(self, velocity_mps: float, time_s: float) -> xr.Dataset:
-        """What makes a cell of the spectrogram: the parts, strongest first, with `level_db` [dB re 1 W] of each in the nearest cell
-        and `relative_db` [dB] to that of the whole there.
+        """The parts in a cell of the spectrogram, strongest first: `level_db` [dB re 1 W] of each in the nearest cell, and
+        `relative_db` [dB] relative to the whole recording there.
 
-        Parts interfere: one may be stronger than the whole, whose level is the attribute `level_db`.
+        Parts interfere, so that one may be stronger than the whole, whose level is the attribute `level_db`.
         """
         import xarray as xr
 
@@ -255,7 +258,7 @@ def poses_of(model: Model, split: Any, members: Mapping[str, Sequence[str]], cou
         corners.append((solid.vertices_at(first + times_s) @ axes.T)[:, solid.faces])
     corners_m = np.concatenate(corners, axis=1)
     across = corners_m[..., 0]
-    across -= (across.max(axis=(1, 2)) + across.min(axis=(1, 2)))[:, None, None] / 2  # each above its own time
+    across -= (across.max(axis=(1, 2)) + across.min(axis=(1, 2)))[:, None, None] / 2  # each one above its own time
     corners_m[..., 2] -= corners_m[..., 2].min()
     return Poses(times_s=times_s, corners_m=corners_m, parts=names)
 
@@ -270,7 +273,7 @@ def _rows(cube: DiskCube) -> ProductRows:
 
 
 def write_parts(folder: Path, cubes: Mapping[str, DiskCube]) -> None:
-    """One .npz file for each part: its products, from which its samples are made."""
+    """Writes one .npz file for each part, with the products from which its samples are computed."""
     folder.mkdir()
     for place, (name, cube) in enumerate(cubes.items()):
         arrays: dict[str, Any] = {"name": np.array(name), **_rows(cube).arrays()}
@@ -278,7 +281,7 @@ def write_parts(folder: Path, cubes: Mapping[str, DiskCube]) -> None:
 
 
 def read_parts(folder: Path) -> dict[str, DiskCube]:
-    """The cubes of the parts that `write_parts` wrote, by their names."""
+    """The cubes of the parts by name, as `write_parts` wrote them."""
     cubes: dict[str, DiskCube] = {}
     scratch = ScratchFile()
     for path in sorted(folder.glob("[0-9]*.npz"), key=lambda file_path: int(file_path.stem)):

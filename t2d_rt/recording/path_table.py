@@ -1,4 +1,4 @@
-"""The paths to the targets as a table: delay, length, speed, level, directions, and what each meets and where (docs/rooms.md)."""
+"""The paths to the targets as a table: delay, length, speed, level, directions, and the surfaces on each path (docs/rooms.md)."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PATHS_RATE_HZ = 25.0
-"""Rate of the table where no times are given: visibility is sampled as often."""
+"""Rate of the table where no times are given [Hz]: that at which visibility is sampled."""
 SCREEN_ROWS = 20
-"""Rows of the table on a screen for each target."""
+"""Greatest number of rows for each target when the table is printed."""
 STEP_S = 1e-4
-"""Half the time over which speeds are taken."""
+"""Half the time over which speeds are computed as differences [s]."""
 VARIABLES = (
     "delay_s", "length_m", "speed_mps", "level_dbm", "departure_azimuth_rad", "departure_elevation_rad", "arrival_azimuth_rad",
     "arrival_elevation_rad", "blocked",
 )  # fmt: skip
-"""Over target, path pair and time; the points that a pair runs over are beside them."""
+"""Variables over target, path pair and time; the vertices of the paths are stored in addition."""
 
 
 class Nearby(NamedTuple):
-    """Something at instants, a little earlier and a little later."""
+    """The same quantity at some instants, a little earlier and a little later, to compute its rate of change."""
 
     now: np.ndarray
     earlier: np.ndarray
@@ -46,7 +46,7 @@ class Nearby(NamedTuple):
 
     @classmethod
     def instants(cls, times_s: np.ndarray, span_s: tuple[float, float]) -> Nearby:
-        """Instants of a record (K,) [s] and those `STEP_S` before and after, none of them outside the record."""
+        """Instants of a record (K,) [s] and those `STEP_S` before and after them, all within the record."""
         return cls(*(np.clip(times_s + step, 0.0, span_s[1] - span_s[0]) for step in (0.0, -STEP_S, STEP_S)))
 
 
@@ -95,13 +95,13 @@ def path_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = No
 
 
 def pairs_of(model: Model, accuracy: Accuracy) -> list[PathPair]:
-    """The path pairs that have echoes, strongest first; in free space the direct one alone."""
+    """The path pairs that have echoes, strongest first; in free space the direct pair alone."""
     chosen = model.pairs(accuracy)
     return [PathPair(out=sight(model, 0), back=sight(model, 1))] if chosen is None else chosen.switched_on
 
 
 def sight(model: Model, end: int) -> OneWayPath:
-    """The line of sight from the transmitters' centre, end 0, or the receivers', end 1."""
+    """The line of sight from the centre of the transmitters (end 0) or of the receivers (end 1)."""
     radar = model.radar
     place, angle_deg = (
         (radar.tx_position_m, radar.tx_polarization_deg),
@@ -112,18 +112,18 @@ def sight(model: Model, end: int) -> OneWayPath:
 
 
 def record_times(span_s: tuple[float, float], rate_hz: float) -> np.ndarray:
-    """Instants of a record at a rate [s], (K,), from 0 to no later than its end."""
+    """Evenly spaced instants of a record [s], (K,), from 0 up to its end."""
     return np.arange(int((span_s[1] - span_s[0]) * rate_hz + 1e-6) + 1) / rate_hz
 
 
 def target_names(targets: Sequence[Target]) -> list[str]:
-    """A name of each target, that of its body or mesh; "adult", "adult 2" where two have the same."""
+    """A distinct name for each target: that of its body or mesh, with a number if needed ("adult", "adult 2")."""
     return numbered(target.template if target.mesh is None else target.mesh.name for target in targets)
 
 
 def reference_points(model: Model, times_s: np.ndarray) -> np.ndarray:
-    """One point of each target at instants of the record (K,) [s], (target, K, 3) m: the pelvis of a motion, the mean of a mesh's
-    vertices or of ellipsoids' centres."""
+    """Reference point of each target at instants of the record (K,) [s], (target, K, 3) m: the pelvis of a motion, the mean of a
+    mesh's vertices or of the centres of ellipsoids."""
     at_s = np.clip(model.span_s[0] + times_s, *model.span_s)
     return np.stack(
         [
@@ -136,7 +136,7 @@ def reference_points(model: Model, times_s: np.ndarray) -> np.ndarray:
 
 
 def mean_range_m(radar: Radar, points: np.ndarray) -> np.ndarray:
-    """The mean of the distances of points (..., 3) from the transmitters' and from the receivers' centre [m], (...)."""
+    """Mean of the distances of points (..., 3) from the centres of the transmitters and of the receivers [m], (...)."""
     return np.mean(
         [np.linalg.norm(points - place, axis=-1) for place in (radar.tx_position_m, radar.rx_position_m)], axis=0
     )
@@ -145,15 +145,15 @@ def mean_range_m(radar: Radar, points: np.ndarray) -> np.ndarray:
 def speeds_and_ranges(
     model: Model, points_at: Callable[[np.ndarray], np.ndarray], times_s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Speeds, positive = approaching [m/s], and ranges [m] at instants of the record (K,) of points (K, N, 3) that are given at
-    times of the model's clock, (K, N) each."""
+    """Speeds (positive = approaching) [m/s] and ranges [m], (K, N) each, at instants of the record (K,) of points that `points_at`
+    gives, (K, N, 3), at times on the model's clock."""
     _, *sides_s = Nearby.instants(times_s, model.span_s)
     before, after = (mean_range_m(model.radar, points_at(model.span_s[0] + side_s)) for side_s in sides_s)
     return (before - after) / (sides_s[1] - sides_s[0])[:, None], (before + after) / 2
 
 
 def seen_from_radar(radar: Radar, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Azimuth, left > 0, and elevation [rad] (...) of directions (..., 3) in the world."""
+    """Azimuth (left > 0) and elevation [rad], (...) each, of directions (..., 3) in the world as seen from the radar."""
     ahead, left, up = np.moveaxis(directions @ radar.axes.T, -1, 0)
     return np.arctan2(left, ahead), np.arctan2(up, np.hypot(ahead, left))
 
@@ -161,7 +161,7 @@ def seen_from_radar(radar: Radar, directions: np.ndarray) -> tuple[np.ndarray, n
 def _rows(
     model: Model, pairs: Sequence[PathPair], points: np.ndarray, velocity: np.ndarray, at: Nearby
 ) -> dict[str, list[np.ndarray]]:
-    """Of each pair all but the points it runs over at times [s], arrays (target, time)."""
+    """The `VARIABLES` of each pair at the times `at`, lists over pairs of arrays (target, time)."""
     in_time, apart_s = points.swapaxes(0, 1), (at.later - at.earlier)[:, None]
     radar, arrivals = model.radar, ArrivingFields.of(model.radar, pairs, in_time, at.now, frequencies=1)
     one_way = {path.key: path for pair in pairs for path in (pair.out, pair.back)}
@@ -208,8 +208,8 @@ def _rows(
 def _polylines(
     pairs: Sequence[PathPair], points: np.ndarray, at_s: np.ndarray, arriving: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points (target, pair, time, point, 3) of the pairs, NaN where they are not `there` and beyond their last one, and what they
-    meet (pair, point), "" beyond the last one."""
+    """Vertices (target, pair, time, point, 3) of the pairs, NaN where a path does not exist and after its last vertex; and the
+    names of what is at each vertex (pair, point), "" after the last one."""
     in_time = points_in_scene(pairs[0].out.passing, points.swapaxes(0, 1), at_s)
     courses = [[*pair.out.chain, "target", *pair.back.chain[::-1]] for pair in pairs]
     longest = max(len(course) for course in courses) + 2
@@ -227,8 +227,8 @@ def _polylines(
 
 
 def csv_text(table: xr.Dataset) -> str:
-    """The table as CSV, a row for each target, path pair and instant at which there is a path; its columns are the variables, then
-    x, y and z of each point."""
+    """The table as CSV text with a row for each target, path pair and instant at which the path exists; columns are the variables,
+    then x, y and z of each vertex."""
     columns = list(VARIABLES)
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
@@ -253,7 +253,7 @@ def _number(value: float) -> str:
 
 
 def screen_text(table: xr.Dataset) -> str:
-    """The strongest pairs to each target at the table's first instant, as lines for people: levels in dBm, angles in degrees."""
+    """The strongest pairs to each target at the first instant of the table, as text: levels in dBm, angles in degrees."""
     at = table.isel(time_s=0)
     lines = []
     for target in at.target.values.tolist():
@@ -283,7 +283,7 @@ def screen_text(table: xr.Dataset) -> str:
 
 
 def checked_times(model: Model, times_s: Any) -> np.ndarray | None:
-    """Instants within the record [s], (K,); None where none are given."""
+    """Checked instants within the record [s], (K,); None where none are given."""
     if times_s is None:
         return None
     times = np.atleast_1d(array("times_s", times_s))

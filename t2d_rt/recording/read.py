@@ -1,4 +1,4 @@
-"""Recordings from files, simulated or measured."""
+"""Reads recordings, simulated or measured, from files."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ if TYPE_CHECKING:
 
 
 def cube_size(shape: tuple[int, ...], radar: Radar) -> str:
-    """Size and duration of a cube (chirp, antenna, sample)."""
+    """Shape and duration of a cube (chirp, antenna, sample), as text."""
     chirps, antennas, samples = shape
     last_s = float(radar.chirp_starts_s(chirps)[-1]) if chirps else 0.0
     plural = "" if antennas == 1 else "s"
@@ -70,13 +70,14 @@ def cube_size(shape: tuple[int, ...], radar: Radar) -> str:
 
 
 def made_with(settings: Mapping[str, Any], *, measured: bool) -> str:
-    """Method, scene, error and SNR, as far as the settings tell them; else whether the recording was measured."""
+    """A short text on how a recording was made: method, scene, error and SNR as far as the settings have them, or that it was
+    measured."""
     parts = [str(settings[name]) for name in ("method", "scene") if name in settings]
     if settings.get("error_db") is not None:
         parts.append(f"measured error {settings['error_db']:.1f} dB")
     if (
         settings.get("snr_db") is not None and settings.get("noise_dbm") is not None
-    ):  # earlier versions had one over white noise
+    ):  # recordings of earlier versions have an SNR relative to white noise alone
         parts.append(f"SNR {settings['snr_db']:.1f} dB")
     return printable(", ".join(parts)) or ("measured" if measured else "simulated")
 
@@ -84,7 +85,7 @@ def made_with(settings: Mapping[str, Any], *, measured: bool) -> str:
 def at_a_glance(
     shape: tuple[int, ...], radar: Radar, settings: Mapping[str, Any], processing: Mapping[str, Any], *, measured: bool
 ) -> str:
-    """The table that a notebook shows of a recording with a cube of that shape (chirp, antenna, sample)."""
+    """The HTML table by which a notebook shows a recording with a cube of that shape (chirp, antenna, sample)."""
     error = "not measured" if settings.get("error_db") is None else f"{settings['error_db']:.1f} dB"
     pictures = "plot(), plot_range_time(), plot_range_doppler(), view()"
     rows = [
@@ -100,13 +101,13 @@ def at_a_glance(
 
 
 def whole(settings: Mapping[str, Any]) -> None:
-    """Refuses a part of a recording where the whole is asked for."""
+    """Refuses a part of a recording where only a whole recording will do."""
     if "part" in settings:
         raise InputError(f"this is the part {settings['part']} of a recording; take the whole recording")
 
 
 def noise_of(settings: Mapping[str, Any], *, measured: bool) -> str:
-    """Effects of the receiver, and the level of what they add."""
+    """A short text on the receiver: its effects and the level of its noise."""
     if "part" in settings:
         return "none: a part of a recording"
     if "noise" not in settings:
@@ -143,18 +144,18 @@ class Recording:
             check_complex64(cube)
         check_axes(cube.shape, radar)
         self.cube = cube
-        """(chirp, antenna, sample) complex [sqrt(W)]."""
+        """ADC samples (chirp, antenna, sample), complex [sqrt(W)]."""
         self.radar = radar
         if experiment is not None:
             instance("experiment", experiment, Experiment, "an Experiment")
         if accuracy is not None:
             instance("accuracy", accuracy, Accuracy, "an Accuracy")
         self.experiment = experiment
-        """What was simulated; None for a measured recording."""
+        """The experiment that was simulated; None for a measured recording."""
         self.accuracy = accuracy
-        """How finely it was modelled."""
+        """The accuracy with which it was modelled; None for a measured recording."""
         self.inputs = dict(inputs or {})
-        """Arrays that the experiment names, by their hash."""
+        """Arrays to which the experiment refers, by their hash."""
         for name, mapping in (("settings", settings), ("versions", versions), ("processing", processing)):
             if mapping is not None:
                 instance(name, mapping, Mapping, "a mapping of names to values")
@@ -163,7 +164,7 @@ class Recording:
         self.processing = dict(processing or {})
         check_names(self.processing)
         self.parts = Parts(self, parts or {})
-        """What each segment, path pair, target or number of bounces returned, if it was simulated with `split`."""
+        """The parts of the recording (by segment, path pair, target or number of bounces), if it was simulated with `split`."""
         self._spectrogram: xr.DataArray | None = None
 
     def __repr__(self) -> str:
@@ -176,29 +177,33 @@ class Recording:
 
     @property
     def error_db(self) -> float | None:
-        """Error of the targets' field, its energy over that of a converged model's [dB], where it was measured."""
+        """Field error of the targets' echoes [dB]: energy of the difference from a converged model over the energy of the field;
+        None where it was not measured."""
         return self.settings.get("error_db")
 
     @property
     def snr_db(self) -> float | None:
-        """Power of what changes from chirp to chirp in the echoes over that in what the receiver added (`noise_dbm`), in the mean
-        over all samples [dB]; None without noise. Processing raises it by the number of samples that it adds coherently."""
-        # Recordings of earlier versions have a value over white noise alone, and no noise_dbm.
+        """Signal-to-noise ratio [dB] averaged over all samples: power of the echoes that change from chirp to chirp over that of
+        what the receiver added (`noise_dbm`); None without noise. Coherent processing raises it by the number of samples that are
+        added."""
+        # Recordings of earlier versions have an SNR relative to white noise alone, and no noise_dbm.
         return None if self.noise_dbm is None else self.settings.get("snr_db")
 
     @property
     def noise_dbm(self) -> float | None:
-        """All that the receiver added to one complex ADC sample and that changes from chirp to chirp [dBm]; None without noise."""
+        """Power of everything that the receiver added to a complex ADC sample and that changes from chirp to chirp [dBm]; None
+        without noise."""
         return self.settings.get("noise_dbm")
 
     @property
     def noise_floor_dbm(self) -> float | None:
-        """White noise in one complex ADC sample, thermal and of quantisation, in closed form [dBm]; None where there is none."""
+        """Power of white noise (thermal and quantisation) in a complex ADC sample, in closed form [dBm]; None where there is
+        none."""
         return self.settings.get("noise_floor_dbm")
 
     @property
     def attributes(self) -> dict[str, str]:
-        """What the recording was made from, as JSON texts; with `inputs` it is everything needed to make it again."""
+        """How the recording was made, as JSON texts; with `inputs` this is everything that is needed to make it again."""
         return {
             "radar": self.radar.model_dump_json(),
             "experiment": json.dumps(None if self.experiment is None else self.experiment.model_dump(mode="json")),
@@ -212,7 +217,8 @@ class Recording:
 
     @property
     def adc(self) -> xr.DataArray:
-        """ADC samples [sqrt(W)], complex64 (chirp, antenna, sample); those of a large cube are made, or read, when used."""
+        """ADC samples [sqrt(W)], complex64 (chirp, antenna, sample); those of a large cube are computed or read only when they are
+        used."""
         times = {
             "chirp_time_s": ("chirp", self.radar.chirp_starts_s(len(self.cube))),
             "sample_time_s": ("sample", self.radar.sample_times_s),
@@ -244,7 +250,7 @@ class Recording:
 
     @property
     def _mti(self) -> str:
-        """The filter that was asked for; by default "mean" where the scene has clutter, which it removes."""
+        """The MTI filter that was asked for; by default "mean" where the scene has clutter, which the filter removes."""
         return self.processing.get("mti") or ("mean" if self.settings.get("clutter", "none") != "none" else "none")
 
     @property
@@ -254,26 +260,27 @@ class Recording:
 
     @property
     def paths(self) -> xr.Dataset:
-        """The paths to the targets, every 40 ms: delay, speed, level, directions, what each meets; worked out each time."""
+        """The paths to the targets every 40 ms: delay, speed, level, directions and surfaces; computed anew on each access."""
         return self.paths_at()
 
     def paths_at(self, times_s: Any = None) -> xr.Dataset:
-        """As `paths`, at instants of the record (K,) [s]; docs/rooms.md explains the variables."""
+        """The same as `paths`, at instants of the record (K,) [s]; docs/rooms.md explains the variables."""
         return path_table(*self._set_up(times_s))
 
     @property
     def truth(self) -> xr.Dataset:
-        """Joints, segments and contacts of persons, range and speed of all targets, every 20 ms; worked out each time."""
+        """Ground truth every 20 ms: joints, segments and contacts of persons, range and speed of all targets; computed anew on each
+        access."""
         return self.truth_at()
 
     def truth_at(self, times_s: Any = None, *, visible: bool = True) -> xr.Dataset:
-        """As `truth`, at instants of the record (K,) [s]; docs/results-and-files.md explains the variables. Without `visible` the
-        visible fractions, which take most of the time, are left out."""
+        """The same as `truth`, at instants of the record (K,) [s]; docs/results-and-files.md explains the variables. With `visible`
+        False the visible fractions, which take most of the time, are left out."""
         return truth_table(*self._set_up(times_s), visible=flag("visible", visible))
 
     @property
     def activities(self) -> list[Doing]:
-        """What each person does, by intervals of the record [s], as far as the motions tell it."""
+        """What each person does in which interval of the record [s], as far as the motions say."""
         return doings(self._set_up(None)[0])
 
     def _set_up(self, times_s: Any) -> tuple[Model, Accuracy, np.ndarray | None]:
@@ -282,19 +289,21 @@ class Recording:
         return model, self.accuracy or Accuracy(), checked_times(model, times_s)
 
     def view(self, *others: Recording) -> Viewer:
-        """A page of body, room, paths and maps on one timeline, for a notebook or to `save`; of two recordings side by side."""
+        """An interactive page with body, room, paths and maps on one timeline, to show in a notebook or to `save`; with another
+        recording, both side by side."""
         import t2d_rt
 
         return t2d_rt.Viewer([self, *others])
 
     def again(self, **options: Any) -> Recording:
-        """The same samples simulated anew, bit for bit on one machine; options are `simulate`'s device, memory_gb, progress."""
+        """Simulates the same samples again, bit for bit on the same machine; options are `device`, `memory_gb` and `progress` of
+        `simulate`."""
         import t2d_rt
 
         return t2d_rt.run(self, **options)
 
     def _with(self, **changes: Any) -> Recording:
-        """A copy with other arguments."""
+        """A copy made with other constructor arguments."""
         names = ("cube", "radar", "experiment", "accuracy", "inputs", "settings", "versions", "processing")
         return Recording(**{name: getattr(self, name) for name in names} | {"parts": self.parts.cubes} | changes)
 
@@ -306,13 +315,14 @@ class Recording:
         return changed
 
     def _of_part(self, name: str, cube: DiskCube) -> Recording:
-        """A part of this recording, with its processing; without an experiment, which makes the whole."""
+        """A part of this recording as a recording, with the same processing. It has no experiment, since that describes the
+        whole."""
         settings: dict[str, Any] = {key: self.settings[key] for key in ("method", "scene") if key in self.settings}
         processing = {**self.processing, "mti": self._mti}
         return Recording(cube, self.radar, settings={**settings, "part": name}, processing=processing)
 
     def strongest(self, velocity_mps: float, time_s: float) -> xr.Dataset:
-        """The parts that make a cell of the spectrogram, strongest first, and how much: see `Parts.strongest`."""
+        """The parts in a cell of the spectrogram, strongest first, and their levels: see `Parts.strongest`."""
         return self.parts.strongest(velocity_mps, time_s)
 
     def with_background(
@@ -332,7 +342,7 @@ class Recording:
 
     @property
     def range_time(self) -> xr.DataArray:
-        """Range over time after MTI, power [dB re 1 W] (range_m, time_s); its columns are those of the spectrogram."""
+        """Power over range and time after MTI [dB re 1 W], (range_m, time_s); its columns are those of the spectrogram."""
         return labelled_map("range_time", self._maps.range_time(), self.attributes)
 
     def range_doppler_at(self, time_s: float | None = None, *, interval_s: float | None = None) -> xr.DataArray:
@@ -350,13 +360,13 @@ class Recording:
     def range_angle(
         self, time_s: float | None = None, *, interval_s: float | None = None, **options: Any
     ) -> xr.DataArray:
-        """Range-azimuth map of one coherent interval after MTI, by an antenna array, power [dB re 1 W] (range_m, azimuth_rad), left
-        > 0; time and interval as of `range_doppler_at`, options as of `signal.range_angle`."""
+        """Range-azimuth map (left > 0) of one coherent interval of an antenna array after MTI, power [dB re 1 W] (range_m,
+        azimuth_rad); time and interval as in `range_doppler_at`, options as in `signal.range_angle`."""
         result, middle_s, length_s = self._maps.range_angle(time_s, interval_s, options)
         return labelled_map("range_angle", result, self.attributes).assign_attrs(time_s=middle_s, interval_s=length_s)
 
     def point_cloud(self, **options: Any) -> PointCloud:
-        """Detections frame by frame: range, direction, speed, SNR; options as of `signal.point_cloud`."""
+        """Detections frame by frame: range, direction, speed, SNR; options as in `signal.point_cloud`."""
         return point_cloud(self.cube, self.radar, **options)
 
     @property
@@ -378,7 +388,7 @@ class Recording:
     def plot_range_time(
         self, title: str | None = None, *, ax: Axes | None = None, **style: Unpack[StyleOptions]
     ) -> Any:
-        """`range_time` as a figure; options as of `plot`."""
+        """`range_time` as a figure; options as in `plot`."""
         return draw_map(self.range_time, ax, title, None, style)
 
     def plot_range_doppler(
@@ -413,7 +423,7 @@ class Recording:
         return draw_map(image, ax, title, interval_told(image), style)
 
     def plot_point_cloud(self, title: str | None = None, *, ax: Axes | None = None, **style: Any) -> Any:
-        """`point_cloud` from above and from the side; in `ax` from above. `cmap` and `width_in` as of `plot`."""
+        """`point_cloud` from above and from the side; into axes `ax` from above only. `cmap` and `width_in` as in `plot`."""
         from t2d_rt.plots import plot_point_cloud
 
         cloud = self.point_cloud()
@@ -482,7 +492,7 @@ class Recording:
         write_folder(folder, self.cube, labelled, adc_attributes, self.inputs, self.parts.cubes)
 
     def _labelled_spectrogram(self) -> xr.Dataset:
-        """The spectrogram, whose attributes are its units alone, with the axes of the samples."""
+        """The spectrogram with its units as only attributes, together with the axes of the samples."""
         import xarray as xr
 
         axes = {name: axis.variable for name, axis in self.adc.coords.items()}
@@ -492,12 +502,12 @@ class Recording:
 
     @classmethod
     def load(cls, path: str | Path) -> Recording:
-        """Read what `save` wrote."""
+        """Reads a recording that `save` wrote."""
         source = file_path("path", path).resolve()
         contents = read_folder(source)
         try:
             return cls(**contents)
         except InputError:
             raise
-        except Exception as error:  # attributes of any content
+        except Exception as error:  # the attributes may hold anything
             raise not_a_result(source, error) from error

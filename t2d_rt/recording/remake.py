@@ -1,4 +1,5 @@
-"""Recordings made again: what `run` simulates anew, and `add_noise`, which sends one without noise through a receiver."""
+"""Repeats recordings: what `run` simulates for a recording, and `add_noise`, which passes a recording without noise through a
+receiver."""
 
 from __future__ import annotations
 
@@ -23,13 +24,13 @@ from t2d_rt.signal.range import RangeGate
 from t2d_rt.types import Accuracy, Receiver
 
 KNOWN = "error_db", "error_scatter_db", "error_chirps", "tolerance_db"
-"""Settings of a recording that hold for the same one made again."""
+"""Settings of a recording that also hold for an identical repetition."""
 
 
 def again(
     experiment: Experiment | Recording, accuracy: Accuracy | Mapping[str, Any] | None, tolerance_db: float | None
 ) -> tuple[Experiment, Inputs, Accuracy | Mapping[str, Any] | None, dict[str, Any]]:
-    """What is to be run: the experiment, its arrays, its accuracy, and what is known of the recording beforehand."""
+    """What `run` simulates: the experiment, its arrays, its accuracy, and settings of the recording that are known in advance."""
     instance("experiment", experiment, (Experiment, Recording), "an Experiment or a Recording")
     if isinstance(experiment, Experiment):
         return experiment, {}, accuracy, {}
@@ -77,8 +78,8 @@ def add_noise(
 
 
 def received(cube: Cube, experiment: Experiment, gate: RangeGate | None = None) -> tuple[Cube, dict[str, Any]]:
-    """A cube of echoes, which may be changed, as the experiment's receiver gives it, and settings that tell its levels; with a gate
-    the gate's range cells alone, of a cube that keeps products."""
+    """Passes the echoes of a cube, which may be changed in place, through the experiment's receiver; also returns the levels for
+    the settings. With a gate, the result has only its range cells, and the cube must store products."""
     receiver = experiment.noise if isinstance(experiment.noise, Receiver) else None
     if gate is not None:
         assert isinstance(cube, DiskCube), "gated cells are made of products"

@@ -1,4 +1,5 @@
-"""What a recording shows: joints, segments, contacts and visibility of each person, range and speed of each target, over time."""
+"""Ground truth of a recording over time: joints, segments, contacts and visibility of each person, range and speed of each
+target."""
 
 from __future__ import annotations
 
@@ -39,13 +40,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
 TRUTH_RATE_HZ = 50.0
-"""Rate where no times are given: a foot moves by some 8 cm from one instant to the next."""
+"""Rate of the truth where no times are given [Hz]: a fast foot moves by some 8 cm from one instant to the next."""
 MADE_FOR = re.compile(r"made for .*, class (\w+), by ")
-"""How the origin of a motion that was made from a sentence begins. It is read from there because the origin is what edits, files of
-motions and stored experiments keep already; a field of its own would have to be carried through each of them."""
+"""Pattern for the origin of a motion that was made from a sentence. The class is read from the origin because edits, motion files
+and stored experiments already preserve that; a separate field would have to be passed through each of them."""
 
 CYCLES = "breathing", "heartbeat"
-"""Fields of a motion that move the front of the trunk."""
+"""Fields of a motion that describe movements of the front of the trunk."""
 XYZ = "forward", "left", "up"
 PARTS = "heel", "ball"
 OF_SEGMENTS = "range_m", "speed_mps", "azimuth_rad", "elevation_rad", "visible"
@@ -56,18 +57,19 @@ TRUTH_COLUMNS: tuple[str, ...] = (
     *(f"{side}_{part}_stands" for side in SIDES for part in PARTS),
     "breathing_m",
 )
-"""Columns of a person's truth as one table: time, the 22 joints, five figures of each segment, contacts (0 or 1), breathing."""
+"""Columns of a person's truth as a single table: time, the 22 joints, five figures of each segment, contacts (0 or 1),
+breathing."""
 
 
 class Person(NamedTuple):
-    """A target that a skeleton moves."""
+    """A target that is moved by a skeleton."""
 
     number: int
-    """Number of the target."""
+    """Index of the target."""
     motion: Motion
     body: str
     worn: str | Material | Outfit
-    """What is worn, or the one material of the whole body."""
+    """What the person wears, or the one material of the whole body."""
 
 
 def truth_table(
@@ -128,8 +130,8 @@ def truth_table(
 
 
 def person_rows(truth: xr.Dataset) -> np.ndarray:
-    """The truth of the first person as a table with the columns of `TRUTH_COLUMNS`, float32 (time, column); without visible
-    fractions where these were left out."""
+    """Truth of the first person as a table with the columns `TRUTH_COLUMNS`, float32 (time, column); without visible fractions if
+    the truth has none."""
     person = truth.isel(person=0)
     columns = [
         truth.time_s.values[:, None],
@@ -144,7 +146,7 @@ def person_rows(truth: xr.Dataset) -> np.ndarray:
 def _of_persons(
     model: Model, people: Sequence[Person], joints: Sequence[str], nearby_s: Nearby
 ) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
-    """Joints, contacts, and the segments' places and speeds."""
+    """Joints, contacts, and ranges, speeds and directions of the segments, for all persons."""
     at = Nearby(*(np.clip(model.span_s[0] + instants_s, *model.span_s) for instants_s in nearby_s))
     shape = len(people), len(at.now)
     middles = Nearby(*(np.zeros((*shape, len(SEGMENTS), 3)) for _ in at))
@@ -176,7 +178,7 @@ def _of_persons(
 
 
 def persons(model: Model) -> list[Person]:
-    """The targets that a skeleton moves: motions, and the meshes and ellipsoids that `skin` and `segments` made of them."""
+    """The targets that are moved by a skeleton: motions, and meshes and ellipsoids that `skin` and `segments` made of motions."""
     people = []
     for number, source in enumerate(model.targets):
         if isinstance(source, Motion):
@@ -188,7 +190,7 @@ def persons(model: Model) -> list[Person]:
 
 
 class Doing(NamedTuple):
-    """What a person does over an interval of a record."""
+    """What a person does during an interval of a record."""
 
     person: str
     activity: str
@@ -197,7 +199,7 @@ class Doing(NamedTuple):
 
 
 def doings(model: Model) -> list[Doing]:
-    """What each person does and from when to when [s], as far as motions tell it, in order for each person."""
+    """What each person does, and during which interval [s], as far as the motions say; in order for each person."""
     names, (first_s, last_s), activities = target_names(model.modelled), model.span_s, []
     for number, motion, *_ in persons(model):
         begins = [*motion.activities, ("", np.inf)]
@@ -209,13 +211,13 @@ def doings(model: Model) -> list[Doing]:
 
 
 def made_for(motion: Motion) -> str:
-    """The class that a motion was made for; "" where its origin tells none."""
+    """The class that a motion was made for; "" where its origin does not say."""
     match = MADE_FOR.match(motion.origin[0]) if motion.origin else None
     return match[1] if match else ""
 
 
 def _polar(radar: Radar, points: Nearby, apart_s: np.ndarray) -> dict[str, np.ndarray]:
-    """Range, speed and direction of points (..., 3) whose earlier and later places are that much time apart."""
+    """Range, speed and direction of points (..., 3); `apart_s` is the time between their earlier and later positions [s]."""
     ranges = Nearby(*(mean_range_m(radar, point) for point in points))
     azimuth, elevation = seen_from_radar(radar, points.now - np.asarray(radar.position_m))
     return {
@@ -227,9 +229,9 @@ def _polar(radar: Radar, points: Nearby, apart_s: np.ndarray) -> dict[str, np.nd
 
 
 def visible_fractions(model: Model, accuracy: Accuracy, people: Sequence[Person], at_s: np.ndarray) -> np.ndarray:
-    """Of what of each segment faces the radar, the fraction that is not hidden, (person, K, segment), at times [s] (K,): by the
-    projected area of the skin's faces, over the lines of sight of transmitters and receivers. Where these are apart, the area is
-    the geometric mean of those seen from both. A segment of which nothing faces the radar is 0: it hides itself."""
+    """Visible fraction of each segment (person, K, segment) at times [s] (K,): the projected area of its faces that the radar can
+    see over that of its faces that face the radar, on the lines of sight of transmitters and receivers. For separated antennas the
+    area is the geometric mean of those projected towards both. It is 0 for a segment without a face towards the radar."""
     fractions = np.zeros((len(people), len(at_s), len(SEGMENTS)))
     if not people:
         return fractions
@@ -269,13 +271,13 @@ def visible_fractions(model: Model, accuracy: Accuracy, people: Sequence[Person]
 
 
 def _owners(person: Person) -> np.ndarray:
-    """The segment of each face of the skin."""
+    """Index of the segment to which each face of the skin belongs."""
     return segment_of_faces(fit(template(person.body), person.motion))
 
 
 def projected_areas(corners: np.ndarray, places: Sequence[np.ndarray]) -> np.ndarray:
-    """Twice the area of triangles (F, 3, 3) as seen from a place, in the geometric mean over the places: 0 of those that show their
-    back to one of them, (F,)."""
+    """Twice the projected area of triangles (F, 3, 3) as seen from places, as the geometric mean over these, (F,); 0 for triangles
+    that face away from one of them."""
     areas = []
     for place in places:
         ahead = place - corners.mean(axis=1)

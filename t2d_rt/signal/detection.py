@@ -1,4 +1,4 @@
-"""How a device finds points in its cube, and the sensors whose chirps and detection are shipped."""
+"""How Texas Instruments' devices detect points in a cube, and the chirps and detection settings of shipped sensors."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ Loading = Annotated[Number, Field(gt=0, le=1)]
 
 
 class Detection(Fields):
-    """How a device of Texas Instruments finds points; the defaults are 3D people tracking's 6 m configuration (IWR6843AOP).
+    """Settings of point detection on a device of Texas Instruments; the defaults are 3D people tracking's 6 m configuration
+    (IWR6843AOP).
 
-    People tracking searches a map of range and azimuth, the out-of-box demo of the SDK one of range and Doppler. `over` says which.
+    People tracking searches a map of range and azimuth, the out-of-box demo of the SDK one of range and Doppler; `over` chooses.
     """
 
     noun: ClassVar[str] = "detection"
@@ -38,36 +39,37 @@ class Detection(Fields):
     range_window: str = "hann"
     """Window of the range FFT."""
     range_skip: tuple[Steps, Steps] = (4, 4)
-    """Range bins at the near and the far end that are not looked at."""
+    """Range bins at the near and the far end that are not searched."""
     angle_skip: tuple[Steps, Steps] = (2, 2)
-    """Azimuths at either end that are not tested."""
+    """Azimuths at either end that are not searched."""
     training_cells: tuple[Some, Some] = (8, 12)
-    """Cells of one side whose mean is the noise, along range and azimuth; the quieter side counts."""
+    """Number of training cells on one side, along range and azimuth; the noise is their mean on the quieter side."""
     guard_cells: tuple[Steps, Steps] = (4, 12)
-    """Cells between these and the tested one, along range and azimuth."""
+    """Number of guard cells between the training cells and the tested cell, along range and azimuth."""
     thresholds: tuple[Ratio, Ratio] = (5.0, 8.0)
-    """Least power over noise, a ratio, along range and azimuth. A peak of the azimuths at its range needs the former alone."""
+    """Least ratio of power to noise, along range and azimuth. A peak over azimuth at its range only needs the former."""
     side_lobe: Part = 0.4
-    """Over azimuth: least power over that of the strongest azimuth at the same range."""
+    """Over azimuth: least power relative to that of the strongest azimuth at the same range."""
     group: tuple[bool, bool] = (False, False)
     """Over Doppler: whether a detection must be no weaker than its neighbours along range and along Doppler."""
     second_peak: Part = 0.5
-    """Over Doppler: least amplitude of a second azimuth in one cell over that of the first; 1 takes none."""
+    """Over Doppler: least amplitude of a second azimuth in a cell relative to the first; 1 accepts none."""
     azimuths: Annotated[Count, Field(ge=8, le=4096)] = 64
     """Over Doppler: length of the azimuth FFT."""
     steps_deg: tuple[Angle, Angle] = (0.75, 3.0)
     """Over azimuth: steps of the search over azimuth and elevation about boresight [deg]."""
     loading: tuple[Loading, Loading] = (0.001, 0.03)
-    """Over azimuth: what is added to the covariance's diagonal, over the antennas' mean power, for azimuth and for elevation."""
+    """Over azimuth: diagonal loading of the covariance, relative to the mean power of the antennas, for azimuth and for
+    elevation."""
     field_of_view_deg: tuple[View, View] = (70.0, 70.0)
-    """Largest azimuth and elevation of a point [deg]."""
+    """Greatest azimuth and elevation of a point [deg]."""
     most_points: Annotated[Count, Field(ge=1, le=10_000)] = 150
-    """Points of one frame that are sent: over azimuth the strongest, of which no recording that was seen has more; over Doppler the
-    first, in the device's order from rest over receding to approaching."""
+    """Greatest number of points in a frame: over azimuth the strongest (no known recording has more), over Doppler the first in the
+    device's order, from zero speed over receding to approaching."""
 
     @classmethod
     def from_ti_cfg(cls, source: Source) -> Self:
-        """Read from a .cfg file of the 3D people-tracking demo, or from its lines."""
+        """Settings from a .cfg file of the 3D people-tracking demo, or from its lines."""
         commands = read_commands(source)
         cfar = numbers(commands, "dynamicRACfarCfg", 13)[1:]
         azimuth, elevation = numbers(commands, "dynamicRangeAngleCfg", 3), numbers(commands, "dynamic2DAngleCfg", 3)
@@ -82,12 +84,13 @@ class Detection(Fields):
 
 
 def sensors() -> list[str]:
-    """Names that `sensor` knows."""
+    """Names that `sensor` accepts."""
     return sorted(_packaged())
 
 
 def sensor(name: str, **changes: object) -> tuple[Radar, Detection]:
-    """Radar and detection of the sensor of a published set of points, "mars" or "radhar"; `changes` override the radar's fields."""
+    """Radar and detection settings of the sensor behind a published set of points, "mars" or "radhar"; `changes` override fields of
+    the radar."""
     sensor_files, key = _packaged(), str(name).lower().replace("_", "-")
     if key not in sensor_files:
         raise unknown_name("sensor", name, sorted(sensor_files))

@@ -1,11 +1,11 @@
-"""Points as Texas Instruments' devices report them, by one chain: range FFT, static removal, a map, a CFAR, angles.
+"""Point detection as on Texas Instruments' devices: range FFT, static removal, a map, CFAR, angles.
 
-3D people tracking searches range and azimuth: Capon's beamformer, a CFAR along range whose noise is that of the quieter side, along
-azimuth another, which peaks need not pass, then for each detection its elevation and its one speed, again by Capon's weights
-(TIDUE71D, section 2.1.2, the tuning guide of the demo's detection layer; of peaks, recorded points). The SDK's out-of-box demo on
-xWR14xx searches range and Doppler: the logarithms of the antennas' powers are averaged, a CFAR over the quieter side runs along
-range, an azimuth FFT gives one or two azimuths, the phase between the rows of the array the elevation (mmWave SDK, the demo's data
-path and post-processing).
+3D people tracking searches range and azimuth: Capon's beamformer makes a map; a CFAR along range takes the noise of the quieter
+side; another runs along azimuth, which peaks need not pass; for each detection the elevation and a single speed follow, again from
+Capon's weights (TIDUE71D, section 2.1.2, the tuning guide of the demo's detection layer; on peaks, recorded points). The SDK's
+out-of-box demo on xWR14xx searches range and Doppler: the logarithms of the antennas' powers are averaged, a CFAR with the quieter
+side runs along range, an azimuth FFT gives one or two azimuths, and the phase between the rows of the array gives the elevation
+(mmWave SDK, the demo's data path and post-processing).
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from t2d_rt.types.radar import Radar
 
 
 def device_points(adc: Any, radar: Radar, detection: Detection | None = None) -> PointCloud:
-    """Points of a cube (chirp, antenna, sample), a frame from each burst of the radar, as `Detection` says.
+    """Points of a cube (chirp, antenna, sample), one frame for each burst of the radar, detected with the settings of `detection`.
 
-    Speeds and ranges are whole bins of FFTs, whose lengths along range are the next powers of two, as the device has them.
-    `snr_db` is the power in the map over the noise beside it along range. Without receiver noise rounding errors are compared.
+    Speeds and ranges are whole FFT bins, with lengths along range that are the next powers of two, as on the device. `snr_db` is
+    the power in the map relative to the noise beside it along range. In a cube without receiver noise the noise is rounding errors.
     """
     check_antennas(adc, radar)
     detection = Detection() if detection is None else detection
@@ -51,7 +51,8 @@ def device_points(adc: Any, radar: Radar, detection: Detection | None = None) ->
 
 
 def _over_azimuth(part: np.ndarray, radar: Radar, detection: Detection, n_fft: int) -> np.ndarray:
-    """Range, azimuth, elevation, speed and power over noise of the points of one frame (chirp, antenna, sample), (5, point)."""
+    """Points of one frame (chirp, antenna, sample) by the search over range and azimuth: rows range, azimuth, elevation, speed and
+    power over noise, (5, point)."""
     cells = range_fft(part, window=detection.range_window, n_fft=n_fft)
     cells = (cells - cells.mean(axis=0)).transpose(2, 1, 0)
     sines = [
@@ -81,7 +82,7 @@ def _over_azimuth(part: np.ndarray, radar: Radar, detection: Detection, n_fft: i
 
 
 def _over_doppler(part: np.ndarray, radar: Radar, detection: Detection, n_fft: int) -> np.ndarray:
-    """Points of one frame, (5, point), as `_over_azimuth` gives them, that a search over Doppler finds."""
+    """Points of one frame by the search over range and Doppler, (5, point) with the rows of `_over_azimuth`."""
     spectra = array_spectrum(part, radar, range_window=detection.range_window, mti="mean", n_fft=n_fft)
     cells = spectra.spectrum.transpose(2, 0, 1)  # (range, velocity, antenna)
     power = cells.real**2 + cells.imag**2
@@ -89,13 +90,13 @@ def _over_doppler(part: np.ndarray, radar: Radar, detection: Detection, n_fft: i
     near, far = detection.range_skip
     noise = _quieter_side(_inner(levels, detection), detection, 0)
     loud = levels[near : len(levels) - far] > math.log(detection.thresholds[0]) + noise
-    ended = np.pad(levels, [(1, 1), (0, 0)], constant_values=-np.inf)  # ranges end, Doppler goes round
+    ended = np.pad(levels, [(1, 1), (0, 0)], constant_values=-np.inf)  # ranges end, Doppler is circular
     for axis, grouped in enumerate(detection.group):
         if grouped:
             beside = [np.roll(ended, step, axis)[1 + near : 1 + len(levels) - far] for step in (-1, 1)]
             loud &= levels[near : len(levels) - far] >= np.maximum(*beside)
     row, column = np.nonzero(loud)
-    # From rest over receding, which are the negative speeds, to approaching, as an FFT orders them.
+    # in the order of an FFT: from zero speed over receding ones, which are negative, to approaching ones
     order = np.lexsort((row, -spectra.velocity_mps[column] % (2 * radar.max_speed_mps)))
     row, column = row[order], column[order]
     snr = np.exp(levels[row + near, column] - noise[row, column])
@@ -111,8 +112,9 @@ def _over_doppler(part: np.ndarray, radar: Radar, detection: Detection, n_fft: i
 
 
 def _two_angles(snapshots: np.ndarray, radar: Radar, detection: Detection) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which of the snapshots (cell, antenna), and direction cosines to the left and up: of the strongest azimuth of each, then of
-    second ones that are strong enough. Up is the phase between the beams of the longest row and the next one at that azimuth."""
+    """Azimuths found in snapshots (cell, antenna): the index of the snapshot, and direction cosines to the left and up. First the
+    strongest azimuth of each, then second ones that are strong enough. The elevation follows from the phase between the beams of
+    the longest row and of the next one at that azimuth."""
     rows = _rows(radar)
     lefts = np.arange(-detection.azimuths // 2, detection.azimuths // 2) * 2 / detection.azimuths
     steered = steering_vectors(radar, _along(lefts, 0.0)).conj()
@@ -120,7 +122,7 @@ def _two_angles(snapshots: np.ndarray, radar: Radar, detection: Detection) -> tu
     power = np.abs(beams[0])
     peak = power.argmax(axis=1)
     least = (power <= np.roll(power, 1, axis=1)) & (power < np.roll(power, -1, axis=1))
-    lobe = np.cumsum(least, axis=1) % np.maximum(least.sum(axis=1), 1)[:, None]  # azimuths go round
+    lobe = np.cumsum(least, axis=1) % np.maximum(least.sum(axis=1), 1)[:, None]  # the azimuth axis is circular
     cells = np.arange(len(power))
     others = np.where(lobe == lobe[cells, peak][:, None], 0.0, power)
     second = others.argmax(axis=1)
@@ -135,18 +137,19 @@ def _two_angles(snapshots: np.ndarray, radar: Radar, detection: Detection) -> tu
 
 
 def _rows(radar: Radar) -> list[np.ndarray]:
-    """Antennas of each height, those of the longest row first."""
+    """Indices of the antennas in each row of equal height, the longest row first."""
     heights = np.round(radar.virtual_offsets_m[:, 2] / radar.wavelength_m, 3)
     return sorted((np.flatnonzero(heights == height) for height in np.unique(heights)), key=len, reverse=True)
 
 
 def _along(left: Any, up: Any) -> np.ndarray:
-    """Direction cosines (..., 3); only those along left and up count in an array that is flat."""
+    """Direction cosines (..., 3) in the radar's frame; the one along boresight is 0, as it has no effect for a planar array."""
     return np.stack(np.broadcast_arrays(0.0, left, up), axis=-1)
 
 
 def _inverses(cells: np.ndarray, loading: float) -> np.ndarray:
-    """Inverses of the antennas' covariances over the chirps, with a part of their mean power added to the diagonal."""
+    """Inverses of the antennas' covariances over the chirps, with a fraction `loading` of their mean power added to the
+    diagonal."""
     covariance = np.einsum("rsc,rtc->rst", cells, cells.conj()).astype(complex) / cells.shape[2]
     antennas = covariance.shape[1]
     mean = np.einsum("rss->r", covariance).real / antennas
@@ -155,7 +158,7 @@ def _inverses(cells: np.ndarray, loading: float) -> np.ndarray:
 
 
 def _detected(heat: np.ndarray, detection: Detection) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Range bins, azimuths and power over the noise along range of the detections in a map (range, azimuth)."""
+    """Range bins, azimuth indices and power over the noise along range of the detections in a map (range, azimuth)."""
     inner = _inner(heat, detection)
     if heat.shape[1] < detection.training_cells[1] + detection.guard_cells[1] + 1:
         raise InputError(
@@ -164,7 +167,7 @@ def _detected(heat: np.ndarray, detection: Detection) -> tuple[np.ndarray, np.nd
     noise = _quieter_side(inner, detection, 0)
     beside = np.pad(
         inner, ((0, 0), (1, 1)), constant_values=-np.inf
-    )  # the first azimuth and the last are no neighbours
+    )  # the first and the last azimuth are not neighbours
     peak = (inner > beside[:, :-2]) & (inner >= beside[:, 2:])
     loud = peak | (inner > detection.thresholds[1] * _quieter_side(inner, detection, 1))
     loud &= inner > detection.thresholds[0] * noise
@@ -176,7 +179,7 @@ def _detected(heat: np.ndarray, detection: Detection) -> tuple[np.ndarray, np.nd
 
 
 def _inner(power: np.ndarray, detection: Detection) -> np.ndarray:
-    """The ranges of a map (range, ...) that are looked at; refuses fewer than the CFAR needs."""
+    """The ranges of a map (range, ...) that are searched; refuses fewer than the CFAR needs."""
     near, far = detection.range_skip
     inner = power[near : len(power) - far]
     if len(inner) < 2 * (detection.training_cells[0] + detection.guard_cells[0] + 1):
@@ -185,7 +188,7 @@ def _inner(power: np.ndarray, detection: Detection) -> np.ndarray:
 
 
 def _quieter_side(values: np.ndarray, detection: Detection, axis: int) -> np.ndarray:
-    """Mean of the training cells before or after each cell, whichever is less; azimuths go round, ranges end."""
+    """Mean of the training cells before or after each cell, whichever is less; azimuth is circular, range is not."""
     training, guard = detection.training_cells[axis], detection.guard_cells[axis]
     width, length = training + guard, values.shape[axis]
     pads = [(width, width) if dimension == axis else (0, 0) for dimension in (0, 1)]

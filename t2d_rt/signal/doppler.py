@@ -1,4 +1,4 @@
-"""Slow time to Doppler: STFT, spectrogram, range-Doppler map; and how many samples of a chirp a sum of powers needs."""
+"""From slow time to Doppler: STFT, spectrogram, range-Doppler map; and which samples of a chirp suffice for a sum of powers."""
 
 from __future__ import annotations
 
@@ -25,17 +25,18 @@ from t2d_rt.signal.range import LONGEST_WINDOW, check_finite, check_recording, c
 from t2d_rt.types.radar import Radar
 
 THINNED, MOST_STEP = 1e-6, 16
-"""Greatest |K_D - K| / K(0) of eq. 16a, and the greatest step D."""
+"""Greatest |K_D - K| / K(0) of eq. 16a that is accepted, and the greatest step D between the samples that are used."""
 ENDS = 1e-7
-"""The same by samples that are left out at the ends of a window."""
+"""The same for samples that are left out at the ends of a window."""
 FINER = 8
-"""Numbers of beats per range bin at which K is compared."""
+"""Number of beat frequencies per range bin at which K is compared."""
 
 
 def sample_step(adc: Any, window: str, start: int, stop: int) -> int:
-    """Greatest step of samples whose powers, times the step, add up to those of all, within `THINNED`, at chirps start..stop.
+    """Greatest step between samples such that the sum of their powers, times the step, is that of all samples within `THINNED`, for
+    the chirps start..stop.
 
-    That depends on how far beats lie apart, which is known of cubes that hold products.
+    It depends on how far apart beat frequencies lie, which is known for cubes that store products.
     """
     spread = adc.spread(start, stop) if isinstance(adc, DiskCube) else math.inf
     return 1 if math.isinf(spread) else _step_of(window, adc.shape[-1], math.ceil(spread))
@@ -43,13 +44,14 @@ def sample_step(adc: Any, window: str, start: int, stop: int) -> int:
 
 @lru_cache(maxsize=256)
 def _step_of(window: str, samples: int, spread: int) -> int:
-    """The same for a spread [rad from mid-sweep to its end], by the K of eq. 16a, here an FFT of the squared window."""
+    """The greatest step for beat frequencies within a `spread` [rad from mid-sweep to its end], from K of eq. 16a, here as an FFT
+    of the squared window."""
     from scipy import fft
 
     power, count = taper(window, samples) ** 2, FINER * samples
     apart = math.ceil(
         spread * count / (math.pi * (samples - 1))
-    )  # what bin k holds differs by pi k (samples - 1) / count
+    )  # phase that bin k adds over the sweep, from mid-sweep to its end: pi k (samples - 1) / count
     if 2 * apart >= count:
         return 1
     whole = fft.fft(power, count)[: apart + 1]
@@ -62,35 +64,35 @@ def _step_of(window: str, samples: int, spread: int) -> int:
 
 
 def weighed(window: np.ndarray) -> slice:
-    """Samples of a chirp without those at its ends whose squared weights add up to less than `ENDS` of all."""
+    """The samples of a chirp, without those at both ends whose squared weights add up to less than `ENDS` of all."""
     below = np.cumsum(window**2) < ENDS / 2 * np.sum(window**2)
     above = np.cumsum(window[::-1] ** 2) < ENDS / 2 * np.sum(window**2)
     return slice(int(below.sum()), len(window) - int(above.sum()))
 
 
 PIECE = 8192
-"""Chirps of a long record that are worked on at once; of several antennas fewer."""
+"""Chirps of a long record that are processed at once; fewer for several antennas."""
 CELLS = 256
-"""Range cells that go through the STFT at once."""
+"""Range cells for which the STFT is computed at once."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mti:
-    """A filter against static echoes: its method and, where the method has them, its cut-off and its kernel."""
+    """A filter that removes static echoes: its method and, if the method needs them, its cut-off speed and its kernel."""
 
     method: str
     cutoff_mps: float
-    """Speed below which "highpass" filters [m/s]."""
+    """Cut-off speed of "highpass" [m/s]; slower echoes are attenuated."""
     kernel: Sequence[float]
-    """Weights of the chirps that "canceller" adds up."""
+    """Weights of neighbouring chirps in "canceller"."""
 
     @classmethod
     def of(cls, method: str | None, cutoff_mps: float, kernel: Sequence[float]) -> Mti:
-        """The filter that the options of a call tell; no method is "none"."""
+        """The filter for the options of a call; None is "none"."""
         return cls(choice("MTI method", "none" if method is None else method, METHODS), cutoff_mps, kernel)
 
     def filter(self, cells: np.ndarray, radar: Radar) -> np.ndarray:
-        """Cells (chirp, ...) of a whole record, not filtered across the dead time between bursts; the mean is the record's."""
+        """Filters cells (chirp, ...) of a whole record. Bursts are filtered separately, but the mean is that of the record."""
         cutoff_mps = number("cutoff_mps", self.cutoff_mps, unit="m/s")
         if self.method == "highpass" and not 0 < cutoff_mps < radar.max_speed_mps:
             raise InputError(f"cutoff_mps must lie between 0 and {radar.max_speed_mps:.4g} m/s, got {cutoff_mps}")
@@ -147,19 +149,20 @@ def stft(
 
 @dataclass(frozen=True, slots=True)
 class FastTime:
-    """What a spectrogram does to the samples of a chirp before slow time."""
+    """The processing of the samples of a chirp in a spectrogram, before slow time."""
 
     window: str
     weights: np.ndarray
-    """Weight of each sample (sample,)."""
+    """Weight of each sample, (sample,)."""
     bins: slice
     coherent: bool
     by_samples: bool
-    """Whether the powers of all bins are added, which are those of the weighted samples (Parseval)."""
+    """Whether the powers of all range bins are added; that equals the power of the weighted samples (Parseval), so the range FFT is
+    omitted."""
 
     @classmethod
     def of(cls, radar: Radar, window: str, gate_m: tuple[float, float] | None, combine: str) -> FastTime:
-        """The weighting that options of `spectrogram` tell, which are checked."""
+        """The processing that the options of `spectrogram` ask for, checked."""
         bins, weights = gate(radar.range_axis_m(), gate_m), taper(window, radar.samples)
         all_bins = bins == slice(0, radar.samples)
         _check_combine(combine, all_bins, weights)
@@ -167,15 +170,16 @@ class FastTime:
 
     @property
     def bandwidth_bins(self) -> float:
-        """The window's noise bandwidth, which a point's bins add up to; 1 where they are added before the STFT."""
+        """Noise bandwidth of the range window [bins], by which a sum of powers is divided; 1 where bins are added before the
+        STFT."""
         return 1.0 if self.coherent else len(self.weights) * float(self.weights @ self.weights)
 
     def cells(self, part: Any, step: int = 1) -> np.ndarray:
-        """Range bins of chirps (chirp, ..., bin), or the weighted samples that have the same power; of these only one in `step` was
-        given."""
+        """Range bins of chirps (chirp, ..., bin), or the weighted samples, which have the same total power; `step` says that only
+        every `step`-th sample is given."""
         if not self.by_samples:
             return range_fft(part, window=self.window, bins=self.bins)
-        # Parseval: over all bins the powers add up to those of the samples, to which slow time does the same.
+        # Parseval: the powers of all bins add up to those of the samples, and slow-time processing is the same for both.
         part = np.asarray(part)
         chosen = slice(None, None, step) if step > 1 else weighed(self.weights)
         part = part if step > 1 else part[..., chosen]
@@ -247,7 +251,8 @@ def _spectrograms(
     cubes: Sequence[Any], radar: Radar, *, range_window: str, range_gate_m: tuple[float, float] | None, mti: Mti, combine: str,
     window: str, windows: tuple[int | None, int | None, int | None],
 ) -> list[Spectrogram]:  # fmt: skip
-    """What each of some cubes of one shape adds to the spectrogram of their sum; windows: n_window, overlap and n_fft."""
+    """Contribution of each of some cubes of the same shape to the spectrogram of their sum; `windows` are n_window, overlap and
+    n_fft."""
     for cube in cubes:
         check_recording(cube, radar)
     pairs = [separated(cube, radar) for cube in cubes]
@@ -265,10 +270,10 @@ def _spectrograms(
     cells_of: Callable[[Any], np.ndarray] = fast.cells
     step_of = None
     if isinstance(adc, DiskCube) and isinstance(adc.rows, GatedRows):
-        cubes, cells_of = [_gated_cells(adc.rows, fast)], np.array  # copies: MTI subtracts in place
+        cubes, cells_of = [_gated_cells(adc.rows, fast)], np.array  # copies, because MTI subtracts in place
     elif fast.by_samples and len(cubes) == 1 and mti.method == "none":
         step_of = partial(sample_step, adc, range_window)
-    elif fast.by_samples and len(cubes) > 1:  # one step for all, because beats of one part meet those of the others
+    elif fast.by_samples and len(cubes) > 1:  # one step for all cubes, because their beats interfere with one another
         step = _common_step(cubes, range_window)
         cubes = cubes if step == 1 else [_Thinned(cube, step) for cube in cubes]
         cells_of = partial(fast.cells, step=step)
@@ -287,14 +292,15 @@ def _spectrograms(
 
 
 def _common_step(cubes: Sequence[Any], window: str) -> int:
-    """Step of samples for the sum of cubes over the whole record, by how far any two beats in any of them lie apart."""
+    """Step between samples for the sum of some cubes over the whole record, from the greatest distance of any two beat
+    frequencies."""
     if not all(isinstance(cube, DiskCube) and isinstance(cube.rows, ProductRows) for cube in cubes):
         return 1
     return sample_step(DiskCube(ProductRows.sum_of([cube.rows for cube in cubes])), window, 0, len(cubes[0]))
 
 
 def _gated_cells(rows: GatedRows, fast: FastTime) -> np.ndarray:
-    """The cells that are kept, if they are those of this gate and window."""
+    """The range cells that a recording kept, if they are those of the gate and window asked for; refuses others."""
     if (rows.bins, rows.window) != (fast.bins, fast.window):
         raise InputError(
             f"this recording keeps range cells {rows.bins.start}..{rows.bins.stop - 1} by window {rows.window!r} alone; "
@@ -304,7 +310,7 @@ def _gated_cells(rows: GatedRows, fast: FastTime) -> np.ndarray:
 
 
 class _Thinned:
-    """A cube on disk at every so many samples of a chirp."""
+    """Every `step`-th sample of the chirps of a cube on disk."""
 
     ndim = 3
 
@@ -321,7 +327,7 @@ class _Thinned:
 
 
 def check_names(processing: Mapping[str, Any]) -> None:
-    """Refuses names of options that `spectrogram` does not have."""
+    """Refuses names that are not options of `spectrogram`."""
     options = _defaults()
     unknown = [name for name in processing if name not in options]
     if unknown:
@@ -329,7 +335,7 @@ def check_names(processing: Mapping[str, Any]) -> None:
 
 
 def check_processing(radar: Radar, chirps: int, processing: Mapping[str, Any]) -> None:
-    """Refuses options of `spectrogram` that no record of so many chirps can be processed with, before there is one."""
+    """Refuses options of `spectrogram` that cannot be used for a record of so many chirps, before there is one."""
     rows = chirps // len(radar.tx_offsets_m) if radar.multiplexing == "ddm" else chirps
     options = _defaults() | dict(processing)
     gate(radar.range_axis_m(), options["range_gate_m"])
@@ -362,7 +368,7 @@ def range_doppler(
     slow = taper(doppler_window, chirps, periodic=True).astype(real).reshape(-1, *[1] * (cube.ndim - 1))
     spectra = fft.fft(cube * slow, axis=0, overwrite_x=True, workers=-1)
     if correct_coupling:
-        # The Doppler shift of the beat during a chirp, taken back on the samples of each row: no interpolation.
+        # The Doppler shift of the beat frequency is removed from the samples of each row, so that nothing is interpolated.
         doppler_hz = fft.fftfreq(chirps, radar.loop_interval_s)
         phasor = np.exp(-2j * np.pi * np.outer(doppler_hz, radar.sample_times_s)).astype(cube.dtype)
         spectra *= phasor.reshape(chirps, *[1] * (cube.ndim - 2), -1)
@@ -376,7 +382,7 @@ def range_doppler(
 
 
 def check_one_burst(chirps: int, radar: Radar) -> None:
-    """Refuses chirps with dead time among them."""
+    """Refuses chirps that are not of a single burst, as dead time lies between bursts."""
     if radar.loops_per_frame is not None and chirps > radar.loops_per_frame:
         raise InputError(
             f"a range-Doppler map needs evenly spaced chirps, got {chirps} in bursts of {radar.loops_per_frame}; "
@@ -385,22 +391,23 @@ def check_one_burst(chirps: int, radar: Radar) -> None:
 
 
 def ascending(power: np.ndarray) -> np.ndarray:
-    """Axis 0 from FFT order to ascending speed; speed is minus the Doppler frequency, hence the flip."""
+    """Axis 0 from FFT order to ascending speed; it is flipped, for speed has the opposite sign of the Doppler frequency."""
     return np.ascontiguousarray(np.fft.fftshift(power, axes=0)[::-1])
 
 
 def _summed_powers(parts: Sequence[np.ndarray], starts: np.ndarray, weights: np.ndarray, n_fft: int) -> np.ndarray:
-    """Sums over cells of Re(S_p S*), S_p the short-time spectrum of a part (chirp, cell) and S that of their sum, in FFT order,
-    (part, n_fft, time). Of one alone that is its power.
+    """Sums over range cells of Re(S_p S*), (part, n_fft, time) in FFT order: S_p is the short-time spectrum of a part (chirp,
+    cell), S that of the sum of all parts. For a single part this is its power.
 
-    Some cells at a time, window after window: these overlap and stay in cache, and the FFT along axis 0 runs on many cells at once.
+    Some cells are processed at a time, window after window: overlapping windows stay in cache, and the FFT along axis 0 handles
+    many cells at once.
     """
     from scipy import fft
 
     dtype, real = parts[0].dtype, parts[0].real.dtype
     columns = np.ascontiguousarray(weights.astype(real)[:, None])
     power = np.zeros((len(parts), len(starts), n_fft), dtype=real)
-    # Real and imaginary parts in turn, as weights are real.
+    # real and imaginary parts alternate, as the weights are real
     real_parts = [np.ascontiguousarray(part).view(real) for part in parts]
 
     def run(chunk: np.ndarray) -> None:
@@ -421,7 +428,7 @@ def _summed_powers(parts: Sequence[np.ndarray], starts: np.ndarray, weights: np.
 
 
 def _check_combine(combine: str, all_bins: bool, fast: np.ndarray) -> None:
-    """Refuses what is no way to combine range bins, and one whose sum the window sets to zero."""
+    """Refuses an unknown way to combine range bins, and a coherent sum that the window sets to zero."""
     choice("combine", combine, ("noncoherent", "coherent"))
     if combine == "coherent" and all_bins and fast[0] < 1e-3 * fast.mean():
         raise InputError(
@@ -439,16 +446,16 @@ def filtered(
     mti: Mti,
     step_of: Callable[[int, int], int] | None = None,
 ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-    """Cells after MTI piece by piece: the first chirp of each piece, the starts of the windows in it, and its cells.
+    """Cells after MTI, piece by piece: the first chirp of each piece, the starts of the windows in it, and the cells.
 
-    Only "highpass" and "canceller" hold the whole record in memory. `step_of` gives a step of samples for some chirps, which
-    `cells_of` is then told.
+    Only "highpass" and "canceller" hold the whole record in memory. `step_of` chooses the step between samples for some chirps,
+    which is passed on to `cells_of`.
     """
     piece = max(PIECE // (1 if adc.ndim == 2 else adc.shape[1]), 8 * n_window)
     if adc.shape[0] <= piece or mti.method not in ("none", "mean"):
         yield 0, starts, mti.filter(cells_of(adc), radar)
         return
-    # The mean of the cells is the cells of the mean chirp.
+    # range processing is linear, so the mean of the cells is that of the mean chirp
     steady = None
     if mti.method == "mean":
         chirp = np.zeros((1, *adc.shape[1:]), np.complex128)
@@ -477,7 +484,7 @@ def filtered(
 def checked_windows(
     radar: Radar, chirps: int, n_window: int | None, overlap: int | None, n_fft: int | None
 ) -> tuple[int, int, int]:
-    """Window, overlap and FFT length of a spectrogram of so many chirps, which fit them and memory."""
+    """Checked window, overlap and FFT length of a spectrogram of so many chirps; refuses those that need too much memory."""
     burst = radar.loops_per_frame or chirps
     n_window = min(256, burst) if n_window is None else integer("n_window", n_window, 2)
     if radar.loops_per_frame is not None and n_window > burst:
@@ -493,7 +500,7 @@ def checked_windows(
     overlap = n_window * 200 // 256 if overlap is None else integer("overlap", overlap)
     n_fft = check_window(n_window, overlap, n_fft, burst)
     columns = len(window_starts(chirps, burst, n_window, n_window - overlap))
-    # Powers, twice where they are put in order, and the spectra of each thread.
+    # powers, twice while they are reordered, and the spectra of each thread
     size = 16 * columns * n_fft + 24 * min(os.cpu_count() or 1, columns) * CELLS * n_fft
     check_size(size, f"a spectrogram of {columns} columns of {n_fft} bins", "lower n_fft or overlap")
     return n_window, overlap, n_fft
@@ -507,7 +514,7 @@ def window_starts(chirps: int, burst: int, n_window: int, hop: int) -> np.ndarra
 
 
 def check_window(n_window: int, overlap: int, n_fft: int | None, chirps: int) -> int:
-    """The FFT length, once window and overlap have been checked."""
+    """The FFT length, after checking window and overlap."""
     if not 2 <= n_window <= chirps:
         raise InputError(f"n_window must lie in 2..{chirps} (the chirps there are), got {n_window}")
     if not 0 <= overlap < n_window:

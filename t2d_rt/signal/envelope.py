@@ -1,4 +1,4 @@
-"""Doppler envelope of a spectrogram: how fast the fastest parts come and go, and where the torso is."""
+"""Doppler envelope of a spectrogram: the greatest approaching and receding speeds and the speed of the torso over time."""
 
 from __future__ import annotations
 
@@ -7,39 +7,39 @@ from dataclasses import dataclass
 import numpy as np
 
 MARGIN_DB = 6.0
-"""Threshold above the median level of all cells [dB]."""
+"""Distance of the threshold above the median level of all cells [dB]."""
 RANGE_DB = 35.0
-"""The threshold lies no farther below the greatest cell, however little noise there is."""
+"""Greatest distance of the threshold below the strongest cell, however low the noise is [dB]."""
 NOTCH_MPS = 0.12
-"""Cells of smaller speeds hold what is left of static echoes and of the receiver's offset; they are not looked at."""
+"""Cells of smaller speeds [m/s] are ignored: they hold residues of static echoes and of the receiver's offset."""
 
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """Speeds over time [m/s], (T,), all 0 at instants at which nothing that moves is above the threshold."""
+    """Speeds over time [m/s], (T,) each; all are 0 at instants when nothing that moves is above the threshold."""
 
     upper_mps: np.ndarray
-    """Greatest approaching speed that is above the threshold, or 0."""
+    """Greatest approaching speed above the threshold, or 0."""
     lower_mps: np.ndarray
-    """Greatest receding one, negative, or 0."""
+    """Greatest receding speed above the threshold, as a negative number, or 0."""
     torso_mps: np.ndarray
-    """Speed above which half of the power above the threshold lies."""
+    """Median speed of the power above the threshold."""
     power_db: np.ndarray
-    """Power of the cells above the threshold [dB], 0 at the greatest cell."""
+    """Total power of the cells above the threshold [dB] relative to the strongest cell."""
     threshold_db: float
 
     @property
     def extent_mps(self) -> tuple[float, float]:
-        """Least and greatest speed at any time."""
+        """Least and greatest speed over all times [m/s]."""
         return float(self.lower_mps.min()), float(self.upper_mps.max())
 
 
 def envelope(levels_db: np.ndarray, velocity_mps: np.ndarray) -> Envelope:
-    """The envelope of levels (speed, time), 0 dB at the greatest, over ascending speeds.
+    """The envelope of levels (speed, time) [dB], 0 at the strongest, over ascending speeds.
 
-    The threshold is `MARGIN_DB` above the level that half of all cells do not exceed, which is noise as long as a body takes up
-    less than half of a spectrogram, or `RANGE_DB` below the greatest cell that moves. A cell counts if one of its neighbours in
-    speed or time is above the threshold too: single ones are peaks of the noise.
+    The threshold is `MARGIN_DB` above the median level of all cells, which is noise as long as a body fills less than half of the
+    spectrogram, or `RANGE_DB` below the strongest moving cell, whichever is higher. A cell counts only if a neighbour in speed or
+    time is above the threshold, too, since single cells are peaks of noise.
     """
     moving = np.where(np.abs(velocity_mps)[:, None] >= NOTCH_MPS, levels_db.astype(np.float64), -np.inf)
     threshold_db = max(float(np.median(levels_db)) + MARGIN_DB, float(moving.max()) - RANGE_DB)

@@ -1,4 +1,4 @@
-"""Results of the signal chain, with their axes."""
+"""Results of the signal processing: arrays with their axes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class RangeProfile:
     """Complex range profile of every chirp."""
 
     profile: np.ndarray
-    """[sqrt(W)], complex (chirp, antenna, range) or (chirp, range)."""
+    """Range profiles [sqrt(W)], complex (chirp, antenna, range) or (chirp, range)."""
     range_m: np.ndarray
     time_s: np.ndarray
 
@@ -22,11 +22,11 @@ class Spectrogram:
     """Micro-Doppler spectrogram: power by radial speed and time."""
 
     power: np.ndarray
-    """[W], (velocity, time)."""
+    """Power [W], (velocity, time)."""
     velocity_mps: np.ndarray
-    """Ascending, positive = approaching, (velocity,)."""
+    """Speeds [m/s], ascending, positive = approaching, (velocity,)."""
     time_s: np.ndarray
-    """Centres of the windows, (time,)."""
+    """Centres of the windows [s], (time,)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,9 +34,9 @@ class RangeDoppler:
     """Range-Doppler map of one coherent interval."""
 
     power: np.ndarray
-    """[W], (velocity, range)."""
+    """Power [W], (velocity, range)."""
     velocity_mps: np.ndarray
-    """Ascending, positive = approaching, (velocity,)."""
+    """Speeds [m/s], ascending, positive = approaching, (velocity,)."""
     range_m: np.ndarray
 
 
@@ -45,10 +45,10 @@ class RangeTime:
     """Power over range and time."""
 
     power: np.ndarray
-    """[W], (range, time)."""
+    """Power [W], (range, time)."""
     range_m: np.ndarray
     time_s: np.ndarray
-    """Centres of the windows, (time,)."""
+    """Centres of the windows [s], (time,)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,9 +56,9 @@ class ArraySpectrum:
     """Range-Doppler spectra of all virtual antennas over one coherent interval."""
 
     spectrum: np.ndarray
-    """[sqrt(W)], complex (velocity, antenna, range)."""
+    """Spectra [sqrt(W)], complex (velocity, antenna, range)."""
     velocity_mps: np.ndarray
-    """Ascending, positive = approaching, (velocity,)."""
+    """Speeds [m/s], ascending, positive = approaching, (velocity,)."""
     range_m: np.ndarray
 
 
@@ -67,10 +67,10 @@ class RangeAngle:
     """Range-azimuth map of one coherent interval."""
 
     power: np.ndarray
-    """[W], (range, azimuth)."""
+    """Power [W], (range, azimuth)."""
     range_m: np.ndarray
     azimuth_rad: np.ndarray
-    """Positive to the left, (azimuth,)."""
+    """Azimuths [rad], positive to the left, (azimuth,)."""
 
     def __repr__(self) -> str:
         size = f"{len(self.range_m)} ranges x {len(self.azimuth_rad)} azimuths"
@@ -82,18 +82,18 @@ class PointCloud:
     """Detected points, each field (point,), frame after frame."""
 
     time_s: np.ndarray
-    """Centre of the frame."""
+    """Centre of the frame in which each point was detected [s]."""
     range_m: np.ndarray
     azimuth_rad: np.ndarray
-    """Positive to the left."""
+    """Azimuths [rad], positive to the left."""
     elevation_rad: np.ndarray
-    """Positive upwards."""
+    """Elevations [rad], positive upwards."""
     speed_mps: np.ndarray
-    """Positive = approaching."""
+    """Speeds [m/s], positive = approaching."""
     snr_db: np.ndarray
-    """Power of the peak cell, mean over the antennas, relative to the noise level in the cells near it."""
+    """Power of the peak cell, averaged over the antennas, relative to the noise level of the cells near it [dB]."""
     nearest_m: float = 0.0
-    """Nearer points were left out."""
+    """Range below which points were left out [m]."""
 
     def __repr__(self) -> str:
         if not len(self.time_s):
@@ -103,7 +103,7 @@ class PointCloud:
 
     @property
     def xyz_m(self) -> np.ndarray:
-        """Positions from the radar's in its frame, x boresight, y left, z up, (point, 3)."""
+        """Positions relative to the radar in its frame [m]: x boresight, y left, z up, (point, 3)."""
         level = self.range_m * np.cos(self.elevation_rad)
         return np.stack(
             [
@@ -116,5 +116,5 @@ class PointCloud:
 
 
 def _span(values: np.ndarray) -> str:
-    """Least and greatest of them, in words."""
+    """Least and greatest value, as text."""
     return f"{np.min(values):.2f} to {np.max(values):.2f}"

@@ -1,6 +1,7 @@
-"""Measured ADC samples: .npy cubes and raw captures of TI's DCA1000 board, and what a look at them tells of how they were written.
+"""Measured ADC samples: .npy cubes and raw captures of TI's DCA1000 board, and checks of the order and sign in which they were
+written.
 
-The board brings 16-bit integers in the order of the radar's LVDS lanes (Texas Instruments, Mmwave Radar Device ADC Raw Data
+The board delivers 16-bit integers in the order of the radar's LVDS lanes (Texas Instruments, Mmwave Radar Device ADC Raw Data
 Capture, application report SWRA581B, 2018).
 """
 
@@ -23,23 +24,26 @@ from t2d_rt.core.files import npy_header, regular_file
 from t2d_rt.types import Radar
 
 ORDERS = "IQ", "QI", "I"
-"""Orders of the channels; samples with "I" alone are real."""
+"""Orders of I and Q in a file; with "I" alone the samples are real."""
 INSPECTED_ROWS = 64
-"""Rows that are looked at, spread over the file."""
+"""Number of rows that are inspected, spread over the file."""
 AT_ONCE = 8
-"""Number of neighbouring rows among these."""
+"""Number of neighbouring rows in each inspected piece."""
 SIDE_BINS = 3
-"""Range bins beside zero and beside half the sample rate that belong to neither half of the beat spectrum: a Hann window's lobe."""
+"""Range bins next to zero and next to half the sample rate that count for neither half of the beat spectrum: the main lobe of a
+Hann window."""
 MIRRORED = 2.0
-"""Power above the noise floor in the upper half of the beat spectrum over that in the lower half, beyond which the user is told."""
+"""Ratio of the power above the noise floor in the upper half of the beat spectrum to that in the lower half, from which a warning
+is given."""
 LIKE, LESS_LIKE, LARGEST_LAG = 0.5, 0.8, 4
-"""Coherence beyond which chirps some rows apart are alike, fraction of it below which neighbours are not, and most rows apart."""
+"""Coherence from which chirps some rows apart count as alike; factor on it below which neighbouring rows count as not alike; and
+greatest distance in rows that is tested."""
 CLIPPED, CLIPPED_LEAST = 1e-3, 10
-"""Fraction and number of samples at the end of the converters' scale beyond which the user is told."""
+"""Fraction and number of samples at the ends of the converters' scale from which a warning is given."""
 
 
 def spread_rows(count: int) -> list[range]:
-    """Pieces of `AT_ONCE` rows, spread over so many, `INSPECTED_ROWS` in all; or all rows where they are fewer."""
+    """Pieces of `AT_ONCE` rows, spread over `count` rows, with `INSPECTED_ROWS` in all; or all rows where there are fewer."""
     if count <= INSPECTED_ROWS:
         return [range(count)]
     starts = np.linspace(0, count - AT_ONCE, INSPECTED_ROWS // AT_ONCE).astype(int) // AT_ONCE * AT_ONCE
@@ -47,12 +51,12 @@ def spread_rows(count: int) -> list[range]:
 
 
 def code_offset(words: np.ndarray) -> int:
-    """What converters in offset binary add to their codes: 2^(b - 1) of words of b bits that scatter about it; else 0.
+    """Offset of the codes of converters with offset binary: 2^(b - 1) for b-bit words that scatter about it; else 0.
 
-    words: int16; those of 16 bits of offset binary are read as unsigned ones.
+    words: int16; 16-bit words of offset binary are interpreted as unsigned.
     """
     codes = words.astype(np.int32)
-    codes = codes[codes != 0]  # lost packets
+    codes = codes[codes != 0]  # zeros are lost packets
     if not codes.size:
         return 0
     flipped = (words ^ np.int16(-(2**15))).astype(np.int32)
@@ -65,7 +69,7 @@ def code_offset(words: np.ndarray) -> int:
 
 
 def signed(words: np.ndarray, offset: int, samples: int) -> np.ndarray:
-    """Codes of int16 words as float32, less the offset but where as many words as a chirp has samples are zeros: lost packets."""
+    """Codes of int16 words as float32 without the offset; runs of zeros as long as a chirp are lost packets and stay zero."""
     if not offset:
         return words.astype(np.float32)
     codes = (words.view(np.uint16).astype(np.int32) - offset).astype(np.float32)
@@ -74,7 +78,7 @@ def signed(words: np.ndarray, offset: int, samples: int) -> np.ndarray:
 
 
 def warn_of_offset(path: Path, offset: int) -> None:
-    """Tells of codes in offset binary, which are read as such."""
+    """Warns that codes are in offset binary and are read as such."""
     if offset:
         warn(
             f"{path} holds codes in offset binary, about {offset} and none below 0 as unsigned words; {offset} is subtracted "
@@ -83,9 +87,10 @@ def warn_of_offset(path: Path, offset: int) -> None:
 
 
 def oriented(samples: np.ndarray, iq: str, *, conjugate: bool) -> np.ndarray:
-    """Samples (chirp, sample) that were read as I + jQ, as they are, complex64: Q before I swapped, a conjugate IF conjugated.
+    """Samples (chirp, sample), read as I + jQ, with the right order and sign, complex64: for "QI" I and Q are swapped, a conjugate
+    IF is conjugated.
 
-    Real ones become analytic: what stands at negative beats is the image of what stands at positive ones.
+    Real samples become analytic: their negative beat frequencies only mirror the positive ones.
     """
     if iq == "I":
         from scipy.signal import hilbert
@@ -97,18 +102,18 @@ def oriented(samples: np.ndarray, iq: str, *, conjugate: bool) -> np.ndarray:
 
 
 def cube_of(rows: FileRows) -> Cube:
-    """The cube, its samples checked: in memory or, where it is large, read from its file when used."""
+    """The cube of a file with its samples checked; in memory or, if it is large, read from the file when it is used."""
     on_disk = DiskCube(rows)
     cube: Cube = on_disk if is_large(rows.shape) else np.empty(rows.shape, np.complex64)
     if isinstance(cube, np.ndarray):
-        for part, block in row_blocks(on_disk):  # decoding takes several times the memory of what it makes
+        for part, block in row_blocks(on_disk):  # decoding takes several times the memory of its result
             cube[part] = block
     _check_samples(cube, rows.path)
     return cube
 
 
 def _check_samples(cube: Cube, path: Path) -> None:
-    """Refuses samples that are not finite or all zero; tells of lost and clipped ones and of a channel that is missing."""
+    """Refuses samples that are not finite or all zero; warns of lost and clipped samples and of a missing channel."""
     silent = clipped = 0
     channels = np.zeros(2, bool)
     for _, block in row_blocks(cube):
@@ -140,7 +145,8 @@ def _check_samples(cube: Cube, path: Path) -> None:
 
 
 def _at_ends(parts: np.ndarray) -> int:
-    """How many samples (..., 2) have I or Q at an end of a converter's scale: the greatest is 2^n - 1, or the least -2^n."""
+    """Number of samples (..., 2) with I or Q at an end of a converter's scale, where the greatest value is 2^n - 1 or the least
+    -2^n."""
     at_end = np.zeros(parts.shape[:-1], bool)
     for end in (float(parts.max()), float(parts.min())):
         codes = end + 1 if end > 0 else -end
@@ -150,7 +156,8 @@ def _at_ends(parts: np.ndarray) -> int:
 
 
 def warn_of_mirror(cube: Cube, path: Path, iq: str) -> None:
-    """Tells of beats that look negative: most echoes are near, so that the lower half of the beat spectrum has the most power."""
+    """Warns of beat frequencies that seem to be negative: most echoes are near, so the lower half of the beat spectrum should have
+    the most power."""
     samples = cube.shape[2]
     rows = np.concatenate([np.asarray(cube[part.start : part.stop]) for part in spread_rows(len(cube))])
     spectrum = np.fft.fft(rows * np.hanning(samples), axis=-1)
@@ -168,7 +175,8 @@ def warn_of_mirror(cube: Cube, path: Path, iq: str) -> None:
 
 
 def warn_of_period(cube: Cube, radar: Radar, path: Path) -> None:
-    """Tells of rows that are more like those some rows on than like the next ones: neighbours were not recorded alike."""
+    """Warns where rows resemble rows some distance away more than their neighbours, so that neighbours were recorded with different
+    settings."""
     if radar.multiplexing == "ddm" or (radar.loops_per_frame or AT_ONCE) < AT_ONCE or len(cube) < AT_ONCE:
         return
     alike = np.zeros(LARGEST_LAG + 1)
@@ -192,10 +200,10 @@ def _energy(rows: np.ndarray) -> float:
 
 
 def flatness_db(chirps: np.ndarray, *, noise: float = 0.0) -> float:
-    """Geometric over arithmetic mean of the mean power spectrum of chirps (chirp, sample) [dB].
+    """Spectral flatness [dB] of chirps (chirp, sample): geometric over arithmetic mean of their mean power spectrum.
 
-    The lower, the better samples follow from those before them (Kolmogorov); samples in a wrong order are flatter than in the right
-    one. noise: power of a sample's rounding.
+    The lower it is, the better samples can be predicted from those before (Kolmogorov); samples in a wrong order have a flatter
+    spectrum than in the right one. noise: power of the rounding of a sample.
     """
     window = np.hanning(chirps.shape[-1])
     power = np.mean(np.abs(np.fft.fft(chirps * window, axis=-1)) ** 2, axis=0) + noise * np.sum(window**2)
@@ -232,7 +240,7 @@ def load_cube(path: str | Path, *, iq: str = "IQ", conjugate: bool = False) -> C
 
 
 def _rows(path: Path, *, real: bool) -> FileRows:
-    """Where the rows of a .npy file stand, of what shape they are."""
+    """Position and shape of the rows of a .npy file."""
     with regular_file(path, noun="recording") as file:
         shape, by_columns, dtype = npy_header(file)
         begin, size = file.tell(), os.fstat(file.fileno()).st_size
@@ -254,7 +262,7 @@ def _rows(path: Path, *, real: bool) -> FileRows:
 
 
 def _axes(path: Path, shape: tuple[int, ...], dtype: np.dtype[Any], *, real: bool) -> tuple[int, int, int]:
-    """(chirp, antenna, sample) of an array's shape."""
+    """Numbers of chirps, antennas and samples for an array of that shape."""
     pairs = dtype.kind != "c" and not real
     if pairs and (len(shape) not in (3, 4) or shape[-1] != 2):
         raise InputError(
@@ -276,23 +284,23 @@ def _parts(numbers: np.ndarray) -> np.ndarray:
 
 
 def _words(numbers: np.ndarray) -> np.ndarray:
-    """Parts that are 16-bit integers, signed or unsigned, as int16."""
+    """Real and imaginary parts that are 16-bit integers, signed or unsigned, as int16."""
     return _parts(numbers).astype(np.int64).astype(np.int16)
 
 
 def _are_words(rows: FileRows) -> bool:
-    """Whether all samples are 16-bit integers."""
+    """Whether all samples of a file are 16-bit integers."""
     step = block_rows(rows.shape)
     for start in range(0, rows.shape[0], step):
         parts = _parts(rows.numbers(start, min(start + step, rows.shape[0])))
-        # NaN is equal to nothing.
+        # NaN is unequal to itself
         if not ((parts == np.rint(parts)).all() and parts.min() >= -(2**15) and parts.max() < 2**16):
             return False
     return True
 
 
 def _decoded(numbers: np.ndarray, *, samples: int, words: bool, offset: int, iq: str, conjugate: bool) -> np.ndarray:
-    """Samples of rows (row, number), complex64, as many as there are."""
+    """Complex64 samples of some rows (row, number), with `samples` in a chirp."""
     with np.errstate(over="ignore"):
         parts = signed(_words(numbers), offset, samples) if words else _parts(numbers).astype(np.float32)
     if iq == "I":
@@ -304,9 +312,9 @@ def _decoded(numbers: np.ndarray, *, samples: int, words: bool, offset: int, iq:
 LANES = "2", "4"
 WORD = np.dtype("<i2")
 FEWEST_CHIRPS = 16
-"""Whose spectra tell orders of samples apart."""
+"""Least number of chirps whose spectra can tell in which order samples are."""
 FLATTER_DB = 0.5
-"""By how much the spectrum of samples in the order that is asked for may be flatter than in another."""
+"""How much flatter the spectrum in the given order may be than in another one [dB]."""
 
 
 def load_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str = "IQ", conjugate: bool = False) -> Cube:
@@ -371,7 +379,7 @@ def load_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str = "IQ", 
 
 
 def _values(codes: np.ndarray, together: int) -> np.ndarray:
-    """I + jQ of codes (word,) that bring so many I `together` and then as many Q; where that is 0, real samples as they are."""
+    """I + jQ of codes (word,), of which `together` values of I are followed by as many of Q; real samples where `together` is 0."""
     if not together:
         return codes
     pairs = codes.reshape(-1, 2, together)
@@ -379,8 +387,8 @@ def _values(codes: np.ndarray, together: int) -> np.ndarray:
 
 
 def _ordered(codes: np.ndarray, samples: int, *, together: int, by_sample: bool = False) -> np.ndarray:
-    """Chirps (chirp of a receiver, sample) of codes as in `_values`; `by_sample` of 4 receivers at one sample after the other, and
-    else of one receiver after the other."""
+    """Chirps (chirp of a receiver, sample) from codes as in `_values`. With `by_sample` each sample has the words of 4 receivers;
+    otherwise the chirps of the receivers follow one another."""
     values = _values(codes, together)
     return (values.reshape(-1, samples, 4).swapaxes(1, 2) if by_sample else values).reshape(-1, samples)
 
@@ -395,13 +403,13 @@ LAYOUTS: dict[str, tuple[dict[str, Any], str]] = {
         "save numpy.fromfile(path, '<i2').reshape(chirps, antennas, samples, 2) as .npy",
     ),
 }
-"""Options of `_ordered` for each order of the words, and what to do with a file in this order."""
+"""Options of `_ordered` for each order of words, and the advice for a file in this order."""
 
 
 def _decoded_capture(
     words: np.ndarray, *, order: str, samples: int, used: np.ndarray | None, offset: int, iq: str, conjugate: bool
 ) -> np.ndarray:
-    """Samples of rows of words (row, word), complex64 (chirp of a receiver, sample)."""
+    """Complex64 samples of rows of words (row, word), as (chirp of a receiver, sample)."""
     chirps = _ordered(signed(words, offset, samples).ravel(), samples, **LAYOUTS[order][0])
     if used is not None:
         chirps = chirps.reshape(-1, 4, samples)[:, used].reshape(-1, samples)
@@ -409,16 +417,19 @@ def _decoded_capture(
 
 
 ALIKE, LESS_THAN_ROW, REPEATED = 0.9, 0.8, 0.7
-"""Coherence of the words at some lag beyond which a capture repeats itself there; fraction of it below which the radar's rows do
-not; and, of rows that are several of one transmitter's chirps, how much nearer to 1 it is than at a row's lag."""
+"""Coherence of the words at a lag from which a capture counts as repeating; factor on it below which it does not repeat at the
+radar's rows; and, where a row seems to hold several chirps of one transmitter, how much closer to 1 the coherence must be than at
+the lag of a row."""
 ROWS_OF_PERIOD = 64
-"""Rows in which a capture's period is sought."""
+"""Number of rows in which the period of a capture is searched."""
 
 
 def _check_period(codes: np.ndarray, together: int, row: int, senders: int, path: Path) -> None:
-    """Refuses codes (word,) in a row, I and Q by so many `together`, that repeat after another number than a row of the radar has.
+    """Refuses codes (word,) that repeat after another number of words than `row`, the length of the radar's rows; I and Q come in
+    groups of `together`.
 
-    Near echoes and leakage make a chirp like the one before; where noise or movement is stronger, nothing is told.
+    Near echoes and leakage make each chirp resemble the one before. Where noise or movement dominates, no period is found and
+    nothing is refused.
     """
     from scipy import fft
 
@@ -427,11 +438,11 @@ def _check_period(codes: np.ndarray, together: int, row: int, senders: int, path
     size = fft.next_fast_len(2 * len(values))
     power = np.abs(fft.fft(values - values.mean(), size)) ** 2
     if not together:
-        power[size // 2 :] = 0  # of real samples the analytic signal
+        power[size // 2 :] = 0  # real samples: use their analytic signal
     lags = np.arange(min(len(values) // 2, LARGEST_LAG * row) + 1)
     if len(lags) <= row:
         return
-    # Absolute values, for what moves turns its phase from chirp to chirp.
+    # absolute values, because movement changes the phase from chirp to chirp
     coherence = np.abs(fft.ifft(power)[: len(lags)]) / (len(values) - lags)
     coherence /= coherence[0] or 1.0
     sought = lags >= row // 8
@@ -446,12 +457,12 @@ def _check_period(codes: np.ndarray, together: int, row: int, senders: int, path
 
 
 def _check_order(codes: np.ndarray, samples: int, order: str, path: Path) -> None:
-    """Refuses codes that have a flatter spectrum in the order that is given than in another."""
+    """Refuses codes whose spectrum is flatter in the given order than in another."""
     flatnesses_db = {}
     for name, (layout, _) in LAYOUTS.items():
         try:
             chirps = _ordered(codes, samples, **layout)
-        except ValueError:  # so many words are no whole chirps
+        except ValueError:  # not a whole number of chirps in that order
             continue
         chirps = chirps[chirps.any(axis=1)]
         if len(chirps) >= FEWEST_CHIRPS:

@@ -1,4 +1,4 @@
-"""Slow time: moving-target indication, which removes static echoes."""
+"""Moving-target indication (MTI): filters along slow time that remove static echoes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def mti(
     if method == "none":
         return profile
     if method == "mean":
-        # float64 sums: in single precision the mean of 1e5 chirps would leave a residue.
+        # float64 sums: in single precision the mean of 1e5 chirps would leave a residual
         return profile - profile.mean(axis=0, dtype=np.complex128).astype(profile.dtype)
     if method == "highpass":
         return _highpass(profile, prf_hz, cutoff_hz, order)
@@ -64,11 +64,11 @@ def _highpass(profile: np.ndarray, prf_hz: float | None, cutoff_hz: float | None
             f"{cutoff_hz}"
         )
     sos = butter(order, cutoff_hz, "highpass", fs=prf_hz, output="sos")
-    # Reflect one period of the cut-off at the ends, so that the filter has settled where the record begins.
+    # The record is reflected over one period of the cut-off at both ends, so that the filter has settled where it begins.
     padding = min(int(prf_hz / cutoff_hz) + 1, len(profile) - 1)
     columns = profile.reshape(len(profile), -1)
     filtered = np.empty_like(columns)
-    for start in range(0, columns.shape[1], 16):  # a few bins at a time: scipy filters in double precision
+    for start in range(0, columns.shape[1], 16):  # a few bins at a time, because scipy filters in double precision
         part = np.ascontiguousarray(columns[:, start : start + 16].T)
         filtered[:, start : start + 16] = sosfiltfilt(sos, part, axis=-1, padlen=padding).T
     return filtered.reshape(profile.shape)
@@ -79,7 +79,7 @@ def _convolve(profile: np.ndarray, kernel: Sequence[float]) -> np.ndarray:
     if taps.ndim != 1 or not 1 <= len(taps) <= len(profile):
         raise InputError(f"kernel must be 1 to {len(profile)} finite numbers, got {shown(kernel)}")
     before = (len(taps) - 1) // 2
-    # Held ends: with zeros outside, a static echo would click at both.
+    # End values are repeated: with zeros beyond the ends, static echoes would cause transients there.
     ends = [(before, len(taps) - 1 - before)] + [(0, 0)] * (profile.ndim - 1)
     padded = np.pad(profile, ends, mode="edge")
     filtered = np.zeros_like(profile)

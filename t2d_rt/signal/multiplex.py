@@ -1,4 +1,4 @@
-"""From the antennas that a cube holds to the virtual ones: transmitters told apart (docs/physics.md, eq. 18)."""
+"""Separates the transmitters of a cube, so that it holds one channel for each virtual antenna (docs/physics.md, eq. 18)."""
 
 from __future__ import annotations
 
@@ -47,18 +47,18 @@ def separate_ddm(adc: Any, radar: Radar) -> np.ndarray:
 
 
 def separated(adc: Any, radar: Radar) -> tuple[Any, Radar]:
-    """Cube and radar with their transmitters apart: what "ddm" needs, and all others have."""
+    """The cube with its transmitters separated where that is needed ("ddm"), and its radar."""
     return (separate_ddm(adc, radar), radar.separated) if radar.multiplexing == "ddm" else (adc, radar)
 
 
 def check_antennas(adc: Any, radar: Radar) -> None:
-    """Refuses a cube that does not hold every antenna of the radar."""
+    """Refuses a cube that does not hold all antennas of the radar."""
     check_recording(adc, radar)
     check_axes(adc.shape, radar)
 
 
 def check_axes(shape: tuple[int, ...], radar: Radar) -> None:
-    """Refuses a cube whose axes are not chirps, antennas and samples of that radar, with the axes that it may have."""
+    """Refuses a cube whose axes are not the chirps, antennas and samples of that radar."""
     antennas, samples = radar.antennas, radar.samples
     orders = permutations(range(3)) if len(shape) == 3 else ()
     fitting = [order for order in orders if (shape[order[1]], shape[order[2]]) == (antennas, samples)]

@@ -1,4 +1,4 @@
-"""Detection at a constant rate of false alarms (docs/physics.md, eq. 20), and the point clouds of sensors with an antenna array."""
+"""Constant false alarm rate detection (CFAR; docs/physics.md, eq. 20), and point clouds of radars with an antenna array."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from t2d_rt.signal.range import taper
 from t2d_rt.types.radar import Radar
 
 RANK = 0.75
-"""Which of the ordered training cells OS-CFAR takes, as a fraction of their number."""
+"""Rank of the training cell that OS-CFAR uses, as a fraction of their number."""
 SCALE = 1e-12, 1e12
-"""Range of a frame's largest sample in which float32 holds its power and that of cells 40 dB weaker."""
+"""Limits of a frame's greatest sample within which float32 can hold its power and that of cells 40 dB weaker."""
 MOST_LOOKS, MOST_CELLS = 100_000, 2_000
-"""Antennas and training cells that a threshold is computed for."""
+"""Greatest number of antennas, and of training cells, for which a threshold is computed."""
 
 
 def cfar(
@@ -66,15 +66,16 @@ def cfar(
         training = np.stack([np.roll(power, offset, axis=(0, 1)) for offset in offsets], axis=-1)
         rank = round(RANK * len(offsets))
         ordered = np.partition(training, rank - 1, axis=-1)[..., rank - 1]
-        noise = ordered * (looks / gammaincinv(looks, RANK))  # from the quantile to the mean
+        noise = ordered * (looks / gammaincinv(looks, RANK))  # from the quantile to the mean of the noise
     return noise, power > factor * noise, factor
 
 
 def cfar_factor(false_alarm_rate: float, cells: int | np.ndarray, *, looks: int = 1, method: str = "ca") -> float:
-    """Threshold over the noise level, estimated from training cells that are sums of `looks` exponential powers (eq. 20).
+    """Ratio of threshold to noise level, where the latter is estimated from training cells that are sums of `looks` exponential
+    powers (eq. 20).
 
-    `cells` is their number, or the correlation matrix of their amplitudes, complex (cell, cell). Exact with "ca", with
-    "os" for cells that are not correlated; else that gives fewer alarms than asked, with Hann windows 0.6 to 0.9.
+    `cells` is their number, or the correlation matrix of their amplitudes, complex (cell, cell). Exact with "ca", and with "os" for
+    uncorrelated cells; otherwise "os" gives fewer false alarms than asked for, with Hann windows 0.6 to 0.9 of them.
     """
     from scipy.optimize import brentq
 
@@ -94,7 +95,7 @@ def cfar_factor(false_alarm_rate: float, cells: int | np.ndarray, *, looks: int 
 
 
 def _checked_correlation(cells: int | np.ndarray) -> np.ndarray:
-    """Correlation matrix of the training cells; of a number of them, that of independent ones."""
+    """Checked correlation matrix of the training cells; a number stands for that many independent cells."""
     if np.ndim(numeric("cells", cells)) == 0:
         return np.eye(
             integer("cells", cells, 1, MOST_CELLS, hint="a number of training cells, or their correlation matrix")
@@ -112,7 +113,7 @@ def _checked_correlation(cells: int | np.ndarray) -> np.ndarray:
 
 
 def _ca_log_rate(correlation: np.ndarray, looks: int) -> Callable[[float], float]:
-    """Logarithm of the rate of false alarms by the factor on the mean of the training cells."""
+    """Logarithm of the false alarm rate as a function of the factor on the mean of the training cells."""
     eigenvalues = np.linalg.eigvalsh(correlation) / len(correlation)
     eigenvalues = eigenvalues[eigenvalues > 1e-12]
 
@@ -122,7 +123,7 @@ def _ca_log_rate(correlation: np.ndarray, looks: int) -> Callable[[float], float
         terms, log_unit = np.ones(looks), -looks * float(np.log1p(scaled).sum())
         for j in range(1, looks):
             terms[j] = looks / j * float(sums[:j] @ terms[j - 1 :: -1])
-            if terms[j] > 1e200:  # many looks: keep within the numbers there are
+            if terms[j] > 1e200:  # for many looks, stay within the range of floats
                 log_unit += math.log(terms[j])
                 terms /= terms[j]
         return math.log(float(terms.sum())) + log_unit
@@ -131,11 +132,11 @@ def _ca_log_rate(correlation: np.ndarray, looks: int) -> Callable[[float], float
 
 
 def _os_log_rate(correlation: np.ndarray, looks: int) -> Callable[[float], float]:
-    """Logarithm of the rate of false alarms by the factor on the noise level that an order statistic gives."""
+    """Logarithm of the false alarm rate as a function of the factor on the noise level from an order statistic."""
     from scipy.special import gammaincc, gammaincinv, roots_legendre
     from scipy.stats import beta
 
-    # An order statistic counts the cells above a level: Sheppard's correlation of signs.
+    # An order statistic depends on how many cells exceed a level; Sheppard's formula gives the correlation of these events.
     alike = 2 / np.pi * np.arcsin(np.minimum(np.abs(correlation) ** 2, 1))
     cells = len(correlation) ** 2 / float(alike.sum())
     rank = RANK * cells
@@ -147,14 +148,14 @@ def _os_log_rate(correlation: np.ndarray, looks: int) -> Callable[[float], float
 
 
 def check_rate(false_alarm_rate: float) -> float:
-    """Refuses what is no false-alarm rate, and rates for which no threshold can be computed."""
+    """Checked false alarm rate; refuses rates for which no threshold can be computed."""
     return number("false_alarm_rate", false_alarm_rate, 1e-12, 0.5, hint="1e-4 is usual")
 
 
 def _offsets(
     shape: tuple[int, ...], guard_cells: tuple[int, int], training_cells: tuple[int, int]
 ) -> list[tuple[int, int]]:
-    """Steps from the cell to its training cells: a cross."""
+    """Offsets from a cell to its training cells, which form a cross."""
     offsets = []
     pairs = (("guard_cells", guard_cells), ("training_cells", training_cells))
     for name, pair in pairs:
@@ -180,7 +181,7 @@ def _offsets(
 
 
 def _correlation(offsets: list[tuple[int, int]], shape: tuple[int, ...], windows: tuple[str, str]) -> np.ndarray:
-    """Correlation of the amplitudes of white noise in the training cells, complex (cell, cell): that of windowed FFTs."""
+    """Correlation of the amplitudes of white noise in the training cells after windowed FFTs, complex (cell, cell)."""
     correlation = np.ones((len(offsets), len(offsets)), complex)
     steps = np.array(offsets)
     if not isinstance(windows, (list, tuple)) or len(windows) != 2:
@@ -193,12 +194,12 @@ def _correlation(offsets: list[tuple[int, int]], shape: tuple[int, ...], windows
 
 
 COARSEST = 0.1
-"""Step of the search in direction cosine where the array is small."""
+"""Greatest step of the search over direction cosines, used where the array is small."""
 NEAREST_M = 0.3
-"""Range within which a receiver's own leakage gives points."""
+"""Default range [m] below which points are left out, as the receiver's own leakage causes points there."""
 REFINEMENTS = 4
 AT_ONCE = 256
-"""Detections whose beams are formed together: bounds memory."""
+"""Number of detections whose beams are formed at once, to limit memory."""
 
 
 def point_cloud(
@@ -242,7 +243,7 @@ def point_cloud(
     nearest_m = number("nearest_m", nearest_m, 0, unit="m", hint=f"{NEAREST_M} is usual, 0 keeps all")
     adc, radar = separated(adc, radar)
     first = int(np.searchsorted(radar.range_axis_m(), nearest_m))
-    # Those of IFs below zero stand at the end of the axis.
+    # IFs below zero are at the end of the axis
     tested = slice(first, radar.samples - max(first - 1, 0))
     if first and tested.stop - first < 2:
         raise InputError(
@@ -284,7 +285,7 @@ def _report(
     radar: Radar,
     time_s: float,
 ) -> np.ndarray:
-    """The fields of the points of one frame, (6, point)."""
+    """Fields of the points of one frame, (6, point): time, range, azimuth, elevation, speed, SNR."""
     row, column = peaks
     speed_step, range_step = cells.velocity_mps[1] - cells.velocity_mps[0], cells.range_m[1] - cells.range_m[0]
     speed = cells.velocity_mps[row] + speed_step * _between(power, row, column, axis=0)
@@ -296,10 +297,10 @@ def _report(
 
 
 def _directions(snapshots: np.ndarray, range_m: np.ndarray, radar: Radar) -> np.ndarray:
-    """Unit vectors (point, 3) in which the beams of `snapshots` (point, antenna) are strongest.
+    """Unit vectors (point, 3) of the directions in which the beams of `snapshots` (point, antenna) are strongest.
 
-    A search over a grid of direction cosines, then parabolas along y and z around its peak, with smaller steps each
-    time. Along an axis on which the array has no extent it cannot tell, and 0 is reported.
+    First a grid of direction cosines is searched, then parabolas along y and z are fitted around its peak, with ever smaller steps.
+    Along an axis on which the array has no extent the direction cannot be found, and 0 is reported.
     """
     steps = np.array([beam_step(radar, axis, COARSEST) for axis in (1, 2)])
     extent = np.ptp(radar.virtual_offsets_m[:, 1:], axis=0) > radar.wavelength_m * 1e-3
@@ -326,7 +327,7 @@ def _directions(snapshots: np.ndarray, range_m: np.ndarray, radar: Radar) -> np.
 
 
 def _upright(place: np.ndarray) -> np.ndarray:
-    """Unit vectors in front of the radar with the direction cosines (..., 2) along y and z."""
+    """Unit vectors in front of the radar with the given direction cosines (..., 2) along y and z."""
     beyond = np.maximum(np.linalg.norm(place, axis=-1, keepdims=True), 1.0)
     place = place / beyond
     forward = np.sqrt(np.maximum(1 - np.sum(place**2, axis=-1, keepdims=True), 0))
@@ -334,7 +335,7 @@ def _upright(place: np.ndarray) -> np.ndarray:
 
 
 def _between(power: np.ndarray, row: np.ndarray, column: np.ndarray, *, axis: int) -> np.ndarray:
-    """Where a peak lies between cells along an axis, -1/2..1/2 of a cell: a parabola through the levels in dB."""
+    """Position of a peak between cells along an axis, -1/2..1/2 of a cell, by a parabola through the levels in dB."""
     step = (1, 0) if axis == 0 else (0, 1)
     rows, columns = power.shape
     neighbours = [power[(row + k * step[0]) % rows, (column + k * step[1]) % columns] for k in (-1, 0, 1)]
@@ -342,22 +343,22 @@ def _between(power: np.ndarray, row: np.ndarray, column: np.ndarray, *, axis: in
 
 
 def _vertex(before: np.ndarray, here: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Where the parabola through three values a step apart has its top, -1..1 steps from the middle."""
+    """Position of the vertex of a parabola through three values one step apart, -1..1 steps from the middle."""
     bend = before - 2 * here + after
     top = np.divide(0.5 * (before - after), bend, out=np.zeros_like(here), where=bend < 0)
-    # Where it bends upwards: to the higher side.
+    # where the parabola opens upwards: at the greater of both sides
     return np.clip(np.where(bend < 0, top, np.sign(after - before)), -1, 1)
 
 
 def _is_peak(power: np.ndarray) -> np.ndarray:
-    """Cells that none of their eight neighbours exceeds; both axes are circular."""
+    """Whether each cell is exceeded by none of its eight neighbours; both axes are circular."""
     from scipy.ndimage import maximum_filter
 
     return power >= maximum_filter(power, size=3, mode="wrap")
 
 
 def intervals(adc: Any, radar: Radar, frame_chirps: int | None = None) -> Iterator[tuple[float, np.ndarray]]:
-    """Centre [s] and chirps (chirp, antenna, sample) of each frame of a cube; a frame lies within a burst."""
+    """Centre [s] and chirps (chirp, antenna, sample) of each frame of a cube; no frame extends over two bursts."""
     chirps = len(adc)
     burst = radar.loops_per_frame or chirps
     if frame_chirps is not None:
@@ -382,7 +383,8 @@ def intervals(adc: Any, radar: Radar, frame_chirps: int | None = None) -> Iterat
 
 
 def _scaled(part: np.ndarray) -> np.ndarray:
-    """Samples of a frame; very weak and very strong ones by a power of two, so that no power leaves the numbers there are."""
+    """Samples of a frame; very weak and very strong ones are scaled by a power of two, so that powers stay within the range of
+    floats."""
     greatest = float(max(np.abs(part.real).max(), np.abs(part.imag).max()))
     if greatest == 0 or SCALE[0] <= greatest <= SCALE[1]:
         return part
@@ -391,7 +393,7 @@ def _scaled(part: np.ndarray) -> np.ndarray:
 
 
 def cloud_of(fields: Iterable[np.ndarray], *, nearest_m: float) -> PointCloud:
-    """The cloud of the points of all frames, each (6, point): time, range, azimuth, elevation, speed, SNR."""
+    """The point cloud of all frames, each given as (6, point): time, range, azimuth, elevation, speed, SNR."""
     columns = np.concatenate([np.zeros((6, 0)), *fields], axis=1)
     names = "time_s", "range_m", "azimuth_rad", "elevation_rad", "speed_mps", "snr_db"
     return PointCloud(**dict(zip(names, columns, strict=True)), nearest_m=nearest_m)

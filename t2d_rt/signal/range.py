@@ -1,4 +1,4 @@
-"""Fast time: range FFT and range gates."""
+"""Processing along fast time: range FFT and range gates."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from t2d_rt.signal.maps import RangeProfile
 from t2d_rt.types.radar import Radar
 
 BLOCK = 4096
-"""Chirps per block: bounds memory, and lets lazy (zarr) cubes stream."""
+"""Number of chirps that are processed at once: this limits memory, and lets lazy (zarr) cubes be streamed."""
 LONGEST_WINDOW = 10_000_000
 MOST_BYTES = 4 * 2**30
-"""Memory that one step of the signal chain may ask for."""
+"""Greatest memory that one step of the signal processing may need [bytes]."""
 
 
 def taper(name: str | tuple[str, float], length: int, *, periodic: bool = False) -> np.ndarray:
@@ -30,7 +30,7 @@ def taper(name: str | tuple[str, float], length: int, *, periodic: bool = False)
     length, periodic = integer("length of a window", length, 1, LONGEST_WINDOW), flag("periodic", periodic)
     if (
         isinstance(name, str) and name == "hann"
-    ):  # to import scipy.signal for the default takes longer than the spectrogram of a short record
+    ):  # importing scipy.signal would take longer than the spectrogram of a short record
         window = np.hanning(length + (periodic and length > 1))[:length]
     else:
         window = _of_scipy(name, length, periodic=periodic)
@@ -43,7 +43,7 @@ def _of_scipy(name: str | tuple[str, float], length: int, *, periodic: bool) -> 
     from scipy.signal import get_window
 
     try:
-        if not isinstance(name, (str, tuple)):  # scipy takes a number for the beta of a Kaiser window
+        if not isinstance(name, (str, tuple)):  # scipy takes a bare number as the beta of a Kaiser window
             raise ValueError
         return np.asarray(get_window(name, length, fftbins=periodic))
     except (ValueError, TypeError, OverflowError, IndexError):
@@ -86,13 +86,13 @@ def range_fft(
         part = np.asarray(adc[start : start + block])
         part = part * weights.astype(part.real.dtype)
         check_finite(part)
-        # A copy, not a view, so that a narrow gate does not keep the whole block.
+        # a copy, since a view would keep the whole block for a narrow gate
         blocks.append(fft.fft(part, n_fft, axis=-1, overwrite_x=True, workers=-1)[..., bins].copy())
     return np.concatenate(blocks)
 
 
 def range_profile(adc: Any, radar: Radar, *, window: str = "hann", n_fft: int | None = None) -> RangeProfile:
-    """Range profile of every chirp with its axes."""
+    """Range profiles of all chirps, with their axis."""
     check_recording(adc, radar)
     profile = range_fft(adc, window=window, n_fft=n_fft)
     return RangeProfile(
@@ -101,8 +101,7 @@ def range_profile(adc: Any, radar: Radar, *, window: str = "hann", n_fft: int | 
 
 
 def gate(range_m: np.ndarray, limits_m: tuple[float, float] | None) -> slice:
-    """Bins whose range lies within `limits_m` (nearest, farthest), as a slice for the last axis; all of them for
-    None."""
+    """Slice of the range bins within `limits_m` (nearest, farthest), for the last axis; all bins for None."""
     range_m = array("range_m", range_m, ("bin",))
     if len(range_m) < 2:
         raise InputError(f"range_m must hold at least 2 range bins, got {len(range_m)}")
@@ -120,20 +119,20 @@ def gate(range_m: np.ndarray, limits_m: tuple[float, float] | None) -> slice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RangeGate:
-    """Which range cells of a radar are kept."""
+    """The range cells of a radar that are kept, and the window and matrix that compute them."""
 
     limits_m: tuple[float, float]
     """Nearest and farthest range [m]."""
     bins: slice
-    """Numbers of the range bins."""
+    """Indices of the range bins."""
     window: str
-    """Name of the window of the range FFT."""
+    """Name of the range FFT's window."""
     matrix: np.ndarray
-    """Factor of each sample in each cell, complex64 (sample, cell)."""
+    """Weight of each sample in each range cell, complex64 (sample, cell)."""
 
     @classmethod
     def of(cls, radar: Radar, limits_m: tuple[float, float], window: str = "hann") -> RangeGate:
-        """The bins of a radar within limits, as `range_fft` makes them; raises InputError where there are none."""
+        """The range cells of a radar within limits, as `range_fft` computes them; raises an InputError where there are none."""
         bins = gate(radar.range_axis_m(), limits_m)
         cycles = np.outer(np.arange(radar.samples), np.arange(bins.start, bins.stop)) % radar.samples / radar.samples
         matrix = taper(window, radar.samples)[:, None] * np.exp(-2j * np.pi * cycles)
@@ -141,19 +140,19 @@ class RangeGate:
 
     @property
     def processing(self) -> dict[str, Any]:
-        """Options of `spectrogram` that ask for these cells."""
+        """Options of `spectrogram` for these range cells."""
         return {"range_gate_m": list(self.limits_m), "range_window": self.window}
 
 
 def check_recording(adc: Any, radar: Any) -> None:
-    """Refuses a cube that is none, or that this radar has not recorded."""
+    """Refuses anything that is no cube, or that this radar cannot have recorded."""
     instance("radar", radar, Radar, "a Radar", hint="Radar.preset('table2') makes one")
     check_cube(adc, radar)
 
 
 def check_finite(values: np.ndarray) -> None:
-    """Refuses samples, or what has been made of them, that hold NaN or infinite values."""
-    # A sum is finite where all of it is, and takes no array of its own.
+    """Refuses samples, or values computed from them, that are NaN or infinite."""
+    # The sum is finite only where all values are, and needs no array of its own.
     with np.errstate(all="ignore"):
         total = values.sum()
     if not np.isfinite(total):
@@ -161,7 +160,7 @@ def check_finite(values: np.ndarray) -> None:
 
 
 def check_size(size_bytes: int, what: str, remedy: str) -> None:
-    """Refuses what would take too much memory, before it is tried."""
+    """Refuses a step that would need too much memory, before it is tried; `remedy` is the advice in the error."""
     if size_bytes > MOST_BYTES:
         raise InputError(
             f"{what} would take {size_bytes / 1e9:.3g} GB of memory, at most {MOST_BYTES / 1e9:.3g} GB; {remedy}"
@@ -169,7 +168,7 @@ def check_size(size_bytes: int, what: str, remedy: str) -> None:
 
 
 def check_cube(adc: Any, radar: Radar | None = None) -> int:
-    """Samples per chirp of a cube, once its shape has been checked."""
+    """Number of samples per chirp of a cube, after checking its shape."""
     if not all(hasattr(adc, name) for name in ("ndim", "shape", "dtype")):
         raise InputError(f"adc must be an array (chirp, antenna, sample), got {shown(adc)}")
     if isinstance(adc, np.ma.MaskedArray):

@@ -1,4 +1,4 @@
-"""Range over time, and the chirps of one coherent interval, both after MTI."""
+"""Power over range and time, and the chirps of single coherent intervals, both after MTI."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def range_time(
     """Power over range and time of a cube (chirp, antenna, sample): |range FFT|^2 after MTI, averaged over the antennas and over
     the chirps of each column.
 
-    Columns are those of `spectrogram` with the same `n_window` and `overlap`; MTI as there. A target of power P reads P in its peak
+    Columns are those of `spectrogram` for the same `n_window` and `overlap`; so is MTI. A target of power P reads P in its peak
     bin.
     """
     check_recording(adc, radar)
@@ -93,7 +93,7 @@ def coherent_interval(
         low, high = low - burst, low - chirps
     start = int(np.clip(nearest - chirps // 2, low, high))
     window = np.array([start])
-    # Copies: MTI subtracts in place.
+    # copies, because MTI subtracts in place
     _, _, part = next(filtered(adc, radar, window, chirps, np.array, clutter_filter))
     offset = start if len(part) == rows else 0
     middle_s = float(starts_s[start]) + chirps / 2 * radar.loop_interval_s
@@ -113,8 +113,8 @@ def range_doppler_over(
 ) -> tuple[np.ndarray, RangeDoppler]:
     """Range-Doppler maps over time: the middles of their intervals [s] (K,), and their powers [W] (K, velocity, range).
 
-    Each is the map that `range_doppler` makes of the `coherent_interval` of `n_window` chirps about one of `times_s`; those
-    of times that are moved to the same interval, at the ends of the record or of a burst, are made once. MTI as in `spectrogram`.
+    Each map is that of `range_doppler` for the `coherent_interval` of `n_window` chirps at one of `times_s`. Several times for
+    which the interval is the same, at the ends of the record or of a burst, give one map. MTI is as in `spectrogram`.
     """
     from scipy import fft
 

@@ -1,7 +1,7 @@
-"""Vital signs of a person at rest: how the chest moves, by the phase of its echo, and the rates of breath and heart in it.
+"""Vital signs of a person at rest: displacement of the chest from the phase of its echo, and the rates of breathing and heartbeat.
 
-A displacement d towards the radar turns the phase of an echo by 4 pi d / lambda (Droitcour et al., IEEE Trans. Microw. Theory
-Tech. 52(3), 2004). What does not move adds a constant, the centre of the circle that the echo describes.
+A displacement d towards the radar changes the phase of an echo by 4 pi d / lambda (Droitcour et al., IEEE Trans. Microw. Theory
+Tech. 52(3), 2004). Static echoes add a constant, the centre of the circle that the moving echo describes in the complex plane.
 """
 
 from __future__ import annotations
@@ -19,64 +19,66 @@ from t2d_rt.signal.range import check_recording, gate, range_fft
 from t2d_rt.types.radar import Radar
 
 SLOW_HZ = 40.0
-"""Chirps are averaged to about this rate: what a body at rest does is slower."""
+"""Chirps are averaged to about this rate [Hz]; a body at rest moves more slowly."""
 RANGE_ZOOM = 8
-"""Range bins by interpolation in one of the radar's."""
+"""Interpolated range cells in each of the radar's range bins."""
 RANGE_WINDOW = "kaiser", 2.5
-"""Fine enough to tell parts of a trunk apart (a main lobe of 2.6 bins, where Hann's has 4); what stands still in its side lobes,
--20 dB, moves no phase."""
+"""Fine enough to separate parts of a trunk (its main lobe has 2.6 bins, where Hann's has 4). Static echoes in its side lobes, at
+-20 dB, do not change the phase."""
 BREATHS_HZ, BEATS_HZ = (0.08, 0.7), (0.75, 3.0)
-"""Bands in which breathing and heartbeat are looked for: 5 to 42 breaths and 45 to 180 beats a minute."""
+"""Bands in which breathing and heartbeat are searched [Hz]: 5 to 42 breaths and 45 to 180 beats a minute."""
 BREATH_HARMONICS, BEAT_HARMONICS = 6, 3
-"""Multiples of either rate that a least-squares fit of the displacement has."""
+"""Number of harmonics of each rate in a least-squares fit of the displacement."""
 SHORTEST_S = 10.0
-"""Shortest record [s]; two breaths of the slowest rate that is looked for fill it."""
+"""Least duration of a record [s]: two breaths of the slowest rate."""
 HEARTS_DB = 17.0
-"""Power over the median of the band [dB] below which the heart's line comes with a warning: of 300 records of noise alone (16 s at
-40 Hz to 60 s at 20 Hz) the greatest read 16.1 dB, of as many of a breath in noise 8.6."""
+"""Power of the heart's line over the median of the band [dB] below which a warning is given: of 300 records of noise alone (16 s at
+40 Hz to 60 s at 20 Hz) the greatest read 16.1 dB, of as many of a breath in noise 8.6 dB."""
 WEAKEST, CHEST_M = 0.1, 0.25
-"""Cells whose phase may be told: their variance over that of the one that varies most, and how far from it they lie [m], as
-a trunk is deep."""
+"""Range cells whose phase may be used: least variance relative to the cell that varies most, and greatest distance from it [m], the
+depth of a trunk."""
 SCATTER = 0.1
-"""Scatter of an echo's radius about its circle, over the radius, that is no reason to take a weaker cell: it moves the phase by 0.1
-rad, 0.04 mm at 60 GHz."""
+"""Scatter of an echo's radius about its circle, relative to the radius, that is too small to prefer a weaker cell: it changes the
+phase by 0.1 rad, 0.04 mm at 60 GHz."""
 NOISY = 0.2
-"""Variance of an echo's radius about its circle, over the square of its mean, from which on the cell is taken for noise, which has
-4 / pi - 1 = 0.27: an echo as strong as the noise has 0.22, one 4 dB above it 0.14. Of 60 records of noise 50 are told at 10 s by 20
-profiles a second, and all at 16 s by 40."""
+"""Variance of an echo's radius about its circle, over the square of its mean, from which a cell counts as noise. Noise alone has 4
+/ pi - 1 = 0.27, an echo as strong as the noise 0.22, one 4 dB stronger 0.14. Of 60 records of noise, 50 are recognised with 10 s at
+20 profiles a second, and all with 16 s at 40."""
 BREATH_M = 1e-3, 24e-3
-"""Depths of a breath that are no reason for doubt [m]: a quarter of the shallowest and twice the deepest of the 4 to 12 mm that
-chests move by."""
+"""Depths of a breath without a warning [m]: from a quarter of the shallowest to twice the deepest of the 4 to 12 mm by which chests
+move."""
 LEAKAGE_BINS = 1.5
 """Range bins next to the radar that leakage and flicker noise fill: the main lobe of `RANGE_WINDOW`."""
 AS_GOOD = 0.9
-"""Of the best cell's goodness from which on a stronger cell is as good."""
+"""Goodness relative to the best cell's from which a stronger cell is preferred."""
 LEAST_OWN = 2e-3
-"""Of a frequency's power about the least part that a breath and its harmonics leave for it to be told beside them."""
+"""Least fraction of a frequency's power that a breath and its harmonics must leave, so that the frequency can be separated from
+them."""
 ZOOM = 16
-"""Frequencies of a spectrum by interpolation in one of its lines."""
+"""Interpolated frequencies for each line of a spectrum."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VitalSigns:
-    """What the phase of a still person's echo tells."""
+    """Vital signs from the phase of the echo of a person at rest."""
 
     range_m: float
     """Range of the cell that varies most [m]; the phase may be that of a cell near it."""
     time_s: np.ndarray
-    """(T,)."""
+    """Times of the profiles [s], (T,)."""
     displacement_m: np.ndarray
-    """Towards the radar, its mean taken away [m], (T,)."""
+    """Displacement of the chest towards the radar, relative to its mean [m], (T,)."""
     excursion_m: float
-    """Greatest less least displacement of the record [m]."""
+    """Greatest minus least displacement in the record [m]."""
     breathing_hz: float
     breathing_m: float
-    """From the least to the greatest in a breath, of the mean breath [m]."""
+    """Depth of the mean breath [m], peak to peak."""
     heartbeat_hz: float
     heartbeat_m: float
-    """From the least to the greatest in a beat, of the mean beat [m]."""
+    """Depth of the mean beat [m], peak to peak."""
     heartbeat_db: float
-    """Power of the heart's harmonics over the median of the band, breathing taken away [dB]; a warning comes below `HEARTS_DB`."""
+    """Power of the heart's harmonics over the median of the band, after removing the breath [dB]; below `HEARTS_DB` there is a
+    warning."""
 
     def __str__(self) -> str:
         breaths, beats = 60 * self.breathing_hz, 60 * self.heartbeat_hz
@@ -118,7 +120,7 @@ def vital_signs(adc: Any, radar: Radar, *, range_gate_m: tuple[float, float] | N
 
 
 def signs_of(profile: np.ndarray, range_m: np.ndarray, time_s: np.ndarray, wavelength_m: float) -> VitalSigns:
-    """The same from a complex range profile (T, antenna, range), as devices that bring no ADC samples tell it."""
+    """The vital signs from complex range profiles (T, antenna, range), such as those of devices without ADC samples."""
     long_s = time_s[-1] - time_s[0]
     rate_hz, needed_hz = (len(time_s) - 1) / long_s, 2 * (BEATS_HZ[1] + 1 / long_s)
     if rate_hz < needed_hz:
@@ -148,7 +150,7 @@ def signs_of(profile: np.ndarray, range_m: np.ndarray, time_s: np.ndarray, wavel
 
 
 def slow_time(cube: Any, radar: Radar, together: int) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] (T,) and means (T, antenna, sample) of so many rows `together`; what is left at the end is left out."""
+    """Times [s] (T,) and means (T, antenna, sample) of groups of `together` rows; rows after the last whole group are left out."""
     count = len(cube) // together
     times_s = radar.chirp_starts_s(count * together).reshape(count, together).mean(axis=1)
     slow = np.empty((count, *cube.shape[1:]), np.complex64)
@@ -160,12 +162,13 @@ def slow_time(cube: Any, radar: Radar, together: int) -> tuple[np.ndarray, np.nd
 def _clearest(
     profile: np.ndarray, variance: np.ndarray, range_m: np.ndarray, time_s: np.ndarray, wavelength_m: float
 ) -> tuple[int, np.ndarray]:
-    """Cell that varies most, and displacement (T,) [m] of the cell near it whose echo stays on its circle best for the breath that
-    it tells.
+    """Index of the cell that varies most, and displacement (T,) [m] of the best cell near it, whose echo follows a circle most
+    closely in relation to its breath.
 
-    Cells near one another hold different parts of a trunk. Where two that move differently share one, the echo leaves its circle
-    and its phase tells neither. A cell that hardly moves stays on its circle, too: the square of the breath counts beside that of
-    the scatter. Of cells that are as good the strongest is taken. Noise keeps to no circle and is no person while others do.
+    Neighbouring cells hold different parts of a trunk. Where parts that move differently share a cell, its echo leaves the circle
+    and the phase follows neither. A cell that hardly moves follows a circle as well, hence the power of the breath is compared with
+    the scatter. Among cells that are equally good the strongest is taken. Noise follows no circle and is not taken for a person as
+    long as other cells do.
     """
     varying = np.flatnonzero(variance >= WEAKEST * variance.max())
     moved, scatters = zip(*(_displacement(profile[:, :, cell], wavelength_m) for cell in varying), strict=True)
@@ -188,10 +191,11 @@ def _clearest(
 
 
 def _displacement(cell: np.ndarray, wavelength_m: float) -> tuple[np.ndarray, float]:
-    """Displacement (T,) [m] by the phase of antennas (T, A) about their circles' centres, and variance of the radii over the square
-    of their mean; the IF conjugates the received wave.
+    """Displacement (T,) [m] from the phase of antennas (T, A) about the centres of their circles, and the variance of the radii
+    over the square of their mean. A shorter path turns the phase backwards, because the IF conjugates the received wave.
 
-    From instant to instant the antennas' products are added up, so that where one fades the others tell the phase.
+    Phase steps are taken from the sum over antennas of products of neighbouring instants, so that a faded antenna has little
+    weight.
     """
     moving = cell - np.array([circle_centre(antenna) for antenna in cell.T])
     phase = np.cumsum(np.angle(np.sum(moving[1:] * moving[:-1].conj(), axis=1)))
@@ -201,24 +205,26 @@ def _displacement(cell: np.ndarray, wavelength_m: float) -> tuple[np.ndarray, fl
 
 
 def circle_centre(points: np.ndarray) -> complex:
-    """Centre of the circle through complex points (T,): Pratt's fit (Comput. Graph. 21(4), 1987), not shrunk by short arcs."""
+    """Centre of the circle through complex points (T,) by Pratt's fit (Comput. Graph. 21(4), 1987), which does not shrink for short
+    arcs."""
     middle = points.mean()
     scale = math.sqrt(float(np.mean(np.abs(points - middle) ** 2))) or 1.0
     z = (points - middle) / scale
     rows = np.column_stack([np.abs(z) ** 2, z.real, z.imag, np.ones(len(z))])
-    # The least |rows a| where B^2 + C^2 - 4 A D = 1: the smallest positive eigenvalue of constraint^-1 normal.
+    # Minimise |rows a| under B^2 + C^2 - 4 A D = 1: the smallest positive eigenvalue of constraint^-1 normal.
     normal = rows.T @ rows
     inverse = np.array([[0, 0, 0, -0.5], [0, 1, 0, 0], [0, 0, 1, 0], [-0.5, 0, 0, 0]])
     values, vectors = np.linalg.eig(inverse @ normal)
     values = np.where(values.real > -1e-9 * np.abs(values).max(), values.real, np.inf)
     a, b, c, _ = vectors[:, int(values.argmin())].real
     if abs(a) < 1e-12:
-        return 0j  # a straight line: the angle about the origin
+        return 0j  # the points are on a straight line: angles are taken about the origin
     return complex(middle + scale * complex(-b, -c) / (2 * a))
 
 
 def _spectrum(values: np.ndarray, time_s: np.ndarray, band_hz: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies in a band [Hz] (F,), from two cycles in the record on, and the power of values less a parabola there (F,)."""
+    """Frequencies of a band [Hz] (F,), not less than two cycles in the record, and the power of the values there after removing a
+    parabola, (F,)."""
     trend = np.polynomial.Polynomial.fit(time_s, values, 2)(time_s)
     power = np.abs(np.fft.rfft((values - trend) * np.hanning(len(values)), ZOOM * len(values))) ** 2
     axis = np.fft.rfftfreq(ZOOM * len(values), (time_s[-1] - time_s[0]) / (len(time_s) - 1))
@@ -227,7 +233,7 @@ def _spectrum(values: np.ndarray, time_s: np.ndarray, band_hz: tuple[float, floa
 
 
 def _peak_hz(axis: np.ndarray, power: np.ndarray, band_hz: tuple[float, float]) -> tuple[float, float]:
-    """Frequency of the strongest line of a band's spectrum [Hz], and its power over the median [dB]."""
+    """Frequency of the strongest line in the spectrum of a band [Hz], and its power over the median [dB]."""
     inner = power[1:-1]
     maxima = 1 + np.flatnonzero((inner >= power[:-2]) & (inner > power[2:]))
     best = int(maxima[power[maxima].argmax()]) if len(maxima) else int(power.argmax())
@@ -239,10 +245,11 @@ def _peak_hz(axis: np.ndarray, power: np.ndarray, band_hz: tuple[float, float]) 
 
 
 def _beat(values: np.ndarray, time_s: np.ndarray, breath: float) -> tuple[float, float, int]:
-    """Rate of the heart [Hz], power of its lines over the band's median [dB], and how many harmonics are the breath's alone.
+    """Heart rate [Hz], power of its lines over the median of the band [dB], and how many harmonics belong to the breath alone.
 
-    A heart on a multiple of the breathing rate goes with the breath, and harmonics of it that the breath lacks are what is left:
-    the rate, its half or its third is such a multiple then, and moves more than its harmonics, as a pulse's first harmonic does.
+    If the heart rate is a multiple of the breathing rate, the fit ascribes it to the breath, and only harmonics of the heart that
+    the breath lacks remain. So if the line found, its half or its third is such a multiple and moves more than its own harmonics,
+    as the first harmonic of a pulse does, that is taken as the heart rate.
     """
     line, over_db = _peak_hz(*_beats(values, time_s, breath), BEATS_HZ)
     near_hz = 1 / (time_s[-1] - time_s[0])
@@ -280,10 +287,11 @@ def _beat(values: np.ndarray, time_s: np.ndarray, breath: float) -> tuple[float,
 
 
 def _beats(values: np.ndarray, time_s: np.ndarray, breath: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies of `BEATS_HZ` [Hz] (F,), and what a heart of each of them explains that a breath does not (F,).
+    """Frequencies in `BEATS_HZ` [Hz] (F,), and the power that a heart of each frequency explains in addition to a breath (F,).
 
-    A joint least-squares fit under a Hann window: a parabola and the breath with its harmonics, of the rate that fits best, and one
-    frequency beside them, which explains what it lessens the residual by. A heart explains the sum over its harmonics.
+    A joint least-squares fit under a Hann window has a parabola, the breath with its harmonics at the rate that fits best, and one
+    more frequency; the power of that frequency is the amount by which it lowers the residual. A heart explains the sum over its
+    harmonics.
     """
     from scipy.optimize import minimize_scalar
 
@@ -291,14 +299,14 @@ def _beats(values: np.ndarray, time_s: np.ndarray, breath: float) -> tuple[np.nd
     window = np.hanning(count + 2)[1:-1] / math.sqrt(3 / 8)
 
     def breathing(rate: float) -> tuple[np.ndarray, np.ndarray]:
-        """Orthonormal columns of parabola and breath (T, C), and what they leave of the values (T,)."""
+        """Orthonormal columns of parabola and breath (T, C), and the residual of the values (T,)."""
         base = np.linalg.qr(window[:, None] * _columns(time_s, [(rate, BREATH_HARMONICS)])[0])[0]
         return base, window * values - base @ (base.T @ (window * values))
 
     bounds = breath - 0.5 / span_s, breath + 0.5 / span_s
     fitted = minimize_scalar(lambda rate: float(np.sum(breathing(rate)[1] ** 2)) * 1e6, bounds=bounds, method="bounded")
     base, residual = breathing(float(fitted.x))
-    # Products of a cosine and a sine of each frequency with what is left and with the columns, and with one another.
+    # products of cosine and sine of each frequency with the residual, with the columns, and with one another
     products = np.fft.rfft(np.column_stack([residual, base]) * window[:, None], ZOOM * count, axis=0)
     twice = np.fft.fft(window**2, ZOOM * count)[2 * np.arange(len(products)) % (ZOOM * count)]
     cosine, sine = products.real[:, 1:], -products.imag[:, 1:]
@@ -308,7 +316,7 @@ def _beats(values: np.ndarray, time_s: np.ndarray, breath: float) -> tuple[np.nd
     left = products[:, 0]
     explained = (odd * left.real**2 + 2 * mixed * left.real * left.imag + even * left.imag**2) / (even * odd - mixed**2)
     axis = np.fft.rfftfreq(ZOOM * count, span_s / (count - 1))
-    explained[axis > axis[-1] - 1 / span_s] = 0  # aliases
+    explained[axis > axis[-1] - 1 / span_s] = 0  # above that frequency there are aliases
     inside = np.flatnonzero((axis >= BEATS_HZ[0]) & (axis <= BEATS_HZ[1]))
     harmonics = np.arange(1, BEAT_HARMONICS + 1)[:, None] * inside
     of_harmonics = np.where(harmonics < len(axis), explained[np.minimum(harmonics, len(axis) - 1)], 0)
@@ -318,9 +326,10 @@ def _beats(values: np.ndarray, time_s: np.ndarray, breath: float) -> tuple[np.nd
 
 
 def _depths(values: np.ndarray, time_s: np.ndarray, breath: float, beat: float, harmonics: int) -> list[float]:
-    """From the least to the greatest of the mean breath and of the mean beat [m], at the rates near those given that fit best.
+    """Depths [m], peak to peak, of the mean breath and the mean beat, at the best-fitting rates near the given ones.
 
-    A rate that is off by a part of its line blurs the mean; the rates of spectra stay what is told, for people breathe unevenly.
+    A rate that is slightly off would blur the mean over the record; the rates of the spectra are still those reported, as people
+    breathe unevenly.
     """
     from scipy.optimize import minimize
 
@@ -338,7 +347,7 @@ def _depths(values: np.ndarray, time_s: np.ndarray, breath: float, beat: float, 
 
 
 def _fitted(values: np.ndarray, time_s: np.ndarray, lines: list[tuple[float, int]]) -> tuple[np.ndarray, list[float]]:
-    """Least-squares sum of a parabola and harmonics of some rates (T,), and from the least to the greatest of each rate's part."""
+    """Least-squares sum of a parabola and the harmonics of some rates (T,), and the peak-to-peak depth of each rate's part."""
     matrix, owned = _columns(time_s, lines)
     factors = np.linalg.solve(matrix.T @ matrix, matrix.T @ values)
     parts = [float(np.ptp(matrix[:, owned == owner] @ factors[owned == owner])) for owner in range(len(lines))]
@@ -346,9 +355,10 @@ def _fitted(values: np.ndarray, time_s: np.ndarray, lines: list[tuple[float, int
 
 
 def _columns(time_s: np.ndarray, lines: list[tuple[float, int]]) -> tuple[np.ndarray, np.ndarray]:
-    """Columns of a parabola and of rates [Hz] with so many harmonics (T, C), and the number of the rate each belongs to, or -1."""
+    """Columns of a parabola and of harmonics of rates [Hz] (T, C), and the index of the rate to which each column belongs, or
+    -1."""
     middle = time_s - time_s.mean()
-    # Harmonics from half the rate of the profiles on, less a line, are others' aliases.
+    # Harmonics within a line of half the profile rate, or above, would be aliases of others.
     most_hz = ((len(middle) - 1) / 2 - 1) / (middle[-1] - middle[0])
     columns, owners = [(middle / (middle[-1] or 1.0)) ** k for k in range(3)], [-1] * 3
     for owner, (rate, harmonics) in enumerate(lines):
